@@ -32,6 +32,7 @@ from .memory_file import GuardMemoryFile
 from .modes import StopMethod
 from .path_sight import PathSight, path_sight
 from .states import Announcement, GuardInput, GuardMemory, GuardState, Output, SpeedCommand, StopCommand
+from .turn import CourseRate
 from .velocity_hold import VelocityHold
 
 log = logging.getLogger("companion")
@@ -68,6 +69,7 @@ class Guard:
         self._landed = LandedState()
         self._assessor = PathAssessor(guard, braking_of(guard, avoid))
         self._velocity = VelocityHold()
+        self._course_rate = CourseRate()
         self._file = GuardMemoryFile(folder)
         memory = self._file.load(time.monotonic_ns())
         self._machine = GuardMachine(guard, memory or GuardMemory(), self._file.loaded_ns)
@@ -87,7 +89,8 @@ class Guard:
 
     def observe(self, surroundings: Surroundings) -> None:
         """What a decision of the obstacle output was made from."""
-        sight = path_sight(self._velocity.held(surroundings), self._avoid, self._guard)
+        turn_rad_s = self._course_rate.take(surroundings)
+        sight = path_sight(self._velocity.held(surroundings), self._avoid, self._guard, turn_rad_s)
         with self._lock:
             self._sight = sight
             self._assessor.take(sight)

@@ -1,7 +1,8 @@
 """How far the path ahead of the vehicle is seen free, and where the nearest obstacle stands in it.
 
 The path is a straight corridor from the vehicle along its velocity, as wide as the hull and `side_m` on each side, over the
-height band of `[avoid]`; with a climb or descent the band follows the slope, and obstacles count in the level band too. Distances are horizontal, from the vehicle's middle.
+height band of `[avoid]`; with a climb or descent the band follows the slope, and obstacles count in the level band too. In a turn
+obstacles also count in corridors beside it, and it must be seen free along the course that follows, see `turn`. Distances are horizontal, from the vehicle's middle.
 All is computed in level at the instant of a decision of the obstacle output.
 """
 
@@ -18,6 +19,7 @@ from ..autopilot.surroundings import Surroundings
 from ..autopilot.view_free import View, points_free
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
+from .turn import AHEAD_S, fan
 
 Floats = NDArray[np.float64]
 LEAST_SPEED_M_S = 0.2
@@ -78,15 +80,16 @@ class PathSight:
 
 @dataclass(frozen=True, slots=True)
 class _Path:
-    """Direction (cos, sin) in level, and dz/ds, positive down."""
+    """Direction (cos, sin) in level, and dz/ds, positive down. from_m: what is nearer does not lie in it."""
 
     cos: float
     sin: float
     slope: float
+    from_m: float = 0.0
 
 
-def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams) -> PathSight:
-    """The path at one decision. Where it cannot be computed nothing is seen free."""
+def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad_s: float = 0.0) -> PathSight:
+    """The path at one decision. Where it cannot be computed nothing is seen free. turn_rad_s: rate of the course, clockwise."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
     free_m, firm, weak, kept_m, course_rad = 0.0, _Nearest(), _Nearest(), math.inf, None
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
@@ -97,7 +100,11 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams) -> PathS
         course_rad = s.here.heading_rad + math.atan2(path.sin, path.cos)
         try:
             free_m = seen_free_m(s, path, avoid, guard)
-            firm, weak = nearest_obstacles(s, path, avoid, guard)
+            if turn_rad_s != 0.0:
+                free_m = min(free_m, seen_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard))
+            for corridor in (path, *_turned(path, turn_rad_s, speed_m_s or 0.0, guard)):
+                in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
+                firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
             if free_m == 0.0:  # where a camera looks, what it shows now counts
                 kept_m = remembered_m(s, path, avoid, guard)
         except RECKONING_ERRORS as error:
@@ -126,6 +133,17 @@ def _path(s: Surroundings, speed_m_s: float | None) -> _Path:
     angle = math.atan2(east, north) - s.here.heading_rad
     slope = max(-STEEPEST, min(STEEPEST, down / speed_m_s)) if speed_m_s >= SLOPE_SPEED_M_S else 0.0
     return _Path(math.cos(angle), math.sin(angle), slope)
+
+
+def _turned(path: _Path, turn_rad_s: float, speed_m_s: float, guard: GuardParams) -> list[_Path]:
+    """Corridors beside the tangent into which a turn may lead."""
+    return [_beside(path, angle, from_m) for angle, from_m in fan(turn_rad_s, speed_m_s, guard.horizon_m)]
+
+
+def _beside(path: _Path, angle_rad: float, from_m: float = 0.0) -> _Path:
+    """A corridor at an angle clockwise from a path."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return _Path(c * path.cos - s * path.sin, c * path.sin + s * path.cos, path.slope, from_m)
 
 
 def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
@@ -228,13 +246,13 @@ def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -
     outside = (last < first) | ((ends_y > half).all(axis=1)) | ((ends_y < -half).all(axis=1))
     at = ends_x[:, :1] + (ends_x[:, 1:] - ends_x[:, :1]) * np.stack([first, last], axis=1)
     # a plane that runs past the vehicle counts from the vehicle on
-    near_m, far_m = np.maximum(0.0, at.min(axis=1)), at.max(axis=1)
+    near_m, far_m = np.maximum(path.from_m, at.min(axis=1)), at.max(axis=1)
     heights = path.slope * np.stack([near_m, np.maximum(near_m, far_m)], axis=1)
     level = (planes[:, 4] < avoid.band_below_m) & (planes[:, 5] > -avoid.band_above_m)
     sloped = (planes[:, 4] < heights.max(axis=1) + avoid.band_below_m) & (
         planes[:, 5] > heights.min(axis=1) - avoid.band_above_m
     )
-    hit = ~outside & (far_m >= 0.0) & (level | sloped)
+    hit = ~outside & (far_m >= path.from_m) & (level | sloped)
     out: Floats = np.where(hit, np.maximum(0.0, near_m - view.model.margin_m), np.inf)
     return out
 

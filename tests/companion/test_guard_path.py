@@ -18,6 +18,7 @@ from companion.config.guard import GuardParams
 from companion.guard.assessment import STALE_NS, Action, PathAssessor
 from companion.guard.braking import Braking, braking_of
 from companion.guard.path_sight import PathSight, path_sight
+from companion.guard.turn import CourseRate
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel, Intrinsics
 
@@ -38,7 +39,7 @@ def plane(x: float, y0: float, y1: float, top: float = -2.0, bottom: float = 2.0
 
 def seen(
     found: FrameModel | None, velocity: tuple[float, float, float] = (5.0, 0.0, 0.0), heading: float = 0.0,
-    recalled: Remembered | None = None, weak_px: float = 0.0,
+    recalled: Remembered | None = None, weak_px: float = 0.0, turn_deg_s: float = 0.0,
 ) -> PathSight:  # fmt: skip
     views = () if found is None else (View(found, LevelTransform(0.0, (0.0, 0.0, 0.0))),)
     s = Surroundings(
@@ -52,7 +53,7 @@ def seen(
         here=replace(HERE, heading_rad=heading),
         velocity_ned_m_s=velocity,
     )
-    return path_sight(s, AVOID, GUARD)
+    return path_sight(s, AVOID, GUARD, math.radians(turn_deg_s))
 
 
 def test_sees_as_far_as_the_profile() -> None:
@@ -137,6 +138,85 @@ def test_a_segment_in_the_corridor_is_never_missed(
         and (x + k * length_m * tx) * c + (y + k * length_m * ty) * s >= 0.0
     ]
     assert sight.obstacle_m == pytest.approx(min(walked), abs=0.02)
+
+
+def at(range_m: float, bearing_deg: float) -> FrameModel:
+    """A pole."""
+    x, y = range_m * math.cos(math.radians(bearing_deg)), range_m * math.sin(math.radians(bearing_deg))
+    return model((x, y - 0.05, x, y + 0.05, -2.0, 2.0), free_to_m=20.0)
+
+
+@pytest.mark.parametrize(
+    ("range_m", "bearing_deg", "turn_deg_s", "hit"),
+    [
+        # at 3 m/s and 30 degrees per second the arc has a radius of 5.7 m: 6 m ahead it lies 30 degrees beside the tangent
+        (6.0, 20.0, 30.0, True), (6.0, 30.0, 30.0, True), (6.0, -20.0, -30.0, True),
+        (6.0, 20.0, 0.0, False), (6.0, 20.0, -30.0, False), (6.0, 20.0, 3.0, False),
+        (3.0, 45.0, 30.0, False), (5.0, 60.0, 30.0, False),  # on the inner side of the arc
+        (9.0, 45.0, 30.0, True), (6.0, 0.0, 30.0, True),
+    ],
+)  # fmt: skip
+def test_in_a_turn_the_obstacles_between_the_tangent_and_the_arc_count(
+    range_m: float, bearing_deg: float, turn_deg_s: float, hit: bool
+) -> None:
+    sight = seen(at(range_m, bearing_deg), velocity=(3.0, 0.0, 0.0), turn_deg_s=turn_deg_s)
+    assert math.isfinite(sight.obstacle_m) == hit
+    if hit:
+        assert sight.obstacle_m == pytest.approx(range_m, abs=0.2)
+
+
+@given(st.floats(1.0, 8.0), st.floats(-60.0, 60.0), st.floats(0.5, 12.0), st.floats(0.0, 1.0))
+def test_in_a_turn_no_place_between_the_tangent_and_the_arc_is_missed(
+    speed_m_s: float, turn_deg_s: float, range_m: float, share: float
+) -> None:
+    """Up to 60 degrees beside the tangent, from the rate on that is not noise."""
+    bearing_deg = 0.5 * turn_deg_s / speed_m_s * range_m if abs(turn_deg_s) >= 6.0 else 0.0
+    bearing_deg = max(-60.0, min(60.0, bearing_deg)) * share
+    sight = seen(at(range_m, bearing_deg), velocity=(speed_m_s, 0.0, 0.0), turn_deg_s=turn_deg_s)
+    assert sight.obstacle_m <= range_m + 0.1
+
+
+def test_a_wall_in_a_turn_counts_from_where_the_arc_meets_it() -> None:
+    wall = (-4.0, 3.0, 12.0, 3.0, -2.0, 2.0)  # 3 m to the right of the path, along it
+    assert math.isinf(seen(model(wall, free_to_m=20.0), velocity=(3.0, 0.0, 0.0)).obstacle_m)
+    turned = seen(model(wall, free_to_m=20.0), velocity=(3.0, 0.0, 0.0), turn_deg_s=30.0)
+    assert 4.5 < turned.obstacle_m < 6.5, "the arc of 5.7 m radius is 3 m aside after 5.6 m"
+
+
+@pytest.mark.parametrize(("turn_deg_s", "free"), [(0.0, True), (40.0, False), (-40.0, True)])
+def test_in_a_turn_the_course_that_follows_must_be_seen(turn_deg_s: float, free: bool) -> None:
+    """A camera 70 degrees wide, the course 22 degrees to the right of its axis: 0.4 s later it is 38 degrees or 6."""
+    course = math.radians(22.0)
+    velocity = (2.0 * math.cos(course), 2.0 * math.sin(course), 0.0)
+    sight = seen(model(free_to_m=15.0, view_deg=70.0), velocity=velocity, turn_deg_s=turn_deg_s)
+    assert (sight.free_m > 14.0) == free
+    if not free:
+        assert sight.free_m < 5.0
+
+
+def turning(rate_deg_s: float, speed_m_s: float = 3.0, hz: float = 15.0, frames: int = 12) -> float:
+    """Rate in degrees per second after so many decisions on a turning course that passes south."""
+    course_rate, out = CourseRate(), 0.0
+    for n in range(frames):
+        course = math.radians(175.0 + rate_deg_s * n / hz)
+        s = Surroundings(
+            t_ns=T_NS + round(n * NS / hz), views=(), weak_px=(), exposed_ns=None, recall=None, recalled=nothing_remembered(),
+            blind={}, here=HERE, velocity_ned_m_s=(speed_m_s * math.cos(course), speed_m_s * math.sin(course), 0.0),
+        )  # fmt: skip
+        out = course_rate.take(s)
+    return math.degrees(out)
+
+
+@pytest.mark.parametrize("rate_deg_s", [-45.0, -10.0, 10.0, 60.0])
+def test_the_rate_of_the_course(rate_deg_s: float) -> None:
+    assert turning(rate_deg_s) == pytest.approx(rate_deg_s, abs=0.1)
+    assert turning(rate_deg_s, speed_m_s=0.9) == 0.0, "slow: noise"
+    assert turning(rate_deg_s, frames=4) == 0.0, "too short a time"
+    assert turning(rate_deg_s, hz=1.0) == 0.0, "too long ago"
+
+
+def test_a_small_rate_of_the_course_is_noise() -> None:
+    assert turning(5.0) == 0.0
 
 
 def test_a_remembered_obstacle_counts() -> None:
