@@ -1,10 +1,11 @@
 """The guard where the path bends to what was not seen: corners flown through, an obstacle behind the corner, other headings.
 
-    python -m benchmarks.autopilot.guard_turns [flights] [--first N] [--width PX] [--speed-item] [--no-guard]
+    python -m benchmarks.autopilot.guard_turns [flights] [--first N] [--width PX] [--yaw HEADING] [--speed-item] [--straight] [--clear]
 
 Each flight has two legs with a turn of 40 to 120 degrees, flown through at the speed that the autopilot allows itself there, and a
 wall, pole or tree on the second leg, 1.5 to 12 m behind the corner. Each number is flown with every heading of `Yaw`. With
---speed-item the mission sets 8 m/s at a random instant, also while the guard limits the speed.
+--speed-item the mission sets 8 m/s at a random instant, also while the guard limits the speed. --straight: without the turn; --clear:
+without the obstacle, to count needless stops; --no-guard: the autopilot alone.
 """
 
 from __future__ import annotations
@@ -54,29 +55,41 @@ class Turned:
     texts: tuple[str, ...]
 
 
-def turning_mission(number: int) -> tuple[Mission, float, float]:
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What differs from the flights as described above."""
+
+    item: bool = False
+    straight: bool = False
+    clear: bool = False
+
+
+def turning_mission(number: int, course: Course) -> tuple[Mission, float, float]:
     """The mission of a number, always the same; the turn in degrees; from the corner to the obstacle, m."""
     rng = np.random.default_rng([27, number])
     turn = float(rng.choice([-1.0, 1.0]) * rng.uniform(math.radians(40.0), math.radians(120.0)))
+    turn = 0.0 if course.straight else turn
     first = np.array([float(rng.uniform(10.0, 18.0)), 0.0])
     second = first + 18.0 * np.array([math.cos(turn), math.sin(turn)])
     height_m, behind_m = float(rng.uniform(1.8, 4.0)), float(rng.uniform(1.5, 12.0))
     b = SceneBuilder(f"turn {number}")
     b.ground()
     kind = str(rng.choice(["wall", "pole", "tree"]))
-    add_obstacle(b, kind, first, second, behind_m, float(rng.uniform(-0.3, 0.3)), height_m, rng)
+    if not course.clear:
+        add_obstacle(b, kind, first, second, behind_m, float(rng.uniform(-0.3, 0.3)), height_m, rng)
     mission = Mission(
         number=number, scene=b.build(), waypoints_m=np.array([first, second]), height_m=height_m,
         speed_m_s=float(rng.uniform(1.0, 8.0)), autopilot=str(rng.choice(["PX4", "ArduPilot"])), guided=False,
-        blocked=True, kinds=(kind,),
+        blocked=not course.clear, kinds=(kind,),
     )  # fmt: skip
     return mission, math.degrees(turn), behind_m
 
 
-def fly_turn(number: int, yaw: Yaw, width: int, guard: GuardParams, item: bool) -> Turned:
+def fly_turn(number: int, yaw: Yaw, width: int, guard: GuardParams, course: Course) -> Turned:
     """One flight."""
-    mission, turn_deg, behind_m = turning_mission(number)
-    item_s = float(np.random.default_rng([28, number]).uniform(2.0, 12.0)) if item else None
+    mission, turn_deg, behind_m = turning_mission(number, course)
+    item_s = float(np.random.default_rng([28, number]).uniform(2.0, 12.0)) if course.item else None
+    waits_s = item_s
     flight = flight_of(mission.autopilot, mission.waypoints_m, mission.height_m, mission.speed_m_s, guided=False)
     flight.yaw, flight.acceptance_m = yaw, ACCEPTANCE_M
     sensor = replace(TYPICAL.scaled_to(width), sky_is_far=True)
@@ -86,9 +99,9 @@ def fly_turn(number: int, yaw: Yaw, width: int, guard: GuardParams, item: bool) 
     least_m, hit_m_s, fastest_m_s, start_ns, stands_ns = math.inf, 0.0, 0.0, loop.now_ns, None
     while loop.now_ns - start_ns < LONGEST_S * NS and not flight.finished:
         loop.tick()
-        if item_s is not None and loop.now_ns - start_ns >= item_s * NS:
+        if waits_s is not None and loop.now_ns - start_ns >= waits_s * NS:
             flight.mission_speed(ITEM_M_S)
-            item_s = None
+            waits_s = None
         fastest_m_s = max(fastest_m_s, flight.speed_m_s)
         least_m = min(least_m, clearance_m(mission.scene, loop.place_m) - loop.avoid.radius_m)
         if least_m < 0.0:
@@ -126,14 +139,17 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=160)
     parser.add_argument("--yaw", choices=list(Yaw), help="this heading alone")
     parser.add_argument("--speed-item", action="store_true")
+    parser.add_argument("--straight", action="store_true")
+    parser.add_argument("--clear", action="store_true")
     parser.add_argument("--no-guard", action="store_true", help="the autopilot alone, for comparison")
     args = parser.parse_args()
     off = {"mission": False, "guided": False, "return_home": False} if args.no_guard else {}
     guard = GuardParams(enabled=True, **off)
+    course = Course(args.speed_item, args.straight, args.clear)
     flights = []
     for number in range(args.first, args.first + args.flights):
         for yaw in [Yaw(args.yaw)] if args.yaw else list(Yaw):
-            flights.append(fly_turn(number, yaw, args.width, guard, args.speed_item))
+            flights.append(fly_turn(number, yaw, args.width, guard, course))
             print(json.dumps(asdict(flights[-1])))
             sys.stdout.flush()
     print(summary(flights))

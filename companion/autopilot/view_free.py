@@ -131,7 +131,7 @@ def points_free(
         [above_ground_share(view, x[inside], y[inside], height, range_m) for height in z - cz] if along_rays else []
     )
     layers = profile.layer_edges_m.astype(np.float64) - cz
-    out = np.zeros((len(z), *x.shape), bool)
+    free = np.zeros((len(z), len(range_m)), bool)
     tables = [(profile.free_from_m, profile.free_to_m)]
     if view.open_counts and profile.has_open and not measured:
         tables.append((profile.open_from_m, profile.open_to_m))
@@ -141,13 +141,18 @@ def points_free(
         for i, height_m in enumerate(z - cz):
             if along_rays:
                 first, last = _share_of_ray(height_m, layers[row], layers[row + 1])
+                if first > last:
+                    continue
                 last_m = np.minimum(last, ray_ends[i]) * range_m
                 reached = np.maximum(np.maximum(begins, range_m), first * range_m) <= np.minimum(ends, last_m)
             elif layers[row] <= height_m < layers[row + 1]:
                 reached = (begins <= range_m) & (range_m <= ends)
             else:
                 continue
-            out[i][inside] |= known & reached & (z[i] <= lowest_m)
+            free[i] |= known & reached
+    free &= z[:, None] <= lowest_m
+    out = np.zeros((len(z), *x.shape), bool)
+    out[:, inside] = free
     return out
 
 

@@ -12,7 +12,7 @@ from benchmarks.autopilot.guard_missions import Flown, flight_of, fly
 from benchmarks.autopilot.guard_scenes import Mission, clearance_m, way_to_obstacle_m
 from companion.config.guard import GuardParams
 from companion.guard.states import GuardState
-from drivers.simulation.firmware_models.auto_flight import COPTER_AUTO, COPTER_BRAKE, COPTER_LOITER, PX4_HOLD
+from drivers.simulation.firmware_models.auto_flight import COPTER_AUTO, COPTER_BRAKE, COPTER_LOITER, PX4_HOLD, Yaw
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
@@ -68,6 +68,40 @@ def loop_of(autopilot: str, at_m: float, speed_m_s: float) -> GuardLoop:
     flight = flight_of(autopilot, np.array([[60.0, 0.0]]), 2.5, speed_m_s, guided=False)
     sensor = replace(TYPICAL.scaled_to(WIDTH), sky_is_far=True)
     return GuardLoop(walled(at_m), camera_info(WIDTH, WIDTH * 3 // 4), sensor, flight, autopilot, 3)
+
+
+@pytest.mark.parametrize(("autopilot", "at_m"), [("PX4", 8.5), ("ArduPilot", 6.5)])
+def test_a_speed_item_of_the_mission_during_a_limit_does_not_defeat_the_stop(autopilot: str, at_m: float) -> None:
+    """The mission sets 8 m/s while the guard limits the speed to 1 or 2 m/s: the stop goes by the measured velocity."""
+    loop = loop_of(autopilot, 16.0, 3.0)
+    loop.run(20.0, lambda: loop.flight.position_m[0] > 16.0 - at_m)
+    assert loop.guard.memory.state is GuardState.LIMITED
+    loop.flight.mission_speed(8.0)
+    loop.run(15.0, lambda: loop.flight.speed_m_s < 0.05)
+    assert loop.guard.memory.state is GuardState.HOLDING
+    assert clearance_m(loop.scene, loop.place_m) - loop.avoid.radius_m > 0.5
+
+
+@pytest.mark.parametrize(("yaw", "pole_m"), [(Yaw.WAYPOINT, (18.66, -5.25)), (Yaw.PATH, (17.5, -5.9))])
+def test_a_pole_behind_a_corner_that_is_flown_through(yaw: Yaw, pole_m: tuple[float, float]) -> None:
+    """A turn of 43 degrees at 2.5 m/s. The pole is beside the tangent until the braking distance does not fit any more."""
+    b = SceneBuilder("pole behind a corner")
+    b.ground()
+    b.pole("pole", *pole_m, 0.4, 6.0)
+    legs = np.array([[12.9, 0.0], [26.1, -12.2]])
+    flight = flight_of("ArduPilot", legs, 2.5, 3.6, guided=False)
+    flight.yaw, flight.acceptance_m = yaw, 2.0
+    sensor = replace(TYPICAL.scaled_to(WIDTH), sky_is_far=True)
+    loop = GuardLoop(b.build(), camera_info(WIDTH, WIDTH * 3 // 4), sensor, flight, "ArduPilot", 3)
+    least_m: list[float] = []
+
+    def stands() -> bool:
+        least_m.append(clearance_m(loop.scene, loop.place_m) - loop.avoid.radius_m)
+        return bool(loop.record.stops) and loop.flight.speed_m_s < 0.05
+
+    loop.run(20.0, stands)
+    assert loop.record.stops
+    assert min(least_m) > 0.5
 
 
 def test_a_camera_that_fails_in_flight_stops_the_vehicle_once() -> None:
