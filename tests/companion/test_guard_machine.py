@@ -763,3 +763,15 @@ def test_the_memory_stays_young_while_the_guard_holds(tmp_path: Path) -> None:
         f.step()
         keep(file, f.machine.memory, f.now_ns)
     assert GuardMemoryFile(tmp_path).load(f.now_ns + NS) == f.machine.memory
+
+
+def test_a_mission_that_raises_the_speed_during_a_limit_is_asked_again_and_then_stopped() -> None:
+    f = Flight(verdict=NARROW)
+    assert commands(f.step()) == [SpeedCommand(7, 2.0)]
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(NARROW, speed_m_s=6.0, predicted_m_s=6.0)
+    out = f.step(25)
+    assert "guard: speed limit has no effect" in texts(out)
+    assert commands(out) == [SpeedCommand(7, 2.0)]
+    f.verdict = replace(BLOCKED, speed_m_s=6.0)
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
