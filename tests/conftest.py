@@ -9,18 +9,19 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from companion.kernels.jit_cache import use_own_cache
 
 use_own_cache()  # before any test imports numba: kernels of these very sources, the same that the commands have
 
 # `fixed`: the same examples on every run. `nightly`: new examples on every run, from a seed that `make nightly` prints.
-# No example fails because the machine is busy.
-settings.register_profile("fixed", deadline=None, derandomize=True)
-settings.register_profile("nightly", deadline=None, derandomize=False, print_blob=True, max_examples=500)
 # `nojit`: kernels as Python take a hundred times as long. The pass with bounds checks has all examples of `fixed`.
-settings.register_profile("nojit", deadline=None, derandomize=True, max_examples=20)
+# No example fails because the machine is busy.
+FIXED = settings(deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("fixed", FIXED, max_examples=25)
+settings.register_profile("nightly", deadline=None, derandomize=False, print_blob=True, max_examples=500)
+settings.register_profile("nojit", FIXED, max_examples=10)
 settings.load_profile("nojit" if os.environ.get("NUMBA_DISABLE_JIT") == "1" else "fixed")
 
 CHECKOUT = Path(__file__).resolve().parent.parent

@@ -1,4 +1,4 @@
-"""Hypothesis draws the same examples on every run and keeps nothing between runs, unless another profile is chosen."""
+"""Arithmetic of kernels that run without the JIT."""
 
 from __future__ import annotations
 
@@ -7,21 +7,6 @@ from collections.abc import Iterator
 import numba
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, settings
-
-settings.register_profile(
-    "core",
-    derandomize=True,
-    deadline=None,
-    max_examples=25,
-    database=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    if not config.getoption("--hypothesis-profile"):
-        settings.load_profile("core")
 
 
 @pytest.fixture(autouse=True)

@@ -198,6 +198,7 @@ def test_the_extractor_drops_ramps_of_a_camera_that_smears_and_reports_them() ->
     assert sharp.stats.smeared_px == 0 == never.stats.smeared_px
 
 
+@pytest.mark.compiled  # the whole extractor with ramps: the test above
 def test_the_free_range_ends_no_later_than_with_the_near_wall_in_place_of_the_ramps() -> None:
     depth = measure(stripes(), INFO, SMEARED, 1)
     gone, _ = dropped(depth)
@@ -223,7 +224,7 @@ def distance_at_pixel(planes: NDArray[np.float32], u: float, v: float) -> float:
     return first
 
 
-@pytest.mark.parametrize("ke_per_m", [KE, 0.002])
+@pytest.mark.parametrize("ke_per_m", [KE, compiled(0.002)])
 def test_thin_things_before_a_wall_stay_in_the_model(ke_per_m: float) -> None:
     """A pole, a wire and a branch, each two pixels wide, before a wall at 14 m."""
     depth_m = np.full((120, 160), 14.0)
@@ -265,6 +266,7 @@ def test_a_wall_at_a_slant_beside_a_hole_is_neither_evidence_nor_dropped(offset_
     assert not dropped(depth, info=low_noise)[0].any()
 
 
+@pytest.mark.compiled  # the kernels on the same wall: the test above
 def test_the_extractor_keeps_a_wall_at_a_slant_beside_a_hole() -> None:
     depth = grazing_wall(0.7, 5.0)
     extractor, state = Extractor(P), ExtractorState()
