@@ -25,6 +25,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
         "viewer.view",
         "draw a log as pictures and a 3-D page; --live: follow the running service",
     ),
+    "ros2": ("ros2.command", "publish the results of the running service to ROS 2 (rmw_zenoh)"),
     "export": ("export.command", "write the results of a log as CSV, NPZ, Parquet or glTF"),
     "info": ("log.info", "show the content of a log: topics, rates, gaps, damage"),
     "recover": ("log.recover", "repair a damaged or unfinished log"),

@@ -1,0 +1,182 @@
+"""Messages for RViz and planners: markers of planes and prisms, a point cloud of occupied surfaces, transforms.
+
+The stamp of each message is the wall time of the exposure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import Prism
+
+from ..log.foxglove_scene import distance_colour
+from ..pipeline.results import PrismsResult
+from .frames import FrameTransform, frame_id, ros_points
+from .message_types import NS, RosMessages
+
+MARKER, MARKER_ARRAY = "visualization_msgs/msg/Marker", "visualization_msgs/msg/MarkerArray"
+POINT_CLOUD, POINT_FIELD = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+LIFETIME_NS: Final = NS // 2
+"""A viewer removes the drawing of a frame after this time, unless a newer one replaces it."""
+TEXT_LIFETIME_NS: Final = 3 * NS // 2
+"""Lifetime of the text of a camera without a current frame, which is repeated once per second."""
+LINE_WIDTH_M: Final = 0.03
+TEXT_HEIGHT_M: Final = 0.3
+_POINT_BYTES: Final = 12
+
+Grey: Final = (0.6, 0.6, 0.6, 1.0)
+Red: Final = (1.0, 0.1, 0.1, 1.0)
+
+
+class Drawing:
+    """Builds the messages of one camera's frames."""
+
+    def __init__(self, messages: RosMessages) -> None:
+        self._ros = messages
+
+    def markers(self, result: PrismsResult, stamp_ns: int) -> Any:
+        """MarkerArray of a valid frame: prisms as surfaces coloured by distance (namespace CAMERA/prisms), planes as
+        outlines (CAMERA/planes). What the frame does not contain is deleted. Raises ValueError for an unknown frame."""
+        header = self._ros.header(stamp_ns, frame_id(result.frame))
+        model = result.model if result.valid else None
+        prisms = () if model is None else model.prisms
+        planes = np.zeros((0, 6), np.float32) if model is None else model.planes
+        x_m, y_m, _ = result.transform.translation_m if result.transform is not None else (0.0, 0.0, 0.0)
+        corners, colours = _prism_triangles(prisms, (x_m, y_m))
+        outlines = _plane_outlines(planes)
+        return self._array(
+            [
+                self._list_marker(header, f"{result.camera}/prisms", "TRIANGLE_LIST", self._points(corners, result.frame), colours),
+                self._list_marker(header, f"{result.camera}/planes", "LINE_LIST", self._points(outlines, result.frame), None),
+            ]
+        )  # fmt: skip
+
+    def unavailable(self, camera: str, text: str, frame: str, row: int) -> Any:
+        """MarkerArray of a camera without a current frame: its drawings are deleted, and a red text above the vehicle names
+        the cause. row: of the text, from below."""
+        header = self._ros.header(0, frame)
+        gone = [self._marker(header, f"{camera}/{what}", "CUBE", "DELETE") for what in ("prisms", "planes")]
+        label = self._marker(
+            header, f"{camera}/state", "TEXT_VIEW_FACING", "ADD", text=f"{camera}: NO DATA: {text}", colour=Red,
+            scale=(0.0, 0.0, TEXT_HEIGHT_M), at=(0.0, 0.0, 1.0 + row * 1.5 * TEXT_HEIGHT_M), lifetime_ns=TEXT_LIFETIME_NS,
+        )  # fmt: skip
+        return self._array([*gone, label])
+
+    def cloud(self, points_m: NDArray[np.float64], frame: str, stamp_ns: int) -> Any:
+        """PointCloud2 of (N, 3) points of the frame ned or level, float32 x, y, z. Raises ValueError for another frame."""
+        data = np.ascontiguousarray(ros_points(points_m, frame), dtype="<f4")
+        fields = [
+            self._ros.make(POINT_FIELD, name=name, offset=4 * k, datatype=self._ros.constant(POINT_FIELD, "FLOAT32"), count=1)
+            for k, name in enumerate("xyz")
+        ]  # fmt: skip
+        return self._ros.make(
+            POINT_CLOUD, header=self._ros.header(stamp_ns, frame_id(frame)), height=1, width=len(data), fields=fields,
+            is_bigendian=False, point_step=_POINT_BYTES, row_step=_POINT_BYTES * len(data),
+            data=data.reshape(-1).view(np.uint8), is_dense=True,
+        )  # fmt: skip
+
+    def transforms(self, tree: Sequence[FrameTransform], stamp_ns: int) -> Any:
+        """TFMessage of transforms at one time."""
+        return self._ros.make(
+            TRANSFORMS,
+            transforms=[
+                self._ros.make(
+                    "geometry_msgs/msg/TransformStamped",
+                    header=self._ros.header(stamp_ns, t.parent),
+                    child_frame_id=t.child,
+                    transform=self._ros.make(
+                        "geometry_msgs/msg/Transform",
+                        translation=self._ros.vector(*t.translation_m),
+                        rotation=self._ros.quaternion(*t.q_wxyz),
+                    ),
+                )
+                for t in tree
+            ],
+        )
+
+    def _points(self, corners: NDArray[np.float64], frame: str) -> list[Any]:
+        return [self._ros.point(x, y, z) for x, y, z in ros_points(corners, frame).tolist()]
+
+    def _array(self, markers: list[Any]) -> Any:
+        return self._ros.make(MARKER_ARRAY, markers=markers)
+
+    def _list_marker(self, header: Any, name: str, kind: str, points: list[Any], colours: list[Any] | None) -> Any:
+        """A marker made of points; its deletion where there is none: viewers refuse an empty one."""
+        if not points:
+            return self._marker(header, name, kind, "DELETE")
+        scale = (LINE_WIDTH_M, 0.0, 0.0) if kind == "LINE_LIST" else (1.0, 1.0, 1.0)
+        rgba = (
+            []
+            if colours is None
+            else [self._ros.make("std_msgs/msg/ColorRGBA", r=c[0], g=c[1], b=c[2], a=c[3]) for c in colours]
+        )
+        return self._marker(header, name, kind, "ADD", points=points, colours=rgba, scale=scale, lifetime_ns=LIFETIME_NS)  # fmt: skip
+
+    def _marker(
+        self, header: Any, name: str, kind: str, action: str, *, points: Sequence[Any] = (), colours: Sequence[Any] = (),
+        text: str = "", colour: tuple[float, float, float, float] = Grey, scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        at: tuple[float, float, float] = (0.0, 0.0, 0.0), lifetime_ns: int = 0,
+    ) -> Any:  # fmt: skip
+        ros = self._ros
+        return ros.make(
+            MARKER,
+            header=header,
+            ns=name,
+            id=0,
+            type=ros.constant(MARKER, kind),
+            action=ros.constant(MARKER, action),
+            pose=ros.make(
+                "geometry_msgs/msg/Pose", position=ros.point(*at), orientation=ros.quaternion(1.0, 0.0, 0.0, 0.0)
+            ),
+            scale=ros.vector(*scale),
+            color=ros.make("std_msgs/msg/ColorRGBA", r=colour[0], g=colour[1], b=colour[2], a=colour[3]),
+            lifetime=ros.make("builtin_interfaces/msg/Duration", sec=lifetime_ns // NS, nanosec=lifetime_ns % NS),
+            frame_locked=False,
+            points=list(points),
+            colors=list(colours),
+            texture_resource="",
+            texture=ros.make(
+                "sensor_msgs/msg/CompressedImage", header=ros.header(0, ""), format="", data=np.zeros(0, np.uint8)
+            ),
+            uv_coordinates=[],
+            text=text,
+            mesh_resource="",
+            mesh_file=ros.make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
+            mesh_use_embedded_materials=False,
+        )
+
+
+def _prism_triangles(
+    prisms: Sequence[Prism], camera_xy_m: tuple[float, float]
+) -> tuple[NDArray[np.float64], list[tuple[float, float, float, float]]]:
+    """(points (6 E, 3), colour of each) of the E edges of side profiles, two triangles per edge, in the frame of the
+    prisms."""
+    corners: list[tuple[float, float, float]] = []
+    colours: list[tuple[float, float, float, float]] = []
+    for prism in prisms:
+        xy = prism.vertices_m.tolist()
+        ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
+        for a, b in zip(xy, ends, strict=False):
+            a_top, b_top = (*a, prism.top_m), (*b, prism.top_m)
+            a_low, b_low = (*a, prism.bottom_m), (*b, prism.bottom_m)
+            corners.extend([a_top, b_top, b_low, a_top, b_low, a_low])
+            middle_m = math.hypot((a[0] + b[0]) / 2 - camera_xy_m[0], (a[1] + b[1]) / 2 - camera_xy_m[1])
+            c = distance_colour(middle_m)
+            colours.extend([(c.r, c.g, c.b, c.a)] * 6)
+    return np.array(corners, dtype=np.float64).reshape(-1, 3), colours
+
+
+def _plane_outlines(planes: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(8 N, 3) ends of the four sides of each of (N, 6) planes, in the frame of the planes."""
+    a_x, a_y, b_x, b_y, top, bottom = planes.astype(np.float64).T
+    corners = [
+        np.stack([x, y, z], axis=1) for x, y, z in ((a_x, a_y, top), (b_x, b_y, top), (b_x, b_y, bottom), (a_x, a_y, bottom))
+    ]  # fmt: skip
+    ends = [corners[k % 4] for k in (0, 1, 1, 2, 2, 3, 3, 4)]
+    return np.stack(ends, axis=1).reshape(-1, 3)
