@@ -21,6 +21,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "demo": ("demo.demo", "fly a simulated scene without hardware and draw the result"),
     "import": ("importers.command", "convert depth images or a ROS 2 recording into a log"),
     "replay": ("replay.replay", "run a log through the pipeline; optionally compare with the recorded result"),
+    "batch": ("batch.command", "process many flights again into tables, and compare two results"),
     "view": (
         "viewer.view",
         "draw a log as pictures and a 3-D page; --live: follow the running service",

@@ -41,6 +41,15 @@ def part_path(folder: Path, flight: str, part: int) -> Path:
     return folder / f"{flight}.{part:03d}.mcap"
 
 
+def flight_and_part(name: str) -> tuple[str, int]:
+    """The flight and the number of a file name. A log with another name, such as `flight.mcap`, is part 0 of a flight with
+    its name."""
+    match = _PART.match(name)
+    if match is not None:
+        return match["flight"], int(match["part"])
+    return name.removesuffix(ACTIVE).removesuffix(".mcap"), 0
+
+
 def files_of(folder: Path) -> list[LogFile]:
     """The logs in a directory, oldest first. Files with other names are not logs and are never deleted."""
     found = []

@@ -101,7 +101,7 @@ class Comparison:
 def first_difference(logged: Compared, computed: Compared, tolerance: float = 0.0) -> tuple[str, str, str] | None:
     """(field, value in the log, computed value) of the first difference; None when equal. Not compared: publication,
     and cause_text, which may change between versions (cause is compared)."""
-    a, b = _comparable(logged), _comparable(computed)
+    a, b = comparable(logged), comparable(computed)
     if wire_bytes(a) == wire_bytes(b):
         return None
     found = _walk(a, b, "", tolerance)
@@ -110,7 +110,7 @@ def first_difference(logged: Compared, computed: Compared, tolerance: float = 0.
     return found
 
 
-def _comparable(message: Compared) -> Compared:
+def comparable(message: Compared) -> Compared:
     """A copy without the fields that are not compared."""
     copy = type(message)()
     copy.MergeFromString(wire_bytes(message))

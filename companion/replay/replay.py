@@ -32,6 +32,7 @@ from ..pipeline.track_messages import tracks_message
 from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from .compare import Comparison, Key, key_of
+from .observer import Observer
 from .replay_report import Replay, depth_note, print_report, replay_problems, report
 from .summary import ReplayCounts
 
@@ -64,16 +65,23 @@ def process(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Options of a replay. output None: nothing is written."""
+    """Options of a replay. output None: nothing is written; config: a file or its content, None: that in the log.
+    as_live: leave out the frames that the live run skipped, as `check` does."""
 
     output: Path | None = None
-    config: Path | None = None
+    config: Path | Config | None = None
     check: bool = False
     tolerance: float = 0.0
     depth: bool = True
+    as_live: bool = False
 
 
-def replay(path: Path, options: Options, on_progress: Callable[[float], None] = lambda share: None) -> Replay:
+def replay(
+    path: Path,
+    options: Options,
+    on_progress: Callable[[float], None] = lambda share: None,
+    observer: Observer | None = None,
+) -> Replay:
     """Runs a log through the pipeline. Raises DriverError, ConfigError or OSError when it cannot start. Damage found
     later ends the replay and is part of the result; the events before it are written and counted."""
     if options.output is not None:
@@ -81,6 +89,8 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
     with ExitStack() as stack:
         source = stack.enter_context(McapRecording(path))
         config = _config(options, source)
+        if observer is not None:
+            observer.begin(source, config)
         state = _state(source)
         try:
             pipeline = make_pipeline(config, source.cameras, state)
@@ -90,10 +100,10 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         cameras = effective_cameras(config, source.cameras)
         tracks = Comparison(options.tolerance) if options.check else None
         result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), comparison, tracks)
-        skipped = _skipped_live(path) if options.check else frozenset()
+        skipped = _skipped_live(path) if options.check or options.as_live else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
-        events = _without(_events(source, comparison, tracks, pipeline), skipped)
+        events = _without(_events(source, comparison, tracks, pipeline, observer), skipped)
         monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
         for info in pipeline.cameras:
             monitor.announce(info)
@@ -108,6 +118,8 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
                             comparison.computed(prisms_message(output))
                 for output in outputs:
                     _track(pipeline, output, sink, tracks)
+                    if observer is not None:
+                        observer.output(output)
                 on_progress(source.share_read)
         except BadData as error:
             result.damage = str(error)
@@ -186,9 +198,12 @@ class _Sink:
 def _config(options: Options, source: McapRecording) -> Config:
     """The given configuration (raises ConfigError where its cameras are not those of the log), otherwise that in the
     log, otherwise the defaults."""
+    if isinstance(options.config, Config):
+        _refuse_unknown_cameras(options.config, "the given configuration", source)
+        return options.config
     if options.config is not None:
         config = load_config(options.config)
-        _refuse_unknown_cameras(config, options.config, source)
+        _refuse_unknown_cameras(config, str(options.config), source)
         return config
     return _recorded_config(source)
 
@@ -200,14 +215,14 @@ def _recorded_config(source: McapRecording) -> Config:
     return Config()
 
 
-def _refuse_unknown_cameras(config: Config, path: Path, source: McapRecording) -> None:
+def _refuse_unknown_cameras(config: Config, name: str, source: McapRecording) -> None:
     """Raises ConfigError for a section of an unknown camera while a camera of the log has no section: a misspelt name
     would otherwise have no effect. More cameras than in the log, or no camera sections at all, are accepted."""
     there, said = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
     unknown, missing = [name for name in said if name not in there], [name for name in there if name not in said]
     if unknown and missing:
         raise ConfigError(
-            str(path),
+            name,
             [
                 f'[[camera]] "{name}": {source.path} has no such camera, and its camera {", ".join(missing)} has no '
                 "section; correct the name, or remove the section"
@@ -232,16 +247,25 @@ def _decoded(source: McapRecording, state: pb.StateSnapshot) -> PipelineState:
 
 
 def _events(
-    source: McapRecording, comparison: Comparison | None, tracks: Comparison | None, pipeline: Pipeline
+    source: McapRecording,
+    comparison: Comparison | None,
+    tracks: Comparison | None,
+    pipeline: Pipeline,
+    observer: Observer | None,
 ) -> Iterator[Event]:
     """The events; prisms and tracks of the log are passed to the comparisons, states within the log to the pipeline: a log
     without all depth images (`[record] depth_hz`) has one before each image."""
     begun = False
-    for item in source.events_with("state", *(("prisms", "tracks") if comparison is not None else ())):
+    compared = ("prisms", "tracks") if comparison is not None else ()
+    observed = observer.keys if observer is not None else ()
+    for item in source.events_with("state", *compared, *observed):
         if not isinstance(item, LoggedMessage):
             begun = True
             yield item
-        elif isinstance(item.message, pb.StateSnapshot):
+            continue
+        if observer is not None and item.key in observed:
+            observer.logged(item)
+        if isinstance(item.message, pb.StateSnapshot):
             if begun:
                 pipeline.resume(_decoded(source, item.message))
         elif tracks is not None and isinstance(item.message, pb.Tracks):

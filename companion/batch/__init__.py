@@ -1,0 +1,1 @@
+"""Processes many flights again, and searches and compares the results."""

@@ -1,0 +1,196 @@
+"""`companion batch`: processes many flights again, and compares two results."""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import os
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from ..argument_types import number_in
+from ..config.loader import config_text, load_config
+from ..console import fail, print_json, print_line, progress, warn
+from ..kernels.warmup import ensure_compiled
+from ..log.provenance import software
+from .dataset import begin_run, finished
+from .engines import Done, Engine, EngineName
+from .flights import Flight, find_flights
+from .frame_rows import text_hash
+from .jobs import BatchOptions, Failure, FlightTask, Process
+from .local_engine import LocalEngine
+from .parquet_table import arrow_module
+from .storage import is_url
+
+_LISTED: Final = 10
+LOCK_FILE: Final = ".lock"
+
+
+@dataclass(slots=True)
+class BatchReport:
+    """What a run did. skipped: flights whose results were present."""
+
+    flights: int = 0
+    skipped: int = 0
+    frames: int = 0
+    damaged: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    different: list[str] = field(default_factory=list)
+    restarted: int = 0
+    cpu_s: float = 0.0
+    wall_s: float = 0.0
+    peak_mb: float = 0.0
+
+    def add(self, done: Done) -> None:
+        """Counts a task that has ended."""
+        name, result = str(done.task.flight), done.result
+        self.restarted += done.attempts - 1
+        if isinstance(result, Failure):
+            self.failed[name] = result.text
+            return
+        self.frames += result.frames
+        self.cpu_s += result.cpu_s
+        self.peak_mb = max(self.peak_mb, result.peak_mb)
+        if result.damage:
+            self.damaged[name] = result.damage
+        if result.equals_onboard is False:
+            self.different.append(name)
+
+    def as_json(self, output: str) -> dict[str, Any]:
+        """The object of `--json`."""
+        return {
+            "output": output, "flights": self.flights, "already_present": self.skipped,
+            "processed": self.flights - self.skipped - len(self.failed), "frames": self.frames, "damaged": self.damaged,
+            "failed": self.failed, "different_from_onboard": self.different, "restarted": self.restarted,
+            "cpu_s": round(self.cpu_s, 3), "wall_s": round(self.wall_s, 3), "peak_mb": round(self.peak_mb, 1),
+        }  # fmt: skip
+
+
+def make_engine(name: EngineName, address: str | None, workers: int | None, process: Process) -> Engine:
+    """The engine. Raises ValueError for an option that it does not have, DeviceNotFound without its library."""
+    if name is EngineName.LOCAL:
+        if address is not None:
+            raise ValueError("--address: the local engine has none; name --engine dask or ray")
+        return LocalEngine(workers or len(os.sched_getaffinity(0)), process)
+    if workers is not None:
+        raise ValueError(f"--workers: the cluster has its number of workers; leave it out with --engine {name}")
+    if address is None:
+        example = "tcp://HOST:8786" if name is EngineName.DASK else "auto, or ray://HOST:10001"
+        raise ValueError(f"--engine {name} needs --address of the cluster, such as {example}")
+    if name is EngineName.DASK:
+        from .dask_engine import DaskEngine
+
+        return DaskEngine(address, process)
+    from .ray_engine import RayEngine
+
+    return RayEngine(address, process)
+
+
+def batch(flights: Sequence[Flight], output: str, options: BatchOptions, engine: Engine) -> BatchReport:
+    """Processes the flights whose results are not present. Raises ValueError for an output of other options."""
+    begun_s = time.monotonic()
+    report = BatchReport(flights=len(flights))
+    with _locked(output):
+        begin_run(output, _run_of(options))
+        present = finished(output, flights)
+        tasks = [FlightTask(f, output, options, software()) for f in flights if f not in present]
+        report.skipped = len(flights) - len(tasks)
+        with progress("batch") as on_progress:
+            for number, done in enumerate(engine.run(tasks), start=1):
+                report.add(done)
+                on_progress(number / len(tasks))
+    report.wall_s = time.monotonic() - begun_s
+    return report
+
+
+def _run_of(options: BatchOptions) -> dict[str, Any]:
+    """What the results depend on."""
+    config = options.config
+    return {
+        "software": software(), "config_hash": None if config is None else text_hash(config_text(config)),
+        "near_m": options.near_m, "planes": options.planes, "logs": options.logs,
+    }  # fmt: skip
+
+
+@contextmanager
+def _locked(output: str) -> Iterator[None]:
+    """Raises ValueError while another process writes to a local output."""
+    if is_url(output):
+        yield
+        return
+    Path(output).mkdir(parents=True, exist_ok=True)
+    with (Path(output) / LOCK_FILE).open("w") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ValueError(f"{output}: another `companion batch` writes to it; wait for its end") from error
+        yield
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion batch`."""
+    parser = subparsers.add_parser("batch", help="process many flights again, and compare results")
+    parser.add_argument("inputs", nargs="*", metavar="INPUT", help="logs: files, folders, patterns, s3:// addresses")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder or address of the dataset")
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="FILE", help="use this configuration in place of those in the logs"
+    )
+    parser.add_argument("--engine", choices=list(EngineName), default=EngineName.LOCAL, type=EngineName, help="(local)")
+    parser.add_argument("--address", metavar="ADDRESS", help="of the Dask scheduler or the Ray cluster")
+    parser.add_argument(
+        "--workers", type=number_in(int, 1, 1024), metavar="N", help="processes of the local engine (one per core)"
+    )
+    parser.add_argument(
+        "--vehicle", metavar="NAME", help="vehicle of all flights (default: the name of each log's folder)"
+    )
+    parser.add_argument(
+        "--near", type=number_in(float, 0.0, 1000.0), default=2.0, metavar="M", help="distance of a near pass (2 m)"
+    )
+    parser.add_argument("--planes", action="store_true", help="write the table of all planes")
+    parser.add_argument("--logs", action="store_true", help="write the replayed logs too, without depth images")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: all flights have a result; 1: a flight has none. Damaged logs are part of the result."""
+    from .task import run_task  # late: it imports the kernels
+
+    arrow_module()
+    config = load_config(args.config) if args.config is not None else None
+    options = BatchOptions(config=config, near_m=args.near, planes=args.planes, logs=args.logs)
+    output = args.output if is_url(args.output) else str(Path(args.output).resolve())
+    engine = make_engine(args.engine, args.address, args.workers, run_task)
+    if not args.inputs:
+        raise ValueError("no input is given; name files, folders or patterns of logs")
+    flights = find_flights(args.inputs, args.vehicle)
+    if args.engine is EngineName.LOCAL:
+        ensure_compiled("extractor", "tracking")
+    report = batch(flights, output, options, engine)
+    if args.json:
+        print_json(report.as_json(args.output))
+    else:
+        _print_report(report, args.output)
+    for name, text in list(report.failed.items())[:_LISTED]:
+        fail(f"{name}: {text}")
+    if len(report.failed) > _LISTED:
+        fail(f"and {len(report.failed) - _LISTED} more flights (--json lists all)")
+    return 1 if report.failed else 0
+
+
+def _print_report(report: BatchReport, output: str) -> None:
+    processed = report.flights - report.skipped - len(report.failed)
+    print_line(
+        f"{report.flights} flights: {processed} processed, {report.skipped} already present, {len(report.failed)} failed"
+    )
+    print_line(f"{report.frames} frames; {report.cpu_s:.1f} s of processor time in {report.wall_s:.1f} s")
+    if report.different:
+        print_line(f"{len(report.different)} flights differ from the results on board")
+    for name, text in list(report.damaged.items())[:_LISTED]:
+        warn(f"{name}: {text}")
+    if len(report.damaged) > _LISTED:
+        warn(f"and {len(report.damaged) - _LISTED} more damaged flights (column `damage` of the table flights)")
+    print_line(f"written: {output}")

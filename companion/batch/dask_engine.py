@@ -1,0 +1,65 @@
+"""Processes flights on an existing Dask cluster, which schedules them and starts the tasks of a lost worker again."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from drivers.base import DeviceNotFound
+from drivers.optional_library import install_command
+
+from .engines import ATTEMPTS, Done, lost_text, unexpected_text
+from .jobs import Failure, FlightTask, Process
+
+_CONNECT_S = 30.0
+
+
+class DaskEngine:
+    """address: of the scheduler, such as tcp://HOST:8786. Each worker must run one task at a time (`--nthreads 1`)."""
+
+    def __init__(self, address: str, process: Process) -> None:
+        self._address, self._process = address, process
+        try:
+            self._distributed: Any = importlib.import_module("distributed")
+        except ImportError as error:
+            raise DeviceNotFound(
+                f"--engine dask needs dask and distributed: run {install_command('osape-companion[dask]')}"
+            ) from error
+
+    def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:
+        """Yields each task once, when it has ended. Raises DeviceNotFound where the scheduler does not answer, and
+        ValueError for workers with several threads."""
+        try:
+            client = self._distributed.Client(self._address, timeout=_CONNECT_S)
+        except (OSError, ValueError) as error:
+            raise DeviceNotFound(
+                f"{self._address}: no Dask scheduler answers ({error}); check --address and that the cluster runs"
+            ) from error
+        with client:
+            _refuse_threads(client.nthreads(), self._address)
+            futures = {
+                client.submit(self._process, task, key=f"flight-{number}-{task.flight}", pure=False): task
+                for number, task in enumerate(tasks)
+            }
+            for future in self._distributed.as_completed(list(futures)):
+                yield Done(futures.pop(future), self._result(future))
+                future.release()
+
+    def _result(self, future: Any) -> Any:
+        error = future.exception()
+        if error is None:
+            return future.result()
+        if isinstance(error, self._distributed.KilledWorker):
+            return Failure(lost_text(ATTEMPTS))
+        return Failure(unexpected_text(error))
+
+
+def _refuse_threads(threads: dict[str, int], address: str) -> None:
+    """Raises ValueError for workers with several threads: their flights would share one interpreter."""
+    several = sorted(name for name, number in threads.items() if number > 1)
+    if several:
+        raise ValueError(
+            f"{address}: {len(several)} workers have several threads, the first is {several[0]}; start them with "
+            "`dask worker --nthreads 1 --nworkers N`, one process for each core"
+        )

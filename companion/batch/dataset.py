@@ -1,0 +1,129 @@
+"""The files of a dataset: OUT/TABLE/vehicle=V/date=D/FLIGHT.parquet.
+
+The file of the table `flights` is published last: a flight with it is complete. A file is written beside the dataset
+and renamed, so a killed worker leaves at most files that the next run replaces."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.base import DeviceNotFound
+
+from ..log.log_writer import ACTIVE
+from .flights import Flight
+from .parquet_table import arrow_module
+from .schema import SCHEMA_VERSION, TABLES
+from .storage import StoredFile, file_system, is_url, publish
+
+LAST: Final = "flights"
+"""The table whose file marks a flight as complete."""
+RUN_FILE: Final = "batch.json"
+UNFINISHED: Final = ".unfinished"
+"""Folder in a local dataset for files that are being written; readers of Parquet skip names that begin with a dot."""
+
+
+def temporary_folder(output: str, flight: Flight) -> Path:
+    """A new folder for the files of a flight, on the file system of a local output."""
+    if is_url(output):
+        return Path(tempfile.mkdtemp(prefix="osape-batch-"))
+    parent = Path(output) / UNFINISHED
+    parent.mkdir(parents=True, exist_ok=True)
+    return Path(tempfile.mkdtemp(prefix=f"{flight.vehicle}-{flight.name}-", dir=parent))
+
+
+def logs_path(file: StoredFile) -> str:
+    """Name of the replayed log of a file."""
+    return file.name.removesuffix(ACTIVE)
+
+
+def publish_flight(output: str, flight: Flight, folder: Path) -> None:
+    """Moves the files of a flight into the dataset, that of `flights` last."""
+    for log in sorted(folder.glob("*.mcap")):
+        _publish(log, f"{output}/logs/{flight.partition}", log.name)
+    for table in sorted(TABLES, key=lambda name: name == LAST):
+        file = folder / f"{table}.parquet"
+        if file.exists():
+            _publish(file, f"{output}/{table}/{flight.partition}", f"{flight.name}.parquet")
+
+
+def _publish(file: Path, parent: str, name: str) -> None:
+    if not is_url(parent):
+        Path(parent).mkdir(parents=True, exist_ok=True)
+    publish(file, f"{parent}/{name}")
+
+
+def begin_run(output: str, run: dict[str, Any]) -> None:
+    """Notes in batch.json how the results are made, and deletes unfinished files of an earlier run. Raises ValueError
+    where the output holds results that were made otherwise: they would be mixed."""
+    text = json.dumps({"schema_version": SCHEMA_VERSION, **run}, indent=1, sort_keys=True)
+    before = _read_text(f"{output}/{RUN_FILE}")
+    if before is None:
+        _write_text(output, RUN_FILE, text)
+    elif before != text:
+        was, now = json.loads(before), json.loads(text)
+        changed = [
+            f"{k}: {was.get(k)} before, {now.get(k)} now"
+            for k in sorted(was.keys() | now.keys())
+            if was.get(k) != now.get(k)
+        ]
+        raise ValueError(
+            f"{output}: holds results that were made otherwise ({'; '.join(changed)}); give -o another folder, or delete it"
+        )
+    if not is_url(output):
+        shutil.rmtree(Path(output) / UNFINISHED, ignore_errors=True)
+
+
+def _read_text(location: str) -> str | None:
+    try:
+        if not is_url(location):
+            return Path(location).read_text(encoding="utf-8")
+        system, path = file_system(location)
+        return str(system.cat_file(path), "utf-8")
+    except FileNotFoundError:
+        return None
+
+
+def _write_text(output: str, name: str, text: str) -> None:
+    if is_url(output):
+        system, path = file_system(f"{output}/{name}")
+        system.pipe_file(path, text.encode())
+        return
+    Path(output).mkdir(parents=True, exist_ok=True)
+    part = Path(output) / f".{name}"
+    part.write_text(text, encoding="utf-8")
+    publish(part, f"{output}/{name}")
+
+
+def open_table(output: str, table: str) -> Any:
+    """A pyarrow dataset of a table, with the partition columns vehicle and date as texts. Raises DeviceNotFound where the
+    dataset or the table does not exist."""
+    arrow, datasets = arrow_module(), arrow_module("pyarrow.dataset")
+    fields = arrow.schema([("vehicle", arrow.string()), ("date", arrow.string())])
+    partitioning = datasets.partitioning(fields, flavor="hive")
+    location = f"{output}/{table}"
+    try:
+        if is_url(output):
+            system, path = file_system(location)
+            return datasets.dataset(path, format="parquet", partitioning=partitioning, filesystem=system)
+        return datasets.dataset(location, format="parquet", partitioning=partitioning)
+    except FileNotFoundError as error:
+        raise DeviceNotFound(
+            f"{location}: there is no such table; give the output folder of `companion batch`"
+            + (" --planes" if table == "planes" else "")
+        ) from error
+
+
+def finished(output: str, flights: Sequence[Flight]) -> set[Flight]:
+    """The flights whose results are present, made of files of the same total size. A flight with more files than before is
+    processed again."""
+    try:
+        table = open_table(output, LAST).to_table(columns=["vehicle", "flight", "bytes"])
+    except DeviceNotFound:
+        return set()
+    sizes = {(row["vehicle"], row["flight"]): row["bytes"] for row in table.to_pylist()}
+    return {flight for flight in flights if sizes.get((flight.vehicle, flight.name)) == flight.size}

@@ -1,0 +1,81 @@
+"""Finds flights: the rotated files of a flight belong together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ..log.log_directory import flight_and_part
+from ..log.log_writer import ACTIVE
+from .storage import StoredFile, find_logs
+
+UNKNOWN: Final = "unknown"
+"""Vehicle or date that the names do not tell."""
+_DATE = re.compile(r"^(\d{4})(\d{2})(\d{2})-\d{6}")
+_UNSAFE = re.compile(r"[^A-Za-z0-9._-]")
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A flight and its log files in the order of recording. date: YYYY-MM-DD of the label in the file names."""
+
+    vehicle: str
+    date: str
+    name: str
+    files: tuple[StoredFile, ...]
+
+    @property
+    def partition(self) -> str:
+        """The folders of the hive partition."""
+        return f"vehicle={self.vehicle}/date={self.date}"
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(file.size for file in self.files)
+
+    def __str__(self) -> str:
+        return f"{self.vehicle}/{self.name}"
+
+
+def find_flights(inputs: Sequence[str], vehicle: str | None = None) -> list[Flight]:
+    """The flights in files, folders and patterns. vehicle: of all of them; None: the name of each file's folder.
+
+    Raises DeviceNotFound for an input without logs, and ValueError for two flights with the same vehicle and name."""
+    files = {file for text in inputs for file in find_logs(text)}
+    groups: dict[tuple[str, str], list[StoredFile]] = {}
+    for file in files:
+        groups.setdefault((file.folder, flight_and_part(file.name)[0]), []).append(file)
+    flights: dict[tuple[str, str], tuple[str, Flight]] = {}
+    for (folder, name), parts in sorted(groups.items()):
+        owner = safe_name(vehicle or folder.rpartition("/")[2])
+        flight = Flight(owner, date_of(name), safe_name(name), tuple(_ordered(parts)))
+        other = flights.get((owner, flight.name))
+        if other is not None:
+            raise ValueError(
+                f"the flight {flight.name} of the vehicle {owner} is in {other[0]} and in {folder}: results would be mixed. "
+                "Process the folders into separate outputs, or give one --vehicle each"
+            )
+        flights[owner, flight.name] = folder, flight
+    return [flight for _, flight in flights.values()]
+
+
+def _ordered(files: Iterable[StoredFile]) -> list[StoredFile]:
+    """By part number. An unfinished file is left out where its finished copy is present."""
+    by_name = {file.name: file for file in files}
+    kept = [f for n, f in by_name.items() if not (n.endswith(ACTIVE) and n.removesuffix(ACTIVE) in by_name)]
+    return sorted(kept, key=lambda f: (flight_and_part(f.name)[1], f.name))
+
+
+def date_of(flight: str) -> str:
+    """YYYY-MM-DD of a flight named by its date and time, otherwise "unknown"."""
+    match = _DATE.match(flight)
+    return "-".join(match.groups()) if match else UNKNOWN
+
+
+def safe_name(text: str) -> str:
+    """A name for folders and files: letters, digits, dot, dash and underscore."""
+    name = _UNSAFE.sub("_", text).lstrip(".")
+    return name or UNKNOWN

@@ -1,0 +1,64 @@
+"""Writes rows as Parquet, some thousand at a time, so that memory does not grow with the length of a flight."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.base import DeviceNotFound
+from drivers.optional_library import install_command
+
+from .schema import SCHEMA_VERSION, TABLES
+
+ROWS: Final = 4096
+"""Rows of a row group."""
+
+
+def arrow_module(name: str = "pyarrow") -> Any:
+    """A module of pyarrow. Raises DeviceNotFound where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise DeviceNotFound(f"tables need pyarrow: run {install_command('osape-companion[batch]')}") from error
+
+
+def arrow_schema(table: str) -> Any:
+    """The pyarrow schema of a table, with the schema version in its metadata."""
+    arrow = arrow_module()
+    kinds = {
+        "string": arrow.string(), "strings": arrow.list_(arrow.string()), "bool": arrow.bool_(), "int32": arrow.int32(),
+        "int64": arrow.int64(), "float": arrow.float32(), "double": arrow.float64(),
+    }  # fmt: skip
+    metadata = {"osape_batch_schema": str(SCHEMA_VERSION)}
+    return arrow.schema([(column.name, kinds[column.kind]) for column in TABLES[table]], metadata=metadata)
+
+
+class TableFile:
+    """A Parquet file being written. Rows are mappings from column to value; a missing column is null."""
+
+    def __init__(self, table: str, path: Path) -> None:
+        self.table, self.path = table, path
+        self.rows = 0
+        self._schema = arrow_schema(table)
+        self._arrow = arrow_module()
+        self._writer = arrow_module("pyarrow.parquet").ParquetWriter(path, self._schema, compression="zstd")
+        self._waiting: list[Mapping[str, Any]] = []
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Adds a row. Raises OSError where the disk is full."""
+        self._waiting.append(row)
+        self.rows += 1
+        if len(self._waiting) >= ROWS:
+            self._write()
+
+    def close(self) -> None:
+        """Writes the rest and the end of the file. May be called twice."""
+        if self._waiting:
+            self._write()
+        self._writer.close()
+
+    def _write(self) -> None:
+        self._writer.write_table(self._arrow.Table.from_pylist(self._waiting, schema=self._schema))
+        self._waiting.clear()

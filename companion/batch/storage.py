@@ -1,0 +1,128 @@
+"""Files of flights and of datasets, local or at a URL that fsspec knows (s3://, gs://, https://)."""
+
+from __future__ import annotations
+
+import fnmatch
+import glob
+import importlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.base import DeviceNotFound
+from drivers.optional_library import install_command
+
+LOG_NAMES: Final = ("*.mcap", "*.mcap.active")
+TEMPORARY: Final = ".tmp"
+"""Suffix of a result that is being written. Its name begins with a dot, so that no reader takes it for data."""
+_GLOB_CHARACTERS: Final = frozenset("*?[")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class StoredFile:
+    """A log file. location: an absolute path or a URL."""
+
+    location: str
+    size: int
+
+    @property
+    def name(self) -> str:
+        """The last part of the location."""
+        return self.location.rsplit("/", 1)[-1]
+
+    @property
+    def folder(self) -> str:
+        """The location without the name."""
+        return self.location.rpartition("/")[0]
+
+
+def is_url(location: str) -> bool:
+    """Whether a location needs fsspec."""
+    return "://" in location
+
+
+def file_system(location: str) -> tuple[Any, str]:
+    """(file system of fsspec, path in it) of a URL. Raises DeviceNotFound where a library for it is missing."""
+    try:
+        fsspec = importlib.import_module("fsspec")
+        system, path = fsspec.core.url_to_fs(location)
+    except ImportError as error:
+        raise DeviceNotFound(
+            f"{location}: the library for this kind of address is not installed ({error}); run "
+            f"{install_command('osape-companion[batch]')}, for s3:// also {install_command('s3fs')}"
+        ) from error
+    except ValueError as error:
+        raise DeviceNotFound(
+            f"{location}: {error}; use a local path or an address such as s3://bucket/folder"
+        ) from error
+    return system, path
+
+
+def find_logs(location: str) -> list[StoredFile]:
+    """The logs at a location: a file, a folder with everything below it, or a pattern with *, ? or [. Raises
+    DeviceNotFound where there is none."""
+    found = list(_remote_logs(location) if is_url(location) else _local_logs(location))
+    if not found:
+        raise DeviceNotFound(f"{location}: no log (*.mcap) found; check the path")
+    return sorted(found)
+
+
+def _local_logs(location: str) -> Iterator[StoredFile]:
+    path = Path(location)
+    if path.is_dir():
+        paths = [p for pattern in LOG_NAMES for p in path.rglob(pattern)]
+    elif path.exists():
+        paths = [path]
+    else:
+        paths = [Path(p) for p in glob.glob(location, recursive=True)] if _GLOB_CHARACTERS & set(location) else []
+    for found in paths:
+        if found.is_file():
+            yield StoredFile(str(found.resolve()), found.stat().st_size)
+
+
+def _remote_logs(location: str) -> Iterator[StoredFile]:
+    system, path = file_system(location)
+    try:
+        if _GLOB_CHARACTERS & set(path):
+            listed = system.glob(path, detail=True)
+        elif system.isdir(path):
+            listed = system.find(path, detail=True)
+        else:
+            listed = {path: system.info(path)}
+    except FileNotFoundError:
+        return
+    for name, info in listed.items():
+        is_log = any(fnmatch.fnmatch(name, pattern) for pattern in LOG_NAMES)
+        if info["type"] == "file" and (is_log or name == path):
+            yield StoredFile(system.unstrip_protocol(name), int(info["size"]))
+
+
+@contextmanager
+def local_copy(file: StoredFile, folder: Path) -> Iterator[Path]:
+    """A path to read a file from: its own, or that of a copy in `folder`, which is deleted afterwards."""
+    if not is_url(file.location):
+        yield Path(file.location)
+        return
+    system, path = file_system(file.location)
+    copy = folder / file.name
+    try:
+        system.get_file(path, str(copy))
+        yield copy
+    finally:
+        copy.unlink(missing_ok=True)
+
+
+def publish(temporary: Path, destination: str) -> None:
+    """Moves a complete local file to its destination in one step: another process sees all of it or nothing. Object
+    stores show an object once its upload is complete."""
+    with temporary.open("rb") as stream:
+        os.fsync(stream.fileno())
+    if not is_url(destination):
+        os.replace(temporary, destination)
+        return
+    system, path = file_system(destination)
+    system.put_file(str(temporary), path)
+    temporary.unlink()

@@ -1,0 +1,87 @@
+"""Processes one flight: the task that the engines run, in a process of their own."""
+
+from __future__ import annotations
+
+import functools
+import resource
+import shutil
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from drivers.base import BadData, DriverError
+
+from ..config.loader import Config, ConfigError
+from ..kernels.child_process import WarmupError
+from ..kernels.warmup import ensure_compiled
+from ..log.provenance import software
+from ..replay.replay import Options, replay
+from .dataset import logs_path, publish_flight, temporary_folder
+from .flight_tables import FlightTables
+from .jobs import Failure, FlightTask, Outcome
+from .storage import local_copy
+
+
+class VersionError(ValueError):
+    """A worker has another version of this software."""
+
+
+def run_task(task: FlightTask) -> Outcome | Failure:
+    """`process_flight`; its documented errors are returned as text, since not every error can be sent to another
+    process."""
+    try:
+        return process_flight(task)
+    except (DriverError, ConfigError, WarmupError, ValueError, OSError) as error:
+        return Failure(str(error))
+
+
+def process_flight(task: FlightTask) -> Outcome:
+    """Replays all files of a flight and publishes its tables; a damaged file is part of the result.
+
+    Raises VersionError, ConfigError for a configuration that does not fit the log, DeviceNotFound and OSError for files
+    that cannot be read or written: then nothing is published."""
+    if task.software != software():
+        raise VersionError(
+            f"the worker has {software()} and the command {task.software}: install the same version on all workers"
+        )
+    _warm_up()
+    begun_s, cpu_s = time.monotonic(), time.process_time()
+    with ExitStack() as stack:
+        folder = temporary_folder(task.output, task.flight)
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        copies = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="osape-batch-")))
+        tables = FlightTables(task.flight, folder, task.options.near_m, task.options.planes)
+        stack.callback(tables.close)
+        for number, file in enumerate(task.flight.files):
+            with local_copy(file, copies) as path:
+                tables.begin_file(number)
+                output = folder / logs_path(file) if task.options.logs else None
+                tables.end_file(_replay(path, output, task.options.config, tables))
+        tables.finish()
+        publish_flight(task.output, task.flight, folder)
+    row = tables.flight_row()
+    return Outcome(
+        frames=row["frames"], damage=row["damage"], equals_onboard=row["equals_onboard"],
+        cpu_s=time.process_time() - cpu_s, wall_s=time.monotonic() - begun_s,
+        peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    )  # fmt: skip
+
+
+@functools.cache
+def _warm_up() -> None:
+    """Compiles missing kernels, once per process. They are loaded at their first use."""
+    ensure_compiled("extractor", "tracking")
+
+
+def _replay(path: Path, output: Path | None, config: Config | None, tables: FlightTables) -> str | None:
+    """Replays a file; returns its damage, None: none."""
+    try:
+        done = replay(path, Options(output=output, config=config, depth=False, as_live=True), observer=tables)
+    except BadData as error:  # nothing of it can be read
+        return str(error)
+    except ConfigError as error:
+        if config is not None:
+            raise
+        return str(error)  # the configuration in the log
+    return done.damage

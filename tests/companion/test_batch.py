@@ -1,0 +1,327 @@
+"""`companion batch`: the tables of a fleet, equality with `companion replay`, damaged logs, restart."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.batch.dataset import finished, open_table
+from companion.batch.events import FlightEvents, FrameSummary
+from companion.batch.flights import find_flights
+from companion.batch.frame_rows import digest_of, nearest_plane_m
+from companion.batch.jobs import BatchOptions, FlightTask, Outcome
+from companion.batch.schema import TABLES
+from companion.batch.task import run_task
+from companion.cli import main
+from companion.config.loader import Config
+from companion.log.provenance import software
+from core.params import Params
+from drivers.base import DeviceNotFound
+from drivers.logs.reader import McapRecording
+
+from .fleet import NS, flight_events, write_fleet, write_parts
+from .made_up import easy_model
+
+pytest.importorskip("pyarrow", reason="the extra `batch` is not installed")
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_fleet(tmp_path_factory.mktemp("fleet"))
+
+
+def process_all(folder: Path, output: Path, options: BatchOptions) -> list[Outcome]:
+    """Processes a fleet in this process."""
+    done = [run_task(FlightTask(f, str(output), options, software())) for f in find_flights([str(folder)])]
+    assert all(isinstance(outcome, Outcome) for outcome in done), done
+    return [outcome for outcome in done if isinstance(outcome, Outcome)]
+
+
+@pytest.fixture(scope="module")
+def dataset(fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("dataset")
+    process_all(fleet, output, BatchOptions(planes=True, logs=True))
+    return output
+
+
+def rows(dataset: Path, table: str) -> list[dict[str, Any]]:
+    return open_table(str(dataset), table).to_table().to_pylist()
+
+
+def flight_rows(dataset: Path) -> dict[str, dict[str, Any]]:
+    return {row["flight"]: row for row in rows(dataset, "flights")}
+
+
+# ---- flights ------------------------------------------------------------------------------------------------------------
+
+
+def touch(folder: Path, *names: str) -> None:
+    for name in names:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"x")
+
+
+def test_rotated_files_of_a_flight_stay_together(tmp_path: Path) -> None:
+    touch(tmp_path, "a/20261101-100000.001.mcap", "a/20261101-100000.000.mcap", "a/20261101-100000.010.mcap.active")
+    touch(tmp_path, "a/20261101-100000.001.mcap.active", "b/20261101-100000.000.mcap", "b/hover.mcap", "b/notes.txt")
+    flights = {str(f): f for f in find_flights([str(tmp_path), str(tmp_path / "b" / "*.mcap")])}
+    assert list(flights) == ["a/20261101-100000", "b/20261101-100000", "b/hover"]
+    names = [file.name.removeprefix("20261101-100000.") for file in flights["a/20261101-100000"].files]
+    assert names == ["000.mcap", "001.mcap", "010.mcap.active"]
+    assert [f.date for f in flights.values()] == ["2026-11-01", "2026-11-01", "unknown"]
+
+
+def test_flights_that_would_be_mixed_are_refused(tmp_path: Path) -> None:
+    touch(tmp_path, "x/v/one.mcap", "y/v/one.mcap")
+    with pytest.raises(ValueError, match=r"flight one of the vehicle v is in .*x/v and in .*y/v"):
+        find_flights([str(tmp_path)])
+
+
+def test_an_input_without_logs_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DeviceNotFound, match=r"absent.*no log"):
+        find_flights([str(tmp_path / "absent")])
+
+
+def test_a_vehicle_s_name_is_safe_as_a_folder(tmp_path: Path) -> None:
+    touch(tmp_path, "one.mcap")
+    (flight,) = find_flights([str(tmp_path)], vehicle="../a b=c/d")
+    assert flight.partition == "vehicle=_a_b_c_d/date=unknown"
+
+
+# ---- events -------------------------------------------------------------------------------------------------------------
+
+
+def summary(t_s: float, valid: bool = True, distance_m: float | None = None) -> FrameSummary:
+    return FrameSummary(
+        camera="front", t_ns=round(t_s * NS), file=0, valid=valid, cause="" if valid else "no_measurement", armed=True,
+        distance_m=distance_m,
+    )  # fmt: skip
+
+
+def events_of(frames: list[FrameSummary], gap_s: float = 0.3) -> list[tuple[Any, ...]]:
+    events = FlightEvents(near_m=2.0)
+    events.gap_s = gap_s
+    found = [row for frame in frames for row in events.frame(frame)] + list(events.end())
+    return [(r["kind"], r["t_ns"] / NS, r["end_ns"] and r["end_ns"] / NS, r["cause"], r["distance_m"]) for r in found]
+
+
+def test_blind_frames_are_one_event_until_the_next_valid_frame() -> None:
+    frames = [summary(0.0), summary(0.1, valid=False), summary(0.2, valid=False), summary(0.3)]
+    assert events_of(frames) == [("blind", 0.1, 0.3, "no_measurement", None), ("recovered", 0.3, 0.3, "", None)]
+
+
+def test_blindness_may_last_to_the_end_of_the_log() -> None:
+    assert events_of([summary(0.0), summary(0.1, valid=False)]) == [("blind", 0.1, None, "no_measurement", None)]
+
+
+def test_missing_frames_are_blind_from_the_newest_frame_on() -> None:
+    found = events_of([summary(0.0), summary(0.1), summary(0.6)])
+    assert found == [("blind", 0.1, 0.6, "no_frame", None), ("recovered", 0.6, 0.6, "", None)]
+    found = events_of([summary(0.1), summary(0.6, valid=False), summary(0.7)])
+    assert found == [("blind", 0.1, 0.7, "no_frame", None), ("recovered", 0.7, 0.7, "", None)]
+    assert events_of([summary(0.1), summary(9.0)], gap_s=float("inf")) == []
+
+
+def test_a_near_pass_has_its_smallest_distance_and_continues_through_blindness() -> None:
+    distances = [2.5, 1.9, 1.2, None, 1.5, 2.1]
+    frames = [summary(0.1 * i, valid=i != 3, distance_m=d) for i, d in enumerate(distances)]
+    near = [e for e in events_of(frames) if e[0] == "near_pass"]
+    assert near == [("near_pass", 0.1, 0.5, "", 1.2)]
+
+
+def test_the_nearest_plane_is_measured_in_space() -> None:
+    model = easy_model(4.0, 1.0)  # planes 1.5 m above to 0.5 m below the origin, 4 m ahead
+    assert nearest_plane_m(model, np.zeros(3)) == pytest.approx(4.0)
+    assert nearest_plane_m(model, np.array([1.0, 0.0, 4.5])) == pytest.approx(5.0)
+    assert nearest_plane_m(easy_model(4.0, 1.0, valid=False), np.zeros(3)) is None
+
+
+# ---- tables -------------------------------------------------------------------------------------------------------------
+
+
+def test_every_documented_column_is_written(dataset: Path) -> None:
+    for table, columns in TABLES.items():
+        schema = open_table(str(dataset), table).schema
+        assert schema.names == [c.name for c in columns] + ["vehicle", "date"]
+        found = rows(dataset, table)
+        assert found
+        missing = {c.name for c in columns} - {
+            name for row in found for name, value in row.items() if value is not None
+        }
+        assert missing <= {"first_difference"}
+
+
+def test_the_flights_have_one_row_each(dataset: Path) -> None:
+    flights = flight_rows(dataset)
+    assert [(row["vehicle"], row["date"]) for row in flights.values()] == [
+        ("alpha", "2026-11-01"), ("beta", "2026-11-02"), ("beta", "2026-11-03")
+    ]  # fmt: skip
+    rotated, blind, cut = flights.values()
+    assert [row["equals_onboard"] for row in flights.values()] == [True, True, True]
+    assert (rotated["frames"], rotated["compared"], len(rotated["files"]), rotated["blind_s"]) == (11, 11, 2, 0.0)
+    assert (blind["valid"], blind["blind_s"]) == (8, pytest.approx(0.3))
+    assert blind["armed_s"] == pytest.approx(1.0, abs=0.1)
+    assert "damaged at byte" in cut["damage"]
+    assert rotated["damage"] is None
+
+
+def test_frames_have_the_values_of_the_log(dataset: Path) -> None:
+    frames = [row for row in rows(dataset, "frames") if row["flight"] == "20261101-100000"]
+    assert {row["file"] for row in frames} == {0, 1}
+    with McapRecording(Path(flight_rows(dataset)["20261101-100000"]["files"][0])) as source:
+        logged = {item.message.sequence: item.message for item in source.messages("prisms")}
+    for row in frames:
+        if row["file"] == 0:
+            message = logged[row["sequence"]]
+            assert row["digest"] == row["onboard_digest"] == digest_of(message)
+            assert row["planes"] == len(message.planes.support_px)
+            assert row["armed"] is True
+            assert row["publish_latency_ms"] == 31.5
+            assert 30.0 < row["camera_latency_ms"] < 60.0
+    planes = [row for row in rows(dataset, "planes") if row["flight"] == "20261101-100000"]
+    assert len(planes) == sum(row["planes"] for row in frames) > 0
+
+
+def test_events_name_blindness_and_reports(dataset: Path) -> None:
+    events = [row for row in rows(dataset, "events") if row["flight"] == "20261102-110000"]
+    (blind,) = [row for row in events if row["kind"] == "blind"]
+    assert (blind["cause"], blind["frames"], blind["armed"]) == ("no_measurement", 3, True)
+    assert [row["kind"] for row in events].count("recovered") == 1
+    assert {row["distance_m"] for row in events if row["kind"] == "obstacle_report"} == {8.0}
+
+
+def test_replayed_logs_equal_those_of_companion_replay(fleet: Path, dataset: Path, tmp_path: Path) -> None:
+    for number in (0, 1):
+        source = fleet / "alpha" / f"20261101-100000.{number:03d}.mcap"
+        alone = tmp_path / source.name
+        assert main(["replay", str(source), "--check", "--no-depth", "-o", str(alone)]) == 0
+        assert alone.read_bytes() == (dataset / "logs/vehicle=alpha/date=2026-11-01" / source.name).read_bytes()
+
+
+def test_another_configuration_differs_from_the_results_on_board(fleet: Path, tmp_path: Path) -> None:
+    config = Config(extractor=Params(min_support_px=60))
+    process_all(fleet / "alpha", tmp_path, BatchOptions(config=config))
+    (row,) = flight_rows(tmp_path).values()
+    assert row["equals_onboard"] is False
+    assert row["different"] > 0
+    assert "frame" in row["first_difference"]
+    assert row["config_hash"] != row["onboard_config_hash"]
+    differing = [f for f in rows(tmp_path, "frames") if f["equals_onboard"] is False]
+    assert len(differing) == row["different"]
+    assert not (tmp_path / "planes").exists()
+
+
+def test_the_same_flight_gives_the_same_files(fleet: Path, dataset: Path, tmp_path: Path) -> None:
+    process_all(fleet, tmp_path, BatchOptions(planes=True, logs=True))
+    files = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*.*") if p.is_file())
+    assert len(files) == 3 * 4 + 4
+    for file in files:
+        assert (tmp_path / file).read_bytes() == (dataset / file).read_bytes()
+
+
+# ---- broken logs --------------------------------------------------------------------------------------------------------
+
+
+def test_broken_logs_are_part_of_the_result(tmp_path: Path) -> None:
+    source = tmp_path / "in" / "v"
+    first, _ = write_parts(source, "20261101-100000", flight_events(1, 0.6), parts=2)
+    first.write_bytes(b"not a log")
+    (source / "empty.mcap").touch()
+    process_all(source, tmp_path / "out", BatchOptions())
+    flights = flight_rows(tmp_path / "out")
+    assert f"{first}: not an MCAP file" in flights["20261101-100000"]["damage"]
+    assert flights["20261101-100000"]["frames"] > 0
+    assert flights["empty"]["frames"] == 0
+    assert "empty" in flights["empty"]["damage"]
+    assert flights["empty"]["equals_onboard"] is None
+
+
+def test_a_log_that_disappears_is_no_result(tmp_path: Path) -> None:
+    write_parts(tmp_path / "v", "20261101-100000", flight_events(1, 0.3))
+    (flight,) = find_flights([str(tmp_path)])
+    shutil.rmtree(tmp_path / "v")
+    failure = run_task(FlightTask(flight, str(tmp_path / "out"), BatchOptions(), software()))
+    assert "the file does not exist" in getattr(failure, "text", "")
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+
+
+def test_a_worker_of_another_version_is_refused(fleet: Path, tmp_path: Path) -> None:
+    flight = find_flights([str(fleet)])[0]
+    failure = run_task(FlightTask(flight, str(tmp_path), BatchOptions(), "osape-companion 0.0.9"))
+    assert "install the same version on all workers" in getattr(failure, "text", "")
+
+
+# ---- restart ------------------------------------------------------------------------------------------------------------
+
+
+def test_present_results_are_not_computed_again(fleet: Path, dataset: Path) -> None:
+    flights = find_flights([str(fleet)])
+    assert finished(str(dataset), flights) == set(flights)
+
+
+def test_a_flight_with_a_new_file_is_processed_again(tmp_path: Path) -> None:
+    events = flight_events(1, 0.6)
+    _, second = write_parts(tmp_path / "v", "20261101-100000", events, parts=2)
+    kept = second.rename(tmp_path / "later")
+    process_all(tmp_path / "v", tmp_path / "out", BatchOptions())
+    kept.rename(second)
+    (flight,) = find_flights([str(tmp_path / "v")])
+    assert finished(str(tmp_path / "out"), [flight]) == set()
+    process_all(tmp_path / "v", tmp_path / "out", BatchOptions())
+    assert finished(str(tmp_path / "out"), [flight]) == {flight}
+    assert len(rows(tmp_path / "out", "flights")) == 1
+
+
+def test_a_flight_is_complete_with_its_last_file_only(fleet: Path, dataset: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    shutil.rmtree(copy / "flights" / "vehicle=alpha")
+    assert {f.vehicle for f in finished(str(copy), find_flights([str(fleet)]))} == {"beta"}
+
+
+@pytest.fixture
+def no_engine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.batch.command.ensure_compiled", lambda *modes: None)
+    monkeypatch.setattr("companion.batch.local_engine.LocalEngine.run", lambda self, tasks: iter(()))
+
+
+@pytest.mark.usefixtures("no_engine")
+def test_results_of_other_options_are_not_mixed(
+    fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["batch", str(fleet), "-o", str(tmp_path)]
+    assert main(command) == 0
+    assert main(command) == 0
+    assert main([*command, "--near", "3"]) == 1
+    assert "near_m: 2.0 before, 3.0 now" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("no_engine")
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--engine", "dask"], "needs --address"),
+        (["--engine", "ray", "--address", "auto", "--workers", "3"], "leave it out"),
+        (["--address", "tcp://host:8786"], "the local engine has none"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], text: str
+) -> None:
+    assert main(["batch", str(fleet), "-o", str(tmp_path / "out"), *options]) == 1
+    assert text in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("no_engine")
+def test_the_json_report_counts_flights(
+    fleet: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    assert main(["batch", str(fleet), "-o", str(copy), "--planes", "--logs", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["flights"], report["already_present"], report["processed"]) == (3, 3, 0)
