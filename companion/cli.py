@@ -22,6 +22,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "import": ("importers.command", "convert depth images or a ROS 2 recording into a log"),
     "replay": ("replay.replay", "run a log through the pipeline; optionally compare with the recorded result"),
     "batch": ("batch.command", "process many flights again into tables, and compare two results"),
+    "find": ("batch.find", "cut the times that fulfil a condition out of the logs of a fleet"),
     "view": (
         "viewer.view",
         "draw a log as pictures and a 3-D page; --live: follow the running service",

@@ -91,7 +91,7 @@ def replay(
         config = _config(options, source)
         if observer is not None:
             observer.begin(source, config)
-        state = _state(source)
+        state = opening_state(source)
         try:
             pipeline = make_pipeline(config, source.cameras, state)
         except ValueError as error:  # a state that does not fit the configuration
@@ -100,7 +100,7 @@ def replay(
         cameras = effective_cameras(config, source.cameras)
         tracks = Comparison(options.tolerance) if options.check else None
         result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), comparison, tracks)
-        skipped = _skipped_live(path) if options.check or options.as_live else frozenset()
+        skipped = skipped_live(path) if options.check or options.as_live else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
         events = _without(_events(source, comparison, tracks, pipeline, observer), skipped)
@@ -126,7 +126,7 @@ def replay(
         sink.end()
         result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
-        recorded = _recorded_config(source)
+        recorded = recorded_config(source)
         result.configured_offsets_ms = {
             info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras
         }
@@ -205,10 +205,10 @@ def _config(options: Options, source: McapRecording) -> Config:
         config = load_config(options.config)
         _refuse_unknown_cameras(config, str(options.config), source)
         return config
-    return _recorded_config(source)
+    return recorded_config(source)
 
 
-def _recorded_config(source: McapRecording) -> Config:
+def recorded_config(source: McapRecording) -> Config:
     """The configuration with which the frames were recorded; the defaults where the log has none."""
     if source.run is not None and source.run.config_json:
         return config_from_text(source.run.config_json, f"the configuration in {source.path}")
@@ -231,12 +231,13 @@ def _refuse_unknown_cameras(config: Config, name: str, source: McapRecording) ->
         )
 
 
-def _state(source: McapRecording) -> PipelineState | None:
+def opening_state(source: McapRecording) -> PipelineState | None:
     """The state at the beginning of the log. Raises BadData when it cannot be used."""
-    return None if source.snapshot is None else _decoded(source, source.snapshot)
+    return None if source.snapshot is None else decoded_state(source, source.snapshot)
 
 
-def _decoded(source: McapRecording, state: pb.StateSnapshot) -> PipelineState:
+def decoded_state(source: McapRecording, state: pb.StateSnapshot) -> PipelineState:
+    """A state in the log. Raises BadData when it cannot be used."""
     try:
         return state_from_message(state)
     except ValueError as error:
@@ -267,7 +268,7 @@ def _events(
             observer.logged(item)
         if isinstance(item.message, pb.StateSnapshot):
             if begun:
-                pipeline.resume(_decoded(source, item.message))
+                pipeline.resume(decoded_state(source, item.message))
         elif tracks is not None and isinstance(item.message, pb.Tracks):
             tracks.logged(item.message)
         elif comparison is not None and isinstance(item.message, pb.PrismsFrame):
@@ -280,7 +281,7 @@ def _without(events: Iterator[Event], skipped: frozenset[Key]) -> Iterator[Event
             yield event
 
 
-def _skipped_live(path: Path) -> frozenset[Key]:
+def skipped_live(path: Path) -> frozenset[Key]:
     """Frames that the live run skipped because newer ones were waiting; they did not change its state."""
     skipped: set[Key] = set()
     try:

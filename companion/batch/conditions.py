@@ -1,0 +1,113 @@
+"""What `companion find` searches for: a named condition, a filter of pyarrow, or a Parquet file of rows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from .dataset import open_table
+from .parquet_table import arrow_module
+
+SEARCHED: Final = ("frames", "events")
+_NEEDED: Final = ("vehicle", "flight", "file")
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Rows of a table. filters: (column, operator, value), all of which hold."""
+
+    table: str
+    filters: tuple[tuple[str, str, Any], ...]
+    doc: str
+
+
+NAMED: Final[dict[str, Condition]] = {
+    "blind": Condition("events", (("kind", "=", "blind"),), "frames without information"),
+    "blind_while_armed": Condition(
+        "events", (("kind", "=", "blind"), ("armed", "=", True)), "the same, in an armed vehicle"
+    ),
+    "near_pass": Condition("events", (("kind", "=", "near_pass"),), "a plane nearer than --near of `companion batch`"),
+    "nearest_under_2m": Condition("frames", (("nearest_m", "<", 2.0),), "a plane nearer than 2 m"),
+    "obstacle_report": Condition(
+        "events", (("kind", "=", "obstacle_report"), ("distance_m", ">=", 0.0)), "an obstacle sent to the autopilot"
+    ),
+    "ground_lost": Condition("frames", (("valid", "=", True), ("ground_seen", "=", False)), "valid, no ground found"),
+    "differs_from_onboard": Condition("frames", (("equals_onboard", "=", False),), "another result than on board"),
+}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Hit:
+    """A time span of a log file that fulfils the condition. file: its number in the flight."""
+
+    vehicle: str
+    flight: str
+    file: int
+    begin_ns: int
+    end_ns: int
+
+
+def find_hits(dataset: str, condition: str, table: str = "frames") -> list[Hit]:
+    """The rows of a dataset that fulfil a condition, in order. condition: a name in NAMED, a filter as a JSON list
+    [[COLUMN, OPERATOR, VALUE], ...] for the table, or the path of a Parquet file with rows of the tables.
+
+    Raises ValueError for another condition, DeviceNotFound without the table."""
+    if condition.endswith(".parquet"):
+        return _hits(_rows_of_file(Path(condition)))
+    if condition in NAMED:
+        named = NAMED[condition]
+        table, filters = named.table, list(named.filters)
+    else:
+        filters = parsed_filters(condition)
+    source = open_table(dataset, table)
+    for column, _, _ in filters:
+        if column not in source.schema.names:
+            raise ValueError(f"{column}: the table {table} has no such column; it has {', '.join(source.schema.names)}")
+    arrow, parquet = arrow_module(), arrow_module("pyarrow.parquet")
+    try:
+        found = source.to_table(filter=parquet.filters_to_expression(filters))
+    except (ValueError, arrow.ArrowNotImplementedError, TypeError) as error:
+        raise ValueError(f"{condition}: not a filter of the table {table}: {error}") from error
+    return _hits(found.to_pylist())
+
+
+def parsed_filters(text: str) -> list[tuple[str, str, Any]]:
+    """The filters of a JSON list, as pyarrow takes them. Raises ValueError."""
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError:
+        content = None
+    if not isinstance(content, list) or not content or not all(isinstance(f, list) and len(f) == 3 for f in content):
+        raise ValueError(
+            f"{text}: not a condition. Give one of {', '.join(NAMED)}; a filter such as "
+            '\'[["nearest_m", "<", 1.5], ["armed", "=", true]]\'; or the path of a Parquet file with rows'
+        )
+    return [(str(column), str(operator), value) for column, operator, value in content]
+
+
+def _rows_of_file(path: Path) -> list[dict[str, Any]]:
+    arrow, parquet = arrow_module(), arrow_module("pyarrow.parquet")
+    try:
+        rows: list[dict[str, Any]] = parquet.read_table(path).to_pylist()
+    except arrow.ArrowInvalid as error:
+        raise ValueError(f"{path}: cannot be read ({error}); write it with DuckDB, Polars or pandas") from error
+    missing = [name for name in _NEEDED if rows and name not in rows[0]]
+    if rows and not {"t_ns", "t_exposure_ns"} & rows[0].keys():
+        missing.append("t_ns (or t_exposure_ns)")
+    if missing:
+        raise ValueError(f"{path}: lacks the columns {', '.join(missing)}; select them from `frames` or `events`")
+    return rows
+
+
+def _hits(rows: Iterable[dict[str, Any]]) -> list[Hit]:
+    hits = []
+    for row in rows:
+        begin_ns = row["t_ns"] if "t_ns" in row else row["t_exposure_ns"]
+        end_ns = row.get("end_ns")
+        if end_ns is None:
+            end_ns = begin_ns + round(1e9 * (row.get("duration_s") or 0.0))
+        hits.append(Hit(row["vehicle"], row["flight"], row["file"], begin_ns, max(begin_ns, end_ns)))
+    return sorted(hits)

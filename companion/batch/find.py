@@ -1,0 +1,155 @@
+"""`companion find`: cuts the times of a dataset that fulfil a condition out of the logs."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.base import DriverError
+
+from ..argument_types import number_in
+from ..config.loader import ConfigError
+from ..console import fail, print_json, print_line, progress, warn
+from ..kernels.warmup import ensure_compiled
+from .clip import Span, cut, merged
+from .conditions import NAMED, SEARCHED, Hit, find_hits
+from .dataset import open_table
+from .flights import safe_name
+from .storage import StoredFile, is_url, local_copy
+
+NS: Final = 1_000_000_000
+LIMIT: Final = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A clip to cut. location: of the log; begin_ns, end_ns: arrival of its messages; flight_s: begin, in seconds of the
+    flight."""
+
+    vehicle: str
+    flight: str
+    location: str
+    begin_ns: int
+    end_ns: int
+    flight_s: float
+    output: Path
+
+    def as_json(self) -> dict[str, Any]:
+        """The object in `--json`."""
+        return {
+            "clip": str(self.output), "vehicle": self.vehicle, "flight": self.flight, "log": self.location,
+            "begin_ns": self.begin_ns, "end_ns": self.end_ns, "flight_s": round(self.flight_s, 3),
+        }  # fmt: skip
+
+
+@dataclass(slots=True)
+class Found:
+    """The result. left_out: clips beyond the limit; failed: log -> why no clip was cut of it; damaged: logs that end
+    early."""
+
+    clips: list[Clip] = field(default_factory=list)
+    left_out: int = 0
+    failed: dict[str, str] = field(default_factory=dict)
+    damaged: dict[str, str] = field(default_factory=dict)
+
+
+def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float, after_s: float) -> list[Clip]:
+    """The clips of hits: each with the time before and after it, overlapping ones joined. A clip is part of one log file:
+    it ends where the log was rotated."""
+    columns = ["vehicle", "flight", "files", "begin_ns"]
+    flights = {
+        (r["vehicle"], r["flight"]): r for r in open_table(dataset, "flights").to_table(columns=columns).to_pylist()
+    }
+    clips = []
+    for (vehicle, flight, file), group in itertools.groupby(hits, key=lambda h: (h.vehicle, h.flight, h.file)):
+        row = flights[vehicle, flight]
+        spans = [(h.begin_ns - round(before_s * NS), h.end_ns + round(after_s * NS)) for h in group]
+        for begin_ns, end_ns in merged(spans):
+            flight_s = (begin_ns - row["begin_ns"]) / NS
+            name = f"{safe_name(vehicle)}_{safe_name(flight)}_{max(0.0, flight_s):09.3f}s.mcap"
+            clips.append(Clip(vehicle, flight, row["files"][file], begin_ns, end_ns, flight_s, folder / name))
+    return clips
+
+
+def cut_clips(clips: list[Clip], found: Found) -> None:
+    """Cuts the clips, all of one log in one pass."""
+    with tempfile.TemporaryDirectory(prefix="osape-find-") as copies, progress("find") as on_progress:
+        by_log = itertools.groupby(clips, key=lambda clip: clip.location)
+        for location, group in by_log:
+            several = list(group)
+            try:
+                with local_copy(StoredFile(location, 0), Path(copies)) as path:
+                    damage = cut(path, [Span(c.begin_ns, c.end_ns, c.output) for c in several])
+            except (DriverError, ConfigError, OSError) as error:
+                found.failed[location] = str(error)
+                continue
+            if damage:
+                found.damaged[location] = damage
+            found.clips += [clip for clip in several if clip.output.exists()]
+            on_progress(len(found.clips) / len(clips))
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion find`."""
+    names = "; ".join(f"{name}: {condition.doc}" for name, condition in NAMED.items())
+    parser = subparsers.add_parser("find", help="cut clips out of logs", epilog=f"Named conditions: {names}.")
+    parser.add_argument("dataset", metavar="DATASET", help="output of `companion batch`")
+    parser.add_argument(
+        "condition",
+        metavar="CONDITION",
+        help="a name, a filter [[COLUMN, OPERATOR, VALUE], ...], or a Parquet file of rows",
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the clips")
+    parser.add_argument("--table", choices=SEARCHED, default="frames", help="table of the filter (frames)")
+    seconds = number_in(float, 0.0, 600.0)
+    parser.add_argument("--before", type=seconds, default=2.0, metavar="S", help="seconds before (2)")
+    parser.add_argument("--after", type=seconds, default=2.0, metavar="S", help="seconds after (2)")
+    parser.add_argument(
+        "--limit",
+        type=number_in(int, 1, 100_000),
+        default=LIMIT,
+        metavar="N",
+        help=f"largest number of clips ({LIMIT})",
+    )
+    parser.add_argument("--list", action="store_true", help="only list what would be cut")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: all clips are written; 1: a log gave none."""
+    dataset = args.dataset if is_url(args.dataset) else str(Path(args.dataset).resolve())
+    hits = find_hits(dataset, args.condition, args.table)
+    clips = plan_clips(dataset, hits, args.output, args.before, args.after)
+    found = Found(left_out=max(0, len(clips) - args.limit))
+    chosen = clips[: args.limit]
+    if args.list:
+        found.clips = chosen
+    else:
+        args.output.mkdir(parents=True, exist_ok=True)
+        ensure_compiled("extractor", "tracking")
+        cut_clips(chosen, found)
+    if args.json:
+        print_json(
+            {
+                "rows": len(hits), "clips": [clip.as_json() for clip in found.clips], "left_out": found.left_out,
+                "damaged": found.damaged, "failed": found.failed,
+            }
+        )  # fmt: skip
+    else:
+        print_line(f"{len(hits)} rows, {len(found.clips)} clips")
+        for clip in found.clips:
+            print_line(
+                f"{clip.output}  {(clip.end_ns - clip.begin_ns) / NS:.1f} s of {clip.vehicle}/{clip.flight} at {clip.flight_s:.1f} s"
+            )
+    if found.left_out:
+        warn(f"{found.left_out} clips are beyond --limit {args.limit} and were left out")
+    for text in found.damaged.values():
+        warn(text)
+    for location, text in found.failed.items():
+        fail(f"{location}: no clip: {text}")
+    return 1 if found.failed else 0

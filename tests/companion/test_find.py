@@ -1,0 +1,174 @@
+"""`companion find`: clips that replay with the same results."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from companion.batch.clip import Span, cut, merged
+from companion.batch.conditions import NAMED, find_hits
+from companion.batch.dataset import open_table
+from companion.batch.flights import find_flights
+from companion.batch.jobs import BatchOptions, FlightTask, Outcome
+from companion.batch.schema import TABLES
+from companion.batch.task import run_task
+from companion.cli import main
+from companion.log.provenance import software
+from companion.replay.replay import Options, replay
+from drivers.logs.reader import McapRecording
+
+from .fleet import NS, flight_events, write_fleet, write_parts
+
+parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `batch` is not installed")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    fleet = write_fleet(tmp_path_factory.mktemp("fleet"))
+    output = tmp_path_factory.mktemp("dataset")
+    for flight in find_flights([str(fleet)]):
+        assert isinstance(run_task(FlightTask(flight, str(output), BatchOptions(), software())), Outcome)
+    return output
+
+
+def frames_of(path: Path) -> list[int]:
+    with McapRecording(path) as source:
+        return [item.sequence for item in source.messages("depth")]
+
+
+def assert_replays_equally(path: Path) -> int:
+    """The number of compared frames of a clip."""
+    result = replay(path, Options(check=True))
+    assert result.damage is None
+    assert result.comparison is not None
+    assert result.comparison.passed, result.comparison.first
+    assert not result.comparison.only_computed
+    assert not result.comparison.only_logged
+    return result.comparison.compared
+
+
+def test_overlapping_spans_are_joined() -> None:
+    assert merged([(5, 9), (0, 3), (3, 4), (6, 7)]) == [(0, 4), (5, 9)]
+
+
+def test_a_clip_continues_with_the_state_of_the_flight(tmp_path: Path) -> None:
+    (log,) = write_parts(tmp_path, "long", flight_events(4, 2.0))
+    spans = [Span(round(b * NS), round((b + 0.4) * NS), tmp_path / f"clip{b}.mcap") for b in (11.2, 10.5)]
+    assert cut(log, spans) is None
+    for span, first in zip(spans, (12, 5), strict=True):
+        assert assert_replays_equally(span.output) == len(frames_of(span.output)) >= 3
+        assert abs(frames_of(span.output)[0] - first) <= 1
+        with McapRecording(span.output) as clip, McapRecording(log) as source:
+            assert clip.cameras == source.cameras
+            assert clip.run == source.run
+            assert clip.snapshot is not None
+            assert clip.snapshot.cameras[0].HasField("last_t_exposure_ns")
+            keys = {item.key for item in clip.messages()}
+        assert keys == {
+            "run",
+            "camera_info",
+            "calibration",
+            "state",
+            "health",
+            "depth",
+            "attitude",
+            "pose",
+            "decision",
+            "prisms",
+        }
+
+
+def test_a_span_without_messages_gives_no_file(tmp_path: Path) -> None:
+    (log,) = write_parts(tmp_path, "short", flight_events(4, 0.3))
+    assert cut(log, [Span(0, 1, tmp_path / "none.mcap")]) is None
+    assert not (tmp_path / "none.mcap").exists()
+
+
+def test_blindness_of_an_armed_vehicle_is_cut_out(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(
+            [
+                "find",
+                str(dataset),
+                "blind_while_armed",
+                "-o",
+                str(tmp_path),
+                "--before",
+                "0.2",
+                "--after",
+                "0.1",
+                "--json",
+            ]
+        )
+        == 0
+    )
+    report = json.loads(capsys.readouterr().out)
+    (clip,) = report["clips"]
+    assert (clip["vehicle"], clip["flight"]) == ("beta", "20261102-110000")
+    path = Path(clip["clip"])
+    assert set(range(4, 7)) <= set(frames_of(path))
+    assert len(frames_of(path)) < 8
+    assert assert_replays_equally(path) == len(frames_of(path))
+
+
+def test_a_filter_finds_frames_of_the_right_file(dataset: Path, tmp_path: Path) -> None:
+    wanted = '[["flight", "=", "20261101-100000"], ["sequence", "in", [2, 8]]]'
+    assert main(["find", str(dataset), wanted, "-o", str(tmp_path), "--before", "0", "--after", "0.06"]) == 0
+    clips = sorted(tmp_path.glob("*.mcap"))
+    assert [frames_of(clip) for clip in clips] == [[2], [8]]
+    assert [assert_replays_equally(clip) for clip in clips] == [1, 1]
+
+
+def test_the_named_conditions_are_filters_of_existing_columns(dataset: Path) -> None:
+    for name, condition in NAMED.items():
+        assert {column for column, _, _ in condition.filters} <= {c.name for c in TABLES[condition.table]}
+        assert isinstance(find_hits(str(dataset), name), list)
+    assert len(find_hits(str(dataset), "blind")) == 1
+    assert not find_hits(str(dataset), "differs_from_onboard")
+
+
+def test_rows_may_come_from_a_query(dataset: Path, tmp_path: Path) -> None:
+    duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
+    rows = tmp_path / "rows.parquet"
+    frames = f"read_parquet('{dataset}/frames/**/*.parquet', hive_partitioning = true)"
+    duckdb.sql(
+        f"COPY (SELECT vehicle, flight, file, t_exposure_ns FROM {frames} ORDER BY nearest_m LIMIT 2) TO '{rows}'"
+    )
+    hits = find_hits(str(dataset), str(rows))
+    distances = sorted(r["nearest_m"] for r in open_table(str(dataset), "frames").to_table().to_pylist() if r["planes"])
+    table = open_table(str(dataset), "frames").to_table().to_pylist()
+    found = [r["nearest_m"] for h in hits for r in table if (r["flight"], r["t_exposure_ns"]) == (h.flight, h.begin_ns)]
+    assert sorted(found) == distances[:2]
+
+
+@pytest.mark.parametrize(
+    ("condition", "text"),
+    [
+        ("asleep", "not a condition. Give one of blind, blind_while_armed"),
+        ('[["height_m", "<", 3]]', "the table frames has no such column; it has flight, file"),
+        ('[["nearest_m", "near", 3]]', "not a filter of the table frames"),
+        ('[["nearest_m", "<", "far"]]', "not a filter of the table frames"),
+    ],
+)
+def test_a_wrong_condition_is_explained(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], condition: str, text: str
+) -> None:
+    assert main(["find", str(dataset), condition, "-o", str(tmp_path)]) == 1
+    assert text in capsys.readouterr().err
+
+
+def test_a_missing_log_stops_no_other_clip(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flights = open_table(str(dataset), "flights").to_table().to_pylist()
+    gone = Path(next(row for row in flights if row["flight"] == "20261102-110000")["files"][0])
+    kept = gone.rename(tmp_path / "kept")
+    try:
+        wanted = '[["sequence", "=", 5], ["vehicle", "=", "beta"]]'
+        assert main(["find", str(dataset), wanted, "-o", str(tmp_path), "--before", "0", "--after", "0.06"]) == 1
+    finally:
+        kept.rename(gone)
+    assert f"{gone}: no clip" in capsys.readouterr().err
+    assert len(list(tmp_path.glob("*.mcap"))) == 1
