@@ -139,6 +139,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "-c", "--config", type=Path, metavar="FILE", help="use this configuration in place of those in the logs"
     )
+    parser.add_argument(
+        "--compare", nargs=2, metavar=("OUT_A", "OUT_B"), help="compare two results; the report is written to OUT"
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="with --compare: no pictures")
     parser.add_argument("--engine", choices=list(EngineName), default=EngineName.LOCAL, type=EngineName, help="(local)")
     parser.add_argument("--address", metavar="ADDRESS", help="of the Dask scheduler or the Ray cluster")
     parser.add_argument(
@@ -160,6 +164,8 @@ def run(args: argparse.Namespace) -> int:
     from .task import run_task  # late: it imports the kernels
 
     arrow_module()
+    if args.compare is not None:
+        return _compare(args)
     config = load_config(args.config) if args.config is not None else None
     options = BatchOptions(config=config, near_m=args.near, planes=args.planes, logs=args.logs)
     output = args.output if is_url(args.output) else str(Path(args.output).resolve())
@@ -179,6 +185,17 @@ def run(args: argparse.Namespace) -> int:
     if len(report.failed) > _LISTED:
         fail(f"and {len(report.failed) - _LISTED} more flights (--json lists all)")
     return 1 if report.failed else 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from .comparison_report import run_comparison
+
+    if args.inputs:
+        raise ValueError(f"--compare: takes two results and no logs; leave out {args.inputs[0]}")
+    if is_url(args.output):
+        raise ValueError(f"{args.output}: the report of a comparison is written into a local folder; give -o one")
+    a, b = (text if is_url(text) else str(Path(text).resolve()) for text in args.compare)
+    return run_comparison(a, b, Path(args.output), not args.no_pictures, args.json)
 
 
 def _print_report(report: BatchReport, output: str) -> None:

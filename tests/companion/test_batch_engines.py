@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from companion.batch.dask_engine import DaskEngine
 from companion.batch.engines import ATTEMPTS, Done
 from companion.batch.flights import Flight
 from companion.batch.jobs import BatchOptions, Failure, FlightTask, Outcome
 from companion.batch.local_engine import LocalEngine
+from companion.batch.ray_engine import RayEngine
+from drivers.base import DeviceNotFound
 
 from .batch_processes import always_killed, defective, killed_at_first
 from .fleet import flight_events, write_fleet, write_parts
@@ -89,3 +94,60 @@ def test_a_killed_command_continues_where_it_stopped(tmp_path: Path) -> None:
     subprocess.run(batch_command(fleet, output), check=True, timeout=PATIENCE_S)
     assert files_of(output) == files_of(tmp_path / "whole")
     assert Counter(name.split("/")[0] for name in files_of(output)) == {"frames": 7, "flights": 7, "events": 7}
+
+
+@pytest.fixture
+def dask_cluster() -> Iterator[str]:
+    """The address of a scheduler with two workers, each a process with one thread."""
+    distributed = pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.process
+def test_dask_starts_the_tasks_of_a_killed_worker_again(dask_cluster: str, tmp_path: Path) -> None:
+    done = by_name(list(DaskEngine(dask_cluster, killed_at_first).run(tasks_of(tmp_path, 4))))
+    assert len(done) == 4
+    assert all(isinstance(d.result, Outcome) for d in done.values())
+    starts = {name: len((tmp_path / name).read_text().split()) for name in done}
+    assert all(starts[f"flight{k}"] >= 1 + k % 2 for k in range(4))
+
+
+@pytest.mark.slow
+def test_dask_computes_the_same_files(dask_cluster: str, tmp_path: Path) -> None:
+    fleet = write_fleet(tmp_path / "fleet")
+    subprocess.run(batch_command(fleet, tmp_path / "local"), check=True, timeout=PATIENCE_S)
+    more = ("--engine", "dask", "--address", dask_cluster)
+    subprocess.run(batch_command(fleet, tmp_path / "dask", *more), check=True, timeout=PATIENCE_S)
+    assert files_of(tmp_path / "dask") == files_of(tmp_path / "local")
+
+
+def test_a_dask_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    monkeypatch.setattr("companion.batch.dask_engine._CONNECT_S", 0.2)
+    with pytest.raises(DeviceNotFound, match="tcp://127.0.0.1:9: no Dask scheduler answers"):
+        list(DaskEngine("tcp://127.0.0.1:9", defective).run([]))
+
+
+@pytest.mark.slow
+def test_ray_starts_the_tasks_of_a_killed_worker_again_and_computes_the_same_files(tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray", reason="the extra `ray` is not installed")
+    cluster_utils = pytest.importorskip("ray.cluster_utils")
+    cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+    try:
+        done = by_name(list(RayEngine(cluster.address, killed_at_first).run(tasks_of(tmp_path, 4))))
+        assert len(done) == 4
+        assert all(isinstance(d.result, Outcome) for d in done.values()), done
+        failed = by_name(list(RayEngine(cluster.address, always_killed).run(tasks_of(tmp_path, 2))))["flight1"]
+        assert isinstance(failed.result, Failure)
+        assert "give the workers more memory" in failed.result.text
+        fleet = write_fleet(tmp_path / "fleet")
+        subprocess.run(batch_command(fleet, tmp_path / "local"), check=True, timeout=PATIENCE_S)
+        more = ("--engine", "ray", "--address", cluster.address)
+        subprocess.run(batch_command(fleet, tmp_path / "ray", *more), check=True, timeout=PATIENCE_S)
+        assert files_of(tmp_path / "ray") == files_of(tmp_path / "local")
+    finally:
+        ray.shutdown()
+        cluster.shutdown()

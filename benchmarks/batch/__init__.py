@@ -1,0 +1,1 @@
+"""Simulated fleets, and what `companion batch` takes for them."""

@@ -1,0 +1,92 @@
+"""Pictures of a comparison: an overview of the fleet, and a time line of each flight to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from drivers.base import DeviceNotFound
+from drivers.optional_library import install_command
+
+from .comparison import FlightDifference, PairedFrames
+
+_A, _B, _LOST, _NEW, _BLIND = "#1565c0", "#ef6c00", "#c62828", "#6a1b9a", "#9e9e9e"
+_DPI: Final = 100
+
+
+def _figure(width_in: float, height_in: float) -> Any:
+    """A figure without a window. Raises DeviceNotFound without matplotlib."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise DeviceNotFound(
+            f"pictures need matplotlib: run {install_command('osape-companion[batch]')}, or give --no-pictures"
+        ) from error
+    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _save(figure: Any, path: Path) -> None:
+    figure.savefig(path, dpi=_DPI, metadata={"Software": "osape-companion"})
+
+
+def draw_overview(flights: Sequence[FlightDifference], path: Path) -> None:
+    """Four panels: planes per frame, blind time, lost and new obstacles, changed frames."""
+    figure = _figure(11.0, 8.0)
+    planes, blind, obstacles, changed = figure.subplots(2, 2).ravel()
+    mean_a = [f.planes_a / max(1, f.valid_a) for f in flights]
+    mean_b = [f.planes_b / max(1, f.valid_b) for f in flights]
+    _scatter(planes, mean_a, mean_b, "planes per valid frame")
+    _scatter(blind, [f.blind_s_a for f in flights], [f.blind_s_b for f in flights], "blind time, s")
+    frames = np.array([max(1, f.frames) for f in flights], float)
+    for values, color, label in (
+        ([f.missed for f in flights], _LOST, "missed: nearest plane lost or farther in B"),
+        ([f.phantom for f in flights], _NEW, "phantom: nearest plane new or nearer in B"),
+    ):
+        obstacles.plot(100.0 * np.sort(np.array(values) / frames)[::-1], color=color, label=label)
+    obstacles.set(title="missed and phantom obstacles", xlabel="flights, sorted", ylabel="% of frames")
+    obstacles.legend(fontsize=8)
+    changed.hist(100.0 * np.array([f.changed for f in flights]) / frames, bins=20, range=(0, 100), color=_B)
+    changed.set(title="frames whose result changed", xlabel="% of frames", ylabel="flights")
+    _save(figure, path)
+
+
+def _scatter(axes: Any, a: Sequence[float], b: Sequence[float], title: str) -> None:
+    most = max([*a, *b, 1e-3]) * 1.05
+    axes.plot([0, most], [0, most], color=_BLIND, linewidth=1)
+    axes.scatter(a, b, s=14, color=_B, alpha=0.7)
+    axes.set(title=title, xlabel="A", ylabel="B", xlim=(0, most), ylim=(0, most))
+
+
+def draw_flight(flight: FlightDifference, frames: PairedFrames, path: Path) -> None:
+    """The distance of the nearest plane and the number of planes over time, with marks where the answer changed."""
+    figure = _figure(11.0, 6.0)
+    near, planes = figure.subplots(2, 1, sharex=True)
+    t_ns = np.array([row["t_exposure_ns"] for row in frames.a], np.int64)
+    t_s = (t_ns - t_ns[0]) / 1e9 if len(t_ns) else np.zeros(0)
+    for rows, color, label in ((frames.a, _A, "A"), (frames.b, _B, "B")):
+        near.plot(t_s, _column(rows, "nearest_m"), color=color, label=f"{label}: nearest plane", linewidth=1.2)
+        planes.plot(t_s, _column(rows, "planes"), color=color, label=f"{label}: planes", linewidth=1.0)
+        blind = t_s[[not row["valid"] for row in rows]]
+        planes.plot(blind, np.zeros(len(blind)), "|", color=color, markersize=12, label=f"{label}: blind")
+    for kinds, color, label in (
+        (("missed", "newly_blind"), _LOST, "missed or newly blind"),
+        (("phantom", "newly_valid"), _NEW, "phantom or newly valid"),
+    ):
+        at = t_s[[kind in kinds for kind in frames.kinds]]
+        near.plot(at, np.full(len(at), 0.0), "^", color=color, label=f"{label}: {len(at)}", markersize=6)
+    near.set(ylabel="m", title=f"{flight.vehicle}/{flight.flight}: {flight.changed} of {flight.frames} frames changed")
+    planes.set(ylabel="planes", xlabel="s of the flight")
+    for axes in (near, planes):
+        axes.legend(fontsize=8, loc="upper right")
+        axes.set_ylim(bottom=-0.5)
+    _save(figure, path)
+
+
+def _column(rows: Sequence[dict[str, Any]], name: str) -> Any:
+    return np.array([np.nan if row[name] is None else row[name] for row in rows], float)
