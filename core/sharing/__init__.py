@@ -1,0 +1,1 @@
+"""Obstacles shared between vehicles: messages, frames of reference, and what neighbours have reported."""

@@ -1,0 +1,119 @@
+"""What vehicles tell each other, as typed values in the sender's local frame (north-east-down, metres)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import PlaneFlags, readonly
+
+SHARED_FLAGS = PlaneFlags.INFERRED | PlaneFlags.UNKNOWN_BEHIND | PlaneFlags.CUT_LEFT | PlaneFlags.IRREGULAR
+"""The flags that are sent. CUT_LEFT stands for either end."""
+
+
+class PacketError(ValueError):
+    """A packet that cannot be decoded, or values that cannot be encoded. `code`: snake_case, for counters."""
+
+    def __init__(self, code: str, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SharedPlanes:
+    """N planes of one sender. ids: (N,) uint16, the sender's number of each; box: (N, 6) float64 a_x, a_y, b_x, b_y, top,
+    bottom; margin_m: (N,) float64; flags: (N,) uint8 of SHARED_FLAGS; age_s: (N,) float64 since the newest observation."""
+
+    ids: NDArray[np.uint16]
+    box: NDArray[np.float64]
+    margin_m: NDArray[np.float64]
+    flags: NDArray[np.uint8]
+    age_s: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        n, put = len(self.ids), object.__setattr__
+        put(self, "ids", readonly(self.ids, np.uint16, (n,), "ids"))
+        put(self, "box", readonly(self.box, np.float64, (n, 6), "box"))
+        put(self, "margin_m", readonly(self.margin_m, np.float64, (n,), "margin_m"))
+        put(self, "flags", readonly(self.flags, np.uint8, (n,), "flags"))
+        put(self, "age_s", readonly(self.age_s, np.float64, (n,), "age_s"))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def part(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> SharedPlanes:
+        """Some of the planes."""
+        return SharedPlanes(
+            ids=self.ids[rows], box=self.box[rows], margin_m=self.margin_m[rows], flags=self.flags[rows], age_s=self.age_s[rows]
+        )  # fmt: skip
+
+    @classmethod
+    def empty(cls) -> SharedPlanes:
+        """No plane."""
+        none = np.zeros(0)
+        return cls(
+            ids=np.zeros(0, np.uint16), box=np.zeros((0, 6)), margin_m=none, flags=np.zeros(0, np.uint8), age_s=none
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SharedMover:
+    """A moving obstacle. centre_m, half_size_m: of its box; velocity_m_s: horizontal; sigma_m, sigma_m_s: standard
+    deviations of position and velocity on each axis; age_s: since its newest observation."""
+
+    id: int
+    centre_m: tuple[float, float, float]
+    half_size_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float]
+    sigma_m: float
+    sigma_m_s: float
+    age_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalFrame:
+    """The local frame of a vehicle. latitude_deg, longitude_deg, altitude_m: its origin, WGS-84; yaw_rad: of its x axis,
+    clockwise from true north; sigma_m: of the origin on each horizontal axis; sigma_z_m; sigma_yaw_rad."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    yaw_rad: float = 0.0
+    sigma_m: float = 3.0
+    sigma_z_m: float = 3.0
+    sigma_yaw_rad: float = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleState:
+    """The vehicle itself: its frame, its position and velocity in it, and the radius of a ball that contains it."""
+
+    frame: LocalFrame
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """Of each packet. vehicle: 1..255; stream: of one start of the sender, larger than that of each earlier start; sent_ms:
+    time since that start, larger than that of each earlier packet; section: number of the sender's frame, which changes when
+    its position jumps."""
+
+    vehicle: int
+    stream: int
+    sent_ms: int
+    section: int
+
+
+Content = VehicleState | SharedPlanes | tuple[SharedMover, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packet:
+    """One packet."""
+
+    header: Header
+    content: Content

@@ -1,0 +1,186 @@
+"""Packets between vehicles: what is decoded contains what was encoded, and damage is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.sharing.packet_codec import (
+    MOVERS_PER_TUNNEL,
+    OVERHEAD_BYTES,
+    PLANES_PER_TUNNEL,
+    TUNNEL_BYTES,
+    anchor_of,
+    decoded,
+    movers_packet,
+    planes_packet,
+    state_packet,
+)
+from core.sharing.plane_codec import PLACE_ERROR_M, PLANE_BYTES
+from core.sharing.records import Header, LocalFrame, PacketError, SharedMover, SharedPlanes, VehicleState
+from core.sharing.steps import AGES_S, HEIGHT_M, MARGIN_M
+from core.types import PlaneFlags
+
+HEADER = Header(vehicle=7, stream=1_700_000_000, sent_ms=123_456, section=3)
+
+
+def planes(*rows: tuple[float, ...], margin_m: float = 0.1, flags: int = 0, age_s: float = 0.2) -> SharedPlanes:
+    n = len(rows)
+    return SharedPlanes(
+        ids=np.arange(n, dtype=np.uint16), box=np.array(rows, np.float64).reshape(n, 6), margin_m=np.full(n, margin_m),
+        flags=np.full(n, flags, np.uint8), age_s=np.full(n, age_s),
+    )  # fmt: skip
+
+
+near = st.floats(-300.0, 300.0)
+box = st.tuples(near, near, near, near, st.floats(-150.0, 150.0), st.floats(0.05, 280.0)).map(
+    lambda b: (*b[:5], b[4] + b[5])
+)
+
+
+@given(box, st.floats(0.0, 9.0), st.integers(0, 127), st.floats(0.0, 5000.0))
+def test_a_decoded_plane_contains_the_encoded_one(
+    b: tuple[float, ...], margin_m: float, flags: int, age_s: float
+) -> None:
+    if math.dist(b[:2], b[2:4]) < 0.05:
+        return
+    sent = planes(b, margin_m=margin_m, flags=flags, age_s=age_s)
+    data = planes_packet(HEADER, sent, (0.0, 0.0, 0.0))
+    assert len(data) == OVERHEAD_BYTES + PLANE_BYTES
+    packet = decoded(data)
+    got = packet.content
+    assert packet.header == HEADER
+    assert isinstance(got, SharedPlanes)
+    moved_m = max(math.dist(got.box[0, :2], b[:2]), math.dist(got.box[0, 2:4], b[2:4]))
+    assert moved_m <= PLACE_ERROR_M + 1e-6
+    assert got.margin_m[0] >= margin_m + moved_m - 1e-6
+    assert got.margin_m[0] <= margin_m + PLACE_ERROR_M + (0.05 if margin_m < 1.55 else 0.25) + 1e-6
+    assert b[4] - 0.1 - 1e-6 <= got.box[0, 4] <= b[4] + 1e-6
+    assert b[5] - 1e-6 <= got.box[0, 5] <= b[5] + 0.6 + 1e-6
+    assert got.age_s[0] >= age_s
+
+
+@given(st.integers(0, 127))
+def test_flags_of_a_plane(flags: int) -> None:
+    got = decoded(planes_packet(HEADER, planes((0, 0, 4, 0, -3, 0), flags=flags), (0.0, 0.0, 0.0))).content
+    assert isinstance(got, SharedPlanes)
+    cut = PlaneFlags.CUT_LEFT if flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT) else PlaneFlags(0)
+    kept = PlaneFlags(flags) & (PlaneFlags.INFERRED | PlaneFlags.UNKNOWN_BEHIND | PlaneFlags.IRREGULAR)
+    assert got.flags[0] == kept | cut
+
+
+@pytest.mark.parametrize(
+    ("row", "margin_m"),
+    [
+        ((0, 0, 400, 0, -3, 0), 0.1),  # longer than the range of one anchor
+        ((0, 0, 4, 0, -3, 0), 9.5),
+        ((0, 0, 4, 0, -400, 0), 0.1),
+        ((0, 0, 0, 0, -3, 0), 0.1),  # no length
+        ((0, 0, 4, 0, 0, -3), 0.1),  # top below bottom
+        ((0, 0, math.nan, 0, -3, 0), 0.1),
+        ((0, 0, 4, 0, -3, 0), math.inf),
+        ((0, 0, 4, 0, -3, 0), -1.0),
+    ],
+)
+def test_a_plane_that_would_be_made_smaller_is_refused(row: tuple[float, ...], margin_m: float) -> None:
+    with pytest.raises(PacketError) as refused:
+        planes_packet(HEADER, planes(row, margin_m=margin_m), (0.0, 0.0, 0.0))
+    assert refused.value.code == "plane_unencodable"
+
+
+def test_a_tunnel_message_holds_eight_planes_or_seven_movers() -> None:
+    assert (PLANES_PER_TUNNEL, MOVERS_PER_TUNNEL, PLANE_BYTES) == (8, 7, 14)
+    far = [(5000.0 + k, -9000.0, 5020.0, -9000.0, -40.0, -30.0) for k in range(8)]
+    data = planes_packet(HEADER, planes(*far), anchor_of(5000.0, -9000.0, -40.0))
+    assert len(data) == TUNNEL_BYTES
+    got = decoded(data).content
+    assert isinstance(got, SharedPlanes)
+    assert np.abs(got.box - far).max() <= 0.11
+
+
+coordinate = st.floats(-600.0, 600.0)
+
+
+@given(
+    st.tuples(coordinate, coordinate, coordinate), st.tuples(*[st.floats(0.0, 25.0)] * 3),
+    st.tuples(*[st.floats(-31.0, 31.0)] * 2), st.floats(0.0, 12.0), st.floats(0.0, 25.0), st.floats(0.0, 12.0),
+)  # fmt: skip
+def test_a_decoded_mover_contains_the_encoded_one(
+    centre: tuple[float, float, float], half: tuple[float, float, float], velocity: tuple[float, float], sigma: float,
+    speed_sigma: float, age_s: float,
+) -> None:  # fmt: skip
+    sent = SharedMover(
+        id=9, centre_m=centre, half_size_m=half, velocity_m_s=velocity, sigma_m=sigma, sigma_m_s=speed_sigma, age_s=age_s
+    )  # fmt: skip
+    (got,) = decoded(movers_packet(HEADER, (sent,), (0.0, 0.0, 0.0))).content  # type: ignore[misc]
+    for c, h, d, e in zip(centre, half, got.centre_m, got.half_size_m, strict=True):
+        assert d - e <= c - h + 1e-6
+        assert d + e >= c + h - 1e-6
+        assert e <= h + 0.12
+    assert all(abs(a - b) <= 0.125 + 1e-9 for a, b in zip(velocity, got.velocity_m_s, strict=True))
+    assert sigma - 1e-6 <= got.sigma_m <= sigma + 0.05 + 1e-6
+    assert speed_sigma + 0.125 <= got.sigma_m_s + 1e-6
+    assert age_s - 1e-6 <= got.age_s <= age_s + 0.05 + 1e-6
+
+
+def test_a_state_survives() -> None:
+    frame = LocalFrame(
+        latitude_deg=47.3977419, longitude_deg=-8.5455938, altitude_m=488.0, yaw_rad=-0.31, sigma_m=1.5, sigma_z_m=2.0,
+        sigma_yaw_rad=0.04,
+    )  # fmt: skip
+    sent = VehicleState(frame=frame, position_m=(1234.56, -77.0, -20.5), velocity_m_s=(3.0, -1.0, 0.5), radius_m=0.35)
+    data = state_packet(HEADER, sent)
+    got = decoded(data).content
+    assert len(data) <= 52
+    assert isinstance(got, VehicleState)
+    assert got.frame.latitude_deg == pytest.approx(frame.latitude_deg, abs=6e-8)
+    assert got.frame.yaw_rad == pytest.approx(frame.yaw_rad, abs=1e-4)
+    assert got.position_m == pytest.approx(sent.position_m, abs=0.06)
+    assert got.velocity_m_s == pytest.approx(sent.velocity_m_s, abs=0.01)
+    assert got.radius_m >= sent.radius_m
+
+
+@given(st.binary(max_size=200))
+def test_noise_is_refused_or_decoded_to_finite_numbers(data: bytes) -> None:
+    _refused_or_finite(data)
+
+
+@given(st.binary(min_size=1, max_size=130), st.sampled_from([0x11, 0x12, 0x13]))
+def test_noise_behind_a_true_first_byte(data: bytes, first: int) -> None:
+    _refused_or_finite(bytes([first]) + data)
+
+
+@given(st.integers(0, 10_000))
+def test_a_truncated_packet_is_refused(cut: int) -> None:
+    data = planes_packet(HEADER, planes((0, 0, 4, 0, -3, 0), (1, 1, 5, 2, -3, 0)), (0.0, 0.0, 0.0))
+    length = cut % len(data)
+    if length - OVERHEAD_BYTES == PLANE_BYTES:
+        return  # a shorter packet of its own right; the transport checks the length
+    with pytest.raises(PacketError):
+        decoded(data[:length])
+
+
+def _refused_or_finite(data: bytes) -> None:
+    try:
+        content = decoded(data).content
+    except PacketError:
+        return
+    if isinstance(content, SharedPlanes):
+        assert np.isfinite(content.box).all()
+        assert np.isfinite(content.margin_m).all()
+        assert (content.box[:, 5] > content.box[:, 4]).all()
+    elif isinstance(content, VehicleState):
+        assert abs(content.frame.latitude_deg) <= 90.0
+
+
+def test_steps_round_up() -> None:
+    for steps in (MARGIN_M, HEIGHT_M):
+        values = [steps.value(code) for code in range(steps.codes)]
+        assert values == sorted(values)
+        assert [steps.code_up(value) for value in values] == list(range(steps.codes))
+        assert steps.code_up(steps.largest + 0.01) >= steps.codes
+    assert len(AGES_S) == 16
