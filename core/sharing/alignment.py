@@ -1,0 +1,245 @@
+"""Where a neighbour's frame lies, by planes that both vehicles have observed: a rigid fit of x, y, z and yaw.
+
+1. The neighbour's planes are shifted and turned on a grid around the place by position, and compared with the own ones
+   (`correlation.py`).
+2. The best shift is refined by least squares: samples of the neighbour's planes to the lines of the own planes, Huber weights.
+3. Heights follow from tops and bottoms of matched planes, where enough agree.
+4. The fit is refused when too little matches, when what overlaps does not agree, when another shift fits almost as well, when
+   the planes do not fix it in every direction, or when it contradicts the position."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codes import Code
+from .correlation import best_shift
+from .placement import Floats, Placement
+
+SAMPLE_M = 0.5
+"""Distance of the samples along planes."""
+GATE_M, LAST_GATE_M = 1.2, 0.5
+"""Greatest distance of a sample to its line in the first and in the last steps."""
+OVERLAP_M = 1.5
+"""Samples with a parallel own plane within this distance should match."""
+PARALLEL_RAD = math.radians(15.0)
+STEPS = 12
+HUBER_M = 0.15
+LEAST_MATCHED_M = 8.0
+LEAST_MATCHED_PLANES = 3
+LEAST_AGREEING = 0.6
+"""Of the overlapping length, this share must match."""
+NOISE_M = 0.2
+"""Of one sample; neighbouring samples of a plane are not independent, which it includes."""
+MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.25, math.radians(0.8)
+POSITION_SIGMAS = 4.0
+Z_TOLERANCE_M, LEAST_HEIGHTS, LEAST_HEIGHT_SHARE = 0.3, 4, 0.35
+MOST_PLANES = 120
+LEAST_LENGTH_M = 0.8
+
+
+class FitResult(Code):
+    """Why a fit is refused. ACCEPTED: it is not."""
+
+    ACCEPTED = "accepted", "the frames are aligned by planes of both vehicles"
+    TOO_LITTLE = "too_little", "too few planes in common"
+    AMBIGUOUS = "ambiguous", "another place fits almost as well"
+    INCONSISTENT = "inconsistent", "planes in the common area do not agree"
+    UNOBSERVABLE = "unobservable", "the common planes do not fix the place in every direction"
+    AGAINST_POSITION = "against_position", "the fit contradicts the positions"
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """placement: refined where result is ACCEPTED, otherwise that by position. matched_m: length of matched planes; rms_m: of
+    their distances."""
+
+    result: FitResult
+    placement: Placement
+    matched_m: float = 0.0
+    rms_m: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class _Segments:
+    """Ends a, b (N, 2), direction (N, 2), length (N,), top and bottom (N,)."""
+
+    a: Floats
+    b: Floats
+    along: Floats
+    length: Floats
+    heights: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class _Samples:
+    """Points (S, 2) about the pivot, their direction (S, 2) and plane (S,)."""
+
+    points: Floats
+    along: Floats
+    plane: NDArray[np.intp]
+
+
+def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
+    """The fit. other_box: (M, 6) planes in the other frame; own_box: (N, 6) in the own one; prior: by position."""
+    reach_m = 3.0 * prior.sigma_m + 1.0
+    pivot = np.array([*prior.pivot_m[:2], *prior.pivot_m[:2], prior.pivot_m[2], prior.pivot_m[2]])
+    own, other = _segments(own_box), _segments(other_box - pivot)
+    other = _overlapping(other, own, prior, reach_m)
+    if len(own.length) < LEAST_MATCHED_PLANES or len(other.length) < LEAST_MATCHED_PLANES:
+        return Fit(FitResult.TOO_LITTLE, prior)
+    samples, own_samples = _samples(other), _samples(own)
+    start, rival = best_shift(
+        samples.points, samples.along, own_samples.points, own_samples.along, (*prior.at_m[:2], prior.yaw_rad), reach_m,
+        3.0 * prior.sigma_yaw_rad,
+    )  # fmt: skip
+    solution = _refined(samples, own, start)
+    if solution is None:
+        return Fit(FitResult.TOO_LITTLE, prior)
+    (x, y, yaw), info, gap_m, nearest, matched = solution
+    matched_m, rms_m = SAMPLE_M * int(matched.sum()), float(np.sqrt(np.mean(gap_m[matched] ** 2)))
+    result = _judged(samples, own, (x, y, yaw), matched, info, rival)
+    moved_m = math.hypot(x - prior.at_m[0], y - prior.at_m[1])
+    turned_rad = abs(math.remainder(yaw - prior.yaw_rad, math.tau))
+    if result is FitResult.ACCEPTED and (
+        moved_m > POSITION_SIGMAS * prior.sigma_m or turned_rad > POSITION_SIGMAS * prior.sigma_yaw_rad
+    ):
+        result = FitResult.AGAINST_POSITION
+    if result is not FitResult.ACCEPTED:
+        return Fit(result, prior, matched_m, rms_m)
+    covariance = np.linalg.inv(info)
+    z_m, sigma_z_m = _height(other, own, samples.plane[matched], nearest[matched], prior)
+    placement = replace(
+        prior, yaw_rad=yaw, at_m=(x, y, z_m), sigma_m=math.sqrt(max(covariance[0, 0], covariance[1, 1])),
+        sigma_z_m=sigma_z_m, sigma_yaw_rad=math.sqrt(covariance[2, 2]), refined=True,
+    )  # fmt: skip
+    return Fit(FitResult.ACCEPTED, placement, matched_m, rms_m)
+
+
+def agree(a: Placement, b: Placement) -> bool:
+    """Whether two fits of the same frame say the same, to 0.4 m and 1.2 degrees."""
+    there = a.points(np.array([b.pivot_m]))[0] - np.array(b.at_m)
+    turned = abs(math.remainder(a.yaw_rad - b.yaw_rad, math.tau))
+    return math.hypot(there[0], there[1]) <= 0.4 and turned <= math.radians(1.2)
+
+
+def _segments(box: Floats) -> _Segments:
+    """The longest planes of finite size."""
+    length = np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1])
+    good = np.flatnonzero(np.isfinite(box).all(axis=1) & (length >= LEAST_LENGTH_M))
+    good = np.sort(good[np.argsort(-length[good], kind="stable")[:MOST_PLANES]])
+    a, b, size = box[good, 0:2], box[good, 2:4], length[good]
+    return _Segments(a, b, (b - a) / size[:, None], size, box[good, 4:6])
+
+
+def _overlapping(other: _Segments, own: _Segments, prior: Placement, reach_m: float) -> _Segments:
+    """The planes of the other that may have been observed here, too."""
+    if not len(own.length) or not len(other.length):
+        return other
+    c, s = math.cos(prior.yaw_rad), math.sin(prior.yaw_rad)
+    R = np.array([[c, s], [-s, c]])
+    low = np.minimum(own.a, own.b).min(axis=0) - reach_m
+    high = np.maximum(own.a, own.b).max(axis=0) + reach_m
+    ends = [end @ R + np.array(prior.at_m[:2]) for end in (other.a, other.b)]
+    near = (np.maximum(*ends) >= low).all(axis=1) & (np.minimum(*ends) <= high).all(axis=1)
+    return _Segments(other.a[near], other.b[near], other.along[near], other.length[near], other.heights[near])
+
+
+def _samples(segments: _Segments) -> _Samples:
+    """Points along all planes, at least two on each."""
+    count = np.maximum(2, np.ceil(segments.length / SAMPLE_M).astype(int))
+    plane = np.repeat(np.arange(len(count)), count)
+    share = np.concatenate([(np.arange(n) + 0.5) / n for n in count])
+    points = segments.a[plane] + share[:, None] * (segments.b - segments.a)[plane]
+    return _Samples(points, segments.along[plane], plane)
+
+
+def _refined(
+    samples: _Samples, own: _Segments, start: tuple[float, float, float]
+) -> tuple[tuple[float, float, float], Floats, Floats, NDArray[np.intp], NDArray[np.bool_]] | None:
+    """(x, y, yaw), information matrix (3, 3), distances, nearest own plane and match of each sample; None: too little."""
+    x, y, yaw = start
+    info = np.zeros((3, 3))
+    for step in range(STEPS):
+        gate_m = GATE_M if step < STEPS // 2 else LAST_GATE_M
+        p, gap_m, nearest, near = _matches(samples, own, (x, y, yaw), gate_m)
+        if SAMPLE_M * int(near.sum()) < LEAST_MATCHED_M or len(np.unique(samples.plane[near])) < LEAST_MATCHED_PLANES:
+            return None
+        normal = np.column_stack([-own.along[nearest, 1], own.along[nearest, 0]])[near]
+        arm = p[near] - np.array([x, y])
+        J = np.column_stack([normal, normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]])
+        weight = np.minimum(1.0, HUBER_M / np.maximum(np.abs(gap_m[near]), 1e-9))
+        info = (J * weight[:, None]).T @ J / NOISE_M**2
+        if np.linalg.cond(info) > 1e7:
+            return (x, y, yaw), info, gap_m, nearest, near
+        dx, dy, dyaw = np.linalg.solve(info, -(J * weight[:, None]).T @ gap_m[near] / NOISE_M**2).tolist()
+        x, y, yaw = x + dx, y + dy, yaw + dyaw
+    _, gap_m, nearest, near = _matches(samples, own, (x, y, yaw), LAST_GATE_M)
+    if not near.any():
+        return None
+    return (x, y, math.remainder(yaw, math.tau)), info, gap_m, nearest, near
+
+
+def _matches(
+    samples: _Samples, own: _Segments, place: tuple[float, float, float], gate_m: float
+) -> tuple[Floats, Floats, NDArray[np.intp], NDArray[np.bool_]]:
+    """Samples (S, 2) in the own frame, signed distance of each to the nearest parallel own plane, that plane, and whether it is
+    within the gate."""
+    x, y, yaw = place
+    c, s = math.cos(yaw), math.sin(yaw)
+    R = np.array([[c, s], [-s, c]])
+    p, along = samples.points @ R + np.array([x, y]), samples.along @ R
+    off = p[:, None, :] - own.a[None]
+    t = (off * own.along[None]).sum(axis=2)
+    gap = off[:, :, 1] * own.along[None, :, 0] - off[:, :, 0] * own.along[None, :, 1]
+    beside = np.maximum(0.0, np.maximum(-t, t - own.length[None]))
+    cost = np.hypot(gap, 2.0 * beside)
+    cost[along @ own.along.T < math.cos(PARALLEL_RAD)] = np.inf
+    nearest = np.argmin(cost, axis=1)
+    rows = np.arange(len(p))
+    near = (cost[rows, nearest] < gate_m) & (beside[rows, nearest] <= 0.3)
+    return p, gap[rows, nearest], nearest, near
+
+
+def _judged(
+    samples: _Samples,
+    own: _Segments,
+    place: tuple[float, float, float],
+    matched: NDArray[np.bool_],
+    info: Floats,
+    rival: float,
+) -> FitResult:
+    """rival: score of the second best shift, as a share of the best."""
+    if SAMPLE_M * int(matched.sum()) < LEAST_MATCHED_M or len(np.unique(samples.plane[matched])) < LEAST_MATCHED_PLANES:
+        return FitResult.TOO_LITTLE
+    *_, overlapping = _matches(samples, own, place, OVERLAP_M)
+    if matched.sum() < LEAST_AGREEING * overlapping.sum():
+        return FitResult.INCONSISTENT
+    values, _ = np.linalg.eigh(info)
+    if values[0] <= 0.0:
+        return FitResult.UNOBSERVABLE
+    covariance = np.linalg.inv(info)
+    worst_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    if worst_m > MAX_SIGMA_M or math.sqrt(covariance[2, 2]) > MAX_SIGMA_YAW_RAD:
+        return FitResult.UNOBSERVABLE
+    return FitResult.AMBIGUOUS if rival > 0.85 else FitResult.ACCEPTED
+
+
+def _height(
+    other: _Segments, own: _Segments, other_rows: NDArray[np.intp], own_rows: NDArray[np.intp], prior: Placement
+) -> tuple[float, float]:
+    """(z, its standard deviation): the difference on which most tops and bottoms agree, otherwise that by position."""
+    pairs = np.unique(np.column_stack([other_rows, own_rows]), axis=0)
+    difference = (own.heights[pairs[:, 1]] - other.heights[pairs[:, 0]]).ravel()
+    difference = difference[np.abs(difference - prior.at_m[2]) <= POSITION_SIGMAS * prior.sigma_z_m]
+    if len(difference) < LEAST_HEIGHTS:
+        return prior.at_m[2], prior.sigma_z_m
+    close = np.abs(difference[:, None] - difference[None]) <= Z_TOLERANCE_M
+    best = int(np.argmax(close.sum(axis=1)))
+    support = close[best]
+    if support.sum() < max(LEAST_HEIGHTS, LEAST_HEIGHT_SHARE * len(difference)):
+        return prior.at_m[2], prior.sigma_z_m
+    return float(np.median(difference[support])), Z_TOLERANCE_M / 2.0

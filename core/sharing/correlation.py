@@ -1,0 +1,90 @@
+"""The shift and turn at which samples of planes lie best on other planes: search on a grid (correlative scan matching,
+Olson 2009), with the direction of the planes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+CELL_M = 0.5
+TURN_RAD = math.radians(1.0)
+SPREAD_M = 0.5
+"""Width of the score around a plane, standard deviation."""
+DIRECTIONS = 12
+RIVAL_M = 2.5
+"""A second place counts as another one from this distance on."""
+MOST_SAMPLES = 250
+
+
+def best_shift(
+    points: Floats,
+    along: Floats,
+    own_points: Floats,
+    own_along: Floats,
+    prior: tuple[float, float, float],
+    reach_m: float,
+    reach_rad: float,
+) -> tuple[tuple[float, float, float], float]:
+    """((x, y, yaw), score of the best other place as a share of the best). points, along: (S, 2) samples and directions of
+    their planes; own_points, own_along: those they are to lie on; prior: middle of the search. The same input gives the same result."""
+    step = max(1, math.ceil(len(points) / MOST_SAMPLES))
+    points, along = points[::step], along[::step]
+    cells = math.ceil(reach_m / CELL_M)
+    turns = np.arange(-math.ceil(reach_rad / TURN_RAD), math.ceil(reach_rad / TURN_RAD) + 1) * TURN_RAD
+    turned = [_turned(points, along, prior[2] + turn) for turn in turns]
+    low = np.floor((np.min([p.min(axis=0) for p, _ in turned], axis=0) + prior[:2]) / CELL_M).astype(int) - cells - 2
+    high = np.ceil((np.max([p.max(axis=0) for p, _ in turned], axis=0) + prior[:2]) / CELL_M).astype(int) + cells + 2
+    fields = _fields(own_points, own_along, low, high)
+    scores = np.stack([_scores(fields, p + np.array(prior[:2]), d, low, cells) for p, d in turned])
+    k, i, j = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    best = float(scores[k, i, j])
+    place = prior[0] + (i - cells) * CELL_M, prior[1] + (j - cells) * CELL_M, prior[2] + float(turns[k])
+    ii, jj = np.indices(scores.shape[1:])
+    far = np.hypot(ii - i, jj - j) * CELL_M > RIVAL_M
+    rival = float(scores[:, far].max()) if far.any() else 0.0
+    return place, rival / best if best > 0.0 else 1.0
+
+
+def _turned(points: Floats, along: Floats, yaw_rad: float) -> tuple[Floats, Floats]:
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    R = np.array([[c, s], [-s, c]])
+    return points @ R, along @ R
+
+
+def _direction(along: Floats) -> NDArray[np.intp]:
+    """The bin of each direction."""
+    angle = np.arctan2(along[:, 1], along[:, 0])
+    return np.rint(angle * DIRECTIONS / math.tau).astype(int) % DIRECTIONS
+
+
+def _fields(points: Floats, along: Floats, low: NDArray[np.int_], high: NDArray[np.int_]) -> Floats:
+    """(DIRECTIONS, X, Y) score of a sample in each cell, by its direction; neighbouring directions count, too."""
+    fields = np.zeros((DIRECTIONS, *(high - low)))
+    cell = np.floor(points / CELL_M).astype(int)
+    reach = math.ceil(2.0 * SPREAD_M / CELL_M)
+    direction = _direction(along)
+    for di in range(-reach, reach + 1):
+        for dj in range(-reach, reach + 1):
+            at = cell + np.array([di, dj])
+            off = (at + 0.5) * CELL_M - points
+            across = off[:, 0] * along[:, 1] - off[:, 1] * along[:, 0]
+            ahead = np.maximum(0.0, np.abs((off * along).sum(axis=1)) - CELL_M)
+            score = np.exp(-0.5 * (across**2 + ahead**2) / SPREAD_M**2)
+            inside = ((at >= low) & (at < high)).all(axis=1)
+            for turn in (-1, 0, 1):
+                rows = (direction[inside] + turn) % DIRECTIONS, *(at[inside] - low).T
+                np.maximum.at(fields, rows, score[inside])
+    return fields
+
+
+def _scores(fields: Floats, points: Floats, along: Floats, low: NDArray[np.int_], cells: int) -> Floats:
+    """(2 cells + 1, 2 cells + 1) summed score of all shifts."""
+    side = 2 * cells + 1
+    total = np.zeros((side, side))
+    cell = np.floor(points / CELL_M).astype(int) - low - cells
+    for (i, j), direction in zip(cell.tolist(), _direction(along).tolist(), strict=True):
+        total += fields[direction, i : i + side, j : j + side]
+    return total

@@ -1,0 +1,179 @@
+"""One neighbour: what it has sent, how old that is, and where its frame lies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .alignment import Fit, FitResult, agree, fit
+from .params import SharingParams
+from .placement import Floats, Placement, placement_by_position
+from .records import Header, LocalFrame, Packet, SharedMover, SharedPlanes, VehicleState
+
+NS = 1_000_000_000
+CLOCK_DRIFT = 2e-4
+"""Greatest difference of the rates of two clocks."""
+KEEP_FIT_NS = 30 * NS
+"""An alignment that newer fits do not confirm is dropped after this time."""
+
+
+@dataclass(slots=True)
+class _HeldPlane:
+    box: tuple[float, ...]
+    margin_m: float
+    flags: int
+    seen_ns: int
+    received_ns: int
+
+
+@dataclass(slots=True)
+class _HeldMover:
+    mover: SharedMover
+    seen_ns: int
+    received_ns: int
+
+
+@dataclass(slots=True)
+class Neighbour:
+    """What one vehicle has sent. Times are of the own clock; what is older than allowed is removed by `expire`."""
+
+    vehicle: int
+    stream: int
+    section: int
+    sent_ms: int
+    heard_ns: int
+    least_offset_ms: float
+    state: VehicleState | None = None
+    state_ns: int = 0
+    planes: dict[int, _HeldPlane] = field(default_factory=dict)
+    movers: dict[int, _HeldMover] = field(default_factory=dict)
+    packets: int = 0
+    refused: int = 0
+    dropped: int = 0
+    last_fit: Fit | None = None
+    _candidate: Placement | None = None
+    _aligned: Placement | None = None
+    _aligned_ns: int = 0
+
+    @classmethod
+    def first(cls, header: Header, arrival_ns: int) -> Neighbour:
+        """A neighbour by the header of its first packet, which is not counted yet."""
+        return cls(
+            vehicle=header.vehicle, stream=header.stream, section=header.section, sent_ms=-1, heard_ns=arrival_ns,
+            least_offset_ms=arrival_ns / 1e6 - header.sent_ms,
+        )  # fmt: skip
+
+    def refusal(self, header: Header, arrival_ns: int, params: SharingParams) -> str:
+        """Why a packet must not count, as a code; empty: it may. Changes nothing."""
+        silent = arrival_ns - self.heard_ns > params.expire_s * NS
+        if header.stream != self.stream:
+            return "" if header.stream > self.stream or silent else "old_stream"
+        if header.sent_ms <= self.sent_ms:
+            return "replayed"
+        return "delayed" if self._delay_s(header, arrival_ns) > params.max_delay_s else ""
+
+    def take(self, packet: Packet, arrival_ns: int, params: SharingParams) -> None:
+        """A packet that `refusal` accepts."""
+        header, content = packet.header, packet.content
+        if header.stream != self.stream:
+            self._restart(header, arrival_ns)
+        elif header.section != self.section:
+            self._new_section(header.section)
+        delay_s = self._delay_s(header, arrival_ns)
+        drifted_ms = CLOCK_DRIFT * (arrival_ns - self.heard_ns) / 1e6
+        self.least_offset_ms = min(self.least_offset_ms + drifted_ms, arrival_ns / 1e6 - header.sent_ms)
+        self.sent_ms, self.heard_ns = header.sent_ms, arrival_ns
+        self.packets += 1
+        sent_ns = arrival_ns - round(max(0.0, delay_s) * NS)
+        if isinstance(content, VehicleState):
+            self._take_state(content, sent_ns)
+        elif isinstance(content, SharedPlanes):
+            self._take_planes(content, arrival_ns, sent_ns, params.most_planes)
+        else:
+            for mover in content:
+                self.movers[mover.id] = _HeldMover(mover, sent_ns - round(mover.age_s * NS), arrival_ns)
+
+    def expire(self, now_ns: int, params: SharingParams) -> None:
+        """Removes what is too old."""
+        oldest_ns = now_ns - round(params.expire_s * NS)
+        self.planes = {k: p for k, p in self.planes.items() if p.received_ns > oldest_ns}
+        oldest_ns = now_ns - round(params.mover_expire_s * NS)
+        self.movers = {k: m for k, m in self.movers.items() if m.seen_ns > oldest_ns}
+        if self._aligned is not None and now_ns - self._aligned_ns > KEEP_FIT_NS:
+            self._aligned = None
+
+    def align(self, own_box: Floats, own: LocalFrame, now_ns: int) -> None:
+        """Tries to refine the place of the frame by own planes (N, 6). Two fits in a row must say the same."""
+        prior = self._by_position(own)
+        if prior is None or not self.planes:
+            return
+        self.last_fit = fit(self.boxes(), own_box, prior)
+        if self.last_fit.result is not FitResult.ACCEPTED:
+            self._candidate = None
+            return
+        new = self.last_fit.placement
+        before = self._candidate or self._aligned
+        if before is not None and agree(before, new):
+            self._aligned, self._aligned_ns = new, now_ns
+        self._candidate = new
+
+    def forget_alignment(self) -> None:
+        """The own frame has changed."""
+        self._aligned = self._candidate = self.last_fit = None
+
+    def placement(self, own: LocalFrame | None) -> Placement | None:
+        """Where the frame lies; None: not known."""
+        return self._aligned if self._aligned is not None or own is None else self._by_position(own)
+
+    def boxes(self) -> Floats:
+        """(N, 6) its planes in its own frame."""
+        return np.array([p.box for p in self.planes.values()], np.float64).reshape(-1, 6)
+
+    def _by_position(self, own: LocalFrame) -> Placement | None:
+        if self.state is None:
+            return None
+        return placement_by_position(own, self.state.frame, self.state.position_m)
+
+    def _delay_s(self, header: Header, arrival_ns: int) -> float:
+        """How much later than the fastest packet it came; 0 for another stream, of which nothing is known."""
+        if header.stream != self.stream:
+            return 0.0
+        return max(0.0, (arrival_ns / 1e6 - header.sent_ms - self.least_offset_ms) / 1e3)
+
+    def _restart(self, header: Header, arrival_ns: int) -> None:
+        self.stream, self.sent_ms = header.stream, -1
+        self.least_offset_ms = arrival_ns / 1e6 - header.sent_ms
+        self._new_section(header.section)
+
+    def _new_section(self, section: int) -> None:
+        """Its frame has changed: what it said before has no place in the new one."""
+        self.section, self.state = section, None
+        self.planes.clear()
+        self.movers.clear()
+        self.forget_alignment()
+
+    def _take_state(self, state: VehicleState, sent_ns: int) -> None:
+        if self.state is not None and _origin(self.state.frame) != _origin(state.frame):
+            self.planes.clear()
+            self.movers.clear()
+            self.forget_alignment()
+        self.state, self.state_ns = state, sent_ns
+
+    def _take_planes(self, planes: SharedPlanes, arrival_ns: int, sent_ns: int, most: int) -> None:
+        for k in range(len(planes)):
+            age_s = float(planes.age_s[k])
+            seen_ns = sent_ns - round(age_s * NS) if math.isfinite(age_s) else 0
+            number = int(planes.ids[k])
+            self.planes.pop(number, None)
+            self.planes[number] = _HeldPlane(
+                tuple(planes.box[k].tolist()), float(planes.margin_m[k]), int(planes.flags[k]), seen_ns, arrival_ns
+            )
+            if len(self.planes) > most:
+                self.planes.pop(next(iter(self.planes)))
+                self.dropped += 1
+
+
+def _origin(frame: LocalFrame) -> tuple[float, float, float, float]:
+    return frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.yaw_rad

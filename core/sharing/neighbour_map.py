@@ -1,0 +1,261 @@
+"""The obstacles that neighbours have reported, beside the own model and apart from it.
+
+`receive` takes packets of any origin: damaged, replayed, delayed ones and those of strangers are refused and counted.
+`obstacles` gives what counts now, in the own frame. The own model is never an argument that could be changed."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bodies import Body, is_body
+from .neighbour import NS, Neighbour
+from .obstacles import (
+    MoverKind,
+    NeighbourStatus,
+    PlacementState,
+    SharedMovingObstacle,
+    SharedObstacles,
+    placed_planes,
+)
+from .packet_codec import decoded
+from .params import SharingParams
+from .placement import Floats, Placement
+from .records import LocalFrame, Packet, PacketError, SharedMover, VehicleState
+
+VEHICLE_ID = 0xFFFF
+"""Number of the moving obstacle that stands for the neighbour itself."""
+GROWTH_M_S2 = 2.0
+"""Margins of moving obstacles grow with this acceleration."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnState:
+    """The own vehicle. state: None: its frame on Earth is not known; section: of the own frame; movers: centres (x, y, z) of
+    moving obstacles that the own sensors observe."""
+
+    state: VehicleState | None
+    section: int
+    movers: tuple[tuple[float, float, float], ...] = ()
+
+
+class NeighbourMap:
+    """own_vehicle: own number, 1..255; members: numbers of the vehicles that are listened to, empty: all."""
+
+    def __init__(
+        self, own_vehicle: int, params: SharingParams | None = None, members: frozenset[int] = frozenset()
+    ) -> None:
+        self.params, self._own_vehicle, self._members = params or SharingParams(), own_vehicle, members
+        self._neighbours: dict[int, Neighbour] = {}
+        self._section = -1
+        self._own_bodies: list[Body] = []
+        self.counts: Counter[str] = Counter()
+
+    def receive(self, data: bytes, arrival_ns: int, sender: int | None = None) -> str:
+        """Takes a packet; returns why it is refused, as a code, or "". sender: the vehicle by the transport, None: not known."""
+        try:
+            packet = decoded(data)
+        except PacketError as error:
+            return self._refuse(error.code)
+        vehicle = packet.header.vehicle
+        if vehicle == self._own_vehicle:
+            return self._refuse("own_packet")
+        if sender is not None and sender != vehicle:
+            return self._refuse("sender_mismatch")
+        if self._members and vehicle not in self._members:
+            return self._refuse("stranger")
+        return self._take(packet, arrival_ns)
+
+    def _take(self, packet: Packet, arrival_ns: int) -> str:
+        neighbour = self._neighbours.get(packet.header.vehicle)
+        if neighbour is None:
+            if len(self._neighbours) >= self.params.most_neighbours and not self._make_room(arrival_ns):
+                return self._refuse("too_many_neighbours")
+            neighbour = self._neighbours[packet.header.vehicle] = Neighbour.first(packet.header, arrival_ns)
+        code = neighbour.refusal(packet.header, arrival_ns, self.params)
+        if code:
+            neighbour.refused += 1
+            return self._refuse(code)
+        neighbour.take(packet, arrival_ns, self.params)
+        self.counts["accepted"] += 1
+        return ""
+
+    def align(self, own_box: Floats, own: OwnState, now_ns: int) -> None:
+        """Refines the places of the neighbours' frames by own planes (N, 6) in the own frame."""
+        self._follow(own)
+        if own.state is None or not self.params.align:
+            return
+        for _, neighbour in sorted(self._neighbours.items()):
+            neighbour.expire(now_ns, self.params)
+            neighbour.align(own_box, own.state.frame, now_ns)
+
+    def obstacles(self, own: OwnState, now_ns: int) -> SharedObstacles:
+        """What counts now."""
+        self._follow(own)
+        parts, movers, statuses = [], [], []
+        bodies = self.bodies(own, now_ns)
+        for _, neighbour in sorted(self._neighbours.items()):
+            neighbour.expire(now_ns, self.params)
+            part, moving, status = self._placed(neighbour, own, bodies, now_ns)
+            statuses.append(status)
+            movers += moving
+            if part is not None:
+                parts.append(part)
+        return _joined(parts, tuple(movers), tuple(statuses), now_ns)
+
+    def bodies(self, own: OwnState, now_ns: int) -> list[Body]:
+        """The vehicles of the team in the own frame, the own one first."""
+        found = []
+        if own.state is not None:
+            found.append(Body(self._own_vehicle, own.state.position_m, own.state.radius_m, 0.0))
+        for _, neighbour in sorted(self._neighbours.items()):
+            placement = self._placement(neighbour, own)
+            body = None if placement is None else self._body(neighbour, placement, now_ns)
+            if body is not None:
+                found.append(Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m))
+        return found
+
+    def _placed(
+        self, neighbour: Neighbour, own: OwnState, bodies: list[Body], now_ns: int
+    ) -> tuple[dict[str, NDArray[Any]] | None, list[SharedMovingObstacle], NeighbourStatus]:
+        placement = self._placement(neighbour, own)
+        state = _state_of(placement, self.params.max_sigma_m)
+        status = NeighbourStatus(
+            vehicle=neighbour.vehicle, silent_s=(now_ns - neighbour.heard_ns) / NS, placement=state,
+            fit="" if neighbour.last_fit is None else str(neighbour.last_fit.result.value),
+            sigma_m=math.inf if placement is None else placement.sigma_m, planes=0, movers=0, withheld=len(neighbour.planes),
+            packets=neighbour.packets, refused=neighbour.refused, vehicle_m=None,
+        )  # fmt: skip
+        if placement is None or state is PlacementState.WITHHELD:
+            return None, [], status
+        part = self._planes_of(neighbour, placement, bodies, now_ns)
+        movers = self._movers_of(neighbour, placement, own, bodies, now_ns)
+        body = self._body(neighbour, placement, now_ns)
+        count, held = len(part["sender"]), len(neighbour.planes)
+        status = replace(
+            status, planes=count, movers=len(movers), withheld=held - count,
+            vehicle_m=None if body is None else body.centre_m,
+        )  # fmt: skip
+        return part, movers, status
+
+    def _planes_of(
+        self, neighbour: Neighbour, placement: Placement, bodies: list[Body], now_ns: int
+    ) -> dict[str, NDArray[Any]]:
+        held = list(neighbour.planes.items())
+        box = neighbour.boxes()
+        planes, margin_m, sigma_m = placed_planes(box, np.array([p.margin_m for _, p in held]), placement)
+        keep = sigma_m <= self.params.max_sigma_m
+        for k, place in enumerate(placement.boxes(box)):
+            if any(is_body(body, place, placement.sigma_m) for body in bodies):
+                keep[k] = False
+                del neighbour.planes[held[k][0]]  # when the vehicle has moved on, its old place is no obstacle either
+        rows = np.flatnonzero(keep)
+        return {
+            "sender": np.full(len(rows), neighbour.vehicle, np.uint8),
+            "ids": np.array([held[k][0] for k in rows], np.uint16),
+            "planes": planes[rows],
+            "margin_m": margin_m[rows],
+            "age_s": np.array([(now_ns - held[k][1].seen_ns) / NS for k in rows], np.float32),
+            "flags": np.array([held[k][1].flags for k in rows], np.uint8),
+            "aligned": np.full(len(rows), int(placement.refined), np.uint8),
+        }
+
+    def _movers_of(
+        self, neighbour: Neighbour, placement: Placement, own: OwnState, bodies: list[Body], now_ns: int
+    ) -> list[SharedMovingObstacle]:
+        """Its moving obstacles, without those that are vehicles of the team, and itself, unless the own sensors observe it."""
+        found = []
+        for number, held in sorted(neighbour.movers.items()):
+            mover = _placed_mover(neighbour.vehicle, number, held.mover, placement, (now_ns - held.seen_ns) / NS)
+            if not any(body.contains(mover.centre_m, mover.half_size_m, mover.margin_m) for body in bodies):
+                found.append(mover)
+        body = self._body(neighbour, placement, now_ns)
+        if body is not None:
+            told = Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m)
+            if not any(told.contains(centre, (0.0, 0.0, 0.0), 0.0) for centre in own.movers):
+                found.append(body)
+        return found
+
+    def _body(self, neighbour: Neighbour, placement: Placement, now_ns: int) -> SharedMovingObstacle | None:
+        """The neighbour itself; None: its place is too old."""
+        state, age_s = neighbour.state, (now_ns - neighbour.state_ns) / NS
+        if state is None or age_s > max(2.5, self.params.mover_expire_s):
+            return None
+        r = state.radius_m
+        mover = SharedMover(
+            id=VEHICLE_ID, centre_m=state.position_m, half_size_m=(r, r, r),
+            velocity_m_s=(state.velocity_m_s[0], state.velocity_m_s[1]), sigma_m=0.1, sigma_m_s=0.5, age_s=0.0,
+        )  # fmt: skip
+        return replace(_placed_mover(neighbour.vehicle, VEHICLE_ID, mover, placement, age_s), kind=MoverKind.VEHICLE)
+
+    def _placement(self, neighbour: Neighbour, own: OwnState) -> Placement | None:
+        return None if own.state is None else neighbour.placement(own.state.frame)
+
+    def _follow(self, own: OwnState) -> None:
+        if own.section != self._section:
+            self._section = own.section
+            for neighbour in self._neighbours.values():
+                neighbour.forget_alignment()
+
+    def _make_room(self, now_ns: int) -> bool:
+        """Removes the neighbour that was not heard longest, if that is long enough."""
+        oldest = min(self._neighbours.values(), key=lambda n: n.heard_ns)
+        if now_ns - oldest.heard_ns <= self.params.expire_s * NS:
+            return False
+        del self._neighbours[oldest.vehicle]
+        return True
+
+    def _refuse(self, code: str) -> str:
+        self.counts[code] += 1
+        return code
+
+
+def own_frame(params: SharingParams, latitude_deg: float, longitude_deg: float, altitude_m: float) -> LocalFrame:
+    """The own frame with the configured errors: axes north, east, down."""
+    return LocalFrame(
+        latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m, sigma_m=params.position_sigma_m,
+        sigma_z_m=params.height_sigma_m, sigma_yaw_rad=math.radians(params.heading_sigma_deg),
+    )  # fmt: skip
+
+
+def _state_of(placement: Placement | None, max_sigma_m: float) -> PlacementState:
+    if placement is None:
+        return PlacementState.UNKNOWN
+    if placement.sigma_m > max_sigma_m:
+        return PlacementState.WITHHELD
+    return PlacementState.ALIGNED if placement.refined else PlacementState.BY_POSITION
+
+
+def _placed_mover(
+    vehicle: int, number: int, mover: SharedMover, placement: Placement, age_s: float
+) -> SharedMovingObstacle:
+    """The mover in the own frame, carried to now by its velocity; its margin grows."""
+    centre = placement.points(np.array([mover.centre_m]))[0]
+    velocity = placement.velocity(mover.velocity_m_s)
+    sigma_m = float(placement.sigma_at_m(np.array([mover.centre_m[:2]]))[0])
+    moved_m = 2.0 * mover.sigma_m_s * age_s + 0.5 * GROWTH_M_S2 * age_s * age_s
+    hx, hy, hz = mover.half_size_m
+    c, s = abs(math.cos(placement.yaw_rad)), abs(math.sin(placement.yaw_rad))
+    half = (c * hx + s * hy, s * hx + c * hy, hz + 2.0 * placement.sigma_z_m)
+    return SharedMovingObstacle(
+        sender=vehicle, id=number, kind=MoverKind.OBSTACLE,
+        centre_m=(float(centre[0] + velocity[0] * age_s), float(centre[1] + velocity[1] * age_s), float(centre[2])),
+        half_size_m=half, velocity_m_s=velocity, margin_m=2.0 * math.hypot(mover.sigma_m, sigma_m) + moved_m, age_s=age_s,
+    )  # fmt: skip
+
+
+def _joined(
+    parts: list[dict[str, NDArray[Any]]],
+    movers: tuple[SharedMovingObstacle, ...],
+    statuses: tuple[NeighbourStatus, ...],
+    now_ns: int,
+) -> SharedObstacles:
+    if not parts:
+        return replace(SharedObstacles.empty(now_ns), movers=movers, neighbours=statuses)
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return SharedObstacles(now_ns=now_ns, movers=movers, neighbours=statuses, **columns)

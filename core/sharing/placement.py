@@ -1,0 +1,91 @@
+"""Where the local frame of a neighbour lies in the own one, and how certain that is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .records import LocalFrame
+
+Floats = NDArray[np.float64]
+WGS84_A_M, WGS84_F = 6_378_137.0, 1.0 / 298.257_223_563
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement:
+    """p_own = Rz(yaw_rad) (p_other - pivot_m) + at_m. sigma_m: of the pivot on each horizontal axis; sigma_z_m;
+    sigma_yaw_rad: of the rotation about the pivot. refined: found by planes of both vehicles."""
+
+    yaw_rad: float
+    pivot_m: tuple[float, float, float]
+    at_m: tuple[float, float, float]
+    sigma_m: float
+    sigma_z_m: float
+    sigma_yaw_rad: float
+    refined: bool = False
+
+    def points(self, points_m: Floats) -> Floats:
+        """(P, 3) points of the other frame in the own one."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        p = points_m - np.array(self.pivot_m)
+        turned = np.column_stack([c * p[:, 0] - s * p[:, 1], s * p[:, 0] + c * p[:, 1], p[:, 2]])
+        return np.asarray(turned + np.array(self.at_m))
+
+    def boxes(self, box: Floats) -> Floats:
+        """(N, 6) planes a_x, a_y, b_x, b_y, top, bottom of the other frame in the own one."""
+        out = np.empty_like(box)
+        for k in (0, 2):
+            out[:, k : k + 2] = self.points(np.column_stack([box[:, k : k + 2], box[:, 4]]))[:, :2]
+        out[:, 4:] = box[:, 4:] + (self.at_m[2] - self.pivot_m[2])
+        return out
+
+    def velocity(self, velocity_m_s: tuple[float, float]) -> tuple[float, float]:
+        """A horizontal velocity of the other frame in the own one."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return c * velocity_m_s[0] - s * velocity_m_s[1], s * velocity_m_s[0] + c * velocity_m_s[1]
+
+    def sigma_at_m(self, xy_m: Floats) -> Floats:
+        """(P,) horizontal standard deviation of points (P, 2) of the other frame."""
+        r = np.hypot(xy_m[:, 0] - self.pivot_m[0], xy_m[:, 1] - self.pivot_m[1])
+        return np.asarray(np.hypot(self.sigma_m, r * self.sigma_yaw_rad))
+
+
+def placement_by_position(own: LocalFrame, other: LocalFrame, pivot_m: tuple[float, float, float]) -> Placement:
+    """From the origins on Earth alone. pivot_m: place in the other frame about which its error of heading turns it: that of
+    the other vehicle, whose position the receiver of satellites measures."""
+    east_north_up = _enu_of(own) @ (_ecef(other) - _ecef(own))
+    c, s = math.cos(own.yaw_rad), math.sin(own.yaw_rad)
+    north, east, down = east_north_up[1], east_north_up[0], -east_north_up[2]
+    origin = np.array([c * north + s * east, c * east - s * north, down])
+    yaw = math.remainder(other.yaw_rad - own.yaw_rad, math.tau)
+    at_origin = Placement(
+        yaw_rad=yaw, pivot_m=(0.0, 0.0, 0.0), at_m=(float(origin[0]), float(origin[1]), float(origin[2])), sigma_m=0.0,
+        sigma_z_m=0.0, sigma_yaw_rad=0.0,
+    )  # fmt: skip
+    x, y, z = at_origin.points(np.array([pivot_m]))[0].tolist()
+    return Placement(
+        yaw_rad=yaw, pivot_m=pivot_m, at_m=(x, y, z), sigma_m=math.hypot(own.sigma_m, other.sigma_m),
+        sigma_z_m=math.hypot(own.sigma_z_m, other.sigma_z_m),
+        sigma_yaw_rad=math.hypot(own.sigma_yaw_rad, other.sigma_yaw_rad),
+    )  # fmt: skip
+
+
+def _ecef(frame: LocalFrame) -> Floats:
+    """The origin in earth-centred axes, m (WGS-84)."""
+    lat, lon = math.radians(frame.latitude_deg), math.radians(frame.longitude_deg)
+    e2 = WGS84_F * (2.0 - WGS84_F)
+    n = WGS84_A_M / math.sqrt(1.0 - e2 * math.sin(lat) ** 2)
+    r = (n + frame.altitude_m) * math.cos(lat)
+    return np.array(
+        [r * math.cos(lon), r * math.sin(lon), (n * (1.0 - e2) + frame.altitude_m) * math.sin(lat)], np.float64
+    )
+
+
+def _enu_of(frame: LocalFrame) -> Floats:
+    """(3, 3) rotation from earth-centred axes to east, north, up at the origin."""
+    lat, lon = math.radians(frame.latitude_deg), math.radians(frame.longitude_deg)
+    sa, ca, so, co = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
+    return np.array([[-so, co, 0.0], [-sa * co, -sa * so, ca], [ca * co, ca * so, sa]])

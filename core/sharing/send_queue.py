@@ -1,0 +1,241 @@
+"""Chooses what is sent next within a budget of bytes: what is new, near the paths of others and complete comes first.
+
+The planes of the own world are given with `offer`; `packets` returns what may go out now. Each plane is sent `REPEATS` times
+when it is new, since packets are lost, and later once in `refresh_s`, so that receivers do not let it expire."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import PlaneFlags
+from .bodies import BODY_SIZE_M, Body, is_body
+from .packet_codec import (
+    MOVERS_PER_TUNNEL,
+    OVERHEAD_BYTES,
+    anchor_of,
+    movers_packet,
+    plane_fits,
+    planes_packet,
+    state_packet,
+)
+from .plane_codec import PLANE_BYTES, Anchor
+from .records import Header, PacketError, SharedMover, SharedPlanes, VehicleState
+
+NS = 1_000_000_000
+REPEATS = 2
+"""A new plane is sent so often at once."""
+REPEAT_NS = 3 * NS // 20
+"""Least time between two of these."""
+STATE_NS, MOVERS_NS = NS, NS // 4
+MOVED_M, GROWN_M = 0.3, 0.5
+"""A plane counts as new when an end moved by MOVED_M or its top or bottom by GROWN_M outwards."""
+NEAR_M = 40.0
+"""A plane within this distance of the way of another vehicle is preferred."""
+AHEAD_S = 8.0
+"""Length of this way."""
+BURST_S = 0.4
+"""The budget of this time may be sent at once."""
+RESERVE_BYTES = 75.0
+"""Of the budget, kept for new planes when others are repeated."""
+MOST_IDS = 1 << 16
+NEVER_NS = -(1 << 62)
+MOST_WAITING = 8
+"""Packets of one step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """bytes_per_s: of everything, with the overhead of the transport; overhead_bytes: of it for each packet; packet_bytes: greatest
+    packet; refresh_s: interval in which a plane is repeated."""
+
+    bytes_per_s: float
+    overhead_bytes: int
+    packet_bytes: int
+    refresh_s: float = 20.0
+
+    @property
+    def planes_per_packet(self) -> int:
+        """The most planes of one packet."""
+        return max(1, (self.packet_bytes - OVERHEAD_BYTES) // PLANE_BYTES)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offer:
+    """The own side at one instant. planes: of the own world, ids are their slots; movers: of the own sensors; others: the other
+    vehicles in the own frame with their velocity."""
+
+    planes: SharedPlanes
+    movers: tuple[SharedMover, ...]
+    state: VehicleState | None
+    section: int
+    others: tuple[tuple[Body, tuple[float, float]], ...] = ()
+
+
+class SendQueue:
+    """vehicle: own number; stream: number of this start, larger than that of each start before."""
+
+    def __init__(self, vehicle: int, stream: int, begun_ns: int, budget: Budget) -> None:
+        self._vehicle, self._stream, self._begun_ns, self._budget = vehicle, stream, begun_ns, budget
+        self._boxes = np.zeros((MOST_IDS, 6))
+        self._times = np.zeros(MOST_IDS, np.int32)
+        self._sent_ns = np.full(MOST_IDS, NEVER_NS, np.int64)
+        self._sent_ms, self._section = -1, -1
+        self._tokens, self._tokens_ns = BURST_S * budget.bytes_per_s, begun_ns
+        self._state_ns = self._movers_ns = NEVER_NS
+        self.unencodable = self.sent_bytes = self.sent_packets = 0
+
+    def packets(self, offer: Offer, now_ns: int) -> list[bytes]:
+        """What to send now; call it about ten times a second."""
+        self._refill(now_ns)
+        if offer.section != self._section:
+            self._section, self._state_ns = offer.section, NEVER_NS
+            self._times[:], self._sent_ns[:] = 0, NEVER_NS
+        out: list[bytes] = []
+        if offer.state is not None and now_ns - self._state_ns >= STATE_NS:
+            self._state_ns = now_ns
+            state = offer.state
+            self._add(out, now_ns, lambda header: state_packet(header, state))
+        if offer.movers and now_ns - self._movers_ns >= MOVERS_NS:
+            self._movers_ns = now_ns
+            self._add_movers(out, offer.movers, now_ns)
+        self._add_planes(out, offer, now_ns)
+        return out
+
+    def _refill(self, now_ns: int) -> None:
+        b = self._budget
+        gained = b.bytes_per_s * (now_ns - self._tokens_ns) / NS
+        most = max(BURST_S * b.bytes_per_s, b.packet_bytes + b.overhead_bytes + RESERVE_BYTES)
+        self._tokens, self._tokens_ns = min(most, self._tokens + gained), now_ns
+
+    def _header(self, now_ns: int) -> Header:
+        self._sent_ms = max(self._sent_ms + 1, (now_ns - self._begun_ns) // 1_000_000)
+        return Header(vehicle=self._vehicle, stream=self._stream, sent_ms=self._sent_ms, section=self._section & 0xFF)
+
+    def _add(self, out: list[bytes], now_ns: int, encode: Callable[[Header], bytes]) -> None:
+        """Encodes a packet and takes it from the budget; counts one that cannot be encoded."""
+        try:
+            data = encode(self._header(now_ns))
+        except PacketError:
+            self.unencodable += 1
+            return
+        out.append(data)
+        size = len(data) + self._budget.overhead_bytes
+        self._tokens -= size
+        self.sent_bytes += size
+        self.sent_packets += 1
+
+    def _add_movers(self, out: list[bytes], movers: tuple[SharedMover, ...], now_ns: int) -> None:
+        some = movers[:MOVERS_PER_TUNNEL]
+        size = OVERHEAD_BYTES + 16 * len(some) + self._budget.overhead_bytes
+        if size > self._tokens:
+            return
+        try:
+            anchor_m = anchor_of(*some[0].centre_m)
+        except PacketError:
+            self.unencodable += 1
+            return
+        self._add(out, now_ns, lambda header: movers_packet(header, some, anchor_m))
+
+    def _add_planes(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
+        planes = offer.planes
+        self._forget(planes.ids)
+        urgent, other = self._ranked(offer, now_ns)
+        full = self._budget.planes_per_packet
+        while len(out) < MOST_WAITING:
+            room = self._room(0.0) if len(urgent) else self._room(RESERVE_BYTES)
+            fresh = int((self._times[planes.ids[urgent]] == 0).sum())
+            # of many planes full packets: each packet has its overhead
+            if room < min(full, fresh or len(urgent) or len(other)):
+                return
+            if not (len(urgent) or len(other) >= full or self._overdue(planes, other, now_ns)):
+                return
+            filler = other[: max(0, self._room(RESERVE_BYTES) - len(urgent))]
+            rows = np.concatenate([urgent[:room], filler])[: 4 * full]
+            anchor_m = _anchor(planes.box[rows[0]])
+            chosen = np.array([r for r in rows if plane_fits(planes, int(r), anchor_m)][: min(full, room)], np.intp)
+            if not len(chosen) or chosen[0] != rows[0]:  # it fits to no packet
+                self.unencodable += 1
+                chosen = rows[:1]
+            else:
+                self._add_part(out, planes.part(chosen), anchor_m, now_ns)
+            self._note(planes, chosen, now_ns)
+            urgent, other = (rest[~np.isin(rest, chosen)] for rest in (urgent, other))
+
+    def _add_part(self, out: list[bytes], part: SharedPlanes, anchor_m: Anchor, now_ns: int) -> None:
+        self._add(out, now_ns, lambda header: planes_packet(header, part, anchor_m))
+
+    def _room(self, reserve_bytes: float) -> int:
+        """How many planes of one packet the budget allows now."""
+        return int((self._tokens - reserve_bytes - self._budget.overhead_bytes - OVERHEAD_BYTES) // PLANE_BYTES)
+
+    def _note(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> None:
+        """Remembers what was sent."""
+        ids = planes.ids[rows]
+        again = (self._times[ids] > 0) & ~_changed(self._boxes[ids], planes.box[rows])
+        self._times[ids] = np.where(again, self._times[ids] + 1, 1)
+        self._boxes[ids] = np.where(again[:, None], self._boxes[ids], planes.box[rows])
+        self._sent_ns[ids] = now_ns
+
+    def _overdue(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> bool:
+        """Whether a plane has waited too long for a full packet."""
+        limit_ns = now_ns - round(1.25 * self._budget.refresh_s * NS)
+        return bool((self._sent_ns[planes.ids[rows]] <= limit_ns).any())
+
+    def _ranked(self, offer: Offer, now_ns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(rows of the planes that are new, rows that are to be repeated), each with the most important first."""
+        planes, ids = offer.planes, offer.planes.ids
+        times = np.where(_changed(self._boxes[ids], planes.box), 0, np.minimum(self._times[ids], REPEATS))
+        waited_ns = now_ns - self._sent_ns[ids]
+        new = (times < REPEATS) & (waited_ns >= REPEAT_NS)
+        due = new | (waited_ns >= round(self._budget.refresh_s * NS))
+        for body, _ in offer.others:
+            for row in np.flatnonzero(due & _small(planes.box)):
+                due[row] &= not is_body(body, planes.box[row])
+        cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
+        # what was sent least often; then near others; then complete planes; then those that waited longest
+        order = np.lexsort((np.arange(len(planes)), -waited_ns, cut, ~_near(planes.box, offer), times))
+        order = order[due[order]]
+        return order[new[order]], order[~new[order]]
+
+    def _forget(self, ids: NDArray[np.uint16]) -> None:
+        """What is no longer in the own world is new when its number comes again."""
+        there = np.zeros(MOST_IDS, bool)
+        there[ids] = True
+        gone = (self._times > 0) & ~there
+        self._times[gone], self._sent_ns[gone] = 0, NEVER_NS
+
+
+def _anchor(box: NDArray[np.float64]) -> Anchor:
+    try:
+        return anchor_of(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), box[4])
+    except PacketError:
+        return 0.0, 0.0, 0.0
+
+
+def _changed(old: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) whether planes (N, 6) have moved or grown enough to be sent again at once."""
+    moved_m = [np.hypot(*(new[:, k : k + 2] - old[:, k : k + 2]).T) for k in (0, 2)]
+    grown_m = np.maximum(old[:, 4] - new[:, 4], new[:, 5] - old[:, 5])
+    return np.asarray((np.maximum(*moved_m) > MOVED_M) | (grown_m > GROWN_M))
+
+
+def _small(box: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) whether planes are small enough for a side of a vehicle."""
+    return np.asarray(np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]) <= 4.0 * BODY_SIZE_M)
+
+
+def _near(box: NDArray[np.float64], offer: Offer) -> NDArray[np.bool_]:
+    """(N,) whether the middle of each plane is near the way ahead of another vehicle."""
+    middle = 0.5 * (box[:, 0:2] + box[:, 2:4])
+    near = np.zeros(len(box), bool)
+    for body, (vx, vy) in offer.others:
+        begin, way = np.array(body.centre_m[:2]), AHEAD_S * np.array([vx, vy])
+        length2 = max(float(way @ way), 1e-9)
+        t = np.clip((middle - begin) @ way / length2, 0.0, 1.0)
+        off = middle - begin - t[:, None] * way
+        near |= np.hypot(off[:, 0], off[:, 1]) <= NEAR_M
+    return near

@@ -1,0 +1,244 @@
+"""The map of neighbours: what counts, what is refused, and that it only adds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from core.sharing.neighbour_map import NS, NeighbourMap, OwnState
+from core.sharing.obstacles import MoverKind, PlacementState, SharedObstacles, nearer
+from core.sharing.packet_codec import movers_packet, planes_packet, state_packet
+from core.sharing.params import SharingParams
+from core.sharing.records import Header, LocalFrame, SharedMover, SharedPlanes, VehicleState
+
+FRAME = LocalFrame(
+    latitude_deg=47.3977, longitude_deg=8.5456, altitude_m=488.0, sigma_m=0.2, sigma_z_m=0.2, sigma_yaw_rad=0.01
+)
+STREAM = 1_700_000_000
+OWN = OwnState(
+    state=VehicleState(frame=FRAME, position_m=(0.0, 0.0, -3.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=0.4), section=1
+)
+
+
+def header(sent_ms: int, *, vehicle: int = 2, stream: int = STREAM, section: int = 0) -> Header:
+    return Header(vehicle=vehicle, stream=stream, sent_ms=sent_ms, section=section)
+
+
+def wall(number: int = 0, x_m: float = 10.0) -> SharedPlanes:
+    return SharedPlanes(
+        ids=np.array([number], np.uint16), box=np.array([[x_m, -4.0, x_m, 4.0, -6.0, 0.0]]), margin_m=np.array([0.1]),
+        flags=np.zeros(1, np.uint8), age_s=np.array([0.1]),
+    )  # fmt: skip
+
+
+def state(x_m: float = 30.0, frame: LocalFrame = FRAME) -> VehicleState:
+    return VehicleState(frame=frame, position_m=(x_m, 0.0, -3.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=0.4)
+
+
+def wall_packet(sent_ms: int, number: int = 0, **of: int) -> bytes:
+    return planes_packet(header(sent_ms, **of), wall(number), (0.0, 0.0, 0.0))
+
+
+def state_at(sent_ms: int, **of: int) -> bytes:
+    return state_packet(header(sent_ms, **of), state())
+
+
+def mover(x_m: float, y_m: float = 0.0) -> SharedMover:
+    return SharedMover(
+        id=4, centre_m=(x_m, y_m, -3.0), half_size_m=(0.4, 0.4, 0.3), velocity_m_s=(1.0, 0.0), sigma_m=0.1, sigma_m_s=0.1,
+        age_s=0.0,
+    )  # fmt: skip
+
+
+def told() -> NeighbourMap:
+    """A map with one neighbour and its wall, received at 1 s."""
+    found = NeighbourMap(1)
+    assert found.receive(state_at(0), NS) == ""
+    assert found.receive(wall_packet(1), NS + 1_000_000) == ""
+    return found
+
+
+def test_a_wall_of_a_neighbour_stands_in_the_own_frame_with_its_age() -> None:
+    got = told().obstacles(OWN, 3 * NS)
+    assert got.planes[0, :4] == pytest.approx([10, -4, 10, 4], abs=0.05)
+    assert got.sender.tolist() == [2]
+    assert 2.0 <= got.age_s[0] <= 2.3
+    # 2 sigma of both positions, and of the heading over the distance to the neighbour
+    sigma_m = math.hypot(math.hypot(0.2, 0.2), 20.4 * math.hypot(0.01, 0.01))
+    assert got.margin_m[0] == pytest.approx(0.15 + 2 * sigma_m, abs=0.02)
+    assert got.neighbours[0].placement is PlacementState.BY_POSITION
+
+
+def test_it_expires_unless_it_is_repeated() -> None:
+    found = told()
+    assert len(found.obstacles(OWN, 60 * NS).sender) == 1
+    found.receive(wall_packet(59_000), 60 * NS)
+    assert len(found.obstacles(OWN, 100 * NS).sender) == 1
+    assert len(found.obstacles(OWN, 121 * NS).sender) == 0
+    assert found.obstacles(OWN, 121 * NS).movers == ()
+
+
+def test_a_plane_without_a_known_place_is_not_published() -> None:
+    found = NeighbourMap(1)
+    found.receive(wall_packet(1), NS)
+    got = found.obstacles(OWN, NS)
+    assert len(got.sender) == 0
+    assert got.neighbours[0].placement is PlacementState.UNKNOWN
+    nowhere = OwnState(state=None, section=1)
+    assert len(told().obstacles(nowhere, 2 * NS).sender) == 0
+
+
+def test_an_uncertain_place_is_withheld() -> None:
+    vague = LocalFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_m=488.0, sigma_m=8.0)
+    found = NeighbourMap(1)
+    found.receive(state_packet(header(0), state(frame=vague)), NS)
+    found.receive(wall_packet(1), NS)
+    got = found.obstacles(OWN, NS)
+    assert (len(got.sender), got.movers) == (0, ())
+    assert got.neighbours[0].placement is PlacementState.WITHHELD
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        (b"", "bad_length"),
+        (b"\x00" * 40, "other_version"),
+        (wall_packet(1), "replayed"),
+        (wall_packet(0), "replayed"),
+        (wall_packet(5000, stream=STREAM - 1), "old_stream"),
+        (wall_packet(5, vehicle=1), "own_packet"),
+        (wall_packet(5, vehicle=9), "sender_mismatch"),
+        (wall_packet(20, number=7)[:-3], "bad_length"),
+    ],
+)
+def test_a_packet_that_must_not_count_changes_nothing(data: bytes, code: str) -> None:
+    found, untouched = told(), told()
+    assert found.receive(data, 5 * NS, sender=2 if code != "own_packet" else None) == code
+    assert same(found.obstacles(OWN, 6 * NS), untouched.obstacles(OWN, 6 * NS))
+    assert found.counts[code] == 1
+
+
+def test_strangers_and_too_many_vehicles_are_refused() -> None:
+    found = NeighbourMap(1, members=frozenset({2, 3}))
+    assert found.receive(wall_packet(1, vehicle=4), NS) == "stranger"
+    small = NeighbourMap(1, SharingParams(most_neighbours=2))
+    codes = [small.receive(wall_packet(1, vehicle=v), NS) for v in (2, 3, 4)]
+    assert codes == ["", "", "too_many_neighbours"]
+    assert small.receive(wall_packet(1, vehicle=4), 100 * NS) == ""
+
+
+def test_a_delayed_packet_is_older_and_a_late_one_is_refused() -> None:
+    found = told()
+    found.receive(wall_packet(1000, number=1), NS + 1_000_000_000 + 1_500_000_000)
+    got = found.obstacles(OWN, 4 * NS)
+    age_s = dict(zip(got.ids.tolist(), got.age_s.tolist(), strict=True))
+    assert age_s[1] == pytest.approx(0.1 + 0.5 + 1.5, abs=0.1)
+    assert found.receive(wall_packet(2000, number=2), 9 * NS) == "delayed"
+
+
+def test_a_new_frame_of_the_neighbour_drops_what_it_said_in_the_old_one() -> None:
+    found = told()
+    found.receive(planes_packet(header(50, section=1), wall(3), (0.0, 0.0, 0.0)), 2 * NS)
+    assert len(found.obstacles(OWN, 2 * NS).sender) == 0  # its place is not known before its state
+    found.receive(state_packet(header(60, section=1), state()), 2 * NS)
+    assert found.obstacles(OWN, 2 * NS).ids.tolist() == [3]
+
+
+def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
+    found = told()  # vehicle 2 is at x = 30
+    found.receive(state_packet(header(10, vehicle=3), state(60.0)), 2 * NS)
+    reports = (mover(30.5), mover(0.3))  # vehicle 3 sees vehicle 2, and us
+    for k, one in enumerate(reports):
+        found.receive(movers_packet(header(20 + k, vehicle=3), (one,), (0.0, 0.0, 0.0)), 2 * NS)
+        got = found.obstacles(OWN, 2 * NS).movers
+        assert sorted((m.sender, m.kind) for m in got) == [(2, MoverKind.VEHICLE), (3, MoverKind.VEHICLE)]
+    found.receive(movers_packet(header(30, vehicle=3), (mover(45.0),), (0.0, 0.0, 0.0)), 2 * NS)
+    assert [m.kind for m in found.obstacles(OWN, 2 * NS).movers].count(MoverKind.OBSTACLE) == 1
+
+
+def test_a_vehicle_that_the_own_sensors_observe_is_not_reported_again() -> None:
+    seen = OwnState(state=OWN.state, section=1, movers=((30.2, 0.1, -3.0),))
+    assert told().obstacles(seen, NS).movers == ()
+    assert len(told().obstacles(OWN, NS).movers) == 1
+
+
+def test_a_body_that_hovered_is_no_plane_of_a_neighbour() -> None:
+    small = SharedPlanes(
+        ids=np.array([5], np.uint16), box=np.array([[0.3, -0.3, 0.3, 0.3, -3.3, -2.8]]), margin_m=np.array([0.1]),
+        flags=np.zeros(1, np.uint8), age_s=np.array([0.1]),
+    )  # fmt: skip
+    found = told()
+    found.receive(planes_packet(header(9), small, (0.0, 0.0, 0.0)), 2 * NS)
+    assert found.obstacles(OWN, 2 * NS).ids.tolist() == [0]
+    assert OWN.state is not None
+    away = OwnState(
+        state=VehicleState(frame=FRAME, position_m=(-50.0, 0, -3), velocity_m_s=(0, 0, 0), radius_m=0.4), section=1
+    )
+    assert found.obstacles(away, 3 * NS).ids.tolist() == [0]
+
+
+def test_a_mover_is_carried_on_and_grows() -> None:
+    found = told()
+    found.receive(movers_packet(header(20), (mover(45.0),), (0.0, 0.0, 0.0)), 2 * NS)
+    early, late = (
+        next(m for m in found.obstacles(OWN, t).movers if m.kind is MoverKind.OBSTACLE) for t in (2 * NS, 3 * NS)
+    )
+    assert late.centre_m[0] - early.centre_m[0] == pytest.approx(1.0, abs=0.02)
+    assert late.margin_m > early.margin_m + 0.5
+    assert all(m.kind is not MoverKind.OBSTACLE for m in found.obstacles(OWN, 5 * NS).movers)
+
+
+# ---- the rule of safety ----------------------------------------------------------------------------------------------------
+
+
+def test_there_is_nothing_free_in_what_neighbours_say() -> None:
+    names = {f.name for kind in (SharedObstacles, SharedPlanes, SharedMover, VehicleState) for f in fields(kind)}
+    assert not any("free" in name or "open" in name or "clear" in name for name in names)
+
+
+distance = st.one_of(st.just(math.nan), st.just(math.inf), st.floats(0.0, 100.0))
+
+
+@given(st.lists(st.tuples(distance, distance), min_size=1, max_size=72))
+def test_distances_only_shrink_and_the_unknown_stays_unknown(pairs: list[tuple[float, float]]) -> None:
+    own, shared = np.array(pairs, np.float64).T
+    out = nearer(own, shared)
+    assert (np.isnan(out) == np.isnan(own)).all()
+    known = ~np.isnan(own)
+    assert (out[known] <= own[known]).all()
+
+
+packets = st.one_of(
+    st.binary(max_size=140),
+    st.builds(wall_packet, st.integers(0, 60_000), st.integers(0, 65_535), vehicle=st.integers(1, 5), stream=st.integers(0, 9)),
+    st.builds(state_at, st.integers(0, 60_000), vehicle=st.integers(1, 5), stream=st.integers(0, 9), section=st.integers(0, 3)),
+)  # fmt: skip
+
+
+@given(st.lists(st.tuples(packets, st.integers(0, 70 * NS)), max_size=30))
+def test_no_sequence_of_packets_breaks_the_map(sequence: list[tuple[bytes, int]]) -> None:
+    found = NeighbourMap(1)
+    for data, at_ns in sorted(sequence, key=lambda item: item[1]):
+        found.receive(data, at_ns)
+    got = found.obstacles(OWN, 70 * NS)
+    assert np.isfinite(got.planes).all()
+    assert (got.margin_m >= 0.0).all()
+    assert (got.age_s >= 0.0).all()
+    assert sum(found.counts.values()) == len(sequence)
+
+
+def same(a: SharedObstacles, b: SharedObstacles) -> bool:
+    """Whether two snapshots hold the same obstacles; counters aside."""
+    return a.movers == b.movers and all(
+        _equal(getattr(a, n), getattr(b, n)) for n in ("sender", "ids", "planes", "age_s")
+    )
+
+
+def _equal(a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
+    return a.shape == b.shape and bool((a == b).all())

@@ -1,0 +1,130 @@
+"""What is sent first, and how much."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from core.sharing.bodies import Body
+from core.sharing.packet_codec import decoded
+from core.sharing.records import LocalFrame, SharedPlanes, VehicleState
+from core.sharing.send_queue import NS, Budget, Offer, SendQueue
+from core.types import PlaneFlags
+
+THIN = Budget(bytes_per_s=300.0, overhead_bytes=30, packet_bytes=128)
+STATE = VehicleState(
+    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0), position_m=(0.0, 0.0, -3.0),
+    velocity_m_s=(0.0, 0.0, 0.0), radius_m=0.4,
+)  # fmt: skip
+STEP_NS = NS // 10
+
+
+def walls(count: int, *, begin: int = 0, flags: int = 0) -> SharedPlanes:
+    x = 2.0 * np.arange(begin, begin + count)
+    box = np.column_stack([x, 0 * x, x + 1.5, 0 * x, 0 * x - 6.0, 0 * x])
+    return SharedPlanes(
+        ids=np.arange(begin, begin + count, dtype=np.uint16), box=box, margin_m=np.full(count, 0.1),
+        flags=np.full(count, flags, np.uint8), age_s=np.full(count, 0.1),
+    )  # fmt: skip
+
+
+def offer(
+    planes: SharedPlanes, *, section: int = 1, others: tuple[tuple[Body, tuple[float, float]], ...] = ()
+) -> Offer:
+    return Offer(planes=planes, movers=(), state=STATE, section=section, others=others)
+
+
+def flown(queue: SendQueue, given: Offer, seconds: float, begin_ns: int = 0) -> list[tuple[float, int]]:
+    """(time in s, id) of each plane that was sent."""
+    found = []
+    for k in range(round(seconds * 10)):
+        now_ns = begin_ns + k * STEP_NS
+        for data in queue.packets(given, now_ns):
+            content = decoded(data).content
+            if isinstance(content, SharedPlanes):
+                found += [(now_ns / NS, int(number)) for number in content.ids]
+    return found
+
+
+@pytest.mark.parametrize("count", [20, 400])
+def test_the_budget_holds(count: int) -> None:
+    queue = SendQueue(1, 5, 0, THIN)
+    flown(queue, offer(walls(count)), 60.0)
+    assert queue.sent_bytes <= 300 * 60 + 0.4 * 300 + 158
+    assert queue.unencodable == 0
+
+
+def test_few_planes_in_rest_need_little() -> None:
+    queue = SendQueue(1, 5, 0, THIN)
+    given = offer(walls(20))
+    flown(queue, given, 30.0)
+    before = queue.sent_bytes
+    flown(queue, given, 60.0, 30 * NS)
+    assert (queue.sent_bytes - before) / 60.0 < 130.0  # the state takes 80 of it
+
+
+def test_a_new_plane_goes_at_once_and_twice() -> None:
+    queue = SendQueue(1, 5, 0, THIN)
+    flown(queue, offer(walls(100)), 40.0)
+    times = [t for t, number in flown(queue, offer(walls(101)), 5.0, 40 * NS) if number == 100]
+    assert len(times) == 2
+    assert times[0] <= 40.2
+    assert times[1] <= 40.7
+
+
+def test_every_plane_is_repeated_before_it_expires() -> None:
+    queue = SendQueue(1, 5, 0, THIN)
+    sent = flown(queue, offer(walls(150)), 120.0)
+    for number in range(150):
+        times = [t for t, n in sent if n == number and t > 45.0]
+        gaps = np.diff([45.0, *times, 120.0])
+        assert gaps.max() < 50.0
+
+
+def test_planes_near_the_way_of_another_vehicle_go_first() -> None:
+    other = (Body(2, (2000.0, 0.0, -3.0), 0.4, 0.5), (5.0, 0.0))
+    near = walls(8, begin=1000)
+    far = walls(200)
+    both = SharedPlanes(
+        **{n: np.concatenate([getattr(far, n), getattr(near, n)]) for n in ("ids", "box", "margin_m", "flags", "age_s")}
+    )
+    sent = flown(SendQueue(1, 5, 0, THIN), offer(both, others=(other,)), 2.0)
+    assert {number for _, number in sent[:8]} == set(range(1000, 1008))
+
+
+def test_complete_planes_go_before_cut_ones() -> None:
+    cut, whole = walls(100, flags=int(PlaneFlags.CUT_RIGHT)), walls(8, begin=100)
+    both = SharedPlanes(
+        **{
+            n: np.concatenate([getattr(cut, n), getattr(whole, n)])
+            for n in ("ids", "box", "margin_m", "flags", "age_s")
+        }
+    )
+    sent = flown(SendQueue(1, 5, 0, THIN), offer(both), 2.0)
+    assert {number for _, number in sent[:8]} == set(range(100, 108))
+
+
+def test_the_body_of_a_neighbour_is_not_sent_to_it() -> None:
+    body = (Body(2, (20.7, 0.0, -5.0), 0.4, 0.2), (0.0, 0.0))
+    small = walls(1)
+    box = np.array([[20.4, 0.0, 21.0, 0.0, -5.3, -4.7]])
+    planes = SharedPlanes(ids=small.ids, box=box, margin_m=small.margin_m, flags=small.flags, age_s=small.age_s)
+    assert flown(SendQueue(1, 5, 0, THIN), offer(planes, others=(body,)), 3.0) == []
+
+
+def test_after_a_jump_of_the_position_all_is_sent_anew() -> None:
+    queue = SendQueue(1, 5, 0, THIN)
+    flown(queue, offer(walls(5)), 5.0)
+    (first, *_) = queue.packets(offer(walls(5), section=2), 5 * NS)
+    assert decoded(first).header.section == 2
+    assert isinstance(decoded(first).content, VehicleState)
+
+
+def test_a_plane_that_cannot_be_encoded_blocks_nothing() -> None:
+    planes = walls(10)
+    box = planes.box.copy()
+    box[0, 2] = 900.0
+    odd = SharedPlanes(ids=planes.ids, box=box, margin_m=planes.margin_m, flags=planes.flags, age_s=planes.age_s)
+    queue = SendQueue(1, 5, 0, THIN)
+    assert {number for _, number in flown(queue, offer(odd), 10.0)} == set(range(1, 10))
+    assert queue.unencodable > 0
