@@ -81,6 +81,10 @@ class DiagnosticCode(Code):
     KEY_CHECK_FAULT = "key_check_fault", "the check of subscribers' keys has ended; new subscribers are refused"
     WORLD_FAULT = "world_fault", "the thread of the merged world has ended"
     WORLD_STALLED = "world_stalled", "the merged world is not updated"
+    SHARE_FAULT = "share_fault", "the thread that shares obstacles with other vehicles has ended or stalled"
+    SHARE_LINK_CLOSED = "share_link_closed", "a link to other vehicles is not open"
+    SHARE_NO_FRAME = "share_no_frame", "the place of the own frame on Earth is not known, so nothing is shared"
+    SHARE_NOT_AUTHENTICATED = "share_not_authenticated", "reports of other vehicles are accepted without authentication"
     KERNEL_CACHE_DAMAGED = "kernel_cache_damaged", "damaged files of the kernel cache were deleted"
     KERNELS_NOT_COMPILED = "kernels_not_compiled", "the kernels were not compiled before"
 

@@ -26,6 +26,7 @@ TITLES = {
     "publish": "`[publish]`: streams",
     "world": "`[world]`: merged world",
     "tracking": "`[tracking]`: tracked obstacles; see [tracking](../explanation/tracking.md)",
+    "share": "`[share]`: obstacles shared between vehicles; see [sharing](../explanation/sharing.md)",
     "record": "`[record]`: log of the flight",
     "supervision": "`[supervision]`: failure of a camera",
     "service": "`[service]`: timeouts, metrics",

@@ -34,6 +34,7 @@ from .expert import expert_fields, public_fields
 from .guard import GuardParams
 from .retired import refused_values, without_retired
 from .service import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
+from .share import AUTOPILOT_LINE, ShareConfig
 from .sync import SyncParams
 
 log = logging.getLogger(__name__)
@@ -52,6 +53,7 @@ SECTIONS: dict[str, type] = {
     "publish": PublishConfig,
     "world": WorldParams,
     "tracking": TrackingParams,
+    "share": ShareConfig,
     "record": RecordParams,
     "supervision": SupervisorParams,
     "service": ServiceParams,
@@ -83,6 +85,7 @@ class Config:
     publish: PublishConfig = field(default_factory=PublishConfig)
     world: WorldParams = field(default_factory=WorldParams)
     tracking: TrackingParams = field(default_factory=TrackingParams)
+    share: ShareConfig = field(default_factory=ShareConfig)
     record: RecordParams = field(default_factory=RecordParams)
     supervision: SupervisorParams = field(default_factory=SupervisorParams)
     service: ServiceParams = field(default_factory=ServiceParams)
@@ -93,6 +96,8 @@ class Config:
             raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
         if self.open_sky.presumes:
             check_open_sky(self)
+        if self.share.enabled:
+            check_share(self)
         if self.avoid.send and not self.autopilot.address:
             raise ValueError("[avoid] send = true, but [autopilot] address is empty, so nothing could be sent; set one")
         if self.guard.enabled and not self.avoid.send:
@@ -109,6 +114,27 @@ class Config:
     def camera(self, name: str) -> CameraConfig:
         """The section of a camera; one that changes nothing where there is none."""
         return next((c for c in self.cameras if c.name == name), CameraConfig(name=name))
+
+
+def check_share(config: Config) -> None:
+    """Raises ValueError where obstacles are to be shared and cannot be."""
+    share = config.share
+    if not config.publish.world:
+        raise ValueError(
+            "[share] enabled = true, but [publish] world is empty, so there is no merged world to share; set world and "
+            "world_requests"
+        )
+    if not share.tunnel and not share.zenoh:
+        raise ValueError("[share] enabled = true without a link to other vehicles; set tunnel or zenoh")
+    if not config.autopilot.address:
+        raise ValueError("[share] enabled = true, but [autopilot] address is empty, so there is no position; set one")
+    if share.tunnel == AUTOPILOT_LINE and share.vehicle:
+        raise ValueError(
+            f'[share] vehicle = {share.vehicle} with tunnel = "{AUTOPILOT_LINE}": that line sends with the system id of the '
+            "vehicle; set vehicle = 0"
+        )
+    if "autopilot" in share.use and not config.avoid.send:
+        raise ValueError(f'[share] use = "{share.use}", but [avoid] send = false: nothing is sent to the autopilot')
 
 
 def check_open_sky(config: Config) -> None:

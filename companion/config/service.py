@@ -45,6 +45,9 @@ class PublishConfig:
         "", "address of the changes of the merged world, such as ipc://{run}/world; empty: nothing is merged"
     )
     world_requests: str = text("", "address that answers requests for snapshots, such as ipc://{run}/world-snapshot")
+    neighbours: str = text(
+        "ipc://{run}/neighbours", "address of the obstacles that other vehicles have reported, where [share] is enabled"
+    )
     depth: str = text(
         "ipc://{run}/depth",
         "address of small depth images for `companion view --live`, made only while a client listens; empty: none",
@@ -57,7 +60,7 @@ class PublishConfig:
         places: dict[str, str] = {}
         if bool(self.world) != bool(self.world_requests):
             raise ValueError("[publish] world and world_requests: give both addresses, or neither")
-        for name in (*STREAMS, *WORLD_STREAMS, "depth"):
+        for name in (*STREAMS, *WORLD_STREAMS, "neighbours", "depth"):
             address = getattr(self, name)
             if address and not address.startswith(("ipc://", "tcp://")):
                 raise ValueError(f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT')

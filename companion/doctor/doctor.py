@@ -31,6 +31,7 @@ from .finding import Finding
 from .intrinsics_check import intrinsics_findings
 from .measure_mount import measured_mounts
 from .service_check import running_service
+from .share_check import share_findings
 
 
 def examine(config: Config, patience_s: float) -> Iterator[Finding]:
@@ -48,6 +49,7 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
         for camera in config.cameras:
             yield camera_finding(camera, config, patience_s)
         yield from autopilot_findings(config, patience_s)
+    yield from share_findings(config)
     yield from computer_findings(config)
 
 

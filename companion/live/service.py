@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import zmq
+from google.protobuf.message import Message
 
 from core.extractor import Extractor
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
@@ -33,6 +34,7 @@ from ..paths import Folders
 from ..pipeline.events import LogMessage, RawFrame
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import PrismsResult
+from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.mount_watch import MountWatch
 from ..self_check.mount_yaw import MountYawMonitor
@@ -63,6 +65,7 @@ from .stream_output import StreamOutput
 if TYPE_CHECKING:
     from ..autopilot.manager import Avoidance
     from ..guard.guard import Guard
+    from ..share.setup import ShareService
     from .world_thread import WorldThread
 
 NS = 1_000_000_000
@@ -105,6 +108,7 @@ class Service:
         self.world: WorldThread | None = None
         self._previews = DepthPreviews(config.publish.depth_hz, self._boot)
         self._raw_frames: list[RawFrame] = []
+        self.share = self._make_share()
         self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
@@ -119,7 +123,7 @@ class Service:
             self._pipeline, self.event_queue, self._staleness, self._publish, self.recorder, config.record.record, clock_callbacks,
             warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
             MountYawMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
-            lambda result, data: self._output.publish_tracks(result, data),
+            self._publish_tracks,
         )  # fmt: skip
         self._output = StreamOutput(config, self._boot, self._staleness, self.loop.lock)
         self._mounts = MountWatch(config.extractor.ground_max_slope)
@@ -150,21 +154,25 @@ class Service:
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
         keep = (lambda data, t_ns: self._raw_frames.append(RawFrame(data, t_ns))) if log_raw else None
         params, address = params_of(self.config), parse_address(a.address)
+        foreign = self._foreign()
         if not self.config.avoid.send:
-            session = MavlinkSession(params, on_frame=keep, signing=self.signing)
+            reads, on_message = self._share_reads(), self._handle_mavlink if self.share is not None else None
+            session = MavlinkSession(
+                params, on_frame=keep, signing=self.signing, reads=reads, on_message=on_message, **foreign
+            )
             return session, MavlinkLink(address, session, self._deliver)
         from ..autopilot.last_values import LastValuesFile
         from ..autopilot.manager import READS, avoidance_of  # imported only where obstacles are sent
 
         last = LastValuesFile(self._folders.state)
-        reads = READS
+        reads = READS | self._share_reads()
         if self.config.guard.enabled:
             from ..guard.guard import READS as GUARD_READS  # imported only where the guard is on
 
-            reads = READS | GUARD_READS
+            reads |= GUARD_READS
         session = MavlinkSession(
             params, on_frame=keep, signing=self.signing, reads=reads, on_message=self._handle_mavlink,
-            expected=last.expected(),
+            expected=last.expected(), **foreign,
         )  # fmt: skip
         link = MavlinkLink(address, session, self._deliver)
         if self.config.guard.enabled:
@@ -172,8 +180,30 @@ class Service:
 
             self.guard = guard_of(self.config, session, link, self._folders.state)
         observer = self.guard.observe if self.guard is not None else None
-        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last, observer)
+        neighbours = self.share.distances_m if self.share is not None and "autopilot" in self.config.share.use else None
+        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last, observer, neighbours)
         return session, link
+
+    def _make_share(self) -> ShareService | None:
+        """The exchange of obstacles with other vehicles, where it is enabled."""
+        if not self.config.share.enabled:
+            return None
+        from ..share.setup import ShareService  # imported only where it is enabled
+
+        def log(key: str, message: Message, t_ns: int) -> None:
+            if self.recorder is not None:
+                self.event_queue.put([LogMessage(key, message, t_ns)])
+
+        return ShareService(self.config, self._folders, self._boot, log)
+
+    def _share_reads(self) -> frozenset[int]:
+        return frozenset() if self.share is None else self.share.reads
+
+    def _foreign(self) -> dict[str, Any]:
+        """Arguments of the session for messages of other vehicles."""
+        if self.share is None:
+            return {}
+        return {"on_foreign": self.share.foreign, "foreign_ids": self.share.foreign_reads}
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Queues the samples of one read, their raw frames first. Called from one thread at a time."""
@@ -181,12 +211,16 @@ class Service:
         self._raw_frames.clear()
         if self.avoidance is not None:
             self.avoidance.samples(samples)
+        if self.share is not None:
+            self.share.samples(samples)
 
     def _handle_mavlink(self, message: Any, arrival_ns: int) -> None:
         if self.avoidance is not None:
             self.avoidance.message(message, arrival_ns)
         if self.guard is not None:
             self.guard.message(message, arrival_ns)
+        if self.share is not None:
+            self.share.message(message)
 
     def _clock(self) -> tuple[ClockEstimate, int]:
         if self.session is None:
@@ -206,7 +240,11 @@ class Service:
         if publish.world:
             from .world_thread import open_world  # imported only where the merged world is enabled
 
-            self.world = open_world(self.config, self._folders.run, self._context, keys, self._boot)
+            observer = [] if self.share is None else [self.share.world]
+            self.world = open_world(self.config, self._folders.run, self._context, keys, self._boot, *observer)
+        if self.share is not None:
+            self.share.connect(self.session, self.link)
+            self.share.open(self._context, keys)
         self._output.open(self._folders.run, self._context, keys)
         self._previews.open(publish.depth.replace("{run}", str(self._folders.run)), self._context, keys)
         if self.recorder is not None:
@@ -234,7 +272,7 @@ class Service:
             last_first.callback(self._close_allow_list)
             last_first.callback(self._output.close)
             last_first.callback(self._previews.close)
-            for part in (self.world, self.metrics, self.signing, self.link, self.avoidance, self.recorder):
+            for part in (self.world, self.metrics, self.signing, self.link, self.avoidance, self.share, self.recorder):
                 if part is not None:
                     last_first.callback(part.close)
             last_first.callback(self.loop.close)
@@ -286,6 +324,8 @@ class Service:
         recording = self.recorder.status if self.recorder is not None else None
         if self.avoidance is not None:
             self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
+        if self.share is not None:
+            self.share.tick(now_ns)
         self.diagnostics = self._collect_diagnostics(views, autopilot, recording, now_ns)
         state = state_of(views, self.diagnostics, self.started)
         if state != self.state or now_ns >= self._next_health_ns:
@@ -316,6 +356,8 @@ class Service:
             found.append(Diagnostic(DiagnosticCode.AUTOPILOT_SAMPLES_LOST, "", text))
         if self.world is not None:
             found += self.world.diagnostics(now_ns, self.config.service.hang_s)
+        if self.share is not None:
+            found += self.share.diagnostics(now_ns)
         rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
         rate = self._attitude_rate.check(rate_hz, now_ns)
         with self.loop.lock:
@@ -346,6 +388,11 @@ class Service:
             self._ground.result(result)
         self._output.publish_all_cameras(time.monotonic_ns(), self._camera_statuses())
 
+    def _publish_tracks(self, result: TracksResult, data: bytes) -> None:
+        self._output.publish_tracks(result, data)
+        if self.share is not None:
+            self.share.tracks(result)
+
     def _camera_statuses(self) -> dict[str, CameraStatus]:
         return {name: camera.status for name, camera in self.cameras.items()}
 
@@ -368,6 +415,8 @@ class Service:
         if self.recorder is not None:
             report.recording.CopyFrom(recording_message(self.recorder.status))
         self.loop.fill(report, self.avoidance.latency if self.avoidance is not None else lambda: None)
+        if self.share is not None:
+            self.share.fill(report)
         report.samples_lost = self.event_queue.lost
         self.machine.fill(report)
         self._send_computer_status(report)

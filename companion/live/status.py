@@ -93,6 +93,8 @@ def status_lines(h: pb.Health) -> list[str]:
             )
     if h.HasField("autopilot"):
         lines += _autopilot_lines(h.autopilot)
+    if h.HasField("team"):
+        lines += _team_lines(h.team)
     r = h.recording
     if r.recording:
         lines.append(f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} items dropped")
@@ -139,6 +141,22 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
     ]
     anomalies = ", ".join(f"{count} {code} ({text_of(code, LinkAnomaly)})" for code, count in sorted(a.counts.items()))
     return [*lines, f"  {anomalies}"] if anomalies else lines
+
+
+def _team_lines(t: pb.TeamHealth) -> list[str]:
+    links = "; ".join(
+        f"{k.name} {k.fault}" if k.fault else f"{k.name} {k.sent_bytes_per_s:.0f} B/s sent" for k in t.links
+    )
+    place = "" if t.frame_known else ", own place on Earth unknown"
+    refused = ", ".join(f"{count} {code}" for code, count in sorted(t.received.items()) if code != "accepted")
+    lines = [f"team: vehicle {t.vehicle}{place}; {links}" + (f"; refused: {refused}" if refused else "")]
+    for n in t.neighbours:
+        fit = f", fit {n.fit}" if n.fit and n.placement != "aligned" else ""
+        lines.append(
+            f"  vehicle {n.vehicle}: {n.planes} planes, {n.movers} moving, {n.withheld} withheld, newest packet "
+            f"{n.silent_s:.1f} s ago, frame {n.placement} within {n.sigma_m:.1f} m{fit}"
+        )
+    return lines
 
 
 def _span(ns: int) -> str:

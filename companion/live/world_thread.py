@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,16 @@ NO_POSITION_NS = NS // 2
 class WorldThread:
     """`put` takes results from any thread. changes, requests: open PUB and REP sockets, owned by this object."""
 
-    def __init__(self, params: WorldParams, changes: Publisher, requests: Publisher, boot: str) -> None:
-        self.world = World(params)
+    def __init__(
+        self,
+        params: WorldParams,
+        changes: Publisher,
+        requests: Publisher,
+        boot: str,
+        observer: Callable[[World, int], None] = lambda world, now_ns: None,
+    ) -> None:
+        """observer: called in each cycle of the thread with the world and the time; it must not change the world."""
+        self.world, self._observer = World(params), observer
         self._changes, self._requests, self._boot = changes, requests, boot
         self._waiting: deque[PrismsResult] = deque()
         self._lock = threading.Lock()
@@ -108,6 +117,7 @@ class WorldThread:
             if now_ns >= self._next_ns:
                 self._next_ns = now_ns + CHANGES_NS
                 self._publish_changes(now_ns)
+            self._observer(self.world, now_ns)
             self.alive_ns = now_ns
 
     def _take(self) -> None:
@@ -167,7 +177,12 @@ class WorldThread:
 
 
 def open_world(
-    config: Config, run: Path, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None, boot: str
+    config: Config,
+    run: Path,
+    context: zmq.Context[zmq.Socket[bytes]],
+    keys: ServerKeys | None,
+    boot: str,
+    observer: Callable[[World, int], None] = lambda world, now_ns: None,
 ) -> WorldThread | None:
     """The merged world with its thread started; None where no address is configured. Raises as Publisher does."""
     publish = config.publish
@@ -180,7 +195,7 @@ def open_world(
     except (ValueError, DriverError):
         changes.close()
         raise
-    service = WorldThread(config.world, changes, requests, boot)
+    service = WorldThread(config.world, changes, requests, boot, observer)
     service.open()
     return service
 

@@ -19,12 +19,13 @@ MOST_SLACK_M = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A vehicle by its own report, in the own frame. margin_m: uncertainty of its place."""
+    """A vehicle by its own report, in the own frame. margin_m: uncertainty of its place; velocity_m_s: horizontal."""
 
     vehicle: int
     centre_m: tuple[float, float, float]
     radius_m: float
     margin_m: float
+    velocity_m_s: tuple[float, float] = (0.0, 0.0)
 
     def contains(
         self, centre_m: tuple[float, float, float], half_size_m: tuple[float, float, float], margin_m: float

@@ -117,7 +117,9 @@ class NeighbourMap:
             placement = self._placement(neighbour, own)
             body = None if placement is None else self._body(neighbour, placement, now_ns)
             if body is not None:
-                found.append(Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m))
+                found.append(
+                    Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m, body.velocity_m_s)
+                )
         return found
 
     def _placed(

@@ -66,13 +66,13 @@ class Budget:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
     """The own side at one instant. planes: of the own world, ids are their slots; movers: of the own sensors; others: the other
-    vehicles in the own frame with their velocity."""
+    vehicles in the own frame."""
 
     planes: SharedPlanes
     movers: tuple[SharedMover, ...]
     state: VehicleState | None
     section: int
-    others: tuple[tuple[Body, tuple[float, float]], ...] = ()
+    others: tuple[Body, ...] = ()
 
 
 class SendQueue:
@@ -192,7 +192,7 @@ class SendQueue:
         waited_ns = now_ns - self._sent_ns[ids]
         new = (times < REPEATS) & (waited_ns >= REPEAT_NS)
         due = new | (waited_ns >= round(self._budget.refresh_s * NS))
-        for body, _ in offer.others:
+        for body in offer.others:
             for row in np.flatnonzero(due & _small(planes.box)):
                 due[row] &= not is_body(body, planes.box[row])
         cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
@@ -232,8 +232,8 @@ def _near(box: NDArray[np.float64], offer: Offer) -> NDArray[np.bool_]:
     """(N,) whether the middle of each plane is near the way ahead of another vehicle."""
     middle = 0.5 * (box[:, 0:2] + box[:, 2:4])
     near = np.zeros(len(box), bool)
-    for body, (vx, vy) in offer.others:
-        begin, way = np.array(body.centre_m[:2]), AHEAD_S * np.array([vx, vy])
+    for body in offer.others:
+        begin, way = np.array(body.centre_m[:2]), AHEAD_S * np.array(body.velocity_m_s)
         length2 = max(float(way @ way), 1e-9)
         t = np.clip((middle - begin) @ way / length2, 0.0, 1.0)
         off = middle - begin - t[:, None] * way

@@ -62,6 +62,12 @@ TOPICS: Final[dict[str, Topic]] = {
     "tracks": Topic(
         "/camera/{camera}/tracks", pb.Tracks, "each frame", "tracked obstacles, where [tracking] is enabled"
     ),
+    "team": Topic(
+        "/team/packets", pb.TeamPacket, "as exchanged", "packets of other vehicles and own ones, with [share]"
+    ),
+    "neighbours": Topic(
+        "/team/obstacles", pb.NeighbourObstacles, "1 Hz", "obstacles that other vehicles have reported, with [share]"
+    ),
     "scene": Topic("/camera/{camera}/scene", SceneUpdate, "each frame", "drawing of the prisms, for viewers"),
     "transform": Topic("/tf", FrameTransform, "each frame", "up -> ned -> level -> frd -> camera, for viewers"),
 }

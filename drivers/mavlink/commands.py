@@ -21,6 +21,7 @@ DO_SET_MODE: Final = 176
 DO_CHANGE_SPEED: Final = 178
 DO_REPOSITION: Final = 192
 SET_MESSAGE_INTERVAL: Final = 511
+REQUEST_MESSAGE: Final = 512
 CUSTOM_MODE_ENABLED: Final = 1
 CHANGE_MODE_FLAG: Final = 1
 GROUND_SPEED: Final = 1
@@ -29,6 +30,12 @@ NO_CHANGE: Final = -1.0
 PX4_AUTO, PX4_AUTO_LOITER = 4, 3
 """Main mode and sub mode of Hold."""
 COPTER_BRAKE, COPTER_LOITER = 17, 5
+
+
+def request_message(system_id: int, message_id: int) -> Any:
+    """Asks the autopilot for one message."""
+    numbers = (message_id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, REQUEST_MESSAGE, 0, *numbers)
 
 
 def px4_mode_number(main: int, sub: int) -> int:

@@ -50,8 +50,11 @@ class MavlinkSession:
         signing: Signing | None = None,
         reads: frozenset[int] | None = None,
         expected: Vehicle | None = None,
+        on_foreign: Callable[[Frame, int], None] | None = None,
+        foreign_ids: frozenset[int] = frozenset(),
     ) -> None:
-        """on_frame: called with every accepted frame as received (without its signature) and its arrival time, for the log.
+        """on_foreign: called with accepted messages of other vehicles of the kinds in `foreign_ids`, not decoded.
+        on_frame: called with every accepted frame as received (without its signature) and its arrival time, for the log.
         on_message: called with every accepted message of the autopilot of the kinds in `reads` (None: all but its motion),
         decoded, which is most of the work. signing: with the companion's key; without a key nothing is signed and unsigned
         messages are accepted. expected: the autopilot of the run before: any message of it counts before its first
@@ -66,6 +69,7 @@ class MavlinkSession:
         self.counts: Counter[LinkAnomaly] = Counter()
         self.received = 0
         self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
+        self._on_foreign, self._foreign_ids = on_foreign, foreign_ids
         self._timesync = TimeSync(self.clock)
         self._motion = MotionDecoder(self.clock)
         self.rates = RateMonitor(self.params.rate_requests())
@@ -128,6 +132,10 @@ class MavlinkSession:
         if not own:
             self._conflicts.heard(frame, vehicle.system_id if vehicle else 0, arrival_ns)
         kind = frame.id
+        if kind in self._foreign_ids and self._on_foreign is not None:
+            if vehicle is None or frame.system != vehicle.system_id:
+                self._on_foreign(frame, arrival_ns)
+            return None
         if kind in MOTION:
             return self._moves(frame, kind, arrival_ns) if own else None
         if kind == TIMESYNC_ID:

@@ -78,6 +78,8 @@ def test_a_replay_holds_everything_and_the_input(recorded, replayed):
             "clock",
             "health",
             "tracks",
+            "team",
+            "neighbours",
         }  # what only a live run has, or is off by default
         assert out.cameras == source.cameras
         assert json.loads(out.run.config_json)["sync"]["max_gap_s"] == 0.15

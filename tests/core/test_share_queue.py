@@ -29,7 +29,7 @@ def walls(count: int, *, begin: int = 0, flags: int = 0) -> SharedPlanes:
 
 
 def offer(
-    planes: SharedPlanes, *, section: int = 1, others: tuple[tuple[Body, tuple[float, float]], ...] = ()
+    planes: SharedPlanes, *, section: int = 1, others: tuple[Body, ...] = ()
 ) -> Offer:
     return Offer(planes=planes, movers=(), state=STATE, section=section, others=others)
 
@@ -82,7 +82,7 @@ def test_every_plane_is_repeated_before_it_expires() -> None:
 
 
 def test_planes_near_the_way_of_another_vehicle_go_first() -> None:
-    other = (Body(2, (2000.0, 0.0, -3.0), 0.4, 0.5), (5.0, 0.0))
+    other = Body(2, (2000.0, 0.0, -3.0), 0.4, 0.5, (5.0, 0.0))
     near = walls(8, begin=1000)
     far = walls(200)
     both = SharedPlanes(
@@ -105,7 +105,7 @@ def test_complete_planes_go_before_cut_ones() -> None:
 
 
 def test_the_body_of_a_neighbour_is_not_sent_to_it() -> None:
-    body = (Body(2, (20.7, 0.0, -5.0), 0.4, 0.2), (0.0, 0.0))
+    body = Body(2, (20.7, 0.0, -5.0), 0.4, 0.2)
     small = walls(1)
     box = np.array([[20.4, 0.0, 21.0, 0.0, -5.3, -4.7]])
     planes = SharedPlanes(ids=small.ids, box=box, margin_m=small.margin_m, flags=small.flags, age_s=small.age_s)

@@ -2,6 +2,8 @@
 
 from .curve_keys import KeyFileError
 from .model import CameraModel, FreeEnd, FreeProfile, Ground, PlaneFlags, Prism
+from .neighbours import Neighbour, NeighbourMover, NeighbourObstacles
+from .neighbours_subscriber import NeighboursSubscriber
 from .query.space import Occupancy, PlacedModel, Space
 from .subscriber import Message, ReceiveStats, Subscriber, UnavailableCamera
 from .tracks import MovingObstacle, Tracks, TrackState, tracks_from_message
@@ -21,6 +23,10 @@ __all__ = [
     "Message",
     "MirrorStats",
     "MovingObstacle",
+    "Neighbour",
+    "NeighbourMover",
+    "NeighbourObstacles",
+    "NeighboursSubscriber",
     "Occupancy",
     "PlacedModel",
     "PlaneFlags",

@@ -838,7 +838,7 @@ class Temperature(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., celsius: _Optional[float] = ...) -> None: ...
 
 class Health(_message.Message):
-    __slots__ = ("schema_version", "boot_id", "number", "t_ns", "state", "troubles", "cameras", "autopilot", "recording", "latencies", "temperatures", "frames_used", "frames_dropped", "cpu_share", "memory_bytes", "uptime_ns", "samples_lost", "notes", "changed_safety_keys", "diagnostics")
+    __slots__ = ("schema_version", "boot_id", "number", "t_ns", "state", "troubles", "cameras", "autopilot", "recording", "latencies", "temperatures", "frames_used", "frames_dropped", "cpu_share", "memory_bytes", "uptime_ns", "samples_lost", "notes", "changed_safety_keys", "diagnostics", "team")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNKNOWN: _ClassVar[Health.State]
@@ -878,6 +878,7 @@ class Health(_message.Message):
     NOTES_FIELD_NUMBER: _ClassVar[int]
     CHANGED_SAFETY_KEYS_FIELD_NUMBER: _ClassVar[int]
     DIAGNOSTICS_FIELD_NUMBER: _ClassVar[int]
+    TEAM_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     boot_id: str
     number: int
@@ -898,7 +899,69 @@ class Health(_message.Message):
     notes: _containers.RepeatedScalarFieldContainer[str]
     changed_safety_keys: _containers.RepeatedScalarFieldContainer[str]
     diagnostics: _containers.RepeatedCompositeFieldContainer[Diagnostic]
-    def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ..., notes: _Optional[_Iterable[str]] = ..., changed_safety_keys: _Optional[_Iterable[str]] = ..., diagnostics: _Optional[_Iterable[_Union[Diagnostic, _Mapping]]] = ...) -> None: ...
+    team: TeamHealth
+    def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ..., notes: _Optional[_Iterable[str]] = ..., changed_safety_keys: _Optional[_Iterable[str]] = ..., diagnostics: _Optional[_Iterable[_Union[Diagnostic, _Mapping]]] = ..., team: _Optional[_Union[TeamHealth, _Mapping]] = ...) -> None: ...
+
+class TeamHealth(_message.Message):
+    __slots__ = ("vehicle", "neighbours", "received", "links", "frame_known")
+    class ReceivedEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    NEIGHBOURS_FIELD_NUMBER: _ClassVar[int]
+    RECEIVED_FIELD_NUMBER: _ClassVar[int]
+    LINKS_FIELD_NUMBER: _ClassVar[int]
+    FRAME_KNOWN_FIELD_NUMBER: _ClassVar[int]
+    vehicle: int
+    neighbours: _containers.RepeatedCompositeFieldContainer[NeighbourHealth]
+    received: _containers.ScalarMap[str, int]
+    links: _containers.RepeatedCompositeFieldContainer[TeamLinkHealth]
+    frame_known: bool
+    def __init__(self, vehicle: _Optional[int] = ..., neighbours: _Optional[_Iterable[_Union[NeighbourHealth, _Mapping]]] = ..., received: _Optional[_Mapping[str, int]] = ..., links: _Optional[_Iterable[_Union[TeamLinkHealth, _Mapping]]] = ..., frame_known: bool = ...) -> None: ...
+
+class TeamLinkHealth(_message.Message):
+    __slots__ = ("name", "fault", "sent_bytes", "sent_packets", "sent_bytes_per_s")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    FAULT_FIELD_NUMBER: _ClassVar[int]
+    SENT_BYTES_FIELD_NUMBER: _ClassVar[int]
+    SENT_PACKETS_FIELD_NUMBER: _ClassVar[int]
+    SENT_BYTES_PER_S_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    fault: str
+    sent_bytes: int
+    sent_packets: int
+    sent_bytes_per_s: float
+    def __init__(self, name: _Optional[str] = ..., fault: _Optional[str] = ..., sent_bytes: _Optional[int] = ..., sent_packets: _Optional[int] = ..., sent_bytes_per_s: _Optional[float] = ...) -> None: ...
+
+class NeighbourHealth(_message.Message):
+    __slots__ = ("vehicle", "silent_s", "placement", "fit", "sigma_m", "planes", "movers", "withheld", "packets", "refused", "position_m")
+    VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    SILENT_S_FIELD_NUMBER: _ClassVar[int]
+    PLACEMENT_FIELD_NUMBER: _ClassVar[int]
+    FIT_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_M_FIELD_NUMBER: _ClassVar[int]
+    PLANES_FIELD_NUMBER: _ClassVar[int]
+    MOVERS_FIELD_NUMBER: _ClassVar[int]
+    WITHHELD_FIELD_NUMBER: _ClassVar[int]
+    PACKETS_FIELD_NUMBER: _ClassVar[int]
+    REFUSED_FIELD_NUMBER: _ClassVar[int]
+    POSITION_M_FIELD_NUMBER: _ClassVar[int]
+    vehicle: int
+    silent_s: float
+    placement: str
+    fit: str
+    sigma_m: float
+    planes: int
+    movers: int
+    withheld: int
+    packets: int
+    refused: int
+    position_m: Vector3
+    def __init__(self, vehicle: _Optional[int] = ..., silent_s: _Optional[float] = ..., placement: _Optional[str] = ..., fit: _Optional[str] = ..., sigma_m: _Optional[float] = ..., planes: _Optional[int] = ..., movers: _Optional[int] = ..., withheld: _Optional[int] = ..., packets: _Optional[int] = ..., refused: _Optional[int] = ..., position_m: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
 
 class Diagnostic(_message.Message):
     __slots__ = ("code", "camera", "text", "code_enum")
@@ -962,6 +1025,10 @@ class Diagnostic(_message.Message):
         CODE_GUARD_UNAVAILABLE: _ClassVar[Diagnostic.Code]
         CODE_GUARD_INTERVENES: _ClassVar[Diagnostic.Code]
         CODE_GUARD_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_SHARE_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_SHARE_LINK_CLOSED: _ClassVar[Diagnostic.Code]
+        CODE_SHARE_NO_FRAME: _ClassVar[Diagnostic.Code]
+        CODE_SHARE_NOT_AUTHENTICATED: _ClassVar[Diagnostic.Code]
     CODE_UNKNOWN: Diagnostic.Code
     CODE_STARTING: Diagnostic.Code
     CODE_THREAD_STALLED: Diagnostic.Code
@@ -1020,6 +1087,10 @@ class Diagnostic(_message.Message):
     CODE_GUARD_UNAVAILABLE: Diagnostic.Code
     CODE_GUARD_INTERVENES: Diagnostic.Code
     CODE_GUARD_FAULT: Diagnostic.Code
+    CODE_SHARE_FAULT: Diagnostic.Code
+    CODE_SHARE_LINK_CLOSED: Diagnostic.Code
+    CODE_SHARE_NO_FRAME: Diagnostic.Code
+    CODE_SHARE_NOT_AUTHENTICATED: Diagnostic.Code
     CODE_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
@@ -1098,3 +1169,77 @@ class DepthPreview(_message.Message):
     depth_mm: bytes
     publication: Publication
     def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., depth_mm: _Optional[bytes] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+
+class TeamPacket(_message.Message):
+    __slots__ = ("transport", "data", "sent", "sender", "refused")
+    TRANSPORT_FIELD_NUMBER: _ClassVar[int]
+    DATA_FIELD_NUMBER: _ClassVar[int]
+    SENT_FIELD_NUMBER: _ClassVar[int]
+    SENDER_FIELD_NUMBER: _ClassVar[int]
+    REFUSED_FIELD_NUMBER: _ClassVar[int]
+    transport: str
+    data: bytes
+    sent: bool
+    sender: int
+    refused: str
+    def __init__(self, transport: _Optional[str] = ..., data: _Optional[bytes] = ..., sent: bool = ..., sender: _Optional[int] = ..., refused: _Optional[str] = ...) -> None: ...
+
+class NeighbourObstacles(_message.Message):
+    __slots__ = ("schema_version", "t_ns", "section", "sender", "id", "corners_m", "margin_m", "age_s", "flags", "aligned", "movers", "neighbours", "publication")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    SECTION_FIELD_NUMBER: _ClassVar[int]
+    SENDER_FIELD_NUMBER: _ClassVar[int]
+    ID_FIELD_NUMBER: _ClassVar[int]
+    CORNERS_M_FIELD_NUMBER: _ClassVar[int]
+    MARGIN_M_FIELD_NUMBER: _ClassVar[int]
+    AGE_S_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    ALIGNED_FIELD_NUMBER: _ClassVar[int]
+    MOVERS_FIELD_NUMBER: _ClassVar[int]
+    NEIGHBOURS_FIELD_NUMBER: _ClassVar[int]
+    PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    t_ns: int
+    section: int
+    sender: bytes
+    id: _containers.RepeatedScalarFieldContainer[int]
+    corners_m: _containers.RepeatedScalarFieldContainer[float]
+    margin_m: _containers.RepeatedScalarFieldContainer[float]
+    age_s: _containers.RepeatedScalarFieldContainer[float]
+    flags: _containers.RepeatedScalarFieldContainer[int]
+    aligned: bytes
+    movers: _containers.RepeatedCompositeFieldContainer[NeighbourMover]
+    neighbours: _containers.RepeatedCompositeFieldContainer[NeighbourHealth]
+    publication: Publication
+    def __init__(self, schema_version: _Optional[int] = ..., t_ns: _Optional[int] = ..., section: _Optional[int] = ..., sender: _Optional[bytes] = ..., id: _Optional[_Iterable[int]] = ..., corners_m: _Optional[_Iterable[float]] = ..., margin_m: _Optional[_Iterable[float]] = ..., age_s: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ..., aligned: _Optional[bytes] = ..., movers: _Optional[_Iterable[_Union[NeighbourMover, _Mapping]]] = ..., neighbours: _Optional[_Iterable[_Union[NeighbourHealth, _Mapping]]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+
+class NeighbourMover(_message.Message):
+    __slots__ = ("sender", "id", "kind", "centre_m", "half_size_m", "velocity_x_m_s", "velocity_y_m_s", "margin_m", "age_s")
+    class Kind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        KIND_UNKNOWN: _ClassVar[NeighbourMover.Kind]
+        KIND_OBSTACLE: _ClassVar[NeighbourMover.Kind]
+        KIND_VEHICLE: _ClassVar[NeighbourMover.Kind]
+    KIND_UNKNOWN: NeighbourMover.Kind
+    KIND_OBSTACLE: NeighbourMover.Kind
+    KIND_VEHICLE: NeighbourMover.Kind
+    SENDER_FIELD_NUMBER: _ClassVar[int]
+    ID_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    CENTRE_M_FIELD_NUMBER: _ClassVar[int]
+    HALF_SIZE_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_X_M_S_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_Y_M_S_FIELD_NUMBER: _ClassVar[int]
+    MARGIN_M_FIELD_NUMBER: _ClassVar[int]
+    AGE_S_FIELD_NUMBER: _ClassVar[int]
+    sender: int
+    id: int
+    kind: NeighbourMover.Kind
+    centre_m: Vector3
+    half_size_m: Vector3
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    margin_m: float
+    age_s: float
+    def __init__(self, sender: _Optional[int] = ..., id: _Optional[int] = ..., kind: _Optional[_Union[NeighbourMover.Kind, str]] = ..., centre_m: _Optional[_Union[Vector3, _Mapping]] = ..., half_size_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., margin_m: _Optional[float] = ..., age_s: _Optional[float] = ...) -> None: ...

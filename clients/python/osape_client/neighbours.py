@@ -1,0 +1,120 @@
+"""Obstacles that other vehicles have reported, in the own ned. They can only add obstacles to the answers of the own model.
+
+    own = space.segments(from_m, to_m, radius_m)               # WorldSpace or Space of the own vehicle
+    answers = neighbours.added_to_segments(own, from_m, to_m, radius_m)
+
+A free or unknown way that comes near a reported obstacle becomes occupied. Nothing else changes: nothing becomes free, and
+nothing that is occupied becomes anything else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .proto import osape_v1_pb2 as pb
+from .query.rectangles import Rectangles, rectangles
+from .query.space import Occupancies, Occupancy
+from .query.ways import checked_radius, positions
+
+
+@dataclass(frozen=True)
+class NeighbourMover:
+    """A moving obstacle, or a neighbour itself (is_vehicle). margin_m: 2 sigma of everything; age_s: since the observation."""
+
+    sender: int
+    id: int
+    is_vehicle: bool
+    centre_m: tuple[float, float, float]
+    half_size_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float]
+    margin_m: float
+    age_s: float
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """One vehicle of the team. placement, fit: codes (docs/reference/sharing.md); position_m: None, not known."""
+
+    vehicle: int
+    silent_s: float
+    placement: str
+    fit: str
+    sigma_m: float
+    planes: int
+    movers: int
+    withheld: int
+    position_m: tuple[float, float, float] | None
+
+
+class NeighbourObstacles:
+    """The obstacles of one message. sender: (N,) uint8; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom; margin_m,
+    age_s: (N,) float32; aligned: (N,) bool, the sender's frame is aligned by planes of both vehicles. section: of the own world
+    in which they stand; t_ns: instant of the positions. Raises ValueError for a message whose parts do not fit together."""
+
+    def __init__(self, message: pb.NeighbourObstacles) -> None:
+        self.t_ns, self.section = message.t_ns, message.section
+        self.sender = np.frombuffer(message.sender, np.uint8)
+        self.ids = np.array(message.id, np.uint16)
+        self.planes = np.array(message.corners_m, np.float32).reshape(-1, 6)
+        self.margin_m = np.array(message.margin_m, np.float32)
+        self.age_s = np.array(message.age_s, np.float32)
+        self.flags = np.array(message.flags, np.uint8)
+        self.aligned = np.frombuffer(message.aligned, np.uint8) != 0
+        self.movers = tuple(_mover(m) for m in message.movers)
+        self.neighbours = tuple(_neighbour(n) for n in message.neighbours)
+        lengths = {
+            len(a) for a in (self.sender, self.ids, self.planes, self.margin_m, self.age_s, self.flags, self.aligned)
+        }
+        if len(lengths) != 1:
+            raise ValueError(f"obstacles of neighbours: columns of {sorted(lengths)} rows; is the message damaged?")
+        self._rectangles = self._all_rectangles()
+
+    def added_to_segments(
+        self, own: Occupancies, from_m: ArrayLike, to_m: ArrayLike, radius_m: float = 0.0
+    ) -> Occupancies:
+        """(M,) the answers `own` of the own model for these ways, with the obstacles of neighbours added."""
+        radius_m, a, b = checked_radius(radius_m), positions(from_m), positions(to_m)
+        out = np.array(own, np.uint8)
+        if not len(a) == len(b) == len(out):
+            raise ValueError(f"{len(out)} answers for {len(a)} starts and {len(b)} ends; expected as many of each")
+        out[self._rectangles.touch(a, b, radius_m)] = Occupancy.OCCUPIED
+        return out
+
+    def added_to_points(self, own: Occupancies, points_m: ArrayLike, radius_m: float = 0.0) -> Occupancies:
+        """(M,) the same for balls around points (M, 3)."""
+        return self.added_to_segments(own, points_m, points_m, radius_m)
+
+    def _all_rectangles(self) -> Rectangles:
+        """The planes, and each mover as a plane along x whose margin contains its box."""
+        boxes, margins = [], []
+        for m in self.movers:
+            (x, y, z), (hx, hy, hz) = m.centre_m, m.half_size_m
+            boxes.append((x - hx, y, x + hx, y, z - hz, z + hz))
+            margins.append(hy + m.margin_m)
+        planes = np.concatenate([self.planes.astype(np.float64), np.array(boxes, np.float64).reshape(-1, 6)])
+        return rectangles(planes, np.concatenate([self.margin_m.astype(np.float64), np.array(margins, np.float64)]))
+
+
+def _mover(m: pb.NeighbourMover) -> NeighbourMover:
+    return NeighbourMover(
+        sender=m.sender, id=m.id, is_vehicle=m.kind == pb.NeighbourMover.KIND_VEHICLE, centre_m=_xyz(m.centre_m),
+        half_size_m=_xyz(m.half_size_m), velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s), margin_m=m.margin_m, age_s=m.age_s,
+    )  # fmt: skip
+
+
+def _neighbour(n: pb.NeighbourHealth) -> Neighbour:
+    return Neighbour(
+        vehicle=n.vehicle, silent_s=n.silent_s, placement=n.placement, fit=n.fit, sigma_m=n.sigma_m, planes=n.planes,
+        movers=n.movers, withheld=n.withheld, position_m=_xyz(n.position_m) if n.HasField("position_m") else None,
+    )  # fmt: skip
+
+
+def _xyz(v: pb.Vector3) -> tuple[float, float, float]:
+    return v.x, v.y, v.z
+
+
+def no_obstacles() -> NeighbourObstacles:
+    """No neighbour."""
+    return NeighbourObstacles(pb.NeighbourObstacles())

@@ -1,0 +1,82 @@
+"""Receiving the obstacles of neighbours: the newest message and its age.
+
+with NeighboursSubscriber() as subscriber:
+    neighbours = subscriber.newest(section=mirror.section)
+    answers = neighbours.added_to_segments(own_answers, from_m, to_m, radius_m)
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from types import TracebackType
+
+import zmq
+from google.protobuf.message import DecodeError
+
+from .curve_keys import use_client_keys
+from .neighbours import NeighbourObstacles, no_obstacles
+from .proto import osape_v1_pb2 as pb
+from .receive_time import TimedSocket
+from .run_folder import run_folder
+
+NS = 1_000_000_000
+SCHEMA_VERSION = 1
+
+
+class NeighboursSubscriber:
+    """Receives the stream `neighbours`. Not thread-safe.
+
+    address: None: the service on this machine; timeout_s: obstacles of an older message are not returned; keys: folder of this
+    client's CURVE keys. Raises KeyFileError."""
+
+    def __init__(self, address: str | None = None, *, timeout_s: float = 1.0, keys: Path | None = None) -> None:
+        self.address = address or f"ipc://{run_folder()}/neighbours"
+        self.undecodable = 0
+        self._timeout_s = timeout_s
+        self._newest: NeighbourObstacles | None = None
+        self._received_ns = 0
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        socket = self._context.socket(zmq.SUB)
+        socket.setsockopt(zmq.SUBSCRIBE, b"")
+        socket.setsockopt(zmq.CONFLATE, 1)
+        socket.setsockopt(zmq.LINGER, 0)
+        if keys is not None:
+            use_client_keys(socket, keys)
+        socket.connect(self.address)
+        self._socket = TimedSocket(socket)
+
+    def __enter__(self) -> NeighboursSubscriber:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._socket.close()
+        self._context.term()
+
+    def newest(self, section: int | None = None, wait_s: float = 0.0) -> NeighbourObstacles:
+        """The newest obstacles. None of them: where none arrived within timeout_s, or where they stand in another section of the
+        own world than `section`. wait_s: for a message."""
+        received = self._socket.take(round(1000 * wait_s))
+        if received is not None:
+            self._take(*received)
+        found = self._newest
+        stale = time.monotonic_ns() - self._received_ns > self._timeout_s * NS
+        if found is None or stale or section not in (None, found.section):
+            return no_obstacles()
+        return found
+
+    def _take(self, data: bytes, received_ns: int) -> None:
+        message = pb.NeighbourObstacles()
+        try:
+            message.ParseFromString(data)
+            if message.schema_version != SCHEMA_VERSION:
+                raise ValueError(f"schema {message.schema_version}, expected {SCHEMA_VERSION}")
+            self._newest, self._received_ns = NeighbourObstacles(message), received_ns
+        except (DecodeError, ValueError):
+            self.undecodable += 1

@@ -1,0 +1,103 @@
+"""One vehicle of a team, without thread, clock or link: own observations and packets in, packets and obstacles out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from core.sharing.neighbour_map import NeighbourMap, OwnState, own_frame
+from core.sharing.obstacles import SharedObstacles
+from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
+from core.sharing.send_queue import Budget, Offer, SendQueue
+from core.types import PoseSample
+
+from ..config.share import ShareConfig
+from .own_planes import OwnPlanes
+
+NS: Final = 1_000_000_000
+POSITION_NS: Final = NS
+"""An older position is not sent, and nothing is placed with it."""
+ALIGN_NS: Final = 2 * NS
+ALIGN_PLANES: Final = 300
+"""Own planes that a neighbour's are compared with, the nearest."""
+
+
+@dataclass(slots=True)
+class OwnSide:
+    """What is known of the own vehicle. origin: latitude, longitude (deg), altitude (m); movers: of the own sensors."""
+
+    origin: tuple[float, float, float] | None = None
+    pose: PoseSample | None = None
+    planes: OwnPlanes = field(default_factory=lambda: OwnPlanes(SharedPlanes.empty(), 0))
+    movers: tuple[SharedMover, ...] = ()
+    movers_ns: int = 0
+
+
+class Team:
+    """vehicle: own number, 1..255; stream: number of this start, larger than those of all starts before; budgets: by the name
+    of the link."""
+
+    def __init__(
+        self, config: ShareConfig, vehicle: int, stream: int, begun_ns: int, radius_m: float, budgets: dict[str, Budget]
+    ) -> None:
+        self.own = OwnSide(origin=config.fixed_origin())
+        self.map = NeighbourMap(vehicle, config, config.member_numbers())
+        self.vehicle = vehicle
+        self._config, self._radius_m = config, radius_m
+        self.queues = {name: SendQueue(vehicle, stream, begun_ns, budget) for name, budget in budgets.items()}
+        self._align_ns = -(1 << 62)
+
+    def receive(self, data: bytes, arrival_ns: int, sender: int | None) -> str:
+        """Takes a packet; the code of its refusal, empty: it was accepted."""
+        return self.map.receive(data, arrival_ns, sender)
+
+    def packets(self, now_ns: int) -> dict[str, list[bytes]]:
+        """What each link sends now. Nothing before the own frame and position are known."""
+        own = self.state(now_ns)
+        if own.state is None:
+            return {}
+        others = tuple(body for body in self.map.bodies(own, now_ns) if body.vehicle != self.vehicle)
+        offer = Offer(
+            planes=self.own.planes.planes,
+            movers=self._movers(now_ns),
+            state=own.state,
+            section=own.section,
+            others=others,
+        )
+        return {name: queue.packets(offer, now_ns) for name, queue in self.queues.items()}
+
+    def align(self, now_ns: int) -> bool:
+        """Aligns the frames of the neighbours, every ALIGN_NS; returns whether it did."""
+        if now_ns - self._align_ns < ALIGN_NS:
+            return False
+        self._align_ns = now_ns
+        self.map.align(self.own.planes.planes.box[:ALIGN_PLANES], self.state(now_ns), now_ns)
+        return True
+
+    def obstacles(self, now_ns: int) -> SharedObstacles:
+        """What neighbours have reported, in the own ned."""
+        return self.map.obstacles(self.state(now_ns), now_ns)
+
+    def state(self, now_ns: int) -> OwnState:
+        """The own side for the map."""
+        frame, pose = self.frame, self.own.pose
+        state: VehicleState | None = None
+        if frame is not None and pose is not None and now_ns - pose.t_arrival_ns <= POSITION_NS:
+            velocity = pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
+            state = VehicleState(
+                frame=frame, position_m=pose.position_ned_m, velocity_m_s=velocity, radius_m=self._radius_m
+            )
+        return OwnState(
+            state=state, section=self.own.planes.section, movers=tuple(m.centre_m for m in self._movers(now_ns))
+        )
+
+    @property
+    def frame(self) -> LocalFrame | None:
+        """The own frame on Earth; None: not known."""
+        return None if self.own.origin is None else own_frame(self._config, *self.own.origin)
+
+    def _movers(self, now_ns: int) -> tuple[SharedMover, ...]:
+        """The own moving obstacles with their ages at now_ns."""
+        passed_s = (now_ns - self.own.movers_ns) / NS
+        aged = (replace(m, age_s=m.age_s + max(0.0, passed_s)) for m in self.own.movers)
+        return tuple(m for m in aged if m.age_s <= self._config.mover_expire_s)

@@ -1,0 +1,251 @@
+"""The part of the service that shares obstacles: its thread, its links, and what it publishes and records."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
+
+from google.protobuf.message import Message
+
+from core.sharing.obstacles import SharedObstacles
+from core.sharing.records import SharedMover, SharedPlanes
+from core.sharing.send_queue import Budget
+from core.types import AttitudeSample, PoseSample
+from core.world.world import World
+from drivers.sharing.link import ReceivedPacket, TeamLink
+from drivers.watched_thread import WatchedThread
+from osape_client.proto import osape_v1_pb2 as pb
+
+from ..config.share import ShareConfig
+from ..diagnostic import Diagnostic, DiagnosticCode
+from ..pipeline.tracking import TracksResult
+from ..streams.publisher import Publisher
+from .messages import neighbour_messages, obstacles_message, packet_message
+from .own_planes import OwnPlanes, own_planes
+from .team import Team
+
+NS: Final = 1_000_000_000
+STEP_S: Final = 0.05
+SEND_NS: Final = NS // 10
+PUBLISH_NS: Final = NS // 5
+LOG_NS: Final = NS
+OWN_PLANES_NS: Final = NS // 10
+MOST_WAITING: Final = 512
+"""Packets; beyond it the oldest are dropped, and counted."""
+Log = Callable[[str, Message, int], None]
+
+
+class Sharing:
+    """links: makes the links; they deliver to the callable they are given. log: records a message (key of the table of topics, message, time). vehicle: own
+    number, 0: not known yet, then nothing is exchanged."""
+
+    def __init__(
+        self,
+        config: ShareConfig,
+        radius_m: float,
+        links: Callable[[Callable[[ReceivedPacket], None]], Sequence[TeamLink]],
+        stream: int,
+        vehicle: Callable[[], int],
+        publisher: Publisher | None,
+        boot: str,
+        log: Log,
+    ) -> None:
+        self._config, self._radius_m, self._stream = config, radius_m, stream
+        self._vehicle, self._publisher, self._boot, self._log = vehicle, publisher, boot, log
+        self._packets: deque[ReceivedPacket] = deque(maxlen=MOST_WAITING)
+        self.links = tuple(links(self._packets.append))
+        self._begun_ns = time.monotonic_ns()
+        self._team: Team | None = None
+        self._origin: tuple[float, float, float] | None = None
+        self._pose: PoseSample | None = None
+        self._next_send_ns = self._next_publish_ns = self._next_log_ns = self._next_own_ns = 0
+        self._obstacles = SharedObstacles.empty(self._begun_ns)
+        self._planes = OwnPlanes(SharedPlanes.empty(), 0)
+        self._movers: tuple[tuple[SharedMover, ...], int] = (), 0
+        self._health = pb.TeamHealth()
+        self._stop = threading.Event()
+        self._thread = WatchedThread(self._run, "sharing")
+        self.alive_ns = self._begun_ns
+        self._rates: deque[tuple[int, dict[str, int]]] = deque(maxlen=11)
+
+    # ---- in, from other threads -------------------------------------------------------------------------------------------
+
+    def samples(self, samples: Iterable[AttitudeSample | PoseSample]) -> None:
+        """Positions of the own vehicle."""
+        for sample in samples:
+            if isinstance(sample, PoseSample):
+                self._pose = sample
+
+    def origin(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
+        """The origin of the own ned as the autopilot states it. A configured one is kept."""
+        self._origin = latitude_deg, longitude_deg, altitude_m
+
+    def tracks(self, result: TracksResult, now_ns: int) -> None:
+        """Moving obstacles of the own sensors, in ned."""
+        if result.frame != "ned" or result.tracks is None:
+            return
+        movers = tuple(
+            SharedMover(
+                id=o.id & 0xFFFF, centre_m=o.centre_m, half_size_m=o.half_size_m, velocity_m_s=o.velocity_m_s,
+                sigma_m=o.position_sigma_m, sigma_m_s=o.velocity_sigma_m_s,
+                age_s=(max(0, now_ns - result.t_exposure_ns) + o.unseen_ns) / NS,
+            )
+            for o in result.tracks.objects
+        )  # fmt: skip
+        self._movers = movers, now_ns
+
+    def world(self, world: World, now_ns: int) -> None:
+        """The own world, from the thread that owns it; about ten times a second."""
+        if now_ns < self._next_own_ns:
+            return
+        self._next_own_ns = now_ns + OWN_PLANES_NS
+        c = self._config
+        self._planes = own_planes(world, now_ns, c.least_hits, c.range_m, c.send_planes)
+
+    # ---- out --------------------------------------------------------------------------------------------------------------
+
+    @property
+    def obstacles(self) -> SharedObstacles:
+        """The newest obstacles of neighbours, at most 0.2 s old."""
+        return self._obstacles
+
+    def open(self) -> None:
+        """Starts the links and the thread."""
+        for link in self.links:
+            link.open()
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends them. May be called twice."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
+        for link in self.links:
+            link.close()
+        if self._publisher is not None:
+            self._publisher.close()
+
+    def fill(self, report: pb.Health) -> None:
+        """Writes the state of the team into a health report."""
+        report.team.CopyFrom(self._health)
+
+    def diagnostics(self, now_ns: int, liveness_timeout_s: float) -> list[Diagnostic]:
+        """What people must know of it."""
+        if self._thread.failure:
+            text = f"obstacles are not shared any more ({self._thread.failure}); restart the service"
+            return [Diagnostic(DiagnosticCode.SHARE_FAULT, "", text)]
+        found = []
+        if now_ns - self.alive_ns > liveness_timeout_s * NS:
+            text = "obstacles are not shared: the thread does not respond; restart the service"
+            found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
+        for link in self.links:
+            if link.fault:
+                text = f"the link {link.name} to other vehicles is not open: {link.fault}"
+                found.append(Diagnostic(DiagnosticCode.SHARE_LINK_CLOSED, "", text))
+        if self._team is None or self._team.frame is None:
+            text = (
+                "the place of the own frame on Earth is not known: the autopilot sent no GPS_GLOBAL_ORIGIN; wait for its "
+                "position, or set [share] origin"
+            )
+            found.append(Diagnostic(DiagnosticCode.SHARE_NO_FRAME, "", text))
+        return found
+
+    # ---- thread -----------------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._stop.wait(STEP_S):
+            self.alive_ns = time.monotonic_ns()
+            self.step(self.alive_ns)
+
+    def step(self, now_ns: int) -> None:
+        """Takes what has arrived, and sends and publishes what is due."""
+        if self._team is None and not self._found_team():
+            return
+        team = self._team
+        assert team is not None
+        self._update(team)
+        self._receive(team)
+        if now_ns >= self._next_send_ns:
+            self._next_send_ns = now_ns + SEND_NS
+            self._send(team, now_ns)
+        team.align(now_ns)
+        if now_ns >= self._next_publish_ns:
+            self._next_publish_ns, self._obstacles = now_ns + PUBLISH_NS, team.obstacles(now_ns)
+            self._publish(team.own.planes.section, now_ns)
+            self._health = self._health_of(team, now_ns)
+
+    def _found_team(self) -> bool:
+        vehicle = self._config.vehicle or self._vehicle()
+        if not 0 < vehicle < 256:
+            self._packets.clear()
+            return False
+        c = self._config
+        rates = {"tunnel": c.tunnel_bytes_per_s, "zenoh": c.zenoh_bytes_per_s}
+        budgets = {
+            link.name: Budget(
+                bytes_per_s=rates[link.name], overhead_bytes=link.overhead_bytes, packet_bytes=link.packet_bytes,
+                refresh_s=c.refresh_s,
+            )
+            for link in self.links
+        }  # fmt: skip
+        self._team = Team(c, vehicle, self._stream, self._begun_ns, self._radius_m, budgets)
+        return True
+
+    def _update(self, team: Team) -> None:
+        team.own.pose, team.own.planes = self._pose, self._planes
+        team.own.movers, team.own.movers_ns = self._movers
+        if self._config.fixed_origin() is None:
+            team.own.origin = self._origin
+
+    def _receive(self, team: Team) -> None:
+        """Takes the waiting packets, and records them."""
+        while self._packets:
+            packet = self._packets.popleft()
+            code = team.receive(packet.data, packet.arrival_ns, packet.sender)
+            self._log("team", packet_message(packet, code), packet.arrival_ns)
+
+    def _send(self, team: Team, now_ns: int) -> None:
+        """Sends what is due, and records it."""
+        packets = team.packets(now_ns)
+        for link in self.links:
+            some = packets.get(link.name, [])
+            if some:
+                link.send(some, team.vehicle)
+            for data in some:
+                message = pb.TeamPacket(transport=link.name, data=data, sent=True, sender=team.vehicle)
+                self._log("team", message, now_ns)
+
+    def _publish(self, section: int, now_ns: int) -> None:
+        message = obstacles_message(self._obstacles, section)
+        if now_ns >= self._next_log_ns:
+            self._next_log_ns = now_ns + LOG_NS
+            self._log("neighbours", message, now_ns)
+        if self._publisher is not None:
+            age_ns = time.monotonic_ns() - self._obstacles.now_ns
+            number = self._publisher.published
+            message.publication.CopyFrom(pb.Publication(boot_id=self._boot, number=number, age_ns=age_ns))
+            self._publisher.publish(message)
+
+    def _health_of(self, team: Team, now_ns: int) -> pb.TeamHealth:
+        """The state of the team; rates are those of the last ten seconds."""
+        health = pb.TeamHealth(
+            vehicle=team.vehicle, frame_known=team.frame is not None,
+            neighbours=neighbour_messages(self._obstacles.neighbours), received=dict(sorted(team.map.counts.items())),
+        )  # fmt: skip
+        sent = {name: queue.sent_bytes for name, queue in team.queues.items()}
+        if not self._rates or now_ns - self._rates[-1][0] >= NS:
+            self._rates.append((now_ns, sent))
+        begun_ns, before = self._rates[0]
+        seconds = (now_ns - begun_ns) / NS
+        for link in self.links:
+            rate = (sent[link.name] - before[link.name]) / seconds if seconds > 0.0 else 0.0
+            health.links.append(
+                pb.TeamLinkHealth(
+                    name=link.name, fault=link.fault, sent_bytes=sent[link.name],
+                    sent_packets=team.queues[link.name].sent_packets, sent_bytes_per_s=rate,
+                )
+            )  # fmt: skip
+        return health

@@ -1,0 +1,72 @@
+"""Obstacles of neighbours in a planner: they only add to the answers of the own model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.share.messages import obstacles_message
+from core.sharing.obstacles import MoverKind, SharedMovingObstacle, SharedObstacles
+from osape_client.neighbours import NeighbourObstacles, no_obstacles
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.query.space import Occupancy
+
+WALL = (5.0, -3.0, 5.0, 3.0, -4.0, 0.0)
+
+
+def shared(*planes: tuple[float, ...], movers: tuple[SharedMovingObstacle, ...] = ()) -> NeighbourObstacles:
+    n = len(planes)
+    obstacles = SharedObstacles(
+        now_ns=7, sender=np.full(n, 2, np.uint8), ids=np.arange(n, dtype=np.uint16),
+        planes=np.array(planes, np.float32).reshape(n, 6), margin_m=np.full(n, 0.5, np.float32),
+        age_s=np.full(n, 1.5, np.float32), flags=np.zeros(n, np.uint8), aligned=np.ones(n, np.uint8), movers=movers,
+    )  # fmt: skip
+    return NeighbourObstacles(pb.NeighbourObstacles.FromString(obstacles_message(obstacles, 3).SerializeToString()))
+
+
+def test_a_way_through_a_reported_wall_is_occupied() -> None:
+    found = shared(WALL)
+    own = np.array([Occupancy.FREE, Occupancy.UNKNOWN, Occupancy.FREE], np.uint8)
+    answers = found.added_to_segments(own, [[0, 0, -2]] * 3, [[10, 0, -2], [10, 0, -2], [3, 0, -2]], 0.5)
+    assert answers.tolist() == [Occupancy.OCCUPIED, Occupancy.OCCUPIED, Occupancy.FREE]
+    assert found.section == 3
+    assert found.sender.tolist() == [2]
+
+
+def test_a_reported_vehicle_is_occupied() -> None:
+    mover = SharedMovingObstacle(
+        sender=2, id=9, kind=MoverKind.VEHICLE, centre_m=(8.0, 0.0, -2.0), half_size_m=(0.4, 0.4, 0.4),
+        velocity_m_s=(0.0, 0.0), margin_m=0.3, age_s=0.1,
+    )  # fmt: skip
+    found = shared(movers=(mover,))
+    own = np.full(3, Occupancy.FREE, np.uint8)
+    answers = found.added_to_points(own, [[8, 0.6, -2], [8.6, 0.6, -2], [8, 3, -2]])
+    assert answers.tolist() == [Occupancy.OCCUPIED, Occupancy.OCCUPIED, Occupancy.FREE]
+    assert found.movers[0].is_vehicle
+
+
+number = st.floats(-50.0, 50.0)
+place = st.tuples(number, number, number)
+
+
+@given(st.lists(st.tuples(place, place, st.integers(0, 2)), min_size=1, max_size=20), st.floats(0.0, 3.0))
+def test_nothing_becomes_free_and_nothing_occupied_is_cleared(
+    asked: list[tuple[tuple[float, float, float], tuple[float, float, float], int]], radius_m: float
+) -> None:
+    own = np.array([answer for _, _, answer in asked], np.uint8)
+    answers = shared(WALL).added_to_segments(own, [a for a, _, _ in asked], [b for _, b, _ in asked], radius_m)
+    changed = answers != own
+    assert (answers[changed] == Occupancy.OCCUPIED).all()
+    assert (answers[own == Occupancy.OCCUPIED] == Occupancy.OCCUPIED).all()
+
+
+def test_without_neighbours_nothing_changes() -> None:
+    own = np.array([0, 1, 2], np.uint8)
+    assert no_obstacles().added_to_points(own, np.zeros((3, 3))).tolist() == [0, 1, 2]
+
+
+def test_a_damaged_message_is_refused() -> None:
+    with pytest.raises(ValueError, match="rows"):
+        NeighbourObstacles(pb.NeighbourObstacles(sender=b"\x01", corners_m=[0.0] * 6))

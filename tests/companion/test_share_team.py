@@ -1,0 +1,221 @@
+"""Two vehicles of a team that exchange packets: their worlds, their frames, and the rule that reports only add."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.autopilot.neighbour_distances import with_neighbours
+from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, for_reader
+from companion.config.avoidance import AvoidParams
+from companion.config.loader import ConfigError, config_of
+from companion.config.share import ShareConfig
+from companion.live.status import status_lines
+from companion.share.own_planes import OwnPlanes
+from companion.share.sectors import sector_distances_m
+from companion.share.team import NS, Team
+from core.sharing.obstacles import PlacementState, SharedObstacles
+from core.sharing.records import SharedMover, SharedPlanes
+from core.sharing.send_queue import Budget
+from core.types import PoseSample
+from osape_client.proto import osape_v1_pb2 as pb
+
+THIN = Budget(bytes_per_s=1000.0, overhead_bytes=30, packet_bytes=128)
+STEP_NS = NS // 10
+
+
+def street() -> SharedPlanes:
+    """Facades with gaps on both sides."""
+    rng = np.random.Generator(np.random.PCG64(4))
+    rows = []
+    for side in (-1.0, 1.0):
+        x = -10.0
+        while x < 50.0:
+            length, y = rng.uniform(5.0, 11.0), side * rng.uniform(6.0, 8.0)
+            ends = ((x, y), (x + length, y)) if side > 0 else ((x + length, y), (x, y))
+            rows.append((*ends[0], *ends[1], -8.0, 0.0))
+            rows.append((x, y + side * 5.0, x, y, -8.0, 0.0) if side > 0 else (x, y, x, y + side * 5.0, -8.0, 0.0))
+            x += length + rng.uniform(1.5, 3.0)
+    n = len(rows)
+    return SharedPlanes(
+        ids=np.arange(n, dtype=np.uint16), box=np.array(rows), margin_m=np.full(n, 0.1), flags=np.zeros(n, np.uint8),
+        age_s=np.full(n, 0.1),
+    )  # fmt: skip
+
+
+def pose(x_m: float, t_ns: int) -> PoseSample:
+    return PoseSample(
+        t_ns=t_ns, t_arrival_ns=t_ns, position_ned_m=(x_m, 0.0, -3.0), velocity_ned_m_s=(1.0, 0.0, 0.0), reset_counter=0
+    )
+
+
+def team(vehicle: int, origin: str) -> Team:
+    return Team(ShareConfig(origin=origin), vehicle, 1_700_000_000, 0, 0.4, {"tunnel": THIN})
+
+
+def flown(teams: list[Team], seconds: float, x_m: list[float], begin_s: float = 0.0) -> None:
+    """All hear all. x_m: where each is in its own frame."""
+    for k in range(round(seconds * 10)):
+        now_ns = round(begin_s * NS) + k * STEP_NS
+        for one, x in zip(teams, x_m, strict=True):
+            one.own.pose = pose(x, now_ns)
+        for one in teams:
+            for data in one.packets(now_ns).get("tunnel", []):
+                for other in teams:
+                    if other is not one:
+                        other.receive(data, now_ns, one.vehicle)
+        for one in teams:
+            one.align(now_ns)
+
+
+def pair(shift_m: float = 0.0) -> list[Team]:
+    """Two vehicles in a street; the second one's origin is wrong by shift_m to the east."""
+    east_deg = math.degrees(shift_m / (6_378_137.0 * math.cos(math.radians(47.0))))
+    teams = [team(1, "47.0, 8.0, 400"), team(2, f"47.0, {8.0 + east_deg:.9f}, 400")]
+    for one in teams:
+        one.own.planes = OwnPlanes(street(), 1)
+    return teams
+
+
+def test_a_wrong_origin_is_aligned_by_the_planes_of_both() -> None:
+    teams = pair(3.0)
+    flown(teams, 20.0, [0.0, 30.0])
+    got = teams[0].obstacles(20 * NS)
+    assert got.neighbours[0].placement is PlacementState.ALIGNED
+    true = street().box[got.ids]
+    assert np.abs(got.planes[:, :4] - true[:, :4]).max() < 0.3
+    assert (got.margin_m < 1.0).all()
+    assert [m.centre_m[0] for m in got.movers] == [pytest.approx(31.0, abs=1.5)]
+
+
+def test_nothing_is_sent_or_placed_without_a_position() -> None:
+    teams = pair()
+    flown(teams, 5.0, [0.0, 30.0])
+    assert len(teams[0].obstacles(5 * NS).sender) > 0
+    assert len(teams[0].obstacles(8 * NS).sender) == 0  # the position is 3 s old
+    assert teams[0].packets(8 * NS) == {}
+    unknown = team(3, "")
+    unknown.own.pose, unknown.own.planes = pose(0.0, 0), OwnPlanes(street(), 1)
+    assert unknown.packets(0) == {}
+
+
+def test_movers_are_shared_with_their_age_and_end() -> None:
+    teams = pair()
+    mover = SharedMover(
+        id=4, centre_m=(15.0, 2.0, -1.0), half_size_m=(1.0, 0.5, 0.8), velocity_m_s=(2.0, 0.0), sigma_m=0.1, sigma_m_s=0.1,
+        age_s=0.0,
+    )  # fmt: skip
+    teams[1].own.movers, teams[1].own.movers_ns = (mover,), 0
+    flown(teams, 1.0, [0.0, 30.0])
+    (got,) = (m for m in teams[0].obstacles(NS).movers if m.id == 4)
+    assert got.centre_m[0] == pytest.approx(17.0, abs=0.2)
+    flown(teams, 5.0, [0.0, 30.0], 1.0)
+    assert not [m for m in teams[0].obstacles(6 * NS).movers if m.id == 4]
+
+
+# ---- the autopilot -----------------------------------------------------------------------------------------------------------
+
+
+def wall(*box: float, margin_m: float = 0.2) -> SharedObstacles:
+    one = np.ones(1, np.uint8)
+    return SharedObstacles(
+        now_ns=0, sender=one, ids=np.zeros(1, np.uint16), planes=np.array([box], np.float32),
+        margin_m=np.array([margin_m], np.float32), age_s=np.zeros(1, np.float32), flags=one, aligned=one,
+    )  # fmt: skip
+
+
+def test_sectors_of_a_reported_wall() -> None:
+    ahead = wall(8.0, -1.0, 8.0, 1.0, -6.0, 0.0)
+    got = sector_distances_m(ahead, (0.0, 0.0, -3.0), 0.0, (0.8, 0.8), 12.0)
+    assert got[0] == pytest.approx(7.7, abs=0.05)
+    assert np.isinf(got[18])
+    turned = sector_distances_m(ahead, (0.0, 0.0, -3.0), math.pi / 2, (0.8, 0.8), 12.0)
+    assert turned[54] == pytest.approx(7.7, abs=0.05)
+    assert np.isinf(sector_distances_m(ahead, (0.0, 0.0, -9.0), 0.0, (0.8, 0.8), 12.0)).all()
+    assert np.isinf(sector_distances_m(ahead, (-20.0, 0.0, -3.0), 0.0, (0.8, 0.8), 12.0)).all()
+    around = sector_distances_m(wall(0.1, -1.0, 0.1, 1.0, -6.0, 0.0), (0.0, 0.0, -3.0), 0.0, (0.8, 0.8), 12.0)
+    assert (around == 0.0).all()
+
+
+centimetres = st.one_of(st.just(UNKNOWN), st.just(clear_cm(AvoidParams())), st.integers(21, 1199))
+
+
+@given(
+    st.lists(centimetres, min_size=72, max_size=72), st.lists(st.floats(0.0, 30.0), min_size=72, max_size=72),
+    st.sampled_from(["PX4", "ArduPilot", "PX4 or ArduPilot"]),
+)  # fmt: skip
+def test_reports_only_make_distances_smaller(values: list[int], shared_m: list[float], autopilot: str) -> None:
+    avoid, own = AvoidParams(), np.array(values, np.uint16)
+    out = with_neighbours(own, np.array(shared_m), avoid)
+    assert ((out == UNKNOWN) == (own == UNKNOWN)).all()
+    assert (out <= own).all()
+    before, after = for_reader(own, avoid, autopilot), for_reader(out, avoid, autopilot)
+    # a sector that is unknown to the reader may become a near obstacle, never a far one or a clear one
+    new = (before == UNKNOWN) & (after != UNKNOWN)
+    assert (after[new] < clear_cm(avoid)).all()
+    known = before != UNKNOWN
+    assert (after[known] <= before[known]).all()
+
+
+def test_none_reported_changes_nothing() -> None:
+    own = np.full(72, 500, np.uint16)
+    assert with_neighbours(own, None, AvoidParams()) is own
+    assert (with_neighbours(own, np.full(72, np.inf), AvoidParams()) == own).all()
+
+
+# ---- configuration and status --------------------------------------------------------------------------------------------------
+
+WORLD = {"world": "ipc://{run}/world", "world_requests": "ipc://{run}/snapshot"}
+AUTOPILOT = {"address": "udpin:0.0.0.0:14540"}
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ({"share": {"enabled": True, "tunnel": "autopilot"}}, "world is empty"),
+        ({"share": {"enabled": True}, "publish": WORLD}, "without a link"),
+        ({"share": {"enabled": True, "tunnel": "autopilot"}, "publish": WORLD}, "no position"),
+        (
+            {"share": {"enabled": True, "tunnel": "autopilot", "vehicle": 3}, "publish": WORLD, "autopilot": AUTOPILOT},
+            "set vehicle = 0",
+        ),
+        (
+            {
+                "share": {"enabled": True, "tunnel": "autopilot", "use": "planner and autopilot"},
+                "publish": WORLD,
+                "autopilot": AUTOPILOT,
+            },
+            "send = false",
+        ),
+        ({"share": {"members": "2, x"}}, "members"),
+        ({"share": {"origin": "47, 8"}}, "origin"),
+        ({"share": {"origin": "147, 8, 0"}}, "no place on Earth"),
+        ({"share": {"tunnel": "udp:1"}}, "autopilot address"),
+        ({"share": {"refresh_s": 90.0}}, "refresh_s"),
+        ({"share": {"zenoh_team": "a/b"}}, "zenoh_team"),
+    ],
+)
+def test_a_configuration_that_cannot_work(content: dict[str, dict[str, object]], text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        config_of(content, "test")
+
+
+def test_sharing_is_off_by_default() -> None:
+    assert not config_of({}, "test").share.enabled
+
+
+def test_the_status_lists_the_team() -> None:
+    health = pb.Health()
+    health.team.vehicle, health.team.frame_known = 1, True
+    health.team.links.append(pb.TeamLinkHealth(name="tunnel", sent_bytes_per_s=212.0))
+    health.team.received["accepted"], health.team.received["replayed"] = 90, 2
+    health.team.neighbours.append(
+        pb.NeighbourHealth(vehicle=2, silent_s=0.3, placement="by_position", fit="too_little", sigma_m=2.1, planes=14)
+    )
+    text = "\n".join(status_lines(health))
+    assert "team: vehicle 1; tunnel 212 B/s sent; refused: 2 replayed" in text
+    assert "vehicle 2: 14 planes, 0 moving, 0 withheld, newest packet 0.3 s ago, frame by_position within 2.1 m" in text
