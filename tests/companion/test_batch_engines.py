@@ -127,7 +127,7 @@ def test_dask_computes_the_same_files(dask_cluster: str, tmp_path: Path) -> None
 def test_a_dask_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra `dask` is not installed")
     monkeypatch.setattr("companion.batch.dask_engine._CONNECT_S", 0.2)
-    with pytest.raises(DeviceNotFound, match="tcp://127.0.0.1:9: no Dask scheduler answers"):
+    with pytest.raises(DeviceNotFound, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler answers"):
         list(DaskEngine("tcp://127.0.0.1:9", defective).run([]))
 
 

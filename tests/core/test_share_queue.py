@@ -28,9 +28,7 @@ def walls(count: int, *, begin: int = 0, flags: int = 0) -> SharedPlanes:
     )  # fmt: skip
 
 
-def offer(
-    planes: SharedPlanes, *, section: int = 1, others: tuple[Body, ...] = ()
-) -> Offer:
+def offer(planes: SharedPlanes, *, section: int = 1, others: tuple[Body, ...] = ()) -> Offer:
     return Offer(planes=planes, movers=(), state=STATE, section=section, others=others)
 
 
