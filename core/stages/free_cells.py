@@ -7,6 +7,8 @@ import numpy as np
 from ..jit import inner
 from .view_geometry import Q_UNKNOWN
 
+DARK_ROWS = 4
+"""Not tuning: rows of a block that is dark where more than half of it is unknown."""
 _COUNTED = 32768
 """Cells that are counted in one go: as many as 16 bits hold with room to spare."""
 
@@ -54,6 +56,28 @@ def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
         begin[b], dark[b] = 2 * (((pairs + 1) >> 1) * even + (pairs >> 1) * (u1 - u0 - even)), total
         for v in range(first, last):
             total += np.int64(unknown[v])
+
+
+@inner
+def count_dark_blocks(codes, u0, u1, dark_blocks):
+    """How many of the columns u0..u1 - 1 have dark blocks: DARK_ROWS rows of which more than half are unknown.
+
+    codes: (cols, rows) uint16. dark_blocks: (cols, rows // DARK_ROWS + 1) int16 out, for each of these columns how many of
+    the blocks before b are dark."""
+    one, two, three, step = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(DARK_ROWS)
+    found = 0
+    for u in range(u0, u1):
+        column, counts, total, v = codes[u], dark_blocks[found], np.int16(0), np.uint64(0)
+        counts[0] = 0
+        for b in range(1, counts.shape[0]):
+            upper = np.int16(column[v] == Q_UNKNOWN) + np.int16(column[v + one] == Q_UNKNOWN)
+            lower = np.int16(column[v + two] == Q_UNKNOWN) + np.int16(column[v + three] == Q_UNKNOWN)
+            total += np.int16(upper + lower > 2)
+            counts[b] = total
+            v += step
+        if total > 0:
+            found += 1
+    return found
 
 
 @inner

@@ -3,8 +3,8 @@
 Planes alone cannot answer "is it free?": the space between a pole and the wall behind it is unknown. For each direction
 and layer of height the profile walks outward in rings; a ring is free when `free_share` of the cells that look at the
 layer there see farther. Unknown pixels, cells outside the source and ground that comes too early never count as seen. No
-whole column of cells may be without sight: pixels that drop out here and there hide nothing, a column of them hides a pole
-or the end of a wall.
+column may be unknown over most of the layer: pixels that drop out here and there hide nothing, a column of them hides a
+pole or the end of a wall.
 
 The camera's range is an optical depth Z, while rings are forward distances X in the level frame. A ring is free only where
 the whole of its layer lies within the range, so that a tilted camera calls nothing free that it cannot measure.
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..jit import inner, inner_inline, kernel, record
 from ..params import Params
 from ..types import FreeEnd, Ground
-from .free_cells import count_codes, look_at, looked_at
+from .free_cells import DARK_ROWS, count_codes, count_dark_blocks, look_at, looked_at
 from .level import seen_rows
 from .view_geometry import Q_FAR, ViewGeometry
 
@@ -65,13 +65,13 @@ direction."""
 
 class Sampled(NamedTuple):
     """The cells of one direction: cells, begin and unknown of `look_at`, the rows (first, last) of `rows_in_source`, and
-    codes, (columns, rows) of its columns."""
+    dark_blocks of `count_dark_blocks`, of the columns that have any."""
 
     cells: Any
     begin: Any
     unknown: Any
     in_source: Any
-    codes: Any
+    dark_blocks: Any
 
 
 class FreeRanges(NamedTuple):
@@ -196,15 +196,14 @@ def rows_in_source(H, u0, u1, src_cols, src_rows, rows):
 
 
 @inner
-def hides_column(codes, v0, v1, least, most):
-    """Whether a column of codes (columns, rows) has more than half of its rows v0..v1 - 1 outside of least..most."""
-    for u in range(codes.shape[0]):
-        unseen = 0
-        for v in range(v0, v1):
-            unseen += not least <= codes[u, v] <= most
-        if 2 * unseen > v1 - v0:
-            return True
-    return False
+def hides_column(dark_blocks, v0, v1):
+    """Whether a column is dark in more than half of the blocks in the rows v0..v1, rounded outwards. dark_blocks: of
+    `count_dark_blocks`."""
+    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
+    most = 0
+    for u in range(dark_blocks.shape[0]):
+        most = max(most, dark_blocks[u, b1] - dark_blocks[u, b0])
+    return 2 * most > b1 - b0
 
 
 @inner
@@ -246,11 +245,7 @@ def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
             why = _UNKNOWN  # whatever these cells measure, they neither make the ring free nor end the walk
             continue
         seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, behind[r] - 1)
-        through = total > 0 and seen >= enough
-        if through and 2 * (total - seen) * sampled.codes.shape[0] > total:  # with fewer no column is hidden
-            b_end = min(b1 * block, sampled.codes.shape[1])
-            through = not hides_column(sampled.codes, b0 * block, b_end, Q_FAR, behind[r] - 1)
-        if through:
+        if total > 0 and seen >= enough and not hides_column(sampled.dark_blocks, v0, v1):
             if first < 0:
                 first = r
             last = r
@@ -275,6 +270,7 @@ def walk_view(codes, view, image, edges_t, behind, ring_m, layers, w, out):
     cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
     dark, unknown = np.empty(begin.shape[0], np.int64), np.empty(rows, np.uint16)
     looked, layer_rows = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
+    dark_blocks = np.empty((cols, rows // DARK_ROWS + 1), np.int16)
     looked_at(rows, looked)
     rows_of_rings(ring_m, layers, w, layer_rows)
     H = view.H
@@ -285,7 +281,8 @@ def walk_view(codes, view, image, edges_t, behind, ring_m, layers, w, out):
             u1 += 1
         look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
         in_source = rows_in_source(H, u0, u1, image.width_px, image.height_px, rows)
-        sampled = Sampled(cells, begin, dark, in_source, codes[u0:u1])
+        spotted = count_dark_blocks(codes, u0, u1, dark_blocks)
+        sampled = Sampled(cells, begin, dark, in_source, dark_blocks[:spotted])
         for layer in range(len(layers) - 1):
             first, last, why = walk_rings(
                 sampled,

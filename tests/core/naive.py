@@ -439,8 +439,9 @@ def free_walk(
         through = np.sum(w[(cells > 0) & sees_through(cells, x)])
         near = np.sum(w[(cells > 0) & ~sees_through(cells, x)])
         dark = w.sum() - through - near
-        hidden = (1.0 - ((columns[:, part] > 0) & sees_through(columns[:, part], x))).mean(axis=1)
-        if w.sum() and through >= share * w.sum() and (hidden <= 0.5).all():
+        blocks = [columns[:, i : i + 4] == 0 for i in range(a // 4 * 4, min(b + 1, rows // 4 * 4), 4)]
+        hidden = np.mean([k.mean(axis=1) > 0.5 for k in blocks], axis=0) > 0.5 if blocks else np.zeros(1)
+        if w.sum() and through >= share * w.sum() and not hidden.any():
             first, last, end = (r if first < 0 else first), r, "MAX_RANGE"
         elif first >= 0 or near > (1 - share) * w.sum():
             return first, last, ("OBSTACLE" if near >= dark else "UNKNOWN")
