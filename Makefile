@@ -35,13 +35,9 @@ lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 
-# The last expression is also true of a test with a second marker, such as a soak in a module of processes.
-UNIT := unit
-PROCESS := process and not slow and not soak and not vm
-
 check: $(STAMP) lint ## lint, types and the tests that a change affects (two minutes; REVISION=HEAD~3: since then)
 	@tests="$$($(BIN)/python .ci/affected_tests.py $(or $(REVISION),HEAD))"; \
-	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "$(UNIT) or ($(PROCESS))" $$tests; else echo "no test is affected"; fi
+	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "unit or process" $$tests; else echo "no test is affected"; fi
 
 # Tests that start processes or wait for the clock need little of the processor. The tests that only compute run beside them
 # with the lowest priority, so that they take only the time that is left. Each line is printed when its tests have ended.
@@ -55,13 +51,13 @@ test: lint ## all checks, about 10 minutes on two cores
 test-computing: $(STAMP)
 	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 nice -n 19 $(BIN)/pytest -n 2 -m "nojit and unit and not compiled" tests/core
 	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 nice -n 19 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
-	@echo "== unit tests"; nice -n 19 $(BIN)/pytest -n 2 --dist loadfile -m "$(UNIT)" tests
+	@echo "== unit tests"; nice -n 19 $(BIN)/pytest -n 2 --dist loadfile -m unit tests
 
 # The kernels are compiled before, where they never were, so that no test waits for a compiler. Four at a time, since they
 # wait for most of their time.
 test-processes: $(STAMP)
 	@$(BIN)/companion warmup
-	@echo "== tests with processes, sockets and the clock"; $(BIN)/pytest -n 4 --dist loadfile -m "$(PROCESS)" tests
+	@echo "== tests with processes, sockets and the clock"; $(BIN)/pytest -n 4 --dist loadfile -m process tests
 
 test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
 	@$(BIN)/python .ci/test_versions.py $(ARGS)

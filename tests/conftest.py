@@ -33,13 +33,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 TIERS = ("process", "slow", "soak", "vm")
-"""Markers of tests that are no unit tests."""
+"""Markers of tests that are no unit tests. A test has one of them at most, so that no tier contains a test of another."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks every test without another tier as a unit test."""
+    """Marks every test without another tier as a unit test. Raises UsageError where a test has two tiers."""
     for item in items:
-        if not any(item.get_closest_marker(tier) for tier in TIERS):
+        tiers = [tier for tier in TIERS if item.get_closest_marker(tier)]
+        if len(tiers) > 1:
+            raise pytest.UsageError(f"{item.nodeid} has the tiers {' and '.join(tiers)}: keep one of these markers")
+        if not tiers:
             item.add_marker(pytest.mark.unit)
 
 

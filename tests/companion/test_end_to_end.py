@@ -24,8 +24,6 @@ from drivers.logs.reader import McapRecording
 from ..golden import recording_path
 from .recordings import events_of
 
-pytestmark = pytest.mark.process
-
 COMMAND = Path(sys.executable).with_name("companion")
 FRAMES = 10
 
@@ -104,6 +102,7 @@ def prisms(flight: Path) -> Path:
     return out
 
 
+@pytest.mark.process
 def test_replay_checks_its_own_log(prisms: Path) -> None:
     done = companion("replay", prisms, "--check", "--json")
     assert (done.status, done.err) == (0, "")
@@ -114,6 +113,7 @@ def test_replay_checks_its_own_log(prisms: Path) -> None:
     assert f"check: {FRAMES} frames compared bit by bit: equal" in people.out
 
 
+@pytest.mark.process
 def test_a_check_that_fails(prisms: Path, tmp_path: Path) -> None:
     """With other parameters than those of the log it reports the differences and exits with 1."""
     config = tmp_path / "other.toml"
@@ -127,6 +127,7 @@ def test_a_check_that_fails(prisms: Path, tmp_path: Path) -> None:
     assert f"check: {check['different']} of {FRAMES} frames differ; first: camera front, frame" in done.err
 
 
+@pytest.mark.process
 def test_info(prisms: Path) -> None:
     done = companion("info", prisms, "--json")
     assert (done.status, done.err) == (0, "")
@@ -135,6 +136,7 @@ def test_info(prisms: Path) -> None:
     assert "10 valid frames" in companion("info", prisms).out
 
 
+@pytest.mark.process
 def test_view(prisms: Path, tmp_path: Path) -> None:
     done = companion("view", prisms, "-o", tmp_path / "view", "--every", "5", "--json")
     assert (done.status, done.err) == (0, "")
@@ -144,6 +146,7 @@ def test_view(prisms: Path, tmp_path: Path) -> None:
     assert all(Path(p).stat().st_size > 10_000 for p in [*told["pictures"], told["page"]])
 
 
+@pytest.mark.process
 def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path) -> None:
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     cut.write_bytes(prisms.read_bytes()[: prisms.stat().st_size * 2 // 3])
@@ -164,6 +167,7 @@ def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path
     assert companion("recover", whole).out.startswith(f"{whole} is complete")
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "words",
     [
@@ -184,6 +188,7 @@ def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("words", "cause", "remedy"),
     [
@@ -212,6 +217,7 @@ def test_failures(words: tuple[str, ...], cause: str, remedy: str, tmp_path: Pat
     assert not (tmp_path / "x.mcap").exists()
 
 
+@pytest.mark.process
 def test_a_cache_that_cannot_be_written_is_named_as_it_was_given(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     cache = tmp_path / "file" / "cache"
