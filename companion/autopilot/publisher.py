@@ -182,9 +182,8 @@ class ObstacleReportBuilder:
             recall = partial(self._freed.free, views, here, now_ns)
         # without an attitude remembered obstacles stay where they were
         self._last_here = here or self._last_here
-        found, recalled = scan([], self._avoid), nothing_remembered()
-        if here is not None:
-            found = self._scan(causes, views, recall, here, now_ns)
+        found = scan([], self._avoid) if here is None else self._scan(causes, views, recall, here, now_ns)
+        recalled = nothing_remembered()
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
         if self._observer is not None:
