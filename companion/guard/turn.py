@@ -21,7 +21,9 @@ WINDOW_NS, LONGEST_NS = 3 * NS // 10, 6 * NS // 10
 LEAST_SPEED_M_S: Final = 1.0
 """Slower, the course is mostly noise, and the braking distance is short."""
 LEAST_RAD_S: Final = math.radians(6.0)
-"""A lower rate is noise of the velocity. It moves the vehicle aside by 0.6 m within 6 m at 3 m/s."""
+"""A lower rate moves the vehicle aside by 0.6 m at most within 6 m at 3 m/s."""
+LEAST_LATERAL_M_S2: Final = 0.3
+"""A rate that less lateral acceleration makes is noise: 0.03 m/s on each component of the velocity make 0.14 m/s2 over WINDOW_NS."""
 STEP_RAD: Final = math.radians(6.0)
 """Between two directions of the fan: 0.8 m at a distance of 8 m, less than the width of the corridor."""
 WIDEST_RAD: Final = math.radians(60.0)
@@ -38,7 +40,8 @@ class CourseRate:
     def take(self, s: Surroundings) -> float:
         """The rate over the last WINDOW_NS."""
         velocity = s.velocity_ned_m_s
-        if velocity is None or math.hypot(*velocity[:2]) < LEAST_SPEED_M_S:
+        speed_m_s = 0.0 if velocity is None else math.hypot(*velocity[:2])
+        if velocity is None or speed_m_s < LEAST_SPEED_M_S:
             self._courses.clear()
             return 0.0
         course_rad = math.atan2(velocity[1], velocity[0])
@@ -49,7 +52,7 @@ class CourseRate:
                 return 0.0
             if age_ns >= WINDOW_NS:
                 rate = math.remainder(course_rad - before_rad, math.tau) * NS / age_ns
-                return rate if abs(rate) >= LEAST_RAD_S else 0.0
+                return rate if abs(rate) >= max(LEAST_RAD_S, LEAST_LATERAL_M_S2 / speed_m_s) else 0.0
         return 0.0
 
 

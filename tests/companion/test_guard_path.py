@@ -217,6 +217,8 @@ def test_the_rate_of_the_course(rate_deg_s: float) -> None:
 
 def test_a_small_rate_of_the_course_is_noise() -> None:
     assert turning(5.0) == 0.0
+    assert turning(10.0, speed_m_s=1.5) == 0.0, "0.26 m/s2"
+    assert turning(13.0, speed_m_s=1.5) == pytest.approx(13.0, abs=0.1), "0.34 m/s2"
 
 
 def test_a_remembered_obstacle_counts() -> None:
