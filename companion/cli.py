@@ -77,7 +77,8 @@ def _error_text(error: Exception) -> str:
         return f"{error.filename}: {error.strerror}; check the path, its permissions and the free space"
     if isinstance(error, OSError):
         return (
-            f"{error.strerror or error} while writing; the part written so far is in the .active file beside the output"
+            f"{error.strerror or error} while writing: check the free space of the output's folder; a log that was begun "
+            "is kept as FILE.active (`companion recover` reads it)"
         )
     return str(error)
 

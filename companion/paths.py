@@ -19,15 +19,28 @@ class Folders:
     state: Path
 
 
+class FolderError(ValueError):
+    """A folder of the service cannot be made; the text names it, the cause and the remedy."""
+
+
 def folders() -> Folders:
-    """Of a service that starts here: those that systemd gives, else the user's own. Raises OSError where they cannot be
-    made."""
+    """Of a service that starts here: those that systemd gives, else the user's own. Raises FolderError."""
     state = os.environ.get("STATE_DIRECTORY")
     run = given_run_folder() or own_run_folder()
     state_folder = Path(state) if state else Path.home() / ".local" / "state" / NAME
-    run.mkdir(parents=True, exist_ok=True, mode=0o750)
-    state_folder.mkdir(parents=True, exist_ok=True)
+    _make(run, "of the sockets", "XDG_RUNTIME_DIR", mode=0o750)
+    _make(state_folder, "of logs and state", "STATE_DIRECTORY", mode=0o777)
     return Folders(run, state_folder)
+
+
+def _make(folder: Path, purpose: str, variable: str, mode: int) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=mode)
+    except OSError as error:
+        raise FolderError(
+            f"{folder}, the folder {purpose}, cannot be made ({error.strerror}); set the environment variable {variable} to "
+            "a folder that this user may write"
+        ) from error
 
 
 def cache_folder() -> Path:

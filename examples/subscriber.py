@@ -1,6 +1,7 @@
 """A minimal planner client. Run it beside the service: .venv/bin/python examples/subscriber.py [ADDRESS]"""
 
 import sys
+from contextlib import suppress
 
 from osape_client import Message, Subscriber
 
@@ -18,5 +19,5 @@ def on_message(message: Message) -> None:
     )
 
 
-with Subscriber(*sys.argv[1:]) as subscriber:
+with suppress(KeyboardInterrupt), Subscriber(*sys.argv[1:]) as subscriber:  # Ctrl-C ends it
     subscriber.subscribe(on_message)

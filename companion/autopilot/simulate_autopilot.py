@@ -31,7 +31,7 @@ def flight_of(config: Config) -> EndlessFlight:
     section = next((c for c in config.cameras if c.kind == "simulated"), None)
     if section is None:
         raise ValueError(
-            'no camera of kind = "simulated" in the configuration, and so no flight; configs/simulated.toml has one'
+            'no camera of kind = "simulated" in the configuration, and so no flight: take configs/simulated.toml (`companion configs simulated`); with --address it also tests the line of another configuration'
         )
     return EndlessFlight(flight_plan(section.flight, section.seed))
 

@@ -24,7 +24,7 @@ from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
 from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low
-from ..paths import folders
+from ..paths import FolderError, folders
 from .finding import Finding
 from .wait import wait_until
 
@@ -44,6 +44,9 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         return
     try:
         signing = signing_of(a, folders().state)
+    except FolderError as error:
+        yield Finding("folders", False, str(error), DiagnosticCode.RECORDING_FAULT)
+        return
     except DriverError as error:
         yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
         return

@@ -38,6 +38,8 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
         supervisor.close()
     if not frames:
         cause = status.last_loss or status.cause or "the camera opened and sent no frame"
+        if not status.last_loss:
+            cause += f" (for {patience_s:g} s; --patience gives it more time)"
         return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE)
     return frames_finding(part, section, frames)
 

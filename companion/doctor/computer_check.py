@@ -12,7 +12,7 @@ from ..diagnostic import DiagnosticCode
 from ..kernels.run_kernels import run_kernels
 from ..kernels.warmup import COMPILED_S, discard_damaged, ensure_compiled
 from ..log.log_directory import free_bytes
-from ..paths import folders
+from ..paths import FolderError, folders
 from .finding import Finding
 
 
@@ -22,7 +22,12 @@ def computer_findings(config: Config) -> Iterator[Finding]:
     if record.record == "off":
         yield Finding("log", True, "recording is off")
     else:
-        yield _log_finding(Path(record.folder) if record.folder else folders().state / "logs", record.least_free_mb)
+        try:
+            folder = Path(record.folder) if record.folder else folders().state / "logs"
+        except FolderError as error:
+            yield Finding("log", False, str(error), DiagnosticCode.LOG_NOT_WRITABLE)
+        else:
+            yield _log_finding(folder, record.least_free_mb)
     if discarded := discard_damaged():
         text = f"{discarded} damaged files were deleted; they are compiled again now"
         yield Finding("kernel cache", False, text, DiagnosticCode.KERNEL_CACHE_DAMAGED)

@@ -17,6 +17,7 @@ from ..console import fail, print_json, print_line
 from ..pipeline.results import PrismsResult
 from ..viewer.log import view_frame
 from ..viewer.placement import placed_model
+from ..whole_file import write_whole
 from .gltf import glb
 from .tables import Table, Tables, read_tables
 
@@ -87,7 +88,7 @@ def _write_gltf(out: Path, chosen: _Chosen, infos: dict[str, Any]) -> Path:
     model = placed_model(view_frame(result, infos[result.camera], None))
     assert model is not None
     name = f"{result.camera} frame {result.sequence}"
-    out.write_bytes(glb(model.prisms, np.array(chosen.positions).reshape(-1, 3), name))
+    write_whole(out, glb(model.prisms, np.array(chosen.positions).reshape(-1, 3), name))
     return out
 
 

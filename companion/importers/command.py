@@ -22,6 +22,7 @@ from ..console import fail, print_json, print_line, warn
 from ..log.log_writer import refuse_output, write_recording
 from ..log.provenance import run_info
 from ..pipeline.sync import NS
+from ..whole_file import write_whole
 from .depth_summary import DepthSummary, DepthTally
 from .folder import open_folder
 from .frame_list import FrameListSource
@@ -92,7 +93,7 @@ def write_file_list(output: Path, files: dict[int, str]) -> Path | None:
         return None
     path = output.with_suffix(".files.csv")
     lines = [f"{number},{name}\n" for number, name in sorted(files.items())]
-    path.write_text("sequence,file\n" + "".join(lines), encoding="utf-8")
+    write_whole(path, "sequence,file\n" + "".join(lines))
     return path
 
 

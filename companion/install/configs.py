@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..console import print_json, print_line
+from ..whole_file import write_whole
 from .steps import packaged_file
 
 
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     target = args.output or Path(f"{source.stem}.toml")
     if target.exists():
         raise ValueError(f"{target} exists; name another file with -o")
-    target.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+    write_whole(target, source.read_text(encoding="utf-8"))
     if args.json:
         print_json({"written": str(target)})
     else:

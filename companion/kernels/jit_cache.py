@@ -81,6 +81,22 @@ def use_own_cache() -> Path | None:
     return None  # numba then reports the error, and `companion warmup` the remedy
 
 
+def unwritable_bases() -> list[Path]:
+    """The folders of `use_own_cache`, if none of them can be written; [] where one can."""
+    named = os.environ.get(VARIABLE)
+    bases = [base_of(Path(named))] if named else _usual_bases()
+    return [] if any(_can_write(base) for base in bases) else bases
+
+
+def _can_write(folder: Path) -> bool:
+    """Whether files can be made in a folder, or the folder itself can be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
 def base_of(folder: Path) -> Path:
     """The parent of the per-state directories: a child process inherits the directory of its parent."""
     return folder.parent if _KEYED.fullmatch(folder.name) else folder

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..console import fail, print_json, print_line
+from ..console import fail, print_json, print_line, warn
 from .child_process import POLL_S, CancelledError, Children, WarmupError, end_with_parent
-from .jit_cache import COMPLETE, VARIABLE, base_of
+from .jit_cache import COMPLETE, VARIABLE, base_of, unwritable_bases
 from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
 from .processor import processor
 from .progress import LOG_EVERY_S, CompiledCount, ProgressLine, Report, progress_text
@@ -84,20 +84,40 @@ def warm_up() -> Warmup:
         if first.returncode != 0:
             deleted += _delete(folders)
             if not deleted:
-                raise WarmupError(f"the kernels do not run: {_last_line(first)}")
+                raise WarmupError(f"the kernels do not run: {_last_line(first)}{_space_remedy(first, folders[0])}")
             second = _child(report=report)
             if second.returncode != 0:
                 raise WarmupError(
                     f"the kernels do not run, even after {deleted} cached files were deleted: {_last_line(second)}"
+                    f"{_space_remedy(second, folders[0])}"
                 )
         _mark_complete(*MODES)
     cached = len(list(_cached_files(folders)))
     return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
 
 
+def cache_warning() -> str:
+    """That compiled kernels cannot be stored, with the remedy; "": they can. Each process then compiles its own."""
+    if not (places := unwritable_bases()):
+        return ""
+    return (
+        f"compiled kernels cannot be stored in {' or '.join(map(str, places))}: each command compiles them again, which takes "
+        f"minutes; set {VARIABLE} to a folder that this user may write"
+    )
+
+
+def _space_remedy(child: subprocess.CompletedProcess[str], folder: Path) -> str:
+    """What to do about a disk that is full; "" for other failures."""
+    if "No space left" not in _last_line(child):
+        return ""
+    return f"; the disk of {folder} is full: free 200 MB, or set {VARIABLE} to a folder on another disk"
+
+
 def ensure_compiled(*modes: str) -> None:
     """Compiles the missing kernels of these groups in a child process, with a line of progress on stderr. Returns at once
     where all are compiled. Raises WarmupError."""
+    if warning := cache_warning():
+        warn(warning)
     if named := os.environ.get(VARIABLE):
         discard_damaged()
         with _progress_line() as report:
@@ -195,6 +215,8 @@ def make_ready(*modes: str, report: Report = lambda done, total: None) -> None:
     makes the next start run `warm_up` first. The objects of the start are frozen (`gc.freeze`), since full garbage
     collections would otherwise scan them and stop the other threads. Raises WarmupError."""
     begun_s = time.monotonic()
+    if warning := cache_warning():
+        log.warning(warning)
     named = os.environ.get(VARIABLE)
     mark = Path(named) / MARK if named else None
     died = mark is not None and mark.exists()

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from ..argument_types import number_in
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
@@ -21,7 +22,6 @@ from ..viewer.live_server import NICE, streams_of
 from ..viewer.subscriber import HEALTH_OLD_NS, LiveSubscriber
 from .bridge import BridgeOptions, Ros2Bridge
 from .message_types import RosMessages
-from .occupied import spacing_or_error
 from .session import RosNode
 from .wire import absolute_name
 
@@ -44,19 +44,32 @@ def add_parser(subparsers: Any) -> None:
         "--router", default="tcp/localhost:7447", metavar="ENDPOINT", help="Zenoh router (tcp/localhost:7447)"
     )
     parser.add_argument(
-        "--domain", type=int, metavar="N", help="ROS domain (the environment variable ROS_DOMAIN_ID, otherwise 0)"
+        "--domain",
+        type=number_in(int, 0, 232),
+        metavar="N",
+        help="ROS domain (the environment variable ROS_DOMAIN_ID, otherwise 0)",
     )
     parser.add_argument("--namespace", default="/osape", metavar="NAME", help="namespace of the topics (/osape)")
-    parser.add_argument("--hz", type=float, default=10.0, metavar="N", help="largest rate of each camera (10)")
-    parser.add_argument("--spacing", default="0.2", metavar="M", help="distance of the points of a cloud (0.2 m)")
+    parser.add_argument(
+        "--hz", type=number_in(float, 0.1, 60.0), default=10.0, metavar="N", help="largest rate of each camera (10)"
+    )
+    parser.add_argument(
+        "--spacing",
+        type=number_in(float, 0.02, 5.0),
+        default=0.2,
+        metavar="M",
+        help="distance of the points of a cloud (0.2 m)",
+    )
     parser.add_argument("--no-tf", action="store_true", help="do not publish /tf, where another node does")
 
 
 def run(args: argparse.Namespace) -> int:
     """Publishes until it is stopped. 1: the subscriber ended; 2: wrong usage."""
     try:
-        options = _options(args)
-        domain = _domain(args.domain)
+        options = BridgeOptions(
+            namespace=absolute_name(args.namespace), hz=args.hz, spacing_m=args.spacing, transforms=not args.no_tf
+        )
+        domain = _environment_domain() if args.domain is None else args.domain
     except ValueError as error:
         fail(str(error))
         return 2
@@ -85,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 def _publish(bridge: Ros2Bridge, node: RosNode, stop: threading.Event) -> int:
     """Connects, and reports each change of the connections on the terminal."""
     router = silence = "-"  # unknown: the first state is reported too
-    connected_ns = 0
+    connected_ns, received_ns = 0, time.monotonic_ns()
     while not stop.wait(TICK_S):
         now_ns = time.monotonic_ns()
         if not bridge.subscriber.running:
@@ -95,7 +108,8 @@ def _publish(bridge: Ros2Bridge, node: RosNode, stop: threading.Event) -> int:
             router = _report("the Zenoh router is connected", node.connect(), router)
             connected_ns = time.monotonic_ns() + round(RETRY_S * 1e9)
         problem = bridge.tick(now_ns)
-        if not problem or now_ns - bridge.subscriber.begun_ns > HEALTH_OLD_NS:
+        received_ns = received_ns if problem else now_ns
+        if not problem or now_ns - received_ns > HEALTH_OLD_NS:  # a short gap is on /diagnostics only
             silence = _report("the service is received", problem, silence)
     return 0
 
@@ -111,25 +125,9 @@ def _report(good: str, problem: str, before: str) -> str:
     return problem
 
 
-def _options(args: argparse.Namespace) -> BridgeOptions:
-    """Raises ValueError for values out of range."""
-    if not 0.1 <= args.hz <= 60.0:
-        raise ValueError(f"--hz {args.hz:g}: expected 0.1 to 60")
-    try:
-        spacing_m = spacing_or_error(args.spacing)
-    except ValueError as error:
-        raise ValueError(f"--spacing {error}") from error
-    return BridgeOptions(
-        namespace=absolute_name(args.namespace), hz=args.hz, spacing_m=spacing_m, transforms=not args.no_tf
-    )
-
-
-def _domain(number: int | None) -> int:
-    """The ROS domain. Raises ValueError for one out of range."""
+def _environment_domain() -> int:
+    """The ROS domain of the environment. Raises ValueError for one that ROS does not have."""
     text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if number is None and not text.isdecimal():
-        raise ValueError(f"ROS_DOMAIN_ID={text}: expected a number from 0 to 232")
-    domain = int(text) if number is None else number
-    if not 0 <= domain <= 232:
-        raise ValueError(f"ROS domain {domain}: expected 0 to 232")
-    return domain
+    if not (text.isascii() and text.isdigit() and int(text) <= 232):
+        raise ValueError(f"ROS_DOMAIN_ID={text}: expected 0 to 232")
+    return int(text)

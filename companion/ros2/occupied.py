@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -45,11 +44,3 @@ def _grid(row: NDArray[np.float64], across: int, down: int) -> NDArray[np.float6
     x, y = (row[k] + share * (row[k + 2] - row[k]) for k in (0, 1))
     z = np.linspace(row[4], row[5], down)
     return np.stack([np.repeat(x, down), np.repeat(y, down), np.tile(z, across)], axis=1)
-
-
-def spacing_or_error(text: str) -> float:
-    """A spacing of 0.02 to 5 m from the command line. Raises ValueError."""
-    spacing_m = float(text)
-    if not (math.isfinite(spacing_m) and 0.02 <= spacing_m <= 5.0):
-        raise ValueError(f"{text}: expected 0.02 to 5 m")
-    return spacing_m

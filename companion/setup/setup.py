@@ -15,6 +15,7 @@ from drivers.mavlink.transport import parse_address
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import examine, print_findings
+from ..whole_file import write_whole
 from .configuration import SIZES, Answers, configuration_text
 from .devices import FoundCamera, find_cameras, find_serial_ports
 from .listen import candidates, find_autopilot
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"{args.output} exists; add --replace, or name another file with -o")
     ask = Questions(silent=args.yes or not sys.stdin.isatty())
     answers = collect(args, ask)
-    args.output.write_text(configuration_text(answers), encoding="utf-8")
+    write_whole(args.output, configuration_text(answers))
     print_line(f"written: {args.output}")
     try:
         config = load_config(args.output)
@@ -111,7 +112,7 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     return Answers(
         kind=camera.kind, device=camera.device, pitch_deg=pitch, yaw_deg=yaw, position_m=(x, y, z), width_m=width,
         height_m=height, autopilot=_autopilot(args.autopilot, ask), send=args.send, record=args.record or ("off" if camera.kind == "simulated" else "always"),
-        calibration=_calibration(camera), calibration_file=args.calibration,
+        calibration=_calibration(camera), calibration_file=_calibration_file(args.calibration),
     )  # fmt: skip
 
 
@@ -154,6 +155,16 @@ def _autopilot(given: str | None, ask: Questions) -> str:
     if address:
         parse_address(address)
     return address
+
+
+def _calibration_file(name: str) -> str:
+    """The absolute path of a ZED's calibration, which the service reads from another folder; "" without one. Raises ValueError
+    for a file that does not exist."""
+    if name and not Path(name).is_file():
+        raise ValueError(
+            f"--calibration {name}: no such file; download the camera's SN<serial>.conf from the manufacturer's site"
+        )
+    return str(Path(name).absolute()) if name else ""
 
 
 def _calibration(camera: FoundCamera) -> DepthCalibration | None:

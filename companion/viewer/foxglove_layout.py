@@ -11,18 +11,20 @@ from typing import Any, Final
 
 from drivers.logs.topics import TOPICS
 
+from ..whole_file import write_whole
+
 LAYOUT_NAME: Final = "foxglove-layout.json"
 DEPTH_MAX_MM: Final = 10_000
 _SCENE: Final = "3D!obstacles"
 
 
-def write_layout(path: Path, cameras: Sequence[str]) -> None:
-    """Writes the layout file. cameras: names, at least one. Raises OSError."""
-    path.write_text(json.dumps(layout(cameras), indent=1) + "\n", encoding="utf-8")
+def write_layout(path: Path, cameras: Sequence[str], *, health: bool) -> None:
+    """Writes the layout file. cameras: names, at least one; health: whether the log has health reports. Raises OSError."""
+    write_whole(path, json.dumps(layout(cameras, health=health), indent=1) + "\n")
 
 
-def layout(cameras: Sequence[str]) -> dict[str, Any]:
-    """The layout as a JSON object."""
+def layout(cameras: Sequence[str], *, health: bool = True) -> dict[str, Any]:
+    """The layout as a JSON object. health: with a panel of the health report, which a replayed or imported log lacks."""
     panels: dict[str, Any] = {_SCENE: _scene(cameras)}
     side: list[str] = []
     for name in cameras:
@@ -36,8 +38,10 @@ def layout(cameras: Sequence[str]) -> dict[str, Any]:
         "isSynced": True,
     }
     panels["Plot!counts"] = {"paths": _series(cameras), "showLegend": True, "isSynced": True}
-    panels["RawMessages!health"] = {"topicPath": TOPICS["health"].of()}
-    side += ["StateTransitions!decisions", "Plot!counts", "RawMessages!health"]
+    side += ["StateTransitions!decisions", "Plot!counts"]
+    if health:
+        panels["RawMessages!health"] = {"topicPath": TOPICS["health"].of()}
+        side.append("RawMessages!health")
     return {
         "configById": panels,
         "globalVariables": {},

@@ -12,9 +12,11 @@ from core.params import Params
 from drivers.base import BadData
 from drivers.logs.reader import McapRecording
 
+from ..argument_types import number_in
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
+from ..whole_file import write_whole
 from .foxglove_layout import LAYOUT_NAME, write_layout
 from .frame import FrameStatus, select_frames
 from .log import read_frames
@@ -63,12 +65,13 @@ class Views:
 
 @dataclass(frozen=True, slots=True)
 class _FrameSummary:
-    """Properties of a frame that the selection needs."""
+    """Properties of a frame that the selection and the layout need. health: a health report comes before it."""
 
     sequence: int
     t_ns: int
     planes: int
     status: FrameStatus
+    health: bool = False
 
 
 def make_views(
@@ -93,7 +96,7 @@ def make_views(
         sinks = _Sinks(out_dir, pictures, builder, stride, rerun)
         _draw(source, summaries, sinks, views, lambda share: on_progress(0.4 + 0.6 * share))
         views.layout = out_dir / LAYOUT_NAME
-        write_layout(views.layout, [info.camera for info in source.cameras])
+        write_layout(views.layout, [info.camera for info in source.cameras], health=any(g.health for g in summaries))
         if rerun is not None:
             rerun.close()
             views.rerun = out_dir / RERUN_NAME
@@ -101,7 +104,7 @@ def make_views(
             note = f"Every {stride}. of {len(summaries)} frames is shown. " if stride > 1 else ""
             note += "The log is damaged: later frames are missing." if views.damage else ""
             views.page = out_dir / PAGE_NAME
-            views.page.write_text(builder.page(note), encoding="utf-8")
+            write_whole(views.page, builder.page(note))
     return views
 
 
@@ -110,7 +113,8 @@ def _summaries(source: McapRecording, on_progress: Progress) -> tuple[list[_Fram
     summaries: list[_FrameSummary] = []
     try:
         for logged in read_frames(source, on_progress):
-            summaries.append(_FrameSummary(logged.sequence, logged.t_ns, logged.plane_count, logged.status))
+            health = logged.health is not None
+            summaries.append(_FrameSummary(logged.sequence, logged.t_ns, logged.plane_count, logged.status, health))
     except BadData as error:
         return summaries, str(error)
     return summaries, ""
@@ -218,13 +222,19 @@ def add_parser(subparsers: Any) -> None:
     live.add_argument(
         "--keys", type=Path, metavar="DIR", help="directory of the client keys, for streams of another computer"
     )
-    live.add_argument("--port", type=int, default=8760, metavar="N", help="port of the page (8760); 0: any free port")
+    live.add_argument(
+        "--port",
+        type=number_in(int, 0, 65535),
+        default=8760,
+        metavar="N",
+        help="port of the page (8760); 0: any free port",
+    )
     live.add_argument(
         "--listen", default="127.0.0.1", metavar="HOST", help="address to serve (127.0.0.1); 0.0.0.0: the network"
     )
     live.add_argument(
         "--foxglove",
-        type=int,
+        type=number_in(int, 0, 65535),
         nargs="?",
         const=8765,
         metavar="N",

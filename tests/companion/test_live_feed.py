@@ -360,7 +360,13 @@ def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> No
 
 @pytest.mark.parametrize(
     ("words", "told"),
-    [(["--live", "flight.mcap"], "leave FILE.mcap"), (["--live", "-o", "x"], "leave FILE.mcap"), ([], "or --live")],
+    [
+        (["--live", "flight.mcap"], "leave FILE.mcap"),
+        (["--live", "-o", "x"], "leave FILE.mcap"),
+        ([], "or --live"),
+        (["--live", "--port", "70000"], "expected 0..65535"),
+        (["--live", "--foxglove", "-1"], "expected 0..65535"),
+    ],
 )
 def test_wrong_use_is_reported(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", *words]) == 2

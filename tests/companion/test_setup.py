@@ -123,12 +123,22 @@ def test_flags_alone_are_enough(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "--replace" in capsys.readouterr().err
 
 
+def test_the_calibration_is_named_by_its_absolute_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The service runs in another folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("SN1.conf").touch()
+    words = ["--camera", "zed:/dev/video0", "--autopilot", "none", "--calibration", "SN1.conf", "--no-doctor"]
+    assert main(["setup", "--yes", *words, "-o", "c.toml"]) == 0
+    assert load_config(Path("c.toml")).cameras[0].calibration == str(tmp_path / "SN1.conf")
+
+
 @pytest.mark.parametrize(
     ("words", "cause"),
     [
         (["--camera", "kinect"], "expected one of oak"),
         (["--camera", "oak", "--autopilot", "com3"], "autopilot address"),
         (["--camera", "oak", "--autopilot", "none", "--width", "0"], "a vehicle of 0 x 0.5 m"),
+        (["--camera", "zed:/dev/video0", "--autopilot", "none", "--calibration", "SN1.conf"], "SN1.conf: no such file"),
     ],
 )
 def test_wrong_flags_write_nothing(

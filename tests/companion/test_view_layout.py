@@ -63,7 +63,13 @@ def test_the_settings_are_those_of_foxglove() -> None:
     assert image.keys() <= {camel(f.name) for f in dataclasses.fields(layouts.ImageModeConfig)}
 
 
+def test_a_log_without_health_reports_has_no_panel_for_them() -> None:
+    made = layout(["front"], health=False)
+    assert "health" not in json.dumps(made)
+    assert "RawMessages!health" in layout(["front"], health=True)["configById"]
+
+
 def test_view_writes_it_beside_the_page(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["view", str(write_flight(tmp_path / "log.mcap")), "-o", str(out), "--no-png"]) == 0
-    assert json.loads((out / "foxglove-layout.json").read_text()) == layout(["front"])
+    assert json.loads((out / "foxglove-layout.json").read_text()) == layout(["front"], health=False)

@@ -1,0 +1,119 @@
+"""Places that cannot be written: each error names the place, the cause and the remedy, and no existing file is lost."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from companion.config.loader import Config, load_config
+from companion.doctor.autopilot_check import autopilot_findings
+from companion.kernels import jit_cache
+from companion.kernels.warmup import cache_warning
+from companion.paths import FolderError, folders
+from companion.whole_file import write_whole
+
+
+@contextmanager
+def full_disk(free_bytes: int = 16) -> Iterator[None]:
+    """Files of this process cannot grow beyond free_bytes; Python writes no compiled modules meanwhile."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    resource.setrlimit(resource.RLIMIT_FSIZE, (free_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        sys.dont_write_bytecode = before
+
+
+@pytest.fixture
+def no_folder(tmp_path: Path) -> Path:
+    """A path below which nothing can be made."""
+    (tmp_path / "file").touch()
+    return tmp_path / "file" / "home"
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    target = tmp_path / "a.toml"
+    target.write_text("old")
+    with full_disk(), pytest.raises(OSError, match="File too large") as raised:
+        write_whole(target, "x" * 100)
+    assert raised.value.filename == str(target)
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+    write_whole(target, "new")
+    assert target.read_text() == "new"
+
+
+def test_a_full_disk_keeps_the_configuration_of_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "my.toml"
+    target.write_text("# mine\n")
+    words = ["setup", "--yes", "--replace", "--no-doctor", "--camera", "simulated", "--autopilot", "none"]
+    with full_disk():
+        assert main([*words, "-o", str(target)]) == 1
+    assert str(target) in capsys.readouterr().err
+    assert target.read_text() == "# mine\n"
+
+
+def test_a_full_disk_leaves_no_empty_copy_of_a_configuration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "oak.toml"
+    with full_disk():
+        assert main(["configs", "oak", "-o", str(target)]) == 1
+    assert f"{target}: File too large; check the path" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_home_that_cannot_be_written_is_named_with_the_remedy(
+    no_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setenv("HOME", str(no_folder))
+    with pytest.raises(FolderError, match=f"{no_folder}.*Not a directory.*XDG_RUNTIME_DIR"):
+        folders()
+
+
+def test_a_state_folder_that_cannot_be_made_is_named_with_the_remedy(
+    no_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("STATE_DIRECTORY", str(no_folder))
+    with pytest.raises(FolderError, match=f"{no_folder}.*logs and state.*STATE_DIRECTORY"):
+        folders()
+
+
+def test_the_doctor_goes_on_without_a_writable_home(
+    no_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setenv("HOME", str(no_folder))
+    (finding,) = autopilot_findings(_with_autopilot(tmp_path), 0.1)
+    assert not finding.ok
+    assert "XDG_RUNTIME_DIR" in finding.text
+
+
+def _with_autopilot(folder: Path) -> Config:
+    path = folder / "a.toml"
+    path.write_text('[autopilot]\naddress = "udpin:127.0.0.1:0"\n')
+    return load_config(path)
+
+
+def test_kernels_that_cannot_be_stored_are_announced(no_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each command would compile them again, for minutes and without a word."""
+    monkeypatch.setenv(jit_cache.VARIABLE, str(no_folder))
+    monkeypatch.delenv(jit_cache.LOCATOR_VARIABLE, raising=False)
+    warning = cache_warning()
+    assert str(no_folder) in warning
+    assert "NUMBA_CACHE_DIR" in warning
+
+
+def test_a_writable_cache_is_not_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(jit_cache.VARIABLE, str(tmp_path))
+    assert cache_warning() == ""
