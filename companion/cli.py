@@ -7,6 +7,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
@@ -67,18 +68,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _INTERRUPTED
     except _expected_errors() as error:
-        print(f"companion: error: {_error_text(error)}", file=sys.stderr)
+        print(f"companion: error: {_error_text(error, getattr(args, 'output', None))}", file=sys.stderr)
         return 1
 
 
-def _error_text(error: Exception) -> str:
-    """The message of an error. For errors of the operating system: the file and what to check."""
+def _error_text(error: Exception, output: Path | None) -> str:
+    """The message of an error. For errors of the operating system: the file and what to check. output: of the command."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; check the path, its permissions and the free space"
     if isinstance(error, OSError):
         return (
-            f"{error.strerror or error} while writing: check the free space of the output's folder; a log that was begun "
-            "is kept as FILE.active (`companion recover` reads it)"
+            f"{'' if output is None else f'{output}: '}{error.strerror or error} while writing; check the free space. A log "
+            "that was begun is kept as FILE.active (`companion recover` reads it)"
         )
     return str(error)
 

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
-    """Replaces a file; text is written as UTF-8. Raises OSError, which names the file: it is then unchanged."""
-    data = content.encode() if isinstance(content, str) else content
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yields the path to write to, in the same folder and with the same suffix; afterwards it replaces `path`. Raises OSError,
+    which names the file: it is then unchanged."""
+    part = path.with_name(f".{path.stem}.part-{os.getpid()}{path.suffix}")
     try:
-        part.write_bytes(data)
+        yield part
         os.replace(part, path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        if error.errno is None:
+            raise
         raise OSError(error.errno, error.strerror, str(path)) from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Replaces a file; text is written as UTF-8. Raises OSError as `whole_file`."""
+    with whole_file(path) as part:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -12,9 +12,11 @@ import os
 import shutil
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
-from benchmarks.hardware_info import CHECKOUT, stamp
+from benchmarks.hardware_info import CHECKOUT, commit
+from companion.bench.host_info import host_info
 
 from .material import make
 from .personas import PERSONAS, Persona
@@ -115,7 +117,11 @@ def _write_page(page: Path, rows: list[str]) -> None:
     marker = "<!-- python -m benchmarks.first_hour -->"
     before = page.read_text().split(marker)[0]
     head = "| persona | who | steps as expected | kernels | wall, min | processor, min | pages |\n|---|---|---|---|---|---|---|"
-    page.write_text(f"{before}{marker}\n\n{stamp()}\n\n{head}\n" + "\n".join(rows) + "\n")
+    page.write_text(
+        f"{before}{marker}\n\n{datetime.now(UTC):%Y-%m-%d}, commit {commit(CHECKOUT)}, {host_info().text()}\n\n{head}\n"
+        + "\n".join(rows)
+        + "\n"
+    )
 
 
 if __name__ == "__main__":

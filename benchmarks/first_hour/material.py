@@ -19,6 +19,8 @@ from tests.companion.recordings import write_folder
 from tests.companion.ros2_recording import DEFINITIONS, header, quaternion, vector
 
 FRAMES: Final = 60
+SKIPPED: Final = 10
+"""Frames at the beginning, which have few attitudes before them."""
 START_NS: Final = 1_700_000_000_000_000_000
 R_ENU_NED: Final = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
@@ -30,7 +32,7 @@ def make(log: Path, folder: Path) -> None:
     with McapRecording(log) as source:
         info = source.cameras[0]
         events = list(source.events())
-    frames = [e for e in events if isinstance(e, DepthFrame)][:FRAMES]
+    frames = [e for e in events if isinstance(e, DepthFrame)][SKIPPED : SKIPPED + FRAMES]
     first_ns = frames[0].t_exposure_ns
     attitudes = [e for e in events if isinstance(e, AttitudeSample) and e.t_ns > first_ns - 500_000_000]
     poses = {e.t_ns: e for e in events if isinstance(e, PoseSample)}

@@ -94,7 +94,7 @@ DATA: Final = Persona(
         Step("companion export prisms.mcap -f parquet -o parquet"),
         Step("companion export prisms.mcap -f gltf -o model.glb"),
         Step("companion view prisms.mcap -o pictures", shows=("flight.html",)),
-        Step("companion replay prisms.mcap --check", shows=("identical|same",)),
+        Step("companion replay prisms.mcap --check", shows=("compared bit by bit: equal",)),
         Step("companion export prisms.mcap -f xls -o x", status=2, shows=("csv",)),
         Step("companion view nothing.mcap -o pictures", status=1, shows=("nothing.mcap",)),
     ),

@@ -17,7 +17,7 @@ from ..console import fail, print_json, print_line
 from ..pipeline.results import PrismsResult
 from ..viewer.log import view_frame
 from ..viewer.placement import placed_model
-from ..whole_file import write_whole
+from ..whole_file import whole_file, write_whole
 from .gltf import glb
 from .tables import Table, Tables, read_tables
 
@@ -95,13 +95,15 @@ def _write_gltf(out: Path, chosen: _Chosen, infos: dict[str, Any]) -> Path:
 def _write_tables(out: Path, kind: str, tables: dict[str, Table]) -> list[Path]:
     if kind == "npz":
         arrays: dict[str, Any] = {f"{t}.{c}": values for t, table in tables.items() for c, values in table.items()}
-        np.savez_compressed(out, **arrays)
+        with whole_file(out) as part, part.open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
         return [out]
     write = _csv if kind == "csv" else _parquet_writer()
     out.mkdir(parents=True, exist_ok=True)
     paths = [out / f"{name}.{kind}" for name in tables]
     for path, table in zip(paths, tables.values(), strict=True):
-        write(path, table)
+        with whole_file(path) as part:
+            write(part, table)
     return paths
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from drivers.optional_library import install_command
 
+from ..whole_file import whole_file
 from .depth import draw_depth
 from .frame import FrameStatus, ViewFrame, describe
 from .side import draw_side
@@ -47,7 +48,8 @@ def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
     draw_depth(figure.add_axes(image), figure.add_axes(scale), frame)
     draw_side(figure.add_axes((0.045, 0.118, 0.455, 0.215)), frame)
     draw_top(figure.add_axes((0.555, 0.118, 0.435, 0.747)), frame)
-    figure.savefig(path, dpi=DPI, metadata={"Software": "osape-companion"})
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=DPI, metadata={"Software": "osape-companion"})
 
 
 def image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -16,7 +16,7 @@ from companion.doctor.autopilot_check import autopilot_findings
 from companion.kernels import jit_cache
 from companion.kernels.warmup import cache_warning
 from companion.paths import FolderError, folders
-from companion.whole_file import write_whole
+from companion.whole_file import whole_file, write_whole
 
 
 @contextmanager
@@ -117,3 +117,19 @@ def test_kernels_that_cannot_be_stored_are_announced(no_folder: Path, monkeypatc
 def test_a_writable_cache_is_not_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(jit_cache.VARIABLE, str(tmp_path))
     assert cache_warning() == ""
+
+
+def test_a_failure_between_leaves_the_file_of_before(tmp_path: Path) -> None:
+    """Whatever wrote to the temporary file."""
+    target = tmp_path / "a.csv"
+    target.write_text("old")
+
+    def write() -> None:
+        with whole_file(target) as part:
+            part.write_text("half")
+            raise ValueError("no such column")
+
+    with pytest.raises(ValueError, match="no such column"):
+        write()
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
