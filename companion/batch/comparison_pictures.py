@@ -24,7 +24,7 @@ def _figure(width_in: float, height_in: float) -> Any:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise DeviceNotFound(
-            f"pictures need matplotlib: run {install_command('osape-companion[batch]')}, or give --no-pictures"
+            f"pictures need matplotlib: run {install_command('matplotlib>=3.8')}, or give --no-pictures"
         ) from error
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)

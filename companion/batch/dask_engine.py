@@ -24,7 +24,8 @@ class DaskEngine:
             self._distributed: Any = importlib.import_module("distributed")
         except ImportError as error:
             raise DeviceNotFound(
-                f"--engine dask needs dask and distributed: run {install_command('osape-companion[dask]')}"
+                f"--engine dask needs dask and distributed: run {install_command('dask>=2024.8')} and "
+                f"{install_command('distributed>=2024.8')}"
             ) from error
 
     def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:

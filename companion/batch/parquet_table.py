@@ -21,7 +21,7 @@ def arrow_module(name: str = "pyarrow") -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise DeviceNotFound(f"tables need pyarrow: run {install_command('osape-companion[batch]')}") from error
+        raise DeviceNotFound(f"tables need pyarrow: run {install_command('pyarrow>=16')}") from error
 
 
 def arrow_schema(table: str) -> Any:

@@ -21,7 +21,7 @@ class RayEngine:
         try:
             self._ray: Any = importlib.import_module("ray")
         except ImportError as error:
-            raise DeviceNotFound(f"--engine ray needs ray: run {install_command('osape-companion[ray]')}") from error
+            raise DeviceNotFound(f"--engine ray needs ray: run {install_command('ray>=2.30')}") from error
 
     def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:
         """Yields each task once, when it has ended. Raises DeviceNotFound where the cluster does not answer."""

@@ -52,7 +52,7 @@ def file_system(location: str) -> tuple[Any, str]:
     except ImportError as error:
         raise DeviceNotFound(
             f"{location}: the library for this kind of address is not installed ({error}); run "
-            f"{install_command('osape-companion[batch]')}, for s3:// also {install_command('s3fs')}"
+            f"{install_command('fsspec>=2024.2')}, for s3:// also {install_command('s3fs>=2024.2')}"
         ) from error
     except ValueError as error:
         raise DeviceNotFound(
