@@ -131,7 +131,7 @@ class ShareService:
     def fill(self, report: pb.Health) -> None:
         """Writes the state of the team into a health report."""
         if self.sharing is not None:
-            self.sharing.fill(report)
+            report.team.CopyFrom(self.sharing.health)
 
     def foreign(self, frame: Frame, arrival_ns: int) -> None:
         """A message of another vehicle, of FOREIGN_READS."""

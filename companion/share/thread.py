@@ -128,9 +128,10 @@ class Sharing:
         if self._publisher is not None:
             self._publisher.close()
 
-    def fill(self, report: pb.Health) -> None:
-        """Writes the state of the team into a health report."""
-        report.team.CopyFrom(self._health)
+    @property
+    def health(self) -> pb.TeamHealth:
+        """The state of the team, at most 0.2 s old."""
+        return self._health
 
     def diagnostics(self, now_ns: int, liveness_timeout_s: float) -> list[Diagnostic]:
         """What people must know of it."""

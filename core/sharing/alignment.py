@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codes import Code
-from .correlation import best_shift
+from .correlation import balanced_weights, best_shift
 from .placement import Floats, Placement
 
 SAMPLE_M = 0.5
@@ -37,6 +37,9 @@ NOISE_M = 0.2
 MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.25, math.radians(0.8)
 POSITION_SIGMAS = 4.0
 Z_TOLERANCE_M, LEAST_HEIGHTS, LEAST_HEIGHT_SHARE = 0.3, 4, 0.35
+ACROSS = math.sin(math.radians(45.0))
+LEAST_ACROSS_M = 3.0
+"""Length of matched planes that fix the weakest direction."""
 MOST_PLANES = 120
 LEAST_LENGTH_M = 0.8
 
@@ -163,6 +166,8 @@ def _refined(
     """(x, y, yaw), information matrix (3, 3), distances, nearest own plane and match of each sample; None: too little."""
     x, y, yaw = start
     info = np.zeros((3, 3))
+    balance = balanced_weights(samples.along)
+    balance *= len(balance) / balance.sum()
     for step in range(STEPS):
         gate_m = GATE_M if step < STEPS // 2 else LAST_GATE_M
         p, gap_m, nearest, near = _matches(samples, own, (x, y, yaw), gate_m)
@@ -171,11 +176,13 @@ def _refined(
         normal = np.column_stack([-own.along[nearest, 1], own.along[nearest, 0]])[near]
         arm = p[near] - np.array([x, y])
         J = np.column_stack([normal, normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]])
-        weight = np.minimum(1.0, HUBER_M / np.maximum(np.abs(gap_m[near]), 1e-9))
-        info = (J * weight[:, None]).T @ J / NOISE_M**2
-        if np.linalg.cond(info) > 1e7:
+        robust = np.minimum(1.0, HUBER_M / np.maximum(np.abs(gap_m[near]), 1e-9))
+        info = (J * robust[:, None]).T @ J / NOISE_M**2
+        weight = robust * balance[near]
+        normal_matrix = (J * weight[:, None]).T @ J
+        if np.linalg.cond(normal_matrix) > 1e7:
             return (x, y, yaw), info, gap_m, nearest, near
-        dx, dy, dyaw = np.linalg.solve(info, -(J * weight[:, None]).T @ gap_m[near] / NOISE_M**2).tolist()
+        dx, dy, dyaw = np.linalg.solve(normal_matrix, -(J * weight[:, None]).T @ gap_m[near]).tolist()
         x, y, yaw = x + dx, y + dy, yaw + dyaw
     _, gap_m, nearest, near = _matches(samples, own, (x, y, yaw), LAST_GATE_M)
     if not near.any():
@@ -218,9 +225,17 @@ def _judged(
     *_, overlapping = _matches(samples, own, place, OVERLAP_M)
     if matched.sum() < LEAST_AGREEING * overlapping.sum():
         return FitResult.INCONSISTENT
-    values, _ = np.linalg.eigh(info)
-    if values[0] <= 0.0:
+    values, vectors = np.linalg.eigh(info[:2, :2])
+    if values[0] <= 0.0 or np.linalg.eigvalsh(info)[0] <= 0.0:
         return FitResult.UNOBSERVABLE
+    # the planes that fix the place in the weak direction must agree by themselves
+    c, s = math.cos(place[2]), math.sin(place[2])
+    weak = np.array([[c, s], [-s, c]]) @ vectors[:, 0]
+    across = np.abs(samples.along[:, 0] * weak[1] - samples.along[:, 1] * weak[0]) > ACROSS
+    if SAMPLE_M * int((matched & across).sum()) < LEAST_ACROSS_M or len(np.unique(samples.plane[matched & across])) < 3:
+        return FitResult.UNOBSERVABLE
+    if (matched & across).sum() < LEAST_AGREEING * (overlapping & across).sum():
+        return FitResult.INCONSISTENT
     covariance = np.linalg.inv(info)
     worst_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     if worst_m > MAX_SIGMA_M or math.sqrt(covariance[2, 2]) > MAX_SIGMA_YAW_RAD:

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-CELL_M = 0.5
+CELL_M = 0.4
 TURN_RAD = math.radians(1.0)
-SPREAD_M = 0.5
+SPREAD_M = 0.4
 """Width of the score around a plane, standard deviation."""
 DIRECTIONS = 12
-RIVAL_M = 2.5
+RIVAL_M = 1.6
 """A second place counts as another one from this distance on."""
 MOST_SAMPLES = 250
+LEAST_SAMPLES = 12
+"""A direction with fewer samples does not count as much as the others."""
 
 
 def best_shift(
@@ -32,13 +34,14 @@ def best_shift(
     their planes; own_points, own_along: those they are to lie on; prior: middle of the search. The same input gives the same result."""
     step = max(1, math.ceil(len(points) / MOST_SAMPLES))
     points, along = points[::step], along[::step]
+    weight = balanced_weights(along)
     cells = math.ceil(reach_m / CELL_M)
     turns = np.arange(-math.ceil(reach_rad / TURN_RAD), math.ceil(reach_rad / TURN_RAD) + 1) * TURN_RAD
     turned = [_turned(points, along, prior[2] + turn) for turn in turns]
     low = np.floor((np.min([p.min(axis=0) for p, _ in turned], axis=0) + prior[:2]) / CELL_M).astype(int) - cells - 2
     high = np.ceil((np.max([p.max(axis=0) for p, _ in turned], axis=0) + prior[:2]) / CELL_M).astype(int) + cells + 2
     fields = _fields(own_points, own_along, low, high)
-    scores = np.stack([_scores(fields, p + np.array(prior[:2]), d, low, cells) for p, d in turned])
+    scores = np.stack([_scores(fields, p + np.array(prior[:2]), d, weight, low, cells) for p, d in turned])
     k, i, j = np.unravel_index(int(np.argmax(scores)), scores.shape)
     best = float(scores[k, i, j])
     place = prior[0] + (i - cells) * CELL_M, prior[1] + (j - cells) * CELL_M, prior[2] + float(turns[k])
@@ -80,11 +83,19 @@ def _fields(points: Floats, along: Floats, low: NDArray[np.int_], high: NDArray[
     return fields
 
 
-def _scores(fields: Floats, points: Floats, along: Floats, low: NDArray[np.int_], cells: int) -> Floats:
+def balanced_weights(along: Floats) -> Floats:
+    """(S,) weights of samples: planes of each direction count about as much in all, so that long facades do not outweigh the few
+    planes across them, which alone fix the place along a street."""
+    axis = _direction(along) % (DIRECTIONS // 2)
+    count = np.bincount(axis, minlength=DIRECTIONS // 2)
+    return np.asarray(1.0 / np.maximum(count[axis], LEAST_SAMPLES))
+
+
+def _scores(fields: Floats, points: Floats, along: Floats, weight: Floats, low: NDArray[np.int_], cells: int) -> Floats:
     """(2 cells + 1, 2 cells + 1) summed score of all shifts."""
     side = 2 * cells + 1
     total = np.zeros((side, side))
     cell = np.floor(points / CELL_M).astype(int) - low - cells
-    for (i, j), direction in zip(cell.tolist(), _direction(along).tolist(), strict=True):
-        total += fields[direction, i : i + side, j : j + side]
+    for (i, j), direction, w in zip(cell.tolist(), _direction(along).tolist(), weight.tolist(), strict=True):
+        total += w * fields[direction, i : i + side, j : j + side]
     return total

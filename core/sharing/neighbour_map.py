@@ -1,6 +1,6 @@
 """The obstacles that neighbours have reported, beside the own model and apart from it.
 
-`receive` takes packets of any origin: damaged, replayed, delayed ones and those of unknown senders are refused and counted.
+`receive` takes packets of any origin: damaged, replayed, delayed ones and those of other vehicles are refused and counted.
 `obstacles` gives what counts now, in the own frame. The own model is never an argument that could be changed."""
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class NeighbourMap:
         if sender is not None and sender != vehicle:
             return self._refuse("sender_mismatch")
         if self._members and vehicle not in self._members:
-            return self._refuse("unknown_sender")
+            return self._refuse("not_a_member")
         return self._take(packet, arrival_ns)
 
     def _take(self, packet: Packet, arrival_ns: int) -> str:

@@ -30,6 +30,8 @@ REPEATS = 2
 """A new plane is sent so often at once."""
 REPEAT_NS = 3 * NS // 20
 """Least time between two of these."""
+CHANGED_NS = NS
+"""Least time between two sendings of a plane that changes all the time."""
 STATE_NS, MOVERS_NS = NS, NS // 4
 MOVED_M, GROWN_M = 0.3, 0.5
 """A plane counts as new when an end moved by MOVED_M or its top or bottom by GROWN_M outwards."""
@@ -39,6 +41,7 @@ AHEAD_S = 8.0
 """Length of this way."""
 BURST_S = 0.4
 """The budget of this time may be sent at once."""
+WINDOW_S = 10.0
 RESERVE_BYTES = 75.0
 """Of the budget, kept for new planes when others are repeated."""
 MOST_IDS = 1 << 16
@@ -49,7 +52,7 @@ MOST_WAITING = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """bytes_per_s: of everything, with the overhead of the transport; overhead_bytes: of it for each packet; packet_bytes: greatest
+    """bytes_per_s: of everything, with the overhead of the transport, over ten seconds; overhead_bytes: of it for each packet; packet_bytes: greatest
     packet; refresh_s: interval in which a plane is repeated."""
 
     bytes_per_s: float
@@ -84,7 +87,12 @@ class SendQueue:
         self._times = np.zeros(MOST_IDS, np.int32)
         self._sent_ns = np.full(MOST_IDS, NEVER_NS, np.int64)
         self._sent_ms, self._section = -1, -1
-        self._tokens, self._tokens_ns = BURST_S * budget.bytes_per_s, begun_ns
+        self._most_tokens = max(
+            BURST_S * budget.bytes_per_s, budget.packet_bytes + budget.overhead_bytes + RESERVE_BYTES
+        )
+        # so much less that the budget holds in each WINDOW_S, with what may be sent at once
+        self._fill_bytes_per_s = max(0.5 * budget.bytes_per_s, budget.bytes_per_s - self._most_tokens / WINDOW_S)
+        self._tokens, self._tokens_ns = self._most_tokens, begun_ns
         self._state_ns = self._movers_ns = NEVER_NS
         self.unencodable = self.sent_bytes = self.sent_packets = 0
 
@@ -106,10 +114,8 @@ class SendQueue:
         return out
 
     def _refill(self, now_ns: int) -> None:
-        b = self._budget
-        gained = b.bytes_per_s * (now_ns - self._tokens_ns) / NS
-        most = max(BURST_S * b.bytes_per_s, b.packet_bytes + b.overhead_bytes + RESERVE_BYTES)
-        self._tokens, self._tokens_ns = min(most, self._tokens + gained), now_ns
+        gained = self._fill_bytes_per_s * (now_ns - self._tokens_ns) / NS
+        self._tokens, self._tokens_ns = min(self._most_tokens, self._tokens + gained), now_ns
 
     def _header(self, now_ns: int) -> Header:
         self._sent_ms = max(self._sent_ms + 1, (now_ns - self._begun_ns) // 1_000_000)
@@ -175,10 +181,8 @@ class SendQueue:
     def _note(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> None:
         """Remembers what was sent."""
         ids = planes.ids[rows]
-        again = (self._times[ids] > 0) & ~_changed(self._boxes[ids], planes.box[rows])
-        self._times[ids] = np.where(again, self._times[ids] + 1, 1)
-        self._boxes[ids] = np.where(again[:, None], self._boxes[ids], planes.box[rows])
-        self._sent_ns[ids] = now_ns
+        self._times[ids] += 1
+        self._boxes[ids], self._sent_ns[ids] = planes.box[rows], now_ns
 
     def _overdue(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> bool:
         """Whether a plane has waited too long for a full packet."""
@@ -188,16 +192,17 @@ class SendQueue:
     def _ranked(self, offer: Offer, now_ns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(rows of the planes that are new, rows that are to be repeated), each with the most important first."""
         planes, ids = offer.planes, offer.planes.ids
-        times = np.where(_changed(self._boxes[ids], planes.box), 0, np.minimum(self._times[ids], REPEATS))
-        waited_ns = now_ns - self._sent_ns[ids]
-        new = (times < REPEATS) & (waited_ns >= REPEAT_NS)
+        times, waited_ns = self._times[ids], now_ns - self._sent_ns[ids]
+        changed = _changed(self._boxes[ids], planes.box) & (times > 0) & (waited_ns >= CHANGED_NS)
+        new = (times < REPEATS) & (waited_ns >= REPEAT_NS) | changed
         due = new | (waited_ns >= round(self._budget.refresh_s * NS))
         for body in offer.others:
             for row in np.flatnonzero(due & _small(planes.box)):
                 due[row] &= not is_body(body, planes.box[row])
         cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
-        # what was sent least often; then near others; then complete planes; then those that waited longest
-        order = np.lexsort((np.arange(len(planes)), -waited_ns, cut, ~_near(planes.box, offer), times))
+        # never sent, sent once, changed; then near others; then complete planes; then those that waited longest
+        rank = np.where(times < REPEATS, times, np.where(changed, REPEATS, REPEATS + 1))
+        order = np.lexsort((np.arange(len(planes)), -waited_ns, cut, ~_near(planes.box, offer), rank))
         order = order[due[order]]
         return order[new[order]], order[~new[order]]
 

@@ -124,9 +124,9 @@ def test_a_packet_that_must_not_count_changes_nothing(data: bytes, code: str) ->
     assert found.counts[code] == 1
 
 
-def test_strangers_and_too_many_vehicles_are_refused() -> None:
+def test_other_vehicles_and_too_many_vehicles_are_refused() -> None:
     found = NeighbourMap(1, members=frozenset({2, 3}))
-    assert found.receive(wall_packet(1, vehicle=4), NS) == "unknown_sender"
+    assert found.receive(wall_packet(1, vehicle=4), NS) == "not_a_member"
     small = NeighbourMap(1, SharingParams(most_neighbours=2))
     codes = [small.receive(wall_packet(1, vehicle=v), NS) for v in (2, 3, 4)]
     assert codes == ["", "", "too_many_neighbours"]

@@ -1,0 +1,1 @@
+"""Obstacles shared between simulated vehicles, as processes on a lossy radio."""

@@ -1,0 +1,234 @@
+"""Runs the vehicles and the radio, and compares what they know in the end with the truth."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import pickle
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.fidelity.metrics import judge
+from benchmarks.paper.cases import EXACT, rays_under
+from benchmarks.sharing.flights import FrameError, Part, errors, flown, judged_poses, length_of, scene_of, ways
+from benchmarks.sharing.radio import Channel, Traffic, radio
+from benchmarks.sharing.vehicle import Outcome, Task, fly
+from benchmarks.sharing.virtual import play
+from benchmarks.world.flights import frame
+from benchmarks.world.truth import in_level, seen_by, to_ned
+from core.params import Params
+from core.world.world import Observation, World
+from drivers.simulation.source import Rendered
+
+NS = 1_000_000_000
+Floats = NDArray[np.float64]
+WINDOW_S = 10.0
+START_S = 1.0
+_THIN = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """One run. rate: greatest B/s of a vehicle over WINDOW_S; mean_rate: over the flight; latency_s: p50, p95 and greatest from the
+    second observation of a plane by its owner until it is published by another vehicle; never: share of planes that never
+    arrived; missed_joint, missed_all: share of obstacle rays, by the first vehicle with its neighbours, and by one vehicle
+    that flew all parts; aligned: pairs with an aligned frame, of pairs; place_m, yaw_deg: worst error of an aligned frame."""
+
+    scene: str
+    vehicles: int
+    seed: int
+    rate: float
+    mean_rate: float
+    latency_s: tuple[float, float, float]
+    never: float
+    missed_joint: float
+    missed_all: float
+    missed_alone: float
+    pairs: int
+    aligned: int
+    place_m: float
+    yaw_deg: float
+    lost: float
+    late_frames: int
+    refused: dict[str, int]
+    planes: int
+
+
+def run(
+    scene_name: str, vehicles: int, seed: int, bytes_per_s: float, channel: Channel, *, processes: bool = False
+) -> Figures:
+    """One run in simulated time; processes: in real time, each vehicle and the radio a process."""
+    scene = scene_of(scene_name, length_of(vehicles), seed)
+    offsets = errors(vehicles, seed)
+    parts = [
+        flown(scene, way, error, seed + 100 * k)
+        for k, (way, error) in enumerate(zip(ways(vehicles), offsets, strict=True))
+    ]
+    if processes:
+        with tempfile.TemporaryDirectory() as folder:
+            outcomes, traffic, begin_ns = _play(parts, Path(folder), bytes_per_s, channel, seed)
+    else:
+        outcomes, traffic, begin_ns = play(parts, bytes_per_s, channel, seed)
+    views = [frame(scene, pose, EXACT, seed, 0) for pose in judged_poses(vehicles)]
+    return _figures(scene_name, seed, parts, outcomes, traffic, views, begin_ns)
+
+
+def _play(
+    parts: Sequence[Part], folder: Path, bytes_per_s: float, channel: Channel, seed: int
+) -> tuple[list[Outcome], Traffic, int]:
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    medium = context.Process(target=radio, args=(there, len(parts), channel, seed), daemon=True)
+    medium.start()
+    ports = here.recv()
+    flying = []
+    for k, part in enumerate(parts):
+        frames = folder / f"{k}.pickle"
+        frames.write_bytes(pickle.dumps(part.seen))
+        mine, theirs = context.Pipe()
+        task = Task(k + 1, frames, part.error.origin(), ports[k], bytes_per_s)
+        process = context.Process(target=fly, args=(task, theirs), daemon=True)
+        process.start()
+        flying.append((process, mine))
+    for _, mine in flying:
+        mine.recv()  # ready
+    begin_ns = time.monotonic_ns() + round(START_S * NS)
+    for _, mine in flying:
+        mine.send(begin_ns)
+    outcomes = [mine.recv() for _, mine in flying]
+    here.send("end")
+    traffic: Traffic = here.recv()
+    for process, _ in flying:
+        process.join()
+    medium.join()
+    return outcomes, traffic, begin_ns
+
+
+def _figures(
+    scene: str, seed: int, parts: Sequence[Part], outcomes: Sequence[Outcome], traffic: Traffic, views: Sequence[Rendered],
+    begin_ns: int,
+) -> Figures:  # fmt: skip
+    rates = [_rates(sent, begin_ns) for sent in traffic.sent]
+    delays, never = _latencies(outcomes)
+    pairs = [_pair(parts, outcomes, a, b) for a in range(len(parts)) for b in range(len(parts)) if a != b]
+    aligned = [p for p in pairs if p is not None]
+    flown_by = [r for part in parts for r in part.rendered]
+    first = outcomes[0]
+    assert first.shared is not None
+    own, shared = (parts[0].error.true_boxes(p) for p in (first.own, first.shared.planes.astype(np.float64)))
+    everything = World()
+    for k, seen in enumerate(s for part in parts for s in part.true):
+        everything.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=(k + 1) * NS // 5))
+    datagrams = sum(map(len, traffic.sent)) * (len(parts) - 1)
+    refused: dict[str, int] = {}
+    for outcome in outcomes:
+        for code, count in outcome.counts.items():
+            if code != "accepted":
+                refused[code] = refused.get(code, 0) + count
+    return Figures(
+        scene=scene, vehicles=len(parts), seed=seed, rate=max(r[0] for r in rates), mean_rate=max(r[1] for r in rates),
+        latency_s=(float(np.percentile(delays, 50)), float(np.percentile(delays, 95)), float(delays.max())), never=never,
+        missed_joint=_missed(views, np.concatenate([own, shared]), flown_by), missed_all=_missed(views, _all_planes(everything), flown_by),
+        missed_alone=_missed(views, own, flown_by), pairs=len(pairs), aligned=len(aligned),
+        place_m=max((p[0] for p in aligned), default=math.nan), yaw_deg=max((p[1] for p in aligned), default=math.nan),
+        lost=traffic.lost / max(1, datagrams), late_frames=sum(o.late_frames for o in outcomes), refused=refused,
+        planes=len(own),
+    )  # fmt: skip
+
+
+def _all_planes(world: World) -> Floats:
+    """Of all sections: from one part to the next the single vehicle may jump."""
+    found = [section.box for section in world.saved()]
+    return np.concatenate(found)
+
+
+def _rates(sent: Sequence[tuple[int, int]], begin_ns: int) -> tuple[float, float]:
+    """(greatest over WINDOW_S, mean) bytes per second since the begin of the flight."""
+    t = np.array([at_ns for at_ns, _ in sent if at_ns >= begin_ns], np.float64) / NS
+    size = np.array([n for at_ns, n in sent if at_ns >= begin_ns], np.float64)
+    if not len(t):
+        return 0.0, 0.0
+    sums = [
+        size[(t >= begin) & (t < begin + WINDOW_S)].sum() / WINDOW_S for begin in np.arange(t[0], t[-1] - WINDOW_S, 1.0)
+    ]
+    return float(max(sums, default=0.0)), float(size.sum() / max(1.0, t[-1] - t[0]))
+
+
+def _latencies(outcomes: Sequence[Outcome]) -> tuple[Floats, float]:
+    """(delays of all planes and receivers in s, share that never arrived). Planes of the last second are left out."""
+    delays, missing = [], 0
+    for sender in outcomes:
+        last_ns = max(sender.first_own_ns.values()) - NS
+        for receiver in outcomes:
+            if receiver is sender:
+                continue
+            for slot, own_ns in sender.first_own_ns.items():
+                got_ns = receiver.first_shared_ns.get((sender.number, slot))
+                if got_ns is not None:
+                    delays.append((got_ns - own_ns) / NS)
+                elif own_ns < last_ns:
+                    missing += 1
+    return np.array(delays), missing / max(1, missing + len(delays))
+
+
+def _pair(parts: Sequence[Part], outcomes: Sequence[Outcome], a: int, b: int) -> tuple[float, float] | None:
+    """(error of the place in m, of the yaw in deg) of the frame of b as a sees it, at the place where b hovers in the end; None: not
+    aligned."""
+    shared, sender = outcomes[a].shared, outcomes[b]
+    assert shared is not None
+    status = next((n for n in shared.neighbours if n.vehicle == sender.number), None)
+    rows = np.flatnonzero((shared.sender == sender.number) & (shared.aligned == 1))
+    if status is None or status.vehicle_m is None or not len(rows):
+        return None
+    true = parts[a].error.local(parts[b].error.true(np.array([parts[b].seen[-1].place_m])))[0]
+    off_m = math.hypot(status.vehicle_m[0] - true[0], status.vehicle_m[1] - true[1])
+    slots = {int(slot): k for k, slot in enumerate(sender.own_ids)}
+    turns = []
+    for row in rows:
+        k = slots.get(int(shared.ids[row]))
+        if k is not None:
+            sent = _carried(sender.own[k : k + 1], parts[b].error, parts[a].error)[0]
+            got = shared.planes[row].astype(np.float64)
+            turns.append(
+                (
+                    min(_length(sent), _length(got)),
+                    math.degrees(math.remainder(_heading(got) - _heading(sent), math.tau)),
+                )
+            )
+    long = [turn for length_m, turn in turns if length_m >= 3.0]  # rounding turns short planes
+    return off_m, abs(float(np.median(long))) if long else math.nan
+
+
+def _length(box: Floats) -> float:
+    return float(np.hypot(box[2] - box[0], box[3] - box[1]))
+
+
+def _heading(box: Floats) -> float:
+    return math.atan2(float(box[3] - box[1]), float(box[2] - box[0]))
+
+
+def _carried(box: Floats, begin: FrameError, to: FrameError) -> Floats:
+    """Planes of one local frame in another one, exactly."""
+    true = begin.true_boxes(box)
+    ends = [to.local(np.column_stack([true[:, k : k + 2], true[:, 4]]))[:, :2] for k in (0, 2)]
+    return np.column_stack([*ends, true[:, 4:]])
+
+
+def _missed(views: Sequence[Rendered], planes: Floats, flown_by: Sequence[Rendered]) -> float:
+    """Share of the obstacle rays that pass behind the truth, of those whose point the flights have seen."""
+    missed = seen = 0
+    for view in views:
+        rays = rays_under(view, EXACT, Params())
+        v = judge(view, rays, in_level(planes, view))
+        some = np.s_[::_THIN, ::_THIN]
+        asked = rays.obstacle[some]
+        was_seen = seen_by(to_ned(view, view.truth.points_level_cam_m[some][asked]), flown_by)
+        seen += int(was_seen.sum())
+        missed += int(v.missed[some][asked][was_seen].sum())
+    return missed / max(1, seen)

@@ -1,0 +1,124 @@
+"""One vehicle as a process: its frames in real time, its merged world, and the part of the service that shares obstacles."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.sharing.flights import HZ, Seen
+from companion.config.share import ShareConfig
+from companion.share.thread import Sharing
+from core.sharing.obstacles import SharedObstacles
+from core.types import PoseSample
+from core.world.world import Observation, World
+from drivers.mavlink.signing import Signing
+from drivers.mavlink.signing_clock import SigningClock
+from drivers.mavlink.signing_key import SigningKey
+from drivers.mavlink.transport import parse_address
+from drivers.sharing.tunnel_line import TunnelLine
+
+NS = 1_000_000_000
+LOOK_S = 0.02
+REST_S = 8.0
+"""Hover after the flight."""
+COMPONENT, KEY = 196, bytes(range(1, 33))
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """number: 1..; frames: pickle of a tuple of Seen; port: of the radio."""
+
+    number: int
+    frames: Path
+    origin: tuple[float, float, float]
+    port: int
+    bytes_per_s: float
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What one vehicle measured. first_own_ns: when each own plane was first observed by two frames, by its number; first_shared_ns:
+    when (sender, number) was first published; own: (N, 6) planes of the own world in the end, own_ids; shared: in the end."""
+
+    number: int
+    first_own_ns: dict[int, int] = field(default_factory=dict)
+    first_shared_ns: dict[tuple[int, int], int] = field(default_factory=dict)
+    own: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
+    own_ids: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    shared: SharedObstacles | None = None
+    counts: dict[str, int] = field(default_factory=dict)
+    late_frames: int = 0
+
+
+def fly(task: Task, out: Connection) -> None:
+    """Loads the frames and the kernels and sends "ready", receives the begin of the flight, flies and sends the Outcome."""
+    frames: tuple[Seen, ...] = pickle.loads(task.frames.read_bytes())
+    lat, lon, alt = task.origin
+    config = ShareConfig(
+        enabled=True, vehicle=task.number, origin=f"{lat:.9f}, {lon:.9f}, {alt}", tunnel_bytes_per_s=task.bytes_per_s,
+        tunnel=f"udpout:127.0.0.1:{task.port}",
+    )  # fmt: skip
+    signing = Signing(SigningKey(KEY), SigningClock())
+    sharing = Sharing(
+        config, 0.4, lambda deliver: [TunnelLine(parse_address(config.tunnel), COMPONENT, deliver, signing)],
+        1_700_000_000, lambda: task.number, None, "", lambda key, message, t_ns: None,
+    )  # fmt: skip
+    world, outcome = World(), Outcome(task.number)
+    warm = World()
+    for k, seen in enumerate(frames[:2]):
+        warm.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=(k + 1) * NS))
+    out.send("ready")
+    begin_ns = out.recv()
+    sharing.open()
+    try:
+        _loop(task, frames, world, sharing, outcome, begin_ns)
+        health = sharing.health
+    finally:
+        sharing.close()
+    picture = world.picture(time.monotonic_ns())
+    outcome.own, outcome.own_ids = picture.planes.astype(np.float64), picture.slots
+    outcome.counts = dict(health.received)
+    out.send(outcome)
+
+
+def _loop(
+    task: Task, frames: tuple[Seen, ...], world: World, sharing: Sharing, outcome: Outcome, begin_ns: int
+) -> None:
+    taken, last = 0, frames[0].place_m
+    end_ns = begin_ns + round((len(frames) / HZ + REST_S) * NS)
+    newest_ns = 0
+    while (now_ns := time.monotonic_ns()) < end_ns:
+        due = min(len(frames), int((now_ns - begin_ns) / NS * HZ) + 1) if now_ns >= begin_ns else 0
+        if taken < due:
+            if due - taken > 1:
+                outcome.late_frames += 1
+            seen = frames[taken]
+            world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=now_ns))
+            _note_own(world, outcome, now_ns)
+            velocity = tuple(HZ * (b - a) for a, b in zip(last, seen.place_m, strict=True))
+            last, taken = seen.place_m, taken + 1
+        flying = taken < len(frames)
+        speed = velocity if flying and taken > 1 else (0.0, 0.0, 0.0)
+        sharing.samples(
+            [PoseSample(t_ns=now_ns, t_arrival_ns=now_ns, position_ned_m=last, velocity_ned_m_s=(speed[0], speed[1], speed[2]), reset_counter=0)]
+        )  # fmt: skip
+        sharing.world(world, now_ns)
+        obstacles = sharing.obstacles
+        if obstacles.now_ns != newest_ns:
+            newest_ns = obstacles.now_ns
+            outcome.shared = obstacles
+            for key in zip(obstacles.sender.tolist(), obstacles.ids.tolist(), strict=True):
+                outcome.first_shared_ns.setdefault(key, now_ns)
+        time.sleep(LOOK_S)
+
+
+def _note_own(world: World, outcome: Outcome, now_ns: int) -> None:
+    assert world.section is not None
+    for slot in np.flatnonzero(world.section.used_slots["hits"] >= 2).tolist():
+        outcome.first_own_ns.setdefault(slot, now_ns)
