@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import fcntl
+import os
 from pathlib import Path
 
 import pytest
 
-from companion.kernels.warmup import warm_up
+from companion.kernels.run_kernels import MODES
+from companion.kernels.warmup import ensure_compiled
 
 
 @pytest.fixture(scope="session")
 def renders(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where simulated cameras keep what they rendered; kernels are compiled before, so that starts are quick."""
-    with (tmp_path_factory.getbasetemp().parent / "kernels.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # of several workers one compiles, the others then load
-        warm_up()
-    return tmp_path_factory.mktemp("renders")
+    """Where simulated cameras of all workers keep what they rendered; kernels are compiled before, so that starts are quick."""
+    ensure_compiled(*MODES)
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "renders"
+    folder.mkdir(exist_ok=True)
+    return folder

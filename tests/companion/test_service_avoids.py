@@ -39,7 +39,8 @@ remember_s = 0.0
 record = "off"
 """
 PARAMETERS = {
-    PX4: {"CP_DIST": 3.0, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
+    # CP_DELAY: more than what a busy machine adds to the age of obstacles, which would be a diagnostic
+    PX4: {"CP_DIST": 3.0, "CP_DELAY": 1.0, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
     ARDUPILOT: {
         "PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0, "OA_TYPE": 0,
     },

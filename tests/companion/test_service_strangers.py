@@ -20,7 +20,7 @@ from drivers.mavlink.dialect import dialect
 from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4
 from osape_client.proto import osape_v1_pb2 as pb
 
-from .live import NS, Live, flown, until
+from .live import NS, PATIENCE_S, Live, flown, until
 from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told
 
 pytestmark = pytest.mark.process
@@ -38,7 +38,7 @@ def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         try:
             live.start()
             assert until(told.sees)
-            told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+            told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
             yield told
             assert line.change(lambda a: a.of_kind("PARAM_SET")) == []  # whatever it received
             assert live.stop() == 0

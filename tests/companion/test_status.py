@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import socket
+import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -214,25 +216,32 @@ def test_the_folders_are_those_that_systemd_gives(run_folder: Path) -> None:
     assert os.environ["STATE_DIRECTORY"] == str(folders().state)
 
 
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A temporary folder for sockets: the name of a socket has at most 107 characters, and `tmp_path` may have 80."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
 def test_the_system_s_service_is_found_unless_the_user_runs_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    short_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Compiled kernels in the user's cache are no service."""
     for name in ("RUNTIME_DIRECTORY", "STATE_DIRECTORY", "XDG_RUNTIME_DIR"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(service_run, "SYSTEM_RUN", tmp_path / "system")
-    cache = tmp_path / ".cache" / "osape-companion"
+    monkeypatch.setenv("HOME", str(short_path))
+    monkeypatch.setattr(service_run, "SYSTEM_RUN", short_path / "system")
+    cache = short_path / ".cache" / "osape-companion"
     cache.mkdir(parents=True)
     assert service_run.run_folder() == cache / "run"
-    (tmp_path / "system").mkdir()
-    assert service_run.run_folder() == tmp_path / "system"
+    (short_path / "system").mkdir()
+    assert service_run.run_folder() == short_path / "system"
     assert folders().run == cache / "run"
-    assert service_run.run_folder() == tmp_path / "system"
+    assert service_run.run_folder() == short_path / "system"
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as service:
         service.bind(str(cache / "run" / "health"))
-        assert service_run.run_folder() == tmp_path / "system"
+        assert service_run.run_folder() == short_path / "system"
         service.listen()
         assert service_run.run_folder() == cache / "run"
     assert (cache / "run" / "health").is_socket()  # left behind, as by a service that was killed
-    assert service_run.run_folder() == tmp_path / "system"
+    assert service_run.run_folder() == short_path / "system"
