@@ -40,10 +40,11 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "unit or process" $$tests; else echo "no test is affected"; fi
 
 # Tests that start processes or wait for the clock need little of the processor. The tests that only compute run beside them
-# with the lowest priority, so that they take only the time that is left. Each line is printed when its tests have ended.
+# with the lowest priority, so that they take only the time that is left. Each pass prints its output when it has ended; a
+# failure ends none of the other passes beside it.
 test: lint ## all checks, about 10 minutes on two cores
-	@echo "== unit tests beside tests with processes, sockets and the clock"
-	@$(MAKE) --no-print-directory -j 2 --output-sync=line test-computing test-processes
+	@echo "== tests that compute, and beside them tests that start processes; each pass prints its output at its end"
+	@$(MAKE) --no-print-directory --keep-going -j 2 --output-sync=line test-computing test-processes
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
 # bounds checks have a cache directory of their own (companion/kernels/jit_cache.py). A file stays with one worker: its tests
