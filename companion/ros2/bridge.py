@@ -32,6 +32,12 @@ RATE_MARGIN: Final = 0.9
 """Share of the interval after which the next frame is published: a camera whose rate is a multiple of `hz` jitters."""
 
 
+def _is_new(exposure_ns: int, last_ns: int) -> bool:
+    """Whether an exposure comes after the last one. One that is much older is of a computer that was started again, whose
+    monotonic clock begins at 0: a late frame of the same run is not so old, since it would not be published."""
+    return exposure_ns > last_ns or exposure_ns < last_ns - NS
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BridgeOptions:
     """namespace: of the topics, with a leading slash; hz: largest rate of each camera; transforms: whether /tf is
@@ -153,11 +159,11 @@ class Ros2Bridge:
         if not self.options.transforms or result.attitude is None:
             return
         tree: list[Any] = []
-        if result.t_exposure_ns > self._vehicle_exposure_ns:
+        if _is_new(result.t_exposure_ns, self._vehicle_exposure_ns):
             self._vehicle_exposure_ns = result.t_exposure_ns
             position_m = None if result.pose is None else result.pose.position_ned_m
             tree += vehicle_transforms(result.attitude.q_ned_frd_wxyz, position_m)
-        if info is not None and result.t_exposure_ns > camera.exposure_ns:
+        if info is not None and _is_new(result.t_exposure_ns, camera.exposure_ns):
             camera.exposure_ns = result.t_exposure_ns
             tree.append(camera_transform(info.mount, f"{camera.name}_optical_frame"))
         if tree:

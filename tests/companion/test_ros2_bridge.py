@@ -21,10 +21,11 @@ from companion.ros2.drawing import MARKER_ARRAY, POINT_CLOUD, TRANSFORMS
 from companion.ros2.message_types import RosMessages
 from companion.ros2.session import RosNode
 from companion.ros2.wire import gid
-from companion.viewer.subscriber import LiveSubscriber
+from companion.viewer.subscriber import Camera, LiveSubscriber
 
 from .live import until
 from .test_live_feed import Told, told  # noqa: F401 (a fixture)
+from .view_scenes import INFO
 
 pytestmark = pytest.mark.process
 
@@ -172,6 +173,35 @@ def test_a_closed_bridge_leaves_the_graph(setup: Setup) -> None:
     setup.until_received("/osape/front/points", POINT_CLOUD)
     setup.node.close()
     assert until(lambda: not any(setup.reader.graph.values()))
+
+
+class Recorder:
+    """In place of the node: what is published."""
+
+    def __init__(self) -> None:
+        self.published: list[tuple[str, Any]] = []
+
+    def publish(self, topic: str, name: str, message: Any) -> bool:
+        self.published.append((topic, message))
+        return True
+
+
+def test_transforms_go_on_after_the_clock_of_the_service_began_again(told: Told) -> None:  # noqa: F811
+    """A computer that was started again counts its monotonic clock from 0."""
+    node = Recorder()
+    subscriber = LiveSubscriber(replace(told.streams, depth=""))
+    bridge = Ros2Bridge(subscriber, node, MESSAGES, BridgeOptions(hz=1e9))  # type: ignore[arg-type]
+    subscriber.cameras["front"] = Camera()
+    seconds = [1000.0, 1000.1, 1000.1, 5.0, 5.1, 5.05]  # the third is a repetition, the last came late
+    counts = []
+    for second in seconds:
+        message = told.message()
+        message.t_exposure_ns = round(second * 1e9)
+        subscriber.cameras["front"].exposed_ns = time.monotonic_ns()
+        bridge.on_message(message, INFO)
+        counts.append(sum(topic == "/tf" for topic, _ in node.published))
+    assert counts == [1, 2, 2, 3, 4, 4]
+    subscriber.close()
 
 
 def test_an_old_frame_is_not_published(setup: Setup) -> None:
