@@ -23,16 +23,15 @@ from numpy.typing import NDArray
 from benchmarks.fidelity.metrics import missed_rays, rays_of, stops
 from benchmarks.open_air.directions import judge_directions
 from benchmarks.open_air.outlines import OutlineCounts, outline_counts
-from benchmarks.open_air.views import Seen, View, every_match, profile_of, see
+from benchmarks.open_air.view_options import add_view_options, views, words
+from benchmarks.open_air.views import Seen, every_match, profile_of, see
 from core.extractor import Extractor
 from core.params import Params
 from drivers.simulation.stereo.sky import SKIES
-from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera
-from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES
+from drivers.simulation.stereo.stereo_profiles import StereoCamera
 
 NOISES_GREY = (0.5, 1.0, 1.5)
 STEP_M, STEP_PX = 0.5, 5
-INDOOR = ("white_room",)
 
 
 @dataclass(slots=True)
@@ -158,40 +157,15 @@ def outline_table(found: list[OutlineCounts]) -> str:
     return "\n".join(lines)
 
 
-def words(text: str) -> list[str]:
-    """The parts of a list with commas."""
-    return [w for w in text.split(",") if w]
-
-
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--profile", choices=list(PROFILES), default="zed")
+    add_view_options(p)
     p.add_argument("--all-matches", action="store_true", help="accept every match: the confidence rules are off")
-    p.add_argument("--scenes", type=words, default=list(STEREO_SCENES))
     p.add_argument("--skies", type=words, default=["clear", "hazy", "clouds"], help=f"of {', '.join(SKIES)}")
     p.add_argument("--noise", type=words, default=list(NOISES_GREY), help="grey levels")
-    p.add_argument("--heights", type=words, default=[2.0, 5.0, 10.0], help="metres")
-    p.add_argument("--pitch", type=words, default=[0.0], help="degrees")
-    p.add_argument("--roll", type=words, default=[0.0], help="degrees")
-    p.add_argument("--seeds", type=words, default=[0])
     p.add_argument("--json", type=Path, help="all sums")
     return p.parse_args(arguments)
-
-
-def views(a: argparse.Namespace, scene: str) -> list[View]:
-    """The views of a scene. Indoors there is no sky and one height."""
-    return [
-        View(
-            scene=scene, profile=a.profile, sky=sky, height_m=float(height), pitch_deg=float(pitch), roll_deg=float(roll),
-            seed=int(seed),
-        )
-        for sky in (a.skies[:1] if scene in INDOOR else a.skies)
-        for height in (a.heights[:1] if scene in INDOOR else a.heights)
-        for pitch in a.pitch
-        for roll in a.roll
-        for seed in a.seeds
-    ]  # fmt: skip
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -21,17 +21,15 @@ from numpy.typing import NDArray
 
 from benchmarks.free_space.volume import WrongCell, wrong_cells
 from benchmarks.open_air.directions import TO_M, judged_azimuths, truth
-from benchmarks.open_air.false_stops import words
-from benchmarks.open_air.views import Seen, View, profile_of, see
+from benchmarks.open_air.view_options import add_view_options, views, words
+from benchmarks.open_air.views import Seen, profile_of, see
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, ExtractorState, FrameModel
 from drivers.simulation.source import Rendered
-from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera, StereoProfile
-from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES
+from drivers.simulation.stereo.stereo_profiles import StereoCamera, StereoProfile
 
-INDOOR = ("white_room",)
 ALL_RULES = "all rules"
 _COLORS = {TEXTURELESS_MM: (255, 120, 0), BEYOND_MM: (0, 220, 220), CONTINUED_MM: (0, 0, 255)}
 _MEASURED, _OPEN = (0, 160, 0), (255, 255, 0)
@@ -177,32 +175,12 @@ def marked(profile: StereoProfile) -> StereoProfile:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--profile", choices=list(PROFILES), default="zed")
-    p.add_argument("--scenes", type=words, default=list(STEREO_SCENES))
+    add_view_options(p)
     p.add_argument("--skies", type=words, default=["clear", "hazy"])
     p.add_argument("--noise", type=words, default=[1.0], help="grey levels")
-    p.add_argument("--heights", type=words, default=[2.0, 5.0, 10.0], help="metres")
-    p.add_argument("--pitch", type=words, default=[0.0], help="degrees")
-    p.add_argument("--roll", type=words, default=[0.0], help="degrees")
-    p.add_argument("--seeds", type=words, default=[0])
     p.add_argument("--rules", action="store_true", help="each rule switched off as well")
     p.add_argument("--pictures", type=Path, help="folder for a picture of each frame")
     return p.parse_args(arguments)
-
-
-def views(a: argparse.Namespace, scene: str) -> list[View]:
-    """The views of a scene. Indoors there is no sky and one height."""
-    return [
-        View(
-            scene=scene, profile=a.profile, sky=sky, height_m=float(height), pitch_deg=float(pitch), roll_deg=float(roll),
-            seed=int(seed),
-        )
-        for sky in (a.skies[:1] if scene in INDOOR else a.skies)
-        for height in (a.heights[:1] if scene in INDOOR else a.heights)
-        for pitch in a.pitch
-        for roll in a.roll
-        for seed in a.seeds
-    ]  # fmt: skip
 
 
 def model_of(extractor: Extractor, frame: Rendered) -> FrameModel:

@@ -20,14 +20,13 @@ from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 
-import zmq
 from google.protobuf.message import DecodeError
 
-from .curve_keys import use_client_keys
 from .decode import cause_code, model_from_message
+from .newest_socket import NewestSocket
 from .proto import osape_v1_pb2 as pb
 from .query.space import PlacedModel, Space
-from .receive_time import TimedSocket, age_ns
+from .receive_time import age_ns
 from .run_folder import run_folder
 
 NS = 1_000_000_000
@@ -142,15 +141,7 @@ class Subscriber:
         self._timeout_s = timeout_s
         self.stats = ReceiveStats()
         self._newest: Message | None = None
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        socket = self._context.socket(zmq.SUB)
-        socket.setsockopt(zmq.SUBSCRIBE, b"")
-        socket.setsockopt(zmq.CONFLATE, 1)  # keep the newest message only
-        socket.setsockopt(zmq.LINGER, 0)
-        if keys is not None:
-            use_client_keys(socket, keys)
-        socket.connect(self.address)
-        self._socket = TimedSocket(socket)
+        self._socket = NewestSocket(self.address, keys)
 
     def __enter__(self) -> Subscriber:
         return self
@@ -163,7 +154,6 @@ class Subscriber:
     def close(self) -> None:
         """May be called twice."""
         self._socket.close()
-        self._context.term()
 
     def latest(self) -> Message | None:
         """The newest message, without waiting; None before the first. Check `stale`: it may be an old one."""

@@ -14,12 +14,11 @@ from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 
-import zmq
 from google.protobuf.message import DecodeError
 
-from .curve_keys import use_client_keys
+from .newest_socket import NewestSocket
 from .proto import osape_v1_pb2 as pb
-from .receive_time import TimedSocket, age_ns
+from .receive_time import age_ns
 from .run_folder import run_folder
 from .tracks import Tracks, tracks_from_message
 
@@ -62,15 +61,7 @@ class TracksSubscriber:
         self.address = address or f"ipc://{run_folder()}/tracks"
         self.undecodable = 0
         self._timeout_s = timeout_s
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        socket = self._context.socket(zmq.SUB)
-        socket.setsockopt(zmq.SUBSCRIBE, b"")
-        socket.setsockopt(zmq.CONFLATE, 1)
-        socket.setsockopt(zmq.LINGER, 0)
-        if keys is not None:
-            use_client_keys(socket, keys)
-        socket.connect(self.address)
-        self._socket = TimedSocket(socket)
+        self._socket = NewestSocket(self.address, keys)
 
     def __enter__(self) -> TracksSubscriber:
         return self
@@ -83,7 +74,6 @@ class TracksSubscriber:
     def close(self) -> None:
         """May be called twice."""
         self._socket.close()
-        self._context.term()
 
     def wait(self, timeout_s: float) -> ReceivedTracks | None:
         """The next message; None when none comes within timeout_s."""

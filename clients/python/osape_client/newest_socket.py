@@ -1,0 +1,34 @@
+"""A subscription that keeps only the newest message of a stream."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import zmq
+
+from .curve_keys import use_client_keys
+from .receive_time import TimedSocket
+
+
+class NewestSocket:
+    """Connected to address. keys: folder of this client's CURVE keys. Raises KeyFileError. Not thread-safe."""
+
+    def __init__(self, address: str, keys: Path | None) -> None:
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        socket = self._context.socket(zmq.SUB)
+        socket.setsockopt(zmq.SUBSCRIBE, b"")
+        socket.setsockopt(zmq.CONFLATE, 1)  # keep the newest message only
+        socket.setsockopt(zmq.LINGER, 0)
+        if keys is not None:
+            use_client_keys(socket, keys)
+        socket.connect(address)
+        self._socket = TimedSocket(socket)
+
+    def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:
+        """As TimedSocket.take."""
+        return self._socket.take(timeout_ms)
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._socket.close()
+        self._context.term()
