@@ -8,6 +8,7 @@ from __future__ import annotations
 import fcntl
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -34,16 +35,39 @@ def twice(x):
 """
 
 
+COMPILE = "from small_kernel import twice; assert twice(3) == 6"
+
+
+@pytest.fixture(scope="module")
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small kernel and, in `cache`, what the command makes of it."""
+    folder = tmp_path_factory.mktemp("small")
+    (folder / "small_kernel.py").write_text(KERNEL)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NUMBA_CACHE_DIR", str(folder / "cache"))
+        patch.setenv("PYTHONPATH", str(folder))
+        patch.delenv("NUMBA_DISABLE_JIT", raising=False)
+        patch.setattr(warmup, "CHILD", COMPILE)
+        warmup.warm_up()
+    return folder
+
+
 @pytest.fixture
-def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cache of its own with one compiled kernel in it; gives the cache."""
-    (tmp_path / "small_kernel.py").write_text(KERNEL)
+def small(tmp_path: Path, compiled_once: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The place of a cache of its own that does not exist yet; a child compiles the small kernel alone."""
     cache = tmp_path / "cache"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(compiled_once))
     monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
-    monkeypatch.setattr(warmup, "CHILD", "from small_kernel import twice; assert twice(3) == 6")
+    monkeypatch.setattr(warmup, "CHILD", COMPILE)
     return cache
+
+
+@pytest.fixture
+def filled(small: Path, compiled_once: Path) -> Path:
+    """The same with the kernel in it, as the command left it."""
+    shutil.copytree(compiled_once / "cache", small)
+    return small
 
 
 def test_compiles_once(small: Path) -> None:
@@ -56,11 +80,10 @@ def test_compiles_once(small: Path) -> None:
 
 @pytest.mark.parametrize("kept", [0, 7, 100])
 @pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
-def test_a_truncated_cache_is_mended(small: Path, kind: str, kept: int) -> None:
-    warmup.warm_up()
-    (file,) = small.rglob(kind)
+def test_a_truncated_cache_is_mended(filled: Path, kind: str, kept: int) -> None:
+    (file,) = filled.rglob(kind)
     file.write_bytes(file.read_bytes()[:kept])
-    stranger = small / "notes.txt"
+    stranger = filled / "notes.txt"
     stranger.write_text("not ours")
     mended = warmup.warm_up()
     assert (mended.deleted, mended.cached) == (2, 2)
@@ -69,9 +92,8 @@ def test_a_truncated_cache_is_mended(small: Path, kind: str, kept: int) -> None:
 
 
 def test_a_fault_that_no_deletion_repairs_is_reported(
-    small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    filled: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    warmup.warm_up()
     monkeypatch.setattr(warmup, "CHILD", "raise MemoryError('no memory for kernels')")
     assert main(["warmup"]) == 1
     said = capsys.readouterr().err
@@ -230,20 +252,18 @@ def test_a_child_that_cannot_compile_is_asked_again_and_the_service_tries_itself
 
 
 def test_after_the_command_a_start_needs_no_child(
-    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+    filled: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    warmup.warm_up()
     monkeypatch.setattr(warmup, "_child", lambda *modes, report: pytest.fail("a child was started"))
     warmup.make_ready("extractor")
     assert ready == [("extractor",)]
 
 
 def test_kernels_of_another_processor_are_compiled_again(
-    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+    filled: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A disk that was moved to another computer: the mark must not hide that numba compiles."""
-    warmup.warm_up()
-    for mark in small.glob(warmup.COMPLETE + "*"):
+    for mark in filled.glob(warmup.COMPLETE + "*"):
         mark.write_text("cortex-a53 +neon")
     asked: list[tuple[str, ...]] = []
     monkeypatch.setattr(warmup, "_child", lambda *modes, report: asked.append(modes) or SUCCESS)
@@ -307,22 +327,21 @@ def test_kernels_that_cannot_be_loaded_end_the_start(small: Path, monkeypatch: p
 
 
 def test_after_a_death_while_loading_a_damaged_cache_is_mended(
-    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+    filled: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Otherwise each new start would end the same way."""
-    warmup.warm_up()
     environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[2])}
     died = subprocess.run([sys.executable, "-c", DIES_WHILE_LOADING], env=environment, check=False)
     assert died.returncode == 9
-    (mark,) = small.rglob(warmup.MARK)
-    mark.rename(small / warmup.MARK)  # that process had a folder of its own below, for the state of its sources
-    (file,) = small.rglob("*.nbc")
+    (mark,) = filled.rglob(warmup.MARK)
+    mark.rename(filled / warmup.MARK)  # that process had a folder of its own below, for the state of its sources
+    (file,) = filled.rglob("*.nbc")
     file.write_bytes(b"")
     warmup.make_ready("extractor")
     assert ready == [("extractor",)]
-    (mended,) = small.rglob("*.nbc")
+    (mended,) = filled.rglob("*.nbc")
     assert mended.stat().st_size > 0
-    assert not (small / warmup.MARK).exists()
+    assert not (filled / warmup.MARK).exists()
 
 
 def test_where_the_cache_cannot_be_written_a_start_goes_on(
