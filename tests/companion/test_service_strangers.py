@@ -154,10 +154,11 @@ def test_a_second_companion_is_reported_to_people_and_ours_goes_on(told: Told) -
         dialect.MAVLink_obstacle_distance_message(0, 4, [1201] * 72, 5, 20, 1200, 5.0, 0.0, 12), component=197
     )
     with speaking(told, lambda k: [clear] if k % 10 == 0 else []):
-        health = told.health.wait(
-            lambda h: any("component 197 sends obstacles to the autopilot" in t for t in h.troubles), 10.0
+        word = "component 197 sends obstacles to the autopilot"
+        # degraded by it; on a busy machine a report may be of a moment without a fresh frame
+        told.health.wait(
+            lambda h: h.state == pb.Health.STATE_DEGRADED and any(word in t for t in h.troubles), PATIENCE_S
         )
-        assert health.state == pb.Health.STATE_DEGRADED
         assert until(lambda: "OA: component 197 sends obstacles to the autopilot" in told.texts(), 30.0)
         begun_ns = time.monotonic_ns()
         assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 20, 30.0)

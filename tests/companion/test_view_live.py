@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from .browser import Browser, Page, opened
-from .live import ROOT, Live, flown
+from .live import PATIENCE_S, ROOT, Live, flown
 
 pytestmark = pytest.mark.process
 
@@ -85,7 +85,7 @@ def following(browser: Browser, tmp_path_factory: pytest.TempPathFactory, render
             assert address is not None
             yield Following(live, view, address.group(), browser.page(address.group()))
             view.terminate()
-            assert view.wait(10.0) == 0
+            assert view.wait(PATIENCE_S) == 0
             assert live.stop() == 0
         finally:
             view.kill()
