@@ -21,6 +21,8 @@ NS = 1_000_000_000
 SAME_COURSE_RAD = math.radians(3.0)
 STALE_NS = 400_000_000
 """An older exposure shows nothing of the path."""
+FRAME_BEFORE_NS = 150_000_000
+"""An older frame does not stand in for the newest one along the course that follows."""
 CONFIRM_NS = 500_000_000
 PLACE_M, PLACE_SHARE = 0.15, 0.1
 """Two frames show the same obstacle if its places agree within this much, and this share of the distance."""
@@ -88,7 +90,7 @@ class PathAssessor:
         obstacle_m = self._obstacle_m(newest) - way_m
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
         firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s) and self._shown_before(newest.obstacle_m, 1)
-        free_m = self._free_m(newest, now_ns)
+        free_m = min(self._free_m(newest, now_ns), self._ahead_free_m(newest) - way_m)
         fresh = newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
         shows = newest.free_m > 0.0 or math.isfinite(min(newest.obstacle_m, newest.weak_obstacle_m))
         room_m = max(0.0, min(obstacle_m, free_m))
@@ -138,6 +140,13 @@ class PathAssessor:
             if newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest):
                 best_m = max(best_m, sight.free_m - _way_m(sight, newest, now_ns))
         return max(0.0, best_m)
+
+    def _ahead_free_m(self, newest: PathSight) -> float:
+        """Seen free along the course that follows, by the newest frame or the one before: a mismatch or a hole ends it in one."""
+        older = [s.exposed_ns for s in self._sights if s.exposed_ns != newest.exposed_ns and s.exposed_ns is not None]
+        if newest.exposed_ns is None or not older or newest.exposed_ns - older[-1] > FRAME_BEFORE_NS:
+            return newest.ahead_free_m
+        return max(s.ahead_free_m for s in self._sights if s is newest or s.exposed_ns == older[-1])
 
     def _obstacle_m(self, newest: PathSight) -> float:
         """The nearest obstacle in the newest sight, counted at its instant."""

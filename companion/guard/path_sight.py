@@ -56,7 +56,7 @@ class PathSight:
     free_m: seen free from the vehicle's middle. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
     one that few pixels support, which needs a second frame. obstacle_frame, weak_frame: camera and exposure of the frames that
     show them, None: not known. remembered_m: nearest obstacle that was seen before, where no camera looks now, inf: none.
-    position_ned_m: None: not known.
+    position_ned_m: None: not known. ahead_free_m: like free_m, along the course that follows in a turn; inf: there is no turn.
     cause: why nothing is seen, in words; empty: something is."""
 
     t_ns: int
@@ -69,6 +69,7 @@ class PathSight:
     position_ned_m: tuple[float, float, float] | None
     cause: str = ""
     remembered_m: float = math.inf
+    ahead_free_m: float = math.inf
     obstacle_frame: Frame | None = None
     weak_frame: Frame | None = None
 
@@ -92,6 +93,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
     """The path at one decision. Where it cannot be computed nothing is seen free. turn_rad_s: rate of the course, clockwise."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
     free_m, firm, weak, kept_m, course_rad = 0.0, _Nearest(), _Nearest(), math.inf, None
+    ahead_free_m = math.inf
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
     if s.here is None:
         cause = cause or "the attitude is lost"
@@ -101,7 +103,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         try:
             free_m = seen_free_m(s, path, avoid, guard)
             if turn_rad_s != 0.0:
-                free_m = min(free_m, seen_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard))
+                ahead_free_m = seen_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard)
             for corridor in (path, *_turned(path, turn_rad_s, speed_m_s or 0.0, guard)):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
@@ -120,6 +122,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         obstacle_frame=firm.frame,
         weak_frame=weak.frame,
         remembered_m=kept_m,
+        ahead_free_m=ahead_free_m,
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         cause=cause,
     )

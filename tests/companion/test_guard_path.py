@@ -189,9 +189,10 @@ def test_in_a_turn_the_course_that_follows_must_be_seen(turn_deg_s: float, free:
     course = math.radians(22.0)
     velocity = (2.0 * math.cos(course), 2.0 * math.sin(course), 0.0)
     sight = seen(model(free_to_m=15.0, view_deg=70.0), velocity=velocity, turn_deg_s=turn_deg_s)
-    assert (sight.free_m > 14.0) == free
+    assert sight.free_m > 14.0
+    assert (sight.ahead_free_m > 14.0) == free
     if not free:
-        assert sight.free_m < 5.0
+        assert sight.ahead_free_m < 5.0
 
 
 def turning(rate_deg_s: float, speed_m_s: float = 3.0, hz: float = 15.0, frames: int = 12) -> float:
@@ -317,6 +318,17 @@ def test_a_vehicle_that_accelerates_is_stopped_earlier() -> None:
 def test_one_frame_that_sees_less_does_not_stop_and_two_do() -> None:
     assert action(SIGHT, later(80, free_m=3.0)) is Action.PASS
     assert action(SIGHT, later(80, free_m=3.0), later(160, free_m=3.0), later(260, free_m=3.0)) is Action.STOP
+
+
+def test_the_course_that_follows_must_be_seen_by_the_newest_frame_or_the_one_before() -> None:
+    seen_ahead, lost = {"ahead_free_m": 20.0}, {"ahead_free_m": 2.0}
+    assert action(later(0, **seen_ahead), later(80, **seen_ahead)) == Action.PASS
+    assert action(later(0, **seen_ahead), later(80, **lost)) == Action.PASS, "a mismatch ends it in one frame"
+    assert action(later(0, **seen_ahead), later(80, **lost), later(160, **lost)) == Action.STOP
+    same = later(80, **lost).exposed_ns
+    assert action(later(0, **seen_ahead), later(80, **lost), later(140, exposed_ns=same, **lost)) == Action.PASS
+    assert action(later(0, **seen_ahead), later(240, **lost)) == Action.STOP, "the frame before is too old"
+    assert action(later(0, **lost)) == Action.STOP
 
 
 def test_free_space_of_before_shrinks_by_the_way_flown() -> None:
