@@ -19,11 +19,17 @@ NS = 1_000_000_000
 WINDOW_NS, LONGEST_NS = 3 * NS // 10, 6 * NS // 10
 """The rate is taken over the first sample that is older than WINDOW_NS; from an older one than LONGEST_NS none is taken."""
 LEAST_SPEED_M_S: Final = 1.0
-"""Slower, the course is mostly noise, and the braking distance is short."""
+"""Slower, the rate of the course is mostly noise."""
+SLOWEST_M_S: Final = 0.3
+"""Slower, the vehicle is not stopped before an obstacle."""
 LEAST_RAD_S: Final = math.radians(6.0)
 """A lower rate moves the vehicle aside by 0.6 m at most within 6 m at 3 m/s."""
 LEAST_LATERAL_M_S2: Final = 0.3
 """A rate that less lateral acceleration makes is noise: 0.03 m/s on each component of the velocity make 0.14 m/s2 over WINDOW_NS."""
+STARTS_M_S2: Final = 1.0
+LEAST_DRIFT: Final = 0.02
+"""A slow vehicle that gains speed at this rate begins a leg: a drift of 0.1 m/s beside it turns the course by 10 degrees then. Its
+acceleration shows the leg, unless less than this share of it is across the course."""
 STEP_RAD: Final = math.radians(6.0)
 """Between two directions of the fan: 0.8 m at a distance of 8 m, less than the width of the corridor."""
 WIDEST_RAD: Final = math.radians(60.0)
@@ -33,36 +39,54 @@ AHEAD_S: Final = 0.4
 
 @dataclass(slots=True)
 class CourseRate:
-    """`take` the surroundings of each decision, in order: rad/s clockwise, 0 where none is known or it is noise."""
+    """`take` the surroundings of each decision, in order: rad/s clockwise, 0 where none is known or it is noise.
 
-    _courses: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=32))
+    Of a vehicle that was slow within the window the course is not yet that of its path: it drifts on from before it turned. What
+    counts is then the angle to the velocity that its acceleration gives it in one second; none while it gets slower."""
+
+    _velocities: deque[tuple[int, float, float]] = field(default_factory=lambda: deque(maxlen=32))
 
     def take(self, s: Surroundings) -> float:
         """The rate over the last WINDOW_NS."""
-        velocity = s.velocity_ned_m_s
-        speed_m_s = 0.0 if velocity is None else math.hypot(*velocity[:2])
-        if velocity is None or speed_m_s < LEAST_SPEED_M_S:
-            self._courses.clear()
+        if s.velocity_ned_m_s is None:
+            self._velocities.clear()
             return 0.0
-        course_rad = math.atan2(velocity[1], velocity[0])
-        self._courses.append((s.t_ns, course_rad))
-        for t_ns, before_rad in reversed(self._courses):
+        north, east, _ = s.velocity_ned_m_s
+        self._velocities.append((s.t_ns, north, east))
+        for t_ns, north_before, east_before in reversed(self._velocities):
             age_ns = s.t_ns - t_ns
             if age_ns > LONGEST_NS:
                 return 0.0
             if age_ns >= WINDOW_NS:
-                rate = math.remainder(course_rad - before_rad, math.tau) * NS / age_ns
-                return rate if abs(rate) >= max(LEAST_RAD_S, LEAST_LATERAL_M_S2 / speed_m_s) else 0.0
+                return _rate((north, east), (north_before, east_before), age_ns / NS)
         return 0.0
+
+
+def _rate(now_m_s: tuple[float, float], before_m_s: tuple[float, float], time_s: float) -> float:
+    """rad/s clockwise between two velocities, north and east; 0: noise."""
+    (north, east), (north_before, east_before) = now_m_s, before_m_s
+    speed_m_s = math.hypot(north, east)
+    if speed_m_s < SLOWEST_M_S:
+        return 0.0
+    if min(speed_m_s, math.hypot(north_before, east_before)) >= LEAST_SPEED_M_S:
+        rate = math.remainder(math.atan2(east, north) - math.atan2(east_before, north_before), math.tau) / time_s
+        return rate if abs(rate) >= max(LEAST_RAD_S, LEAST_LATERAL_M_S2 / speed_m_s) else 0.0
+    a_north, a_east = (north - north_before) / time_s, (east - east_before) / time_s
+    across, along = (north * a_east - east * a_north) / speed_m_s, (north * a_north + east * a_east) / speed_m_s
+    turns = abs(across) >= (LEAST_LATERAL_M_S2 if along < STARTS_M_S2 else LEAST_DRIFT * along)
+    return math.atan2(across, speed_m_s + along) if turns and along > 0.0 else 0.0
 
 
 def fan(turn_rad_s: float, speed_m_s: float, longest_m: float) -> list[tuple[float, float]]:
     """(angle, from_m) of the directions beside the tangent, radians clockwise from it; each counts from a distance on at which
-    the arc is not beyond it. Empty on a straight path."""
-    if turn_rad_s == 0.0 or speed_m_s < LEAST_SPEED_M_S:
+    the arc is not beyond it. Empty on a straight path. Of a slow vehicle all directions count that one second of turning gives."""
+    if turn_rad_s == 0.0 or speed_m_s < SLOWEST_M_S:
         return []
     curvature = abs(turn_rad_s) / speed_m_s
-    widest = min(WIDEST_RAD, 0.5 * curvature * longest_m)
-    count = math.floor(widest / STEP_RAD) + 1
-    steps = range(1, min(count, math.floor(WIDEST_RAD / STEP_RAD)) + 1)
-    return [(math.copysign(k * STEP_RAD, turn_rad_s), 2.0 * (k - 1) * STEP_RAD / curvature) for k in steps]
+    slow = speed_m_s < LEAST_SPEED_M_S
+    widest = min(WIDEST_RAD, abs(turn_rad_s) if slow else 0.5 * curvature * longest_m)
+    count = min(math.floor(widest / STEP_RAD) + 1, math.floor(WIDEST_RAD / STEP_RAD))
+    return [
+        (math.copysign(k * STEP_RAD, turn_rad_s), 0.0 if slow else 2.0 * (k - 1) * STEP_RAD / curvature)
+        for k in range(1, count + 1)
+    ]

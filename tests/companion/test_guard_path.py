@@ -211,9 +211,45 @@ def turning(rate_deg_s: float, speed_m_s: float = 3.0, hz: float = 15.0, frames:
 @pytest.mark.parametrize("rate_deg_s", [-45.0, -10.0, 10.0, 60.0])
 def test_the_rate_of_the_course(rate_deg_s: float) -> None:
     assert turning(rate_deg_s) == pytest.approx(rate_deg_s, abs=0.1)
-    assert turning(rate_deg_s, speed_m_s=0.9) == 0.0, "slow: noise"
+    assert turning(rate_deg_s, speed_m_s=0.2) == 0.0, "it stands"
     assert turning(rate_deg_s, frames=4) == 0.0, "too short a time"
     assert turning(rate_deg_s, hz=1.0) == 0.0, "too long ago"
+
+
+def starting(course_deg: float, drift_m_s: float, accelerates_m_s2: float, until_s: float) -> tuple[float, float]:
+    """(rate in degrees per second, course in degrees) of a vehicle that begins a leg while it drifts to the right of it."""
+    course_rate, out, course = CourseRate(), 0.0, math.radians(course_deg)
+    side = course + math.pi / 2
+    for n in range(round(until_s * 15) + 1):
+        t = n / 15
+        along, drift = max(0.0, 0.5 + accelerates_m_s2 * t), drift_m_s * (1.0 - t / 2.0)
+        north = along * math.cos(course) + drift * math.cos(side)
+        east = along * math.sin(course) + drift * math.sin(side)
+        s = Surroundings(
+            t_ns=T_NS + round(t * NS), views=(), weak_px=(), exposed_ns=None, recall=None, recalled=nothing_remembered(),
+            blind={}, here=HERE, velocity_ned_m_s=(north, east, 0.0),
+        )  # fmt: skip
+        out = course_rate.take(s)
+    return math.degrees(out), math.degrees(math.atan2(east, north))
+
+
+def test_a_vehicle_that_begins_a_leg_turns_to_where_it_accelerates() -> None:
+    rate, course = starting(67.0, 0.4, 2.5, until_s=0.4)
+    assert course - 67.0 > 10.0
+    assert 67.0 - 2.0 < course + rate < course - 5.0, "towards the leg"
+    assert starting(67.0, 0.0, 2.5, until_s=0.4)[0] == 0.0, "straight"
+    rate, course = starting(67.0, 0.12, 2.5, until_s=0.4)
+    assert course - 67.0 > 3.0
+    assert 67.0 - 2.0 < course + rate < course - 1.0, "a drift of 0.1 m/s, too"
+    assert starting(67.0, 0.4, -0.6, until_s=0.4)[0] == 0.0, "it gets slower"
+
+
+def test_beside_the_course_of_a_vehicle_that_begins_a_leg_obstacles_count() -> None:
+    slow = {"velocity": (0.7, 0.0, 0.0)}
+    assert seen(at(5.0, 12.0), **slow, turn_deg_s=10.0).obstacle_m == pytest.approx(5.0, abs=0.1)
+    assert math.isinf(seen(at(5.0, 12.0), **slow).obstacle_m)
+    assert math.isinf(seen(at(5.0, -12.0), **slow, turn_deg_s=10.0).obstacle_m)
+    assert math.isinf(seen(at(5.0, 30.0), **slow, turn_deg_s=10.0).obstacle_m)
 
 
 def test_a_small_rate_of_the_course_is_noise() -> None:
