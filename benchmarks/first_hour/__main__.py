@@ -46,7 +46,7 @@ def main() -> int:
         problems = [d for d in done if d.problem]
         failed += len(problems)
         (args.out / f"{persona.name.replace(' ', '-')}.txt").write_text(_screen(persona, done))
-        rows.append(_row(persona, done))
+        rows.append(_row(persona, done, args.warm))
         print(rows[-1], flush=True)
         for d in problems:
             print(f"  ! {d.text}: {d.problem}", flush=True)
@@ -102,10 +102,10 @@ def _screen(persona: Persona, done: list[Done]) -> str:
     return "\n".join(parts)
 
 
-def _row(persona: Persona, done: list[Done]) -> str:
+def _row(persona: Persona, done: list[Done], warm: bool) -> str:
     wall_s, cpu_s = sum(d.wall_s for d in done), sum(d.cpu_s for d in done)
     good = sum(not d.problem for d in done)
-    kernels = "compiled first" if persona.cold else "compiled before"
+    kernels = "compiled first" if persona.cold and not warm else "compiled before"
     return (
         f"| {persona.name} | {persona.who} | {good} of {len(done)} | {kernels} | {wall_s / 60:.1f} | {cpu_s / 60:.1f} | "
         f"{persona.pages} |"
@@ -118,7 +118,7 @@ def _write_page(page: Path, rows: list[str]) -> None:
     before = page.read_text().split(marker)[0]
     head = "| persona | who | steps as expected | kernels | wall, min | processor, min | pages |\n|---|---|---|---|---|---|---|"
     page.write_text(
-        f"{before}{marker}\n\n{datetime.now(UTC):%Y-%m-%d}, commit {commit(CHECKOUT)}, {host_info().text()}\n\n{head}\n"
+        f"{before}{marker}\n\n{datetime.now(UTC):%Y-%m-%d}, commit {commit(CHECKOUT)}, {host_info().text()}; load average {os.getloadavg()[2]:.1f}\n\n{head}\n"
         + "\n".join(rows)
         + "\n"
     )

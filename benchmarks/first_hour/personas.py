@@ -77,7 +77,7 @@ PLANNER: Final = Persona(
         Step(stop=AUTOPILOT),
         Step("companion status -c simulated.toml", status=1, wait_s=3.0, shows=("BLIND",)),
         Step(stop=RUN, shows=("stopped",)),
-        Step(stop="companion ros2", wait_s=3.0, shows=("no Zenoh router", "the service is received", "companion status")),
+        Step(stop="companion ros2", wait_s=8.0, shows=("no Zenoh router", "the service is received", "companion status")),
         Step(stop=CLIENT, shows=("nothing may be taken as free", "nearest")),
     ),
 )  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-LIMIT_S: Final = 900.0
+LIMIT_S: Final = 3600.0
 """Time limit of a command."""
 STOP_LIMIT_S: Final = 30.0
 

@@ -70,12 +70,13 @@ def run(args: argparse.Namespace) -> int:
             namespace=absolute_name(args.namespace), hz=args.hz, spacing_m=args.spacing, transforms=not args.no_tf
         )
         domain = _environment_domain() if args.domain is None else args.domain
+        router = _endpoint(args.router)
     except ValueError as error:
         fail(str(error))
         return 2
     publish = PublishConfig() if args.config is None else load_config(args.config).publish
     ros = RosMessages()
-    node = RosNode(ros, args.router, domain, options.namespace, NODE)
+    node = RosNode(ros, router, domain, options.namespace, NODE)
     subscriber = LiveSubscriber(replace(streams_of(publish, args.keys), depth="", world="", world_requests=""))
     bridge = Ros2Bridge(subscriber, node, ros, options)
     subscriber.on_message = bridge.on_message
@@ -123,6 +124,14 @@ def _report(good: str, problem: str, before: str) -> str:
             print_line(good)
             sys.stdout.flush()
     return problem
+
+
+def _endpoint(text: str) -> str:
+    """A Zenoh endpoint. Raises ValueError for one without a protocol or an address."""
+    protocol, _, address = text.partition("/")
+    if not (protocol.isalpha() and address):
+        raise ValueError(f"--router {text}: expected PROTOCOL/ADDRESS, such as tcp/192.168.1.20:7447")
+    return text
 
 
 def _environment_domain() -> int:

@@ -56,7 +56,8 @@ class RosNode:
             try:
                 session = self._zenoh.open(self._config())
             except self._zenoh.ZError as error:
-                return self._unreachable(str(error).split(" at /")[0])
+                text = str(error).split(" at /")[0]  # without the place in the library's sources
+                return self._unreachable("no answer" if "Timeout" in text else text)
             node = NodeName(self._domain, str(session.zid()), self._namespace, self._name)
             with self._lock:
                 self._session, self._node = session, node

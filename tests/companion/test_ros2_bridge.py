@@ -278,6 +278,7 @@ def test_without_a_router_it_is_named_and_a_later_one_is_found(setup: Setup) -> 
     ("options", "message"),
     [
         (["--namespace", "a b"], "namespace 'a b'"),
+        (["--router", "localhost:7447"], "--router localhost:7447: expected PROTOCOL/ADDRESS"),
         (["--hz", "0"], "expected 0.1..60"),
         (["--spacing", "nan"], "expected 0.02..5"),
         (["--domain", "300"], "expected 0..232"),
