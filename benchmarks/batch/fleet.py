@@ -42,9 +42,11 @@ def health(t_ns: int, armed: bool, nearest_cm: int = 800) -> pb.Health:
 
 def write_parts(
     folder: Path, name: str, events: Sequence[Event], camera: CameraInfo, *, parts: int = 1, armed: bool = True,
-    health_s: float = 1.0,
+    health_s: float = 1.0, busy: int = -1,
 ) -> list[Path]:  # fmt: skip
-    """A flight as the service records it, in rotated files that begin with their state; returns the files."""
+    """A flight as the service records it, in rotated files that begin with their state; returns the files.
+
+    busy: number of a frame that a newer one replaced before it was handled; -1: none."""
     from companion.replay.replay import make_pipeline  # late: it imports the kernels
 
     pipeline = make_pipeline(Config(), (camera,))
@@ -60,6 +62,10 @@ def write_parts(
                     health_ns = event.t_arrival_ns + round(health_s * NS)
                     log.write("health", health(event.t_arrival_ns, armed), event.t_arrival_ns)
                 log.event(event)
+                if isinstance(event, DepthFrame) and event.sequence == busy:
+                    skipped = event.camera, event.sequence, event.t_exposure_ns, event.t_arrival_ns
+                    log.output(pipeline.superseded(*skipped), scene=False, transforms=False)
+                    continue
                 for output in pipeline.handle(event):
                     log.output(output, scene=False, transforms=False)
     return paths
@@ -79,7 +85,7 @@ def noisy(events: Iterable[Event], seed: int) -> Iterator[Event]:
 
 
 def write_fleet(folder: Path, flights: int, seconds: float) -> None:
-    """Writes the fleet; every tenth flight has two files."""
+    """Writes the flights that are not there yet; every tenth flight has two files."""
     from drivers.simulation.flight import SimulatedFlight
 
     for scene in range(min(SCENES, flights)):
@@ -87,7 +93,8 @@ def write_fleet(folder: Path, flights: int, seconds: float) -> None:
         for number in range(scene, flights, SCENES):
             vehicle, day = VEHICLES[number % len(VEHICLES)], 1 + number % 28
             name = f"202611{day:02d}-{number // 60:02d}{number % 60:02d}00"
-            write_parts(folder / vehicle, name, list(noisy(rendered, number)), CAMERA, parts=1 + (number % 10 == 9))
+            if not (folder / vehicle / f"{name}.000.mcap").exists():
+                write_parts(folder / vehicle, name, list(noisy(rendered, number)), CAMERA, parts=1 + (number % 10 == 9))
 
 
 def main() -> int:

@@ -17,7 +17,7 @@ from ..config.loader import config_text, load_config
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
 from ..log.provenance import software
-from .dataset import begin_run, finished
+from .dataset import begin_run, delete_unfinished, finished
 from .engines import Done, Engine, EngineName
 from .flights import Flight, find_flights
 from .frame_rows import text_hash
@@ -103,6 +103,7 @@ def batch(flights: Sequence[Flight], output: str, options: BatchOptions, engine:
             for number, done in enumerate(engine.run(tasks), start=1):
                 report.add(done)
                 on_progress(number / len(tasks))
+        delete_unfinished(output)
     report.wall_s = time.monotonic() - begun_s
     return report
 
@@ -128,6 +129,8 @@ def _locked(output: str) -> Iterator[None]:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise ValueError(f"{output}: another `companion batch` writes to it; wait for its end") from error
+        except OSError:
+            pass  # some network file systems have no locks
         yield
 
 

@@ -74,6 +74,11 @@ def begin_run(output: str, run: dict[str, Any]) -> None:
         raise ValueError(
             f"{output}: holds results that were made otherwise ({'; '.join(changed)}); give -o another folder, or delete it"
         )
+    delete_unfinished(output)
+
+
+def delete_unfinished(output: str) -> None:
+    """Deletes what killed workers left of flights. To be called while no flight is processed."""
     if not is_url(output):
         shutil.rmtree(Path(output) / UNFINISHED, ignore_errors=True)
 

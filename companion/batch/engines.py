@@ -24,7 +24,7 @@ class EngineName(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A task that has ended. attempts: how often it was started, where the engine tells, otherwise 1."""
+    """A task that has ended. attempts: how often it was started, where the engine reports it, otherwise 1."""
 
     task: FlightTask
     result: Outcome | Failure

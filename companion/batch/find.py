@@ -60,17 +60,21 @@ class Found:
 
 def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float, after_s: float) -> list[Clip]:
     """The clips of hits: each with the time before and after it, overlapping ones joined. A clip is part of one log file:
-    it ends where the log was rotated."""
+    it ends where the log was rotated. Raises ValueError for hits of another dataset."""
     columns = ["vehicle", "flight", "files", "begin_ns"]
     flights = {
         (r["vehicle"], r["flight"]): r for r in open_table(dataset, "flights").to_table(columns=columns).to_pylist()
     }
     clips = []
     for (vehicle, flight, file), group in itertools.groupby(hits, key=lambda h: (h.vehicle, h.flight, h.file)):
-        row = flights[vehicle, flight]
+        row = flights.get((vehicle, flight))
+        if row is None or not 0 <= file < len(row["files"]):
+            raise ValueError(
+                f"{vehicle}/{flight}, file {file}: {dataset} has no such log; give the dataset that the rows come from"
+            )
         spans = [(h.begin_ns - round(before_s * NS), h.end_ns + round(after_s * NS)) for h in group]
         for begin_ns, end_ns in merged(spans):
-            flight_s = (begin_ns - row["begin_ns"]) / NS
+            flight_s = 0.0 if row["begin_ns"] is None else (begin_ns - row["begin_ns"]) / NS
             name = f"{safe_name(vehicle)}_{safe_name(flight)}_{max(0.0, flight_s):09.3f}s.mcap"
             clips.append(Clip(vehicle, flight, row["files"][file], begin_ns, end_ns, flight_s, folder / name))
     return clips

@@ -12,7 +12,7 @@ from ..log.log_writer import ACTIVE
 from .storage import StoredFile, find_logs
 
 UNKNOWN: Final = "unknown"
-"""Vehicle or date that the names do not tell."""
+"""Vehicle or date that is not in the names."""
 _DATE = re.compile(r"^(\d{4})(\d{2})(\d{2})-\d{6}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]")
 

@@ -18,8 +18,7 @@ from .jobs import Failure, FlightTask, Outcome, Process
 
 
 def _start_worker() -> None:
-    """Ends a worker whose parent was killed, and gives it the lowest priority."""
-    os.nice(10)
+    """Ends a worker whose parent was killed."""
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
 
 

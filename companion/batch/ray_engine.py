@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, Final
 
 from drivers.base import DeviceNotFound
 from drivers.optional_library import install_command
 
 from .engines import ATTEMPTS, Done, lost_text, unexpected_text
 from .jobs import Failure, FlightTask, Process
+
+_WAITED: Final = 1000
+"""Tasks to wait for at a time, the oldest: waiting for many thousands takes long."""
 
 
 class RayEngine:
@@ -36,7 +40,7 @@ class RayEngine:
             remote = ray.remote(num_cpus=1, max_retries=ATTEMPTS - 1)(self._process)
             waiting = {remote.remote(task): task for task in tasks}
             while waiting:
-                ended, _ = ray.wait(list(waiting))
+                ended, _ = ray.wait(list(itertools.islice(waiting, _WAITED)))
                 for reference in ended:
                     yield Done(waiting.pop(reference), self._result(reference))
         finally:

@@ -19,9 +19,9 @@ def flight_events(seed: int, seconds: float = 1.0, plan: str = "demo") -> list[E
     return list(SimulatedFlight(plan, cameras=(SMALL,), duration_s=seconds, seed=seed).events())
 
 
-def write_parts(folder: Path, name: str, events: list[Event], parts: int = 1) -> list[Path]:
-    """The log files of a flight with a health report every 0.2 s."""
-    return fleet.write_parts(folder, name, events, SMALL, parts=parts, health_s=0.2)
+def write_parts(folder: Path, name: str, events: list[Event], parts: int = 1, busy: int = -1) -> list[Path]:
+    """The log files of a flight with a health report every 0.2 s. busy: a frame that the service skipped."""
+    return fleet.write_parts(folder, name, events, SMALL, parts=parts, health_s=0.2, busy=busy)
 
 
 def blinded(events: Iterable[Event], frames: range) -> list[Event]:

@@ -257,6 +257,38 @@ def test_a_worker_of_another_version_is_refused(fleet: Path, tmp_path: Path) -> 
     assert "install the same version on all workers" in getattr(failure, "text", "")
 
 
+def test_addresses_give_the_same_files(fleet: Path, dataset: Path) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed")
+    memory = fsspec.filesystem("memory")
+    memory.put(f"{fleet}/", "/bucket/logs/", recursive=True)
+    try:
+        flights = find_flights(["memory://bucket/logs"])
+        assert [str(f) for f in flights] == [str(f) for f in find_flights([str(fleet)])]
+        assert len(find_flights(["memory://bucket/logs/beta/*.mcap"])) == 2
+        for flight in flights:
+            done = run_task(FlightTask(flight, "memory://bucket/out", BatchOptions(planes=True), software()))
+            assert isinstance(done, Outcome), done
+        assert finished("memory://bucket/out", flights) == set(flights)
+        for table in ("frames", "events", "planes"):
+            names = sorted(memory.find(f"/bucket/out/{table}"))
+            assert len(names) == 3
+            for name in names:
+                assert memory.cat_file(name) == (dataset / name.removeprefix("/bucket/out/")).read_bytes()
+        with pytest.raises(DeviceNotFound, match="no log"):
+            find_flights(["memory://bucket/absent"])
+    finally:
+        memory.rm("/bucket", recursive=True)
+
+
+def test_frames_that_the_live_run_skipped_are_left_out(tmp_path: Path) -> None:
+    events = flight_events(1, 0.6)
+    write_parts(tmp_path / "v", "20261101-100000", events, busy=3)
+    process_all(tmp_path / "v", tmp_path / "out", BatchOptions())
+    (row,) = flight_rows(tmp_path / "out").values()
+    assert (row["skipped_live"], row["frames"], row["equals_onboard"]) == (1, 6, True)
+    assert 3 not in [frame["sequence"] for frame in rows(tmp_path / "out", "frames")]
+
+
 # ---- restart ------------------------------------------------------------------------------------------------------------
 
 

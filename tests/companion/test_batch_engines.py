@@ -14,10 +14,12 @@ import pytest
 
 from companion.batch.dask_engine import DaskEngine
 from companion.batch.engines import ATTEMPTS, Done
-from companion.batch.flights import Flight
+from companion.batch.flights import Flight, find_flights
 from companion.batch.jobs import BatchOptions, Failure, FlightTask, Outcome
 from companion.batch.local_engine import LocalEngine
 from companion.batch.ray_engine import RayEngine
+from companion.batch.task import run_task
+from companion.log.provenance import software
 from drivers.base import DeviceNotFound
 
 from .batch_processes import always_killed, defective, killed_at_first
@@ -71,6 +73,13 @@ def files_of(output: Path) -> dict[str, bytes]:
     return {str(p.relative_to(output)): p.read_bytes() for p in output.rglob("*.parquet")}
 
 
+def expected_files(fleet: Path, output: Path) -> dict[str, bytes]:
+    """The files of the tables, computed in this process."""
+    for flight in find_flights([str(fleet)]):
+        assert isinstance(run_task(FlightTask(flight, str(output), BatchOptions(), software())), Outcome)
+    return files_of(output)
+
+
 def batch_command(fleet: Path, output: Path, *more: str) -> list[str]:
     return [sys.executable, "-m", "companion", "batch", str(fleet), "-o", str(output), *more]
 
@@ -80,7 +89,6 @@ def test_a_killed_command_continues_where_it_stopped(tmp_path: Path) -> None:
     fleet = write_fleet(tmp_path / "fleet")
     for k in range(4):
         write_parts(fleet / "gamma", f"20261104-13000{k}", flight_events(10 + k, 2.0))
-    subprocess.run(batch_command(fleet, tmp_path / "whole"), check=True, timeout=PATIENCE_S)
     output = tmp_path / "cut"
     process = subprocess.Popen(batch_command(fleet, output, "--workers", "1"), start_new_session=True)
     flights = output / "flights"
@@ -92,7 +100,8 @@ def test_a_killed_command_continues_where_it_stopped(tmp_path: Path) -> None:
     complete = [name for name in present if name.startswith("flights")]
     assert 0 < len(complete) < 7
     subprocess.run(batch_command(fleet, output), check=True, timeout=PATIENCE_S)
-    assert files_of(output) == files_of(tmp_path / "whole")
+    assert not (output / ".unfinished").exists()
+    assert files_of(output) == expected_files(fleet, tmp_path / "alone")
     assert Counter(name.split("/")[0] for name in files_of(output)) == {"frames": 7, "flights": 7, "events": 7}
 
 
@@ -118,10 +127,9 @@ def test_dask_starts_the_tasks_of_a_killed_worker_again(dask_cluster: str, tmp_p
 @pytest.mark.slow
 def test_dask_computes_the_same_files(dask_cluster: str, tmp_path: Path) -> None:
     fleet = write_fleet(tmp_path / "fleet")
-    subprocess.run(batch_command(fleet, tmp_path / "local"), check=True, timeout=PATIENCE_S)
     more = ("--engine", "dask", "--address", dask_cluster)
     subprocess.run(batch_command(fleet, tmp_path / "dask", *more), check=True, timeout=PATIENCE_S)
-    assert files_of(tmp_path / "dask") == files_of(tmp_path / "local")
+    assert files_of(tmp_path / "dask") == expected_files(fleet, tmp_path / "alone")
 
 
 def test_a_dask_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,10 +152,9 @@ def test_ray_starts_the_tasks_of_a_killed_worker_again_and_computes_the_same_fil
         assert isinstance(failed.result, Failure)
         assert "give the workers more memory" in failed.result.text
         fleet = write_fleet(tmp_path / "fleet")
-        subprocess.run(batch_command(fleet, tmp_path / "local"), check=True, timeout=PATIENCE_S)
         more = ("--engine", "ray", "--address", cluster.address)
         subprocess.run(batch_command(fleet, tmp_path / "ray", *more), check=True, timeout=PATIENCE_S)
-        assert files_of(tmp_path / "ray") == files_of(tmp_path / "local")
+        assert files_of(tmp_path / "ray") == expected_files(fleet, tmp_path / "alone")
     finally:
         ray.shutdown()
         cluster.shutdown()

@@ -145,6 +145,17 @@ def test_rows_may_come_from_a_query(dataset: Path, tmp_path: Path) -> None:
     assert sorted(found) == distances[:2]
 
 
+def test_rows_of_another_dataset_are_refused(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    row = {"vehicle": "alpha", "flight": "20260101-000000", "file": 0, "t_ns": 5}
+    parquet.write_table(arrow.Table.from_pylist([row]), tmp_path / "rows.parquet")
+    assert main(["find", str(dataset), str(tmp_path / "rows.parquet"), "-o", str(tmp_path)]) == 1
+    assert "alpha/20260101-000000, file 0" in capsys.readouterr().err
+    parquet.write_table(arrow.Table.from_pylist([{"vehicle": "alpha", "file": 0}]), tmp_path / "rows.parquet")
+    assert main(["find", str(dataset), str(tmp_path / "rows.parquet"), "-o", str(tmp_path)]) == 1
+    assert "lacks the columns flight, t_ns (or t_exposure_ns)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("condition", "text"),
     [
