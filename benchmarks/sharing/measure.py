@@ -29,14 +29,17 @@ from drivers.simulation.source import Rendered
 NS = 1_000_000_000
 Floats = NDArray[np.float64]
 WINDOW_S = 10.0
+START_UP_S = 5.0
+"""All that is in view at the start is new at once; what is seen first later than this counts as in flight."""
 START_S = 1.0
 _THIN = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """One run. rate: greatest B/s of a vehicle over WINDOW_S; mean_rate: over the flight; latency_s: p50, p95 and greatest from the
-    second observation of a plane by its owner until it is published by another vehicle; never: share of planes that never
+    """One run. rate: greatest B/s of a vehicle over WINDOW_S; mean_rate: over the flight; latency_s: p50, p95 and greatest
+    from the confirmation of a plane by its owner until it is published by another vehicle, in flight; start_s: p95 with all that is in view at
+    the start; never: share of planes that never
     arrived; missed_joint, missed_all: share of obstacle rays, by the first vehicle with its neighbours, and by one vehicle
     that flew all parts; aligned: pairs with an aligned frame, of pairs; place_m, yaw_deg: worst error of an aligned frame."""
 
@@ -46,6 +49,7 @@ class Figures:
     rate: float
     mean_rate: float
     latency_s: tuple[float, float, float]
+    start_s: float
     never: float
     missed_joint: float
     missed_all: float
@@ -115,7 +119,8 @@ def _figures(
     begin_ns: int,
 ) -> Figures:  # fmt: skip
     rates = [_rates(sent, begin_ns) for sent in traffic.sent]
-    delays, never = _latencies(outcomes)
+    delays, never = _latencies(outcomes, begin_ns + round(START_UP_S * NS))
+    early, _ = _latencies(outcomes, 0)
     pairs = [_pair(parts, outcomes, a, b) for a in range(len(parts)) for b in range(len(parts)) if a != b]
     aligned = [p for p in pairs if p is not None]
     flown_by = [r for part in parts for r in part.rendered]
@@ -133,7 +138,8 @@ def _figures(
                 refused[code] = refused.get(code, 0) + count
     return Figures(
         scene=scene, vehicles=len(parts), seed=seed, rate=max(r[0] for r in rates), mean_rate=max(r[1] for r in rates),
-        latency_s=(float(np.percentile(delays, 50)), float(np.percentile(delays, 95)), float(delays.max())), never=never,
+        latency_s=(float(np.percentile(delays, 50)), float(np.percentile(delays, 95)), float(delays.max())),
+        start_s=float(np.percentile(early, 95)), never=never,
         missed_joint=_missed(views, np.concatenate([own, shared]), flown_by), missed_all=_missed(views, _all_planes(everything), flown_by),
         missed_alone=_missed(views, own, flown_by), pairs=len(pairs), aligned=len(aligned),
         place_m=max((p[0] for p in aligned), default=math.nan), yaw_deg=max((p[1] for p in aligned), default=math.nan),
@@ -160,8 +166,9 @@ def _rates(sent: Sequence[tuple[int, int]], begin_ns: int) -> tuple[float, float
     return float(max(sums, default=0.0)), float(size.sum() / max(1.0, t[-1] - t[0]))
 
 
-def _latencies(outcomes: Sequence[Outcome]) -> tuple[Floats, float]:
-    """(delays of all planes and receivers in s, share that never arrived). Planes of the last second are left out."""
+def _latencies(outcomes: Sequence[Outcome], since_ns: int) -> tuple[Floats, float]:
+    """(delays of all planes confirmed since then, for all receivers, in s; share that never arrived). Planes of the last second are
+    left out."""
     delays, missing = [], 0
     for sender in outcomes:
         last_ns = max(sender.first_own_ns.values()) - NS
@@ -169,6 +176,8 @@ def _latencies(outcomes: Sequence[Outcome]) -> tuple[Floats, float]:
             if receiver is sender:
                 continue
             for slot, own_ns in sender.first_own_ns.items():
+                if own_ns < since_ns:
+                    continue
                 got_ns = receiver.first_shared_ns.get((sender.number, slot))
                 if got_ns is not None:
                     delays.append((got_ns - own_ns) / NS)

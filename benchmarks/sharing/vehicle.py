@@ -43,7 +43,7 @@ class Task:
 
 @dataclass(slots=True)
 class Outcome:
-    """What one vehicle measured. first_own_ns: when each own plane was first observed by two frames, by its number; first_shared_ns:
+    """What one vehicle measured. first_own_ns: when each own plane was first confirmed (observed by least_hits frames), by its number; first_shared_ns:
     when (sender, number) was first published; own: (N, 6) planes of the own world in the end, own_ids; shared: in the end."""
 
     number: int
@@ -91,6 +91,7 @@ def _loop(
     task: Task, frames: tuple[Seen, ...], world: World, sharing: Sharing, outcome: Outcome, begin_ns: int
 ) -> None:
     taken, last = 0, frames[0].place_m
+    config_hits = ShareConfig().least_hits
     end_ns = begin_ns + round((len(frames) / HZ + REST_S) * NS)
     newest_ns = 0
     while (now_ns := time.monotonic_ns()) < end_ns:
@@ -100,7 +101,7 @@ def _loop(
                 outcome.late_frames += 1
             seen = frames[taken]
             world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=now_ns))
-            _note_own(world, outcome, now_ns)
+            _note_own(world, config_hits, outcome, now_ns)
             velocity = tuple(HZ * (b - a) for a, b in zip(last, seen.place_m, strict=True))
             last, taken = seen.place_m, taken + 1
         flying = taken < len(frames)
@@ -118,7 +119,7 @@ def _loop(
         time.sleep(LOOK_S)
 
 
-def _note_own(world: World, outcome: Outcome, now_ns: int) -> None:
+def _note_own(world: World, least_hits: int, outcome: Outcome, now_ns: int) -> None:
     assert world.section is not None
-    for slot in np.flatnonzero(world.section.used_slots["hits"] >= 2).tolist():
+    for slot in np.flatnonzero(world.section.used_slots["hits"] >= least_hits).tolist():
         outcome.first_own_ns.setdefault(slot, now_ns)

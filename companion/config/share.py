@@ -36,7 +36,7 @@ class ShareConfig(SharingParams):
     refresh_s: float = number(
         20.0, 1.0, 300.0, "s", "each plane is sent again after this time; below expire_s of all others"
     )
-    least_hits: int = number(2, 1, 50, "", "a plane is sent when so many frames have observed it")
+    least_hits: int = number(3, 1, 50, "", "a plane is sent when so many frames have observed it")
     range_m: float = number(150.0, 10.0, 1000.0, "m", "planes within this distance of the vehicle are sent")
     send_planes: int = number(2000, 10, 20_000, "", "most planes that are offered to others, the nearest ones")
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codes import Code
-from .correlation import balanced_weights, best_shift
+from .correlation import FINE, balanced_weights, best_shift
 from .placement import Floats, Placement
 
 SAMPLE_M = 0.5
@@ -37,9 +37,15 @@ NOISE_M = 0.2
 MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.25, math.radians(0.8)
 POSITION_SIGMAS = 4.0
 Z_TOLERANCE_M, LEAST_HEIGHTS, LEAST_HEIGHT_SHARE = 0.3, 4, 0.35
-ACROSS = math.sin(math.radians(45.0))
-LEAST_ACROSS_M = 3.0
-"""Length of matched planes that fix the weakest direction."""
+START_NOISE = np.array([0.15, 0.15, math.radians(0.6)])
+"""Standard deviation of the fine search on the grid, x, y, yaw."""
+MOST_RING = 0.93
+"""Greatest score at 0.7 to 1 m from the best place, as a share of the best."""
+MOST_RIVAL = 0.9
+"""Greatest score of another place, as a share of the best."""
+LEAST_SIGMA_M, LEAST_SIGMA_YAW_RAD = 0.2, math.radians(0.8)
+"""What both vehicles observe wrongly in the same way is no noise: no fit is more certain."""
+FINE_REACH_M, FINE_REACH_RAD = 1.1, math.radians(1.5)
 MOST_PLANES = 120
 LEAST_LENGTH_M = 0.8
 
@@ -86,6 +92,17 @@ class _Samples:
     plane: NDArray[np.intp]
 
 
+@dataclass(frozen=True, slots=True)
+class _Solution:
+    """place: x, y, yaw; info: information matrix (3, 3); gap_m, nearest, matched: of the samples."""
+
+    place: tuple[float, float, float]
+    info: Floats
+    gap_m: Floats
+    nearest: NDArray[np.intp]
+    matched: NDArray[np.bool_]
+
+
 def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
     """The fit. other_box: (M, 6) planes in the other frame; own_box: (N, 6) in the own one; prior: by position."""
     reach_m = 3.0 * prior.sigma_m + 1.0
@@ -95,16 +112,15 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
     if len(own.length) < LEAST_MATCHED_PLANES or len(other.length) < LEAST_MATCHED_PLANES:
         return Fit(FitResult.TOO_LITTLE, prior)
     samples, own_samples = _samples(other), _samples(own)
-    start, rival = best_shift(
-        samples.points, samples.along, own_samples.points, own_samples.along, (*prior.at_m[:2], prior.yaw_rad), reach_m,
-        3.0 * prior.sigma_yaw_rad,
-    )  # fmt: skip
+    lines = samples.points, samples.along, own_samples.points, own_samples.along
+    coarse, rival, _ = best_shift(*lines, (*prior.at_m[:2], prior.yaw_rad), reach_m, 3.0 * prior.sigma_yaw_rad)
+    start, _, ring = best_shift(*lines, coarse, FINE_REACH_M, FINE_REACH_RAD, FINE)
     solution = _refined(samples, own, start)
     if solution is None:
         return Fit(FitResult.TOO_LITTLE, prior)
-    (x, y, yaw), info, gap_m, nearest, matched = solution
-    matched_m, rms_m = SAMPLE_M * int(matched.sum()), float(np.sqrt(np.mean(gap_m[matched] ** 2)))
-    result = _judged(samples, own, (x, y, yaw), matched, info, rival)
+    (x, y, yaw), matched = solution.place, solution.matched
+    matched_m, rms_m = SAMPLE_M * int(matched.sum()), float(np.sqrt(np.mean(solution.gap_m[matched] ** 2)))
+    result = _judged(samples, own, solution, rival, ring)
     moved_m = math.hypot(x - prior.at_m[0], y - prior.at_m[1])
     turned_rad = abs(math.remainder(yaw - prior.yaw_rad, math.tau))
     if result is FitResult.ACCEPTED and (
@@ -113,11 +129,11 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
         result = FitResult.AGAINST_POSITION
     if result is not FitResult.ACCEPTED:
         return Fit(result, prior, matched_m, rms_m)
-    covariance = np.linalg.inv(info)
-    z_m, sigma_z_m = _height(other, own, samples.plane[matched], nearest[matched], prior)
+    covariance = np.linalg.inv(solution.info)
+    z_m, sigma_z_m = _height(other, own, samples.plane[matched], solution.nearest[matched], prior)
     placement = replace(
-        prior, yaw_rad=yaw, at_m=(x, y, z_m), sigma_m=math.sqrt(max(covariance[0, 0], covariance[1, 1])),
-        sigma_z_m=sigma_z_m, sigma_yaw_rad=math.sqrt(covariance[2, 2]), refined=True,
+        prior, yaw_rad=yaw, at_m=(x, y, z_m), sigma_m=max(LEAST_SIGMA_M, math.sqrt(max(covariance[0, 0], covariance[1, 1]))),
+        sigma_z_m=sigma_z_m, sigma_yaw_rad=max(LEAST_SIGMA_YAW_RAD, math.sqrt(covariance[2, 2])), refined=True,
     )  # fmt: skip
     return Fit(FitResult.ACCEPTED, placement, matched_m, rms_m)
 
@@ -160,10 +176,8 @@ def _samples(segments: _Segments) -> _Samples:
     return _Samples(points, segments.along[plane], plane)
 
 
-def _refined(
-    samples: _Samples, own: _Segments, start: tuple[float, float, float]
-) -> tuple[tuple[float, float, float], Floats, Floats, NDArray[np.intp], NDArray[np.bool_]] | None:
-    """(x, y, yaw), information matrix (3, 3), distances, nearest own plane and match of each sample; None: too little."""
+def _refined(samples: _Samples, own: _Segments, start: tuple[float, float, float]) -> _Solution | None:
+    """The least squares solution from a start; None: too little matches."""
     x, y, yaw = start
     info = np.zeros((3, 3))
     balance = balanced_weights(samples.along)
@@ -174,20 +188,29 @@ def _refined(
         if SAMPLE_M * int(near.sum()) < LEAST_MATCHED_M or len(np.unique(samples.plane[near])) < LEAST_MATCHED_PLANES:
             return None
         normal = np.column_stack([-own.along[nearest, 1], own.along[nearest, 0]])[near]
-        arm = p[near] - np.array([x, y])
-        J = np.column_stack([normal, normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]])
-        robust = np.minimum(1.0, HUBER_M / np.maximum(np.abs(gap_m[near]), 1e-9))
-        info = (J * robust[:, None]).T @ J / NOISE_M**2
-        weight = robust * balance[near]
-        normal_matrix = (J * weight[:, None]).T @ J
+        rows = _rows(normal, p[near] - np.array([x, y]), gap_m[near], NOISE_M)
+        weight = balance[near]
+        # the grid fixes what few planes fix: the place along a street
+        off = np.array([x - start[0], y - start[1], yaw - start[2]]) / START_NOISE
+        J, r = np.concatenate([rows[0], np.diag(1.0 / START_NOISE)]), np.concatenate([rows[1], off])
+        w = np.concatenate([weight, np.ones(3)])
+        info = J.T @ J
+        normal_matrix = (J * w[:, None]).T @ J
         if np.linalg.cond(normal_matrix) > 1e7:
-            return (x, y, yaw), info, gap_m, nearest, near
-        dx, dy, dyaw = np.linalg.solve(normal_matrix, -(J * weight[:, None]).T @ gap_m[near]).tolist()
+            break
+        dx, dy, dyaw = np.linalg.solve(normal_matrix, -(J * w[:, None]).T @ r).tolist()
         x, y, yaw = x + dx, y + dy, yaw + dyaw
     _, gap_m, nearest, near = _matches(samples, own, (x, y, yaw), LAST_GATE_M)
     if not near.any():
         return None
-    return (x, y, math.remainder(yaw, math.tau)), info, gap_m, nearest, near
+    return _Solution((x, y, math.remainder(yaw, math.tau)), info, gap_m, nearest, near)
+
+
+def _rows(direction: Floats, arm: Floats, gap_m: Floats, noise_m: float) -> tuple[Floats, Floats]:
+    """(J (K, 3), residuals (K,)) in units of their noise, with Huber weights. direction: of the distances; arm: of the turn."""
+    J = np.column_stack([direction, direction[:, 1] * arm[:, 0] - direction[:, 0] * arm[:, 1]])
+    scale = np.sqrt(np.minimum(1.0, HUBER_M / np.maximum(np.abs(gap_m), 1e-9))) / noise_m
+    return J * scale[:, None], gap_m * scale
 
 
 def _matches(
@@ -211,36 +234,23 @@ def _matches(
     return p, gap[rows, nearest], nearest, near
 
 
-def _judged(
-    samples: _Samples,
-    own: _Segments,
-    place: tuple[float, float, float],
-    matched: NDArray[np.bool_],
-    info: Floats,
-    rival: float,
-) -> FitResult:
-    """rival: score of the second best shift, as a share of the best."""
+def _judged(samples: _Samples, own: _Segments, solution: _Solution, rival: float, ring: float) -> FitResult:
+    """rival, ring: of `best_shift`."""
+    matched, info = solution.matched, solution.info
     if SAMPLE_M * int(matched.sum()) < LEAST_MATCHED_M or len(np.unique(samples.plane[matched])) < LEAST_MATCHED_PLANES:
         return FitResult.TOO_LITTLE
-    *_, overlapping = _matches(samples, own, place, OVERLAP_M)
+    *_, overlapping = _matches(samples, own, solution.place, OVERLAP_M)
     if matched.sum() < LEAST_AGREEING * overlapping.sum():
         return FitResult.INCONSISTENT
-    values, vectors = np.linalg.eigh(info[:2, :2])
-    if values[0] <= 0.0 or np.linalg.eigvalsh(info)[0] <= 0.0:
+    if np.linalg.eigvalsh(info)[0] <= 0.0:
         return FitResult.UNOBSERVABLE
-    # the planes that fix the place in the weak direction must agree by themselves
-    c, s = math.cos(place[2]), math.sin(place[2])
-    weak = np.array([[c, s], [-s, c]]) @ vectors[:, 0]
-    across = np.abs(samples.along[:, 0] * weak[1] - samples.along[:, 1] * weak[0]) > ACROSS
-    if SAMPLE_M * int((matched & across).sum()) < LEAST_ACROSS_M or len(np.unique(samples.plane[matched & across])) < 3:
-        return FitResult.UNOBSERVABLE
-    if (matched & across).sum() < LEAST_AGREEING * (overlapping & across).sum():
-        return FitResult.INCONSISTENT
     covariance = np.linalg.inv(info)
     worst_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     if worst_m > MAX_SIGMA_M or math.sqrt(covariance[2, 2]) > MAX_SIGMA_YAW_RAD:
         return FitResult.UNOBSERVABLE
-    return FitResult.AMBIGUOUS if rival > 0.85 else FitResult.ACCEPTED
+    if ring > MOST_RING:
+        return FitResult.UNOBSERVABLE
+    return FitResult.AMBIGUOUS if rival > MOST_RIVAL else FitResult.ACCEPTED
 
 
 def _height(
