@@ -117,8 +117,8 @@ def length_of(vehicles: int) -> float:
     return PART_M + (vehicles - 1) * (PART_M - OVERLAP_M)
 
 
-def ways(vehicles: int) -> list[list[Pose]]:
-    """Each vehicle flies its part; every second one from the other end."""
+def ways(vehicles: int, *, same_way: bool) -> list[list[Pose]]:
+    """Each vehicle flies its part; every second one from the other end, unless same_way."""
     found = []
     for k in range(vehicles):
         begin = k * (PART_M - OVERLAP_M)
@@ -126,7 +126,7 @@ def ways(vehicles: int) -> list[list[Pose]]:
         poses = [
             (begin + i * STEP_M, 0.6 * math.sin(0.3 * i), -2.0, 0.25 * math.sin(0.11 * i), 0.0) for i in range(count)
         ]
-        if k % 2:
+        if k % 2 and not same_way:
             poses = [(x, y, z, heading + math.pi, pitch) for x, y, z, heading, pitch in reversed(poses)]
         found.append(poses)
     return found

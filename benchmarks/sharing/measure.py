@@ -65,14 +65,21 @@ class Figures:
 
 
 def run(
-    scene_name: str, vehicles: int, seed: int, bytes_per_s: float, channel: Channel, *, processes: bool = False
+    scene_name: str,
+    vehicles: int,
+    seed: int,
+    bytes_per_s: float,
+    channel: Channel,
+    *,
+    same_way: bool = False,
+    processes: bool = False,
 ) -> Figures:
     """One run in simulated time; processes: in real time, each vehicle and the radio a process."""
     scene = scene_of(scene_name, length_of(vehicles), seed)
     offsets = errors(vehicles, seed)
     parts = [
         flown(scene, way, error, seed + 100 * k)
-        for k, (way, error) in enumerate(zip(ways(vehicles), offsets, strict=True))
+        for k, (way, error) in enumerate(zip(ways(vehicles, same_way=same_way), offsets, strict=True))
     ]
     if processes:
         with tempfile.TemporaryDirectory() as folder:
@@ -80,7 +87,8 @@ def run(
     else:
         outcomes, traffic, begin_ns = play(parts, bytes_per_s, channel, seed)
     views = [frame(scene, pose, EXACT, seed, 0) for pose in judged_poses(vehicles)]
-    return _figures(scene_name, seed, parts, outcomes, traffic, views, begin_ns)
+    name = f"{scene_name}{', same way' if same_way else ''}{', processes' if processes else ''}"
+    return _figures(name, seed, parts, outcomes, traffic, views, begin_ns)
 
 
 def _play(

@@ -28,8 +28,8 @@ OVERLAP_M = 1.5
 PARALLEL_RAD = math.radians(15.0)
 STEPS = 12
 HUBER_M = 0.15
-LEAST_MATCHED_M = 8.0
-LEAST_MATCHED_PLANES = 3
+LEAST_MATCHED_M = 20.0
+LEAST_MATCHED_PLANES = 8
 LEAST_AGREEING = 0.6
 """Of the overlapping length, this share must match."""
 NOISE_M = 0.2

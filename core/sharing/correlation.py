@@ -18,7 +18,7 @@ RING_M = (0.7, 1.0)
 MOST_SAMPLES = 250
 HALF_SAMPLE_M = 0.25
 """Half the distance of samples along a plane: between them the score is that on them."""
-LEAST_SAMPLES = 12
+LEAST_SAMPLES = 40
 """A direction with fewer samples does not count as much as the others."""
 
 

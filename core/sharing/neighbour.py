@@ -16,7 +16,9 @@ NS = 1_000_000_000
 CLOCK_DRIFT = 2e-4
 """Greatest difference of the rates of two clocks."""
 KEEP_FIT_NS = 30 * NS
-"""An alignment that newer fits do not confirm is dropped after this time."""
+"""An alignment that newer fits do not confirm is dropped after this time,"""
+MOST_CONTRADICTIONS = 2
+"""or when so many fits in a row had enough planes and do not agree with it."""
 
 
 @dataclass(slots=True)
@@ -56,6 +58,7 @@ class Neighbour:
     _candidate: Placement | None = None
     _aligned: Placement | None = None
     _aligned_ns: int = 0
+    _contradictions: int = 0
 
     @classmethod
     def first(cls, header: Header, arrival_ns: int) -> Neighbour:
@@ -110,14 +113,17 @@ class Neighbour:
         if prior is None or not self.planes:
             return
         self.last_fit = fit(self.boxes(), own_box, prior)
-        if self.last_fit.result is not FitResult.ACCEPTED:
-            self._candidate = None
-            return
-        new = self.last_fit.placement
-        before = self._candidate or self._aligned
-        if before is not None and agree(before, new):
-            self._aligned, self._aligned_ns = new, now_ns
-        self._candidate = new
+        accepted, new = self.last_fit.result is FitResult.ACCEPTED, self.last_fit.placement
+        if accepted and self._aligned is not None and agree(self._aligned, new):
+            confirmed = True
+        else:
+            confirmed = accepted and self._candidate is not None and agree(self._candidate, new)
+            self._contradictions += self.last_fit.result is not FitResult.TOO_LITTLE
+        self._candidate = new if accepted else None
+        if confirmed:
+            self._aligned, self._aligned_ns, self._contradictions = new, now_ns, 0
+        elif self._contradictions >= MOST_CONTRADICTIONS:
+            self._aligned, self._contradictions = None, 0
 
     def forget_alignment(self) -> None:
         """The own frame has changed."""

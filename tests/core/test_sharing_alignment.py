@@ -111,7 +111,10 @@ def test_another_street_is_refused() -> None:
 
 
 def test_two_bare_walls_do_not_fix_the_place_along_them() -> None:
-    walls = np.array([[0, 6, 40, 6, -6, 0], [40, -6, 0, -6, -6, 0], [0, 9, 40, 9, -9, 0], [40, -9, 0, -9, -9, 0.0]])
+    rows = []
+    for y in (6.0, 9.0, 12.0, 15.0):
+        rows += [[0, y, 40, y, -6, 0], [40, -y, 0, -y, -6, 0]]
+    walls = np.array(rows, np.float64)
     true = placed(20.0, 0.0, -3.0, 0.0)
     assert refused(other_of(true, walls), walls, true) in (FitResult.UNOBSERVABLE, FitResult.AMBIGUOUS)
 
