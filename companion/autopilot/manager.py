@@ -29,7 +29,6 @@ from .firmware_version import AUTOPILOT_VERSION, VersionReader
 from .flight_modes import mode_trouble
 from .landed import EXTENDED_SYS_STATE, LandedState
 from .last_values import LastValues, LastValuesFile
-from .neighbour_distances import NeighbourDistances
 from .obstacle_distance import clear_cm
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .parameters import WANTED, ParameterReader
@@ -67,9 +66,8 @@ class Avoidance:
         ring_m: float = RING_M,
         observer: Observer | None = None,
         open_counts: bool = False,
-        neighbours: NeighbourDistances | None = None,
     ) -> None:
-        """neighbours: see ObstacleReportBuilder. observer: receives the surroundings of each decision. last: values of the autopilot that were read before this
+        """observer: receives the surroundings of each decision. last: values of the autopilot that were read before this
         start, used until they are read again.
         ill: why a camera's frames must not be used although they arrive. silent: an autopilot in flight that is no longer heard,
         None: none; it may still receive. ring_m: step of the free-range profiles. open_counts: see ObstacleReportBuilder."""
@@ -90,7 +88,7 @@ class Avoidance:
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
         self._builder = ObstacleReportBuilder(
-            avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts, neighbours=neighbours
+            avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts
         )
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
@@ -302,10 +300,9 @@ def avoidance_of(
     link: MavlinkLink,
     last: LastValuesFile,
     observer: Observer | None = None,
-    neighbours: NeighbourDistances | None = None,
 ) -> Avoidance:
     """The part of the service that sends obstacles to the autopilot of this link. last: values read before this start;
-    observer: receives the surroundings of each decision; neighbours: distances to obstacles that other vehicles reported."""
+    observer: receives the surroundings of each decision."""
 
     def heard() -> Vehicle | None:
         return session.vehicle if session.heard(time.monotonic_ns()) else None
@@ -319,7 +316,7 @@ def avoidance_of(
 
     return Avoidance(
         config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, last,
-        config.extractor.profile_ring_m, observer, config.open_sky.presumes, neighbours,
+        config.extractor.profile_ring_m, observer, config.open_sky.presumes,
     )  # fmt: skip
 
 

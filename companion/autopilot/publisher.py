@@ -30,7 +30,6 @@ from .confirmation import PlaneConfirmation, SectorSight, SeenSectors
 from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach_cm, policy_of
 from .free_space_memory import FreeMemory
-from .neighbour_distances import NeighbourDistances, with_neighbours
 from .obstacle_distance import for_reader
 from .obstacle_distance_3d import NO_POINTS, other_points
 from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
@@ -91,12 +90,11 @@ class ObstacleReportBuilder:
         ring_m: float = RING_M,
         observer: Observer | None = None,
         open_counts: bool = False,
-        neighbours: NeighbourDistances | None = None,
     ) -> None:
-        """neighbours: distances to obstacles that other vehicles have reported, None: they are not used. ill: why the frames of a camera must not be used although they arrive (it repeats an old image under new stamps);
+        """ill: why the frames of a camera must not be used although they arrive (it repeats an old image under new stamps);
         empty: they may. ring_m: step of the free-range profiles. observer: receives the surroundings of each decision.
         open_counts: a sector whose band is free or open to the maximum is clear ([open_sky] mode = "presume")."""
-        self._observer, self._neighbours = observer, neighbours
+        self._observer = observer
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
         self._ill, self._ring_m, self._open_counts = ill, ring_m, open_counts
         self._lock = threading.Lock()
@@ -244,15 +242,8 @@ class ObstacleReportBuilder:
         policy = policy_of(self._avoid, autopilot)
         values = self._policy.values(sight, policy, now_ns)
         if values is not None:
-            values = with_neighbours(values, self._neighbour_distances_m(now_ns), self._avoid)
             values = for_reader(values, self._avoid, autopilot.kind, braking_reach_cm(sight, self._avoid))
         return ObstacleReport(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
-
-    def _neighbour_distances_m(self, now_ns: int) -> NDArray[np.float64] | None:
-        here = self._here(now_ns) if self._neighbours is not None else None
-        if self._neighbours is None or here is None or here.position_ned_m is None:
-            return None
-        return self._neighbours(here.position_ned_m, here.heading_rad, now_ns)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
         """Why a camera is blind at this instant; empty: it is not."""

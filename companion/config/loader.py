@@ -133,8 +133,6 @@ def check_share(config: Config) -> None:
             f'[share] vehicle = {share.vehicle} with tunnel = "{AUTOPILOT_LINE}": that line sends with the system id of the '
             "vehicle; set vehicle = 0"
         )
-    if "autopilot" in share.use and not config.avoid.send:
-        raise ValueError(f'[share] use = "{share.use}", but [avoid] send = false: nothing is sent to the autopilot')
 
 
 def check_open_sky(config: Config) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from core.param_field import check, choice, number, switch, text
+from core.param_field import check, number, switch, text
 from core.sharing.params import SharingParams
 from drivers.mavlink.transport import parse_address
 
@@ -14,7 +14,7 @@ AUTOPILOT_LINE = "autopilot"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShareConfig(SharingParams):
-    """Links to other vehicles, and how their reports are used. Raises ValueError naming the field, its value and its range."""
+    """Links to other vehicles, and what is sent. Raises ValueError naming the field, its value and its range."""
 
     enabled: bool = switch(False, "exchange obstacles with other vehicles; needs [publish] world and a position")
     vehicle: int = number(0, 0, 255, "", "own number in the team, unique; 0: the MAVLink system id of the vehicle")
@@ -29,10 +29,6 @@ class ShareConfig(SharingParams):
     zenoh: str = text("", "configuration file of zenoh (JSON5), with its TLS or users; empty: none")
     zenoh_team: str = text("team", "name of the team in zenoh's keys")
     zenoh_bytes_per_s: float = number(20_000.0, 100.0, 1e6, "B/s", "most that is sent over zenoh")
-    use: str = choice(
-        "planner", ("planner", "planner and autopilot"),
-        "who gets the obstacles of neighbours; autopilot: also as nearer distances in sectors that the own cameras see",
-    )  # fmt: skip
     refresh_s: float = number(
         20.0, 1.0, 300.0, "s", "each plane is sent again after this time; below expire_s of all others"
     )

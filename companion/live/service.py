@@ -180,8 +180,7 @@ class Service:
 
             self.guard = guard_of(self.config, session, link, self._folders.state)
         observer = self.guard.observe if self.guard is not None else None
-        neighbours = self.share.distances_m if self.share is not None and "autopilot" in self.config.share.use else None
-        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last, observer, neighbours)
+        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last, observer)
         return session, link
 
     def _make_share(self) -> ShareService | None:

@@ -7,10 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import zmq
 from google.protobuf.message import Message
-from numpy.typing import NDArray
 
 from core.types import AttitudeSample, PoseSample
 from core.world.world import World
@@ -36,7 +34,6 @@ from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publisher import Publisher, Stream
 from .autopilot_tunnel import AutopilotTunnel
-from .sectors import sector_distances_m
 from .thread import Sharing
 
 NS: Final = 1_000_000_000
@@ -109,18 +106,6 @@ class ShareService:
         """The own world, from the thread that owns it."""
         if self.sharing is not None:
             self.sharing.world(world, now_ns)
-
-    def distances_m(
-        self, place_m: tuple[float, float, float], heading_rad: float, now_ns: int
-    ) -> NDArray[np.float64] | None:
-        """(72,) distance from the vehicle's middle to the nearest obstacle of neighbours in each sector; None: nothing is known."""
-        if self.sharing is None:
-            return None
-        obstacles, avoid = self.sharing.obstacles, self._config.avoid
-        if now_ns - obstacles.now_ns > NS:
-            return None
-        band_m = (avoid.band_above_m, avoid.band_below_m)
-        return sector_distances_m(obstacles, place_m, heading_rad, band_m, avoid.max_distance_m + avoid.radius_m)
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
         """What people must know of it."""

@@ -68,7 +68,7 @@ class NeighbourMap:
         if sender is not None and sender != vehicle:
             return self._refuse("sender_mismatch")
         if self._members and vehicle not in self._members:
-            return self._refuse("not_a_member")
+            return self._refuse("unknown_sender")
         return self._take(packet, arrival_ns)
 
     def _take(self, packet: Packet, arrival_ns: int) -> str:

@@ -1,7 +1,7 @@
 """What neighbours have reported, in the own local frame, for planners. It holds obstacles only.
 
 There is no free space in these types and no way to remove an own obstacle with them: what a neighbour says can only add
-obstacles. `raised` and `nearer` combine them with answers of the own model in that direction alone."""
+obstacles."""
 
 from __future__ import annotations
 
@@ -102,12 +102,6 @@ class SharedObstacles:
             now_ns=now_ns, sender=one, ids=np.zeros(0, np.uint16), planes=np.zeros((0, 6), np.float32), margin_m=none, age_s=none,
             flags=one, aligned=one,
         )  # fmt: skip
-
-
-def nearer(own_m: NDArray[np.float64], shared_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances to obstacles with those of neighbours added. own_m: (N,), nan: unknown; shared_m: (N,), inf: none. An unknown
-    distance stays unknown: a farther obstacle would make what is before it look free."""
-    return np.where(np.isnan(own_m), own_m, np.fmin(own_m, shared_m))
 
 
 def placed_planes(

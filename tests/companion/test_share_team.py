@@ -6,19 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from companion.autopilot.neighbour_distances import with_neighbours
-from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, for_reader
-from companion.config.avoidance import AvoidParams
 from companion.config.loader import ConfigError, config_of
 from companion.config.share import ShareConfig
 from companion.live.status import status_lines
 from companion.share.own_planes import OwnPlanes
-from companion.share.sectors import sector_distances_m
 from companion.share.team import NS, Team
-from core.sharing.obstacles import PlacementState, SharedObstacles
+from core.sharing.obstacles import PlacementState
 from core.sharing.records import SharedMover, SharedPlanes
 from core.sharing.send_queue import Budget
 from core.types import PoseSample
@@ -117,56 +111,6 @@ def test_movers_are_shared_with_their_age_and_end() -> None:
     assert not [m for m in teams[0].obstacles(6 * NS).movers if m.id == 4]
 
 
-# ---- the autopilot -----------------------------------------------------------------------------------------------------------
-
-
-def wall(*box: float, margin_m: float = 0.2) -> SharedObstacles:
-    one = np.ones(1, np.uint8)
-    return SharedObstacles(
-        now_ns=0, sender=one, ids=np.zeros(1, np.uint16), planes=np.array([box], np.float32),
-        margin_m=np.array([margin_m], np.float32), age_s=np.zeros(1, np.float32), flags=one, aligned=one,
-    )  # fmt: skip
-
-
-def test_sectors_of_a_reported_wall() -> None:
-    ahead = wall(8.0, -1.0, 8.0, 1.0, -6.0, 0.0)
-    got = sector_distances_m(ahead, (0.0, 0.0, -3.0), 0.0, (0.8, 0.8), 12.0)
-    assert got[0] == pytest.approx(7.7, abs=0.05)
-    assert np.isinf(got[18])
-    turned = sector_distances_m(ahead, (0.0, 0.0, -3.0), math.pi / 2, (0.8, 0.8), 12.0)
-    assert turned[54] == pytest.approx(7.7, abs=0.05)
-    assert np.isinf(sector_distances_m(ahead, (0.0, 0.0, -9.0), 0.0, (0.8, 0.8), 12.0)).all()
-    assert np.isinf(sector_distances_m(ahead, (-20.0, 0.0, -3.0), 0.0, (0.8, 0.8), 12.0)).all()
-    around = sector_distances_m(wall(0.1, -1.0, 0.1, 1.0, -6.0, 0.0), (0.0, 0.0, -3.0), 0.0, (0.8, 0.8), 12.0)
-    assert (around == 0.0).all()
-
-
-centimetres = st.one_of(st.just(UNKNOWN), st.just(clear_cm(AvoidParams())), st.integers(21, 1199))
-
-
-@given(
-    st.lists(centimetres, min_size=72, max_size=72), st.lists(st.floats(0.0, 30.0), min_size=72, max_size=72),
-    st.sampled_from(["PX4", "ArduPilot", "PX4 or ArduPilot"]),
-)  # fmt: skip
-def test_reports_only_make_distances_smaller(values: list[int], shared_m: list[float], autopilot: str) -> None:
-    avoid, own = AvoidParams(), np.array(values, np.uint16)
-    out = with_neighbours(own, np.array(shared_m), avoid)
-    assert ((out == UNKNOWN) == (own == UNKNOWN)).all()
-    assert (out <= own).all()
-    before, after = for_reader(own, avoid, autopilot), for_reader(out, avoid, autopilot)
-    # a sector that is unknown to the reader may become a near obstacle, never a far one or a clear one
-    new = (before == UNKNOWN) & (after != UNKNOWN)
-    assert (after[new] < clear_cm(avoid)).all()
-    known = before != UNKNOWN
-    assert (after[known] <= before[known]).all()
-
-
-def test_none_reported_changes_nothing() -> None:
-    own = np.full(72, 500, np.uint16)
-    assert with_neighbours(own, None, AvoidParams()) is own
-    assert (with_neighbours(own, np.full(72, np.inf), AvoidParams()) == own).all()
-
-
 # ---- configuration and status --------------------------------------------------------------------------------------------------
 
 WORLD = {"world": "ipc://{run}/world", "world_requests": "ipc://{run}/snapshot"}
@@ -182,14 +126,6 @@ AUTOPILOT = {"address": "udpin:0.0.0.0:14540"}
         (
             {"share": {"enabled": True, "tunnel": "autopilot", "vehicle": 3}, "publish": WORLD, "autopilot": AUTOPILOT},
             "set vehicle = 0",
-        ),
-        (
-            {
-                "share": {"enabled": True, "tunnel": "autopilot", "use": "planner and autopilot"},
-                "publish": WORLD,
-                "autopilot": AUTOPILOT,
-            },
-            "send = false",
         ),
         ({"share": {"members": "2, x"}}, "members"),
         ({"share": {"origin": "47, 8"}}, "origin"),
