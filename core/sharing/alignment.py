@@ -29,7 +29,12 @@ PARALLEL_RAD = math.radians(15.0)
 STEPS = 12
 HUBER_M = 0.15
 LEAST_MATCHED_M = 20.0
-LEAST_MATCHED_PLANES = 8
+LEAST_MATCHED_PLANES = 6
+"""Of either vehicle."""
+MOST_PRIOR_M, MOST_PRIOR_RAD = 6.0, math.radians(10.0)
+"""Greatest uncertainty of the place by position: the search grows with it."""
+MOST_LENGTH_M, AROUND_M = 200.0, 40.0
+"""Longer planes are left out; samples count within this distance of the middle."""
 LEAST_AGREEING = 0.6
 """Of the overlapping length, this share must match."""
 NOISE_M = 0.2
@@ -59,6 +64,8 @@ class FitResult(Code):
     INCONSISTENT = "inconsistent", "planes in the common area do not agree"
     UNOBSERVABLE = "unobservable", "the common planes do not fix the place in every direction"
     AGAINST_POSITION = "against_position", "the fit contradicts the positions"
+    TOO_UNCERTAIN = "too_uncertain", "the positions are too uncertain to begin with"
+    FAILED = "failed", "the fit could not be computed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,13 +112,17 @@ class _Solution:
 
 def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
     """The fit. other_box: (M, 6) planes in the other frame; own_box: (N, 6) in the own one; prior: by position."""
+    if prior.sigma_m > MOST_PRIOR_M or prior.sigma_yaw_rad > MOST_PRIOR_RAD:
+        return Fit(FitResult.TOO_UNCERTAIN, prior)
     reach_m = 3.0 * prior.sigma_m + 1.0
     pivot = np.array([*prior.pivot_m[:2], *prior.pivot_m[:2], prior.pivot_m[2], prior.pivot_m[2]])
     own, other = _segments(own_box), _segments(other_box - pivot)
     other = _overlapping(other, own, prior, reach_m)
     if len(own.length) < LEAST_MATCHED_PLANES or len(other.length) < LEAST_MATCHED_PLANES:
         return Fit(FitResult.TOO_LITTLE, prior)
-    samples, own_samples = _samples(other), _samples(own)
+    samples, own_samples = _around(_samples(other), _samples(own), prior)
+    if not len(samples.points) or not len(own_samples.points):
+        return Fit(FitResult.TOO_LITTLE, prior)
     lines = samples.points, samples.along, own_samples.points, own_samples.along
     coarse, rival, _ = best_shift(*lines, (*prior.at_m[:2], prior.yaw_rad), reach_m, 3.0 * prior.sigma_yaw_rad)
     start, _, ring = best_shift(*lines, coarse, FINE_REACH_M, FINE_REACH_RAD, FINE)
@@ -148,7 +159,8 @@ def agree(a: Placement, b: Placement) -> bool:
 def _segments(box: Floats) -> _Segments:
     """The longest planes of finite size."""
     length = np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1])
-    good = np.flatnonzero(np.isfinite(box).all(axis=1) & (length >= LEAST_LENGTH_M))
+    fits = (length >= LEAST_LENGTH_M) & (length <= MOST_LENGTH_M)
+    good = np.flatnonzero(np.isfinite(box).all(axis=1) & fits)
     good = np.sort(good[np.argsort(-length[good], kind="stable")[:MOST_PLANES]])
     a, b, size = box[good, 0:2], box[good, 2:4], length[good]
     return _Segments(a, b, (b - a) / size[:, None], size, box[good, 4:6])
@@ -174,6 +186,21 @@ def _samples(segments: _Segments) -> _Samples:
     share = np.concatenate([(np.arange(n) + 0.5) / n for n in count])
     points = segments.a[plane] + share[:, None] * (segments.b - segments.a)[plane]
     return _Samples(points, segments.along[plane], plane)
+
+
+def _around(other: _Samples, own: _Samples, prior: Placement) -> tuple[_Samples, _Samples]:
+    """The samples within AROUND_M of the middle of those of the other vehicle, which bounds the grid of the search."""
+    if not len(other.points):
+        return other, own
+    middle = np.median(other.points, axis=0)
+    c, s = math.cos(prior.yaw_rad), math.sin(prior.yaw_rad)
+    there = middle @ np.array([[c, s], [-s, c]]) + np.array(prior.at_m[:2])
+    return _within(other, middle, AROUND_M), _within(own, there, 1.5 * AROUND_M)
+
+
+def _within(samples: _Samples, middle: Floats, radius_m: float) -> _Samples:
+    near = np.hypot(*(samples.points - middle).T) <= radius_m
+    return _Samples(samples.points[near], samples.along[near], samples.plane[near])
 
 
 def _refined(samples: _Samples, own: _Segments, start: tuple[float, float, float]) -> _Solution | None:
@@ -239,10 +266,13 @@ def _judged(samples: _Samples, own: _Segments, solution: _Solution, rival: float
     matched, info = solution.matched, solution.info
     if SAMPLE_M * int(matched.sum()) < LEAST_MATCHED_M or len(np.unique(samples.plane[matched])) < LEAST_MATCHED_PLANES:
         return FitResult.TOO_LITTLE
+    if len(np.unique(solution.nearest[matched])) < LEAST_MATCHED_PLANES:
+        return FitResult.TOO_LITTLE
     *_, overlapping = _matches(samples, own, solution.place, OVERLAP_M)
     if matched.sum() < LEAST_AGREEING * overlapping.sum():
         return FitResult.INCONSISTENT
-    if np.linalg.eigvalsh(info)[0] <= 0.0:
+    values = np.linalg.eigvalsh(info)
+    if not np.isfinite(values).all() or values[0] <= 1e-9 * values[-1]:
         return FitResult.UNOBSERVABLE
     covariance = np.linalg.inv(info)
     worst_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))

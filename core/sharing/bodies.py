@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BODY_SIZE_M = 1.5
-"""Larger things are no vehicle of a team: greatest half size of a mover, greatest length of a plane is twice that."""
+"""Greatest radius of a vehicle of a team, whatever it claims."""
 SLACK_M = 0.5
 MOST_SLACK_M = 3.0
 """Greatest distance at which a report counts as a body, whatever the uncertainty."""
@@ -31,18 +31,20 @@ class Body:
         self, centre_m: tuple[float, float, float], half_size_m: tuple[float, float, float], margin_m: float
     ) -> bool:
         """Whether a reported mover is this vehicle."""
-        if max(half_size_m[:2]) > max(BODY_SIZE_M, 2.0 * self.radius_m):
+        # the radius is what the sender claims: it must not swallow other obstacles
+        radius_m = min(self.radius_m, BODY_SIZE_M)
+        if max(half_size_m[:2]) > 2.0 * radius_m + SLACK_M:
             return False
         slack_m = min(SLACK_M + self.margin_m + margin_m, MOST_SLACK_M)
         aside = math.hypot(centre_m[0] - self.centre_m[0], centre_m[1] - self.centre_m[1])
-        return aside <= self.radius_m + slack_m and abs(centre_m[2] - self.centre_m[2]) <= self.radius_m + MOST_SLACK_M
+        return aside <= radius_m + slack_m and abs(centre_m[2] - self.centre_m[2]) <= radius_m + MOST_SLACK_M
 
 
 def is_body(body: Body, box: NDArray[np.float32] | NDArray[np.float64], sigma_m: float = 0.0) -> bool:
     """Whether a reported plane (6,) is a side of this vehicle. sigma_m: of the place of the plane."""
     length = math.hypot(float(box[2] - box[0]), float(box[3] - box[1]))
     height = float(box[5] - box[4])
-    if max(length, height) > 2.0 * max(BODY_SIZE_M, 2.0 * body.radius_m):
+    if max(length, height) > 2.0 * (2.0 * min(body.radius_m, BODY_SIZE_M) + SLACK_M):
         return False
     x, y, z = (0.5 * float(box[0] + box[2]), 0.5 * float(box[1] + box[3]), 0.5 * float(box[4] + box[5]))
     return body.contains((x, y, z), (0.5 * length, 0.0, 0.0), 2.0 * sigma_m)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,14 +14,20 @@ from .records import Header, LocalFrame, Packet, SharedMover, SharedPlanes, Vehi
 NS = 1_000_000_000
 CLOCK_DRIFT = 2e-4
 """Greatest difference of the rates of two clocks."""
+OLDEST_S = 4096.0
+"""Age of planes whose age is beyond the largest class."""
 KEEP_FIT_NS = 30 * NS
 """An alignment that newer fits do not confirm is dropped after this time,"""
+SILENT_NS = 10 * NS
+"""After this silence any packet is accepted: the sender may have been restarted with its clock set back."""
+MOST_RETIRED = 8
+"""Frames that a neighbour has left and whose planes have not expired; a further change is refused."""
 MOST_CONTRADICTIONS = 2
 """or when so many fits in a row had enough planes and do not agree with it."""
 
 
 @dataclass(slots=True)
-class _HeldPlane:
+class HeldPlane:
     box: tuple[float, ...]
     margin_m: float
     flags: int
@@ -38,6 +43,21 @@ class _HeldMover:
 
 
 @dataclass(slots=True)
+class Retired:
+    """Planes of a frame that the neighbour has left, with the place of that frame: they count until they expire."""
+
+    state: VehicleState | None
+    aligned: Placement | None
+    planes: dict[int, HeldPlane]
+
+    def placement(self, own: LocalFrame | None) -> Placement | None:
+        """Where the frame lies; None: not known."""
+        if self.aligned is not None or own is None or self.state is None:
+            return self.aligned
+        return placement_by_position(own, self.state.frame, self.state.position_m)
+
+
+@dataclass(slots=True)
 class Neighbour:
     """What one vehicle has sent. Times are of the own clock; what is older than allowed is removed by `expire`."""
 
@@ -49,7 +69,8 @@ class Neighbour:
     least_offset_ms: float
     state: VehicleState | None = None
     state_ns: int = 0
-    planes: dict[int, _HeldPlane] = field(default_factory=dict)
+    planes: dict[int, HeldPlane] = field(default_factory=dict)
+    retired: list[Retired] = field(default_factory=list)
     movers: dict[int, _HeldMover] = field(default_factory=dict)
     packets: int = 0
     refused: int = 0
@@ -70,17 +91,23 @@ class Neighbour:
 
     def refusal(self, header: Header, arrival_ns: int, params: SharingParams) -> str:
         """Why a packet must not count, as a code; empty: it may. Changes nothing."""
-        silent = arrival_ns - self.heard_ns > params.expire_s * NS
+        if arrival_ns - self.heard_ns > SILENT_NS:
+            return ""
+        if header.stream != self.stream and header.stream < self.stream:
+            return "old_stream"
+        changed = (header.stream, header.section) != (self.stream, self.section)
+        if changed and len(self.retired) >= MOST_RETIRED:
+            return "too_many_frames"
         if header.stream != self.stream:
-            return "" if header.stream > self.stream or silent else "old_stream"
-        if header.sent_ms <= self.sent_ms:
-            return "replayed"
+            return ""
+        if not self._continues(header, arrival_ns, params):
+            return "replayed" if header.sent_ms <= self.sent_ms else "ahead"
         return "delayed" if self._delay_s(header, arrival_ns) > params.max_delay_s else ""
 
     def take(self, packet: Packet, arrival_ns: int, params: SharingParams) -> None:
         """A packet that `refusal` accepts."""
         header, content = packet.header, packet.content
-        if header.stream != self.stream:
+        if header.stream != self.stream or not self._continues(header, arrival_ns, params):
             self._restart(header, arrival_ns)
         elif header.section != self.section:
             self._new_section(header.section)
@@ -102,6 +129,9 @@ class Neighbour:
         """Removes what is too old."""
         oldest_ns = now_ns - round(params.expire_s * NS)
         self.planes = {k: p for k, p in self.planes.items() if p.received_ns > oldest_ns}
+        for former in self.retired:
+            former.planes = {k: p for k, p in former.planes.items() if p.received_ns > oldest_ns}
+        self.retired = [former for former in self.retired if former.planes]
         oldest_ns = now_ns - round(params.mover_expire_s * NS)
         self.movers = {k: m for k, m in self.movers.items() if m.seen_ns > oldest_ns}
         if self._aligned is not None and now_ns - self._aligned_ns > KEEP_FIT_NS:
@@ -112,7 +142,10 @@ class Neighbour:
         prior = self._by_position(own)
         if prior is None or not self.planes:
             return
-        self.last_fit = fit(self.boxes(), own_box, prior)
+        try:
+            self.last_fit = fit(self.boxes(), own_box, prior)
+        except (np.linalg.LinAlgError, ArithmeticError, ValueError):
+            self.last_fit = Fit(FitResult.FAILED, prior)
         accepted, new = self.last_fit.result is FitResult.ACCEPTED, self.last_fit.placement
         if accepted and self._aligned is not None and agree(self._aligned, new):
             confirmed = True
@@ -128,6 +161,8 @@ class Neighbour:
     def forget_alignment(self) -> None:
         """The own frame has changed."""
         self._aligned = self._candidate = self.last_fit = None
+        for former in self.retired:
+            former.aligned = None
 
     def placement(self, own: LocalFrame | None) -> Placement | None:
         """Where the frame lies; None: not known."""
@@ -135,12 +170,17 @@ class Neighbour:
 
     def boxes(self) -> Floats:
         """(N, 6) its planes in its own frame."""
-        return np.array([p.box for p in self.planes.values()], np.float64).reshape(-1, 6)
+        return boxes_of(self.planes)
 
     def _by_position(self, own: LocalFrame) -> Placement | None:
         if self.state is None:
             return None
         return placement_by_position(own, self.state.frame, self.state.position_m)
+
+    def _continues(self, header: Header, arrival_ns: int, params: SharingParams) -> bool:
+        """Whether the time of a packet of the same stream is later than that of the packets before, and not ahead of its arrival."""
+        ahead_ms = header.sent_ms + self.least_offset_ms - arrival_ns / 1e6
+        return header.sent_ms > self.sent_ms and ahead_ms <= params.max_delay_s * 1e3
 
     def _delay_s(self, header: Header, arrival_ns: int) -> float:
         """How much later than the fastest packet it came; 0 for another stream, of which nothing is known."""
@@ -154,31 +194,40 @@ class Neighbour:
         self._new_section(header.section)
 
     def _new_section(self, section: int) -> None:
-        """Its frame has changed: what it said before has no place in the new one."""
-        self.section, self.state = section, None
-        self.planes.clear()
-        self.movers.clear()
-        self.forget_alignment()
+        """Its frame has changed."""
+        self.section = section
+        self._retire()
+        self.state = None
+
+    def _retire(self) -> None:
+        """What it reported keeps the place of the frame in which it was reported, and expires there."""
+        if self.planes:
+            self.retired.append(Retired(self.state, self._aligned, self.planes))
+            self.planes = {}
+        self._aligned = self._candidate = self.last_fit = None
 
     def _take_state(self, state: VehicleState, sent_ns: int) -> None:
         if self.state is not None and _origin(self.state.frame) != _origin(state.frame):
-            self.planes.clear()
-            self.movers.clear()
-            self.forget_alignment()
+            self._retire()
         self.state, self.state_ns = state, sent_ns
 
     def _take_planes(self, planes: SharedPlanes, arrival_ns: int, sent_ns: int, most: int) -> None:
         for k in range(len(planes)):
             age_s = float(planes.age_s[k])
-            seen_ns = sent_ns - round(age_s * NS) if math.isfinite(age_s) else 0
+            seen_ns = sent_ns - round(min(age_s, OLDEST_S) * NS)
             number = int(planes.ids[k])
             self.planes.pop(number, None)
-            self.planes[number] = _HeldPlane(
+            self.planes[number] = HeldPlane(
                 tuple(planes.box[k].tolist()), float(planes.margin_m[k]), int(planes.flags[k]), seen_ns, arrival_ns
             )
             if len(self.planes) > most:
                 self.planes.pop(next(iter(self.planes)))
                 self.dropped += 1
+
+
+def boxes_of(planes: dict[int, HeldPlane]) -> Floats:
+    """(N, 6) of held planes."""
+    return np.array([p.box for p in planes.values()], np.float64).reshape(-1, 6)
 
 
 def _origin(frame: LocalFrame) -> tuple[float, float, float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bodies import Body, is_body
-from .neighbour import NS, Neighbour
+from .neighbour import NS, HeldPlane, Neighbour, boxes_of
 from .obstacles import (
     MoverKind,
     NeighbourStatus,
@@ -101,11 +101,10 @@ class NeighbourMap:
         bodies = self.bodies(own, now_ns)
         for _, neighbour in sorted(self._neighbours.items()):
             neighbour.expire(now_ns, self.params)
-            part, moving, status = self._placed(neighbour, own, bodies, now_ns)
+            found, moving, status = self._placed(neighbour, own, bodies, now_ns)
             statuses.append(status)
             movers += moving
-            if part is not None:
-                parts.append(part)
+            parts += found
         return _joined(parts, tuple(movers), tuple(statuses), now_ns)
 
     def bodies(self, own: OwnState, now_ns: int) -> list[Body]:
@@ -124,7 +123,7 @@ class NeighbourMap:
 
     def _placed(
         self, neighbour: Neighbour, own: OwnState, bodies: list[Body], now_ns: int
-    ) -> tuple[dict[str, NDArray[Any]] | None, list[SharedMovingObstacle], NeighbourStatus]:
+    ) -> tuple[list[dict[str, NDArray[Any]]], list[SharedMovingObstacle], NeighbourStatus]:
         placement = self._placement(neighbour, own)
         state = _state_of(placement, self.params.max_sigma_m)
         status = NeighbourStatus(
@@ -133,32 +132,42 @@ class NeighbourMap:
             sigma_m=math.inf if placement is None else placement.sigma_m, planes=0, movers=0, withheld=len(neighbour.planes),
             packets=neighbour.packets, refused=neighbour.refused, vehicle_m=None,
         )  # fmt: skip
+        parts = [
+            self._planes_of(neighbour.vehicle, planes, place, bodies, now_ns)
+            for planes, place in self._frames_of(neighbour, placement, own)
+        ]
+        held = len(neighbour.planes) + sum(len(former.planes) for former in neighbour.retired)
+        count = sum(len(part["sender"]) for part in parts)
+        status = replace(status, planes=count, withheld=held - count)
         if placement is None or state is PlacementState.WITHHELD:
-            return None, [], status
-        part = self._planes_of(neighbour, placement, bodies, now_ns)
+            return parts, [], status
         movers = self._movers_of(neighbour, placement, own, bodies, now_ns)
         body = self._body(neighbour, placement, now_ns)
-        count, held = len(part["sender"]), len(neighbour.planes)
-        status = replace(
-            status, planes=count, movers=len(movers), withheld=held - count,
-            vehicle_m=None if body is None else body.centre_m,
-        )  # fmt: skip
-        return part, movers, status
+        status = replace(status, movers=len(movers), vehicle_m=None if body is None else body.centre_m)
+        return parts, movers, status
+
+    def _frames_of(
+        self, neighbour: Neighbour, placement: Placement | None, own: OwnState
+    ) -> list[tuple[dict[int, HeldPlane], Placement]]:
+        """(planes, place) of its frame and of those it has left, where their place is known well enough."""
+        frame = None if own.state is None else own.state.frame
+        found = [(neighbour.planes, placement), *((f.planes, f.placement(frame)) for f in neighbour.retired)]
+        if own.state is None:
+            return []
+        return [(p, place) for p, place in found if place is not None and place.sigma_m <= self.params.max_sigma_m]
 
     def _planes_of(
-        self, neighbour: Neighbour, placement: Placement, bodies: list[Body], now_ns: int
+        self, vehicle: int, planes_held: dict[int, HeldPlane], placement: Placement, bodies: list[Body], now_ns: int
     ) -> dict[str, NDArray[Any]]:
-        held = list(neighbour.planes.items())
-        box = neighbour.boxes()
+        held = list(planes_held.items())
+        box = boxes_of(planes_held)
         planes, margin_m, sigma_m = placed_planes(box, np.array([p.margin_m for _, p in held]), placement)
         keep = sigma_m <= self.params.max_sigma_m
         for k, place in enumerate(placement.boxes(box)):
-            if any(is_body(body, place, placement.sigma_m) for body in bodies):
-                keep[k] = False
-                del neighbour.planes[held[k][0]]  # when the vehicle has moved on, its old place is no obstacle either
+            keep[k] &= not any(is_body(body, place, placement.sigma_m) for body in bodies)
         rows = np.flatnonzero(keep)
         return {
-            "sender": np.full(len(rows), neighbour.vehicle, np.uint8),
+            "sender": np.full(len(rows), vehicle, np.uint8),
             "ids": np.array([held[k][0] for k in rows], np.uint16),
             "planes": planes[rows],
             "margin_m": margin_m[rows],

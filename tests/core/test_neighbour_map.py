@@ -142,12 +142,38 @@ def test_a_delayed_packet_is_older_and_a_late_one_is_refused() -> None:
     assert found.receive(wall_packet(2000, number=2), 9 * NS) == "delayed"
 
 
-def test_a_new_frame_of_the_neighbour_drops_what_it_said_in_the_old_one() -> None:
+def test_planes_of_a_frame_that_was_left_stay_at_their_place_until_they_expire() -> None:
     found = told()
     found.receive(planes_packet(header(50, section=1), wall(3), (0.0, 0.0, 0.0)), 2 * NS)
-    assert len(found.obstacles(OWN, 2 * NS).sender) == 0  # its place is not known before its state
+    assert found.obstacles(OWN, 2 * NS).ids.tolist() == [0]  # the place of the new frame is not known before its state
     found.receive(state_packet(header(60, section=1), state()), 2 * NS)
-    assert found.obstacles(OWN, 2 * NS).ids.tolist() == [3]
+    assert sorted(found.obstacles(OWN, 2 * NS).ids.tolist()) == [0, 3]
+    assert found.obstacles(OWN, 61 * NS + NS // 2).ids.tolist() == [3]
+
+
+def test_changes_of_frames_clear_nothing() -> None:
+    found = told()
+    for k in range(40):
+        found.receive(planes_packet(header(50 + 2 * k, section=k + 1), wall(9), (0.0, 0.0, 0.0)), 2 * NS)
+        found.receive(state_packet(header(51 + 2 * k, section=k + 1), state()), 2 * NS)
+    assert 0 in found.obstacles(OWN, 2 * NS).ids.tolist()
+    assert found.counts["too_many_frames"] > 0
+
+
+def test_a_time_far_ahead_is_refused_and_does_not_block() -> None:
+    found = told()
+    assert found.receive(wall_packet(1_000_000_000, number=5), 2 * NS) == "ahead"
+    assert found.receive(wall_packet(1000, number=6), 2 * NS) == ""
+    found.receive(wall_packet(5, number=7, stream=0xFFFFFFFF), 3 * NS)
+    assert found.receive(wall_packet(2000, number=8), 4 * NS) == "old_stream"
+    assert found.receive(wall_packet(20_000, number=8), 20 * NS) == ""
+
+
+def test_a_claimed_radius_hides_no_other_obstacle() -> None:
+    found = told()
+    huge = VehicleState(frame=FRAME, position_m=(12.0, 0.0, -3.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=25.5)
+    found.receive(state_packet(header(10, vehicle=3), huge), 2 * NS)
+    assert 0 in found.obstacles(OWN, 2 * NS).ids.tolist()
 
 
 def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
@@ -168,7 +194,7 @@ def test_a_vehicle_that_the_own_sensors_observe_is_not_reported_again() -> None:
     assert len(told().obstacles(OWN, NS).movers) == 1
 
 
-def test_a_body_that_hovered_is_no_plane_of_a_neighbour() -> None:
+def test_a_plane_at_the_own_body_is_hidden_while_it_is_there() -> None:
     small = SharedPlanes(
         ids=np.array([5], np.uint16), box=np.array([[0.3, -0.3, 0.3, 0.3, -3.3, -2.8]]), margin_m=np.array([0.1]),
         flags=np.zeros(1, np.uint8), age_s=np.array([0.1]),
@@ -180,7 +206,7 @@ def test_a_body_that_hovered_is_no_plane_of_a_neighbour() -> None:
     away = OwnState(
         state=VehicleState(frame=FRAME, position_m=(-50.0, 0, -3), velocity_m_s=(0, 0, 0), radius_m=0.4), section=1
     )
-    assert found.obstacles(away, 3 * NS).ids.tolist() == [0]
+    assert found.obstacles(away, 3 * NS).ids.tolist() == [0, 5]
 
 
 def test_a_mover_is_carried_on_and_grows() -> None:

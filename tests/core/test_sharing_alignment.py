@@ -145,3 +145,19 @@ def test_equal_input_gives_equal_fits() -> None:
     other = other_of(true, street(rng, 10.0, 80.0))
     prior = placed(41.0, 1.0, -2.0, 0.42)
     assert fit(other, own, prior) == fit(other, own, prior)
+
+
+@pytest.mark.parametrize("count", [1, 8])
+def test_exactly_parallel_walls_are_refused_without_an_error(count: int) -> None:
+    rows = [[0.0, 3.0 * k, 40.0, 3.0 * k, -6.0, 0.0] for k in range(count)]
+    walls = np.array(rows)
+    assert refused(other_of(placed(20.0, 0.0, -3.0, 0.0), walls), walls, placed(20.0, 0.0, -3.0, 0.0)) is not None
+
+
+def test_a_claimed_uncertainty_does_not_widen_the_search() -> None:
+    rng = np.random.Generator(np.random.PCG64(2))
+    own, true = street(rng, -20.0, 60.0), placed(20.0, 0.0, -3.0, 0.0)
+    assert refused(own, own, placed(20.0, 0.0, -3.0, 0.0, m=600.0)) is FitResult.TOO_UNCERTAIN
+    assert refused(own, own, placed(20.0, 0.0, -3.0, 0.0, yaw=1.0)) is FitResult.TOO_UNCERTAIN
+    long = np.vstack([other_of(true, own), [[-400.0, 0.0, 500.0, 0.0, -5.0, 0.0]] * 50])
+    fit(long, own, true)
