@@ -11,13 +11,11 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-import zmq
 from google.protobuf.message import DecodeError
 
-from .curve_keys import use_client_keys
 from .neighbours import NeighbourObstacles, no_obstacles
+from .newest_socket import NewestSocket
 from .proto import osape_v1_pb2 as pb
-from .receive_time import TimedSocket
 from .run_folder import run_folder
 
 NS = 1_000_000_000
@@ -36,15 +34,7 @@ class NeighboursSubscriber:
         self._timeout_s = timeout_s
         self._newest: NeighbourObstacles | None = None
         self._received_ns = 0
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        socket = self._context.socket(zmq.SUB)
-        socket.setsockopt(zmq.SUBSCRIBE, b"")
-        socket.setsockopt(zmq.CONFLATE, 1)
-        socket.setsockopt(zmq.LINGER, 0)
-        if keys is not None:
-            use_client_keys(socket, keys)
-        socket.connect(self.address)
-        self._socket = TimedSocket(socket)
+        self._socket = NewestSocket(self.address, keys)
 
     def __enter__(self) -> NeighboursSubscriber:
         return self
@@ -57,7 +47,6 @@ class NeighboursSubscriber:
     def close(self) -> None:
         """May be called twice."""
         self._socket.close()
-        self._context.term()
 
     def newest(self, section: int | None = None, wait_s: float = 0.0) -> NeighbourObstacles:
         """The newest obstacles. None of them: where none arrived within timeout_s, or where they stand in another section of the
