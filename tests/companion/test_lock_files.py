@@ -12,8 +12,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SERVICE, DEMO, DEVELOPMENT = (
     ROOT / f"{name}.lock" for name in ("requirements", "requirements-demo", "requirements-dev")
 )
-NOT_LOCKED = {"peers", "realsense"}
-"""Extras for the comparison with other projects, and for a library that only the owner of the device needs."""
+NOT_LOCKED = {"peers", "realsense", "s3"}
+"""Extras for the comparison with other projects, and for libraries that only the owner of a device or of a bucket needs."""
 ENTRY = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)[^\\\n]*((?: \\\n    --hash=sha256:[0-9a-f]{64})*)$", re.MULTILINE)
 
 
