@@ -10,7 +10,7 @@ The same holds for free space: a mismatch ends it in one direction of one frame.
 SEEN_FRAMES frames in a row that saw it, is used as it was before for that frame. It must then be seen in as many frames again; in
 one, if the free space ends elsewhere than at the last loss: two mismatches do that, a thin obstacle is lost at one place. A
 second frame in a row that does not see the sector is bridged too where it lacks rays at other heights than the first one: a
-share clear_share of the rays was then seen by one of the two. A third one never is.
+share clear_share of the rays was then seen by one of the two. A third one never is, and in eight frames only MOST_KEPT are.
 """
 
 from __future__ import annotations
@@ -142,6 +142,8 @@ ELSEWHERE_M = 0.5
 """Two ends of the free space farther apart than this, and the way flown between them, have different causes."""
 KEPT_FRAMES, LONGEST_KEPT_NS = 1.5, 150_000_000
 """A sector is kept for so many intervals of the frames since it was last seen, and never longer than this time."""
+MOST_KEPT = 2
+"""A sector is kept in at most so many of eight frames in a row: what is lost again and again is no mismatch."""
 KEPT_TWICE, LONGEST_TWICE_NS = 2.5, 250_000_000
 """The same for a second frame in a row that does not see it."""
 
@@ -149,14 +151,15 @@ KEPT_TWICE, LONGEST_TWICE_NS = 2.5, 250_000_000
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorSight:
     """What a scan was made from. exposed_ns: (72,) exposure of the newest frame that covers each sector, 0: none. blind: (72,)
-    sectors of which a blind camera covers any part. heading_rad: of the vehicle, clockwise from north. speed_m_s: horizontal;
-    None: not known. now_ns: instant of the decision."""
+    sectors of which a blind camera covers any part. heading_rad: of the vehicle, clockwise from north. speed_m_s: horizontal,
+    down_m_s: vertical; None: not known. now_ns: instant of the decision."""
 
     exposed_ns: NDArray[np.int64]
     blind: NDArray[np.bool_]
     heading_rad: float
     speed_m_s: float | None
     now_ns: int
+    down_m_s: float | None = None
 
 
 class SeenSectors:
@@ -177,6 +180,7 @@ class SeenSectors:
         self._lost_free_m, self._lost_ns = np.full(SECTORS, np.inf), np.zeros(SECTORS, np.int64)
         self._lost_lacking = np.zeros((SECTORS, avoid.slices, avoid.rays), np.bool_)
         self._losses = np.zeros(SECTORS, np.int64)
+        self._kept_bits = np.zeros(SECTORS, np.uint8)  # the newest frame is the lowest bit
         self._lost_after_row = np.zeros(SECTORS, np.bool_)
 
     def take(self, found: SectorScan, sight: SectorSight) -> SectorScan:
@@ -186,7 +190,7 @@ class SeenSectors:
         speed_m_s = GREATEST_SPEED_M_S if sight.speed_m_s is None else sight.speed_m_s
         apart_m = np.abs(found.free_m - self._lost_free_m)
         other_heights = self._at_other_heights(found.lacking)
-        elsewhere = other_heights | (apart_m > ELSEWHERE_M + speed_m_s * (sight.now_ns - self._lost_ns) / NS)
+        elsewhere = apart_m > ELSEWHERE_M + speed_m_s * (sight.now_ns - self._lost_ns) / NS
         new_loss = ~seen & (sight.exposed_ns > self._frame_ns)
         kept = self._kept(seen, elsewhere, other_heights, sight)
         self._lost_free_m = np.where(new_loss, found.free_m, self._lost_free_m)
@@ -196,7 +200,12 @@ class SeenSectors:
         before_m = np.maximum(0.0, self._distance_m - way_m)
         distance_m = np.where(kept, np.minimum(found.distance_m, before_m), found.distance_m)
         free_m = np.where(kept, np.maximum(0.0, self._free_m - way_m), found.free_m)
-        state = np.where(distance_m < self._avoid.max_distance_m, SectorState.OBSTACLE, SectorState.CLEAR)
+        far_m = self._avoid.max_distance_m
+        kept &= (distance_m < far_m) | (
+            free_m >= far_m - self._avoid.step_m
+        )  # else it is not seen as far as a clear one
+        distance_m, free_m = np.where(kept, distance_m, found.distance_m), np.where(kept, free_m, found.free_m)
+        state = np.where(distance_m < far_m, SectorState.OBSTACLE, SectorState.CLEAR)
         self._distance_m = np.where(seen, found.distance_m, self._distance_m)
         self._free_m = np.where(seen, found.free_m, self._free_m)
         self._heading_rad = np.where(seen, sight.heading_rad, self._heading_rad)
@@ -204,6 +213,13 @@ class SeenSectors:
         self._seen_ns = np.where(seen, sight.now_ns, self._seen_ns)
         state = np.where(kept, state, found.state).astype(np.uint8)
         return SectorScan(state, distance_m, free_m, found.azimuth_rad, found.lacking)
+
+    def _same_height(self, since_frame_ns: NDArray[np.int64], sight: SectorSight) -> NDArray[np.bool_]:
+        """(72,) whether the vehicle has hardly climbed or descended since the frame before: heights are counted from it."""
+        if sight.down_m_s is None:
+            return np.zeros(SECTORS, np.bool_)
+        slice_m = (self._avoid.band_above_m + self._avoid.band_below_m) / self._avoid.slices
+        return np.asarray(abs(sight.down_m_s) * since_frame_ns / NS <= 0.5 * slice_m)
 
     def _at_other_heights(self, lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(72,) whether the rays that lack now at the heights of the last loss, or next to them, are too few to lose the sector.
@@ -234,7 +250,11 @@ class SeenSectors:
         after_row = self._in_a_row >= SEEN_FRAMES
         first = ~seen & (after_row | (self._established & elsewhere & (self._in_a_row >= 1)))
         second = ~seen & new & ~missed & (self._losses == 1) & self._lost_after_row & other_heights
-        lost = first | second
+        second &= self._same_height(since_frame_ns, sight)
+        self._kept_bits = np.where(new, self._kept_bits << 1, self._kept_bits).astype(np.uint8)
+        before = np.unpackbits(self._kept_bits[:, None] & np.uint8(0xFE), axis=1).sum(axis=1)
+        lost = (first | second) & (before < MOST_KEPT)
+        self._kept_bits |= lost.astype(np.uint8)
         self._lost_after_row = np.where(~seen & new, after_row, self._lost_after_row)
         self._losses = np.where(new, np.where(seen, 0, self._losses + 1), self._losses)
         self._kept_frame_ns = np.where(seen, 0, np.where(lost, exposed_ns, self._kept_frame_ns))

@@ -203,7 +203,9 @@ class ObstacleReportBuilder:
         velocity_m_s = self._velocity_m_s(now_ns)
         speed_m_s = None if velocity_m_s is None else math.hypot(*velocity_m_s)
         found = scan(views, self._avoid, recall)
-        return self._seen.take(found, SectorSight(exposed_ns, blind, here.heading_rad, speed_m_s, now_ns))
+        ned_m_s = self._velocity_ned_m_s(now_ns)
+        down_m_s = None if ned_m_s is None else ned_m_s[2]
+        return self._seen.take(found, SectorSight(exposed_ns, blind, here.heading_rad, speed_m_s, now_ns, down_m_s))
 
     def _with_heights(
         self, report: ObstacleReport, views: dict[str, View], here: Here | None, now_ns: int
@@ -292,6 +294,7 @@ class ObstacleReportBuilder:
             blind={c: why for c, why in causes.items() if why},
             here=here,
             velocity_ned_m_s=self._velocity_ned_m_s(now_ns),
+            velocity_ns=None if self._newest_pose is None else self._newest_pose.t_ns,
             frames=tuple((c, seen_ns(self._newest[c])) for c in seeing),
         )
 

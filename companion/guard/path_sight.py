@@ -19,7 +19,8 @@ from ..autopilot.surroundings import Surroundings
 from ..autopilot.view_free import View, points_free
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
-from .turn import AHEAD_S, fan
+from .braking import braking_of
+from .turn import AHEAD_S, fan, turns
 
 Floats = NDArray[np.float64]
 LEAST_SPEED_M_S = 0.2
@@ -102,13 +103,19 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         course_rad = s.here.heading_rad + math.atan2(path.sin, path.cos)
         try:
             free_m = seen_free_m(s, path, avoid, guard)
+            if not turns(
+                turn_rad_s, speed_m_s or 0.0, braking_of(guard, avoid).needed_m(speed_m_s or 0.0), guard.side_m
+            ):
+                turn_rad_s = 0.0
+            beside = _turned(path, turn_rad_s, speed_m_s or 0.0, avoid, guard)
             if turn_rad_s != 0.0:
                 ahead_free_m = seen_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard)
-            for corridor in (path, *_turned(path, turn_rad_s, speed_m_s or 0.0, guard)):
+            for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
             if free_m == 0.0:  # where a camera looks, what it shows now counts
                 kept_m = remembered_m(s, path, avoid, guard)
+            kept_m = min([kept_m, *(remembered_m(s, corridor, avoid, guard) for corridor in beside)])
         except RECKONING_ERRORS as error:
             free_m, cause = 0.0, f"the path cannot be computed: {type(error).__name__}: {error}"
     return PathSight(
@@ -138,9 +145,10 @@ def _path(s: Surroundings, speed_m_s: float | None) -> _Path:
     return _Path(math.cos(angle), math.sin(angle), slope)
 
 
-def _turned(path: _Path, turn_rad_s: float, speed_m_s: float, guard: GuardParams) -> list[_Path]:
+def _turned(path: _Path, turn_rad_s: float, speed_m_s: float, avoid: AvoidParams, guard: GuardParams) -> list[_Path]:
     """Corridors beside the tangent into which a turn may lead."""
-    return [_beside(path, angle, from_m) for angle, from_m in fan(turn_rad_s, speed_m_s, guard.horizon_m)]
+    directions = fan(turn_rad_s, speed_m_s, guard.horizon_m, half_width_m(avoid, guard))
+    return [_beside(path, angle, from_m) for angle, from_m in directions]
 
 
 def _beside(path: _Path, angle_rad: float, from_m: float = 0.0) -> _Path:
@@ -269,5 +277,5 @@ def remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardP
     angle = centres_rad()[known] - math.atan2(path.sin, path.cos)
     half = half_width_m(avoid, guard) + 0.5 * STEP_RAD * range_m
     along, across = range_m * np.cos(angle), range_m * np.sin(angle)
-    hit = (along > 0.0) & (np.abs(across) <= half)
+    hit = (along > path.from_m) & (np.abs(across) <= half)
     return float(np.min(along[hit], initial=math.inf))

@@ -22,16 +22,14 @@ LEAST_SPEED_M_S: Final = 1.0
 """Slower, the rate of the course is mostly noise."""
 SLOWEST_M_S: Final = 0.3
 """Slower, the vehicle is not stopped before an obstacle."""
-LEAST_RAD_S: Final = math.radians(6.0)
-"""A lower rate moves the vehicle aside by 0.6 m at most within 6 m at 3 m/s."""
 LEAST_LATERAL_M_S2: Final = 0.3
-"""A rate that less lateral acceleration makes is noise: 0.03 m/s on each component of the velocity make 0.14 m/s2 over WINDOW_NS."""
+"""Of a slow vehicle: less is noise. 0.03 m/s on each component of the velocity make 0.14 m/s2 over WINDOW_NS."""
+HOLD_NS = 6 * NS // 10
+"""The last rate counts for so long where no newer velocity has come."""
 STARTS_M_S2: Final = 1.0
 LEAST_DRIFT: Final = 0.02
 """A slow vehicle that gains speed at this rate begins a leg: a drift of 0.1 m/s beside it turns the course by 10 degrees then. Its
 acceleration shows the leg, unless less than this share of it is across the course."""
-STEP_RAD: Final = math.radians(6.0)
-"""Between two directions of the fan: 0.8 m at a distance of 8 m, less than the width of the corridor."""
 WIDEST_RAD: Final = math.radians(60.0)
 AHEAD_S: Final = 0.4
 """A vehicle goes on turning for so long after a stop command: link, change of mode, limit of the jerk."""
@@ -45,21 +43,31 @@ class CourseRate:
     counts is then the angle to the velocity that its acceleration gives it in one second; none while it gets slower."""
 
     _velocities: deque[tuple[int, float, float]] = field(default_factory=lambda: deque(maxlen=32))
+    _last: float = 0.0
+    _last_ns: int | None = None
 
     def take(self, s: Surroundings) -> float:
-        """The rate over the last WINDOW_NS."""
-        if s.velocity_ned_m_s is None:
-            self._velocities.clear()
-            return 0.0
+        """The rate over the last WINDOW_NS of the velocity's own time; the last one for HOLD_NS where it is not known."""
+        rate = self._newest(s)
+        if rate is not None:
+            self._last, self._last_ns = rate, s.t_ns
+        held = self._last_ns is not None and s.t_ns - self._last_ns <= HOLD_NS
+        return self._last if held else 0.0
+
+    def _newest(self, s: Surroundings) -> float | None:
+        """None: no newer velocity, or none of WINDOW_NS before."""
+        at_ns = s.t_ns if s.velocity_ns is None else s.velocity_ns
+        if s.velocity_ned_m_s is None or (self._velocities and at_ns <= self._velocities[-1][0]):
+            return None
         north, east, _ = s.velocity_ned_m_s
-        self._velocities.append((s.t_ns, north, east))
+        self._velocities.append((at_ns, north, east))
         for t_ns, north_before, east_before in reversed(self._velocities):
-            age_ns = s.t_ns - t_ns
+            age_ns = at_ns - t_ns
             if age_ns > LONGEST_NS:
-                return 0.0
+                return None
             if age_ns >= WINDOW_NS:
                 return _rate((north, east), (north_before, east_before), age_ns / NS)
-        return 0.0
+        return None
 
 
 def _rate(now_m_s: tuple[float, float], before_m_s: tuple[float, float], time_s: float) -> float:
@@ -69,24 +77,31 @@ def _rate(now_m_s: tuple[float, float], before_m_s: tuple[float, float], time_s:
     if speed_m_s < SLOWEST_M_S:
         return 0.0
     if min(speed_m_s, math.hypot(north_before, east_before)) >= LEAST_SPEED_M_S:
-        rate = math.remainder(math.atan2(east, north) - math.atan2(east_before, north_before), math.tau) / time_s
-        return rate if abs(rate) >= max(LEAST_RAD_S, LEAST_LATERAL_M_S2 / speed_m_s) else 0.0
+        return math.remainder(math.atan2(east, north) - math.atan2(east_before, north_before), math.tau) / time_s
     a_north, a_east = (north - north_before) / time_s, (east - east_before) / time_s
     across, along = (north * a_east - east * a_north) / speed_m_s, (north * a_north + east * a_east) / speed_m_s
     turns = abs(across) >= (LEAST_LATERAL_M_S2 if along < STARTS_M_S2 else LEAST_DRIFT * along)
     return math.atan2(across, speed_m_s + along) if turns and along > 0.0 else 0.0
 
 
-def fan(turn_rad_s: float, speed_m_s: float, longest_m: float) -> list[tuple[float, float]]:
+def turns(turn_rad_s: float, speed_m_s: float, braking_m: float, side_m: float) -> bool:
+    """Whether the arc leaves the tangent by more than side_m within the braking distance; a slow vehicle turns at any rate."""
+    if speed_m_s < LEAST_SPEED_M_S:
+        return turn_rad_s != 0.0 and speed_m_s >= SLOWEST_M_S
+    return 0.5 * braking_m**2 * abs(turn_rad_s) / speed_m_s > side_m
+
+
+def fan(turn_rad_s: float, speed_m_s: float, longest_m: float, half_width_m: float) -> list[tuple[float, float]]:
     """(angle, from_m) of the directions beside the tangent, radians clockwise from it; each counts from a distance on at which
-    the arc is not beyond it. Empty on a straight path. Of a slow vehicle all directions count that one second of turning gives."""
+    the arc is not beyond it. Corridors of half_width_m leave no gap between them up to longest_m. Of a slow vehicle all directions
+    count that one second of turning gives."""
     if turn_rad_s == 0.0 or speed_m_s < SLOWEST_M_S:
         return []
+    step = 2.0 * half_width_m / longest_m
     curvature = abs(turn_rad_s) / speed_m_s
     slow = speed_m_s < LEAST_SPEED_M_S
     widest = min(WIDEST_RAD, abs(turn_rad_s) if slow else 0.5 * curvature * longest_m)
-    count = min(math.floor(widest / STEP_RAD) + 1, math.floor(WIDEST_RAD / STEP_RAD))
     return [
-        (math.copysign(k * STEP_RAD, turn_rad_s), 0.0 if slow else 2.0 * (k - 1) * STEP_RAD / curvature)
-        for k in range(1, count + 1)
+        (math.copysign(k * step, turn_rad_s), 0.0 if slow else 2.0 * (k - 1) * step / curvature)
+        for k in range(1, math.floor(widest / step) + 2)
     ]

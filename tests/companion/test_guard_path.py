@@ -18,7 +18,7 @@ from companion.config.guard import GuardParams
 from companion.guard.assessment import STALE_NS, Action, PathAssessor
 from companion.guard.braking import Braking, braking_of
 from companion.guard.path_sight import PathSight, path_sight
-from companion.guard.turn import CourseRate
+from companion.guard.turn import CourseRate, fan, turns
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel, Intrinsics
 
@@ -151,7 +151,7 @@ def at(range_m: float, bearing_deg: float) -> FrameModel:
     [
         # at 3 m/s and 30 degrees per second the arc has a radius of 5.7 m: 6 m ahead it lies 30 degrees beside the tangent
         (6.0, 20.0, 30.0, True), (6.0, 30.0, 30.0, True), (6.0, -20.0, -30.0, True),
-        (6.0, 20.0, 0.0, False), (6.0, 20.0, -30.0, False), (6.0, 20.0, 3.0, False),
+        (6.0, 20.0, 0.0, False), (6.0, 20.0, -30.0, False), (6.0, 20.0, 2.0, False),
         (3.0, 45.0, 30.0, False), (5.0, 60.0, 30.0, False),  # on the inner side of the arc
         (9.0, 45.0, 30.0, True), (6.0, 0.0, 30.0, True),
     ],
@@ -169,8 +169,9 @@ def test_in_a_turn_the_obstacles_between_the_tangent_and_the_arc_count(
 def test_in_a_turn_no_place_between_the_tangent_and_the_arc_is_missed(
     speed_m_s: float, turn_deg_s: float, range_m: float, share: float
 ) -> None:
-    """Up to 60 degrees beside the tangent, from the rate on that is not noise."""
-    bearing_deg = 0.5 * turn_deg_s / speed_m_s * range_m if abs(turn_deg_s) >= 6.0 else 0.0
+    """Up to 60 degrees beside the tangent, from the rate on that leaves the corridor."""
+    rate, braking_m = math.radians(turn_deg_s), braking_of(GUARD, AVOID).needed_m(speed_m_s)
+    bearing_deg = 0.5 * turn_deg_s / speed_m_s * range_m if turns(rate, speed_m_s, braking_m, GUARD.side_m) else 0.0
     bearing_deg = max(-60.0, min(60.0, bearing_deg)) * share
     sight = seen(at(range_m, bearing_deg), velocity=(speed_m_s, 0.0, 0.0), turn_deg_s=turn_deg_s)
     assert sight.obstacle_m <= range_m + 0.1
@@ -252,10 +253,40 @@ def test_beside_the_course_of_a_vehicle_that_begins_a_leg_obstacles_count() -> N
     assert math.isinf(seen(at(5.0, 30.0), **slow, turn_deg_s=10.0).obstacle_m)
 
 
-def test_a_small_rate_of_the_course_is_noise() -> None:
-    assert turning(5.0) == 0.0
-    assert turning(10.0, speed_m_s=1.5) == 0.0, "0.26 m/s2"
-    assert turning(13.0, speed_m_s=1.5) == pytest.approx(13.0, abs=0.1), "0.34 m/s2"
+def test_a_rate_counts_where_the_arc_leaves_the_corridor_within_the_braking_distance() -> None:
+    assert turning(5.0) == pytest.approx(5.0, abs=0.1)
+    assert turns(math.radians(5.9), 10.0, 20.0, 0.3), "2.1 m aside"
+    assert not turns(math.radians(0.5), 10.0, 20.0, 0.3)
+    assert not turns(math.radians(4.0), 1.0, 2.9, 0.3)
+    assert turns(math.radians(10.0), 1.0, 2.9, 0.3)
+
+
+@pytest.mark.parametrize(("turn_deg_s", "speed_m_s"), [(5.9, 10.0), (30.0, 3.0), (60.0, 2.0)])
+def test_the_corridors_of_the_fan_leave_no_gap(turn_deg_s: float, speed_m_s: float) -> None:
+    directions = fan(math.radians(turn_deg_s), speed_m_s, 20.0, 0.7)
+    steps = np.diff([0.0, *(angle for angle, _ in directions)])
+    assert (steps * 20.0 <= 2.0 * 0.7 + 1e-9).all()
+
+
+def test_a_missing_or_frozen_velocity_holds_the_last_rate() -> None:
+    course_rate = CourseRate()
+
+    def take(t: float, stamp: float | None) -> float:
+        angle = math.radians(30.0) * (0.0 if stamp is None else stamp)
+        s = Surroundings(
+            t_ns=T_NS + round(t * NS), views=(), weak_px=(), exposed_ns=None, recall=None, recalled=nothing_remembered(),
+            blind={}, here=HERE, velocity_ned_m_s=None if stamp is None else (3 * math.cos(angle), 3 * math.sin(angle), 0.0),
+            velocity_ns=None if stamp is None else T_NS + round(stamp * NS),
+        )  # fmt: skip
+        return math.degrees(course_rate.take(s))
+
+    for n in range(11):
+        rate = take(n * 0.05, n * 0.05)
+    assert rate == pytest.approx(30.0, abs=0.1)
+    assert take(0.55, None) == pytest.approx(30.0, abs=0.1)
+    assert take(0.6, 0.6) == pytest.approx(30.0, abs=0.1), "the samples before the gap still count"
+    assert take(1.1, 0.6) == pytest.approx(30.0, abs=0.1), "frozen"
+    assert take(1.3, 0.6) == 0.0
 
 
 def test_a_remembered_obstacle_counts() -> None:
