@@ -103,9 +103,8 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         course_rad = s.here.heading_rad + math.atan2(path.sin, path.cos)
         try:
             free_m = seen_free_m(s, path, avoid, guard)
-            if not turns(
-                turn_rad_s, speed_m_s or 0.0, braking_of(guard, avoid).needed_m(speed_m_s or 0.0), guard.side_m
-            ):
+            ahead_m = braking_of(guard, avoid).needed_m(speed_m_s or 0.0, guard.limit_ahead_s)
+            if not turns(turn_rad_s, speed_m_s or 0.0, ahead_m, guard.side_m):
                 turn_rad_s = 0.0
             beside = _turned(path, turn_rad_s, speed_m_s or 0.0, avoid, guard)
             if turn_rad_s != 0.0:

@@ -151,7 +151,7 @@ def at(range_m: float, bearing_deg: float) -> FrameModel:
     [
         # at 3 m/s and 30 degrees per second the arc has a radius of 5.7 m: 6 m ahead it lies 30 degrees beside the tangent
         (6.0, 20.0, 30.0, True), (6.0, 30.0, 30.0, True), (6.0, -20.0, -30.0, True),
-        (6.0, 20.0, 0.0, False), (6.0, 20.0, -30.0, False), (6.0, 20.0, 2.0, False),
+        (6.0, 20.0, 0.0, False), (6.0, 20.0, -30.0, False), (6.0, 20.0, 1.0, False),
         (3.0, 45.0, 30.0, False), (5.0, 60.0, 30.0, False),  # on the inner side of the arc
         (9.0, 45.0, 30.0, True), (6.0, 0.0, 30.0, True),
     ],
@@ -170,7 +170,7 @@ def test_in_a_turn_no_place_between_the_tangent_and_the_arc_is_missed(
     speed_m_s: float, turn_deg_s: float, range_m: float, share: float
 ) -> None:
     """Up to 60 degrees beside the tangent, from the rate on that leaves the corridor."""
-    rate, braking_m = math.radians(turn_deg_s), braking_of(GUARD, AVOID).needed_m(speed_m_s)
+    rate, braking_m = math.radians(turn_deg_s), braking_of(GUARD, AVOID).needed_m(speed_m_s, GUARD.limit_ahead_s)
     bearing_deg = 0.5 * turn_deg_s / speed_m_s * range_m if turns(rate, speed_m_s, braking_m, GUARD.side_m) else 0.0
     bearing_deg = max(-60.0, min(60.0, bearing_deg)) * share
     sight = seen(at(range_m, bearing_deg), velocity=(speed_m_s, 0.0, 0.0), turn_deg_s=turn_deg_s)
