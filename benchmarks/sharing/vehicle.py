@@ -95,11 +95,11 @@ def _loop(
     end_ns = begin_ns + round((len(frames) / HZ + REST_S) * NS)
     newest_ns = 0
     while (now_ns := time.monotonic_ns()) < end_ns:
-        due = min(len(frames), int((now_ns - begin_ns) / NS * HZ) + 1) if now_ns >= begin_ns else 0
+        due = int((now_ns - begin_ns) / NS * HZ) + 1 if now_ns >= begin_ns else 0
         if taken < due:
             if due - taken > 1:
                 outcome.late_frames += 1
-            seen = frames[taken]
+            seen = frames[min(taken, len(frames) - 1)]  # it hovers in the end
             world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=now_ns))
             _note_own(world, config_hits, outcome, now_ns)
             velocity = tuple(HZ * (b - a) for a, b in zip(last, seen.place_m, strict=True))

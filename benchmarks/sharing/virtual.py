@@ -112,12 +112,13 @@ class VirtualVehicle:
         return self.outcome
 
     def _fly(self, now_ns: int) -> None:
-        due = min(len(self._frames), int((now_ns - self._begin_ns) / NS * HZ) + 1)
+        due, end = int((now_ns - self._begin_ns) / NS * HZ) + 1, len(self._frames) - 1
         while self._taken < due:
-            self._frame(self._frames[self._taken], now_ns)
+            self._frame(self._frames[min(self._taken, end)], now_ns)  # it hovers in the end
             self._taken += 1
-        before, last = self._frames[max(0, self._taken - 2)].place_m, self._frames[self._taken - 1].place_m
-        flying = 1 < self._taken < len(self._frames)
+        at = min(self._taken - 1, end)
+        before, last = self._frames[max(0, at - 1)].place_m, self._frames[at].place_m
+        flying = 0 < at < end
         velocity = [HZ * (b - a) if flying else 0.0 for a, b in zip(before, last, strict=True)]
         self.team.own.pose = PoseSample(
             t_ns=now_ns, t_arrival_ns=now_ns, position_ned_m=last, velocity_ned_m_s=(velocity[0], velocity[1], velocity[2]),

@@ -191,7 +191,7 @@ class Service:
 
         def log(key: str, message: Message, t_ns: int) -> None:
             if self.recorder is not None:
-                self.event_queue.put([LogMessage(key, message, t_ns)])
+                self.recorder.message(key, message, t_ns)  # not by the event queue, where it could displace frames
 
         return ShareService(self.config, self._folders, self._boot, log)
 

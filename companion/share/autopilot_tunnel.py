@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.parser import Frame
-from drivers.sharing.link import Deliver
+from drivers.sharing.link import Deliver, ReceivedPacket
 from drivers.sharing.tunnel import FRAME_BYTES, NAME, PAYLOAD_BYTES, SIGNATURE_BYTES, packet_of, tunnel_message
 
 
@@ -38,6 +38,9 @@ class AutopilotTunnel:
     def send(self, packets: Sequence[bytes], vehicle: int) -> None:
         for packet in packets:
             self._link.post(tunnel_message(packet))
+
+    def confirm(self, packet: ReceivedPacket) -> None:
+        """The session knows the autopilot."""
 
     def close(self) -> None:
         """The link to the autopilot is closed by the service."""

@@ -16,10 +16,11 @@ MOST_IDS = 1 << 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnPlanes:
-    """Planes of one section of the own world at an instant; ids are their slots."""
+    """Planes of one section of the own world; ids are their slots. newest_ns: exposure of the newest frame in them."""
 
     planes: SharedPlanes
     section: int
+    newest_ns: int = 0
 
 
 def own_planes(world: World, now_ns: int, least_hits: int, range_m: float, most: int) -> OwnPlanes:
@@ -39,4 +40,4 @@ def own_planes(world: World, now_ns: int, least_hits: int, range_m: float, most:
         ids=slots[kept].astype(np.uint16), box=box[kept], margin_m=rows["margin_m"].astype(np.float64),
         flags=rows["plane_flags"].astype(np.uint8), age_s=np.maximum(0.0, (now_ns - rows["seen_ns"]) / NS),
     )  # fmt: skip
-    return OwnPlanes(planes, section.number)
+    return OwnPlanes(planes, section.number, section.newest_ns)

@@ -17,6 +17,8 @@ from .own_planes import OwnPlanes
 NS: Final = 1_000_000_000
 POSITION_NS: Final = NS
 """An older position is not sent, and nothing is placed with it."""
+PLANES_NS: Final = NS
+"""Planes of a world without a newer frame are neither sent nor used to align."""
 ALIGN_NS: Final = 2 * NS
 ALIGN_PLANES: Final = 300
 """Own planes that a neighbour's are compared with, the nearest."""
@@ -41,7 +43,7 @@ class Team:
         self, config: ShareConfig, vehicle: int, stream: int, begun_ns: int, radius_m: float, budgets: dict[str, Budget]
     ) -> None:
         self.own = OwnSide(origin=config.fixed_origin())
-        self.map = NeighbourMap(vehicle, config, config.member_numbers())
+        self.map = NeighbourMap(vehicle, config, config.member_numbers(), stream)
         self.vehicle = vehicle
         self._config, self._radius_m = config, radius_m
         self.queues = {name: SendQueue(vehicle, stream, begun_ns, budget) for name, budget in budgets.items()}
@@ -58,7 +60,7 @@ class Team:
             return {}
         others = tuple(body for body in self.map.bodies(own, now_ns) if body.vehicle != self.vehicle)
         offer = Offer(
-            planes=self.own.planes.planes,
+            planes=self._planes(now_ns),
             movers=self._movers(now_ns),
             state=own.state,
             section=own.section,
@@ -71,7 +73,7 @@ class Team:
         if now_ns - self._align_ns < ALIGN_NS:
             return False
         self._align_ns = now_ns
-        self.map.align(self.own.planes.planes.box[:ALIGN_PLANES], self.state(now_ns), now_ns)
+        self.map.align(self._planes(now_ns).box[:ALIGN_PLANES], self.state(now_ns), now_ns)
         return True
 
     def obstacles(self, now_ns: int) -> SharedObstacles:
@@ -95,6 +97,11 @@ class Team:
     def frame(self) -> LocalFrame | None:
         """The own frame on Earth; None: not known."""
         return None if self.own.origin is None else own_frame(self._config, *self.own.origin)
+
+    def _planes(self, now_ns: int) -> SharedPlanes:
+        """The own planes; none of a world that is not updated."""
+        own = self.own.planes
+        return own.planes if now_ns - own.newest_ns <= PLANES_NS else SharedPlanes.empty()
 
     def _movers(self, now_ns: int) -> tuple[SharedMover, ...]:
         """The own moving obstacles with their ages at now_ns."""

@@ -25,6 +25,7 @@ from ..pipeline.tracking import TracksResult
 from ..streams.publisher import Publisher
 from .messages import neighbour_messages, obstacles_message, packet_message
 from .own_planes import OwnPlanes, own_planes
+from .packet_rate import PacketRate
 from .team import Team
 
 NS: Final = 1_000_000_000
@@ -33,6 +34,7 @@ SEND_NS: Final = NS // 10
 PUBLISH_NS: Final = NS // 5
 LOG_NS: Final = NS
 OWN_PLANES_NS: Final = NS // 10
+MOST_PER_STEP, MOST_LOGGED_PER_S = 64, 100
 MOST_WAITING: Final = 512
 """Packets; beyond it the oldest are dropped, and counted."""
 Log = Callable[[str, Message, int], None]
@@ -56,7 +58,8 @@ class Sharing:
         self._config, self._radius_m, self._stream = config, radius_m, stream
         self._vehicle, self._publisher, self._boot, self._log = vehicle, publisher, boot, log
         self._packets: deque[ReceivedPacket] = deque(maxlen=MOST_WAITING)
-        self.links = tuple(links(self._packets.append))
+        self._rate = PacketRate()
+        self.links = tuple(links(self._arrived))
         self._begun_ns = time.monotonic_ns()
         self._team: Team | None = None
         self._origin: tuple[float, float, float] | None = None
@@ -66,6 +69,8 @@ class Sharing:
         self._planes = OwnPlanes(SharedPlanes.empty(), 0)
         self._movers: tuple[tuple[SharedMover, ...], int] = (), 0
         self._health = pb.TeamHealth()
+        self._logged_ns = self._logged = 0
+        self._world_fault = ""
         self._stop = threading.Event()
         self._thread = WatchedThread(self._run, "sharing")
         self.alive_ns = self._begun_ns
@@ -81,7 +86,8 @@ class Sharing:
 
     def origin(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
         """The origin of the own ned as the autopilot states it. A configured one is kept."""
-        self._origin = latitude_deg, longitude_deg, altitude_m
+        if (latitude_deg, longitude_deg) != (0.0, 0.0):  # what autopilots send that do not know it
+            self._origin = latitude_deg, longitude_deg, altitude_m
 
     def tracks(self, result: TracksResult, now_ns: int) -> None:
         """Moving obstacles of the own sensors, in ned."""
@@ -103,7 +109,10 @@ class Sharing:
             return
         self._next_own_ns = now_ns + OWN_PLANES_NS
         c = self._config
-        self._planes = own_planes(world, now_ns, c.least_hits, c.range_m, c.send_planes)
+        try:
+            self._planes = own_planes(world, now_ns, c.least_hits, c.range_m, c.send_planes)
+        except (ArithmeticError, LookupError, ValueError) as error:  # it must not end the thread of the world
+            self._world_fault = f"{type(error).__name__}: {error}"
 
     # ---- out --------------------------------------------------------------------------------------------------------------
 
@@ -139,6 +148,12 @@ class Sharing:
             text = f"obstacles are not shared any more ({self._thread.failure}); restart the service"
             return [Diagnostic(DiagnosticCode.SHARE_FAULT, "", text)]
         found = []
+        if self._world_fault:
+            text = f"the own planes cannot be shared ({self._world_fault}); report this"
+            found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
+        if self._team is not None and self._team.map.counts["same_number"]:
+            text = f"another vehicle uses number {self._team.vehicle}, so neither sees the other; give each its own"
+            found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
         if now_ns - self.alive_ns > liveness_timeout_s * NS:
             text = "obstacles are not shared: the thread does not respond; restart the service"
             found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
@@ -178,6 +193,21 @@ class Sharing:
             self._publish(team.own.planes.section, now_ns)
             self._health = self._health_of(team, now_ns)
 
+    def _arrived(self, packet: ReceivedPacket) -> None:
+        """A packet, from a thread of its link."""
+        if self._rate.allows(packet):
+            self._packets.append(packet)
+
+    def _record(self, key: str, message: Message, t_ns: int) -> None:
+        """Records a message, at most MOST_LOGGED_PER_S: a log has priority for what a replay needs."""
+        if t_ns - self._logged_ns >= NS:
+            self._logged_ns, self._logged = t_ns, 0
+        self._logged += 1
+        if self._logged <= MOST_LOGGED_PER_S:
+            self._log(key, message, t_ns)
+        else:
+            self._rate.dropped["unrecorded"] += 1
+
     def _found_team(self) -> bool:
         vehicle = self._config.vehicle or self._vehicle()
         if not 0 < vehicle < 256:
@@ -203,10 +233,15 @@ class Sharing:
 
     def _receive(self, team: Team) -> None:
         """Takes the waiting packets, and records them."""
-        while self._packets:
+        for _ in range(min(MOST_PER_STEP, len(self._packets))):
             packet = self._packets.popleft()
             code = team.receive(packet.data, packet.arrival_ns, packet.sender)
-            self._log("team", packet_message(packet, code), packet.arrival_ns)
+            if code:  # counted; a flood of refused packets does not fill the log
+                continue
+            for link in self.links:
+                if link.name == packet.transport:
+                    link.confirm(packet)
+            self._record("team", packet_message(packet, code), packet.arrival_ns)
 
     def _send(self, team: Team, now_ns: int) -> None:
         """Sends what is due, and records it."""
@@ -217,13 +252,13 @@ class Sharing:
                 link.send(some, team.vehicle)
             for data in some:
                 message = pb.TeamPacket(transport=link.name, data=data, sent=True, sender=team.vehicle)
-                self._log("team", message, now_ns)
+                self._record("team", message, now_ns)
 
     def _publish(self, section: int, now_ns: int) -> None:
         message = obstacles_message(self._obstacles, section)
         if now_ns >= self._next_log_ns:
             self._next_log_ns = now_ns + LOG_NS
-            self._log("neighbours", message, now_ns)
+            self._record("neighbours", message, now_ns)
         if self._publisher is not None:
             age_ns = time.monotonic_ns() - self._obstacles.now_ns
             number = self._publisher.published
@@ -234,7 +269,7 @@ class Sharing:
         """The state of the team; rates are those of the last ten seconds."""
         health = pb.TeamHealth(
             vehicle=team.vehicle, frame_known=team.frame is not None,
-            neighbours=neighbour_messages(self._obstacles.neighbours), received=dict(sorted(team.map.counts.items())),
+            neighbours=neighbour_messages(self._obstacles.neighbours), received=dict(sorted((team.map.counts + self._rate.dropped).items())),
         )  # fmt: skip
         sent = {name: queue.sent_bytes for name, queue in team.queues.items()}
         if not self._rates or now_ns - self._rates[-1][0] >= NS:

@@ -45,14 +45,21 @@ class OwnState:
 
 
 class NeighbourMap:
-    """own_vehicle: own number, 1..255; members: numbers of the vehicles that are listened to, empty: all."""
+    """own_vehicle: own number, 1..255; members: numbers of the vehicles that are listened to, empty: all; own_stream: of the
+    own packets, 0: not known."""
 
     def __init__(
-        self, own_vehicle: int, params: SharingParams | None = None, members: frozenset[int] = frozenset()
+        self,
+        own_vehicle: int,
+        params: SharingParams | None = None,
+        members: frozenset[int] = frozenset(),
+        own_stream: int = 0,
     ) -> None:
         self.params, self._own_vehicle, self._members = params or SharingParams(), own_vehicle, members
+        self._own_stream = own_stream
         self._neighbours: dict[int, Neighbour] = {}
         self._section = -1
+        self._frame: LocalFrame | None = None
         self._own_bodies: list[Body] = []
         self.counts: Counter[str] = Counter()
 
@@ -64,7 +71,8 @@ class NeighbourMap:
             return self._refuse(error.code)
         vehicle = packet.header.vehicle
         if vehicle == self._own_vehicle:
-            return self._refuse("own_packet")
+            same = self._own_stream in (0, packet.header.stream)
+            return self._refuse("own_packet" if same else "same_number")
         if sender is not None and sender != vehicle:
             return self._refuse("sender_mismatch")
         if self._members and vehicle not in self._members:
@@ -208,8 +216,9 @@ class NeighbourMap:
         return None if own.state is None else neighbour.placement(own.state.frame)
 
     def _follow(self, own: OwnState) -> None:
-        if own.section != self._section:
-            self._section = own.section
+        frame = own.state.frame if own.state is not None else None
+        if own.section != self._section or (frame is not None and frame != self._frame):
+            self._section, self._frame = own.section, frame or self._frame
             for neighbour in self._neighbours.values():
                 neighbour.forget_alignment()
 

@@ -82,6 +82,15 @@ def decoded(data: bytes) -> Packet:
     return Packet(header, decoded_planes(body, anchor_m) if kind == PLANES_KIND else _movers_from(body, anchor_m))
 
 
+def mover_fits(mover: SharedMover, anchor_m: Anchor) -> bool:
+    """Whether a moving obstacle can be sent with this anchor."""
+    try:
+        _mover(mover, anchor_m)
+    except PacketError:
+        return False
+    return True
+
+
 def plane_fits(planes: SharedPlanes, row: int, anchor_m: Anchor) -> bool:
     """Whether a plane can be sent with this anchor."""
     return fits(tuple(planes.box[row].tolist()), float(planes.margin_m[row]), anchor_m)
@@ -101,15 +110,15 @@ def _up(value: float, step: float) -> int:
 
 def _mover(m: SharedMover, anchor_m: Anchor) -> bytes:
     """16 bytes; sizes, deviations and the age are rounded up, the size contains the error of the centre."""
-    places = [round((c - a) / _MOVER_STEP_M) for c, a in zip(m.centre_m, anchor_m, strict=True)]
-    sizes = [_up(s + 0.5 * _MOVER_STEP_M, _SIZE_STEP_M) for s in m.half_size_m]
-    speeds = [round(v / _SPEED_STEP_M_S) for v in m.velocity_m_s]
-    sigma_m_s = _up(m.sigma_m_s + 0.5 * _SPEED_STEP_M_S, _SIGMA_STEP_M_S)
     try:
+        places = [round((c - a) / _MOVER_STEP_M) for c, a in zip(m.centre_m, anchor_m, strict=True)]
+        sizes = [_up(s + 0.5 * _MOVER_STEP_M, _SIZE_STEP_M) for s in m.half_size_m]
+        speeds = [round(v / _SPEED_STEP_M_S) for v in m.velocity_m_s]
+        sigma_m_s = _up(m.sigma_m_s + 0.5 * _SPEED_STEP_M_S, _SIGMA_STEP_M_S)
         return _MOVER.pack(
             m.id & 0xFFFF, *places, *sizes, *speeds, _up(m.sigma_m, _SIGMA_STEP_M), sigma_m_s, _up(m.age_s, _AGE_STEP_S)
         )
-    except (struct.error, OverflowError) as error:
+    except (struct.error, OverflowError, ValueError) as error:
         raise PacketError("mover_unencodable", f"moving obstacle {m.id} is out of range: {error}") from error
 
 

@@ -5,6 +5,7 @@ when it is new, since packets are lost, and later once in `refresh_s`, so that r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from .packet_codec import (
     MOVERS_PER_TUNNEL,
     OVERHEAD_BYTES,
     anchor_of,
+    mover_fits,
     movers_packet,
     plane_fits,
     planes_packet,
@@ -45,6 +47,7 @@ WINDOW_S = 10.0
 RESERVE_BYTES = 75.0
 """Of the budget, kept for new planes when others are repeated."""
 MOST_IDS = 1 << 16
+LAST_MS = (1 << 32) - 1
 NEVER_NS = -(1 << 62)
 MOST_WAITING = 8
 """Packets of one step."""
@@ -86,7 +89,7 @@ class SendQueue:
         self._boxes = np.zeros((MOST_IDS, 6))
         self._times = np.zeros(MOST_IDS, np.int32)
         self._sent_ns = np.full(MOST_IDS, NEVER_NS, np.int64)
-        self._sent_ms, self._section = -1, -1
+        self._sent_ms, self._section, self._next_mover = -1, -1, 0
         self._most_tokens = max(
             BURST_S * budget.bytes_per_s, budget.packet_bytes + budget.overhead_bytes + RESERVE_BYTES
         )
@@ -109,7 +112,7 @@ class SendQueue:
             self._add(out, now_ns, lambda header: state_packet(header, state))
         if offer.movers and now_ns - self._movers_ns >= MOVERS_NS:
             self._movers_ns = now_ns
-            self._add_movers(out, offer.movers, now_ns)
+            self._add_movers(out, offer, now_ns)
         self._add_planes(out, offer, now_ns)
         return out
 
@@ -119,6 +122,8 @@ class SendQueue:
 
     def _header(self, now_ns: int) -> Header:
         self._sent_ms = max(self._sent_ms + 1, (now_ns - self._begun_ns) // 1_000_000)
+        if self._sent_ms > LAST_MS:  # after 49 days: a new stream
+            self._stream, self._begun_ns, self._sent_ms = self._stream + 1, now_ns, 0
         return Header(vehicle=self._vehicle, stream=self._stream, sent_ms=self._sent_ms, section=self._section & 0xFF)
 
     def _add(self, out: list[bytes], now_ns: int, encode: Callable[[Header], bytes]) -> None:
@@ -134,16 +139,25 @@ class SendQueue:
         self.sent_bytes += size
         self.sent_packets += 1
 
-    def _add_movers(self, out: list[bytes], movers: tuple[SharedMover, ...], now_ns: int) -> None:
-        some = movers[:MOVERS_PER_TUNNEL]
-        size = OVERHEAD_BYTES + 16 * len(some) + self._budget.overhead_bytes
-        if size > self._tokens:
+    def _add_movers(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
+        """The nearest moving obstacles; of more than a packet holds in turn."""
+        state = offer.state
+        if state is None:
             return
+        x, y, z = state.position_m
+        near = sorted(offer.movers, key=lambda m: (math.hypot(m.centre_m[0] - x, m.centre_m[1] - y), m.id))
         try:
-            anchor_m = anchor_of(*some[0].centre_m)
+            anchor_m = anchor_of(x, y, z)
         except PacketError:
-            self.unencodable += 1
+            self.unencodable += len(near)
             return
+        good = [m for m in near if mover_fits(m, anchor_m)]
+        self.unencodable += len(near) - len(good)
+        begin = self._next_mover % len(good) if len(good) > MOVERS_PER_TUNNEL else 0
+        some = tuple((good[begin:] + good[:begin])[:MOVERS_PER_TUNNEL])
+        if not some or OVERHEAD_BYTES + 16 * len(some) + self._budget.overhead_bytes > self._tokens:
+            return
+        self._next_mover = begin + len(some)
         self._add(out, now_ns, lambda header: movers_packet(header, some, anchor_m))
 
     def _add_planes(self, out: list[bytes], offer: Offer, now_ns: int) -> None:

@@ -15,6 +15,8 @@ class ReceivedPacket:
     data: bytes
     arrival_ns: int
     sender: int | None
+    source: object = None
+    """Of the bytes, for `TeamLink.confirm`."""
 
 
 Deliver = Callable[[ReceivedPacket], None]
@@ -55,6 +57,10 @@ class TeamLink(Protocol):
 
     def send(self, packets: Sequence[bytes], vehicle: int) -> None:
         """Sends packets of this vehicle, or drops them while the link is not open. Never blocks."""
+        ...
+
+    def confirm(self, packet: ReceivedPacket) -> None:
+        """A packet of this link was accepted: its source is a member of the team."""
         ...
 
     def close(self) -> None:

@@ -31,14 +31,14 @@ def tunnel_message(packet: bytes) -> Any:
     return dialect.MAVLink_tunnel_message(0, 0, PAYLOAD_TYPE, len(packet), payload)
 
 
-def packet_of(frame: Frame, arrival_ns: int) -> ReceivedPacket | None:
+def packet_of(frame: Frame, arrival_ns: int, source: object = None) -> ReceivedPacket | None:
     """The packet of a TUNNEL message of this payload type; None for others."""
     if frame.id != TUNNEL_ID:
         return None
     message = frame.message()
     if message is None or message.payload_type != PAYLOAD_TYPE or message.payload_length > PAYLOAD_BYTES:
         return None
-    return ReceivedPacket(NAME, bytes(message.payload[: message.payload_length]), arrival_ns, frame.system)
+    return ReceivedPacket(NAME, bytes(message.payload[: message.payload_length]), arrival_ns, frame.system, source)
 
 
 class TunnelCodec:
@@ -78,7 +78,7 @@ class TunnelCodec:
             if not self._signing.believes(frame, arrival_ns):
                 self.refused["signature"] += 1
                 continue
-            packet = packet_of(frame, arrival_ns)
+            packet = packet_of(frame, arrival_ns, source)
             if packet is None:
                 self.refused["other_payload"] += 1
             else:

@@ -11,7 +11,7 @@ from ..base import DriverError
 from ..mavlink.signing import Signing
 from ..mavlink.transport import Address, Transport, open_transport
 from ..watched_thread import WatchedThread
-from .link import Deliver
+from .link import Deliver, ReceivedPacket
 from .tunnel import NAME, PAYLOAD_BYTES, TunnelCodec
 
 READ_S: Final = 0.02
@@ -31,6 +31,7 @@ class TunnelLine:
         self._waiting: deque[tuple[bytes, int]] = deque(maxlen=MOST_WAITING)
         self._stop = threading.Event()
         self._fault = "not opened yet"
+        self._confirmed: object = None
         self._thread = WatchedThread(self._run, "team tunnel")
 
     @property
@@ -51,6 +52,9 @@ class TunnelLine:
     def send(self, packets: Sequence[bytes], vehicle: int) -> None:
         if not self._fault:
             self._waiting.extend((packet, vehicle) for packet in packets)
+
+    def confirm(self, packet: ReceivedPacket) -> None:
+        self._confirmed = packet.source
 
     def close(self) -> None:
         self._stop.set()
@@ -81,7 +85,8 @@ class TunnelLine:
         sources = transport.sources or [None] * len(chunks)
         for k, ((data, arrival_ns), source) in enumerate(zip(chunks, sources, strict=True)):
             packets = self._codec.decoded(data, arrival_ns, source)
-            if packets:
+            # not after any packet: every sender can reach the port
+            if source is not None and source == self._confirmed:
                 transport.answer(k)
             for packet in packets:
                 self._deliver(packet)

@@ -97,6 +97,9 @@ class ZenohLink:
                     return
             self._fault = ""
 
+    def confirm(self, packet: ReceivedPacket) -> None:
+        """Zenoh knows its peers."""
+
     def close(self) -> None:
         self._stop.set()
         if self._thread.ident is not None:
@@ -119,10 +122,13 @@ class ZenohLink:
         except DriverError as error:
             self._fault = str(error)
             return False
+        session: Any = None
         try:
             session = zenoh.open(settings)
             session.declare_subscriber(f"osape/{self._team}/*", self._take)
         except zenoh.ZError as error:
+            if session is not None:
+                session.close()
             self._fault = f"zenoh: the session cannot be opened ({error}); check {self._config}"
             return False
         with self._lock:
@@ -132,6 +138,9 @@ class ZenohLink:
     def _take(self, sample: Any) -> None:
         """Called from a thread of the library."""
         arrival_ns = time.monotonic_ns()
+        if len(sample.payload) > CRC_BYTES + PACKET_BYTES:  # before it is copied
+            self._refused["too_long"] += 1
+            return
         packet = unchecked(sample.payload.to_bytes())
         number = str(sample.key_expr).rpartition("/")[2]
         if packet is None or not number.isdecimal() or not 0 < int(number) < 256:

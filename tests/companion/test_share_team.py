@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,14 @@ from companion.config.loader import ConfigError, config_of
 from companion.config.share import ShareConfig
 from companion.live.status import status_lines
 from companion.share.own_planes import OwnPlanes
+from companion.share.packet_rate import PacketRate
 from companion.share.team import NS, Team
 from core.sharing.obstacles import PlacementState
-from core.sharing.records import SharedMover, SharedPlanes
+from core.sharing.packet_codec import decoded
+from core.sharing.records import SharedMover, SharedPlanes, VehicleState
 from core.sharing.send_queue import Budget
 from core.types import PoseSample
+from drivers.sharing.link import ReceivedPacket
 from osape_client.proto import osape_v1_pb2 as pb
 
 THIN = Budget(bytes_per_s=1000.0, overhead_bytes=30, packet_bytes=128)
@@ -57,6 +61,7 @@ def flown(teams: list[Team], seconds: float, x_m: list[float], begin_s: float = 
         now_ns = round(begin_s * NS) + k * STEP_NS
         for one, x in zip(teams, x_m, strict=True):
             one.own.pose = pose(x, now_ns)
+            one.own.planes = OwnPlanes(one.own.planes.planes, 1, now_ns)
         for one in teams:
             for data in one.packets(now_ns).get("tunnel", []):
                 for other in teams:
@@ -109,6 +114,37 @@ def test_movers_are_shared_with_their_age_and_end() -> None:
     assert got.centre_m[0] == pytest.approx(17.0, abs=0.2)
     flown(teams, 5.0, [0.0, 30.0], 1.0)
     assert not [m for m in teams[0].obstacles(6 * NS).movers if m.id == 4]
+
+
+def test_a_world_that_is_not_updated_is_not_sent() -> None:
+    teams = pair()
+    teams[0].own.pose, teams[0].own.planes = pose(0.0, 5 * NS), OwnPlanes(street(), 1, 3 * NS)
+    (first, *rest) = teams[0].packets(5 * NS)["tunnel"]
+    assert isinstance(decoded(first).content, VehicleState)
+    assert rest == []
+
+
+def test_a_mover_that_cannot_be_sent_does_not_stop_the_others() -> None:
+    teams = pair()
+    good = SharedMover(
+        id=4, centre_m=(15.0, 2.0, -1.0), half_size_m=(1.0, 0.5, 0.8), velocity_m_s=(2.0, 0.0), sigma_m=0.1, sigma_m_s=0.1,
+        age_s=0.0,
+    )  # fmt: skip
+    odd = [replace(good, id=5, velocity_m_s=(40.0, 0.0)), replace(good, id=6, sigma_m=math.nan)]
+    many = [replace(good, id=10 + k, centre_m=(15.0 + 3 * k, 2.0, -1.0)) for k in range(9)]
+    teams[1].own.movers, teams[1].own.movers_ns = (*odd, good, *many), 0
+    flown(teams, 1.5, [0.0, 60.0])
+    found = {m.id for m in teams[0].obstacles(NS).movers}
+    assert {4, *range(10, 19)} <= found
+    assert not {5, 6} & found
+
+
+def test_a_flood_of_one_sender_leaves_room_for_others() -> None:
+    rate = PacketRate()
+    flood = sum(rate.allows(ReceivedPacket("tunnel", b"", NS + k * 1000, 3)) for k in range(100_000))
+    assert flood < 100
+    assert rate.allows(ReceivedPacket("tunnel", b"", NS + 10**8, 4))
+    assert rate.dropped["flood"] > 99_000
 
 
 # ---- configuration and status --------------------------------------------------------------------------------------------------
