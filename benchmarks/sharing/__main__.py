@@ -59,12 +59,17 @@ def main() -> int:
             )  # fmt: skip
             print(figures, file=sys.stderr, flush=True)
             found.append(figures)
-    minutes = (time.monotonic() - begun) / 60.0
-    made = stamp(["--quick"] if args.quick else [], minutes=minutes, quick=args.quick)
-    made = dataclasses.replace(made, command=made.command.replace("benchmarks", "benchmarks.sharing", 1))
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text("\n".join([HEAD, made.markdown(), tables(found)]))
+            write(args.out, found, begun, quick=args.quick)  # what is measured so far
     return 0
+
+
+def write(out: Path, found: Sequence[Figures], begun: float, *, quick: bool) -> None:
+    """Writes the page."""
+    minutes = (time.monotonic() - begun) / 60.0
+    made = stamp(["--quick"] if quick else [], minutes=minutes, quick=quick)
+    made = dataclasses.replace(made, command=made.command.replace("benchmarks", "benchmarks.sharing", 1))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("\n".join([HEAD, made.markdown(), tables(found)]))
 
 
 def tables(found: Sequence[Figures]) -> str:

@@ -48,8 +48,8 @@ MOST_RING = 0.93
 """Greatest score at 0.7 to 1 m from the best place, as a share of the best."""
 MOST_RIVAL = 0.9
 """Greatest score of another place, as a share of the best."""
-LEAST_SIGMA_M, LEAST_SIGMA_YAW_RAD = 0.2, math.radians(0.8)
-"""What both vehicles observe wrongly in the same way is no noise: no fit is more certain."""
+LEAST_SIGMA_M, LEAST_SIGMA_YAW_RAD = 0.5, math.radians(0.8)
+"""No fit is taken for more certain: accepted fits of vehicles that fly in opposite directions were up to 0.9 m wrong."""
 FINE_REACH_M, FINE_REACH_RAD = 1.1, math.radians(1.5)
 MOST_PLANES = 120
 LEAST_LENGTH_M = 0.8

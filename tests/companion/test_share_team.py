@@ -87,7 +87,7 @@ def test_a_wrong_origin_is_aligned_by_the_planes_of_both() -> None:
     assert got.neighbours[0].placement is PlacementState.ALIGNED
     true = street().box[got.ids]
     assert np.abs(got.planes[:, :4] - true[:, :4]).max() < 0.3
-    assert (got.margin_m < 1.5).all()
+    assert (got.margin_m < 2.0).all()
     assert [m.centre_m[0] for m in got.movers] == [pytest.approx(31.0, abs=1.5)]
 
 
