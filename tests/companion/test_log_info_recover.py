@@ -50,7 +50,8 @@ def test_the_stock_reader_reads_a_log(whole):
         assert reader.get_header().library == LIBRARY
         summary = reader.get_summary()
         topics = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
-        written = [topic for key, topic in TOPICS.items() if key != "tracks"]  # [tracking] is off by default
+        off = ("tracks", "team", "neighbours")  # [tracking] and [share] are off by default
+        written = [topic for key, topic in TOPICS.items() if key not in off]
         assert topics == {topic.of("front"): topic.schema for topic in written}
         assert len(summary.chunk_indexes) > 1
         assert sum(1 for _ in reader.iter_messages()) == summary.statistics.message_count
