@@ -39,20 +39,18 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 	@tests="$$($(BIN)/python .ci/affected_tests.py $(or $(REVISION),HEAD))"; \
 	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "unit or process" $$tests; else echo "no test is affected"; fi
 
-# Tests that start processes or wait for the clock need little of the processor. The tests that only compute run beside them
-# with the lowest priority, so that they take only the time that is left. Each pass prints its output when it has ended; a
-# failure ends none of the other passes beside it.
-test: lint ## all checks, about 10 minutes on two cores
-	@echo "== tests that compute, and beside them tests that start processes; each pass prints its output at its end"
-	@$(MAKE) --no-print-directory --keep-going -j 2 --output-sync=line test-computing test-processes
+# Tests that start processes or wait for the clock come last and apart: beside computing tests, even with the lowest priority of
+# those, a browser or a service did not answer in time. A failed pass ends none of the others (-k).
+test: lint ## all checks, about 15 minutes on two cores
+	@$(MAKE) --no-print-directory -k test-computing test-processes
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
 # bounds checks have a cache directory of their own (companion/kernels/jit_cache.py). A file stays with one worker: its tests
 # share what it renders and compiles.
 test-computing: $(STAMP)
-	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 nice -n 19 $(BIN)/pytest -n 2 -m "nojit and unit and not compiled" tests/core
-	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 nice -n 19 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
-	@echo "== unit tests"; nice -n 19 $(BIN)/pytest -n 2 --dist loadfile -m unit tests
+	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit and not compiled" tests/core
+	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
+	@echo "== unit tests"; $(BIN)/pytest -n 2 --dist loadfile -m unit tests
 
 # The kernels are compiled before, where they never were, so that no test waits for a compiler. Four at a time, since they
 # wait for most of their time.
