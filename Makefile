@@ -46,13 +46,11 @@ test: lint ## all checks, about 15 minutes on two cores
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
 # bounds checks have a cache directory of their own (companion/kernels/jit_cache.py). A file stays with one worker: its tests
-# share what it renders and compiles. The unit tests run in three parts: in one, a worker of pytest-xdist ended without a
-# cause being printed, near the end, and pytest waited for ever.
+# share what it renders and compiles.
 test-computing: $(STAMP)
 	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit and not compiled" tests/core
 	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
-	@echo "== unit tests"; for part in tests/companion tests/drivers "tests/benchmarks tests/client tests/core tests/system tests/test_*.py"; do \
-	$(BIN)/pytest -n 2 --dist loadfile -m unit $$part; done
+	@echo "== unit tests"; $(BIN)/pytest -n 2 --dist loadfile -m unit tests
 
 # The kernels are compiled before, where they never were, so that no test waits for a compiler. Four at a time, since they
 # wait for most of their time.

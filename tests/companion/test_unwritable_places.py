@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import resource
+import errno
+import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from companion.cli import main
 from companion.config.loader import Config, load_config
 from companion.doctor.autopilot_check import autopilot_findings
 from companion.kernels import jit_cache
@@ -18,18 +16,25 @@ from companion.kernels.warmup import cache_warning
 from companion.paths import FolderError, folders
 from companion.whole_file import whole_file, write_whole
 
+FULL_DISK = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (16, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+"""
+"""Files of the process cannot grow beyond 16 bytes."""
 
-@contextmanager
-def full_disk(free_bytes: int = 16) -> Iterator[None]:
-    """Files of this process cannot grow beyond free_bytes; Python writes no compiled modules meanwhile."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    resource.setrlimit(resource.RLIMIT_FSIZE, (free_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        sys.dont_write_bytecode = before
+
+def with_full_disk(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs code with arguments in a process of its own: the limit holds for a whole process, and in that of the tests it
+    would end pytest's worker at its next write."""
+    return subprocess.run(
+        [sys.executable, "-B", "-c", FULL_DISK + code, *arguments],
+        capture_output=True, text=True, check=False, timeout=60.0,
+    )  # fmt: skip
+
+
+def companion_with_full_disk(*words: str) -> subprocess.CompletedProcess[str]:
+    """A command line of the companion."""
+    return with_full_disk("from companion.cli import main\nsys.exit(main(sys.argv[1:]))", *words)
 
 
 @pytest.fixture
@@ -39,35 +44,36 @@ def no_folder(tmp_path: Path) -> Path:
     return tmp_path / "file" / "home"
 
 
+@pytest.mark.process
 def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     target = tmp_path / "a.toml"
     target.write_text("old")
-    with full_disk(), pytest.raises(OSError, match="File too large") as raised:
-        write_whole(target, "x" * 100)
-    assert raised.value.filename == str(target)
+    code = "from pathlib import Path; from companion.whole_file import write_whole\nwrite_whole(Path(sys.argv[1]), 'x' * 100)"
+    done = with_full_disk(code, str(target))
+    assert done.stderr.splitlines()[-1] == f"OSError: [Errno {errno.EFBIG}] File too large: '{target}'"
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
     write_whole(target, "new")
     assert target.read_text() == "new"
 
 
-def test_a_full_disk_keeps_the_configuration_of_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.process
+def test_a_full_disk_keeps_the_configuration_of_before(tmp_path: Path) -> None:
     target = tmp_path / "my.toml"
     target.write_text("# mine\n")
     words = ["setup", "--yes", "--replace", "--no-doctor", "--camera", "simulated", "--autopilot", "none"]
-    with full_disk():
-        assert main([*words, "-o", str(target)]) == 1
-    assert str(target) in capsys.readouterr().err
+    done = companion_with_full_disk(*words, "-o", str(target))
+    assert done.returncode == 1
+    assert str(target) in done.stderr
     assert target.read_text() == "# mine\n"
 
 
-def test_a_full_disk_leaves_no_empty_copy_of_a_configuration(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.process
+def test_a_full_disk_leaves_no_empty_copy_of_a_configuration(tmp_path: Path) -> None:
     target = tmp_path / "oak.toml"
-    with full_disk():
-        assert main(["configs", "oak", "-o", str(target)]) == 1
-    assert f"{target}: File too large; check the path" in capsys.readouterr().err
+    done = companion_with_full_disk("configs", "oak", "-o", str(target))
+    assert done.returncode == 1
+    assert f"{target}: File too large; check the path" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
