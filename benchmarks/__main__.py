@@ -66,8 +66,8 @@ def main(arguments: list[str] | None = None, run: Run | None = None) -> int:
             continue
         minutes = (time.monotonic() - begun) / 60.0
         words = ["--only", section.name, *(["--quick"] if args.quick else [])]
-        told = stamp(words, minutes=minutes, quick=args.quick)
-        (args.out / f"{section.name}.md").write_text(page(section, text, told))
+        header = stamp(words, minutes=minutes, quick=args.quick)
+        (args.out / f"{section.name}.md").write_text(page(section, text, header))
         _say(f"{section.name}: {args.out / section.name}.md")
     (args.out / INDEX).write_text(index(args.out))
     if failed:

@@ -184,8 +184,8 @@ def differences(golden: Result, now: Result) -> Iterator[str]:
     if len(golden["frames"]) != len(now["frames"]):
         yield f"frames: {len(golden['frames'])} -> {len(now['frames'])}"
     for before, after in zip(golden["frames"], now["frames"], strict=False):
-        for told in _fields(before, after, "", exact):
-            yield f"frame {before['sequence']}: {told}"
+        for found in _fields(before, after, "", exact):
+            yield f"frame {before['sequence']}: {found}"
 
 
 def _fields(before: Any, after: Any, path: str, exact: bool) -> Iterator[str]:
@@ -265,14 +265,14 @@ def summary(name: str, golden: Result | None, now: Result, most: int = 12) -> st
     """What an update changes: the totals, then the first fields."""
     if golden is None:
         return f"{name}: new; " + ", ".join(f"{key} {value}" for key, value in totals(now).items())
-    told = list(differences({**golden, "made_with": now["made_with"]}, now))
-    if not told:
+    found = list(differences({**golden, "made_with": now["made_with"]}, now))
+    if not found:
         return f"{name}: as before"
     old, new = totals(golden), totals(now)
-    lines = [f"{name}: {len(told)} differences"]
+    lines = [f"{name}: {len(found)} differences"]
     lines += [f"  {key}: {old[key]} -> {new[key]}" for key in new if old[key] != new[key]]
-    lines += [f"  {line}" for line in told[:most]]
-    return "\n".join(lines + ([f"  ... and {len(told) - most} more"] if len(told) > most else []))
+    lines += [f"  {line}" for line in found[:most]]
+    return "\n".join(lines + ([f"  ... and {len(found) - most} more"] if len(found) > most else []))
 
 
 if __name__ == "__main__":

@@ -50,16 +50,16 @@ def test_golden_worlds(update_golden: bool, capsys: pytest.CaptureFixture[str]) 
     now = golden_world.worlds()
     if update_golden:
         before = golden_world.load() if golden_world.WORLDS.exists() else {"made_with": now["made_with"]}
-        told = list(golden_world.differences({**before, "made_with": now["made_with"]}, now))
+        found = list(golden_world.differences({**before, "made_with": now["made_with"]}, now))
         golden_world.WORLDS.write_text(golden_world.dumps(now))
         with capsys.disabled():
             sys.stdout.write(
-                "\nworlds: " + (f"{len(told)} differences\n" + "\n".join(told[:12]) if told else "as before")
+                "\nworlds: " + (f"{len(found)} differences\n" + "\n".join(found[:12]) if found else "as before")
             )
         return
-    told = list(golden_world.differences(golden_world.load(), now))
-    if told:
-        pytest.fail("\n".join([*told[:12], "If this is meant: make golden, and read the diff."]), pytrace=False)
+    found = list(golden_world.differences(golden_world.load(), now))
+    if found:
+        pytest.fail("\n".join([*found[:12], "If this is meant: make golden, and read the diff."]), pytrace=False)
 
 
 def test_a_log_is_merged_to_the_same_world_bit_for_bit() -> None:
@@ -89,15 +89,15 @@ def test_what_the_comparison_of_worlds_sees() -> None:
 
 def test_the_streams_hold_what_they_are_for() -> None:
     """No golden result may be an empty model: each stream shows what it was recorded for."""
-    told = {name: totals(load(name)) for name in STREAMS}
+    found = {name: totals(load(name)) for name in STREAMS}
     for name in STREAMS:
         frames = load(name)["frames"]
         assert 8 <= len(frames) <= 16
         assert {f["attitude"] for f in frames} & {"INTERPOLATED", "EXTRAPOLATED"}
         if name != "broken":
-            assert told[name]["used"] == told[name]["valid"] == len(frames)
-        assert told[name]["planes"] > 4 * told[name]["valid"]
-        assert told[name]["seen free, m"] > 20 * told[name]["valid"]
+            assert found[name]["used"] == found[name]["valid"] == len(frames)
+        assert found[name]["planes"] > 4 * found[name]["valid"]
+        assert found[name]["seen free, m"] > 20 * found[name]["valid"]
     broken = load("broken")["frames"]
     assert {f["cause"] for f in broken} >= {"", "too few pixels hold a measurement"}
     assert any(f["dropped"] for f in broken), "frames without attitude"
@@ -203,11 +203,11 @@ def test_an_update_reports_what_changed() -> None:
     now = copy.deepcopy(golden)
     assert summary("street", golden, now) == "street: as before"
     without_a_plane(now)
-    told = summary("street", golden, now)
+    found = summary("street", golden, now)
     planes = totals(golden)["planes"]
-    assert told.splitlines()[0] == "street: 2 differences"
-    assert f"  planes: {planes} -> {planes - 2}" in told
-    assert "frame 2: planes: gone (a_x " in told
+    assert found.splitlines()[0] == "street: 2 differences"
+    assert f"  planes: {planes} -> {planes - 2}" in found
+    assert "frame 2: planes: gone (a_x " in found
     assert summary("street", None, now).startswith("street: new; frames 9, used 9")
 
 

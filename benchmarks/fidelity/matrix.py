@@ -58,15 +58,15 @@ def cases(
     kes: Iterable[float] = GOAL_KE,
     heights: Iterable[float] = (2.0,),
     faults: Iterable[str] = ("all",),
-    told: Callable[[float], Iterable[float]] = lambda ke: (ke,),
+    configured: Callable[[float], Iterable[float]] = lambda ke: (ke,),
     width: int = 640,
 ) -> Iterator[Case]:
-    """Every combination; cases with the same view are adjacent. told: the noise configured in the extractor, by the
+    """Every combination; cases with the same view are adjacent. configured: the noise configured in the extractor, by the
     true one."""
     kes, heights, faults = list(kes), list(heights), list(faults)
     for scene, seed, height, (roll, pitch) in itertools.product(scenes, seeds, heights, tilts):
         for ke, wrong in itertools.product(kes, faults):
-            for tell in told(ke):
+            for tell in configured(ke):
                 yield Case(
                     scene=scene,
                     roll_deg=roll,
@@ -87,7 +87,7 @@ def spread(scenes: Iterable[str], seeds: Seeds, tilts: Tilts, **others: Any) -> 
         yield from cases(names, [another_seed(s, i * len(seeds)) for s in seeds], [tilt], **others)
 
 
-def _told(ke: float) -> tuple[float, ...]:
+def _wrong_ke(ke: float) -> tuple[float, ...]:
     return ke / 3.0, ke, 3.0 * ke
 
 
@@ -105,7 +105,7 @@ PARTS: dict[str, Part] = {
     "noise": Part("more noise", lambda s: spread(SCENES, s, FEW_TILTS_DEG, kes=MORE_KE)),
     "faults": Part("each fault alone", lambda s: spread(FEW_SCENES, s, FEW_TILTS_DEG, faults=FAULTS)),
     "heights": Part("height above ground", lambda s: spread(HIGH_SCENES, s, HIGH_TILTS_DEG, heights=HEIGHTS_M)),
-    "told": Part("wrong configured noise", lambda s: spread(FEW_SCENES, s, FEW_TILTS_DEG, told=_told)),
+    "configured": Part("wrong configured noise", lambda s: spread(FEW_SCENES, s, FEW_TILTS_DEG, configured=_wrong_ke)),
 }
 """Name -> cases."""
 QUICK_SCENES = (

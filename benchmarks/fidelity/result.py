@@ -26,11 +26,11 @@ class Case:
     @property
     def name(self) -> str:
         """The case as given to `python -m benchmarks.fidelity.run`."""
-        told = "" if self.configured_ke_per_m == self.ke_per_m else f" told {self.configured_ke_per_m:g}"
+        configured = "" if self.configured_ke_per_m == self.ke_per_m else f" configured {self.configured_ke_per_m:g}"
         faults = "" if self.faults == "all" else f" faults {self.faults}"
         return (
             f"{self.scene} {self.roll_deg:+.0f}/{self.pitch_deg:+.0f} h {self.height_m:g} "
-            f"ke {self.ke_per_m:g}{told}{faults} seed {self.seed}"
+            f"ke {self.ke_per_m:g}{configured}{faults} seed {self.seed}"
         )
 
 

@@ -94,7 +94,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--scenes", type=_scenes, help="names or families, separated by commas")
     parser.add_argument("--tilts", type=_tilts, help="roll:pitch pairs in degrees, e.g. 0:0,30:0,0:-30")
     parser.add_argument("--ke", type=_floats, help="noise, sigma = ke Z^2, e.g. 0.0015,0.005")
-    parser.add_argument("--told", type=_floats, help="noise configured in the method; default: the true one")
+    parser.add_argument("--configured-ke", type=_floats, help="noise configured in the method; default: the true one")
     parser.add_argument("--heights", type=_floats, default=[2.0], help="of the camera above the ground, m")
     parser.add_argument("--seeds", type=int, default=1, help="how many (1)")
     parser.add_argument("--seed", type=_ints, help="just these seeds, e.g. 3,103")
@@ -126,7 +126,7 @@ def asked(args: argparse.Namespace) -> list[Case]:
     seeds = args.seed or list((HELD_OUT_SEEDS if args.held_out else TUNING_SEEDS)[: args.seeds])
     if args.part:
         return [case for name in args.part for case in PARTS[name].make(seeds)]
-    told = args.told
+    configured = args.configured_ke
     return list(
         cases(
             args.scenes,
@@ -135,7 +135,7 @@ def asked(args: argparse.Namespace) -> list[Case]:
             args.ke,
             args.heights,
             args.faults,
-            (lambda _: told) if told else (lambda ke: (ke,)),
+            (lambda _: configured) if configured else (lambda ke: (ke,)),
             args.width,
         )
     )

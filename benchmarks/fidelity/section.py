@@ -66,8 +66,10 @@ def brief(out: Path) -> str:
     held = HELD_OUT_SEEDS[:1]
     base = _run("base", list(spread(SCENES, held, FEW_TILTS_DEG)), _settings("base", os.cpu_count() or 1))
     few = ",".join(f"{roll:g}:{pitch:g}" for roll, pitch in FEW_TILTS_DEG)
-    told = "Shortened: one held-out seed, level, rolled by 30 and pitched down by 30 degrees; no comparison with tuning seeds."
-    return "\n\n".join([told, _what(f"--part base --held-out --tilts {few}"), *_all_of(out, base, held, {}, BRIEF)])
+    configured = "Shortened: one held-out seed, level, rolled by 30 and pitched down by 30 degrees; no comparison with tuning seeds."
+    return "\n\n".join(
+        [configured, _what(f"--part base --held-out --tilts {few}"), *_all_of(out, base, held, {}, BRIEF)]
+    )
 
 
 def _all_of(
@@ -173,9 +175,9 @@ def _varied(parts: dict[str, list[Row]]) -> list[str]:
         return row.case.ke_per_m, row.case.configured_ke_per_m
 
     few = "Twelve scenes that stand for the rest, level, rolled and pitched by 30 degrees. Worst case (all rays, or median)."
-    told = sorted(parts["told"], key=both)
-    estimated = max((r.ke_estimate_per_m / r.case.ke_per_m for r in told if r.valid), default=math.nan)
-    least = min((r.ke_estimate_per_m / r.case.ke_per_m for r in told if r.valid), default=math.nan)
+    configured = sorted(parts["configured"], key=both)
+    estimated = max((r.ke_estimate_per_m / r.case.ke_per_m for r in configured if r.valid), default=math.nan)
+    least = min((r.ke_estimate_per_m / r.case.ke_per_m for r in configured if r.valid), default=math.nan)
     return [
         "## Faults of the image, each alone",
         f"{few} Both noises.",
@@ -186,7 +188,7 @@ def _varied(parts: dict[str, list[Row]]) -> list[str]:
         tables.varied(parts["heights"], lambda r: r.case.height_m, "height, m", "{:g}".format),
         "## Wrong configured noise",
         f"{few} The configured noise is a prior; the method measures {least:.2f} to {estimated:.2f} times the true one.",
-        tables.varied(told, both, "ke (configured)", lambda pair: f"{pair[0]:g} ({pair[1]:.2g})"),
+        tables.varied(configured, both, "ke (configured)", lambda pair: f"{pair[0]:g} ({pair[1]:.2g})"),
     ]
 
 
@@ -223,9 +225,9 @@ def main(arguments: list[str] | None = None) -> int:
     begun = time.monotonic()
     text = brief(args.out)
     minutes = (time.monotonic() - begun) / 60.0
-    told = replace(stamp([], minutes=minutes, quick=False), command=f"{parser.prog} --brief")
+    configured = replace(stamp([], minutes=minutes, quick=False), command=f"{parser.prog} --brief")
     section_of = next(s for s in SECTIONS if s.name == "fidelity")
-    (args.out / "fidelity.md").write_text(page(section_of, text, told))
+    (args.out / "fidelity.md").write_text(page(section_of, text, configured))
     (args.out / INDEX).write_text(index(args.out))
     print("docs/reference/limits.md: run python -m benchmarks.fidelity.limits to update its tables", file=sys.stderr)
     return 0

@@ -82,7 +82,7 @@ CONDITION_WORDS = {
 
 
 def noise_condition(ke_per_m: float) -> Condition:
-    """Noise alone of a given ke, told as it is (0: exact, told 0.0015)."""
+    """Noise alone of a given ke, which is also configured (0: exact depth, 0.0015 configured)."""
     return Condition(f"ke {ke_per_m:g}", ke_per_m, False, ke_per_m or 0.0015)
 
 

@@ -134,9 +134,9 @@ def summary(data: Json) -> str:
 def blocks(data: Json) -> dict[str, str]:
     """The measured pieces of docs/research/paper.md by name."""
     r = results(data)
-    told = stamp([], minutes=0.0, quick=False)
+    header = stamp([], minutes=0.0, quick=False)
     return {
-        "stamp": f"Measured on {told.date} at commit {told.commit}, {told.host_info}, by `make bench ARGS='--only paper'`.",
+        "stamp": f"Measured on {header.date} at commit {header.commit}, {header.host_info}, by `make bench ARGS='--only paper'`.",
         "summary": summary(data),
         "claims": claims_table(claims(r)),
         "tilt": paper_tilt.tables(r.tilt),

@@ -176,8 +176,8 @@ def main(arguments: list[str] | None = None) -> int:
     text = compared(args.out, BRIEF)
     minutes = (time.monotonic() - begun) / 60.0
     section_of = next(s for s in SECTIONS if s.name == "peers")
-    told = replace(stamp([], minutes=minutes, quick=False), command=f"{parser.prog} --brief")
-    (args.out / "peers.md").write_text(page(section_of, text, told))
+    header = replace(stamp([], minutes=minutes, quick=False), command=f"{parser.prog} --brief")
+    (args.out / "peers.md").write_text(page(section_of, text, header))
     (args.out / INDEX).write_text(index(args.out))
     return 0
 

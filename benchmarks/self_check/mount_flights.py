@@ -37,7 +37,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Told minus true, in degrees, of the camera's mount."""
+    """Configured minus true, in degrees, of the camera's mount."""
 
     roll_deg: float = 0.0
     pitch_deg: float = 0.0
@@ -68,11 +68,11 @@ class MountFlight:
         self._scene, self._seed, self._frame_hz = scene, seed, frame_hz
         info = camera_info(width, width * 3 // 4, ke_per_m=ke_per_m)
         self._true = true or CameraMount()
-        told = replace(
+        configured = replace(
             self._true, roll_rad=self._true.roll_rad + math.radians(errors.roll_deg),
             pitch_rad=self._true.pitch_rad + math.radians(errors.pitch_deg),
         )  # fmt: skip
-        self.info: CameraInfo = replace(info, mount=told)
+        self.info: CameraInfo = replace(info, mount=configured)
         self._sensor: SensorModel = replace(TYPICAL.scaled_to(width), ke_per_m=ke_per_m)
         self.pipeline = Pipeline((self.info,), lambda info: Extractor(), mount_check=check)
         self._looked: tuple[Pose, Truth] | None = None

@@ -98,7 +98,7 @@ def watch(
     then: Iterator[Frame],
     frames: int,
     every: int,
-    told: Callable[[Sample], None] = lambda s: None,
+    report: Callable[[Sample], None] = lambda s: None,
 ) -> list[Sample]:
     """Extracts all of `first`, then a number of frames of `then`, with one extractor. The first sample is taken between
     the two."""
@@ -111,7 +111,7 @@ def watch(
         state = extractor.extract(depth, info, R, state)[1]  # no model is kept
         if number % every == 0:
             samples.append(sample(number, extractor))
-            told(samples[-1])
+            report(samples[-1])
     return samples
 
 

@@ -79,7 +79,7 @@ def draw_steps(path: Path, steps: Mapping[str, Sequence[Step]]) -> None:
         for color, (name, mine) in zip(SERIES, steps.items(), strict=False):
             t = np.arange(1, len(mine) + 1) / HZ
             axes[0][0].plot(t, [s.planes for s in mine], color=color, linewidth=1.2, label=name)
-            axes[0][1].plot(t, [s.told for s in mine], color=color, linewidth=1.2, label=name)
+            axes[0][1].plot(t, [s.frame_planes for s in mine], color=color, linewidth=1.2, label=name)
             axes[0][2].plot(t, [s.stream_bytes / 1e3 for s in mine], color=color, linewidth=1.2, label=name)
         label(axes[0][0], "Planes of the world", "s", "planes")
         label(axes[0][1], "Planes of all frames together", "s", "planes")

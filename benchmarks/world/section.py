@@ -117,13 +117,14 @@ def truth_table(found: Sequence[Verdict]) -> str:
         for estimate in ESTIMATES:
             mine = [v for v in found if v.flight == name and v.estimate == estimate.name]
             median = {
-                f: float(np.median([getattr(v, f) for v in mine])) for f in ("mean_m", "p95_m", "air", "planes", "told")
+                f: float(np.median([getattr(v, f) for v in mine]))
+                for f in ("mean_m", "p95_m", "air", "planes", "frame_planes")
             }
             worst = {f: max(getattr(v, f) for v in mine) for f in ("missed", "missed_all", "phantom", "false_free")}
             rows.append(
                 f"| {name} | {estimate.name} | {_p(min(v.closed for v in mine), 0)} | {_p(worst['missed'])} | "
                 f"{_p(worst['missed_all'])} | {_p(worst['phantom'])} | {median['mean_m']:.3f} | {median['p95_m']:.2f} | "
-                f"{_p(worst['false_free'], 2)} | {_p(median['air'], 0)} | {median['planes']:.0f} | {median['told']:.0f} |"
+                f"{_p(worst['false_free'], 2)} | {_p(median['air'], 0)} | {median['planes']:.0f} | {median['frame_planes']:.0f} |"
             )
     return "\n".join(rows) + "\n"
 

@@ -39,7 +39,7 @@ class Verdict:
     closed: of the inside of what was flown around, called occupied. missed: obstacle rays that pass more than max(0.5 m,
     2 sigma) behind the truth, of those whose point the flight saw; missed_all: of all. phantom: rays stopped where nothing
     is. mean_m, p95_m: from seen true points to the nearest plane. false_free: seen true points called free; air: points
-    half way to the truth called free. planes, told: of the world in the end, of all frames together. sections: 1 unless it
+    half way to the truth called free. planes, frame_planes: of the world in the end, of all frames together. sections: 1 unless it
     jumped."""
 
     flight: str
@@ -54,17 +54,17 @@ class Verdict:
     false_free: float
     air: float
     planes: int
-    told: int
+    frame_planes: int
     sections: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """The world after one frame. told: planes of all frames so far; stream_bytes: of all messages so far, plane_bytes
+    """The world after one frame. frame_planes: planes of all frames so far; stream_bytes: of all messages so far, plane_bytes
     the planes in them; free_cells: number of free cells."""
 
     planes: int
-    told: int
+    frame_planes: int
     stream_bytes: int
     plane_bytes: int
     free_cells: int
@@ -84,7 +84,7 @@ def merged(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendere
     """The world that a flight makes."""
     extractor, world, state = Extractor(Params()), World(), ExtractorState()
     steps: list[Step] = []
-    told, stream, plane_bytes, since, section, epoch = 0, 0, 0, 0, -1, -1
+    frame_planes, stream, plane_bytes, since, section, epoch = 0, 0, 0, 0, -1, -1
     seen: Seen | None = None
     for k, seen in enumerate(flown(flight, estimate, seed, rendered)):
         model, state = extractor.extract(seen.rendered.depth_mm, seen.rendered.info, seen.R_level_optical, state=state)
@@ -92,7 +92,7 @@ def merged(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendere
         world.add(
             Observation(model=transform_model(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns)
         )
-        told += len(model.planes)
+        frame_planes += len(model.planes)
         now = (0 if world.section is None else world.section.number), world.epoch(seen.t_ns)
         picture = world.picture(seen.t_ns)
         if now != (section, epoch) or k % SNAPSHOT_FRAMES == 0:
@@ -104,7 +104,13 @@ def merged(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendere
         plane_bytes += len(message.planes)
         free = int(np.unpackbits(picture.masks.view(np.uint8)).sum())
         steps.append(
-            Step(planes=len(picture.planes), told=told, stream_bytes=stream, plane_bytes=plane_bytes, free_cells=free)
+            Step(
+                planes=len(picture.planes),
+                frame_planes=frame_planes,
+                stream_bytes=stream,
+                plane_bytes=plane_bytes,
+                free_cells=free,
+            )
         )
     assert seen is not None
     return Merged(world, steps, seen.drift_m, seen.t_ns)
@@ -126,7 +132,7 @@ def verdict(
         missed=_share(total["missed_seen"], total["seen"]), missed_all=_share(total["missed"], total["obstacle"]),
         phantom=_share(total["phantom"], total["rays"]), mean_m=float(off.mean()) if len(off) else NAN,
         p95_m=float(np.percentile(off, 95)) if len(off) else NAN, false_free=_share(total["false_free"], total["seen"]),
-        air=_share(total["air_free"], total["air"]), planes=len(planes), told=m.steps[-1].told, sections=numbers["sections"],
+        air=_share(total["air_free"], total["air"]), planes=len(planes), frame_planes=m.steps[-1].frame_planes, sections=numbers["sections"],
     )  # fmt: skip
 
 

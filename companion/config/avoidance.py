@@ -1,4 +1,4 @@
-"""The section `[avoid]`: what the autopilot is told of obstacles (OBSTACLE_DISTANCE), and what when we are blind."""
+"""The section `[avoid]`: which obstacles the autopilot receives (OBSTACLE_DISTANCE), and what it receives without depth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from core.param_field import check, choice, critical, switch
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AvoidParams:
-    """The vehicle's size, the range told, and the policies. Raises ValueError naming the field, its value and range."""
+    """The vehicle's size, the reported range, and the policies. Raises ValueError naming the field, its value and range."""
 
     send: bool = switch(False, "send obstacles to the autopilot; whether it brakes depends on its own parameters")
     rate_hz: float = critical(15.0, 10.0, 20.0, "Hz", "rate of the messages")

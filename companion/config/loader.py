@@ -1,4 +1,4 @@
-"""The configuration: TOML in, a frozen `Config` out; every mistake is told at once, with its key and its remedy.
+"""The configuration: TOML in, a frozen `Config` out; all mistakes are reported at once, with its key and its remedy.
 
 The sections are the fields of plain dataclasses whose metadata hold range, unit and meaning ({"min", "max", "unit",
 "doc"} or "choices"): nothing is listed twice. Angles are degrees here and on the command line, nowhere else.
@@ -70,8 +70,8 @@ SHOWN_CHARACTERS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The effective configuration. Raises ValueError when two cameras have the same name, and where autopilots would not be
-    told of blindness in time."""
+    """The effective configuration. Raises ValueError when two cameras have the same name, and where autopilots would not
+    receive the loss of depth in time."""
 
     extractor: Params = field(default_factory=Params)
     open_sky: OpenSkyParams = field(default_factory=OpenSkyParams)

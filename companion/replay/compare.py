@@ -124,8 +124,8 @@ def _walk(a: Message, b: Message, path: str, tolerance: float) -> tuple[str, str
     for descriptor in a.DESCRIPTOR.fields:
         name = f"{path}{descriptor.name}"
         if descriptor.has_presence and a.HasField(descriptor.name) != b.HasField(descriptor.name):
-            told = ("present", "absent") if a.HasField(descriptor.name) else ("absent", "present")
-            return name, *told
+            presence = ("present", "absent") if a.HasField(descriptor.name) else ("absent", "present")
+            return name, *presence
         left, right = getattr(a, descriptor.name), getattr(b, descriptor.name)
         found = _values(descriptor, left, right, name, tolerance)
         if found is not None:

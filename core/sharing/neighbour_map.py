@@ -195,8 +195,8 @@ class NeighbourMap:
                 found.append(mover)
         body = self._body(neighbour, placement, now_ns)
         if body is not None:
-            told = Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m)
-            if not any(told.contains(centre, (0.0, 0.0, 0.0), 0.0) for centre in own.movers):
+            extent = Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m)
+            if not any(extent.contains(centre, (0.0, 0.0, 0.0), 0.0) for centre in own.movers):
                 found.append(body)
         return found
 

@@ -25,7 +25,9 @@ def case(scene: str, ke: float = 0.005, faults: str = "all") -> Case:
 
 
 def test_the_command_line_makes_its_cases() -> None:
-    args = parse(["--scenes", "unstructured,wall", "--tilts", "0:0,30:-10", "--ke", "0.0015,0.005", "--told", "0.003"])
+    args = parse(
+        ["--scenes", "unstructured,wall", "--tilts", "0:0,30:-10", "--ke", "0.0015,0.005", "--configured-ke", "0.003"]
+    )
     made = asked(args)
     assert len(made) == (len(FAMILIES["unstructured"]) + 1) * 2 * 2
     assert {c.configured_ke_per_m for c in made} == {0.003}
@@ -39,7 +41,9 @@ def test_the_command_line_makes_its_cases() -> None:
 def test_tuning_seeds_unless_the_held_out_are_asked_for() -> None:
     assert {c.seed for c in asked(parse(["--quick", "--seeds", "3"]))} == {0, 1, 2}
     assert {c.seed for c in asked(parse(["--quick", "--seeds", "3", "--held-out"]))} == set(HELD_OUT_SEEDS[:3])
-    assert {c.seed for c in asked(parse(["--part", "told", "--held-out"]))} == set(HELD_OUT_SEEDS[:3])  # three tilts
+    assert {c.seed for c in asked(parse(["--part", "configured", "--held-out"]))} == set(
+        HELD_OUT_SEEDS[:3]
+    )  # three tilts
     assert {c.seed for c in asked(parse(["--quick", "--seed", "3,103"]))} == {3, 103}
 
 
@@ -78,7 +82,7 @@ def test_the_parts_of_the_matrix_vary_what_they_say() -> None:
     assert {c.ke_per_m for c in made["noise"]} == {0.008, 0.01}
     assert {c.faults for c in made["faults"]} == set(FAULTS)
     assert {c.height_m for c in made["heights"]} >= {0.7, 10.0}
-    assert {round(c.configured_ke_per_m / c.ke_per_m, 2) for c in made["told"]} == {0.33, 1.0, 3.0}
+    assert {round(c.configured_ke_per_m / c.ke_per_m, 2) for c in made["configured"]} == {0.33, 1.0, 3.0}
     for cases in made.values():
         assert len(set(cases)) == len(cases)
 

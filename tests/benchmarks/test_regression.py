@@ -13,10 +13,10 @@ from .regression import CASES, FIGURES, GOLDEN, RAYS, changes, dumps, load, meas
 def test_no_frame_is_modelled_worse(update_golden: bool, capsys: pytest.CaptureFixture[str]) -> None:
     now = measured()
     if update_golden:
-        told = changes(load() if GOLDEN.exists() else {}, now)
+        changed = changes(load() if GOLDEN.exists() else {}, now)
         GOLDEN.write_text(dumps(now))
         with capsys.disabled():
-            sys.stdout.write(f"\nfigures of {GOLDEN.name}:\n{told}\n")
+            sys.stdout.write(f"\nfigures of {GOLDEN.name}:\n{changed}\n")
         return
     found = list(worse(load(), now))
     if found:
@@ -51,8 +51,8 @@ def test_each_figure_is_held_against_a_change_beyond_its_margin_only(name: str) 
     for value, held in ((limit + 1e-4 + 0.001 * limit, True), (limit - 1e-6, False), (0.0, False)):
         now = copy.deepcopy(golden)
         now[case][name] = value
-        told = [text for text in worse(golden, now) if text.startswith(case)]
-        assert bool(told) == (held and value > limit), (name, value)
+        changed = [text for text in worse(golden, now) if text.startswith(case)]
+        assert bool(changed) == (held and value > limit), (name, value)
 
 
 def test_what_moves_all_frames_a_little_is_held_against_their_mean() -> None:
@@ -86,8 +86,8 @@ def test_an_update_reports_what_became_better_and_worse() -> None:
     first = next(iter(now))
     now[first]["planes"] = 500.0
     now[first]["mean_m"] = 0.0
-    told = changes(golden, now)
-    assert f"{first}: mean_m {golden[first]['mean_m']} -> 0.0, planes {golden[first]['planes']} -> 500.0" in told
-    assert "mean planes: " in told
-    assert told.count("(worse)") == told.count("(better)") == 1
+    changed = changes(golden, now)
+    assert f"{first}: mean_m {golden[first]['mean_m']} -> 0.0, planes {golden[first]['planes']} -> 500.0" in changed
+    assert "mean planes: " in changed
+    assert changed.count("(worse)") == changed.count("(better)") == 1
     assert changes({}, {first: now[first]}) == f"{first}: new"

@@ -40,8 +40,8 @@ def opening(width: float, height: float, kept: bool, angle_deg: float = 10.0) ->
 
 
 def test_numbers_have_three_digits() -> None:
-    told = [number(v) for v in (0.0, 0.00012, 0.0123456, 1.23456, 123.4, math.nan, math.inf)]
-    assert told == ["0", "0.0001", "0.0123", "1.23", "123", "-", "inf"]
+    texts = [number(v) for v in (0.0, 0.00012, 0.0123456, 1.23456, 123.4, math.nan, math.inf)]
+    assert texts == ["0", "0.0001", "0.0123", "1.23", "123", "-", "inf"]
     assert table(["a", "b"], [["1", "2"]]) == "| a | b |\n|---|---:|\n| 1 | 2 |"
 
 
@@ -113,7 +113,9 @@ def parts() -> dict[str, Part]:
         "noise": of(lambda s: cases(("wall", "trees"), s, ((0, 0),), (0.01,), width=64)),
         "faults": of(lambda s: cases(("wall",), s, ((0, 0),), (0.005,), faults=("none", "all"), width=64)),
         "heights": of(lambda s: cases(("wall",), s, ((0, 0),), (0.005,), heights=(0.7, 4.0), width=64)),
-        "told": of(lambda s: cases(("wall",), s, ((0, 0),), (0.005,), told=lambda ke: (ke, 3 * ke), width=64)),
+        "configured": of(
+            lambda s: cases(("wall",), s, ((0, 0),), (0.005,), configured=lambda ke: (ke, 3 * ke), width=64)
+        ),
     }
 
 

@@ -117,13 +117,13 @@ def test_what_is_flown_around_becomes_solid_and_nothing_of_it_is_missed(name: st
     assert found.phantom < 0.02
     assert found.false_free == 0.0
     assert found.mean_m < 0.12
-    assert found.planes < 20 < found.told
+    assert found.planes < 20 < found.frame_planes
 
 
 def test_tables_say_the_worst_and_what_is_not_there() -> None:
     one = {
         "flight": "alley", "frames": 9, "closed": math.nan, "missed": 0.01, "missed_all": 0.02, "phantom": 0.0, "mean_m": 0.1,
-        "p95_m": 0.2, "false_free": 0.0, "air": 0.5, "planes": 7, "told": 30, "sections": 1,
+        "p95_m": 0.2, "false_free": 0.0, "air": 0.5, "planes": 7, "frame_planes": 30, "sections": 1,
     }  # fmt: skip
     rows = [Verdict(**one, estimate=e.name) for e in ESTIMATES] + [
         Verdict(**(one | {"missed": 0.5}), estimate=e.name) for e in ESTIMATES

@@ -119,12 +119,12 @@ def test_a_late_joiner_asks_and_follows(speaker: Speaker) -> None:
         changes = mirror.stats.messages
         side = np.concatenate([WALLS, [wall(5.0, -4.0, 5.0, -3.0)]])
 
-        def told() -> bool:
+        def sent_all() -> bool:
             look(speaker, side)
             mirror.update(0.05)
             return len(mirror.space.snapshot.planes) == 2
 
-        assert until(told, 60.0)
+        assert until(sent_all, 60.0)
         assert mirror.stats.messages > changes
         assert mirror.stats.gaps == 0
 
@@ -212,8 +212,8 @@ def test_a_position_that_cannot_be_one_is_refused_and_leaves_nothing_free(speake
         observation = seen(WALLS, (0.0, 0.0), 0.0, now())
 
         def broken() -> bool:
-            told = replace(result(observation), transform=LevelTransform(0.0, (1e30, 0.0, 0.0)))
-            speaker.service.put(told)
+            sent_all = replace(result(observation), transform=LevelTransform(0.0, (1e30, 0.0, 0.0)))
+            speaker.service.put(sent_all)
             return not mirror.update(0.05)
 
         assert until(broken, 60.0)

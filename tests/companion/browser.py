@@ -84,8 +84,8 @@ class Browser:
     def call(self, method: str, session: str = "", **params: Any) -> dict[str, Any]:
         """A command and its result."""
         self._number += 1
-        told = {"id": self._number, "method": method, "params": params} | ({"sessionId": session} if session else {})
-        os.write(self._out, json.dumps(told).encode() + b"\0")
+        reply = {"id": self._number, "method": method, "params": params} | ({"sessionId": session} if session else {})
+        os.write(self._out, json.dumps(reply).encode() + b"\0")
         end_s = time.monotonic() + PATIENCE_S
         while True:
             message = self._next(end_s, method)
@@ -141,9 +141,9 @@ class Page:
 
     def ask(self, expression: str) -> Any:
         """The value of a JavaScript expression, awaited."""
-        told = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in told, f"{expression}: {told['exceptionDetails']}"
-        return told["result"].get("value")
+        reply = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in reply, f"{expression}: {reply['exceptionDetails']}"
+        return reply["result"].get("value")
 
     def wait(self, expression: str, seconds: float = PATIENCE_S) -> float:
         """Waits until an expression is true; after how many seconds it was."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from companion.kernels.run_kernels import MODES
 from companion.kernels.warmup import ensure_compiled
+
+from .scripted_service import ScriptedService
 
 
 @pytest.fixture(scope="session")
@@ -19,3 +22,10 @@ def renders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "renders"
     folder.mkdir(exist_ok=True)
     return folder
+
+
+@pytest.fixture
+def scripted(tmp_path: Path) -> Iterator[ScriptedService]:
+    scripted = ScriptedService(tmp_path)
+    yield scripted
+    scripted.close()

@@ -203,8 +203,8 @@ def scene(nearest_cm: int | None, at: int = 0) -> np.ndarray:
 
 
 def echoed(kind: str, deaf: bool, seconds: float, values: np.ndarray, own: np.ndarray | None = None) -> EchoCheck:
-    """Messages at 10 Hz to an autopilot that was asked to send its obstacles back at 2 Hz; own: what it is told
-    instead by somebody else."""
+    """Messages at 10 Hz to an autopilot that was asked to send its obstacles back at 2 Hz; own: what another
+    sender sends it instead."""
     streams = {330: 2.0} if kind == PX4 else {132: 2.0}
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, streams=streams))
     autopilot.deaf = deaf

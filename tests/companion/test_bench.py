@@ -80,17 +80,17 @@ def test_the_command_prints_a_table_and_a_verdict(warm: None, capsys: pytest.Cap
 
 def test_json_holds_every_figure(warm: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--frames", "10", "--size", "160x120", "--hz", "5", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["size_px"] == [160, 120]
-    assert told["camera_hz"] == 5.0
-    assert set(told["views"]) == {"street", "trees"}
-    for view in told["views"].values():
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["size_px"] == [160, 120]
+    assert printed["camera_hz"] == 5.0
+    assert set(printed["views"]) == {"street", "trees"}
+    for view in printed["views"].values():
         assert 0.0 < view["wall_p50_ms"] <= view["wall_p95_ms"] <= view["wall_p99_ms"]
         assert view["frames_per_second"] == pytest.approx(1000.0 / view["wall_p50_ms"], rel=0.01)
         assert view["planes"] > 0
         assert view["stages_cpu_ms"]["level"] > 0.0
-    slowest = max(v["wall_p99_ms"] for v in told["views"].values())
-    assert told["used_share"] == pytest.approx(slowest * 5.0 / 1000.0, abs=1e-4)
+    slowest = max(v["wall_p99_ms"] for v in printed["views"].values())
+    assert printed["used_share"] == pytest.approx(slowest * 5.0 / 1000.0, abs=1e-4)
 
 
 def test_kernels_that_cannot_be_made_ready_are_reported(
@@ -105,7 +105,7 @@ def test_kernels_that_cannot_be_made_ready_are_reported(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "printed"),
     [
         (["--size", "640"], "such as 640x480"),
         (["--size", "16x9000"], "64..4096"),
@@ -114,9 +114,9 @@ def test_kernels_that_cannot_be_made_ready_are_reported(
         (["--hz", "0"], "expected 0.1..1000"),
     ],
 )
-def test_wrong_use_is_reported(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_use_is_reported(words: list[str], printed: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", *words]) == 2
-    assert told in capsys.readouterr().err
+    assert printed in capsys.readouterr().err
 
 
 def test_parameters_come_from_a_configuration(warm: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -190,9 +190,9 @@ def test_a_sector_in_view_that_was_not_seen_clear_stops_ardupilot_unless_told_ot
     values = BlindPolicy(AVOID).values(sight(nothing, seeing=FRONT), STOP, NS)
     assert values is not None
     assert values[0] == 212
-    told = BlindPolicy(replace(AVOID, unseen="unknown")).values(sight(nothing, seeing=FRONT), STOP, NS)
-    assert told is not None
-    assert told[0] == UNKNOWN
+    decided = BlindPolicy(replace(AVOID, unseen="unknown")).values(sight(nothing, seeing=FRONT), STOP, NS)
+    assert decided is not None
+    assert decided[0] == UNKNOWN
 
 
 # ---- PX4 with known CP_DIST -------------------------------------------------------------------------------------------

@@ -98,9 +98,9 @@ class Flight:
             if step % 5 == 0:
                 if self.x_m < self.dies_at_m:
                     self._see(step // 5, position)
-                told = self.builder.decide(self.autopilot, self.now_ns)
-                if told.values is not None:
-                    self.reader.read(obstacle_distance_message(told.values, 0, self.avoid), self.now_ns)
+                report = self.builder.decide(self.autopilot, self.now_ns)
+                if report.values is not None:
+                    self.reader.read(obstacle_distance_message(report.values, 0, self.avoid), self.now_ns)
             self._move(0.02)
             self.track.append((self.x_m, self.speed_m_s))
 

@@ -211,13 +211,13 @@ def test_ardupilot_stops_before_a_wall_of_points_and_receives_the_ground_distanc
     with flying(ARDUPILOT, "udp", 13.5, avoid) as (vehicle, companion, running):
         fly_on(facade(), vehicle, companion, running, stands_beyond_m=20.0 - MARGIN_M - 2.5)
         assert 20.0 - MARGIN_M - 2.5 < vehicle.farthest_m <= 20.0 - MARGIN_M + 0.1
-        told = running.change(lambda a: list(a.received))
-        kinds = {m.get_type() for m in told}
+        sent = running.change(lambda a: list(a.received))
+        kinds = {m.get_type() for m in sent}
         assert "OBSTACLE_DISTANCE_3D" in kinds
         assert "OBSTACLE_DISTANCE" not in kinds
         said = companion.avoidance.diagnostics(time.monotonic_ns())
         assert "obstacles_not_accepted" not in [d.code for d in said]  # its echoes are those of OBSTACLE_DISTANCE
-        down = [m.current_distance for m in told if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
+        down = [m.current_distance for m in sent if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
         assert down
         assert all(abs(cm - 150) < 25 for cm in down)
         blind_ns = time.monotonic_ns() + NS

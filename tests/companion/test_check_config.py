@@ -108,12 +108,12 @@ def test_json_holds_every_difference_with_its_mark(tmp_path: Path, capsys: pytes
     path = tmp_path / "all.toml"
     path.write_text(EVERY_SECTION)
     assert call(str(path), "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["changes"]["avoid"]["clear_share"] == {"value": 0.5, "default": 0.8, "unit": "", "safety": True}
-    assert told["changes"]["camera front"]["pitch_deg"] == {
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["changes"]["avoid"]["clear_share"] == {"value": 0.5, "default": 0.8, "unit": "", "safety": True}
+    assert printed["changes"]["camera front"]["pitch_deg"] == {
         "value": -10.0, "default": None, "unit": "deg", "safety": False,
     }  # fmt: skip
-    assert set(told["changes"]) == {
+    assert set(printed["changes"]) == {
         "extractor", "expert", "sync", "output", "avoid", "autopilot", "publish", "world", "record", "supervision", "service",
         "camera front",
     }  # fmt: skip

@@ -89,8 +89,8 @@ def test_the_service_sends_its_status_once_a_second_where_configured(
             assert until(lambda: count("HEARTBEAT") > 0)
             before = count("HEARTBEAT")
             assert until(lambda: count("HEARTBEAT") >= before + 5)
-            told = count("ONBOARD_COMPUTER_STATUS")
-            assert (3 <= told <= before + 7) if asked else told == 0
+            statuses = count("ONBOARD_COMPUTER_STATUS")
+            assert (3 <= statuses <= before + 7) if asked else statuses == 0
             assert live.stop() == 0
         finally:
             live.close()

@@ -133,12 +133,12 @@ def test_no_file(tmp_path: Path) -> None:
 
 @given(text=st.text(max_size=60))
 def test_a_damaged_text_in_a_log_is_refused_or_whole(text: str) -> None:
-    config, told = None, ()
+    config, found_problems = None, ()
     try:
         config = config_from_text(text)
     except ConfigError as error:
-        told = error.problems
-    assert config == Config() if not told else config is None
+        found_problems = error.problems
+    assert config == Config() if not found_problems else config is None
 
 
 NUMBERS = [f for f in fields(Params) if "min" in f.metadata and f.type == "float"]

@@ -39,7 +39,7 @@ def seeing(first: FrameModel = CLEAR) -> Chain:
 def one_frame(chain: Chain, found: FrameModel) -> None:
     chain.sees.found = found
     chain.fly(0.1)
-    chain.told()
+    chain.report()
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
@@ -95,7 +95,7 @@ def test_another_place_confirms_nothing(other: FrameModel) -> None:
     chain = seeing()
     one_frame(chain, pole(3.0, 3))
     one_frame(chain, other)
-    values = chain.told().values
+    values = chain.report().values
     assert values is not None
     assert not (values < 1200).any()
 
@@ -199,7 +199,7 @@ def test_a_kept_sector_is_gone_when_no_further_frame_comes() -> None:
     assert chain.ahead() == CLEAR_CM
     chain.fly(0.02, frames=False)
     assert chain.ahead() == UNKNOWN, "160 ms after it was last seen"
-    assert not chain.told().blind
+    assert not chain.report().blind
 
 
 def test_a_sector_is_not_kept_after_a_missing_frame() -> None:

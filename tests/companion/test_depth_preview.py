@@ -119,12 +119,12 @@ def test_a_listener_gets_each_camera_no_more_often_than_asked(
         message = pb.DepthPreview.FromString(ear.recv())
         got[message.camera] = message
     assert set(got) == {"front", "rear"}
-    told = got["front"]
+    preview = got["front"]
     sent = frame(3).depth_mm
-    assert (told.schema_version, told.sequence, told.width_px, told.height_px) == (1, 3, 320, 240)
-    assert np.array_equal(np.frombuffer(told.depth_mm, "<u2").reshape(240, 320), subsample(sent))
-    assert 40_000_000 <= told.publication.age_ns < 60_000_000_000
-    assert told.publication.boot_id == "this boot"
+    assert (preview.schema_version, preview.sequence, preview.width_px, preview.height_px) == (1, 3, 320, 240)
+    assert np.array_equal(np.frombuffer(preview.depth_mm, "<u2").reshape(240, 320), subsample(sent))
+    assert 40_000_000 <= preview.publication.age_ns < 60_000_000_000
+    assert preview.publication.boot_id == "this boot"
 
 
 def test_without_an_address_there_is_none(context: Context) -> None:

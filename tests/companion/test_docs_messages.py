@@ -30,9 +30,9 @@ def test_every_field_is_documented(name):
 
 def test_every_cause_is_documented_with_its_number():
     page = (CHECKOUT / "docs" / "reference" / "diagnostics.md").read_text(encoding="utf-8")
-    told = set(re.findall(r"^\| `(\w+)` \| (\d+) \|", page, re.MULTILINE))
+    documented = set(re.findall(r"^\| `(\w+)` \| (\d+) \|", page, re.MULTILINE))
     causes = {(pb.Cause.Name(n).removeprefix("CAUSE_").lower(), str(n)) for n in pb.Cause.values() if n}
-    assert causes - told == set()
+    assert causes - documented == set()
 
 
 def test_the_colours_are_documented():

@@ -131,8 +131,8 @@ def test_a_check_that_fails(prisms: Path, tmp_path: Path) -> None:
 def test_info(prisms: Path) -> None:
     done = companion("info", prisms, "--json")
     assert (done.status, done.err) == (0, "")
-    told = done.json()
-    assert {t["topic"]: t["messages"] for t in told["topics"]}["/camera/front/prisms"] == FRAMES
+    printed = done.json()
+    assert {t["topic"]: t["messages"] for t in printed["topics"]}["/camera/front/prisms"] == FRAMES
     assert "10 valid frames" in companion("info", prisms).out
 
 
@@ -140,10 +140,10 @@ def test_info(prisms: Path) -> None:
 def test_view(prisms: Path, tmp_path: Path) -> None:
     done = companion("view", prisms, "-o", tmp_path / "view", "--every", "5", "--json")
     assert (done.status, done.err) == (0, "")
-    told = done.json()
-    assert (told["frames"], told["valid"], told["damage"]) == (FRAMES, FRAMES, None)
-    assert len(told["pictures"]) == 2
-    assert all(Path(p).stat().st_size > 10_000 for p in [*told["pictures"], told["page"]])
+    printed = done.json()
+    assert (printed["frames"], printed["valid"], printed["damage"]) == (FRAMES, FRAMES, None)
+    assert len(printed["pictures"]) == 2
+    assert all(Path(p).stat().st_size > 10_000 for p in [*printed["pictures"], printed["page"]])
 
 
 @pytest.mark.process

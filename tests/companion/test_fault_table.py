@@ -95,7 +95,7 @@ class Flown:
                 if output.valid and not self.words and not self.repeats:
                     self.good_ns = now_ns
 
-    def told(self, since_ns: int = 0) -> list[tuple[int, int, list[int]]]:
+    def sent_reports(self, since_ns: int = 0) -> list[tuple[int, int, list[int]]]:
         """(decided, received, values) of each message: the instant of the decision is in it."""
 
         def those(autopilot: SimulatedAutopilot) -> list[tuple[int, int, list[int]]]:
@@ -103,12 +103,12 @@ class Flown:
             times = autopilot.obstacle_times_ns
             return [(1000 * m.time_usec, t, list(m.distances)) for m, t in zip(messages, times, strict=True)]
 
-        return [told for told in self.line.change(those) if told[0] >= since_ns]
+        return [sent_reports for sent_reports in self.line.change(those) if sent_reports[0] >= since_ns]
 
     def sees(self) -> bool:
         """Whether it reports the sectors ahead as clear."""
-        told = self.told()
-        return bool(told) and told[-1][2][0] == CLEAR_CM
+        sent_reports = self.sent_reports()
+        return bool(sent_reports) and sent_reports[-1][2][0] == CLEAR_CM
 
     def comes_to_see(self) -> bool:
         """Flies until it does."""
@@ -182,7 +182,7 @@ def test_a_blind_service_sends_nothing_clear_from_0_4_s_on(flown: Flown, fault: 
         deadline_ns = min(flown.good_ns, broken_ns) + 400_000_000
         if fault == "the image is frozen":  # a busy machine needs longer for four frames
             deadline_ns = max(deadline_ns, flown.judged_ns)
-        late = flown.told(deadline_ns)
+        late = flown.sent_reports(deadline_ns)
         allowed = {PX4_WALL_CM} if flown.kind == PX4 else {WALL_CM}
         assert late
         assert {values[i] for _, _, values in late for i in (71, 0, 1)} == allowed, late[0]
@@ -200,7 +200,7 @@ def test_an_armed_autopilot_without_heartbeats_still_receives_obstacles(flown: F
     mute_ns = time.monotonic_ns()
     try:
         flown.fly(4.5)
-        late = flown.told(mute_ns + 5 * NS // 10)
+        late = flown.sent_reports(mute_ns + 5 * NS // 10)
         allowed = {PX4_WALL_CM} if flown.kind == PX4 else {WALL_CM}
         assert late
         assert {values[i] for _, _, values in late for i in (71, 0, 1)} == allowed
@@ -233,7 +233,7 @@ def test_other_senders_do_not_make_a_blind_service_send_clear(flown: Flown) -> N
         for _ in range(6):
             flown.line.change(lambda a: [a.relay(data) for data in words])
             flown.fly(0.2)
-        late = flown.told(died_ns + 400_000_000)
+        late = flown.sent_reports(died_ns + 400_000_000)
         assert late
         assert {values[i] for _, _, values in late for i in (71, 0, 1)} == (
             {PX4_WALL_CM} if flown.kind == PX4 else {WALL_CM}
@@ -255,7 +255,7 @@ def test_a_forged_kind_of_autopilot_brings_the_wall_and_no_silence(flown: Flown)
         for _ in range(14):
             flown.line.change(lambda a: a.relay(beat))
             flown.fly(0.2)
-        late = flown.told(died_ns + NS)
+        late = flown.sent_reports(died_ns + NS)
         assert late[-1][0] - died_ns > 2.3 * NS  # PX4's policy would be silent by then
         assert all(values[0] < 1200 for _, _, values in late)
     finally:

@@ -80,13 +80,13 @@ def test_what_is_sent_when_blind_is_the_same_in_each_mode(
             avoidance.tick(t_ns)
             for name_of, value in (("OA_TYPE", oa_type), ("AVOID_MARGIN", 3.0)):
                 avoidance.message(dialect.MAVLink_param_value_message(name_of.encode(), value, 9, 1, 0), t_ns)
-    told = avoidance._builder.decide(avoidance._autopilot(), 10 * NS)
-    assert told.values is not None
-    ahead = set(np.unique(told.values[[0, 1, 2, 70, 71]]))
+    decided = avoidance._builder.decide(avoidance._autopilot(), 10 * NS)
+    assert decided.values is not None
+    ahead = set(np.unique(decided.values[[0, 1, 2, 70, 71]]))
     margin_m = 2.0 if oa_type is None else 3.0
     wall = int(100 * (margin_m - AVOID.stop_inside_m) / np.cos(np.pi / 8))
     assert ahead == ({UNKNOWN} if kind == "PX4" else {wall})
-    assert told.policy == ("unknown" if kind == "PX4" else "stop")
+    assert decided.policy == ("unknown" if kind == "PX4" else "stop")
 
 
 def test_the_mode_is_said_once_and_again_when_it_changes() -> None:

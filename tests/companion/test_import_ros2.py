@@ -42,7 +42,7 @@ def test_depth_of_every_kind(encoding: str, big_endian: bool, padding: int, tmp_
     frames = frames_of(out)
     assert len(frames) == 2
     for number, frame in enumerate(frames):
-        assert frame.depth_mm[0, :5].tolist() == [0, 0, 0, 0, 0]  # not told, saturated, "far", infinite, beyond
+        assert frame.depth_mm[0, :5].tolist() == [0, 0, 0, 0, 0]  # unmeasured, saturated, "far", infinite, beyond
         assert np.array_equal(frame.depth_mm[1:], expected_depth(number)[1:])
 
 

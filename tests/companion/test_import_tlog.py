@@ -136,10 +136,10 @@ def test_a_real_log_beside_real_frames(shared_data: Path, tmp_path: Path, capsys
     for words in (["--no-tlog"], ["--tlog-epoch", "1700000000"], []):
         assert main(["import", source, "-o", str(tmp_path / "o.mcap"), *words]) == 0
         found.append({a.t_ns: a.q_ned_frd_wxyz for a in attitudes(list(events_of(tmp_path / "o.mcap")))})
-    rows, told, derived = found
-    assert told == derived
+    rows, logged, derived = found
+    assert logged == derived
     assert "t_ns 0 is at unix 1700000000.000 s" in capsys.readouterr().out
-    shared = set(rows) & set(told)
+    shared = set(rows) & set(logged)
     assert len(shared) == 100
     for t in shared:
-        assert rows[t] == pytest.approx(told[t], abs=2e-6)
+        assert rows[t] == pytest.approx(logged[t], abs=2e-6)

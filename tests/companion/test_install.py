@@ -95,9 +95,9 @@ def test_a_configuration_that_is_there_stays_unless_it_is_to_go(
 
 def test_told_beforehand_and_nothing_done(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["install", "--root", str(image), "-c", OAK, "--dry-run", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["dry_run"]
-    assert [s["already"] for s in told["steps"]] == [False] * 6
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["dry_run"]
+    assert [s["already"] for s in printed["steps"]] == [False] * 6
     assert list((image / "etc").iterdir()) == []
     assert main(["install", "--dry-run", "-c", OAK]) == 0
     assert any("warm" in line or "compile" in line for line in said(capsys, "would"))

@@ -89,8 +89,8 @@ def test_a_change_in_a_called_kernel_is_noticed(tmp_path: Path) -> None:
 
 
 def test_every_module_of_the_service_has_it(tmp_path: Path) -> None:
-    told = python("import companion.pipeline.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
-    assert Path(told) == tmp_path / f"kernels-{source_key(jit_cache.ROOT)}"
+    printed = python("import companion.pipeline.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
+    assert Path(printed) == tmp_path / f"kernels-{source_key(jit_cache.ROOT)}"
     assert python("import companion.cli, sys; print('numba' in sys.modules)", tmp_path) == "False"
 
 

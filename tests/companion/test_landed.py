@@ -62,10 +62,10 @@ def test_what_is_near_on_the_ground_is_not_seen_and_not_clear(kind: str) -> None
     chain = Chain(NEAR)
     chain.fly(1.0)
     flying = AutopilotNow(kind=kind, margin_m=2.0)
-    before = chain.told(flying).values
+    before = chain.report(flying).values
     assert before is not None
     assert before[0] == 21
-    standing = chain.told(replace(flying, on_ground=True)).values
+    standing = chain.report(replace(flying, on_ground=True)).values
     assert standing is not None
     assert (standing > ARMING_WANTS_CM).all()
     assert standing[0] in ({UNKNOWN} if kind == "PX4" else {212, 213})

@@ -42,9 +42,9 @@ def told_margin(part: Avoidance, value: float) -> None:
 
 def nearest_wall_m(part: Avoidance) -> float:
     """Of the very first decision."""
-    told = part._builder.decide(part._autopilot(), 10 * NS)
-    assert told.values is not None
-    return float(told.values.min()) / 100.0
+    decided = part._builder.decide(part._autopilot(), 10 * NS)
+    assert decided.values is not None
+    return float(decided.values.min()) / 100.0
 
 
 def test_the_first_wall_after_a_restart_is_not_nearer_than_the_margin(tmp_path: Path) -> None:

@@ -15,112 +15,27 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import zmq
 from google.protobuf.message import Message
 
 from companion.cli import main
-from companion.live.depth_preview import DepthPreviews
-from companion.pipeline.encode import blind_message, prisms_message
-from companion.pipeline.results import PrismsResult
-from companion.pipeline.sync import AttitudeAt, DropCause, Source
-from companion.pipeline.transform import LevelTransform, transform_model
-from companion.streams.publisher import Publisher, Stream
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
 from companion.viewer.subscriber import LiveSubscriber, Streams
-from core.frames import level_from_level_cam, quaternion_from_euler, rotation_from_quaternion
-from core.types import CameraInfo, DepthFrame
+from core.types import CameraInfo
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_message
-from osape_client.boot import boot_id
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import until
-from .view_scenes import INFO, model
+from .scripted_service import WALL, YAW_RAD, ScriptedService
+from .view_scenes import INFO
 
 pytestmark = pytest.mark.process
 
-WALL = [4.0, -1.0, 4.0, 1.0, -0.6, 0.8]
-YAW_RAD = 0.7
-
-
-class Told:
-    """A service that publishes given messages."""
-
-    def __init__(self, folder: Path) -> None:
-        self.streams = Streams(
-            prisms=f"ipc://{folder}/prisms", health=f"ipc://{folder}/health", depth=f"ipc://{folder}/depth"
-        )
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._prisms, self._health = (
-            Publisher(Stream(name, getattr(self.streams, name)), self._context) for name in ("prisms", "health")
-        )
-        self.previews = DepthPreviews(15.0, boot_id())
-        self.previews.open(self.streams.depth, self._context)
-        self.sequence = 0
-
-    def health(self) -> None:
-        report = pb.Health(schema_version=1, state=pb.Health.STATE_ACTIVE, number=self.sequence)
-        report.cameras.add(camera="front", condition="running", required=True, hz=30.0, info=camera_message(INFO))
-        self.publish_health(report)
-
-    def publish_health(self, report: pb.Health) -> None:
-        self._health.publish(report)
-
-    def message(self, age_ns: int = 60_000_000) -> pb.PrismsFrame:
-        """A wall 4 m ahead, seen with the nose to 0.7 rad."""
-        self.sequence += 1
-        t_ns = time.monotonic_ns() - age_ns
-        q = quaternion_from_euler(0.0, 0.0, YAW_RAD)
-        yaw, at = level_from_level_cam(rotation_from_quaternion(q), INFO.mount)
-        step = LevelTransform(yaw, (float(at[0]), float(at[1]), float(at[2])))
-        result = PrismsResult(
-            camera="front", sequence=self.sequence, t_exposure_ns=t_ns, t_arrival_ns=t_ns, frame="level",
-            model=transform_model(model([WALL]), step), attitude=AttitudeAt(q, Source.EXACT, 0), transform=step, drop=DropCause.NONE,
-        )  # fmt: skip
-        message = prisms_message(result)
-        message.publication.boot_id, message.publication.age_ns = boot_id(), age_ns
-        return message
-
-    def publish(self, message: pb.PrismsFrame) -> None:
-        self._prisms.publish(message)
-
-    def frame(self, depth: bool = False, age_ns: int = 60_000_000) -> None:
-        """Says what it sees; depth: its image too, where somebody wants it."""
-        message = self.message(age_ns)
-        self.publish(message)
-        t_ns = message.t_exposure_ns
-        if depth:
-            depth_mm = np.full((240, 320), 4000, np.uint16)
-            self.previews.show(
-                DepthFrame(
-                    camera="front", sequence=self.sequence, t_exposure_ns=t_ns, t_arrival_ns=t_ns, depth_mm=depth_mm
-                )
-            )
-
-    def blind(self, cause: str, camera: str = "front") -> None:
-        self._prisms.publish(blind_message(camera, self.sequence, time.monotonic_ns(), cause))
-
-    def nonsense(self) -> None:
-        self._prisms.publish(b"\xff\xff\xff\xff")
-
-    def close(self) -> None:
-        self.previews.close()
-        self._prisms.close()
-        self._health.close()
-        self._context.destroy(linger=0)
-
 
 @pytest.fixture
-def told(tmp_path: Path) -> Iterator[Told]:
-    told = Told(tmp_path)
-    yield told
-    told.close()
-
-
-@pytest.fixture
-def page(told: Told) -> Iterator[LivePage]:
-    subscriber = LiveSubscriber(told.streams)
+def page(scripted: ScriptedService) -> Iterator[LivePage]:
+    subscriber = LiveSubscriber(scripted.streams)
     subscriber.open()
     yield LivePage(subscriber, "test")
     subscriber.close()
@@ -131,13 +46,13 @@ def news(page: LivePage, name: str = "", after: int = 0) -> dict[str, Any]:
     return answer
 
 
-def shown(told: Told, page: LivePage, depth: bool = False) -> dict[str, Any]:
+def shown(scripted: ScriptedService, page: LivePage, depth: bool = False) -> dict[str, Any]:
     """Speaks until a frame arrives (joining takes a moment); the answer that holds it."""
     got: list[dict[str, Any]] = []
 
     def look() -> bool:
-        told.health()
-        told.frame(depth)
+        scripted.health()
+        scripted.frame(depth)
         answer = news(page)
         if answer["frames"] and bool(answer["frames"][0]["depth"]) is depth and not answer["cameras"][0]["blind"]:
             got.append(answer)
@@ -147,14 +62,14 @@ def shown(told: Told, page: LivePage, depth: bool = False) -> dict[str, Any]:
     return got[0]
 
 
-def quiet(told: Told, page: LivePage, answer: dict[str, Any]) -> dict[str, Any]:
+def quiet(scripted: ScriptedService, page: LivePage, answer: dict[str, Any]) -> dict[str, Any]:
     """An answer after all that was said has been shown; nobody speaks any more."""
 
     def settled() -> bool:
         with page.subscriber.changed:
             camera = page.subscriber.cameras["front"]
             s, m = camera.shown, camera.newest
-            return s is not None and m is not None and (s.message.sequence == told.sequence or not m.valid)
+            return s is not None and m is not None and (s.message.sequence == scripted.sequence or not m.valid)
 
     assert until(settled)
     return news(page, answer["name"], page.subscriber.number)
@@ -174,8 +89,8 @@ def test_without_a_service_it_is_said_what_is_missing(tmp_path: Path) -> None:
     ]
 
 
-def test_a_frame_is_drawn_where_it_stands_and_its_age_is_reported(told: Told, page: LivePage) -> None:
-    answer = shown(told, page)
+def test_a_frame_is_drawn_where_it_stands_and_its_age_is_reported(scripted: ScriptedService, page: LivePage) -> None:
+    answer = shown(scripted, page)
     (frame,), (camera,) = answer["frames"], answer["cameras"]
     assert frame["standing"] == "VALID"
     assert np.allclose(np.array(frame["planes"]) / 100.0, WALL, atol=0.011)
@@ -187,35 +102,35 @@ def test_a_frame_is_drawn_where_it_stands_and_its_age_is_reported(told: Told, pa
     assert "camera front: running, 30.0 Hz" in "\n".join(answer["service"]["lines"])
 
 
-def test_depth_is_paired_with_its_own_frame(told: Told, page: LivePage) -> None:
-    frame = shown(told, page, depth=True)["frames"][0]
+def test_depth_is_paired_with_its_own_frame(scripted: ScriptedService, page: LivePage) -> None:
+    frame = shown(scripted, page, depth=True)["frames"][0]
     png = cv2.imdecode(np.frombuffer(b64decode(frame["depth"]), np.uint8), cv2.IMREAD_UNCHANGED)
     assert png.shape == (240, 320)
     assert 1 <= int(png[0, 0]) <= 254
     assert np.all(png == png[0, 0])
-    told.frame()  # newer, without an image
-    assert until(lambda: page.subscriber.cameras["front"].newest.sequence == told.sequence)
+    scripted.frame()  # newer, without an image
+    assert until(lambda: page.subscriber.cameras["front"].newest.sequence == scripted.sequence)
     paired = news(page)["frames"][0]
-    assert paired["sequence"] < told.sequence
+    assert paired["sequence"] < scripted.sequence
     assert paired["depth"]
 
 
-def test_depth_is_asked_for_only_while_a_page_asks(told: Told, page: LivePage) -> None:
-    shown(told, page, depth=True)
+def test_depth_is_asked_for_only_while_a_page_asks(scripted: ScriptedService, page: LivePage) -> None:
+    shown(scripted, page, depth=True)
     page.subscriber.watch(0.0)
 
     def quiet() -> bool:
-        before = told.previews.sent
+        before = scripted.previews.sent
         time.sleep(0.08)  # longer than from one image to the next
-        told.frame(depth=True)
-        return told.previews.sent == before
+        scripted.frame(depth=True)
+        return scripted.previews.sent == before
 
     assert until(quiet)
 
 
-def test_a_blind_camera_is_shown_at_once_and_only_once(told: Told, page: LivePage) -> None:
-    before = shown(told, page)
-    told.blind("lost: its process has ended")
+def test_a_blind_camera_is_shown_at_once_and_only_once(scripted: ScriptedService, page: LivePage) -> None:
+    before = shown(scripted, page)
+    scripted.blind("lost: its process has ended")
     began_s = time.monotonic()
     answer = news(page, before["name"], before["number"])
     while not answer["frames"] or answer["frames"][0]["standing"] != "BLIND":
@@ -227,27 +142,27 @@ def test_a_blind_camera_is_shown_at_once_and_only_once(told: Told, page: LivePag
     assert frame["depth"] is None
     assert answer["cameras"][0]["blind"] == "lost: its process has ended"
     assert answer["cameras"][0]["code"] == "camera"
-    told.blind("lost: its process has ended")
-    assert quiet(told, page, answer)["number"] == answer["number"]
+    scripted.blind("lost: its process has ended")
+    assert quiet(scripted, page, answer)["number"] == answer["number"]
 
 
-def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(told: Told, page: LivePage) -> None:
-    shown(told, page)
+def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(scripted: ScriptedService, page: LivePage) -> None:
+    shown(scripted, page)
     assert until(lambda: news(page)["cameras"][0]["blind"], 5.0)
     words = "no message from the service for "
     assert until(lambda: news(page)["cameras"][0]["blind"].startswith(words), 5.0)
     assert news(page)["cameras"][0]["code"] == "no_current_message"
 
 
-def test_of_two_cameras_each_is_reported_for_itself(told: Told, page: LivePage) -> None:
+def test_of_two_cameras_each_is_reported_for_itself(scripted: ScriptedService, page: LivePage) -> None:
     def both() -> bool:
         report = pb.Health(schema_version=1, state=pb.Health.STATE_BLIND)
         for camera in ("front", "rear"):
             info = camera_message(replace(INFO, camera=camera))
             report.cameras.add(camera=camera, condition="running", required=True, info=info)
-        told.publish_health(report)
-        told.frame()
-        told.blind("silent: no notification of its process", "rear")
+        scripted.publish_health(report)
+        scripted.frame()
+        scripted.blind("silent: no notification of its process", "rear")
         now = news(page)
         return len(now["frames"]) == 2 and sum(not camera["blind"] for camera in now["cameras"]) == 1
 
@@ -261,36 +176,36 @@ def test_of_two_cameras_each_is_reported_for_itself(told: Told, page: LivePage) 
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_feed_that_has_ended_is_no_clear_view(told: Told, page: LivePage) -> None:
-    shown(told, page)
+def test_a_feed_that_has_ended_is_no_clear_view(scripted: ScriptedService, page: LivePage) -> None:
+    shown(scripted, page)
 
     def broken(message: Message, info: CameraInfo | None) -> None:
         raise RuntimeError("a defect")
 
     page.subscriber.on_message = broken
-    told.frame()
+    scripted.frame()
     assert until(lambda: not page.subscriber.running)
     assert until(lambda: news(page)["cameras"][0]["blind"] == "companion view does not receive any more: restart it")
 
 
-def test_an_old_exposure_is_blind_however_fresh_the_message(told: Told, page: LivePage) -> None:
-    shown(told, page)
+def test_an_old_exposure_is_blind_however_fresh_the_message(scripted: ScriptedService, page: LivePage) -> None:
+    shown(scripted, page)
 
     def old() -> bool:
-        told.health()
-        told.frame(age_ns=900_000_000)
+        scripted.health()
+        scripted.frame(age_ns=900_000_000)
         return "the newest frame is 0.9 s old" in news(page)["cameras"][0]["blind"]
 
     assert until(old)
 
 
-def test_numbers_that_do_not_fit_are_blind(told: Told, page: LivePage) -> None:
-    shown(told, page)
-    broken = told.message()
+def test_numbers_that_do_not_fit_are_blind(scripted: ScriptedService, page: LivePage) -> None:
+    shown(scripted, page)
+    broken = scripted.message()
     broken.planes.corners_m.append(1.0)
 
     def told_blind() -> bool:
-        told.publish(broken)
+        scripted.publish(broken)
         answer = news(page)
         return bool(answer["frames"]) and "is inconsistent" in answer["frames"][0]["cause"]
 
@@ -301,15 +216,15 @@ def test_numbers_that_do_not_fit_are_blind(told: Told, page: LivePage) -> None:
     assert answer["cameras"][0]["blind"]
 
 
-def test_foreign_bytes_are_named_and_have_no_effect(told: Told, page: LivePage) -> None:
-    shown(told, page)
-    told.nonsense()
+def test_foreign_bytes_are_named_and_have_no_effect(scripted: ScriptedService, page: LivePage) -> None:
+    shown(scripted, page)
+    scripted.nonsense()
     assert until(lambda: any("cannot be decoded as PrismsFrame" in line for line in news(page)["service"]["missing"]))
-    assert shown(told, page)["frames"]
+    assert shown(scripted, page)["frames"]
 
 
-def test_a_page_of_another_server_gets_all_again(told: Told, page: LivePage) -> None:
-    answer = quiet(told, page, shown(told, page))
+def test_a_page_of_another_server_gets_all_again(scripted: ScriptedService, page: LivePage) -> None:
+    answer = quiet(scripted, page, shown(scripted, page))
     assert news(page, "another", answer["number"])["frames"]
     assert news(page, answer["name"], answer["number"])["frames"] == []
 
@@ -359,7 +274,7 @@ def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> No
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "printed"),
     [
         (["--live", "flight.mcap"], "leave FILE.mcap"),
         (["--live", "-o", "x"], "leave FILE.mcap"),
@@ -368,6 +283,6 @@ def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> No
         (["--live", "--foxglove", "-1"], "expected 0..65535"),
     ],
 )
-def test_wrong_use_is_reported(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_use_is_reported(words: list[str], printed: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", *words]) == 2
-    assert told in capsys.readouterr().err
+    assert printed in capsys.readouterr().err

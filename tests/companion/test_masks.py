@@ -70,7 +70,7 @@ def flown(
     return builder, result, now_ns
 
 
-def told(builder: ObstacleReportBuilder, kind: str, now_ns: int) -> np.ndarray:
+def sectors_of(builder: ObstacleReportBuilder, kind: str, now_ns: int) -> np.ndarray:
     values = builder.decide(AutopilotNow(kind=kind, margin_m=2.0), now_ns).values
     assert values is not None
     return values
@@ -79,9 +79,9 @@ def told(builder: ObstacleReportBuilder, kind: str, now_ns: int) -> np.ndarray:
 def test_an_arm_is_an_obstacle_until_it_is_masked_and_then_unknown() -> None:
     builder, _, now_ns = flown()
     left = [65, 66, 67]  # 35 to 25 degrees to the left
-    assert (told(builder, "PX4", now_ns)[left] < 100).any()
+    assert (sectors_of(builder, "PX4", now_ns)[left] < 100).any()
     builder, result, now_ns = flown(ARM)
-    values = told(builder, "PX4", now_ns)
+    values = sectors_of(builder, "PX4", now_ns)
     assert (values >= 1001).all()  # no obstacle anywhere
     assert (values[left] == UNKNOWN).all()  # but nothing is clear behind the arm
     assert (values[0:4] == 1001).all()
@@ -93,21 +93,21 @@ def test_behind_a_mask_no_wall_stands_for_ever_and_in_a_blind_view_it_does() -> 
     """Masked sectors can never be clear: they count as unobserved. When the camera
     is blind, what is seen of them below the arm is gone too."""
     builder, _, now_ns = flown(ARM)
-    values = told(builder, "ArduPilot", now_ns)
+    values = sectors_of(builder, "ArduPilot", now_ns)
     assert (values[65:68] == UNKNOWN).all()
     assert (values[0:6] == 1001).all()
-    late = told(builder, "ArduPilot", now_ns + 500 * MS)
+    late = sectors_of(builder, "ArduPilot", now_ns + 500 * MS)
     assert (late[65:68] == 212).all()
     assert (late[0:6] == 212).all()
 
 
 def test_unmatched_columns_stand_in_nobodys_way() -> None:
     builder, _, now_ns = flown(unmatched_left_px=40, arm=False)
-    values = told(builder, "ArduPilot", now_ns)
+    values = sectors_of(builder, "ArduPilot", now_ns)
     assert (values[65:68] == UNKNOWN).all()
     assert (values[0:6] == 1001).all()
     walls, _, now_ns = flown(unmatched_left_px=None, arm=True)
-    assert (told(walls, "ArduPilot", now_ns)[65:68] < 1000).all()
+    assert (sectors_of(walls, "ArduPilot", now_ns)[65:68] < 1000).all()
 
 
 def test_an_obstacle_beside_and_below_a_mask_is_reported() -> None:

@@ -30,10 +30,10 @@ def by_hand(turn_deg: float, scene: str = "stones", pitch_deg: float = -8.0, sec
     return FlightPlan(name="by hand", scene=make_scene(scene, 2), path=FlightPath(rows), sensor=TYPICAL)
 
 
-def measured(plan: FlightPlan, told: CameraMount, count: int | None = None) -> MountMeasurement:
+def measured(plan: FlightPlan, configured: CameraMount, count: int | None = None) -> MountMeasurement:
     info = dataclasses.replace(camera_info(160, 120), mount=TRUE)
     flight = SimulatedFlight(plan, cameras=(info,), seed=3)
-    told_info: CameraInfo = dataclasses.replace(info, mount=told)
+    told_info: CameraInfo = dataclasses.replace(info, mount=configured)
     measurement = MountMeasurement(told_info, SyncParams(), CameraConfig(name="front", kind="simulated"))
     for i, event in enumerate(flight.events()):
         if count is not None and i >= count:
@@ -43,13 +43,13 @@ def measured(plan: FlightPlan, told: CameraMount, count: int | None = None) -> M
 
 
 @pytest.mark.parametrize(
-    "told",
+    "configured",
     [TRUE, CameraMount(), CameraMount(roll_rad=TRUE.roll_rad, pitch_rad=-TRUE.pitch_rad / 2.0)],
     ids=["right", "none", "sign"],
 )
-def test_the_lines_to_paste_hold_the_true_mount(told: CameraMount) -> None:
-    finding = finding_of(measured(by_hand(120.0), told))
-    assert finding.ok is (told == TRUE)
+def test_the_lines_to_paste_hold_the_true_mount(configured: CameraMount) -> None:
+    finding = finding_of(measured(by_hand(120.0), configured))
+    assert finding.ok is (configured == TRUE)
     assert finding.lines[:2] == ("[[camera]]", 'name = "front"')
     said = {key: float(value) for key, value in (line.split(" = ") for line in finding.lines[2:])}
     assert said["roll_deg"] == pytest.approx(1.0, abs=0.5)

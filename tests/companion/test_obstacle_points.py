@@ -68,7 +68,7 @@ def test_nothing_above_or_below_is_lost(
     avoid = replace(AVOID, radius_m=radius_m)
     planes = np.array([(ax, ay, bx, by, top, top + high) for ax, ay, bx, by, top, high, _ in walls])
     found = replace(model(*map(tuple, planes)), margin_m=np.array([w[-1] for w in walls], np.float32))
-    told = read(other_points([View(found, HERE)], avoid), avoid).layers_m(MS)
+    report = read(other_points([View(found, HERE)], avoid), avoid).layers_m(MS)
     nearest = np.full((LAYERS, 8), np.inf)
     for plane, margin in zip(found.planes.astype(float), found.margin_m, strict=True):
         for share in np.linspace(0.0, 1.0, 97):
@@ -86,15 +86,15 @@ def test_nothing_above_or_below_is_lost(
     for layer in (0, 1, 3, 4):
         for face in range(8):
             if nearest[layer, face] < avoid.max_distance_m - 0.4:
-                assert told[layer][face] <= max(nearest[layer, face], avoid.min_distance_m + 0.01) + 0.01
-    assert told[MIDDLE] == [math.inf] * 8  # is sent by the sectors alone
+                assert report[layer][face] <= max(nearest[layer, face], avoid.min_distance_m + 0.01) + 0.01
+    assert report[MIDDLE] == [math.inf] * 8  # is sent by the sectors alone
 
 
 def test_a_branch_above_the_band_is_sent_in_the_upper_layer_and_not_ahead() -> None:
     branch = (4.0, -1.0, 4.0, 1.0, -4.0, -3.0)  # 4 m ahead, from 3 to 4 m above
-    told = read(other_points([View(model(branch), HERE)], AVOID)).layers_m(MS)
-    assert told[3][0] == pytest.approx(5.0, abs=0.05)
-    assert [m for layer in told for m in layer].count(math.inf) == LAYERS * 8 - 1
+    report = read(other_points([View(model(branch), HERE)], AVOID)).layers_m(MS)
+    assert report[3][0] == pytest.approx(5.0, abs=0.05)
+    assert [m for layer in report for m in layer].count(math.inf) == LAYERS * 8 - 1
     behind = read(other_points([View(replace(model(branch), valid=False), HERE)], AVOID)).layers_m(MS)
     assert all(m == math.inf for layer in behind for m in layer)
 
@@ -123,7 +123,7 @@ def test_a_scan_counts_once_the_next_one_begins() -> None:
 
 def told_by(chain: Chain, autopilot: str) -> list[str]:
     now = ARDUPILOT if autopilot == "ArduPilot" else replace(PX4, kind=autopilot)
-    return [m.get_type() for m in messages_of(chain.told(now), autopilot, POINTS, chain.now_ns)]
+    return [m.get_type() for m in messages_of(chain.report(now), autopilot, POINTS, chain.now_ns)]
 
 
 def test_points_are_sent_to_ardupilot_only_and_only_where_enabled() -> None:
@@ -131,8 +131,8 @@ def test_points_are_sent_to_ardupilot_only_and_only_where_enabled() -> None:
     chain.fly(1.0)
     assert set(told_by(chain, "ArduPilot")) == {"OBSTACLE_DISTANCE_3D"}
     assert told_by(chain, "PX4") == told_by(chain, "ArduPilot or PX4") == ["OBSTACLE_DISTANCE"]
-    told = chain.told(ARDUPILOT)
-    assert [m.get_type() for m in messages_of(told, "ArduPilot", SENDS, 0)] == ["OBSTACLE_DISTANCE"]
+    report = chain.report(ARDUPILOT)
+    assert [m.get_type() for m in messages_of(report, "ArduPilot", SENDS, 0)] == ["OBSTACLE_DISTANCE"]
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -140,18 +140,18 @@ def test_a_blind_service_sends_the_wall_as_points_and_no_older_points(fault: str
     branch = (4.0, -1.0, 4.0, 1.0, -4.0, -3.0)
     chain = Chain(replace(model(branch, free_to_m=13.0, view_deg=72.0)), POINTS)
     chain.fly(1.0)
-    assert len(chain.told(ARDUPILOT).points_m) == 1
+    assert len(chain.report(ARDUPILOT).points_m) == 1
     broken(chain, fault, 0.4)
-    told = chain.told(ARDUPILOT)
+    report = chain.report(ARDUPILOT)
     flat, fence = ArduPilotReader(), ArduPilotReader()
-    flat.read(obstacle_distance_message(told.values, 0, POINTS), MS)
+    flat.read(obstacle_distance_message(report.values, 0, POINTS), MS)
     layers = ArduPilotLayers(fence)
     for k in range(2):
-        for message in messages_of(told, "ArduPilot", POINTS, (1000 + k) * MS):
+        for message in messages_of(report, "ArduPilot", POINTS, (1000 + k) * MS):
             layers.read(message, (1 + k) * MS)
     assert fence.faces_m(2 * MS) == pytest.approx(flat.faces_m(MS), abs=1e-5)
     assert fence.faces_m(2 * MS)[0] == pytest.approx(3.2)
-    assert len(told.points_m) == 0
+    assert len(report.points_m) == 0
     assert layers.layers_m(2 * MS)[3] == [math.inf] * 8
 
 

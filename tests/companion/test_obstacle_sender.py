@@ -82,11 +82,11 @@ class Chain:
                     if isinstance(output, PrismsResult) and deliver:
                         self.builder.result(output)
 
-    def told(self, autopilot: AutopilotNow = PX4) -> ObstacleReport:
+    def report(self, autopilot: AutopilotNow = PX4) -> ObstacleReport:
         return self.builder.decide(autopilot, self.now_ns)
 
     def ahead(self, autopilot: AutopilotNow = PX4) -> int | None:
-        values = self.told(autopilot).values
+        values = self.report(autopilot).values
         return None if values is None else int(values[0])
 
 
@@ -98,10 +98,10 @@ def test_it_sees_after_good_frames_in_a_row() -> None:
     assert chain.ahead() == UNKNOWN
     chain.fly(0.2)
     assert chain.ahead() == UNKNOWN
-    assert "not enough good frames" in chain.told().blind["front"]
+    assert "not enough good frames" in chain.report().blind["front"]
     chain.fly(0.2)
     assert chain.ahead() == 1201
-    assert chain.told().blind == {}
+    assert chain.report().blind == {}
 
 
 def broken(chain: Chain, fault: str, seconds: float) -> None:
@@ -130,12 +130,12 @@ def test_blind_is_on_the_wire_by_0_4_s_for_both_autopilots(fault: str, found: Fr
     broken(chain, fault, 0.4)
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
-    assert chain.told().blind["front"]
+    assert chain.report().blind["front"]
     broken(chain, fault, 1.9)
-    assert chain.told(PX4).values is None
+    assert chain.report(PX4).values is None
     assert chain.ahead(ARDUPILOT) == WALL
     broken(chain, fault, 600.0 if fault == "everything stands still" else 5.0)
-    assert chain.told(PX4).values is None
+    assert chain.report(PX4).values is None
     assert chain.ahead(ARDUPILOT) == WALL
 
 
@@ -149,7 +149,7 @@ def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps
     frozen["front"] = "frozen: the same image 5 times in a row"
     assert chain.ahead(PX4) == UNKNOWN  # at this very instant
     assert chain.ahead(ARDUPILOT) == WALL
-    assert chain.told().blind["front"].startswith("frozen")
+    assert chain.report().blind["front"].startswith("frozen")
     frozen["front"] = ""
     assert chain.ahead(PX4) == UNKNOWN  # not before some good frames
     chain.fly(0.5)
@@ -176,7 +176,7 @@ def test_it_comes_back_with_good_frames(fault: str) -> None:
     chain = Chain(CLEAR)
     chain.fly(1.0)
     broken(chain, fault, 3.0)
-    assert chain.told(PX4).values is None
+    assert chain.report(PX4).values is None
     chain.sees.found = CLEAR
     chain.fly(0.2)
     assert chain.ahead(ARDUPILOT) == WALL
@@ -213,7 +213,7 @@ def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> 
     chain.fly(0.2, frames=False)
     assert chain.position is not None
     assert chain.position[0] - exposed[0] == pytest.approx(1.0)
-    values = chain.told().values
+    values = chain.report().values
     assert values is not None
     obstacles = np.flatnonzero(values < 1200)
     assert values[68] == pytest.approx(670, abs=2)
@@ -225,7 +225,7 @@ def test_without_a_position_the_turn_alone_is_taken_into_account() -> None:
     chain.fly(1.0)
     chain.yaw_rad = math.radians(-30.0)
     chain.fly(0.2, frames=False)
-    values = chain.told().values
+    values = chain.report().values
     assert values is not None
     assert values[6] == pytest.approx(770, abs=2)
     assert values[0] >= 1200
@@ -244,7 +244,7 @@ def test_frames_of_a_camera_that_was_never_described_make_nothing_clear() -> Non
     chain.fly(1.0)
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
-    assert "intrinsics and mount are unknown" in chain.told().blind["front"]
+    assert "intrinsics and mount are unknown" in chain.report().blind["front"]
 
 
 @pytest.mark.parametrize("blind", ["stop", "unknown", "auto"])
@@ -259,9 +259,9 @@ def test_what_a_reader_needs_goes_by_the_reader_and_not_by_the_policy(
     poles = model(wall_at(5.0, 3.0, 0.02), wall_at(350.0, 8.0, 0.02), free_to_m=13.0, view_deg=72.0)
     chain = Chain(poles, replace(AVOID, blind=blind))
     chain.fly(1.0)
-    told = chain.told(AutopilotNow(kind=kind))
-    assert told.values is not None
-    message = obstacle_distance_message(told.values, 0, AVOID)
+    report = chain.report(AutopilotNow(kind=kind))
+    assert report.values is not None
+    message = obstacle_distance_message(report.values, 0, AVOID)
     if reader is Px4Reader:
         old = Px4Reader(10)
         old.read(message, NS)
@@ -288,7 +288,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
     good = chain.builder._newest["front"]
     chain.builder.result(replace(good, model=found))  # none of ours, which the pipeline refuses
     assert chain.ahead(PX4) == UNKNOWN
-    assert "not finite" in chain.told().blind["front"]
+    assert "not finite" in chain.report().blind["front"]
     chain.builder.result(good)
     chain.sees.found = found
     with warnings.catch_warnings():
@@ -296,7 +296,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
         chain.fly(0.2)
         assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
-    assert "not finite" in chain.told().blind["front"]
+    assert "not finite" in chain.report().blind["front"]
     result = chain.builder._newest["front"]
     assert not result.valid
     assert result.model is not None
@@ -314,7 +314,7 @@ def test_a_frame_stamped_in_the_future_ages_from_its_arrival() -> None:
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
     chain.fly(2.0, frames=False)
-    assert chain.told(PX4).values is None
+    assert chain.report(PX4).values is None
 
 
 def test_a_remembered_obstacle_outlives_the_attitude() -> None:
@@ -322,7 +322,7 @@ def test_a_remembered_obstacle_outlives_the_attitude() -> None:
     chain.fly(1.0)
     assert chain.ahead(ARDUPILOT) == 170
     chain.fly(1.0, attitudes=False)
-    assert "attitude" in chain.told().blind["front"]
+    assert "attitude" in chain.report().blind["front"]
     assert chain.ahead(ARDUPILOT) == 170
 
 
@@ -331,16 +331,16 @@ def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> 
     chain = Chain(CLEAR)
     chain.fly(1.0)
     chain.builder.result(replace(chain.builder._newest["front"], transform=None))
-    told = chain.told(PX4)
-    assert "cannot be computed" in told.fault
-    assert told.values is not None
-    assert (told.values == UNKNOWN).all()
+    report = chain.report(PX4)
+    assert "cannot be computed" in report.fault
+    assert report.values is not None
+    assert (report.values == UNKNOWN).all()
     assert chain.ahead(ARDUPILOT) == WALL
     chain.fly(0.1)
     assert chain.ahead(ARDUPILOT) == WALL
     chain.fly(0.4)
     assert chain.ahead(ARDUPILOT) == 1201
-    assert not chain.told().fault
+    assert not chain.report().fault
 
 
 def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:
@@ -351,7 +351,7 @@ def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:
     builder.announce(CAMERA)
     builder.announce(right)
     chain.fly(1.0)
-    values = chain.told(ARDUPILOT).values
+    values = chain.report(ARDUPILOT).values
     assert values is not None
     assert (values[0:7] == 1201).all()
     assert (values[9:19] == WALL).all()

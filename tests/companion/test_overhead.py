@@ -33,9 +33,9 @@ def test_a_beam_is_sent_while_the_vehicle_is_under_it_and_only_then() -> None:
     known = Overhead(UP)
     known.see(View(model(BEAM, margin=0.1), AHEAD), Here(0.0, (100.0, 50.0, -10.0), 1), NS)
     for north in np.arange(98.0, 110.0, 0.05):
-        told = known.upward_m(Here(1.0, (float(north), 50.0, -10.0), 1), 2 * NS)
-        assert (told is not None) == (abs(north - 106.0) <= UP.radius_m + 0.1 + 1e-6), north
-        assert told is None or told == pytest.approx(2.4)
+        got_m = known.upward_m(Here(1.0, (float(north), 50.0, -10.0), 1), 2 * NS)
+        assert (got_m is not None) == (abs(north - 106.0) <= UP.radius_m + 0.1 + 1e-6), north
+        assert got_m is None or got_m == pytest.approx(2.4)
     assert known.upward_m(Here(0.0, (106.0, 53.5, -10.0), 1), 2 * NS) is None  # beside its end
     assert known.upward_m(Here(0.0, (106.0, 50.0, -11.5), 1), 2 * NS) == pytest.approx(0.9)  # has climbed
     assert known.upward_m(Here(0.0, (106.0, 50.0, -14.5), 1), 2 * NS) is None  # is above it
@@ -50,8 +50,8 @@ def test_under_a_ceiling_the_sent_distance_is_not_larger_than_the_true_one(ceili
     known = Overhead(UP)
     known.see(View(seen, AHEAD), Here(0.0, (0.0, 0.0, -1.5), 1), NS)
     for north in np.arange(0.0, 11.0, 0.25):
-        told = known.upward_m(Here(0.0, (float(north), 0.0, -1.5), 1), NS)
-        assert told is None or told <= ceiling_m + 0.05
+        got_m = known.upward_m(Here(0.0, (float(north), 0.0, -1.5), 1), NS)
+        assert got_m is None or got_m <= ceiling_m + 0.05
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 35.0, 90.0, 200.0, 341.0])
@@ -84,7 +84,7 @@ def test_obstacles_ahead_below_and_invalid_models_are_nothing_overhead() -> None
 
 def up_of(chain: Chain, avoid: AvoidParams) -> list[float]:
     """The present distance of the upward DISTANCE_SENSOR."""
-    messages = messages_of(chain.told(ARDUPILOT), "ArduPilot", avoid, chain.now_ns)
+    messages = messages_of(chain.report(ARDUPILOT), "ArduPilot", avoid, chain.now_ns)
     return [
         m.current_distance / 100.0 for m in messages if m.get_type() == "DISTANCE_SENSOR" and m.orientation == UPWARD
     ]
@@ -98,7 +98,7 @@ def test_a_blind_service_sends_the_beam_for_a_while_and_then_nothing(fault: str)
     chain.position = (0.0, 0.0, -5.0)
     chain.fly(1.0)
     assert up_of(chain, UP) == [2.5]
-    assert up_of(chain, replace(UP, upward=False)) == [2.5]  # told is told; who does not want it does not reckon it
+    assert up_of(chain, replace(UP, upward=False)) == [2.5]  # sent although [avoid] upward is off
     broken(chain, fault, 0.4)
     assert up_of(chain, UP) in ([2.5], [])  # without an attitude the direction upward is unknown
     broken(chain, fault, 6.0)
@@ -110,7 +110,7 @@ def test_it_is_off_until_it_is_switched_on() -> None:
     chain = Chain(model(over, free_to_m=13.0, view_deg=72.0))
     chain.position = (0.0, 0.0, -5.0)
     chain.fly(1.0)
-    assert [m.get_type() for m in messages_of(chain.told(ARDUPILOT), "ArduPilot", AVOID, 0)] == ["OBSTACLE_DISTANCE"]
+    assert [m.get_type() for m in messages_of(chain.report(ARDUPILOT), "ArduPilot", AVOID, 0)] == ["OBSTACLE_DISTANCE"]
 
 
 def test_the_ground_under_the_vehicle_not_under_its_camera() -> None:
@@ -130,9 +130,9 @@ def test_downward_ends_with_the_sight_of_the_ground(fault: str) -> None:
     sees = replace(model(free_to_m=13.0, view_deg=72.0), ground=Ground(seen=True, height_m=2.0))
     chain = Chain(sees, down)
     chain.fly(1.0)
-    assert chain.told(ARDUPILOT).down_m == pytest.approx(2.0)
+    assert chain.report(ARDUPILOT).down_m == pytest.approx(2.0)
     broken(chain, fault, 0.4)
-    assert chain.told(ARDUPILOT).down_m is None
+    assert chain.report(ARDUPILOT).down_m is None
 
 
 def test_ardupilot_forgets_what_it_is_not_told_again() -> None:
@@ -145,9 +145,9 @@ def test_ardupilot_forgets_what_it_is_not_told_again() -> None:
 
 def test_golden_bytes() -> None:
     packer = dialect.MAVLink(None, 1, 196)
-    told = ((1.239, UPWARD), (99.0, DOWNWARD), (0.0, DOWNWARD))
+    got_m = ((1.239, UPWARD), (99.0, DOWNWARD), (0.0, DOWNWARD))
     avoid = AvoidParams()
-    assert [distance_sensor_message(m, way, 0x01020304, avoid).pack(packer).hex() for m, way in told] == [
+    assert [distance_sensor_message(m, way, 0x01020304, avoid).pack(packer).hex() for m, way in got_m] == [
         "fd0e00000001c4840000040302011400b0047b00040118ff2482",
         "fd0e00000001c4840000040302011400b004af04040119fff053",
         "fd0e00000001c4840000040302011400b0041500040119ff5cfa",

@@ -24,7 +24,7 @@ from companion.ros2.wire import gid
 from companion.viewer.subscriber import Camera, LiveSubscriber
 
 from .live import until
-from .test_live_feed import Told, told  # noqa: F401 (a fixture)
+from .scripted_service import ScriptedService
 from .view_scenes import INFO
 
 pytestmark = pytest.mark.process
@@ -84,13 +84,13 @@ class Reader:
 class Setup:
     """A router, a reader, and the bridge to a made-up service."""
 
-    def __init__(self, told: Told) -> None:  # noqa: F811
+    def __init__(self, scripted: ScriptedService) -> None:
         self.port = free_tcp_port()
         self.router = router(self.port)
         self.reader = Reader(self.port)
-        self.told = told
+        self.scripted = scripted
         self.node = RosNode(MESSAGES, f"tcp/127.0.0.1:{self.port}", 3, "/osape", "companion")
-        self.subscriber = LiveSubscriber(replace(told.streams, depth=""))
+        self.subscriber = LiveSubscriber(replace(scripted.streams, depth=""))
         self.bridge = Ros2Bridge(self.subscriber, self.node, MESSAGES, BridgeOptions())
         self.subscriber.on_message = self.bridge.on_message
         assert self.node.connect() == ""
@@ -100,8 +100,8 @@ class Setup:
         """Publishes frames until the reader has a message of the topic."""
 
         def received() -> bool:
-            self.told.health()
-            self.told.frame()
+            self.scripted.health()
+            self.scripted.frame()
             self.bridge.tick(time.monotonic_ns())
             return self.reader.newest(topic, name) is not None
 
@@ -117,8 +117,8 @@ class Setup:
 
 
 @pytest.fixture
-def setup(told: Told) -> Iterator[Setup]:  # noqa: F811
-    setup = Setup(told)
+def setup(scripted: ScriptedService) -> Iterator[Setup]:
+    setup = Setup(scripted)
     yield setup
     setup.close()
 
@@ -140,8 +140,8 @@ def test_a_ros_node_receives_planes_points_and_transforms(setup: Setup) -> None:
         return {t.child_frame_id for message in messages for t in message.transforms}
 
     def both() -> bool:
-        setup.told.health()
-        setup.told.frame()
+        setup.scripted.health()
+        setup.scripted.frame()
         return children() == {"base_link", "front_optical_frame"}
 
     assert until(both)
@@ -186,16 +186,16 @@ class Recorder:
         return True
 
 
-def test_transforms_go_on_after_the_clock_of_the_service_began_again(told: Told) -> None:  # noqa: F811
+def test_transforms_go_on_after_the_clock_of_the_service_began_again(scripted: ScriptedService) -> None:
     """A computer that was started again counts its monotonic clock from 0."""
     node = Recorder()
-    subscriber = LiveSubscriber(replace(told.streams, depth=""))
+    subscriber = LiveSubscriber(replace(scripted.streams, depth=""))
     bridge = Ros2Bridge(subscriber, node, MESSAGES, BridgeOptions(hz=1e9))  # type: ignore[arg-type]
     subscriber.cameras["front"] = Camera()
     seconds = [1000.0, 1000.1, 1000.1, 5.0, 5.1, 5.05]  # the third is a repetition, the last came late
     counts = []
     for second in seconds:
-        message = told.message()
+        message = scripted.message()
         message.t_exposure_ns = round(second * 1e9)
         subscriber.cameras["front"].exposed_ns = time.monotonic_ns()
         bridge.on_message(message, INFO)
@@ -208,7 +208,7 @@ def test_an_old_frame_is_not_published(setup: Setup) -> None:
     setup.until_received("/osape/front/points", POINT_CLOUD)
 
     def counted(frames: int) -> bool:
-        setup.told.frame(age_ns=2_000_000_000)
+        setup.scripted.frame(age_ns=2_000_000_000)
         return setup.bridge.counts.stale >= frames
 
     assert until(lambda: counted(1))  # all frames published before have arrived
@@ -220,22 +220,17 @@ def test_an_old_frame_is_not_published(setup: Setup) -> None:
 def test_a_blind_camera_is_published_as_such(setup: Setup) -> None:
     setup.until_received("/osape/front/points", POINT_CLOUD)
 
-    def blind() -> bool:
-        setup.told.health()
-        setup.told.blind("unplugged")
-        setup.bridge.tick(time.monotonic_ns())
-        return setup.bridge.counts.invalid > 0
-
     def reported() -> bool:
-        blind()
+        setup.scripted.health()
+        setup.scripted.blind("unplugged")
+        setup.bridge.tick(time.monotonic_ns())
         newest = setup.reader.newest("/osape/markers", MARKER_ARRAY)
         return any(m.text == "front: NO DATA: unplugged" for m in newest.markers)
 
-    assert until(blind)  # all frames published before have arrived
+    assert until(reported)  # all frames published before have arrived
     clouds = setup.bridge.counts.published
-    assert until(reported)
+    assert until(lambda: reported() and _level(setup, "osape: front") == 2)
     assert setup.bridge.counts.published == clouds
-    assert until(lambda: _level(setup, "osape: front") == 2)
 
 
 def _level(setup: Setup, name: str) -> int:
@@ -250,7 +245,7 @@ def test_a_service_that_has_ended_is_stale(setup: Setup) -> None:
     setup.until_received("/osape/front/points", POINT_CLOUD)
 
     def runs() -> bool:
-        setup.told.health()
+        setup.scripted.health()
         return _level(setup, "osape: service") == 0
 
     assert until(runs)  # the reports from before the first message have arrived
@@ -262,9 +257,9 @@ def test_a_message_with_impossible_planes_is_reported(setup: Setup) -> None:
     setup.until_received("/osape/front/points", POINT_CLOUD)
 
     def reported() -> bool:
-        message = setup.told.message()
+        message = setup.scripted.message()
         message.planes.corners_m[0] = float("nan")
-        setup.told.publish(message)
+        setup.scripted.publish(message)
         return setup.bridge.counts.undecodable > 0
 
     assert until(reported)

@@ -82,7 +82,7 @@ def message_of(found: SectorScan, avoid: AvoidParams = AVOID, autopilot: str = "
     return obstacle_distance_message(for_reader(encoded(found, avoid), avoid, autopilot), 0, avoid)
 
 
-def told_everywhere(found: SectorScan, autopilot: str) -> Any:
+def message_seen_everywhere(found: SectorScan, autopilot: str) -> Any:
     """The message for an autopilot by its own policy, of cameras that look into a part of every sector."""
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
     sight = ObstacleView(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
@@ -354,12 +354,12 @@ def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
     angle_deg: float, distance_m: float, width_m: float, clear: bool, known: bool
 ) -> None:
     """Where the way to it was not seen PX4 is sent unknown, which stops it, unless the pole is near;
-    ArduPilot, to which that means clear, is told the pole."""
+    ArduPilot, to which that means clear, is sent the pole."""
     pole = wall_at(angle_deg, distance_m, width_m)
     around = scan([View(model(pole, free_to_m=13.0 if clear else 0.0), HERE)], AVOID)
     least = min(distance_m, math.hypot(*pole[:2]), math.hypot(*pole[2:4])) - 0.3
     for px4 in (Px4Reader(5), Px4Reader(10)):
-        px4.read(told_everywhere(around, "PX4" if known else ""), NS)
+        px4.read(message_seen_everywhere(around, "PX4" if known else ""), NS)
         bins = px4.bins_cm(NS)
         nearest = min(bins[int(angle_deg // px4.bin_deg)], bins[int(-(-angle_deg // px4.bin_deg)) % len(bins)])
         if known and not clear and least > AVOID.near_m - AVOID.radius_m - 0.01:
@@ -368,7 +368,7 @@ def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
             assert 21 <= nearest <= max(22, 100 * least + 1)
     for one_pass, slides in ((False, False), (True, False), (False, True), (True, True)):
         ardupilot = ArduPilotReader(one_pass=one_pass, slides=slides)
-        ardupilot.read(told_everywhere(around, "ArduPilot" if known else ""), NS)
+        ardupilot.read(message_seen_everywhere(around, "ArduPilot" if known else ""), NS)
         assert ardupilot.faces_m(NS)[face_of(round(angle_deg / 5.0) * 5.0)] <= max(0.22, least + 0.01)
         # its fence has no corner nearer than 0.6 m
         assert ardupilot.room_m(angle_deg, NS) <= max(0.6, least + 0.02) - ardupilot.margin_m

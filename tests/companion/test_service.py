@@ -111,14 +111,14 @@ def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None
     assert numbers == sorted(set(numbers))
     (camera,) = flying.health.wait(lambda h: h.cameras[0].hz > 25.0, PATIENCE_S).cameras
     assert camera.condition == "running"
-    told: list[subprocess.CompletedProcess[str]] = []
+    runs: list[subprocess.CompletedProcess[str]] = []
 
     def all_well() -> bool:
-        told.append(flying.live.command("status", "-c", str(flying.live.config)))
-        return told[-1].returncode == 0 and "  OK" in told[-1].stdout
+        runs.append(flying.live.command("status", "-c", str(flying.live.config)))
+        return runs[-1].returncode == 0 and "  OK" in runs[-1].stdout
 
-    assert until(all_well), told[-1]
-    assert "autopilot: PX4" in told[-1].stdout
+    assert until(all_well), runs[-1]
+    assert "autopilot: PX4" in runs[-1].stdout
 
 
 def test_one_that_joins_late_hears_at_once(flying: Flying) -> None:

@@ -138,7 +138,7 @@ def test_of_two_cameras_each_fails_alone_and_the_required_one_blinds_the_whole(t
 
 def test_whatever_breaks_in_a_flight_is_reported(tmp_path: Path, renders: Path) -> None:
     """The flight `broken`: blind pixels, a frozen image, no attitude, no frames, on the way there and back. What the
-    autopilot is told while the newest good exposure is older than 0.4 s is nothing but unknown."""
+    autopilot receives while the newest good exposure is older than 0.4 s is nothing but unknown."""
     avoid = "\n[avoid]\nsend = true\nremember_s = 0.0\n"
     sections = CAMERA.replace('"street"', '"broken"') + AUTOPILOT + QUICK + NO_LOG + avoid
     with service(tmp_path, sections, renders) as live, flown(live) as line:
@@ -155,12 +155,12 @@ def test_whatever_breaks_in_a_flight_is_reported(tmp_path: Path, renders: Path) 
         assert not lost  # nothing but unknown pixels was in view
 
         def late() -> list[set[int]]:
-            told = line.change(
+            sent = line.change(
                 lambda a: [(1000 * m.time_usec, set(m.distances)) for m in a.of_kind("OBSTACLE_DISTANCE")]
             )
             time.sleep(0.2)  # the message before has arrived here, too
             seen_ns = [m.t_exposure_ns for m in prisms.since(begun_ns) if m.valid]
-            return [v for t, v in told if t > seen_ns[0] and not any(0 <= t - s <= 4 * NS // 10 for s in seen_ns)]
+            return [v for t, v in sent if t > seen_ns[0] and not any(0 <= t - s <= 4 * NS // 10 for s in seen_ns)]
 
         # four faults on the way, each longer than that; where on it we began to look decides how soon it is enough
         assert until(lambda: len(late()) > 5, 14.0)

@@ -48,7 +48,7 @@ PARAMETERS = {
 FRONT = [*range(66, 72), *range(7)]
 
 
-class Told:
+class AvoidingService:
     """A service, and the obstacle messages that its autopilot received."""
 
     def __init__(self, live: Live, line: AutopilotLink, kind: str) -> None:
@@ -86,8 +86,8 @@ class Told:
 
     def sees(self) -> bool:
         """Whether the newest message has an obstacle ahead that is not of a failsafe policy."""
-        told = self.messages()
-        return bool(told) and any(v not in (65535, 266, 302) for v in (told[-1][1][i] for i in FRONT))
+        avoiding = self.messages()
+        return bool(avoiding) and any(v not in (65535, 266, 302) for v in (avoiding[-1][1][i] for i in FRONT))
 
     def has_read_the_margin(self) -> bool:
         """Whether the parameter that places the wall was read; it is in the state folder then."""
@@ -96,73 +96,77 @@ class Told:
 
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
-def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:
+def avoiding(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path
+) -> Iterator[AvoidingService]:
     live = Live(tmp_path_factory.mktemp("avoid"), CONFIG, renders)
     with flown(live, request.param) as line:
         line.change(lambda a: a.parameters.update(PARAMETERS[request.param]))
-        told = Told(live, line, request.param)
+        avoiding = AvoidingService(live, line, request.param)
         try:
             live.start()
-            yield told
+            yield avoiding
             assert live.stop() == 0
         finally:
             live.close()
 
 
-def test_obstacles_are_sent_at_ten_hertz_and_more(told: Told) -> None:
-    assert until(told.sees)
-    assert told.steadily()
-    message = told.line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE"))[-1]
+def test_obstacles_are_sent_at_ten_hertz_and_more(avoiding: AvoidingService) -> None:
+    assert until(avoiding.sees)
+    assert avoiding.steadily()
+    message = avoiding.line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE"))[-1]
     assert (message.increment, message.increment_f, message.angle_offset, message.frame) == (5, 5.0, 0.0, 12)
-    assert message.get_srcSystem() == told.line.autopilot.profile.system_id
+    assert message.get_srcSystem() == avoiding.line.autopilot.profile.system_id
 
 
-def test_parameters_are_read_and_what_they_keep_from_braking_is_reported(told: Told) -> None:
-    told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
-    bad = {"CP_DIST": -1.0} if told.kind == PX4 else {"PRX1_TYPE": 0}
-    told.line.change(lambda a: a.parameters.update(bad))
-    word = "CP_DIST = -1" if told.kind == PX4 else "PRX1_TYPE = 0"
+def test_parameters_are_read_and_what_they_keep_from_braking_is_reported(avoiding: AvoidingService) -> None:
+    avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    bad = {"CP_DIST": -1.0} if avoiding.kind == PX4 else {"PRX1_TYPE": 0}
+    avoiding.line.change(lambda a: a.parameters.update(bad))
+    word = "CP_DIST = -1" if avoiding.kind == PX4 else "PRX1_TYPE = 0"
     try:
-        told.health.wait(lambda h: any(word in t for t in h.troubles), 40.0)
+        avoiding.health.wait(lambda h: any(word in t for t in h.troubles), 40.0)
     finally:
-        told.line.change(lambda a: a.parameters.update(PARAMETERS[told.kind]))
+        avoiding.line.change(lambda a: a.parameters.update(PARAMETERS[avoiding.kind]))
 
 
-def test_a_dead_camera_is_blind_on_the_wire_in_time(told: Told) -> None:
-    assert until(told.sees)
-    told.health.wait(lambda h: not any("CP_DIST" in t for t in h.troubles), 30.0)  # read again after the test before
-    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # it sends nothing, and its end is not reported
+def test_a_dead_camera_is_blind_on_the_wire_in_time(avoiding: AvoidingService) -> None:
+    assert until(avoiding.sees)
+    avoiding.health.wait(
+        lambda h: not any("CP_DIST" in t for t in h.troubles), 30.0
+    )  # read again after the test before
+    os.kill(avoiding.live.camera_pids()["front"], signal.SIGSTOP)  # it sends nothing, and its end is not reported
     stopped_ns = time.monotonic_ns()
-    assert until(lambda: told.messages()[-1][0] > stopped_ns + NS, 3.0)
-    newest_ns = max(m.t_exposure_ns for m in told.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)
+    assert until(lambda: avoiding.messages()[-1][0] > stopped_ns + NS, 3.0)
+    newest_ns = max(m.t_exposure_ns for m in avoiding.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)
     blind = [
         (t, [values[i] for i in FRONT])
-        for t, values in told.messages()
+        for t, values in avoiding.messages()
         if newest_ns + 400_000_000 < t < stopped_ns + NS
     ]
     assert blind
-    allowed = {302} if told.kind == PX4 else {266}
+    allowed = {302} if avoiding.kind == PX4 else {266}
     wrong = [(round((t - newest_ns) / 1e6), values) for t, values in blind if not set(values) <= allowed]
     assert not wrong, wrong[:3]
-    assert until(told.sees, 15.0)
-    assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()), 30.0)
+    assert until(avoiding.sees, 15.0)
+    assert until(lambda: any(t.startswith("OA: front blind: ") for t in avoiding.texts()), 30.0)
 
 
-def test_px4_hears_nothing_after_two_blind_seconds_and_ardupilot_a_wall_for_good(told: Told) -> None:
-    assert until(told.sees)
-    told.live.cable.unlink()
+def test_px4_hears_nothing_after_two_blind_seconds_and_ardupilot_a_wall_for_good(avoiding: AvoidingService) -> None:
+    assert until(avoiding.sees)
+    avoiding.live.cable.unlink()
     try:
         begun_ns = time.monotonic_ns()
         assert until(lambda: time.monotonic_ns() > begun_ns + 6 * NS, 10.0)
-        late = [values for t, values in told.messages() if t > begun_ns + 5 * NS]
-        if told.kind == PX4:
+        late = [values for t, values in avoiding.messages() if t > begun_ns + 5 * NS]
+        if avoiding.kind == PX4:
             assert late == []
         else:
             assert len(late) > 5
             assert all(values[i] == 266 for values in late for i in FRONT)
     finally:
-        told.live.cable.touch()
-    assert until(told.sees, 20.0)
+        avoiding.live.cable.touch()
+    assert until(avoiding.sees, 20.0)
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
@@ -176,11 +180,11 @@ def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
         line.change(lambda a: a.parameters.update(PARAMETERS[kind]))
         line.change(lambda a: setattr(a.profile, "armed", True))
         line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16 if kind == PX4 else 5))
-        told = Told(live, line, kind)
+        avoiding = AvoidingService(live, line, kind)
         try:
             live.start()
-            assert until(told.sees, 60.0)
-            told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+            assert until(avoiding.sees, 60.0)
+            avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
             assert until(lambda: line.change(lambda a: a.of_kind("HEARTBEAT"))[-1].system_status == 4, 30.0)
             stopped_ns = time.monotonic_ns()
             assert live.stop() == 0
@@ -188,7 +192,7 @@ def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
         finally:
             live.close()
         allowed = {302, 65535} if kind == PX4 else {266}  # CP_DIST is read by then, or not
-        after = [(t, {values[i] for i in FRONT}) for t, values in told.messages() if t > stopped_ns]
+        after = [(t, {values[i] for i in FRONT}) for t, values in avoiding.messages() if t > stopped_ns]
         blind = [t for t, values in after if values <= allowed]
         assert blind
         assert blind[0] - stopped_ns < NS  # the signal is noticed within a tick
@@ -197,19 +201,19 @@ def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
         if kind == ARDUPILOT:  # which stops meanwhile
             assert after[-1][0] - stopped_ns > 2.5 * NS
         word = "OA: stopped, Position mode stands" if kind == PX4 else "OA: stopped, vehicle does not brake"
-        assert told.texts().count(word) == 1
+        assert avoiding.texts().count(word) == 1
         assert line.change(lambda a: a.of_kind("HEARTBEAT"))[-1].system_status in (4, 5)
 
 
-def test_an_autopilot_that_takes_no_obstacles_is_named(told: Told) -> None:
-    assert until(told.sees)
-    if told.kind == PX4:
-        told.line.change(lambda a: setattr(a.profile, "armed", True))
-        told.line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16))
-    told.line.change(lambda a: setattr(a, "deaf", True))
+def test_an_autopilot_that_takes_no_obstacles_is_named(avoiding: AvoidingService) -> None:
+    assert until(avoiding.sees)
+    if avoiding.kind == PX4:
+        avoiding.line.change(lambda a: setattr(a.profile, "armed", True))
+        avoiding.line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16))
+    avoiding.line.change(lambda a: setattr(a, "deaf", True))
     try:
-        told.health.wait(lambda h: any("does not use our obstacles" in t for t in h.troubles), 90.0)
+        avoiding.health.wait(lambda h: any("does not use our obstacles" in t for t in h.troubles), 90.0)
         # PX4 is sent an obstacle in one of eight messages of this flight: most stand at the edge of the view
     finally:
-        told.line.change(lambda a: setattr(a, "deaf", False))
-    told.health.wait(lambda h: not any("does not use our obstacles" in t for t in h.troubles), 15.0)
+        avoiding.line.change(lambda a: setattr(a, "deaf", False))
+    avoiding.health.wait(lambda h: not any("does not use our obstacles" in t for t in h.troubles), 15.0)

@@ -16,14 +16,16 @@ from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd
 from drivers.simulation.flight_path import VehicleState
 
 from .live import NS, Live, until
-from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told
+from .test_service_avoids import CONFIG, FRONT, PARAMETERS, AvoidingService
 from .test_service_strangers import WALL_CM
 
 pytestmark = pytest.mark.process
 
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
-def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:
+def avoiding(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path
+) -> Iterator[AvoidingService]:
     """On a serial line with noise, late and doubled messages."""
     end = PtyEnd()
     sections = CONFIG.replace("udpin:127.0.0.1:{port}", f"serial:{end.device}:921600")
@@ -33,11 +35,11 @@ def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     autopilot.parameters = dict(PARAMETERS[request.param])
     faults = Faults(jitter_s=0.005, noise_share=0.1, double_share=0.05, late_share=0.01)
     with AutopilotLink(autopilot, end, faults) as line:
-        told = Told(live, line, request.param)
+        avoiding = AvoidingService(live, line, request.param)
         try:
             live.start()
-            assert until(told.sees)
-            yield told
+            assert until(avoiding.sees)
+            yield avoiding
             assert live.stop() == 0
         finally:
             live.close()
@@ -56,31 +58,31 @@ def tells_no_numbers(autopilot: SimulatedAutopilot) -> None:
     autopilot.profile.motion = lambda t_ns: nan(motion(t_ns))
 
 
-def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(told: Told) -> None:
-    assert until(told.sees)
-    assert told.steadily()
-    assert told.health.since(0)[-1].autopilot.counts["noise_bytes"] > 0
+def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(avoiding: AvoidingService) -> None:
+    assert until(avoiding.sees)
+    assert avoiding.steadily()
+    assert avoiding.health.since(0)[-1].autopilot.counts["noise_bytes"] > 0
 
 
 @pytest.mark.parametrize("fault", [loses_attitude, tells_no_numbers])
-def test_without_an_attitude_that_is_one_nothing_is_clear(told: Told, fault: object) -> None:
+def test_without_an_attitude_that_is_one_nothing_is_clear(avoiding: AvoidingService, fault: object) -> None:
     """The heading is carried on for 0.3 s; what comes late on the line may be a second old."""
-    assert until(told.sees)
-    before = told.line.change(lambda a: (a.profile.hides_attitude, a.profile.motion))
-    told.line.change(fault)
+    assert until(avoiding.sees)
+    before = avoiding.line.change(lambda a: (a.profile.hides_attitude, a.profile.motion))
+    avoiding.line.change(fault)
     begun_ns = time.monotonic_ns()
     try:
         assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
         late = [
             (t, [values[i] for i in FRONT])
-            for t, values in told.messages()
+            for t, values in avoiding.messages()
             if begun_ns + round(1.5 * NS) < t < begun_ns + 3 * NS
         ]
-        allowed = {302, 65535} if told.kind == PX4 else {WALL_CM}  # PX4's wall stands for two seconds
+        allowed = {302, 65535} if avoiding.kind == PX4 else {WALL_CM}  # PX4's wall stands for two seconds
         assert late
         assert [values for _, values in late if not set(values) <= allowed] == []
-        assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()))
+        assert until(lambda: any(t.startswith("OA: front blind: ") for t in avoiding.texts()))
     finally:
-        told.line.change(lambda a: setattr(a.profile, "hides_attitude", before[0]))
-        told.line.change(lambda a: setattr(a.profile, "motion", before[1]))
-    assert until(told.sees, 20.0)
+        avoiding.line.change(lambda a: setattr(a.profile, "hides_attitude", before[0]))
+        avoiding.line.change(lambda a: setattr(a.profile, "motion", before[1]))
+    assert until(avoiding.sees, 20.0)

@@ -21,7 +21,7 @@ from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, PATIENCE_S, Live, flown, until
-from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told
+from .test_service_avoids import CONFIG, FRONT, PARAMETERS, AvoidingService
 
 pytestmark = pytest.mark.process
 
@@ -30,16 +30,18 @@ WALL_CM = 266
 
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
-def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:
+def avoiding(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path
+) -> Iterator[AvoidingService]:
     live = Live(tmp_path_factory.mktemp("strangers"), CONFIG, renders)
     with flown(live, request.param) as line:
         line.change(lambda a: a.parameters.update(PARAMETERS[request.param]))
-        told = Told(live, line, request.param)
+        avoiding = AvoidingService(live, line, request.param)
         try:
             live.start()
-            assert until(told.sees)
-            told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
-            yield told
+            assert until(avoiding.sees)
+            avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
+            yield avoiding
             assert line.change(lambda a: a.of_kind("PARAM_SET")) == []  # whatever it received
             assert live.stop() == 0
         finally:
@@ -51,7 +53,7 @@ def packed(m: Any, system: int = 1, component: int = 1) -> bytes:
 
 
 @contextmanager
-def speaking(told: Told, words: Callable[[int], list[bytes]]) -> Iterator[list[bytes]]:
+def speaking(avoiding: AvoidingService, words: Callable[[int], list[bytes]]) -> Iterator[list[bytes]]:
     """Another sender sends words(k) to the service's port, a hundred times a second; what the service sends to its address."""
     stop = threading.Event()
     answers: list[bytes] = []
@@ -65,7 +67,7 @@ def speaking(told: Told, words: Callable[[int], list[bytes]]) -> Iterator[list[b
                     while True:
                         answers.append(mouth.recv(2048))
                 for data in words(k):
-                    mouth.sendto(data, ("127.0.0.1", told.live.port))
+                    mouth.sendto(data, ("127.0.0.1", avoiding.live.port))
                 k += 1
 
     thread = threading.Thread(target=speak, daemon=True)
@@ -95,105 +97,105 @@ def noise_and_strangers(k: int) -> list[bytes]:
     ]
 
 
-def blind_after(told: Told, seconds: float) -> list[tuple[float, list[int]]]:
+def blind_after(avoiding: AvoidingService, seconds: float) -> list[tuple[float, list[int]]]:
     """The camera hangs for so long: (seconds after its newest exposure, what was sent for ahead) from 0.4 s on."""
-    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # its end is not reported
+    os.kill(avoiding.live.camera_pids()["front"], signal.SIGSTOP)  # its end is not reported
     stopped_ns = time.monotonic_ns()
     assert until(lambda: time.monotonic_ns() > stopped_ns + round(seconds * NS), seconds + 5.0)
-    newest_ns = max(m.t_exposure_ns for m in told.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)
+    newest_ns = max(m.t_exposure_ns for m in avoiding.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)
     end_ns = stopped_ns + round(seconds * NS)
     return [
         ((t - newest_ns) / NS, [values[i] for i in FRONT])
-        for t, values in told.messages()
+        for t, values in avoiding.messages()
         if newest_ns + 400_000_000 < t < end_ns
     ]
 
 
-def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(told: Told) -> None:
-    assert until(told.sees)
-    with speaking(told, noise_and_strangers):
-        assert told.steadily()
-        assert until(told.sees)
-        late = blind_after(told, 1.0)
-        allowed = {302} if told.kind == PX4 else {WALL_CM}
+def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(avoiding: AvoidingService) -> None:
+    assert until(avoiding.sees)
+    with speaking(avoiding, noise_and_strangers):
+        assert avoiding.steadily()
+        assert until(avoiding.sees)
+        late = blind_after(avoiding, 1.0)
+        allowed = {302} if avoiding.kind == PX4 else {WALL_CM}
         assert late
         assert [x for x in late if not set(x[1]) <= allowed] == []
-    counts = told.health.since(0)[-1].autopilot.counts
+    counts = avoiding.health.since(0)[-1].autopilot.counts
     assert counts["other_vehicle"] > 100
     assert counts["timesync_unpaired"] > 100
     assert counts["noise_bytes"] > 1000
-    assert until(told.sees, 20.0)
+    assert until(avoiding.sees, 20.0)
 
 
-def test_who_speaks_as_another_kind_of_autopilot_brings_no_silence_and_no_clear(told: Told) -> None:
+def test_who_speaks_as_another_kind_of_autopilot_brings_no_silence_and_no_clear(avoiding: AvoidingService) -> None:
     """To ArduPilot, PX4's policy would mean: fly on. Both names at once get the wall, before which both stand."""
-    assert until(told.sees)
-    assert until(told.has_read_the_margin, 20.0)
-    forged = AUTOPILOT_IDS[ARDUPILOT if told.kind == PX4 else PX4]
+    assert until(avoiding.sees)
+    assert until(avoiding.has_read_the_margin, 20.0)
+    forged = AUTOPILOT_IDS[ARDUPILOT if avoiding.kind == PX4 else PX4]
     beat = packed(dialect.MAVLink_heartbeat_message(2, forged, 0, 0, 4, 3))
-    with speaking(told, lambda k: [beat]) as answers:
-        told.health.wait(lambda h: any("contradict each other" in t for t in h.troubles), 10.0)
-        assert until(told.sees)
-        late = blind_after(told, 3.5)
+    with speaking(avoiding, lambda k: [beat]) as answers:
+        avoiding.health.wait(lambda h: any("contradict each other" in t for t in h.troubles), 10.0)
+        assert until(avoiding.sees)
+        late = blind_after(avoiding, 3.5)
         assert late[-1][0] > 3.0  # no silence
         wall = late[len(late) // 2][1]
         assert all(v < 1200 for v in wall)
         assert {v for _, values in late for v in values} == {wall[0]}
-        if told.kind == ARDUPILOT:
+        if avoiding.kind == ARDUPILOT:
             assert wall[0] == WALL_CM  # its margin was read before and still counts
     # sent once, to the address that the newest message of the autopilot came from: the forger's or the autopilot's
     text = "OA: ArduPilot or PX4"
-    assert until(lambda: text in told.texts() or any(text.encode() in data for data in answers))
-    assert until(told.sees, 30.0)
-    told.health.wait(lambda h: not any("contradict" in t for t in h.troubles), 20.0)
+    assert until(lambda: text in avoiding.texts() or any(text.encode() in data for data in answers))
+    assert until(avoiding.sees, 30.0)
+    avoiding.health.wait(lambda h: not any("contradict" in t for t in h.troubles), 20.0)
 
 
-def test_a_second_companion_is_reported_to_people_and_ours_goes_on(told: Told) -> None:
-    assert until(told.sees)
+def test_a_second_companion_is_reported_to_people_and_ours_goes_on(avoiding: AvoidingService) -> None:
+    assert until(avoiding.sees)
     clear = packed(
         dialect.MAVLink_obstacle_distance_message(0, 4, [1201] * 72, 5, 20, 1200, 5.0, 0.0, 12), component=197
     )
-    with speaking(told, lambda k: [clear] if k % 10 == 0 else []):
+    with speaking(avoiding, lambda k: [clear] if k % 10 == 0 else []):
         word = "component 197 sends obstacles to the autopilot"
         # degraded by it; on a busy machine a report may be of a moment without a fresh frame
-        told.health.wait(
+        avoiding.health.wait(
             lambda h: h.state == pb.Health.STATE_DEGRADED and any(word in t for t in h.troubles), PATIENCE_S
         )
-        assert until(lambda: "OA: component 197 sends obstacles to the autopilot" in told.texts(), 30.0)
+        assert until(lambda: "OA: component 197 sends obstacles to the autopilot" in avoiding.texts(), 30.0)
         begun_ns = time.monotonic_ns()
-        assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 20, 30.0)
-        assert until(told.sees)
+        assert until(lambda: len([t for t, _ in avoiding.messages() if t > begun_ns]) > 20, 30.0)
+        assert until(avoiding.sees)
 
 
-def test_the_age_of_sent_obstacles_is_measured_and_px4s_delay_checked_with_it(told: Told) -> None:
+def test_the_age_of_sent_obstacles_is_measured_and_px4s_delay_checked_with_it(avoiding: AvoidingService) -> None:
     def stage(h: pb.Health) -> pb.Latency | None:
         return next((x for x in h.latencies if x.stage == "exposure_to_autopilot"), None)
 
-    health = told.health.wait(lambda h: stage(h) is not None, 30.0)
+    health = avoiding.health.wait(lambda h: stage(h) is not None, 30.0)
     latency = stage(health)
     assert latency is not None
     assert 1.0 < latency.p50_ms <= latency.p95_ms <= latency.p99_ms
     assert latency.p50_ms < 400.0  # older is blind; what a busy machine adds to a few is no subject here
-    if told.kind == PX4:
-        told.line.change(lambda a: a.parameters.update({"CP_DELAY": 0.0}))
+    if avoiding.kind == PX4:
+        avoiding.line.change(lambda a: a.parameters.update({"CP_DELAY": 0.0}))
         try:
-            told.health.wait(lambda h: any("PX4 brakes too late: CP_DELAY = 0 s" in t for t in h.troubles), 30.0)
+            avoiding.health.wait(lambda h: any("PX4 brakes too late: CP_DELAY = 0 s" in t for t in h.troubles), 30.0)
         finally:
-            told.line.change(lambda a: a.parameters.update(PARAMETERS[PX4]))
+            avoiding.line.change(lambda a: a.parameters.update(PARAMETERS[PX4]))
 
 
-def test_forged_parameters_do_not_move_the_wall(told: Told) -> None:
+def test_forged_parameters_do_not_move_the_wall(avoiding: AvoidingService) -> None:
     """Nearer than CP_DIST or AVOID_MARGIN the vehicle would fly backwards."""
-    assert until(told.sees)
-    assert until(told.has_read_the_margin, 20.0)
-    name = b"CP_DIST" if told.kind == PX4 else b"AVOID_MARGIN"
+    assert until(avoiding.sees)
+    assert until(avoiding.has_read_the_margin, 20.0)
+    name = b"CP_DIST" if avoiding.kind == PX4 else b"AVOID_MARGIN"
     values = [packed(dialect.MAVLink_param_value_message(name, v, 9, 1, 0)) for v in (20.0, 0.5)]
-    with speaking(told, lambda k: values if k % 10 == 0 else []):
+    with speaking(avoiding, lambda k: values if k % 10 == 0 else []):
         begun_ns = time.monotonic_ns()
         assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
-        late = blind_after(told, 1.0)
+        late = blind_after(avoiding, 1.0)
         assert late
-        assert {v for _, ahead in late for v in ahead} == ({302} if told.kind == PX4 else {WALL_CM})
-        if told.kind == ARDUPILOT:
-            told.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), 10.0)
-    assert until(told.sees, 20.0)
+        assert {v for _, ahead in late for v in ahead} == ({302} if avoiding.kind == PX4 else {WALL_CM})
+        if avoiding.kind == ARDUPILOT:
+            avoiding.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), 10.0)
+    assert until(avoiding.sees, 20.0)

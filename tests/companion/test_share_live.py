@@ -74,12 +74,12 @@ def test_a_service_in_a_team(tmp_path: Path, renders: Path) -> None:
             line.open()
             sent = [0]
 
-            def told() -> bool:
+            def neighbours_received() -> bool:
                 sent[0] += 200
                 line.send(packets(sent[0]), 9)
                 return len(subscriber.newest(wait_s=0.1).sender) == 1
 
-            assert until(told, PATIENCE_S), live.said()
+            assert until(neighbours_received, PATIENCE_S), live.said()
             found = subscriber.newest()
             assert np.abs(found.planes[0, :4] - FAR[:4]).max() < 0.1
             assert [m.is_vehicle for m in found.movers] == [True]
@@ -89,7 +89,7 @@ def test_a_service_in_a_team(tmp_path: Path, renders: Path) -> None:
             def own_planes() -> bool:
                 return any(isinstance(decoded(p.data).content, SharedPlanes) for p in heard)
 
-            assert until(lambda: told() and own_planes(), PATIENCE_S)
+            assert until(lambda: neighbours_received() and own_planes(), PATIENCE_S)
             assert {p.sender for p in heard} == {decoded(heard[0].data).header.vehicle}
             team = health.wait(lambda h: len(h.team.neighbours) == 1, PATIENCE_S).team
             assert team.received["accepted"] > 0

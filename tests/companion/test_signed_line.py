@@ -20,7 +20,7 @@ from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, flown, free_port, until
-from .test_service_avoids import CONFIG, PARAMETERS, Told
+from .test_service_avoids import CONFIG, PARAMETERS, AvoidingService
 
 pytestmark = pytest.mark.process
 
@@ -28,7 +28,7 @@ KEY = bytes(range(1, 33))
 
 
 @pytest.fixture(params=[PX4, ARDUPILOT])
-def told(request: pytest.FixtureRequest, tmp_path: Path, renders: Path) -> Iterator[Told]:
+def avoiding(request: pytest.FixtureRequest, tmp_path: Path, renders: Path) -> Iterator[AvoidingService]:
     """A service with a key; its autopilot has it too, and no clock."""
     key = tmp_path / "signing.key"
     key.write_bytes(KEY)
@@ -37,7 +37,7 @@ def told(request: pytest.FixtureRequest, tmp_path: Path, renders: Path) -> Itera
     with flown(live, request.param) as line:
         line.change(lambda a: (a.sign(KEY), a.parameters.update(PARAMETERS[request.param])))
         try:
-            yield Told(live, line, request.param)
+            yield AvoidingService(live, line, request.param)
         finally:
             live.close()
 
@@ -46,51 +46,53 @@ def sign(line: AutopilotLink, key: bytes | None) -> None:
     line.change(lambda a: a.sign(key))
 
 
-def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_reported(told: Told) -> None:
-    told.live.start()
-    assert until(told.sees)
-    told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
-    assert told.line.change(lambda a: a.dropped) == []
-    sign(told.line, None)
-    told.health.wait(lambda h: any("does not sign and we have a key" in t for t in h.troubles), 15.0)
-    assert until(lambda: "OA: the autopilot does not sign and we have a key" in told.texts())
-    silent_from = len(told.messages())
-    health = told.health.wait(lambda h: h.state == pb.Health.STATE_BLIND, 10.0)  # without an attitude it sees nothing
+def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_reported(avoiding: AvoidingService) -> None:
+    avoiding.live.start()
+    assert until(avoiding.sees)
+    avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    assert avoiding.line.change(lambda a: a.dropped) == []
+    sign(avoiding.line, None)
+    avoiding.health.wait(lambda h: any("does not sign and we have a key" in t for t in h.troubles), 15.0)
+    assert until(lambda: "OA: the autopilot does not sign and we have a key" in avoiding.texts())
+    silent_from = len(avoiding.messages())
+    health = avoiding.health.wait(
+        lambda h: h.state == pb.Health.STATE_BLIND, 10.0
+    )  # without an attitude it sees nothing
     assert health.autopilot.counts["unsigned"] > 0
-    assert len(told.messages()) == silent_from
-    sign(told.line, bytes(reversed(KEY)))
-    told.health.wait(lambda h: any("signs with another key than ours" in t for t in h.troubles), 15.0)
-    sign(told.line, KEY)
-    told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
-    assert until(lambda: any(t.startswith("OA: cleared: the autopilot") for t in told.texts()))
-    assert until(lambda: len(told.messages()) > silent_from)
-    assert told.live.stop() == 0
-    assert KEY.hex() not in told.live.said()
+    assert len(avoiding.messages()) == silent_from
+    sign(avoiding.line, bytes(reversed(KEY)))
+    avoiding.health.wait(lambda h: any("signs with another key than ours" in t for t in h.troubles), 15.0)
+    sign(avoiding.line, KEY)
+    avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    assert until(lambda: any(t.startswith("OA: cleared: the autopilot") for t in avoiding.texts()))
+    assert until(lambda: len(avoiding.messages()) > silent_from)
+    assert avoiding.live.stop() == 0
+    assert KEY.hex() not in avoiding.live.said()
 
 
-def test_after_kill_minus_nine_its_timestamps_go_on(told: Told) -> None:
+def test_after_kill_minus_nine_its_timestamps_go_on(avoiding: AvoidingService) -> None:
     """The autopilot remembers the newest; an older one would be dropped."""
-    told.live.start()
-    assert until(told.sees)
-    told.live.stop(9)
-    before = len(told.messages())
-    assert until(lambda: (told.live.folder / "state" / "signing-clock").exists())
-    told.live.start()
-    assert until(lambda: len(told.messages()) > before + 30)
-    assert told.line.change(lambda a: a.dropped) == []
-    assert told.live.stop() == 0
+    avoiding.live.start()
+    assert until(avoiding.sees)
+    avoiding.live.stop(9)
+    before = len(avoiding.messages())
+    assert until(lambda: (avoiding.live.folder / "state" / "signing-clock").exists())
+    avoiding.live.start()
+    assert until(lambda: len(avoiding.messages()) > before + 30)
+    assert avoiding.line.change(lambda a: a.dropped) == []
+    assert avoiding.live.stop() == 0
 
 
 def test_without_the_key_it_is_said_that_nothing_is_taken(tmp_path: Path, renders: Path) -> None:
     live = Live(tmp_path, CONFIG, renders)
     with flown(live, PX4) as line:
         sign(line, KEY)
-        told = Told(live, line, PX4)
+        avoiding = AvoidingService(live, line, PX4)
         try:
             live.start()
             words = "signs and we have no key: it drops what we send"
-            told.health.wait(lambda h: any(words in t for t in h.troubles), 60.0)
-            assert told.messages() == []
+            avoiding.health.wait(lambda h: any(words in t for t in h.troubles), 60.0)
+            assert avoiding.messages() == []
             assert line.change(lambda a: len(a.of_kind("HEARTBEAT"))) > 0  # to it we look alive
             text = "OA: the autopilot signs and we have no key"
             assert until(lambda: text in [m.text for m in line.change(lambda a: a.dropped) if m.get_msgId() == 253])

@@ -193,14 +193,14 @@ def test_diagnostics_name_the_worst_first() -> None:
 
 
 def test_temperatures_are_those_of_the_sensors_that_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number, (kind, told) in enumerate(
+    for number, (kind, reading) in enumerate(
         {"cpu-thermal": "51234\n", "off": None, "odd": "warm\n", "npu": "-3000\n"}.items()
     ):
         zone = tmp_path / f"thermal_zone{number}"
         zone.mkdir()
         (zone / "type").write_text(f"{kind}\n")
-        if told is not None:
-            (zone / "temp").write_text(told)
+        if reading is not None:
+            (zone / "temp").write_text(reading)
     monkeypatch.setattr(health, "THERMAL", tmp_path)
     report = pb.Health()
     health.ProcessUsage().fill(report)

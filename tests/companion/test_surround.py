@@ -37,9 +37,9 @@ def results(poses: dict[str, PoseSample | None] | None = None) -> dict[str, Pris
         pipeline = Pipeline((info,), EasyExtractor)
         for t in range(t_ns - 40 * MS, t_ns + 1, 20 * MS):
             pipeline.handle(attitude(t))
-        told = pose(t_ns) if poses is None else poses[info.camera]
-        if told is not None:
-            pipeline.handle(told)
+        located = pose(t_ns) if poses is None else poses[info.camera]
+        if located is not None:
+            pipeline.handle(located)
         result = pipeline.handle(frame(7, t_ns, camera=info.camera))[1]
         assert isinstance(result, PrismsResult)
         assert result.valid

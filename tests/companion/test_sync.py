@@ -76,9 +76,9 @@ def test_a_turn_of_60_degrees_a_second_is_met_exactly_between_samples(start, rat
 
 
 @given(vectors, st.tuples(*[st.floats(-1.05, 1.05)] * 3), st.integers(1, 50 * MS), st.booleans())
-def test_a_turn_is_carried_forward_by_rates_or_by_differences(start, rates, ahead_ns, told):
+def test_a_turn_is_carried_forward_by_rates_or_by_differences(start, rates, ahead_ns, recorded):
     q0 = from_rotation_vector(start)
-    sync = synchroniser(turning(0, q0, rates, told), turning(20 * MS, q0, rates, told))
+    sync = synchroniser(turning(0, q0, rates, recorded), turning(20 * MS, q0, rates, recorded))
     at = sync.attitude_at(20 * MS + ahead_ns)
     assert at.source is Source.EXTRAPOLATED
     truth = turning(20 * MS + ahead_ns, q0, rates).q_ned_frd_wxyz

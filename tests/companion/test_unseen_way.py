@@ -270,7 +270,7 @@ def test_a_remembered_obstacle_does_not_stand_for_an_unseen_way() -> None:
     scanned.state[6] = SectorState.UNSEEN
     looking = everywhere & (np.arange(SECTORS) != 6)
 
-    def told(distance_m: float, way_seen: bool) -> list[int]:
+    def sectors_of(distance_m: float, way_seen: bool) -> list[int]:
         recalled = np.full(SECTORS, np.inf)
         recalled[[0, 3, 6]] = distance_m
         remembered = Remembered(recalled, recalled if way_seen else np.full(SECTORS, np.inf))
@@ -279,9 +279,9 @@ def test_a_remembered_obstacle_does_not_stand_for_an_unseen_way() -> None:
         assert values is not None
         return [int(values[i]) for i in (0, 3, 6)]
 
-    assert told(5.0, way_seen=True) == [UNKNOWN, 500, 500]
-    assert told(5.0, way_seen=False) == [UNKNOWN, 500, UNKNOWN]
-    assert told(1.5, way_seen=False) == [150, 150, 150]
+    assert sectors_of(5.0, way_seen=True) == [UNKNOWN, 500, 500]
+    assert sectors_of(5.0, way_seen=False) == [UNKNOWN, 500, UNKNOWN]
+    assert sectors_of(1.5, way_seen=False) == [150, 150, 150]
 
 
 THERE = Here(0.0, (0.0, 0.0, -2.0), 1)

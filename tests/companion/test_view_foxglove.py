@@ -9,7 +9,6 @@ import socket
 import struct
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,7 +23,7 @@ from drivers.base import DeviceNotFound
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import until
-from .test_live_feed import Told
+from .scripted_service import ScriptedService
 
 pytestmark = pytest.mark.process
 
@@ -70,13 +69,13 @@ class Viewer:
         said = self.heard.get(topic)
         return kind.FromString(said[-1]) if said else None
 
-    def _words(self, told: dict[str, Any]) -> None:
-        if told["op"] != "advertise":
+    def _words(self, scripted: dict[str, Any]) -> None:
+        if scripted["op"] != "advertise":
             return
-        for channel in told["channels"]:
+        for channel in scripted["channels"]:
             self._topics[channel["id"]] = channel["topic"]
             self.schemas[channel["topic"]] = channel["schemaName"]
-        wanted = [{"id": c["id"], "channelId": c["id"]} for c in told["channels"]]
+        wanted = [{"id": c["id"], "channelId": c["id"]} for c in scripted["channels"]]
         text = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
         size = bytes([0x80 | len(text)]) if len(text) < 126 else b"\xfe" + struct.pack(">H", len(text))
         self._socket.sendall(b"\x81" + size + b"\0\0\0\0" + text)
@@ -107,15 +106,8 @@ class Viewer:
 
 
 @pytest.fixture
-def told(tmp_path: Path) -> Iterator[Told]:
-    told = Told(tmp_path)
-    yield told
-    told.close()
-
-
-@pytest.fixture
-def server(told: Told) -> Iterator[FoxgloveServer]:
-    subscriber = LiveSubscriber(told.streams)
+def server(scripted: ScriptedService) -> Iterator[FoxgloveServer]:
+    subscriber = LiveSubscriber(scripted.streams)
     subscriber.open()
     server = FoxgloveServer(subscriber, "127.0.0.1", 0)
     server.open()
@@ -124,7 +116,9 @@ def server(told: Told) -> Iterator[FoxgloveServer]:
     subscriber.close()
 
 
-def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server: FoxgloveServer) -> None:
+def test_a_viewer_receives_the_content_of_a_log_and_blindness(
+    scripted: ScriptedService, server: FoxgloveServer
+) -> None:
     viewer = Viewer(server.port)
     wanted = {
         "/health": pb.Health, "/camera/front/prisms": pb.PrismsFrame, "/camera/front/scene": SceneUpdate,
@@ -132,8 +126,8 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
     }  # fmt: skip
 
     def all_heard() -> bool:
-        told.health()
-        told.frame(depth=True)
+        scripted.health()
+        scripted.frame(depth=True)
         server.tick()
         viewer.listen()
         said = viewer.newest("/status", Log)
@@ -150,7 +144,7 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
     assert depth.data[:2] == (4000).to_bytes(2, "little")
 
     def blind() -> bool:
-        told.blind("lost: its process has ended")
+        scripted.blind("lost: its process has ended")
         server.tick()
         viewer.listen()
         said = viewer.newest("/status", Log)
@@ -168,12 +162,12 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
     viewer.close()
 
 
-def test_a_port_that_is_taken_is_named(told: Told, server: FoxgloveServer) -> None:
+def test_a_port_that_is_taken_is_named(scripted: ScriptedService, server: FoxgloveServer) -> None:
     with pytest.raises(DeviceNotFound, match=f"port {server.port} on 127.0.0.1 cannot be bound"):
-        FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", server.port).open()
+        FoxgloveServer(LiveSubscriber(scripted.streams), "127.0.0.1", server.port).open()
 
 
-def test_without_the_extra_the_remedy_is_reported(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_the_remedy_is_reported(scripted: ScriptedService, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(DeviceNotFound, match=r"pip install 'foxglove-sdk>="):
-        FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", 0).open()
+        FoxgloveServer(LiveSubscriber(scripted.streams), "127.0.0.1", 0).open()

@@ -228,16 +228,16 @@ def test_what_was_never_compiled_is_compiled_by_a_child_once(
     small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The service would keep the gigabyte that compiling takes."""
-    tell = "import sys; open(sys.argv[1] + '.told', 'a').write('x'); from small_kernel import twice; twice(3)"
-    monkeypatch.setattr(warmup, "CHILD", tell)
+    run = "import sys; open(sys.argv[1] + '.ran', 'a').write('x'); from small_kernel import twice; twice(3)"
+    monkeypatch.setattr(warmup, "CHILD", run)
     monkeypatch.chdir(small.parent)
     small.mkdir()
     for _ in range(2):
         warmup.make_ready("extractor")
-        assert (small.parent / "extractor.told").read_text() == "x"
+        assert (small.parent / "extractor.ran").read_text() == "x"
         assert len(list(small.rglob("*.nbc"))) == 1
     warmup.make_ready("world")  # another mode has kernels of its own
-    assert (small.parent / "world.told").read_text() == "x"
+    assert (small.parent / "world.ran").read_text() == "x"
     assert ready == [("extractor",), ("extractor",), ("world",)]
 
 

@@ -56,7 +56,7 @@ def mover(x_m: float, y_m: float = 0.0) -> SharedMover:
     )  # fmt: skip
 
 
-def told() -> NeighbourMap:
+def filled_map() -> NeighbourMap:
     """A map with one neighbour and its wall, received at 1 s."""
     found = NeighbourMap(1)
     assert found.receive(state_at(0), NS) == ""
@@ -65,7 +65,7 @@ def told() -> NeighbourMap:
 
 
 def test_a_wall_of_a_neighbour_stands_in_the_own_frame_with_its_age() -> None:
-    got = told().obstacles(OWN, 3 * NS)
+    got = filled_map().obstacles(OWN, 3 * NS)
     assert got.planes[0, :4] == pytest.approx([10, -4, 10, 4], abs=0.05)
     assert got.sender.tolist() == [2]
     assert 2.0 <= got.age_s[0] <= 2.3
@@ -76,7 +76,7 @@ def test_a_wall_of_a_neighbour_stands_in_the_own_frame_with_its_age() -> None:
 
 
 def test_it_expires_unless_it_is_repeated() -> None:
-    found = told()
+    found = filled_map()
     assert len(found.obstacles(OWN, 60 * NS).sender) == 1
     found.receive(wall_packet(59_000), 60 * NS)
     assert len(found.obstacles(OWN, 100 * NS).sender) == 1
@@ -91,7 +91,7 @@ def test_a_plane_without_a_known_place_is_not_published() -> None:
     assert len(got.sender) == 0
     assert got.neighbours[0].placement is PlacementState.UNKNOWN
     nowhere = OwnState(state=None, section=1)
-    assert len(told().obstacles(nowhere, 2 * NS).sender) == 0
+    assert len(filled_map().obstacles(nowhere, 2 * NS).sender) == 0
 
 
 def test_an_uncertain_place_is_withheld() -> None:
@@ -118,7 +118,7 @@ def test_an_uncertain_place_is_withheld() -> None:
     ],
 )
 def test_a_packet_that_must_not_count_changes_nothing(data: bytes, code: str) -> None:
-    found, untouched = told(), told()
+    found, untouched = filled_map(), filled_map()
     assert found.receive(data, 5 * NS, sender=2 if code != "own_packet" else None) == code
     assert same(found.obstacles(OWN, 6 * NS), untouched.obstacles(OWN, 6 * NS))
     assert found.counts[code] == 1
@@ -134,7 +134,7 @@ def test_other_vehicles_and_too_many_vehicles_are_refused() -> None:
 
 
 def test_a_delayed_packet_is_older_and_a_late_one_is_refused() -> None:
-    found = told()
+    found = filled_map()
     found.receive(wall_packet(1000, number=1), NS + 1_000_000_000 + 1_500_000_000)
     got = found.obstacles(OWN, 4 * NS)
     age_s = dict(zip(got.ids.tolist(), got.age_s.tolist(), strict=True))
@@ -143,7 +143,7 @@ def test_a_delayed_packet_is_older_and_a_late_one_is_refused() -> None:
 
 
 def test_planes_of_a_frame_that_was_left_stay_at_their_place_until_they_expire() -> None:
-    found = told()
+    found = filled_map()
     found.receive(planes_packet(header(50, section=1), wall(3), (0.0, 0.0, 0.0)), 2 * NS)
     assert found.obstacles(OWN, 2 * NS).ids.tolist() == [0]  # the place of the new frame is not known before its state
     found.receive(state_packet(header(60, section=1), state()), 2 * NS)
@@ -152,7 +152,7 @@ def test_planes_of_a_frame_that_was_left_stay_at_their_place_until_they_expire()
 
 
 def test_changes_of_frames_clear_nothing() -> None:
-    found = told()
+    found = filled_map()
     for k in range(40):
         found.receive(planes_packet(header(50 + 2 * k, section=k + 1), wall(9), (0.0, 0.0, 0.0)), 2 * NS)
         found.receive(state_packet(header(51 + 2 * k, section=k + 1), state()), 2 * NS)
@@ -161,7 +161,7 @@ def test_changes_of_frames_clear_nothing() -> None:
 
 
 def test_a_time_far_ahead_is_refused_and_does_not_block() -> None:
-    found = told()
+    found = filled_map()
     assert found.receive(wall_packet(1_000_000_000, number=5), 2 * NS) == "ahead"
     assert found.receive(wall_packet(1000, number=6), 2 * NS) == ""
     found.receive(wall_packet(5, number=7, stream=0xFFFFFFFF), 3 * NS)
@@ -170,14 +170,14 @@ def test_a_time_far_ahead_is_refused_and_does_not_block() -> None:
 
 
 def test_a_claimed_radius_hides_no_other_obstacle() -> None:
-    found = told()
+    found = filled_map()
     huge = VehicleState(frame=FRAME, position_m=(12.0, 0.0, -3.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=25.5)
     found.receive(state_packet(header(10, vehicle=3), huge), 2 * NS)
     assert 0 in found.obstacles(OWN, 2 * NS).ids.tolist()
 
 
 def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
-    found = told()  # vehicle 2 is at x = 30
+    found = filled_map()  # vehicle 2 is at x = 30
     found.receive(state_packet(header(10, vehicle=3), state(60.0)), 2 * NS)
     reports = (mover(30.5), mover(0.3))  # vehicle 3 sees vehicle 2, and us
     for k, one in enumerate(reports):
@@ -190,8 +190,8 @@ def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
 
 def test_a_vehicle_that_the_own_sensors_observe_is_not_reported_again() -> None:
     seen = OwnState(state=OWN.state, section=1, movers=((30.2, 0.1, -3.0),))
-    assert told().obstacles(seen, NS).movers == ()
-    assert len(told().obstacles(OWN, NS).movers) == 1
+    assert filled_map().obstacles(seen, NS).movers == ()
+    assert len(filled_map().obstacles(OWN, NS).movers) == 1
 
 
 def test_a_plane_at_the_own_body_is_hidden_while_it_is_there() -> None:
@@ -199,7 +199,7 @@ def test_a_plane_at_the_own_body_is_hidden_while_it_is_there() -> None:
         ids=np.array([5], np.uint16), box=np.array([[0.3, -0.3, 0.3, 0.3, -3.3, -2.8]]), margin_m=np.array([0.1]),
         flags=np.zeros(1, np.uint8), age_s=np.array([0.1]),
     )  # fmt: skip
-    found = told()
+    found = filled_map()
     found.receive(planes_packet(header(9), small, (0.0, 0.0, 0.0)), 2 * NS)
     assert found.obstacles(OWN, 2 * NS).ids.tolist() == [0]
     assert OWN.state is not None
@@ -210,7 +210,7 @@ def test_a_plane_at_the_own_body_is_hidden_while_it_is_there() -> None:
 
 
 def test_a_mover_is_carried_on_and_grows() -> None:
-    found = told()
+    found = filled_map()
     found.receive(movers_packet(header(20), (mover(45.0),), (0.0, 0.0, 0.0)), 2 * NS)
     early, late = (
         next(m for m in found.obstacles(OWN, t).movers if m.kind is MoverKind.OBSTACLE) for t in (2 * NS, 3 * NS)

@@ -59,8 +59,8 @@ def told_one_by_one(model: FrameModel) -> pb.PrismsFrame:
     )  # fmt: skip
 
 
-def check(told: FrameModel) -> None:
-    read, expected = pb.PrismsFrame.FromString(encode_model(MODEL_FIELDS, told)), told_one_by_one(told)
+def check(frame_model: FrameModel) -> None:
+    read, expected = pb.PrismsFrame.FromString(encode_model(MODEL_FIELDS, frame_model)), told_one_by_one(frame_model)
     assert read == expected
     assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
 

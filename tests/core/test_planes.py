@@ -159,16 +159,16 @@ def published(count: int, planes: np.ndarray, ground: Ground = NO_GROUND) -> Pub
 def test_hidden_planes_are_not_published_and_the_others_keep_their_order() -> None:
     planes = plane_table(*((x, -1.0, x, 1.0, -1.0, 1.0) for x in (5.0, 6.0, 7.0, 8.0)))
     planes["cluster"][:4], planes["support"][:4] = (0, 1, 2, 3), (160, -1, 320, -1)
-    told = published(4, planes)
-    assert told is not None
-    rows, margin, flags, support_px, cluster = told
+    message = published(4, planes)
+    assert message is not None
+    rows, margin, flags, support_px, cluster = message
     assert rows[:, 0].tolist() == pytest.approx([5.0, 7.0], abs=1e-4)
     assert (support_px.tolist(), cluster.tolist()) == ([10, 20], [0, 2])
     assert len(margin) == len(flags) == 2
     ground = Ground(seen=True, height_m=0.5)
-    told = published(2, planes, ground)
-    assert told is not None
-    rows = told[0]
+    message = published(2, planes, ground)
+    assert message is not None
+    rows = message[0]
     assert rows[:, 5].tolist() == pytest.approx([0.5 + P.ground_tolerance_m] * 2, abs=1e-4)
 
 

@@ -54,8 +54,8 @@ def test_ground_and_walls_are_found_where_they_are() -> None:
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, -5.0), (0.0, 5.0), (10.0, 0.0), (-4.0, 6.0)])
 def test_a_wrong_attitude_inclines_ground_and_walls_alike(roll: float, pitch: float) -> None:
     """The attitude used is the true one plus an error."""
-    told = tilted(roll, -8.0 + pitch)
-    cues = cues_of(find_surfaces(image([GROUND, WALL, FRONT], tilted(0.0, -8.0), 0.0015), INFO, told, 0.0015))
+    configured = tilted(roll, -8.0 + pitch)
+    cues = cues_of(find_surfaces(image([GROUND, WALL, FRONT], tilted(0.0, -8.0), 0.0015), INFO, configured, 0.0015))
     assert cues.ground
     # by the attitude the nose is higher: the ground seems to rise ahead, so z falls with x
     assert math.degrees(cues.slope_x_rad) == pytest.approx(-pitch, abs=0.5)

@@ -15,7 +15,7 @@ NS = 1_000_000_000
 FRONT = (7, 0, 1)
 
 
-def told(
+def reader_of(
     faces: dict[int, float], margin_m: float = 2.0, slides: bool = False, backs_up: bool = True
 ) -> ArduPilotReader:
     reader = ArduPilotReader(margin_m=margin_m, slides=slides, backs_up=backs_up)
@@ -32,7 +32,7 @@ def told(
 )  # fmt: skip
 def test_constant_walls_ahead_as_they_were_measured(wall_m: float, least: float, most: float) -> None:
     """AVOID_MARGIN 3 m, stick forward."""
-    reader = told(dict.fromkeys(FRONT, wall_m), margin_m=3.0)
+    reader = reader_of(dict.fromkeys(FRONT, wall_m), margin_m=3.0)
     assert least <= loiter_speed_m_s(reader.room_m(0.0, NS)) <= most
     forward, right = reader.velocity_m_s((2.0, 0.0), NS)
     assert least <= forward <= most
@@ -52,10 +52,10 @@ def test_the_fence_is_nowhere_beyond_the_received_obstacles(
     """Who stops is let no nearer than that; what pushes the vehicle from behind is another matter. Who slides is limited by
     one line of the fence after the other: sliding along one may lead towards one that was looked at before."""
     faces = {**others, face_of(angle_deg): min(distance_m, others.get(face_of(angle_deg), math.inf))}
-    reader = told(faces, slides=slides)
+    reader = reader_of(faces, slides=slides)
     assert reader.room_m(angle_deg, NS) <= distance_m - reader.margin_m + 1e-6
     wanted = (3.0 * math.cos(math.radians(angle_deg)), 3.0 * math.sin(math.radians(angle_deg)))
-    forward, right = told(faces, slides=slides, backs_up=False).velocity_m_s(wanted, NS)
+    forward, right = reader_of(faces, slides=slides, backs_up=False).velocity_m_s(wanted, NS)
     assert math.hypot(forward, right) <= 3.0 + 1e-9
     if not slides:
         towards = (forward * wanted[0] + right * wanted[1]) / 3.0
@@ -72,8 +72,8 @@ def test_what_is_within_the_margin_pushes_away_from_itself_and_no_faster_than_me
     angle_deg: float, slides: bool, others: dict[int, float]
 ) -> None:
     wanted = (3.0 * math.cos(math.radians(angle_deg)), 3.0 * math.sin(math.radians(angle_deg)))
-    limited = told(others, slides=slides, backs_up=False).velocity_m_s(wanted, NS)
-    pushed = told(others, slides=slides).velocity_m_s(wanted, NS)
+    limited = reader_of(others, slides=slides, backs_up=False).velocity_m_s(wanted, NS)
+    pushed = reader_of(others, slides=slides).velocity_m_s(wanted, NS)
     push = (pushed[0] - limited[0], pushed[1] - limited[1])
     middles = [math.radians(45.0 * face) for face, m in others.items() if m < 2.1]
     if not middles:
@@ -91,20 +91,20 @@ def test_an_obstacle_behind_pushes_slowly_towards_the_one_ahead() -> None:
     """Wall ahead at the margin, another one metre to the right: backing away from that one's corner leads forward. With
     AVOID_BACKUP_SPD 0 the vehicle stands."""
     wall = {0: 2.0, 2: 1.0}
-    forward, right = told(wall).velocity_m_s((3.0, 0.0), NS)
+    forward, right = reader_of(wall).velocity_m_s((3.0, 0.0), NS)
     assert 0.1 < forward < 0.2
     assert -0.5 < right < -0.3
-    assert told(wall, backs_up=False).velocity_m_s((3.0, 0.0), NS) == (0.0, 0.0)
+    assert reader_of(wall, backs_up=False).velocity_m_s((3.0, 0.0), NS) == (0.0, 0.0)
 
 
 def test_who_flies_away_faster_than_he_is_pushed_is_not_pushed() -> None:
     behind = {4: 1.0}
-    assert told(behind).velocity_m_s((2.0, 0.0), NS)[0] == 2.0
-    assert told(behind).velocity_m_s((0.0, 0.0), NS)[0] > 0.3
+    assert reader_of(behind).velocity_m_s((2.0, 0.0), NS)[0] == 2.0
+    assert reader_of(behind).velocity_m_s((0.0, 0.0), NS)[0] > 0.3
 
 
 def test_one_face_closes_the_two_beside_it_and_leaves_the_rest() -> None:
-    reader = told({0: 3.0})
+    reader = reader_of({0: 3.0})
     assert reader.room_m(0.0, NS) == pytest.approx(3.0 * math.cos(math.radians(22.5)) - 2.0)
     for angle_deg in (-60.0, -30.0, 30.0, 60.0):
         assert math.isfinite(reader.room_m(angle_deg, NS))
@@ -113,24 +113,24 @@ def test_one_face_closes_the_two_beside_it_and_leaves_the_rest() -> None:
 
 
 def test_two_faces_close_the_one_between_them() -> None:
-    assert told({7: 5.0, 1: 5.0}).room_m(0.0, NS) == pytest.approx(5.0 * math.cos(math.radians(22.5)) - 2.0)
-    assert told({6: 5.0, 2: 5.0}).room_m(0.0, NS) == math.inf
+    assert reader_of({7: 5.0, 1: 5.0}).room_m(0.0, NS) == pytest.approx(5.0 * math.cos(math.radians(22.5)) - 2.0)
+    assert reader_of({6: 5.0, 2: 5.0}).room_m(0.0, NS) == math.inf
 
 
 def test_sliding_and_stopping_take_away_what_leads_towards_a_wall() -> None:
     """A wall to the right, half a metre beyond the margin."""
     wall = {2: 2.5 / math.cos(math.radians(22.5))}
-    slides, stops = (told(wall, slides=s).velocity_m_s((0.5, 2.0), NS) for s in (True, False))
+    slides, stops = (reader_of(wall, slides=s).velocity_m_s((0.5, 2.0), NS) for s in (True, False))
     for forward, right in (slides, stops):
         assert right < 0.6
         assert math.hypot(forward, right) < 0.7
 
 
 def test_nothing_told_is_nothing_there_and_so_is_silence() -> None:
-    reader = told({})
+    reader = reader_of({})
     assert reader.healthy(NS)
     assert all(reader.room_m(d, NS) == math.inf for d in range(0, 360, 5))
-    reader = told({0: 1.0})
+    reader = reader_of({0: 1.0})
     assert reader.room_m(0.0, NS) < 0.0
     assert reader.room_m(0.0, NS + NS // 2 + 1) == math.inf  # it fails open
     assert reader.velocity_m_s((3.0, 0.0), 2 * NS) == (3.0, 0.0)

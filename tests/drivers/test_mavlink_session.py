@@ -354,10 +354,12 @@ def test_who_reads_is_given_what_he_reads_and_no_motion() -> None:
         dialect.MAVLink_param_value_message(b"CP_DIST", 2.0, 9, 1, 0),
     ]  # fmt: skip
     for reads, expected in ((None, ["HEARTBEAT", "VFR_HUD", "PARAM_VALUE"]), (frozenset({22}), ["PARAM_VALUE"])):
-        told: list[Any] = []
-        session = MavlinkSession(on_message=lambda m, t_ns, told=told: told.append(m.get_type()), reads=reads)
+        received_kinds: list[Any] = []
+        session = MavlinkSession(
+            on_message=lambda m, t_ns, received_kinds=received_kinds: received_kinds.append(m.get_type()), reads=reads
+        )
         session.receive([(bytes(m.pack(encoder)), NS) for m in words])
-        assert told == expected
+        assert received_kinds == expected
 
 
 @given(

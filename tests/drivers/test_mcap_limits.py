@@ -92,12 +92,12 @@ def test_a_small_file_that_unpacks_to_gigabytes_needs_little_memory(command, bui
     done = subprocess.run(
         [sys.executable, "-c", PEAK, command, str(path)], capture_output=True, text=True, check=False, timeout=300
     )
-    told = done.stdout + done.stderr
-    assert words in told
+    printed = done.stdout + done.stderr
+    assert words in printed
     status, peak_kb = done.stdout.splitlines()[-1].split()
     assert int(status) == (1 if command == "info" or build is zeros_of_a_gibibyte else 0)
     assert int(peak_kb) < 600_000
-    assert "Traceback" not in told
+    assert "Traceback" not in printed
 
 
 def test_a_chunk_at_the_limit_is_read(tmp_path) -> None:

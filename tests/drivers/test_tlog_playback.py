@@ -45,10 +45,10 @@ def test_a_recorded_autopilot_is_understood(name: str, shared_data: Path) -> Non
     assert session.vehicle is not None
     assert session.vehicle.autopilot in ("ArduPilot", "PX4")
     assert session.clock.estimate.source is not ClockSource.NONE
-    told = [s for s in samples if isinstance(s, AttitudeSample)]
-    assert len(told) > 100
-    assert len(told) >= 0.45 * attitudes  # of two kinds that tell the same one is taken
-    for s in told:
+    attitudes_read = [s for s in samples if isinstance(s, AttitudeSample)]
+    assert len(attitudes_read) > 100
+    assert len(attitudes_read) >= 0.45 * attitudes  # of two kinds that tell the same one is taken
+    for s in attitudes_read:
         assert sum(c * c for c in s.q_ned_frd_wxyz) == pytest.approx(1.0, abs=1e-6)
     late_ns = sorted(s.t_arrival_ns - s.t_ns for s in samples)
     assert late_ns[0] >= 0

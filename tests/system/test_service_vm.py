@@ -1,6 +1,6 @@
 """The service under a real systemd: installed, started, killed, hung, stopped, taken away again.
 
-Times are told, not judged closely: the emulated processor is slower than any board by an unknown factor."""
+Times are printed, with wide limits: the emulated processor is slower than any board by an unknown factor."""
 
 from __future__ import annotations
 
