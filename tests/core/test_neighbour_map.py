@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from core.sharing.neighbour_map import NS, NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind, PlacementState, SharedObstacles
-from core.sharing.packet_codec import movers_packet, planes_packet, state_packet
+from core.sharing.packet_codec import MOST_BYTES, OVERHEAD_BYTES, movers_packet, planes_packet, state_packet
 from core.sharing.params import SharingParams
+from core.sharing.plane_codec import PLANE_BYTES
 from core.sharing.records import Header, LocalFrame, SharedMover, SharedPlanes, VehicleState
 
 FRAME = LocalFrame(
@@ -122,6 +123,25 @@ def test_a_packet_that_must_not_count_changes_nothing(data: bytes, code: str) ->
     assert found.receive(data, 5 * NS, sender=2 if code != "own_packet" else None) == code
     assert same(found.obstacles(OWN, 6 * NS), untouched.obstacles(OWN, 6 * NS))
     assert found.counts[code] == 1
+
+
+def test_a_vehicle_with_the_own_number_is_refused_by_another_code_than_an_echo() -> None:
+    found = NeighbourMap(1, own_stream=STREAM)
+    assert found.receive(wall_packet(5, vehicle=1), NS) == "own_packet"
+    assert found.receive(wall_packet(5, vehicle=1, stream=STREAM + 60), NS) == "same_number"
+    assert len(found.obstacles(OWN, NS).sender) == 0
+
+
+def test_a_packet_that_is_longer_than_any_link_sends_is_refused_undecoded() -> None:
+    walls = SharedPlanes(
+        ids=np.arange(300, dtype=np.uint16), box=np.tile(wall().box, (300, 1)), margin_m=np.full(300, 0.1),
+        flags=np.zeros(300, np.uint8), age_s=np.full(300, 0.1),
+    )  # fmt: skip
+    data = planes_packet(header(5), walls, (0.0, 0.0, 0.0))
+    assert len(data) > MOST_BYTES
+    assert NeighbourMap(1).receive(data, NS) == "bad_length"
+    most = (MOST_BYTES - OVERHEAD_BYTES) // PLANE_BYTES
+    assert NeighbourMap(1).receive(data[: OVERHEAD_BYTES + most * PLANE_BYTES], NS) == ""
 
 
 def test_other_vehicles_and_too_many_vehicles_are_refused() -> None:

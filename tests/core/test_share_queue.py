@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from core.sharing.bodies import Body
+from core.sharing.neighbour_map import NeighbourMap
 from core.sharing.packet_codec import decoded
 from core.sharing.records import LocalFrame, SharedPlanes, VehicleState
-from core.sharing.send_queue import NS, Budget, Offer, SendQueue
+from core.sharing.send_queue import LAST_MS, NS, Budget, Offer, SendQueue
 from core.types import PlaneFlags
 
 THIN = Budget(bytes_per_s=300.0, overhead_bytes=30, packet_bytes=128)
@@ -119,6 +120,21 @@ def test_after_a_jump_of_the_position_all_is_sent_anew() -> None:
     (first, *_) = queue.packets(offer(walls(5), section=2), 5 * NS)
     assert decoded(first).header.section == 2
     assert isinstance(decoded(first).content, VehicleState)
+
+
+def test_after_49_days_the_time_begins_again_in_a_new_stream() -> None:
+    """The time of a packet has 32 bits of milliseconds; a receiver refuses a time that goes back in one stream."""
+    queue, given, receiver = SendQueue(1, 5, 0, THIN), offer(walls(3)), NeighbourMap(2)
+    end_ns = LAST_MS * 1_000_000
+    headers = []
+    for k in range(-40, 40):
+        now_ns = end_ns + k * STEP_NS
+        for data in queue.packets(given, now_ns):
+            assert receiver.receive(data, now_ns) == ""
+            headers.append(decoded(data).header)
+    assert {h.stream for h in headers} == {5, 6}
+    assert headers[0].sent_ms > LAST_MS - 5000
+    assert headers[-1].sent_ms < 5000
 
 
 def test_a_plane_that_cannot_be_encoded_blocks_nothing() -> None:

@@ -6,6 +6,7 @@ import os
 import socket
 import time
 import tty
+from collections.abc import Callable
 
 import pytest
 
@@ -84,6 +85,51 @@ def test_two_lines_over_udp() -> None:
     listener = TunnelLine(parse_address(f"udpin:127.0.0.1:{port}"), COMPONENT, found.append, signing())
     sender = TunnelLine(parse_address(f"udpout:127.0.0.1:{port}"), COMPONENT, back.append, signing())
     _exchange(listener, sender, found, back)
+
+
+@pytest.mark.process
+def test_a_listening_line_sends_to_the_member_that_was_confirmed() -> None:
+    """Every sender can reach the port: the last one must not receive what is meant for the team."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    found: list[ReceivedPacket] = []
+    line = TunnelLine(parse_address(f"udpin:127.0.0.1:{port}"), COMPONENT, found.append)
+    line.open()
+    with _udp_sender() as member, _udp_sender() as other:
+        try:
+            codec = TunnelCodec(COMPONENT)
+
+            def arrived(sender: socket.socket, vehicle: int) -> bool:
+                sender.sendto(codec.encoded(b"\x11\x07", vehicle), ("127.0.0.1", port))
+                time.sleep(0.01)
+                return bool(found) and found[-1].sender == vehicle
+
+            assert _until(lambda: arrived(member, 7))
+            line.confirm(found[-1])
+            found.clear()
+            assert _until(lambda: arrived(member, 7))  # this one selects its sender
+            assert _until(lambda: arrived(other, 9))
+            line.send([b"\x33\x44"], 8)
+            assert TunnelCodec(COMPONENT).decoded(member.recv(300), 0)[0].data == b"\x33\x44"
+            other.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                other.recv(300)
+        finally:
+            line.close()
+
+
+def _udp_sender() -> socket.socket:
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.settimeout(20.0)
+    return sender
+
+
+def _until(condition: Callable[[], bool]) -> bool:
+    end_s = time.monotonic() + 20.0
+    while not condition() and time.monotonic() < end_s:
+        pass
+    return condition()
 
 
 @pytest.mark.process

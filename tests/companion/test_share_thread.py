@@ -1,0 +1,100 @@
+"""The thread that shares obstacles, called step by step: what it records, confirms and refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from companion.config.share import ShareConfig
+from companion.share.thread import MOST_LOGGED_PER_S, Sharing
+from core.sharing.packet_codec import state_packet
+from core.sharing.records import Header, LocalFrame, VehicleState
+from drivers.sharing.link import ReceivedPacket
+
+NS = 1_000_000_000
+STATE = VehicleState(
+    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0), position_m=(0.0, 0.0, -3.0),
+    velocity_m_s=(0.0, 0.0, 0.0), radius_m=0.4,
+)  # fmt: skip
+
+
+class MemoryLink:
+    """A link that delivers what a test gives it."""
+
+    name, overhead_bytes, packet_bytes, fault = "tunnel", 30, 128, ""
+
+    def __init__(self, deliver: Callable[[ReceivedPacket], None]) -> None:
+        self.deliver = deliver
+        self.confirmed: list[ReceivedPacket] = []
+        self.refused: dict[str, int] = {}
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def send(self, packets: Sequence[bytes], vehicle: int) -> None:
+        """Drops them."""
+
+    def confirm(self, packet: ReceivedPacket) -> None:
+        self.confirmed.append(packet)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class Made:
+    """A `Sharing` of vehicle 1, not started, with its link and what it recorded: (key, message, time)."""
+
+    def __init__(self) -> None:
+        self.recorded: list[tuple[str, Any, int]] = []
+        links: list[MemoryLink] = []
+
+        def make(deliver: Callable[[ReceivedPacket], None]) -> list[MemoryLink]:
+            links.append(MemoryLink(deliver))
+            return links
+
+        self.sharing = Sharing(
+            ShareConfig(vehicle=1, origin="47.0, 8.0, 400"), 0.4, make, 1_700_000_000, lambda: 1, None, "boot",
+            lambda *record: self.recorded.append(record),
+        )  # fmt: skip
+        (self.link,) = links
+
+    def deliver(self, sent_ms: int, arrival_ns: int, vehicle: int = 2) -> bytes:
+        """A packet of a neighbour arrives."""
+        header = Header(vehicle=vehicle, stream=1_700_000_000, sent_ms=sent_ms, section=0)
+        data = state_packet(header, STATE)
+        self.link.deliver(ReceivedPacket("tunnel", data, arrival_ns, vehicle))
+        return data
+
+    def packets(self) -> list[tuple[bytes, int]]:
+        """Recorded received packets: (data, time)."""
+        return [(m.data, t_ns) for key, m, t_ns in self.recorded if key == "team" and not m.sent]
+
+
+def test_an_accepted_packet_is_recorded_with_its_arrival_and_its_source_confirmed() -> None:
+    made = Made()
+    data = made.deliver(1000, 5 * NS)
+    made.sharing.step(5 * NS + NS // 20)
+    assert made.packets() == [(data, 5 * NS)]
+    assert [p.data for p in made.link.confirmed] == [data]
+
+
+def test_a_refused_packet_is_counted_and_neither_recorded_nor_confirmed() -> None:
+    made = Made()
+    made.deliver(1000, 5 * NS)
+    made.deliver(1000, 5 * NS + 1)  # the same again
+    made.sharing.step(5 * NS + NS // 20)
+    assert len(made.packets()) == len(made.link.confirmed) == 1
+    assert made.sharing.health.received["replayed"] == 1
+
+
+def test_a_log_takes_a_limited_number_of_packets_in_a_second() -> None:
+    made = Made()
+    for k in range(60):
+        for vehicle in (2, 3, 4):
+            made.deliver(1000 + k, 5 * NS + k, vehicle)
+    for k in range(4):
+        made.sharing.step(5 * NS + k * NS // 20)
+    assert len(made.recorded) == MOST_LOGGED_PER_S
+    assert len(made.link.confirmed) == 180  # all count
+    made.sharing.step(6 * NS)
+    assert made.sharing.health.received["unrecorded"] >= 80
