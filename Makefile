@@ -29,6 +29,11 @@ $(DEMO_STAMP): pyproject.toml clients/python/pyproject.toml requirements-demo.lo
 demo: $(DEMO_STAMP) ## the live service on a simulated flight, its log replayed and drawn (about three minutes the first time)
 	@$(BIN)/companion demo $(ARGS)
 
+# A worker that crashes ends the run with the name of its test; pytest-xdist otherwise starts another one, and was seen to wait
+# for ever. BY_FILE: a file stays with one worker, since its tests share what it renders and compiles.
+WORKERS := --max-worker-restart=0
+BY_FILE := $(WORKERS) --dist loadfile
+
 lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 	@$(BIN)/ruff check $(SOURCES)
 	@$(BIN)/ruff format --check $(SOURCES)
@@ -37,7 +42,7 @@ lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 
 check: $(STAMP) lint ## lint, types and the tests that a change affects (two minutes; REVISION=HEAD~3: since then)
 	@tests="$$($(BIN)/python .ci/affected_tests.py $(or $(REVISION),HEAD))"; \
-	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "unit or process" $$tests; else echo "no test is affected"; fi
+	if [ -n "$$tests" ]; then $(BIN)/pytest $(BY_FILE) -n 2 -m "unit or process" $$tests; else echo "no test is affected"; fi
 
 # Tests that start processes or wait for the clock come last and apart: beside computing tests, even with the lowest priority of
 # those, a browser or a service did not answer in time. A failed pass ends none of the others (-k).
@@ -45,18 +50,17 @@ test: lint ## all checks, about 15 minutes on two cores
 	@$(MAKE) --no-print-directory -k test-computing test-processes
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
-# bounds checks have a cache directory of their own (companion/kernels/jit_cache.py). A file stays with one worker: its tests
-# share what it renders and compiles.
+# bounds checks have a cache directory of their own (companion/kernels/jit_cache.py).
 test-computing: $(STAMP)
-	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit and not compiled" tests/core
-	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
-	@echo "== unit tests"; $(BIN)/pytest -n 2 --dist loadfile -m unit tests
+	@echo "== kernels without the JIT"; NUMBA_DISABLE_JIT=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit and not compiled" tests/core
+	@echo "== kernels with bounds checks"; NUMBA_BOUNDSCHECK=1 $(BIN)/pytest $(WORKERS) -n 2 -m "nojit and unit" tests/core
+	@echo "== unit tests"; $(BIN)/pytest $(BY_FILE) -n 2 -m unit tests
 
 # The kernels are compiled before, where they never were, so that no test waits for a compiler. Four at a time, since they
 # wait for most of their time.
 test-processes: $(STAMP)
 	@$(BIN)/companion warmup
-	@echo "== tests with processes, sockets and the clock"; $(BIN)/pytest -n 4 --dist loadfile -m process tests
+	@echo "== tests with processes, sockets and the clock"; $(BIN)/pytest $(BY_FILE) -n 4 -m process tests
 
 test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
 	@$(BIN)/python .ci/test_versions.py $(ARGS)
@@ -64,8 +68,8 @@ test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest
 SEED ?= $(shell date +%s)
 nightly: $(STAMP) ## slow tests, and property tests with new examples; SEED=N repeats those of a run
 	@echo "hypothesis seed: $(SEED)"
-	@$(BIN)/pytest -n 2 --hypothesis-profile=nightly --hypothesis-seed=$(SEED) -m "not soak and not vm" tests/core tests/client tests/drivers tests/companion
-	@$(BIN)/pytest -n 2 -m slow tests/benchmarks tests/system
+	@$(BIN)/pytest $(WORKERS) -n 2 --hypothesis-profile=nightly --hypothesis-seed=$(SEED) -m "not soak and not vm" tests/core tests/client tests/drivers tests/companion
+	@$(BIN)/pytest $(WORKERS) -n 2 -m slow tests/benchmarks tests/system
 
 # What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
 $(PEERS): $(STAMP) .ci/constraints-peers.txt
