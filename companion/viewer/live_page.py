@@ -47,10 +47,10 @@ class LivePage:
             }
         )  # fmt: skip
 
-    def answer(self, name: str, after: int, world: int = 0) -> bytes:
-        """A JSON response. name, after, world: of the newest response that the page has received; "" and 0: none."""
+    def answer(self, name: str, after: int, world: int = 0, team: int = 0) -> bytes:
+        """A JSON response. name, after, world, team: of the newest response that the page has received; "" and 0: none."""
         began_ns = time.monotonic_ns()
-        after, world = (after, world) if name == self._name else (0, 0)
+        after, world, team = (after, world, team) if name == self._name else (0, 0, 0)
         self.subscriber.wait(after, HOLD_S)
         subscriber, frames = self.subscriber, []
         with subscriber.changed:
@@ -68,7 +68,7 @@ class LivePage:
             service = service_status(subscriber, now_ns)
         response = {
             "name": self._name, "number": number, "held_ms": (now_ns - began_ns) / 1e6, "service": service,
-            "cameras": cameras, "frames": frames, "world": subscriber.world.update(world),
+            "cameras": cameras, "frames": frames, "world": subscriber.world.update(world), "team": subscriber.team.update(team),
         }  # fmt: skip
         return json.dumps(response, separators=(",", ":"), allow_nan=False).encode()
 

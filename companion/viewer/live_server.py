@@ -88,10 +88,10 @@ def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
     if asked.path != "/news":
         return 404, "text/plain", b"there is the page (/) and its news\n"
     words = parse_qs(asked.query)
-    after, world = (words.get(key, ["0"])[0] for key in ("after", "world"))
-    if not all(number.isascii() and number.isdigit() and len(number) < 16 for number in (after, world)):
-        return 400, "text/plain", b"after, world: numbers were expected\n"
-    return 200, "application/json", page.answer(words.get("name", [""])[0], int(after), int(world))
+    numbers = [words.get(key, ["0"])[0] for key in ("after", "world", "team")]
+    if not all(number.isascii() and number.isdigit() and len(number) < 16 for number in numbers):
+        return 400, "text/plain", b"after, world, team: numbers were expected\n"
+    return 200, "application/json", page.answer(words.get("name", [""])[0], *map(int, numbers))
 
 
 class _Server(ThreadingTCPServer):
@@ -153,7 +153,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
     """The addresses of a service with this configuration."""
-    names = ("prisms", "health", "depth", "world", "world_requests")
+    names = ("prisms", "health", "depth", "world", "world_requests", "neighbours")
     run = str(run_folder())
     return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
 

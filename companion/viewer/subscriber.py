@@ -24,6 +24,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import TimedSocket, age_ns
 from osape_client.subscriber import TIMEOUT_S
 
+from .live_team import LiveTeam
 from .live_world import LiveWorld
 
 NS = 1_000_000_000
@@ -50,6 +51,7 @@ class Streams:
     depth: str
     world: str = ""
     world_requests: str = ""
+    neighbours: str = ""
     keys: Path | None = None
 
 
@@ -101,6 +103,7 @@ class LiveSubscriber:
         self._depth: zmq.Socket[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
         self.world = LiveWorld(streams.world, streams.world_requests, streams.keys, self.vehicle)
+        self.team = LiveTeam(streams.neighbours, streams.keys)
 
     def open(self) -> None:
         """Starts to receive; the service may start later. Raises DriverError for unusable keys."""
@@ -122,10 +125,12 @@ class LiveSubscriber:
             socket.connect(address)
         self._thread.start()
         self.world.open()
+        self.team.open()
 
     def close(self) -> None:
         """Ends the thread. May be called twice."""
         self.world.close()
+        self.team.close()
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(5.0)

@@ -10,15 +10,19 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import zmq
+
+from companion.streams.publisher import Publisher, Stream
 
 from .browser import Browser, Page, opened
-from .live import PATIENCE_S, ROOT, Live, flown
+from .live import PATIENCE_S, ROOT, Live, flown, until
+from .test_live_team import message as team_message
 
 pytestmark = pytest.mark.process
 
@@ -110,7 +114,7 @@ def test_depth_planes_and_health_are_shown(page: Page, tmp_path: Path) -> None:
 
 
 PLACED = """(async () => {
-  const model = await import("viewer/model"), { world } = app.frames, frame = app.data.frames[app.at];
+  const model = await import("viewer/model"), { world } = app.frames.ned, frame = app.data.frames[app.at];
   const ned = app.planes, apart = [];
   world.updateMatrixWorld();
   const m = world.matrixWorld.elements, p = world.children[0].geometry.attributes.position.array;
@@ -125,13 +129,32 @@ PLACED = """(async () => {
 
 
 def test_the_merged_world_stands_where_the_vehicle_sees_it(page: Page) -> None:
-    page.wait("app.frames.world.visible && app.frames.world.children.length === 2")
+    page.wait("app.frames.ned.world.visible && app.frames.ned.world.children.length === 2")
     assert page.ask("document.getElementById('worldwords').textContent").startswith("merged world: ")
     page.wait(f"{PLACED}.then((apart) => apart < 0.001)")  # a frame just come is drawn a moment later
     page.ask("document.getElementById('merged').click()")
-    page.wait("!app.frames.world.visible")
+    page.wait("!app.frames.ned.world.visible")
     page.ask("document.getElementById('merged').click()")
-    page.wait("app.frames.world.visible")
+    page.wait("app.frames.ned.world.visible")
+
+
+def test_obstacles_of_other_vehicles_are_drawn_and_end_with_their_stream(page: Page, following: Following) -> None:
+    drawn, text = "app.frames.ned.team.children.length", "document.getElementById('members').textContent"
+    assert page.ask("document.getElementById('members').hidden")  # [share] is off
+    with zmq.Context() as context:
+        address = f"ipc://{following.live.folder}/run/neighbours"
+        with closing(Publisher(Stream("neighbours", address), context)) as publisher:
+
+            def is_drawn() -> bool:
+                publisher.publish(team_message())
+                return bool(page.ask(f"{drawn} === 4 && app.frames.ned.team.visible"))
+
+            assert until(is_drawn)
+        assert page.ask(text).startswith("vehicle 7, last packet 0.2 s ago: 2 planes, observed up to 12 s ago")
+        page.ask("document.getElementById('team').click()")
+        page.wait("!app.frames.ned.team.visible")
+        page.ask("document.getElementById('team').click()")
+        page.wait(f"{drawn} === 0 && {text}.includes('no team any more')")  # the stream has ended
 
 
 def test_the_page_can_step_back_and_shows_it(page: Page) -> None:

@@ -19,7 +19,7 @@ const VIEWS = {
   side: { azimuth: Math.PI / 2, elevation: 0.06, distance: 20 },
   eye: { azimuth: 0, elevation: 0.02, distance: 0.6 },
 };
-const SWITCHES = ["ground", "free", "unknown", "trail", "inferred", "labels", "numbers", "normals", "points", "merged"];
+const SWITCHES = ["ground", "free", "unknown", "trail", "inferred", "labels", "numbers", "normals", "points", "merged", "team"];
 const CHOICES = ["what", "by", "layers", "world"];
 const AHEAD = { behind: 4, top: 8, side: 7, eye: 0.6 };
 
@@ -158,7 +158,13 @@ class App {
   /** Replaces the merged world: planes in whole centimetres of ned. */
   merged(planes) {
     this.planes = planes;
-    this.frames.merged(planes);
+    this.frames.ned.setWorld(planes);
+    this.ask();
+  }
+
+  /** Replaces the obstacles of other vehicles. */
+  team(team) {
+    this.frames.ned.setTeam(team);
     this.ask();
   }
 

@@ -2,6 +2,7 @@
 // fault (of the service, the server, the connection or this page) makes the age grow. A picture that is too old is marked across
 // the page, so that it is never taken for the present.
 
+import { teamColor } from "viewer/ned";
 import { showPilot } from "viewer/pilot";
 
 const CUT_MS = 1000, OLD_S = 1, PATIENCE_MS = 3000, AGAIN_MS = 300, TELL_MS = 100;
@@ -46,7 +47,7 @@ export function verdict(seen, stale_s) {
 export class Live {
   /** open: makes the app, called with the first frame. */
   constructor(data, open) {
-    Object.assign(this, { data, open, app: null, name: "", after: 0, world: 0, news: null, heard: null, made: 0, trouble: "", broken: null });
+    Object.assign(this, { data, open, app: null, name: "", after: 0, world: 0, team: 0, news: null, heard: null, made: 0, trouble: "", broken: null });
     $("service").hidden = false;
     $("title").textContent = data.title;
     $("speed").hidden = true;
@@ -61,7 +62,7 @@ export class Live {
       const asked = performance.now();
       let news = null;
       try {
-        const reply = await fetch(`news?name=${encodeURIComponent(this.name)}&after=${this.after}&world=${this.world}`,
+        const reply = await fetch(`news?name=${encodeURIComponent(this.name)}&after=${this.after}&world=${this.world}&team=${this.team}`,
           { cache: "no-store", signal: AbortSignal.timeout(PATIENCE_MS) });
         if (!reply.ok) throw new Error(`${reply.status} ${(await reply.text()).trim()}`);
         news = await reply.json();
@@ -98,12 +99,28 @@ export class Live {
       this.world = news.world.number;
       this.app.merged(news.world.planes);
     }
+    this.#team(news.team);
     this.tell();
     this.#service(news.service);
     if (this.app) showPilot(news.service.autopilot, this.app.data.frames[this.app.at].heading);
     $("merged").parentElement.hidden = !news.world.heard;
     $("worldwords").textContent = !news.world.heard ? "" : news.world.cause ? `merged world: not usable, ${news.world.cause}`
       : `merged world: ${news.world.total} planes`;
+  }
+
+  /** Obstacles of other vehicles: the picture, and who contributed what. */
+  #team(team) {
+    if (team.planes && this.app) {
+      this.team = team.number;
+      this.app.team(team);
+    }
+    $("team").parentElement.hidden = $("members").hidden = !team.heard;
+    const lines = team.members.map(({ vehicle, silent_s, text }) => {
+      const line = Object.assign(document.createElement("div"), { textContent: `vehicle ${vehicle}, last packet ${span(silent_s)} ago: ${text}` });
+      line.style.setProperty("--mark", `#${teamColor(vehicle).toString(16).padStart(6, "0")}`);
+      return line;
+    });
+    $("members").replaceChildren(...(lines.length ? lines : [team.silent ? "other vehicles: the service publishes no team any more" : "other vehicles: none heard"]));
   }
 
   #meet(info, k) {

@@ -3,8 +3,10 @@
 
 import * as THREE from "three";
 import * as model from "viewer/model";
+import { Labels } from "viewer/labels";
+import { NedGroup } from "viewer/ned";
 
-const WORLD = 0xe0c080, FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xf5f7fa, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
+const FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xf5f7fa, RINGS = [1, 2, 5, 10, 20];
 /** How each class of space is drawn: colour, opacity in one layer, opacity where all layers lie over each other. */
 const SPACE_LOOKS = { free: [FREE, 0.30, 0.13], open: [OPEN, 0.30, 0.13], unknown: [0x8b97a3, 0.22, 0] }, UNKNOWN_REACH_M = 20;
 
@@ -19,9 +21,8 @@ export class FrameScene {
     this.faces = { points: [], colors: [] };
     this.trail = [];
     this.gone = [];
-    this.world = new THREE.Group();
-    this.scene.add(this.world);
-    this.words = new Map(); // text, colour -> texture, the latest used last
+    this.labels = new Labels();
+    this.ned = new NedGroup(this.scene, this.labels);
   }
 
   clear() {
@@ -38,11 +39,7 @@ export class FrameScene {
       o.material?.dispose();
     }
     this.gone = [];
-    while (this.words.size > KEPT_WORDS) {
-      const [key, map] = this.words.entries().next().value;
-      this.words.delete(key);
-      map.dispose();
-    }
+    this.labels.release();
   }
 
   /** Draws a frame. show: what to show and how; index: bytes of the small depth image or null, w: its width. */
@@ -50,7 +47,7 @@ export class FrameScene {
     this.clear();
     const camera = this.data.cameras[frame.c];
     this.at = (p) => model.toDrawing(model.toWorld(p, place));
-    this.#placeWorld(frame, show);
+    this.ned.place(frame, show);
     this.#vehicle(frame, camera);
     if (show.ground) this.#ground(frame, place);
     if (show.trail) this.#trail(frame, show, place);
@@ -61,41 +58,6 @@ export class FrameScene {
       for (const kind of ["free", "open"]) this.#space(frame, kind, show.layers === "all", camera);
     }
     this.#walls(frame, show, camera);
-  }
-
-  /** Replaces the merged world; planes: whole centimetres of ned, six numbers each. */
-  merged(planes) {
-    for (const o of this.world.children) {
-      o.geometry.dispose();
-      o.material.dispose();
-    }
-    this.world.clear();
-    if (!planes.length) return;
-    const faces = [], edges = [];
-    for (let k = 0; k < planes.length; k += 6) {
-      const [ax, ay, bx, by, top, bottom] = planes.slice(k, k + 6).map((cm) => cm / 100);
-      const [a, b, c, d] = [[ax, ay, top], [bx, by, top], [bx, by, bottom], [ax, ay, bottom]].map(model.toDrawing);
-      faces.push(a, b, c, a, c, d);
-      edges.push(a, b, b, c, c, d, d, a);
-    }
-    const made = (points) => {
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.Float32BufferAttribute(points.flat(), 3));
-      return geometry;
-    };
-    const look = { color: WORLD, transparent: true, depthWrite: false };
-    this.world.add(new THREE.Mesh(made(faces), new THREE.MeshBasicMaterial({ ...look, opacity: 0.12, side: THREE.DoubleSide })),
-      new THREE.LineSegments(made(edges), new THREE.LineBasicMaterial({ ...look, opacity: 0.35 })));
-  }
-
-  /** Moves it to the position of the frame; it is hidden for a frame without a position. */
-  #placeWorld(frame, show) {
-    const level = show.world !== "ned", yaw = level ? frame.heading : 0;
-    this.world.visible = Boolean(show.merged && frame.pos);
-    if (!frame.pos) return;
-    const [x, y, z] = level ? model.toDrawing(frame.pos) : [0, 0, 0], c = Math.cos(yaw), s = Math.sin(yaw);
-    this.world.rotation.y = yaw;
-    this.world.position.set(-(c * x + s * z), -y, s * x - c * z);
   }
 
   #add(object) { this.group.add(object); return object; }
@@ -160,35 +122,7 @@ export class FrameScene {
     }
   }
 
-  #text(text, at, color, size) {
-    const map = this.#word(text, color), { width, height } = map.image;
-    const sprite = this.#add(new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false })));
-    sprite.scale.set((size * width) / height, size, 1);
-    sprite.position.set(...at);
-    sprite.renderOrder = 10;
-  }
-
-  #word(text, color) {
-    const key = `${text} ${color}`, known = this.words.get(key);
-    if (known) {
-      this.words.delete(key);
-      this.words.set(key, known);
-      return known;
-    }
-    const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = "600 44px sans-serif";
-    pen.font = font;
-    canvas.width = Math.ceil(pen.measureText(text).width) + 24;
-    canvas.height = 60;
-    pen.font = font;
-    pen.fillStyle = "rgba(0,0,0,0.6)";
-    pen.fillRect(0, 0, canvas.width, canvas.height);
-    pen.fillStyle = color;
-    pen.textBaseline = "middle";
-    pen.fillText(text, 12, 32);
-    const map = new THREE.CanvasTexture(canvas);
-    this.words.set(key, map);
-    return map;
-  }
+  #text(text, at, color, size) { this.#add(this.labels.sprite(text, at, color, size)); }
 
   /** One class of space as horizontal sheets, in the camera's layer or in all. */
   #space(frame, kind, all, camera) {
