@@ -15,9 +15,10 @@ from drivers.base import BadData
 from .png import SIGNATURE
 from .ros2_decode import COMPRESSED
 from .ros2_frames import depth_from_image
+from .rvl import decode_rvl
 
 _CONFIG: Final = struct.Struct("<iff")
-"""Before the PNG of compressedDepth: format, and two parameters A, B of the quantised inverse depth."""
+"""Before the PNG or RVL data of compressedDepth: format, and two parameters A, B of the quantised inverse depth."""
 
 
 def encoding_of(kind: str, message: Any) -> str:
@@ -35,24 +36,33 @@ def depth_of(kind: str, message: Any) -> NDArray[np.uint16]:
 
 
 def _compressed_depth(message: Any) -> NDArray[np.uint16]:
-    """16UC1: millimetres as PNG. 32FC1: 16-bit PNG of the inverse depth, Z = A / (value - B) metres, 0: unknown."""
+    """16UC1: millimetres. 32FC1: 16 bits of the inverse depth, Z = A / (value - B) metres, 0: unknown."""
     data, transport = bytes(message.data), str(message.format)
-    if "rvl" in transport.lower():
-        raise BadData("compressedDepth with RVL; record it with the parameter format = png, or republish it as Image")
-    header = 0 if data.startswith(SIGNATURE) else _CONFIG.size
-    if not data[header:].startswith(SIGNATURE):
-        raise BadData("a compressed depth image that contains no PNG")
-    raw = cv2.imdecode(np.frombuffer(data, np.uint8, offset=header), cv2.IMREAD_UNCHANGED)
-    if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
-        raise BadData("a compressed depth image whose PNG is damaged or not 16-bit grey")
+    raw = _rvl(data) if "rvl" in transport.lower() else _png(data)
     if not transport.startswith("32FC1"):
         depth = np.array(raw, np.uint16)
         depth[raw >= FAR_MM] = UNKNOWN_MM
         return depth
-    if header == 0:
+    if data.startswith(SIGNATURE):
         raise BadData("a compressed 32FC1 image without the parameters of its inverse depth")
     _, a, b = _CONFIG.unpack_from(data)
     with np.errstate(divide="ignore", invalid="ignore"):
         millimetres = np.rint(1000.0 * a / (raw.astype(np.float64) - b))
         valid = (raw > 0) & (millimetres > 0) & (millimetres < FAR_MM)
     return np.where(valid, millimetres, UNKNOWN_MM).astype(np.uint16)
+
+
+def _rvl(data: bytes) -> NDArray[np.uint16]:
+    """(H, W) uint16. Raises BadData."""
+    return decode_rvl(data[_CONFIG.size :])
+
+
+def _png(data: bytes) -> NDArray[np.uint16]:
+    """(H, W) uint16; the parameters may be absent. Raises BadData."""
+    header = 0 if data.startswith(SIGNATURE) else _CONFIG.size
+    if not data[header:].startswith(SIGNATURE):
+        raise BadData("a compressed depth image that contains no PNG")
+    raw = cv2.imdecode(np.frombuffer(data, np.uint8, offset=header), cv2.IMREAD_UNCHANGED)
+    if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
+        raise BadData("a compressed depth image whose PNG is damaged or not 16-bit grey")
+    return np.asarray(raw, np.uint16)

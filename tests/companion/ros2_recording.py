@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from companion.importers.ros2_frames import R_FRD_FLU, R_NED_ENU
 from core.frames import rotation_from_euler
 
+from .rvl_encoder import encode_rvl
+
 HEADER = "std_msgs/Header header\n"
 _LINE = "=" * 80 + "\nMSG: "
 _HEADER = _LINE + "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
@@ -118,6 +120,7 @@ class RosFlight:
     """What is written: by default a second of depth at 10 Hz, odometry at 50 Hz."""
 
     encoding: str = "16UC1"
+    codec: str = "png"
     big_endian: bool = False
     padding: int = 0
     frames: int = 10
@@ -221,18 +224,22 @@ class RosFlight:
         }
 
     def compressed(self, t_ns: int, number: int) -> dict[str, Any]:
-        """As image_transport's compressedDepth: 12 bytes of parameters, then a PNG."""
+        """As image_transport's compressedDepth: 12 bytes of parameters, then a PNG or RVL."""
         a, b = 1000.0, -1.5
         raw = expected_depth(number)
         if self.encoding == "32FC1":
             with np.errstate(divide="ignore"):
                 raw = np.where(raw > 0, np.rint(a / (raw / 1000.0) + b), 0).astype(np.uint16)
-        done, png = cv2.imencode(".png", raw)
-        assert done
-        data = struct.pack("<iff", 0, a, b) + png.tobytes()
+        if self.codec == "rvl":
+            content = encode_rvl(raw)
+        else:
+            done, png = cv2.imencode(".png", raw)
+            assert done
+            content = png.tobytes()
+        data = struct.pack("<iff", 0, a, b) + content
         return {
             "header": header(t_ns, self.depth_frame),
-            "format": f"{self.encoding}; compressedDepth png",
+            "format": f"{self.encoding}; compressedDepth {self.codec}",
             "data": data,
         }
 

@@ -53,9 +53,10 @@ def test_px4_stamps_of_its_own_clock_are_mapped_to_the_images(
     assert abs(attitudes[10].t_ns - (START_NS + NS // 10)) <= 5_000_000  # the smallest delay, 4 ms, is taken as none
 
 
+@pytest.mark.parametrize("codec", ["png", "rvl"])
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
-def test_compressed_depth(encoding: str, tmp_path: Path) -> None:
-    flight = RosFlight(encoding=encoding, depth_topics=("/cam/depth/image/compressedDepth",), frames=2)
+def test_compressed_depth(encoding: str, codec: str, tmp_path: Path) -> None:
+    flight = RosFlight(encoding=encoding, codec=codec, depth_topics=("/cam/depth/image/compressedDepth",), frames=2)
     flight.info_topics = ("/cam/depth/image/camera_info",)
     status, out = imported(flight.write(tmp_path / "in.mcap"))
     assert status == 0
