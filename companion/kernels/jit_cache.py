@@ -9,11 +9,14 @@ file and of the files that import it.
 An installation may bring compiled kernels along, in `share/osape-companion/kernels` of its environment: a new directory
 starts with those too. They are trusted as far as the code beside them.
 
+numba wants to write where it reads: kernels of a directory that cannot be written are linked into a temporary one.
+
 numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls use_own_cache() first."""
 
 from __future__ import annotations
 
 import ast
+import atexit
 import contextlib
 import fcntl
 import hashlib
@@ -22,7 +25,8 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Collection, Sequence
+import tempfile
+from collections.abc import Callable, Collection, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -49,6 +53,7 @@ MAX_CACHES: Final = 6
 """Number of directories that are kept, including the one in use."""
 _PREFIX: Final = "kernels-"
 _KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
+_LINKED: Final = "osape-companion-kernels-"
 _LOCK: Final = "in-use"
 _CLOSURES: Final = "closures.json"
 """In each directory: the hash of the import closure of every module at the time of its creation."""
@@ -57,28 +62,73 @@ KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py", "companion/pi
 _NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world.params"})
 """Modules of parameter classes. Kernels cannot read them, so they do not affect machine code."""
 
+Link = Callable[[Path, Path], None]
+
 _held: list[int] = []
 """Open files whose locks mark the directory as in use; the system closes them with the process."""
 
 
 def use_own_cache() -> Path | None:
-    """Sets NUMBA_CACHE_DIR to the directory of the present sources, below its previous value or below the user's cache.
-    Returns it; None when nothing was changed: numba is already imported, or no directory can be written."""
+    """Sets NUMBA_CACHE_DIR to the directory of the present sources, below its previous value or below the user's cache;
+    where none can be written but one has all kernels of a group, to a temporary one with links to those. Returns it;
+    None when nothing was changed: numba is already imported, or there is neither."""
     if "numba" in sys.modules:
         return None
     named = os.environ.get(VARIABLE)
-    for base in [base_of(Path(named))] if named else _usual_bases():
-        folder = base / (_PREFIX + source_key(ROOT))
+    bases = [base_of(Path(named))] if named else _usual_bases()
+    key = _PREFIX + source_key(ROOT)
+    for base in bases:
+        folder = base / key
         is_new = not folder.exists()
         if _open(folder):
             if is_new:
                 with contextlib.suppress(OSError):
                     seed((base, SHARED), folder, ROOT)
             prune(base, folder)
-            os.environ[VARIABLE] = str(folder)
-            os.environ[LOCATOR_VARIABLE] = LOCATOR
-            return folder
+            return _set_variables(folder)
+    for base in (*bases, SHARED):
+        if _is_complete(base / key) and (linked := _linked_copy(base / key)):
+            return _set_variables(linked)
     return None  # numba then reports the error, and `companion warmup` the remedy
+
+
+def _set_variables(folder: Path) -> Path:
+    os.environ[VARIABLE] = str(folder)
+    os.environ[LOCATOR_VARIABLE] = LOCATOR
+    return folder
+
+
+def _is_complete(folder: Path) -> bool:
+    """Whether all kernels of a group are in it."""
+    try:
+        return any(name.startswith(COMPLETE) for name in os.listdir(folder))
+    except OSError:
+        return False
+
+
+def _linked_copy(folder: Path) -> Path | None:
+    """A temporary directory with symbolic links to these kernels, deleted at the end of this process; None where none
+    can be made. Child processes use it too, and what one of them compiles is written into it."""
+    try:
+        base = Path(tempfile.mkdtemp(prefix=f"{_LINKED}{os.getpid()}-"))
+        copy = base / folder.name
+        copy.mkdir()
+        seed((folder.parent,), copy, ROOT, _symbolic_link)
+    except OSError:
+        return None
+    atexit.register(_delete_own, base, os.getpid())
+    return copy
+
+
+def is_linked_copy(folder: Path) -> bool:
+    """Whether a directory of kernels is a temporary one with links to those of a directory that cannot be written."""
+    return base_of(folder).name.startswith(_LINKED)
+
+
+def _delete_own(folder: Path, owner: int) -> None:
+    """Not in a fork of the owner, which the parent outlives."""
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def unwritable_bases() -> list[Path]:
@@ -123,8 +173,9 @@ def source_key(root: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def seed(bases: Sequence[Path], folder: Path, root: Path) -> None:
+def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = None) -> None:
     """Links the cached kernels of older directories into a new one, for each module whose import closure is unchanged.
+    link: makes a link to a file at a path; default: a hard link, or a copy where that is impossible.
 
     numba replaces its files by renaming, so a link never changes the older directory. numba itself checks the kernel's
     own file."""
@@ -134,7 +185,7 @@ def seed(bases: Sequence[Path], folder: Path, root: Path) -> None:
     for other in sorted(older, key=_last_use, reverse=True):
         there = _closures_of(other)
         same = [name for name, key in missing.items() if there.get(name) == key]
-        files = {name: _link_kernels(other, folder, name) for name in same}
+        files = {name: _link_kernels(other, folder, name, link or _link_or_copy) for name in same}
         copy_entries(other, folder, [file for linked_files in files.values() for file in linked_files])
         if other.name == folder.name:  # the same state, brought along by the installation
             for mark in other.glob(COMPLETE + "*"):
@@ -216,7 +267,7 @@ def _closures_of(folder: Path) -> dict[str, str]:
         return {}
 
 
-def _link_kernels(source: Path, target: Path, module: str) -> list[str]:
+def _link_kernels(source: Path, target: Path, module: str, link: Link) -> list[str]:
     """Links the kernels of this module into the target directory; returns their paths relative to the source directory."""
     package, _, stem = module.rpartition(".")
     files = [f for f in (source / package).glob(f"{stem}.*") if f.suffix in (".nbi", ".nbc")]
@@ -225,7 +276,7 @@ def _link_kernels(source: Path, target: Path, module: str) -> list[str]:
         place = target / file.parent.name / file.name
         place.parent.mkdir(exist_ok=True)
         if not place.exists():
-            _link_or_copy(file, place)
+            link(file, place)
     return [str(f.relative_to(source)) for f in files]
 
 
@@ -237,6 +288,10 @@ def _link_or_copy(file: Path, place: Path) -> None:
         part = place.with_name(f"{place.name}.{os.getpid()}.part")
         shutil.copy2(file, part)
         part.replace(place)
+
+
+def _symbolic_link(file: Path, place: Path) -> None:
+    place.symlink_to(file)
 
 
 def prune(base: Path, current: Path) -> None:

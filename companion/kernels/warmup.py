@@ -23,7 +23,7 @@ from typing import Any
 
 from ..console import fail, print_json, print_line, warn
 from .child_process import POLL_S, CancelledError, Children, WarmupError, end_with_parent
-from .jit_cache import COMPLETE, VARIABLE, base_of, unwritable_bases
+from .jit_cache import COMPLETE, VARIABLE, base_of, is_linked_copy, unwritable_bases
 from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
 from .processor import processor
 from .progress import LOG_EVERY_S, CompiledCount, ProgressLine, Report, progress_text
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if done.deleted:
         print_line(f"the cache of compiled kernels was damaged: {done.deleted} files deleted, compiled again")
-    print_line(f"all kernels are compiled: {done.cached} files in {', '.join(done.cache)}")
+    print_line(f"all kernels are compiled: {done.cached} files in {', '.join(done.cache)}{_link_remark()}")
     return 0
 
 
@@ -96,8 +96,18 @@ def warm_up() -> Warmup:
     return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
 
 
-def cache_warning() -> str:
-    """That compiled kernels cannot be stored, with the remedy; "": they can. Each process then compiles its own."""
+def _link_remark() -> str:
+    return ", links to a cache that cannot be written" if is_linked_copy(cache_folders()[0]) else ""
+
+
+def cache_warning(modes: Sequence[str]) -> str:
+    """That kernels of these groups are missing and cannot be stored, with the remedy; "": they can, or none is. Each
+    process then compiles its own."""
+    if is_linked_copy(folder := cache_folders()[0]) and (missing := _incomplete(folder, modes)):
+        return (
+            f"the cache of compiled kernels cannot be written and has none of {', '.join(missing)} for this processor: each "
+            f"command compiles them again, which takes minutes; set {VARIABLE} to a folder that this user may write"
+        )
     if not (places := unwritable_bases()):
         return ""
     return (
@@ -116,7 +126,7 @@ def _space_remedy(child: subprocess.CompletedProcess[str], folder: Path) -> str:
 def ensure_compiled(*modes: str) -> None:
     """Compiles the missing kernels of these groups in a child process, with a line of progress on stderr. Returns at once
     where all are compiled. Raises WarmupError."""
-    if warning := cache_warning():
+    if warning := cache_warning(modes):
         warn(warning)
     if named := os.environ.get(VARIABLE):
         discard_damaged()
@@ -215,7 +225,7 @@ def make_ready(*modes: str, report: Report = lambda done, total: None) -> None:
     makes the next start run `warm_up` first. The objects of the start are frozen (`gc.freeze`), since full garbage
     collections would otherwise scan them and stop the other threads. Raises WarmupError."""
     begun_s = time.monotonic()
-    if warning := cache_warning():
+    if warning := cache_warning(modes):
         log.warning(warning)
     named = os.environ.get(VARIABLE)
     mark = Path(named) / MARK if named else None
@@ -320,6 +330,8 @@ def _check_cache_place() -> None:
     named = os.environ.get(VARIABLE)
     if not named:
         return
+    if is_linked_copy(Path(named)) and (warning := cache_warning(MODES)):
+        raise WarmupError(warning)
     named = str(base_of(Path(named)))  # the value that the user has set
     try:
         Path(named).mkdir(parents=True, exist_ok=True)

@@ -6,12 +6,14 @@ import fcntl
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import companion.kernels.jit_cache as jit_cache
 from companion.kernels.jit_cache import VARIABLE, base_of, import_closures, prune, seed, source_key, use_own_cache
+from companion.kernels.manifest import delete_kernels
 
 pytestmark = pytest.mark.process
 
@@ -310,3 +312,79 @@ def test_a_place_that_cannot_be_written_is_left_to_warmup(
     monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "cache"))
     assert use_own_cache() is None
     assert os.environ[VARIABLE] == str(tmp_path / "file" / "cache")
+
+
+READ_ONLY = """
+import os
+import sys
+from pathlib import Path
+folder = Path(os.environ[jit_cache.VARIABLE])
+assert jit_cache.use_own_cache() == folder  # a child process finds it too
+sys.path.insert(0, {root!r})
+from core.outer import outer
+results = outer(10), outer(1.5)
+print(*results, sum(outer.stats.cache_hits.values()), folder.parent.parent.name, len(list(folder.rglob("outer*.nbc"))))
+"""
+
+
+def python_without_privileges(code: str, cache: Path, temporary: Path) -> subprocess.CompletedProcess[str]:
+    """Runs code with a cache and a folder for temporary files; modes of files hold for root too."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_DISABLE_JIT", "PYTHONPATH")}
+    environment |= {VARIABLE: str(cache), "TMPDIR": str(temporary)}
+    bound = ["setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override"] if os.geteuid() == 0 else []
+    return subprocess.run(
+        [*bound, sys.executable, "-B", "-c", code],
+        env=environment, cwd=jit_cache.ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def set_mode(folder: Path, mode: int) -> None:
+    """Of all directories; files keep theirs."""
+    for path in [*folder.rglob("*"), folder]:
+        if path.is_dir():
+            path.chmod(mode)
+
+
+@pytest.fixture
+def read_only(tmp_path: Path) -> Iterator[Path]:
+    """A cache that cannot be written, with the compiled kernels of `project` beside it."""
+    root = sources(tmp_path / "project", factor=2)
+    cache = tmp_path / "read-only"
+    python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), cache)
+    state = f"kernels-{source_key(root)}"
+    (cache / state / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
+    set_mode(cache, 0o555)
+    yield cache
+    set_mode(cache, 0o755)
+
+
+def test_kernels_of_a_directory_that_cannot_be_written_are_used(read_only: Path, tmp_path: Path) -> None:
+    """Those for other arguments are compiled beside the links, which go with the process."""
+    root, temporary = tmp_path / "project", tmp_path / "temporary"
+    temporary.mkdir()
+    before = {file: file.stat().st_mtime_ns for file in read_only.rglob("*")}
+    done = python_without_privileges((KEYED + READ_ONLY).format(root=str(root)), read_only, temporary)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["21", "4.0", "1", "temporary", "2"]
+    assert list(temporary.iterdir()) == []
+    assert {file: file.stat().st_mtime_ns for file in read_only.rglob("*")} == before
+
+
+def test_without_all_kernels_a_directory_that_cannot_be_written_is_of_no_use(read_only: Path, tmp_path: Path) -> None:
+    sources(tmp_path / "project", factor=3)
+    code = KEYED.format(root=str(tmp_path / "project"))
+    done = python_without_privileges(code, read_only, tmp_path)
+    assert "assert jit_cache.use_own_cache() is not None" in code
+    assert "AssertionError" in done.stderr
+
+
+def test_deleting_a_linked_kernel_deletes_the_link(tmp_path: Path) -> None:
+    """A damaged kernel is compiled again, and the directory that cannot be written is not touched."""
+    kernel = tmp_path / "level.pool-34.py311.1.nbc"
+    kernel.write_bytes(b"damaged")
+    (tmp_path / "copy").mkdir()
+    link = tmp_path / "copy" / kernel.name
+    link.symlink_to(kernel)
+    assert delete_kernels([link]) == 1
+    assert not link.is_symlink()
+    assert kernel.exists()

@@ -12,7 +12,9 @@ import pytest
 from companion.config.loader import Config, load_config
 from companion.doctor.autopilot_check import autopilot_findings
 from companion.kernels import jit_cache
-from companion.kernels.warmup import cache_warning
+from companion.kernels.processor import processor
+from companion.kernels.run_kernels import MODES
+from companion.kernels.warmup import WarmupError, cache_warning, warm_up
 from companion.paths import FolderError, folders
 from companion.whole_file import whole_file, write_whole
 
@@ -115,14 +117,28 @@ def test_kernels_that_cannot_be_stored_are_announced(no_folder: Path, monkeypatc
     """Each command would compile them again, for minutes and without a word."""
     monkeypatch.setenv(jit_cache.VARIABLE, str(no_folder))
     monkeypatch.delenv(jit_cache.LOCATOR_VARIABLE, raising=False)
-    warning = cache_warning()
+    warning = cache_warning(MODES)
     assert str(no_folder) in warning
     assert "NUMBA_CACHE_DIR" in warning
 
 
 def test_a_writable_cache_is_not_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(jit_cache.VARIABLE, str(tmp_path))
-    assert cache_warning() == ""
+    assert cache_warning(MODES) == ""
+
+
+def test_a_read_only_cache_is_announced_where_kernels_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "osape-companion-kernels-1-a" / "kernels-0123456789abcdef"
+    folder.mkdir(parents=True)
+    monkeypatch.setenv(jit_cache.VARIABLE, str(folder))
+    for mode in MODES[:-1]:
+        (folder / f"{jit_cache.COMPLETE}{mode}").write_text(processor())
+    assert cache_warning(MODES[:-1]) == ""
+    assert f"has none of {MODES[-1]} for this processor" in cache_warning(MODES)
+    with pytest.raises(WarmupError, match="NUMBA_CACHE_DIR"):
+        warm_up()
 
 
 def test_a_failure_between_leaves_the_file_of_before(tmp_path: Path) -> None:
