@@ -46,11 +46,13 @@ NO_CLOCK = ClockEstimate(ClockSource.NONE)
 
 @dataclass(slots=True)
 class LoopRecord:
-    """What happened. stops: (instant, speed) of the first attempt of each stop; limits: number of speed commands; texts: of STATUSTEXT.
+    """What happened. stops: (instant, speed) of the first attempt of each stop; reasons: for each of them, what it was decided from;
+    limits: number of speed commands; texts: of STATUSTEXT.
     reactions_s: for each stop before an obstacle, time from the exposure of the first of the frames, one after the other, in which an
     obstacle did not leave the braking distance."""
 
     stops: list[tuple[int, float]] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
     limits: int = 0
     texts: list[str] = field(default_factory=list)
     reactions_s: list[float] = field(default_factory=list)
@@ -126,10 +128,24 @@ class GuardLoop:
         assert message.target_system == SYSTEM
         if message.command in (DO_SET_MODE, DO_REPOSITION) and self.guard.memory.attempts == 1:
             self.record.stops.append((self.now_ns, self.flight.speed_m_s))
+            self.record.reasons.append(self._reason())
             if self._shown_ns is not None:
                 self.record.reactions_s.append((self.now_ns - self._shown_ns) / NS)
         self.record.limits += message.command == DO_CHANGE_SPEED
         self._after(LINK_NS, lambda: self._command(message))
+
+    def _reason(self) -> str:
+        """What the stop of this instant was decided from, in one line."""
+        sight, verdict = self.guard.sight, self.guard.verdict
+        if sight is None or verdict is None:
+            return "nothing seen"
+        needed_m = self.braking.needed_m(verdict.predicted_m_s)
+        limit_m_s = self.guard.memory.limit_m_s
+        return (
+            f"at {verdict.speed_m_s:.1f} m/s, to come {verdict.predicted_m_s:.1f}, needed {needed_m:.1f} m, free {sight.free_m:.1f}, "
+            f"ahead {sight.ahead_free_m:.1f}, obstacle {sight.obstacle_m:.1f}, weak {sight.weak_obstacle_m:.1f}, "
+            f"remembered {sight.remembered_m:.1f}, limit {limit_m_s:.1f} of {self.record.limits}: {verdict.cause}"
+        )
 
     def _command(self, message: Any) -> None:
         result = 0 if message.command == SET_MESSAGE_INTERVAL else self.flight.command(message)

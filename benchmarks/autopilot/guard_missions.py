@@ -59,6 +59,7 @@ class Flown:
     reaction_s: float | None
     finished: bool
     texts: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
 
 
 def flight_of(autopilot: str, waypoints: np.ndarray, height_m: float, speed_m_s: float, guided: bool) -> AutoFlight:
@@ -104,7 +105,7 @@ def _flown(loop: GuardLoop, mission: Mission, start_ns: int) -> Flown:
         fastest_m_s = max(fastest_m_s, flight.speed_m_s)
         least_m = min(least_m, clearance_m(scene, loop.place_m) - hull_m)
         while judged < len(loop.record.stops):
-            false_stops += not _justified(loop)
+            false_stops += _judge(loop)
             judged += 1
         stands = bool(loop.record.stops) and flight.speed_m_s < 0.05
         stands_ns = (stands_ns or loop.now_ns) if stands else None
@@ -116,8 +117,16 @@ def _flown(loop: GuardLoop, mission: Mission, start_ns: int) -> Flown:
         number=mission.number, autopilot=mission.autopilot, guided=mission.guided, speed_m_s=mission.speed_m_s,
         kinds=mission.kinds, blocked=mission.blocked, seconds=(loop.now_ns - start_ns) / NS, fastest_m_s=fastest_m_s,
         clearance_m=least_m, stops=len(record.stops), false_stops=false_stops, limits=record.limits, reaction_s=next(iter(record.reactions_s), None),
-        finished=flight.finished, texts=tuple(record.texts),
+        finished=flight.finished, texts=tuple(record.texts), reasons=tuple(record.reasons),
     )  # fmt: skip
+
+
+def _judge(loop: GuardLoop) -> bool:
+    """Whether the newest stop is a false one; it is marked so in its reason."""
+    false = not _justified(loop)
+    if false:
+        loop.record.reasons[-1] = f"FALSE {loop.record.reasons[-1]}"
+    return false
 
 
 def _justified(loop: GuardLoop) -> bool:
@@ -143,14 +152,14 @@ def free_flight(name: str, minutes: float, speed_m_s: float, width: int, guard: 
         loop.tick()
         fastest_m_s = max(fastest_m_s, flight.speed_m_s)
         while judged < len(loop.record.stops):
-            false_stops += not _justified(loop)
+            false_stops += _judge(loop)
             judged += 1
         if flight.mode != mode and flight.speed_m_s < 0.05 and loop.guard.memory.state == "holding":
             flight.enter(mode)
     return Flown(
         number=seed, autopilot=autopilot, guided=False, speed_m_s=speed_m_s, kinds=(name,), blocked=False, seconds=minutes * 60.0,
         fastest_m_s=fastest_m_s, clearance_m=least_m, stops=len(loop.record.stops), false_stops=false_stops,
-        limits=loop.record.limits, reaction_s=None, finished=False, texts=tuple(loop.record.texts),
+        limits=loop.record.limits, reaction_s=None, finished=False, texts=tuple(loop.record.texts), reasons=tuple(loop.record.reasons),
     )  # fmt: skip
 
 

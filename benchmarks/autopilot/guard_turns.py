@@ -53,6 +53,7 @@ class Turned:
     stood: bool
     finished: bool
     texts: tuple[str, ...]
+    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +116,7 @@ def fly_turn(number: int, yaw: Yaw, width: int, guard: GuardParams, course: Cour
         number=number, yaw=str(yaw), autopilot=mission.autopilot, speed_m_s=mission.speed_m_s, turn_deg=turn_deg,
         behind_m=behind_m, kind=mission.kinds[0], item_s=item_s, clearance_m=least_m, hit_m_s=hit_m_s, fastest_m_s=fastest_m_s,
         stops=len(loop.record.stops), stood=stands_ns is not None, finished=flight.finished, texts=tuple(loop.record.texts),
+        reasons=tuple(loop.record.reasons),
     )  # fmt: skip
 
 

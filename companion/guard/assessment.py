@@ -1,7 +1,8 @@
 """Whether the vehicle may fly on as it does: from the sights of the path to one verdict.
 
 Space seen free belongs to the world, not to a frame: what an earlier frame saw free is still free a moment later, nearer by
-the way flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along nearly the same course. A
+the way flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along nearly the same course, for each ray
+of the corridor: holes of the depth image lie at other places in each frame. A
 frame that sees less, without an obstacle, therefore does not stop the vehicle by itself. Obstacles count at once; those with
 few pixels once a second frame shows them at the same place.
 """
@@ -13,9 +14,12 @@ from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from ..config.guard import GuardParams
 from .braking import Braking
-from .path_sight import PathSight
+from .path_sight import PathSight, common_free_m
+from .velocity_hold import HOLD_NS
 
 NS = 1_000_000_000
 SAME_COURSE_RAD = math.radians(3.0)
@@ -36,6 +40,12 @@ PREDICT_S = 0.6
 STOP_PREDICT_S = 0.4
 """A vehicle that accelerates gains speed for so long after a stop command, until the limited jerk has ended its acceleration: from
 3 m/s2 at 4 m/s3 it gains 1.1 m/s."""
+LATE_NS = 300_000_000
+"""A velocity of this age or less is the present one: LOCAL_POSITION_NED may come at 4 Hz."""
+LONGEST_UNMEASURED_NS = 500_000_000
+"""With an older velocity the speed is not known."""
+GAIN_M_S2 = 3.0
+"""A vehicle whose velocity is late may have accelerated so much since: MPC_ACC_HOR of PX4, more than WPNAV_ACCEL."""
 SLOPE_NS = 250_000_000
 """The acceleration is taken over this time."""
 
@@ -50,7 +60,7 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """speed_m_s: of the vehicle, None: not known; predicted_m_s: that it has when a limit could work. allowed_m_s: greatest speed for which the braking distance fits for
+    """speed_m_s: of the vehicle as measured, None: not known; predicted_m_s: that it has when a limit could work. allowed_m_s: greatest speed for which the braking distance fits for
     another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
     seen farther. sees: the newest frame shows anything of the path. obstacle_stop: the braking distance does not fit before an
     obstacle, whatever is seen free; firm_stop: before one that the newest frame and another frame show with many pixels.
@@ -71,8 +81,9 @@ class Verdict:
 class PathAssessor:
     """`take` each sight, `verdict` at any instant after."""
 
-    def __init__(self, guard: GuardParams, braking: Braking) -> None:
-        self._guard, self._braking = guard, braking
+    def __init__(self, guard: GuardParams, braking: Braking, clear_share: float) -> None:
+        """clear_share: of the corridor's rays that must be seen free."""
+        self._guard, self._braking, self._clear_share = guard, braking, clear_share
         self._sights: deque[PathSight] = deque(maxlen=32)
 
     def take(self, sight: PathSight) -> None:
@@ -80,12 +91,15 @@ class PathAssessor:
         self._sights.append(sight)
 
     def verdict(self, now_ns: int) -> Verdict | None:
-        """None before the first sight, and while the speed is not known."""
-        if not self._sights or self._sights[-1].speed_m_s is None:
+        """None before the first sight, and while no velocity is known that is not older than HOLD_NS."""
+        newest = self._sights[-1] if self._sights else None
+        if newest is None or newest.speed_m_s is None:
             return None
-        newest = self._sights[-1]
-        speed_m_s = newest.speed_m_s
-        assert speed_m_s is not None
+        age_ns = now_ns - (newest.t_ns if newest.velocity_ns is None else newest.velocity_ns)
+        if age_ns > HOLD_NS:
+            return None
+        measured = age_ns <= LONGEST_UNMEASURED_NS
+        speed_m_s = newest.speed_m_s + GAIN_M_S2 * max(0, age_ns - LATE_NS) / NS
         way_m = speed_m_s * max(0, now_ns - newest.t_ns) / NS
         obstacle_m = self._obstacle_m(newest) - way_m
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
@@ -97,7 +111,7 @@ class PathAssessor:
         by_obstacle = obstacle_m <= free_m
         return Verdict(
             action=Action.STOP if obstacle_stop else self._action(speed_m_s, obstacle_m, free_m),
-            speed_m_s=speed_m_s,
+            speed_m_s=newest.speed_m_s if measured else None,
             predicted_m_s=self._predicted_m_s(speed_m_s),
             allowed_m_s=self._braking.speed_m_s(room_m, self._guard.limit_ahead_s),
             room_m=room_m,
@@ -121,24 +135,30 @@ class PathAssessor:
         return Action.SLOW if ahead_m > min(obstacle_m, free_m) else Action.PASS
 
     def _predicted_m_s(self, speed_m_s: float, ahead_s: float = PREDICT_S) -> float:
-        """Speed after ahead_s, if the vehicle accelerates on."""
+        """speed_m_s and what the vehicle gains in ahead_s, if it accelerates on as measured."""
         newest = self._sights[-1]
+        newest_m_s = newest.speed_m_s or 0.0
         for sight in reversed(self._sights):
             age_ns = newest.t_ns - sight.t_ns
             if age_ns >= SLOPE_NS and sight.speed_m_s is not None:
-                gain = (speed_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
+                gain = (newest_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
                 return speed_m_s + max(0.0, gain) * ahead_s
         return speed_m_s
 
     def _free_m(self, newest: PathSight, now_ns: int) -> float:
-        """The farthest of what the sights of the last keep_free_s saw free, less the way since."""
+        """The farthest of what the sights of the last keep_free_s saw free, less the way since: of each ray, and of all together."""
         if now_ns - newest.t_ns > STALE_NS:  # the obstacle output does not decide any more
             return 0.0
         keep_ns = self._guard.keep_free_s * NS
         best_m = newest.free_m - _way_m(newest, newest, now_ns)
+        rays_m = []
         for sight in self._sights:
-            if newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest):
-                best_m = max(best_m, sight.free_m - _way_m(sight, newest, now_ns))
+            if sight is newest or (newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest)):
+                way_m = _way_m(sight, newest, now_ns)
+                best_m = max(best_m, sight.free_m - way_m)
+                rays_m += [] if sight.rays_free_m is None else [sight.rays_free_m - way_m]
+        if len(rays_m) > 1:
+            best_m = max(best_m, common_free_m(np.max(rays_m, axis=0), self._clear_share))
         return max(0.0, best_m)
 
     def _ahead_free_m(self, newest: PathSight) -> float:
@@ -191,8 +211,11 @@ def _way_m(sight: PathSight, newest: PathSight, now_ns: int) -> float:
     since_s = max(0, now_ns - newest.t_ns) / NS
     if sight is newest:
         return speed_m_s * since_s
+    since_sight_s = (newest.t_ns - sight.t_ns) / NS
     if sight.position_ned_m is not None and newest.position_ned_m is not None:
-        moved_m = math.dist(sight.position_ned_m[:2], newest.position_ned_m[:2])
+        # not less than by speed: the estimate of the position may have jumped back
+        slowest_m_s = min(speed_m_s, speed_m_s if sight.speed_m_s is None else sight.speed_m_s)
+        moved_m = max(math.dist(sight.position_ned_m[:2], newest.position_ned_m[:2]), slowest_m_s * since_sight_s)
     else:
-        moved_m = max(speed_m_s, sight.speed_m_s or 0.0) * (newest.t_ns - sight.t_ns) / NS
+        moved_m = max(speed_m_s, sight.speed_m_s or 0.0) * since_sight_s
     return moved_m + speed_m_s * since_s

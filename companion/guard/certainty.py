@@ -18,6 +18,11 @@ HEARTBEAT_HZ: Final = 5.0
 LONGEST_HEARTBEAT_NS: Final = 2_500_000_000
 FIRST_WAIT_NS: Final = NS
 LONGEST_WAIT_NS: Final = 10 * NS
+AGAIN_NS: Final = 3 * NS
+"""The request is repeated so often while it is acknowledged."""
+REACHED_NS: Final = 8 * NS
+"""An acknowledgement counts for so long: two of three may be lost. Longer than the repeated attempts to stop take to be announced as
+not confirmed."""
 CONFLICTS: Final = ("two autopilots", "two of us", "several vehicles")
 """Topics of drivers.mavlink.conflicts that leave open who receives a command, or whose answer comes."""
 _ANSWERS: Final = frozenset({0, 3})
@@ -30,7 +35,7 @@ class Certainty:
 
     component_id: int
     _who: tuple[int, str] = (0, "")
-    _reached: bool = False
+    _reached_ns: int | None = None
     _next_ns: int = 0
     _wait_ns: int = FIRST_WAIT_NS
     _asked: bool = field(default=False)
@@ -40,26 +45,36 @@ class Certainty:
         system, component = getattr(ack, "target_system", 0), getattr(ack, "target_component", 0)
         return system in (0, vehicle.system_id) and component in (0, self.component_id)
 
-    def acknowledged(self, command: int, result: int) -> None:
+    def acknowledged(self, command: int, result: int, now_ns: int) -> None:
         """A COMMAND_ACK of the vehicle for us."""
         if command == SET_MESSAGE_INTERVAL and self._asked and result in _ANSWERS:
-            self._reached = True
+            self._reached_ns, self._wait_ns = now_ns, FIRST_WAIT_NS
 
     def requests(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
         """The request to send now, if any. Another vehicle must answer for itself."""
         who = (vehicle.system_id, vehicle.autopilot)
         if who != self._who:
-            self._who, self._reached, self._asked, self._next_ns = who, False, False, now_ns
+            self._who, self._reached_ns, self._asked, self._next_ns = who, None, False, now_ns
             self._wait_ns = FIRST_WAIT_NS
         if vehicle.autopilot not in STOP_ORDER or now_ns < self._next_ns:
             return []
-        self._next_ns = now_ns + (LONGEST_WAIT_NS if self._reached else self._wait_ns)
-        self._wait_ns = min(2 * self._wait_ns, LONGEST_WAIT_NS)
+        if self._reaches(now_ns):
+            self._next_ns = now_ns + AGAIN_NS
+        else:
+            self._next_ns = now_ns + self._wait_ns
+            self._wait_ns = min(2 * self._wait_ns, LONGEST_WAIT_NS)
         self._asked = True
         return [set_message_interval(vehicle.system_id, HEARTBEAT_ID, HEARTBEAT_HZ)]
 
-    def doubt(self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_trouble: str, now_ns: int) -> str:
-        """Why it is not sure, in a few words; empty: it is."""
+    def _reaches(self, now_ns: int) -> bool:
+        """Whether a command was acknowledged a short time before."""
+        return self._reached_ns is not None and now_ns - self._reached_ns <= REACHED_NS
+
+    def doubt(
+        self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_trouble: str, now_ns: int, stops: bool = False
+    ) -> str:
+        """Why it is not sure, in a few words; empty: it is. stops: an intervention is under way. Its commands go on while the
+        acknowledgements fail, once this vehicle has answered: where they do not arrive they do no harm."""
         if any(conflicts.get(topic) for topic in CONFLICTS):
             return next(topic for topic in CONFLICTS if conflicts.get(topic))
         if vehicle.autopilot not in STOP_ORDER:
@@ -70,4 +85,5 @@ class Certainty:
             return "no heartbeat"
         if signing_trouble:
             return "messages are not signed alike"
-        return "" if self._reached else "commands are not acknowledged"
+        answers = self._reached_ns is not None if stops else self._reaches(now_ns)
+        return "" if answers else "commands are not acknowledged"

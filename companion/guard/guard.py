@@ -31,7 +31,16 @@ from .machine import GuardMachine
 from .memory_file import GuardMemoryFile
 from .modes import StopMethod
 from .path_sight import PathSight, path_sight
-from .states import Announcement, GuardInput, GuardMemory, GuardState, Output, SpeedCommand, StopCommand
+from .states import (
+    INTERVENES,
+    Announcement,
+    GuardInput,
+    GuardMemory,
+    GuardState,
+    Output,
+    SpeedCommand,
+    StopCommand,
+)
 from .turn import CourseRate
 from .velocity_hold import VelocityHold
 
@@ -67,7 +76,7 @@ class Guard:
         self._vehicle, self._link_status, self._post = vehicle, link_status, post
         self._certainty = Certainty(component_id)
         self._landed = LandedState()
-        self._assessor = PathAssessor(guard, braking_of(guard, avoid))
+        self._assessor = PathAssessor(guard, braking_of(guard, avoid), avoid.clear_share)
         self._velocity = VelocityHold()
         self._course_rate = CourseRate()
         self._file = GuardMemoryFile(folder)
@@ -143,7 +152,7 @@ class Guard:
         """One step: reads what has arrived, decides and sends."""
         vehicle = self._vehicle()
         if vehicle is not None:
-            self._acknowledgements(vehicle)
+            self._acknowledgements(vehicle, now_ns)
             for request in self._certainty.requests(vehicle, now_ns):
                 self._post(request)
         with self._lock:
@@ -153,11 +162,11 @@ class Guard:
             self._send(output, now_ns)
         self._file.keep(self.memory, now_ns)
 
-    def _acknowledgements(self, vehicle: Vehicle) -> None:
+    def _acknowledgements(self, vehicle: Vehicle, now_ns: int) -> None:
         while self._messages:
             ack = self._messages.popleft()
             if self._certainty.is_for_us(ack, vehicle):
-                self._certainty.acknowledged(int(ack.command), int(ack.result))
+                self._certainty.acknowledged(int(ack.command), int(ack.result), now_ns)
                 self._machine.acknowledged(int(ack.command), int(ack.result))
 
     def _input(self, vehicle: Vehicle | None, now_ns: int) -> GuardInput:
@@ -165,7 +174,13 @@ class Guard:
         if vehicle is not None:
             if self._link is None or now_ns - self._link_ns >= LINK_NS:
                 self._link, self._link_ns = self._link_status(), now_ns
-            doubt = self._certainty.doubt(vehicle, self._link.conflicts, self._link.signing_trouble, now_ns)
+            doubt = self._certainty.doubt(
+                vehicle,
+                self._link.conflicts,
+                self._link.signing_trouble,
+                now_ns,
+                stops=self.memory.state in INTERVENES,
+            )
             in_air = not self._landed.on_ground(vehicle, now_ns)
         return GuardInput(
             now_ns=now_ns,

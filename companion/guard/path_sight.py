@@ -9,7 +9,7 @@ All is computed in level at the instant of a decision of the obstacle output.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,10 +54,10 @@ class PathSight:
     """What one decision showed of the path. t_ns: instant of the decision; exposed_ns: of the oldest frame in use, None: none.
 
     speed_m_s: horizontal, None: not known. course_rad: direction of the path clockwise from north, None: heading not known.
-    free_m: seen free from the vehicle's middle. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
+    free_m: seen free from the vehicle's middle. rays_free_m: the same of each ray of the corridor, None: not known. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
     one that few pixels support, which needs a second frame. obstacle_frame, weak_frame: camera and exposure of the frames that
     show them, None: not known. remembered_m: nearest obstacle that was seen before, where no camera looks now, inf: none.
-    position_ned_m: None: not known. ahead_free_m: like free_m, along the course that follows in a turn; inf: there is no turn.
+    velocity_ns: stamp of the velocity, None: that of the decision. position_ned_m: None: not known. ahead_free_m: like free_m, along the course that follows in a turn; inf: there is no turn.
     cause: why nothing is seen, in words; empty: something is."""
 
     t_ns: int
@@ -73,6 +73,8 @@ class PathSight:
     ahead_free_m: float = math.inf
     obstacle_frame: Frame | None = None
     weak_frame: Frame | None = None
+    velocity_ns: int | None = None
+    rays_free_m: Floats | None = field(default=None, compare=False)
 
     def frame_of(self, obstacle_m: float) -> Frame:
         """The frame that shows the obstacle at obstacle_m or weak_obstacle_m."""
@@ -94,7 +96,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
     """The path at one decision. Where it cannot be computed nothing is seen free. turn_rad_s: rate of the course, clockwise."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
     free_m, firm, weak, kept_m, course_rad = 0.0, _Nearest(), _Nearest(), math.inf, None
-    ahead_free_m = math.inf
+    ahead_free_m, rays_m = math.inf, None
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
     if s.here is None:
         cause = cause or "the attitude is lost"
@@ -102,13 +104,15 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         path = _path(s, speed_m_s)
         course_rad = s.here.heading_rad + math.atan2(path.sin, path.cos)
         try:
-            free_m = seen_free_m(s, path, avoid, guard)
+            rays_m = rays_free_m(s, path, avoid, guard)
+            free_m = common_free_m(rays_m, avoid.clear_share)
             ahead_m = braking_of(guard, avoid).needed_m(speed_m_s or 0.0, guard.limit_ahead_s)
             if not turns(turn_rad_s, speed_m_s or 0.0, ahead_m, guard.side_m):
                 turn_rad_s = 0.0
             beside = _turned(path, turn_rad_s, speed_m_s or 0.0, avoid, guard)
             if turn_rad_s != 0.0:
-                ahead_free_m = seen_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard)
+                follows_m = rays_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard)
+                ahead_free_m = common_free_m(follows_m, avoid.clear_share)
             for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
@@ -116,7 +120,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
                 kept_m = remembered_m(s, path, avoid, guard)
             kept_m = min([kept_m, *(remembered_m(s, corridor, avoid, guard) for corridor in beside)])
         except RECKONING_ERRORS as error:
-            free_m, cause = 0.0, f"the path cannot be computed: {type(error).__name__}: {error}"
+            free_m, rays_m, cause = 0.0, None, f"the path cannot be computed: {type(error).__name__}: {error}"
     return PathSight(
         t_ns=s.t_ns,
         exposed_ns=s.exposed_ns,
@@ -129,6 +133,8 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         weak_frame=weak.frame,
         remembered_m=kept_m,
         ahead_free_m=ahead_free_m,
+        velocity_ns=s.velocity_ns,
+        rays_free_m=rays_m,
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         cause=cause,
     )
@@ -161,9 +167,9 @@ def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
     return avoid.radius_m + guard.side_m
 
 
-def seen_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
-    """Distance to which clear_share of the corridor's rays were seen free, each from near_m on; 0 where they were not. Measured
-    free space alone counts: what is open, that is presumed free, does not.
+def rays_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
+    """(N,) distance to which each of the corridor's rays was seen free from near_m on; 0 where it was not. Always in the same order.
+    Measured free space alone counts: what is open, that is presumed free, does not.
 
     Rays are parallel to the path. Of rays that are partly outside of all images, places seen free a moment before count, as
     for the sectors of the obstacle output: only where seen_share of the rays is seen free now."""
@@ -182,9 +188,15 @@ def seen_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardPa
                 free[:, :, piece] |= points_free(view, x[:, piece], y[:, piece], z, along_rays=True, measured=True)
         if s.recall is not None:
             free[:, :, piece] |= _recalled(free[:, :, piece], x[:, piece], y[:, piece], z, s.recall, avoid)
-    reached = np.sort(np.logical_and.accumulate(free, axis=2).sum(axis=2), axis=None)[::-1]
-    common = int(reached[math.ceil(avoid.clear_share * reached.size) - 1])
-    return float(along[common - 1]) if common > 0 else 0.0
+    steps = np.logical_and.accumulate(free, axis=2).sum(axis=2).ravel()
+    out: Floats = np.where(steps > 0, along[steps - 1], 0.0)
+    return out
+
+
+def common_free_m(rays_m: Floats, clear_share: float) -> float:
+    """Distance to which clear_share of the rays were seen free, at least 0."""
+    farthest_first = np.sort(rays_m)[::-1]
+    return max(0.0, float(farthest_first[math.ceil(clear_share * len(rays_m)) - 1]))
 
 
 def _pieces(along: Floats, path: _Path) -> list[slice]:

@@ -36,6 +36,7 @@ class SpeedLimiter:
     _tries: int = 0
     _free_since_ns: int | None = None
     _excess: tuple[int, float] | None = None
+    _followed: bool = False
 
     def acknowledged(self, result: int) -> None:
         """A COMMAND_ACK of MAV_CMD_DO_CHANGE_SPEED for us."""
@@ -65,6 +66,8 @@ class SpeedLimiter:
             return self._send(first_m_s, now_ns)
         if verdict.action is Action.SLOW and allowed_m_s < self.speed_m_s:
             return self._send(allowed_m_s, now_ns)
+        if verdict.action is Action.SLOW and self._followed and speed_m_s > self.speed_m_s + EXCESS_M_S:
+            return self._send(self.speed_m_s, now_ns)  # the mission has set another speed
         if self._result in (None, TEMPORARILY_REJECTED) and self._tries < TRIES:
             return self._send(self.speed_m_s, now_ns)
         return self._raised(allowed_m_s, now_ns)
@@ -72,7 +75,7 @@ class SpeedLimiter:
     def _follow_effect(self, speed_m_s: float, now_ns: int) -> None:
         """Notes a limit that the vehicle does not follow: the mission has set another speed, or the autopilot ignores it."""
         if self.speed_m_s <= 0.0 or speed_m_s <= self.speed_m_s + EXCESS_M_S:
-            self._excess = None
+            self._excess, self._followed = None, self.speed_m_s > 0.0
         elif self._excess is None or speed_m_s <= self._excess[1] - EXCESS_M_S:
             self._excess = now_ns, speed_m_s
         elif now_ns - self._excess[0] >= EXCESS_NS:
@@ -96,7 +99,7 @@ class SpeedLimiter:
     def _send(self, speed_m_s: float, now_ns: int) -> float:
         self._tries = self._tries + 1 if speed_m_s == self.speed_m_s else 1
         self.speed_m_s, self._sent_ns, self._result = speed_m_s, now_ns, None
-        self._free_since_ns, self._excess = None, None
+        self._free_since_ns, self._excess, self._followed = None, None, False
         return speed_m_s
 
 

@@ -1,4 +1,7 @@
-"""The velocity of the vehicle for the guard: the last one stands in for a short time where none is known."""
+"""The velocity of the vehicle for the guard: the last one stands in for a short time where none is known.
+
+It keeps its own stamp. The vehicle may be faster meanwhile: `assessment.PathAssessor` adds what it can gain, and a vehicle is not
+taken to stand by a velocity that is not measured."""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from ..autopilot.surroundings import Surroundings
 
 NS = 1_000_000_000
 HOLD_NS: Final = 2 * NS
-"""So long the last velocity counts as an upper bound of the speed along the last course."""
+"""The last velocity stands in for so long after its stamp."""
 
 
 @dataclass(slots=True)
@@ -20,10 +23,10 @@ class VelocityHold:
     _t_ns: int = 0
 
     def held(self, s: Surroundings) -> Surroundings:
-        """The same with the last velocity, where it is not older than HOLD_NS and none is known now."""
+        """The same with the last velocity and its stamp, where that is not older than HOLD_NS and none is known now."""
         if s.velocity_ned_m_s is not None:
-            self._velocity_ned_m_s, self._t_ns = s.velocity_ned_m_s, s.t_ns
+            self._velocity_ned_m_s, self._t_ns = s.velocity_ned_m_s, s.t_ns if s.velocity_ns is None else s.velocity_ns
             return s
         if self._velocity_ned_m_s is None or s.t_ns - self._t_ns > HOLD_NS:
             return s
-        return replace(s, velocity_ned_m_s=self._velocity_ned_m_s)
+        return replace(s, velocity_ned_m_s=self._velocity_ned_m_s, velocity_ns=self._t_ns)

@@ -12,7 +12,7 @@ import pytest
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.config.loader import Config, ConfigError, config_of
-from companion.guard.certainty import LONGEST_HEARTBEAT_NS, Certainty
+from companion.guard.certainty import LONGEST_HEARTBEAT_NS, REACHED_NS, Certainty
 from companion.guard.guard import Guard, message_of
 from companion.guard.modes import StopMethod
 from companion.guard.states import GuardState, SpeedCommand, StopCommand
@@ -37,19 +37,19 @@ def ack(command: int, result: int, system: int = 7, component: int = 196) -> Any
 def reached() -> Certainty:
     certainty = Certainty(196)
     assert len(certainty.requests(COPTER, NOW)) == 1
-    certainty.acknowledged(511, 0)
+    certainty.acknowledged(511, 0, NOW)
     return certainty
 
 
 def test_before_an_acknowledgement_there_is_doubt() -> None:
     certainty = Certainty(196)
-    certainty.acknowledged(511, 0)  # nothing was asked yet: the answer to another station
+    certainty.acknowledged(511, 0, NOW)  # nothing was asked yet: the answer to another station
     request = certainty.requests(COPTER, NOW)[0]
     assert (request.target_system, request.target_component, request.command, request.param1) == (7, 1, 511, 0)
     assert certainty.doubt(COPTER, {}, "", NOW) == "commands are not acknowledged"
-    certainty.acknowledged(511, 4)
+    certainty.acknowledged(511, 4, NOW)
     assert certainty.doubt(COPTER, {}, "", NOW) != ""
-    certainty.acknowledged(511, 0)
+    certainty.acknowledged(511, 0, NOW)
     assert certainty.doubt(COPTER, {}, "", NOW) == ""
 
 
@@ -89,7 +89,7 @@ def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternatin
         vehicle = session.vehicle
         assert vehicle is not None
         certainty.requests(vehicle, now_ns)
-        certainty.acknowledged(511, 0)
+        certainty.acknowledged(511, 0, now_ns)
         status = session.status(now_ns)
         doubt = certainty.doubt(vehicle, status.conflicts, status.signing_trouble, now_ns)
         assert doubt == "several vehicles", second
@@ -123,6 +123,29 @@ def test_asks_again_with_growing_waits() -> None:
     asked = [n for n in range(600) if certainty.requests(COPTER, NOW + n * NS // 10)]
     assert asked[:4] == [0, 10, 30, 70]
     assert max(b - a for a, b in itertools.pairwise(asked)) == 100
+
+
+def test_commands_that_are_not_acknowledged_any_more_are_a_doubt() -> None:
+    """The vehicle is received, and what is sent does not arrive any more: the guard would not stop it."""
+    certainty = reached()
+    asked: list[int] = []
+    for tenth in range(1, 1 + REACHED_NS // (NS // 10)):
+        now_ns = NOW + tenth * NS // 10
+        asked += [now_ns] if certainty.requests(COPTER, now_ns) else []
+        assert certainty.doubt(replace(COPTER, heartbeat_ns=now_ns), {}, "", now_ns) == ""
+    assert len(asked) >= 2, "answers may be lost"
+    late_ns = NOW + REACHED_NS + 1
+    vehicle = replace(COPTER, heartbeat_ns=late_ns)
+    assert certainty.doubt(vehicle, {}, "", late_ns) == "commands are not acknowledged"
+    assert certainty.doubt(vehicle, {}, "", late_ns, stops=True) == "", "a stop under way is repeated"
+    certainty.acknowledged(511, 0, late_ns)
+    assert certainty.doubt(vehicle, {}, "", late_ns) == ""
+
+
+def test_a_vehicle_that_never_answered_is_sent_no_stop() -> None:
+    certainty = Certainty(196)
+    certainty.requests(COPTER, NOW)
+    assert certainty.doubt(COPTER, {}, "", NOW, stops=True) == "commands are not acknowledged"
 
 
 def test_answers_to_others_do_not_count() -> None:

@@ -775,3 +775,29 @@ def test_a_mission_that_raises_the_speed_during_a_limit_is_asked_again_and_then_
     assert commands(out) == [SpeedCommand(7, 2.0)]
     f.verdict = replace(BLOCKED, speed_m_s=6.0)
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_a_speed_item_of_the_mission_is_answered_at_once_and_once() -> None:
+    """The vehicle followed the limit, and then gets faster."""
+    f = Flight(verdict=NARROW)
+    assert commands(f.step()) == [SpeedCommand(7, 2.0)]
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(NARROW, speed_m_s=2.0)
+    assert commands(f.step(20)) == []
+    f.verdict = replace(NARROW, speed_m_s=2.6)
+    assert commands(f.step()) == [SpeedCommand(7, 2.0)]
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(NARROW, speed_m_s=6.0)
+    out = f.step(19)
+    assert commands(out) == []
+    assert "guard: speed limit has no effect" in texts(f.step(10))
+
+
+def test_a_speed_item_where_the_path_is_free_is_not_answered() -> None:
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(NARROW, speed_m_s=2.0)
+    f.step(20)
+    f.verdict = replace(FREE, speed_m_s=2.8)
+    assert commands(f.step(10)) == []

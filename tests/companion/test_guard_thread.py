@@ -1,4 +1,4 @@
-"""The guard's thread: what a slow disk delays, what the service sees of a thread that has ended, and a lost velocity."""
+"""The guard's thread: what a slow disk delays and what the service sees of a thread that has ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from companion.config.guard import GuardParams
 from companion.guard.guard import Guard
 from companion.guard.memory_file import GuardMemoryFile
 from companion.guard.states import GuardMemory, GuardState
-from companion.guard.velocity_hold import HOLD_NS
 from companion.live.part_checks import failures, stalled_part
 from companion.pipeline.transform import LevelTransform
 from drivers.mavlink.dialect import dialect
@@ -113,28 +112,6 @@ def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_afte
     kept = GuardMemoryFile(tmp_path).load(flight.now_ns)
     assert kept is not None
     assert kept.state is GuardState.STOPPING
-
-
-def test_a_velocity_that_is_lost_just_before_the_stop_is_due_does_not_prevent_it() -> None:
-    flight = Flight()
-    flight.step(5)
-    flight.velocity = None
-    flight.step(NS // 2 // STEP_NS)
-    assert flight.state is GuardState.WATCHING
-    flight.wall_m = 5.0
-    flight.step()
-    assert len(flight.stops()) == 1
-
-
-def test_without_a_velocity_for_long_there_is_doubt() -> None:
-    flight = Flight()
-    flight.step(5)
-    flight.velocity = None
-    flight.step(HOLD_NS // STEP_NS)
-    assert flight.state is GuardState.WATCHING
-    flight.step(2)
-    assert flight.state is GuardState.UNAVAILABLE
-    assert flight.guard.memory.cause == "vehicle's velocity unknown"
 
 
 def guard_with(vehicle: Callable[[], Vehicle | None]) -> Guard:

@@ -1,0 +1,68 @@
+"""Space seen free for a moment: each ray of the corridor by itself, shortened by the way flown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.guard.assessment import Action
+from companion.guard.path_sight import common_free_m
+
+from .test_guard_path import BRAKING, SIGHT, action, later, model, plane, seen
+
+RAYS = 50
+FAR_M, HOLE_M = 20.0, 6.0
+
+
+def rays(hole: slice = slice(0, 0), far_m: float = FAR_M, at_m: float = HOLE_M) -> dict[str, object]:
+    """Free as far as far_m, but for the rays of a hole of the depth image."""
+    out = np.full(RAYS, far_m)
+    out[hole] = at_m
+    return {"rays_free_m": out, "free_m": common_free_m(out, 0.8)}
+
+
+def test_the_free_distance_is_that_of_most_rays() -> None:
+    assert common_free_m(np.array([5.0, 5.0, 5.0, 5.0, 0.0]), 0.8) == 5.0
+    assert common_free_m(np.array([5.0, 5.0, 5.0, 4.0, 0.0]), 0.8) == 4.0
+    assert common_free_m(np.array([5.0, 0.0, 5.0, 4.0, 0.0]), 0.8) == 0.0
+
+
+def test_the_rays_of_a_sight_are_those_of_the_corridor() -> None:
+    sight = seen(model(plane(12.0, -2.0, 2.0), free_to_m=12.0))
+    assert sight.rays_free_m is not None
+    assert common_free_m(sight.rays_free_m, 0.8) == sight.free_m > 10.0
+
+
+HOLES = slice(0, 15), slice(30, 45), slice(12, 28)
+
+
+def test_holes_at_different_places_of_the_frames_do_not_stop() -> None:
+    """Each frame loses more than a fifth of the rays, and no ray is lost in all."""
+    sights = [later(80 * k, **rays(hole)) for k, hole in enumerate(HOLES * 3)]
+    assert BRAKING.needed_m(5.0) > HOLE_M
+    assert action(replace(SIGHT, **rays()), *sights) is Action.PASS  # type: ignore[arg-type]
+
+
+def test_a_hole_that_stays_stops() -> None:
+    sights = [later(80 * k, **rays(HOLES[0])) for k in range(1, 6)]
+    assert action(replace(SIGHT, **rays()), *sights) is Action.STOP  # type: ignore[arg-type]
+
+
+def test_what_rays_saw_free_shrinks_by_the_way_flown() -> None:
+    far_m = BRAKING.needed_m(5.0) + 0.5
+    first, second = rays(HOLES[0], far_m), rays(HOLES[1], far_m)
+    assert action(later(0, **first), later(60, **second)) is not Action.STOP
+    assert action(later(0, **first), later(160, **second)) is Action.STOP
+
+
+@pytest.mark.parametrize("change", [{"course_rad": 0.2}, {"course_rad": None}])
+def test_rays_of_another_course_do_not_count(change: dict[str, object]) -> None:
+    assert action(later(0, **rays(HOLES[0])), later(80, **rays(HOLES[1]), **change)) is Action.STOP
+
+
+def test_an_estimate_of_the_position_that_jumps_back_does_not_lengthen_free_space() -> None:
+    far_m = BRAKING.needed_m(5.0) + 0.5
+    jumped = later(160, free_m=0.0, position_ned_m=(0.0, 0.0, -3.0))
+    assert action(replace(SIGHT, free_m=far_m), jumped) is Action.STOP

@@ -1,0 +1,136 @@
+"""A velocity that is late or lost: the vehicle may be faster than it was, and is not taken to stand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from companion.guard.assessment import (
+    GAIN_M_S2,
+    LATE_NS,
+    LONGEST_UNMEASURED_NS,
+    Action,
+    PathAssessor,
+    Verdict,
+)
+from companion.guard.machine import GuardMachine
+from companion.guard.states import GuardState, SpeedCommand
+from companion.guard.velocity_hold import HOLD_NS
+from drivers.mavlink.commands import COPTER_BRAKE
+
+from .test_guard_machine import BLOCKED, GUARD, NARROW, Flight, commands, stopping
+from .test_guard_path import AVOID, BRAKING, MS, SIGHT, T_NS
+from .test_guard_thread import STEP_NS
+from .test_guard_thread import Flight as GuardFlight
+
+STANDING = replace(SIGHT, speed_m_s=0.0, velocity_ns=T_NS)
+
+
+def verdict(age_ns: int, speed_m_s: float, **changes: object) -> Verdict | None:
+    """With a velocity of this age; everything else is new."""
+    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    sight = replace(SIGHT, speed_m_s=speed_m_s, velocity_ns=T_NS - age_ns)
+    assessor.take(replace(sight, **changes))  # type: ignore[arg-type]
+    return assessor.verdict(T_NS)
+
+
+@pytest.mark.parametrize("age_ns", [0, LATE_NS])
+def test_a_velocity_of_now_is_the_speed(age_ns: int) -> None:
+    now = verdict(age_ns, 0.0, obstacle_m=2.0)
+    assert now is not None
+    assert (now.speed_m_s, now.action) == (0.0, Action.PASS)
+
+
+def test_a_vehicle_with_a_late_velocity_may_have_accelerated() -> None:
+    """It stood, and its velocity was lost: 1 s later it may fly at 2 m/s."""
+    late = verdict(LATE_NS + 1000 * MS, 0.0, obstacle_m=BRAKING.needed_m(GAIN_M_S2) - 0.2)
+    assert late is not None
+    assert late.action is Action.STOP
+    assert late.speed_m_s is None, "not measured"
+    unseen = verdict(LATE_NS + 1000 * MS, 0.0, free_m=0.0)
+    assert unseen is not None
+    assert unseen.action is Action.STOP
+    far = verdict(LATE_NS + 200 * MS, 1.0)
+    assert far is not None
+    assert far.action is Action.PASS
+
+
+def test_a_late_velocity_is_a_speed_until_it_is_too_old() -> None:
+    known = verdict(LONGEST_UNMEASURED_NS, 2.0)
+    assert known is not None
+    assert known.speed_m_s == 2.0
+    unknown = verdict(LONGEST_UNMEASURED_NS + 1, 2.0)
+    assert unknown is not None
+    assert unknown.speed_m_s is None
+    assert verdict(HOLD_NS + 1, 2.0) is None
+
+
+def test_an_obstacle_output_that_hangs_before_the_vehicle_moves_is_not_a_vehicle_that_stands() -> None:
+    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    assessor.take(STANDING)
+    later = assessor.verdict(T_NS + 1000 * MS)
+    assert later is not None
+    assert (later.action, later.speed_m_s, later.sees) == (Action.STOP, None, False)
+    assert assessor.verdict(T_NS + HOLD_NS + 1) is None
+
+
+def test_a_vehicle_whose_velocity_is_not_measured_is_not_stopped_yet() -> None:
+    f = stopping()
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLOCKED, speed_m_s=None)
+    f.step(30)
+    assert f.state is GuardState.STOPPING
+    f.verdict = replace(BLOCKED, speed_m_s=0.1)
+    f.step()
+    assert f.state is GuardState.HOLDING
+
+
+def test_no_limit_is_begun_without_a_measured_velocity() -> None:
+    """Its first value is bounded by the speed of the vehicle, which is not known."""
+    f = Flight(machine=GuardMachine(GUARD), verdict=replace(NARROW, speed_m_s=None))
+    assert commands(f.step(10)) == []
+    f.verdict = NARROW
+    assert commands(f.step()) == [SpeedCommand(7, 2.0)]
+
+
+def test_a_velocity_that_is_lost_just_before_the_stop_is_due_does_not_prevent_it() -> None:
+    flight = GuardFlight()
+    flight.step(5)
+    flight.velocity = None
+    flight.step(500 * MS // STEP_NS)
+    assert flight.state is GuardState.WATCHING
+    flight.wall_m = 5.0
+    flight.step()
+    assert len(flight.stops()) == 1
+
+
+def test_a_flying_vehicle_whose_velocity_is_lost_is_stopped_when_it_may_be_too_fast() -> None:
+    flight = GuardFlight()
+    flight.step(5)
+    flight.velocity = None
+    flight.step(LATE_NS // STEP_NS)
+    assert flight.state is GuardState.WATCHING
+    flight.step((HOLD_NS - LATE_NS) // STEP_NS)
+    assert flight.state is GuardState.STOPPING
+    assert flight.stops()
+
+
+def test_a_guard_that_never_received_a_velocity_is_in_doubt() -> None:
+    flight = GuardFlight()
+    flight.velocity = None
+    flight.step(10)
+    assert flight.state is GuardState.UNAVAILABLE
+    assert flight.guard.memory.cause == "vehicle's velocity unknown"
+    assert flight.stops() == []
+
+
+def test_a_standing_vehicle_whose_velocity_is_lost_is_in_doubt_where_there_is_room() -> None:
+    flight = GuardFlight()
+    flight.velocity = (0.0, 0.0, 0.0)
+    flight.step(5)
+    flight.velocity = None
+    flight.step(HOLD_NS // STEP_NS)
+    assert flight.state is GuardState.WATCHING
+    flight.step(2)
+    assert flight.state is GuardState.UNAVAILABLE
+    assert flight.guard.memory.cause == "vehicle's velocity unknown"
