@@ -4,7 +4,7 @@ in each direction at once; UDP and TCP have no relevant limit."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .session_types import MavlinkParams
 
@@ -85,6 +85,8 @@ def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool 
         return None
     payloads = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
     payloads += (FACE,) * params.distance_sensors
-    return link_budget(
+    budget = link_budget(
         params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=payloads
     )
+    tunnel = params.tunnel_bytes_per_s
+    return replace(budget, need_in=budget.need_in + params.neighbours * tunnel, need_out=budget.need_out + tunnel)

@@ -23,6 +23,8 @@ class MavlinkParams:
     obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")
     obstacle_points: int = number(0, 0, 104, "", "as so many points (OBSTACLE_DISTANCE_3D); 0: as distances all around")
     distance_sensors: int = number(0, 0, 2, "", "and so many DISTANCE_SENSOR with them")
+    tunnel_bytes_per_s: float = number(0.0, 0.0, 20_000.0, "B/s", "of TUNNEL messages to other vehicles, with headers")
+    neighbours: int = number(0, 0, 254, "", "other vehicles whose TUNNEL messages arrive over this link")
 
     def __post_init__(self) -> None:
         check("mavlink", self)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.autopilot.session_factory import params_of
 from companion.config.loader import ConfigError, config_of
 from companion.config.share import ShareConfig
 from companion.live.status import status_lines
@@ -174,6 +175,27 @@ AUTOPILOT = {"address": "udpin:0.0.0.0:14540"}
 def test_a_configuration_that_cannot_work(content: dict[str, dict[str, object]], text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         config_of(content, "test")
+
+
+@pytest.mark.parametrize(
+    ("share", "out_bytes_per_s", "neighbours"),
+    [
+        ({"enabled": True, "tunnel": "autopilot", "members": "2,5"}, 300.0, 2),
+        ({"enabled": True, "tunnel": "autopilot"}, 300.0, 1),
+        ({"enabled": True, "tunnel": "udpin:127.0.0.1:15555"}, 0.0, 0),
+        ({"enabled": False, "tunnel": "autopilot"}, 0.0, 0),
+    ],
+)
+def test_the_line_to_the_autopilot_is_judged_with_the_messages_of_the_team(
+    share: dict[str, object], out_bytes_per_s: float, neighbours: int
+) -> None:
+    content = {
+        "publish": {"world": "ipc:///tmp/w", "world_requests": "ipc:///tmp/r"},
+        "autopilot": {"address": "serial:/dev/ttyAMA0:57600"},
+        "share": share,
+    }
+    params = params_of(config_of(content, "test"))
+    assert (params.tunnel_bytes_per_s, params.neighbours) == (out_bytes_per_s, neighbours)
 
 
 def test_sharing_is_off_by_default() -> None:

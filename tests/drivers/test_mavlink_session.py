@@ -422,6 +422,14 @@ def test_points_and_distances_up_and_down_count_too() -> None:
     assert b.need_out - a.need_out == pytest.approx(10 * (30 * (28 + 12) + 2 * (39 + 12) - (167 + 12)))
 
 
+def test_messages_between_vehicles_count_in_both_directions() -> None:
+    alone, team = MavlinkParams(), MavlinkParams(tunnel_bytes_per_s=300.0, neighbours=2)
+    a, b = (budget_of(p, 92_160.0) for p in (alone, team))
+    assert a is not None
+    assert b is not None
+    assert (b.need_in - a.need_in, b.need_out - a.need_out) == pytest.approx((600.0, 300.0))
+
+
 def test_of_scans_of_points_and_of_distances_the_newest_alone_waits() -> None:
     """A scan is sent whole; an older one is outdated, whichever message it was sent in."""
     c = talk(ARDUPILOT)
