@@ -1,6 +1,6 @@
 """Names and attachments of rmw_zenoh, the ROS 2 middleware on Zenoh (Jazzy and later).
 
-Source: ros2/rmw_zenoh, docs/design.md, liveliness_utils.cpp, attachment_helpers.cpp. They are no public interface of ROS;
+Source: ros2/rmw_zenoh: its design page (design.md), liveliness_utils.cpp, attachment_helpers.cpp. They are no public interface of ROS;
 they have been the same from rmw_zenoh 0.2 (Jazzy) on. Humble has no type hashes: its nodes do not match these names."""
 
 from __future__ import annotations

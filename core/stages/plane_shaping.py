@@ -1,7 +1,7 @@
 """Sections 5.2 and 5.3: from strips to planes, stage by stage.
 
 `shape_planes` is one kernel, because a call from Python costs some microseconds whatever it does. Its stages can still be
-watched one by one: `shape_planes.py_func` is the same in Python (see companion/bench/taps.py).
+watched one by one: `shape_planes.py_func` is the same in Python (see companion/bench/stage_trace.py).
 """
 
 from __future__ import annotations

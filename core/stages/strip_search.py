@@ -1,7 +1,7 @@
 """Sections 4.1-4.4 and 5.1: strips of a levelled view that stay, their clusters and the gaps between them.
 
 `settle_strips` is one kernel, because a call from Python costs some microseconds whatever it does. Its stages can still be
-watched one by one: `settle_strips.py_func` is the same in Python (see companion/bench/taps.py).
+watched one by one: `settle_strips.py_func` is the same in Python (see companion/bench/stage_trace.py).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Names and messages on the wire of rmw_zenoh, read back with another decoder (mcap-ros2-support).
 
-The expected names are those of the examples in docs/design.md of ros2/rmw_zenoh, the type hashes those of ROS 2 Jazzy."""
+The expected names are those of the examples in the design page (design.md) of ros2/rmw_zenoh, the type hashes those of ROS 2 Jazzy."""
 
 from __future__ import annotations
 
