@@ -9,9 +9,9 @@ import numpy as np
 
 from core.tracking.tracker import Tracker
 from drivers.simulation.flights import FlightPlan
-from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.scenes import Scene, SceneBuilder
 
-from .sequences import HZ, NS, along, exposures, hovering, tracking_frame, true_pose
+from .sequences import HZ, NS, Pose, along, drifting, exposures, hovering, tracking_frame, true_pose
 
 AFTER_S = 1.0
 """Errors count from this time after the whole mover is in the image."""
@@ -34,6 +34,7 @@ CASES = (
     Case(name="person across at 3 m", kind="person", x_m=3.0, y_m=-2.0, velocity=(0.0, 1.5)),
     Case(name="person across at 6 m", kind="person", x_m=6.0, y_m=-3.0, velocity=(0.0, 1.5)),
     Case(name="person across at 10 m", kind="person", x_m=10.0, y_m=-3.5, velocity=(0.0, 1.5)),
+    Case(name="person at an angle, from 8 m", kind="person", x_m=8.0, y_m=-2.0, velocity=(-1.06, 1.06)),
     Case(name="person away from 3 m", kind="person", x_m=3.0, y_m=0.3, velocity=(1.5, 0.0)),
     Case(name="person towards, from 10 m", kind="person", x_m=10.0, y_m=0.5, velocity=(-1.5, 0.0)),
     Case(
@@ -74,7 +75,8 @@ def plan_of(case: Case) -> FlightPlan:
 
 
 def run(case: Case, ke_per_m: float, frames: int = 40) -> Found:
-    """Tracks one mover with a true pose. The true place is the mean of its visible surface points."""
+    """Tracks one mover with a true pose. The true place is the middle of the box of its visible
+    surface points."""
     plan, tracker = plan_of(case), Tracker()
     label = plan.scene.names.index("mover")
     whole_ns = declared_ns = None
@@ -92,7 +94,8 @@ def run(case: Case, ke_per_m: float, frames: int = 40) -> Found:
         k, z = e.info.intrinsics, e.truth.depth_m[mask]
         v, u = np.nonzero(mask)
         rays = np.stack([(u - k.cx) / k.fx * z, (v - k.cy) / k.fy * z, z], axis=-1)
-        at = (rays @ e.R_ned_optical.T + e.position_m).mean(axis=0)
+        points = rays @ e.R_ned_optical.T + e.position_m
+        at = 0.5 * (points.min(axis=0) + points.max(axis=0))
         near = [o for o in s.objects if math.hypot(o.centre_m[0] - at[0], o.centre_m[1] - at[1]) < 2.5]
         others += len(s.objects) - len(near)
         if near and declared_ns is None:
@@ -109,6 +112,19 @@ def run(case: Case, ke_per_m: float, frames: int = 40) -> Found:
         declared_s=declared, velocity_m_s=_both(speed), place_m=_both(place), share=len(speed) / late if late else math.nan,
         frames=late, others=others,
     )  # fmt: skip
+
+
+FALSE_POSES: dict[str, Pose] = {"true": true_pose, "drift 1 %": drifting(0.01)}
+
+
+def false_movers(scene: Scene, ke_per_m: float, seconds: float) -> dict[str, int]:
+    """Moving obstacles declared in a flight at 1 m/s through a static scene, for each of FALSE_POSES."""
+    trackers = {name: Tracker() for name in FALSE_POSES}
+    found: dict[str, set[int]] = {name: set() for name in FALSE_POSES}
+    for e in exposures(along(scene, 1.0, seconds), round(seconds * HZ), ke_per_m, seed=2):
+        for name, pose in FALSE_POSES.items():
+            found[name] |= {o.id for o in trackers[name].observe(tracking_frame(e, pose)).objects}
+    return {name: len(ids) for name, ids in found.items()}
 
 
 def _both(values: list[float]) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from core.tracking.snapshot import TrackSnapshot
 from core.tracking.tracker import Tracker
 from drivers.simulation.flights import FlightPlan
 
-from .sequences import Exposure, Pose, exposures, to_level_cam, to_ned, tracking_frame
+from .sequences import Exposure, Pose, exposures, to_level_cam, to_ned, tracking_frame, true_pose
 
 Floats = NDArray[np.float64]
 REACH_M = 0.1
@@ -45,7 +45,7 @@ def run(plan: FlightPlan, frames: int, ke_per_m: float, poses: dict[str, Pose | 
     before: dict[str, tuple[Seen, NDArray[np.int64]]] = {}
     for e in exposures(plan, frames, ke_per_m):
         shown: dict[str, tuple[Floats, NDArray[np.int64]]] = {}
-        ned = tracking_frame(e, lambda x: (x.heading_rad, tuple(x.position_m.tolist())))  # type: ignore[arg-type,return-value]
+        ned = tracking_frame(e, true_pose)
         shown["frame"] = ned.model.planes.astype(np.float64), np.zeros(0, np.int64)
         for name, pose in poses.items():
             snapshot: TrackSnapshot = trackers[name].observe(tracking_frame(e, pose))

@@ -11,7 +11,7 @@ from .causes import cause_message
 from .tracking import NamedStates, TracksResult
 
 SCHEMA_VERSION: Final = 1
-STATE_FORMAT: Final = 1
+STATE_FORMAT: Final = 2
 """Of the tracker's tables; to be raised when they change."""
 
 

@@ -11,11 +11,30 @@ from ..jit import inner, kernel, record
 GAP_M = 0.4
 """Not tuning: detections closer together belong to one group."""
 _CUT_SIDES = 4 | 8
+_BORDER_RAD = 0.01
+"""Not tuning: what ends so close to the border of the measured directions may continue."""
+_INFERRED, _UNKNOWN_BEHIND = 1, 2
+
+_TALL_SHARE = 0.5
+"""Not tuning: a plane of less of its group's height is a roof or an edge, and not the face that is followed."""
+_FACING = 0.3
+"""Not tuning: sine of the angle between a viewing ray and a plane that is not seen edge-on. The middle of a car that
+crosses the view would wander along it with the share of its end that is seen."""
+_LEAST_SIGMA_M, _SIGMA_OF_SIZE, _SIGMA_OF_RANGE = 0.04, 0.03, 0.003
+"""Not tuning: error of a group's place: constant, share of its size, and share of its range across the viewing ray."""
 
 GROUP = record(
     ("x_m", np.float64),
     ("y_m", np.float64),
-    ("sigma_m", np.float64),
+    ("range_m", np.float64),
+    ("nearest_m", np.float64),
+    ("azimuth_rad", np.float64),
+    ("first_rad", np.float64),
+    ("last_rad", np.float64),
+    ("face_first_rad", np.float64),
+    ("face_last_rad", np.float64),
+    ("radial_sigma_m", np.float64),
+    ("tangential_sigma_m", np.float64),
     ("size_m", np.float64),
     ("low_x_m", np.float64),
     ("high_x_m", np.float64),
@@ -28,8 +47,11 @@ GROUP = record(
     ("detections", np.int32),
     ("object", np.int32),
 )
-"""A group of detections. x_m, y_m: middle of its planes, weighted by area; sigma_m: its error; size_m: horizontal diagonal
-of its box; plane_flags: of any of its planes; object: slot that it updates, -1: none."""
+"""A group of detections. x_m, y_m: the point of its face in the middle of the directions that it covers; range_m,
+azimuth_rad: of that point from the camera; nearest_m: range of the nearest plane of any height there; first_rad, last_rad: least and greatest direction from azimuth_rad, face_first_rad,
+face_last_rad: of its tall planes that are not seen edge-on;
+radial_sigma_m, tangential_sigma_m: error of the point along the viewing ray and across it; size_m: horizontal diagonal of
+its box; plane_flags: of any of its planes; object: slot that it updates, -1: none."""
 
 
 @inner
@@ -43,9 +65,17 @@ def root(parents, i):
     return i
 
 
+@inner
+def is_gap(d):
+    """Whether a detection is a filled gap that was observed to be open: it joins two obstacles, and is part of neither."""
+    return d.plane_flags & (_INFERRED | _UNKNOWN_BEHIND) == _INFERRED
+
+
 @kernel
-def find_groups(detections, x_m, y_m, ke_per_m, pose_sigma_m, groups):
-    """Fills groups (G,) GROUP from detections, ordered by their least x, and sets their `group`; returns how many. x_m, y_m: of the camera."""
+def find_groups(detections, view, limits, pose_sigma_m, groups):
+    """Fills groups (G,) GROUP from detections, ordered by their least x, and sets their `group`; returns how many.
+
+    view: FreeView of the frame; limits: (first, last) azimuth that was measured, rad."""
     n = detections.shape[0]
     parents = np.arange(n)
     boxes = np.empty((n, 6))
@@ -55,6 +85,8 @@ def find_groups(detections, x_m, y_m, ke_per_m, pose_sigma_m, groups):
         boxes[i, 2], boxes[i, 3] = min(d.ay_m, d.by_m), max(d.ay_m, d.by_m)
         boxes[i, 4], boxes[i, 5] = d.top_m, d.bottom_m
     for k in range(n):
+        if is_gap(detections[k]):
+            continue
         for i in range(k + 1, n):
             if boxes[i, 0] - boxes[k, 1] >= GAP_M:
                 break  # the following ones begin farther away
@@ -63,6 +95,7 @@ def find_groups(detections, x_m, y_m, ke_per_m, pose_sigma_m, groups):
                 and boxes[i, 2] - boxes[k, 3] < GAP_M
                 and boxes[k, 4] - boxes[i, 5] < GAP_M
                 and boxes[i, 4] - boxes[k, 5] < GAP_M
+                and not is_gap(detections[i])
             ):
                 a, b = root(parents, i), root(parents, k)
                 parents[max(a, b)] = min(a, b)
@@ -70,7 +103,7 @@ def find_groups(detections, x_m, y_m, ke_per_m, pose_sigma_m, groups):
     for i in range(n):
         r = root(parents, i)
         if r == i:
-            if count == groups.shape[0]:
+            if count == groups.shape[0] or is_gap(detections[i]):
                 detections[i].group = -1
                 continue
             detections[i].group = count
@@ -80,8 +113,25 @@ def find_groups(detections, x_m, y_m, ke_per_m, pose_sigma_m, groups):
             detections[i].group = detections[r].group
         if detections[i].group >= 0:
             add_detection(groups[detections[i].group], detections[i])
+    x_m, y_m = view.x_m, view.y_m
     for g in range(count):
-        end_group(groups[g], x_m, y_m, ke_per_m, pose_sigma_m)
+        end_box(groups[g], x_m, y_m)
+    for i in range(n):
+        if detections[i].group >= 0:
+            widen(groups[detections[i].group], detections[i], x_m, y_m)
+    for g in range(count):
+        if is_cut(groups[g], limits):
+            groups[g].plane_flags |= _CUT_SIDES
+        if groups[g].face_first_rad < groups[g].face_last_rad:
+            groups[g].azimuth_rad += 0.5 * (groups[g].face_first_rad + groups[g].face_last_rad)
+        else:
+            groups[g].azimuth_rad += 0.5 * (groups[g].first_rad + groups[g].last_rad)
+        groups[g].range_m = groups[g].nearest_m = math.inf
+    for i in range(n):
+        if detections[i].group >= 0:
+            approach(groups[detections[i].group], detections[i], x_m, y_m)
+    for g in range(count):
+        end_group(groups[g], x_m, y_m, view.ke_per_m, pose_sigma_m)
     return count
 
 
@@ -108,14 +158,83 @@ def add_detection(g, d):
 
 
 @inner
-def end_group(g, x_m, y_m, ke_per_m, pose_sigma_m):
-    """Middle, size and error of a complete group. The error of the middle is a third of that of one pixel: the noise of a
-    stereo camera is correlated over 10 px, so that a group holds few independent samples."""
+def end_box(g, x_m, y_m):
+    """Size of a complete group, and the direction of its middle from the camera."""
     g.x_m /= g.area_m2
     g.y_m /= g.area_m2
     g.size_m = math.sqrt((g.high_x_m - g.low_x_m) ** 2 + (g.high_y_m - g.low_y_m) ** 2)
-    r2 = (g.x_m - x_m) ** 2 + (g.y_m - y_m) ** 2
-    g.sigma_m = math.sqrt(0.04**2 + pose_sigma_m**2 + (0.33 * ke_per_m * r2) ** 2)
+    g.azimuth_rad = math.atan2(g.y_m - y_m, g.x_m - x_m)
+    g.first_rad, g.last_rad = math.inf, -math.inf
+    g.face_first_rad, g.face_last_rad = math.inf, -math.inf
+
+
+@inner
+def turn_to(azimuth, x, y):
+    """Direction of (x, y) from an azimuth, -pi to pi."""
+    return turn_between(azimuth, math.atan2(y, x))
+
+
+@inner
+def widen(g, d, x_m, y_m):
+    """Adds the directions that a detection covers."""
+    ax, ay, bx, by = d.ax_m - x_m, d.ay_m - y_m, d.bx_m - x_m, d.by_m - y_m
+    a, b = turn_to(g.azimuth_rad, ax, ay), turn_to(g.azimuth_rad, bx, by)
+    g.first_rad, g.last_rad = min(g.first_rad, a, b), max(g.last_rad, a, b)
+    x, y = ax + bx, ay + by
+    if d.bottom_m - d.top_m >= _TALL_SHARE * (g.bottom_m - g.top_m) and abs(x * d.ty - y * d.tx) >= _FACING * math.sqrt(
+        x * x + y * y
+    ):
+        g.face_first_rad, g.face_last_rad = min(g.face_first_rad, a, b), max(g.face_last_rad, a, b)
+
+
+@inner
+def is_cut(g, limits):
+    """Whether a group reaches to the first or the last direction that was measured: the left border of a stereo image has no
+    measurements, and its planes end before the border of the image."""
+    middle = 0.5 * (limits[0] + limits[1])
+    half = 0.5 * (limits[1] - limits[0]) - _BORDER_RAD
+    at = turn_between(middle, g.azimuth_rad)
+    return not (-half < at + g.first_rad and at + g.last_rad < half)
+
+
+@inner
+def turn_between(start, end):
+    """The angle from one azimuth to another, -pi to pi."""
+    turn = end - start
+    return turn - math.tau * math.floor(turn / math.tau + 0.5)
+
+
+@inner
+def approach(g, d, x_m, y_m):
+    """Limits the range of a group's face to that of a detection in the middle direction."""
+    ux, uy = math.cos(g.azimuth_rad), math.sin(g.azimuth_rad)
+    ax, ay, bx, by = d.ax_m - x_m, d.ay_m - y_m, d.bx_m - x_m, d.by_m - y_m
+    side_a, side_b = ux * ay - uy * ax, ux * by - uy * bx
+    if side_a * side_b > 0.0 or side_a == side_b:
+        return
+    s = side_a / (side_a - side_b)
+    far = ux * (ax + s * (bx - ax)) + uy * (ay + s * (by - ay))
+    if far <= 0.0:
+        return
+    g.nearest_m = min(g.nearest_m, far)
+    if d.bottom_m - d.top_m >= _TALL_SHARE * (g.bottom_m - g.top_m):
+        g.range_m = min(g.range_m, far)
+
+
+@inner
+def end_group(g, x_m, y_m, ke_per_m, pose_sigma_m):
+    """Place and error of a complete group. The error along the ray is a third of that of one pixel: the noise of a stereo
+    camera is correlated over 10 px, so that a group holds few independent samples. Between its planes the group's
+    middle is used."""
+    if g.range_m == math.inf:
+        g.range_m = g.nearest_m
+    if g.range_m == math.inf:
+        g.range_m = math.sqrt((g.x_m - x_m) ** 2 + (g.y_m - y_m) ** 2)
+    g.x_m = x_m + g.range_m * math.cos(g.azimuth_rad)
+    g.y_m = y_m + g.range_m * math.sin(g.azimuth_rad)
+    least2 = _LEAST_SIGMA_M**2 + pose_sigma_m**2 + (_SIGMA_OF_SIZE * g.size_m) ** 2
+    g.radial_sigma_m = math.sqrt(least2 + (0.33 * ke_per_m * g.range_m * g.range_m) ** 2)
+    g.tangential_sigma_m = math.sqrt(least2 + (_SIGMA_OF_RANGE * g.range_m) ** 2)
 
 
 @inner

@@ -79,9 +79,9 @@ class TrackSnapshot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MovingObject:
-    """A moving obstacle. centre_m: middle of its visible surface (x, y) and of its height (z); half_size_m: half of its box
-    along x, y and z; velocity_m_s: horizontal; position_sigma_m, velocity_sigma_m_s: standard deviations on each axis;
-    cov_m2_s: covariance of position and velocity on each axis; age_ns, unseen_ns: since the first and newest
+    """A moving obstacle. centre_m: middle of the box of its planes; half_size_m: half of that box along x, y and z;
+    velocity_m_s: horizontal; position_sigma_m, velocity_sigma_m_s: standard deviations of the face that is followed, on the
+    less exact axis; cov_m2_s: covariance of position and velocity on it; age_ns, unseen_ns: since the first and newest
     observation."""
 
     id: int

@@ -17,20 +17,10 @@ from ..jit import record_of
 from .association import assign, find_pairs, track_boxes
 from .ego_motion import common_shift
 from .evidence import FreeView, collect_evidence, split_tracks
-from .free_view import free_view, view_bytes, view_from_bytes
+from .free_view import free_view, measured_limits, view_bytes, view_from_bytes
 from .groups import GROUP, find_groups
-from .movers import (
-    HISTORY,
-    MOST_OBJECTS,
-    MOVER_RULES,
-    OBJECT,
-    OLD_S,
-    assign_groups,
-    carry_tracks,
-    mark_tracks,
-    predict_objects,
-    update_objects,
-)
+from .movers import HISTORY, OLD_S, carry_tracks, declare_objects, mark_tracks, support_by_view, update_objects
+from .objects import MOST_OBJECTS, MOVER_RULES, OBJECT, assign_groups, predict_objects
 from .params import TrackingParams
 from .publish import snapshot_of
 from .snapshot import TrackerState, TrackingFrame, TrackSnapshot
@@ -51,7 +41,7 @@ _VELOCITY_SHARE = 0.4
 """Not tuning: weight of a frame in the estimated velocity of a vehicle without a position."""
 _SPARE_SLOTS = 64
 """Not tuning: slots for the parts of split tracks."""
-_VIEWS, _VIEW_STEP_NS = 4, NS // 5
+_VIEWS, _VIEW_STEP_NS = 9, NS // 5
 """Not tuning: earlier free ranges that are kept, and the least time between them."""
 
 
@@ -211,15 +201,18 @@ class Tracker:
             self._follow_movers(detections, frame, view)
 
     def _follow_movers(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
-        groups, ke = self._groups, float(frame.model.ke_per_m)
-        count = find_groups(detections, view.x_m, view.y_m, ke, self.params.pose_sigma_m, groups)
+        groups = self._groups
+        count = find_groups(detections, view, measured_limits(view), self.params.pose_sigma_m, groups)
         assign_groups(groups, count, self._objects, self._mover_rules[0], self._distances)
-        old_ns = frame.t_ns - round(OLD_S * NS)
-        earlier = [v for t_ns, v in self._views if t_ns <= old_ns]
-        next_object_id = update_objects(
-            groups, count, self._objects, self._history, self._state.next_object_id, frame.t_ns, self._mover_rules[0],
-            self._rules[0], view, earlier[-1] if earlier else view, bool(earlier),
-        )  # fmt: skip
+        rules, motion = self._rules[0], self._mover_rules[0]
+        next_object_id, waiting = update_objects(
+            groups, count, self._objects, self._history, self._state.next_object_id, frame.t_ns, motion, rules, view
+        )
+        newest_ns = frame.t_ns - round(OLD_S * NS)
+        for t_ns, earlier in self._views:
+            if waiting and t_ns <= newest_ns:
+                waiting = support_by_view(self._objects, rules, earlier)
+        declare_objects(self._objects, frame.t_ns, motion)
         self._state = replace(self._state, next_object_id=int(next_object_id))
         mark_tracks(detections, groups, self._objects, self._table.tracks)
 

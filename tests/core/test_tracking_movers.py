@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+from core.tracking.evidence import FreeView
+from core.tracking.free_view import free_view, measured_limits
+from core.tracking.groups import GROUP, find_groups
+from core.tracking.objects import MOVER_RULES, OBJECT, assign_groups
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
+from core.tracking.tables import detections_of
 from core.tracking.tracker import Tracker
 
 from .test_tracking import SMALL, STEP, distance, frame
@@ -89,8 +95,6 @@ def test_static_obstacles_do_not_move_whatever_the_errors_of_the_pose(seed: int)
 
 
 def with_planes(f: TrackingFrame, planes: np.ndarray) -> TrackingFrame:
-    import dataclasses
-
     return dataclasses.replace(f, model=dataclasses.replace(f.model, planes=planes.astype(np.float32)))
 
 
@@ -111,3 +115,113 @@ def test_a_gap_in_time_ends_objects() -> None:
         model=late.model, camera_m=late.camera_m, t_ns=12 * STEP + NS, positioned=True, origin_m=late.origin_m
     ))  # fmt: skip
     assert s.objects == ()
+
+
+def noisy(f: TrackingFrame, ke_per_m: float) -> TrackingFrame:
+    """The frame of a camera with this range noise: the free-space comparison demands more."""
+    return dataclasses.replace(f, model=dataclasses.replace(f.model, ke_per_m=ke_per_m))
+
+
+@pytest.mark.parametrize(("x", "vx"), [(9.0, -1.5), (4.0, 1.5)])
+def test_a_person_on_the_viewing_ray_is_moving_in_a_noisy_camera(x: float, vx: float) -> None:
+    """The place of 0.35 s ago is within the noise of the present one; that of 1 to 2 s ago is not."""
+    tracker, rng = Tracker(SMALL), np.random.default_rng(4)
+    for k in range(21):
+        f = frame([face(x + 0.1 * k * vx, 0.0), BACK], k, rng=rng, sigma_m=0.05)
+        s = tracker.observe(noisy(f, 0.005))
+    assert len(s.objects) == 1
+    assert abs(s.objects[0].velocity_m_s[0] - vx) < 0.3
+    assert abs(s.objects[0].velocity_m_s[1]) < 0.3
+
+
+def test_fragments_that_flash_beside_a_person_do_not_end_its_motion() -> None:
+    """A fragment seen once has no velocity, so that its place is uncertain: it must not take the person's detections."""
+    rng = np.random.default_rng(8)
+    found = []
+    tracker = Tracker(SMALL)
+    for k in range(40):
+        x, y = 6.0, -3.0 + 0.15 * k
+        flash = [face(x + 0.7, y + rng.uniform(-0.9, 0.9), 0.2)] if k % 3 == 0 else []
+        found.append(tracker.observe(frame([face(x, y), *flash, BACK], k, rng=rng)).objects)
+    assert all(len(objects) == 1 for objects in found[12:])
+    assert len({objects[0].id for objects in found[12:]}) == 1
+
+
+def rows_of(walls: list[list[float]], flags: list[int]) -> np.ndarray:
+    """(N,) DETECTION."""
+    n = len(walls)
+    planes = np.array(walls, np.float32)
+    return detections_of(planes, np.full(n, 0.1, np.float32), np.array(flags, np.uint8), np.zeros(n, np.int32), 0.03)
+
+
+def groups_of(detections: np.ndarray, view_rad: float = 0.7) -> np.ndarray:
+    """The groups that a camera at the origin sees, whose measured directions reach to both sides by view_rad."""
+    nothing = np.zeros((0, 0), np.float32)
+    view = FreeView(0.0, 0.0, 0.001, np.zeros(0), np.zeros(0), nothing, nothing, np.zeros((0, 0), np.uint8), math.inf, 0.0, 0.0, 0.0, 0.0)  # fmt: skip
+    groups = np.zeros(8, GROUP)
+    return groups[: find_groups(detections, view, (-view_rad, view_rad), 0.03, groups)]
+
+
+def test_a_group_takes_the_object_whose_place_is_known_best() -> None:
+    """An object seen once, nearer as a share of its own wide gate, does not take the group of one that is followed."""
+    objects, rules = np.zeros(2, OBJECT), np.zeros(1, MOVER_RULES)
+    rules["max_size_m"] = 7.0
+    for o, y, variance in zip(objects, (0.12, 0.3), (0.01, 1.0), strict=True):
+        o["hits"], o["x_m"], o["y_m"], o["size_m"], o["top_m"], o["bottom_m"] = 5, 6.0, y, 0.5, -1.0, 1.0
+        o["r00"] = o["t00"] = variance
+    groups = groups_of(rows_of([face(6.0, 0.0)], [2]))
+    assign_groups(groups, 1, objects, rules[0], np.zeros((1, 2)))
+    assert groups[0].object == 0
+
+
+def test_a_filled_gap_does_not_join_a_car_and_a_pole() -> None:
+    car, gap, pole = face(8.0, 0.0, 1.8), wall(8.0, 0.9, 8.0, 2.2, -1.0, 1.0), face(8.0, 2.3, 0.2)
+    assert len(groups_of(rows_of([car, pole], [2, 2]))) == 2
+    assert len(groups_of(rows_of([car, gap, pole], [2, 1, 2]))) == 2
+    assert len(groups_of(rows_of([car, gap, pole], [2, 3, 2]))) == 1, "a gap that hides what is behind it is a surface"
+
+
+def test_what_follows_a_car_is_the_middle_of_the_face_towards_the_camera() -> None:
+    """Neither its roof behind the face, nor its side that is seen edge-on, moves the place."""
+    front = face(8.0, 0.0, 1.8, -1.4, 0.0)
+    alone = groups_of(rows_of([front], [2]))[0]
+    roof = wall(8.2, -0.7, 10.0, 0.9, -1.45, -1.3)
+    side = wall(11.9, -0.9, 8.0, -0.9, -1.4, 0.0)
+    whole = groups_of(rows_of([front, roof, side], [2, 2, 2]))
+    assert len(whole) == 1
+    assert (whole[0].x_m, whole[0].y_m) == pytest.approx((alone.x_m, alone.y_m), abs=0.02)
+    assert alone.x_m == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(("y", "moves"), [(0.0, True), (4.6, False), (-4.6, False)])
+def test_a_group_at_the_border_of_the_measured_directions_is_cut(y: float, moves: bool) -> None:
+    """The left border of a stereo image is not measured: planes end there without a flag."""
+    group = groups_of(rows_of([face(8.0, y, 2.0)], [2]), view_rad=math.atan2(5.6, 8.0))[0]
+    assert bool(group.plane_flags & 12) != moves
+
+
+def test_views_without_a_free_range_limit_everything() -> None:
+    tracker = Tracker(SMALL)
+    f = frame([face(6.0, 0.0)], 0)
+    far = np.zeros_like(f.model.free.free_to_m)
+    model = dataclasses.replace(f.model, free=dataclasses.replace(f.model.free, free_to_m=far))
+    assert measured_limits(free_view(model, f.camera_m)) == (0.0, 0.0)
+    assert tracker.observe(dataclasses.replace(f, model=model)).objects == ()
+    first, last = measured_limits(free_view(f.model, f.camera_m))
+    assert first == pytest.approx(math.radians(-40.0))
+    assert last == pytest.approx(math.radians(40.0))
+
+
+def test_the_range_of_a_person_is_less_exact_than_the_direction() -> None:
+    """The published error is that of the range; across the view the velocity is exact within half a second."""
+    tracker, rng = Tracker(SMALL), np.random.default_rng(4)
+    for k in range(14):
+        f = frame([face(10.0, -3.0 + 0.15 * k), BACK], k, rng=rng, sigma_m=0.05)
+        s = tracker.observe(noisy(f, 0.005))
+    assert len(s.objects) == 1
+    assert abs(s.objects[0].velocity_m_s[1] - 1.5) < 0.2
+    objects = tracker.state().objects
+    o = np.frombuffer(objects, OBJECT)
+    o = o[(o["hits"] > 0) & (o["moving_ns"] > 0)][0]
+    assert o["t11"] < 0.7 * o["r11"]
+    assert s.objects[0].velocity_sigma_m_s == pytest.approx(math.sqrt(o["r11"]))

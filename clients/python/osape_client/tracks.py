@@ -32,7 +32,7 @@ STATES = tuple(TrackState)
 
 @dataclass(frozen=True, slots=True)
 class MovingObstacle:
-    """A group of tracks with a velocity. centre_m: middle of its visible surface (x, y) and of its height (z); half_size_m:
+    """A group of tracks with a velocity. centre_m: middle of the box of its planes; half_size_m:
     half of its box; velocity_m_s: horizontal; sigmas: standard deviations on each axis; covariance_m2_s: of position and
     velocity; age_s, unseen_s: since the first and the newest observation."""
 

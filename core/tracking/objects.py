@@ -1,0 +1,210 @@
+"""Groups of detections followed with a constant velocity.
+
+Each small group is followed by two Kalman filters of distance and speed, one along the viewing ray and one across it: the
+range of a stereo camera is far less exact than its direction. The point that is followed is the middle of the visible
+face. A group takes the object that explains its place best, so that an object whose place is uncertain does not take the
+group of one that is known well.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inner, kernel, record
+from .groups import may_move
+from .tables import NONE
+
+MOST_OBJECTS = 64
+"""Not tuning: groups followed at once; more are static."""
+_LOST_S, _LOST_EACH_S = 0.6, 0.3
+"""Not tuning: an object not observed for this time, or for so much for each observation, is no longer followed."""
+_ACCELERATION = 0.3
+"""Not tuning: change of the velocity within one second, standard deviation, m/s."""
+_MISFIT_SHARE = 0.3
+"""Not tuning: weight of an observation in the misfit."""
+_SPEED_SIGMA = 4.0
+"""Not tuning: of the velocity of a group seen once, m/s."""
+_GATE_SIGMAS, _REACH_M = 3.0, 1.5
+"""Not tuning: largest distance of an observation from the predicted place."""
+_BOX_SHARE = 0.3
+"""Not tuning: weight of an observation in the size."""
+
+OBJECT = record(
+    ("id", np.int64),
+    ("first_ns", np.int64),
+    ("seen_ns", np.int64),
+    ("moving_ns", np.int64),
+    ("x_m", np.float64),
+    ("y_m", np.float64),
+    ("vx_m_s", np.float64),
+    ("vy_m_s", np.float64),
+    ("r00", np.float64),
+    ("r01", np.float64),
+    ("r11", np.float64),
+    ("t00", np.float64),
+    ("t01", np.float64),
+    ("t11", np.float64),
+    ("misfit", np.float64),
+    ("size_m", np.float64),
+    ("low_dx_m", np.float64),
+    ("high_dx_m", np.float64),
+    ("low_dy_m", np.float64),
+    ("high_dy_m", np.float64),
+    ("top_m", np.float64),
+    ("bottom_m", np.float64),
+    ("hits", np.int32),
+    ("support", np.int32),
+    ("places", np.int32),
+    ("frames", np.int32),
+    ("evidence", np.int32),
+    ("spare", np.int32),
+)
+"""A followed group. x_m, y_m: the point of its face that is followed; moving_ns: when it was declared moving, 0: static;
+r00, r01, r11: covariance of distance and speed along the viewing ray; t00, t01, t11: across it; misfit: squared innovation
+over its variance, mean over the last observations, 2 for an object that moves as modelled; size_m: diagonal; low_dx_m to
+high_dy_m: its box from (x_m, y_m); hits: 0: empty; support: observations in a row that support a motion; places: number of
+entries of its history; frames: since the first observation; evidence: of the newest observation for a motion. spare: makes the size a multiple of
+8, so that equal tables have equal bytes."""
+
+MOVER_RULES = record(
+    ("min_speed_m_s", np.float64),
+    ("max_speed_m_s", np.float64),
+    ("sigmas", np.float64),
+    ("max_size_m", np.float64),
+)
+
+
+@kernel
+def predict_objects(objects, dt_s, t_ns):
+    """Moves the objects by their velocity; ends those not observed for too long."""
+    q = _ACCELERATION**2 * dt_s
+    for m in range(objects.shape[0]):
+        o = objects[m]
+        if o.hits == 0:
+            continue
+        if t_ns - o.seen_ns > min(_LOST_S, _LOST_EACH_S * o.hits) * 1e9:
+            o.hits = 0
+            continue
+        o.frames += 1
+        o.x_m += o.vx_m_s * dt_s
+        o.y_m += o.vy_m_s * dt_s
+        o.r00 += 2.0 * dt_s * o.r01 + dt_s * dt_s * o.r11 + q * dt_s * dt_s / 3.0
+        o.r01 += dt_s * o.r11 + 0.5 * q * dt_s
+        o.r11 += q
+        o.t00 += 2.0 * dt_s * o.t01 + dt_s * dt_s * o.t11 + q * dt_s * dt_s / 3.0
+        o.t01 += dt_s * o.t11 + 0.5 * q * dt_s
+        o.t11 += q
+
+
+@kernel
+def assign_groups(groups, count, objects, rules, costs):
+    """Gives each group the object that explains it best, the best pair first. costs: (G, M) float64 scratch."""
+    for g in range(count):
+        for m in range(objects.shape[0]):
+            costs[g, m] = pair_cost(groups[g], objects[m], rules)
+    for _ in range(count):
+        best, best_g, best_m = math.inf, NONE, NONE
+        for g in range(count):
+            if groups[g].object != NONE:
+                continue
+            for m in range(objects.shape[0]):
+                if costs[g, m] < best:
+                    best, best_g, best_m = costs[g, m], g, m
+        if best_g == NONE:
+            break
+        groups[best_g].object = best_m
+        for g in range(count):
+            costs[g, best_m] = math.inf
+
+
+@inner
+def pair_cost(g, o, rules):
+    """Twice the negative logarithm of the likelihood of a group's place, without its constant; inf: they cannot be one."""
+    if o.hits == 0 or not may_move(g, rules):
+        return math.inf
+    height, other = g.bottom_m - g.top_m, o.bottom_m - o.top_m
+    if min(g.bottom_m, o.bottom_m) - max(g.top_m, o.top_m) < 0.5 * min(height, other):
+        return math.inf
+    if max(g.size_m, o.size_m) > 2.0 * min(g.size_m, o.size_m) + 0.6:
+        return math.inf
+    dx, dy = g.x_m - o.x_m, g.y_m - o.y_m
+    if dx * dx + dy * dy > _REACH_M**2:
+        return math.inf
+    ux, uy = math.cos(g.azimuth_rad), math.sin(g.azimuth_rad)
+    radial, tangential = o.r00 + g.radial_sigma_m**2, o.t00 + g.tangential_sigma_m**2
+    far2 = (ux * dx + uy * dy) ** 2 / radial + (ux * dy - uy * dx) ** 2 / tangential
+    if far2 > _GATE_SIGMAS**2:
+        return math.inf
+    return far2 + math.log(radial * tangential)
+
+
+@inner
+def free_object(objects):
+    """An empty slot, NONE where there is none."""
+    for m in range(objects.shape[0]):
+        if objects[m].hits == 0:
+            return m
+    return NONE
+
+
+@inner
+def begin_object(o, g, object_id, t_ns):
+    """A new object of one group."""
+    o.id, o.first_ns, o.moving_ns, o.support, o.places, o.hits = object_id, t_ns, 0, 0, 0, 1
+    o.frames, o.misfit, o.evidence, o.spare = 1, 2.0, 0, 0
+    o.seen_ns = t_ns
+    o.x_m, o.y_m, o.vx_m_s, o.vy_m_s = g.x_m, g.y_m, 0.0, 0.0
+    o.r00, o.r01, o.r11 = g.radial_sigma_m**2, 0.0, _SPEED_SIGMA**2
+    o.t00, o.t01, o.t11 = g.tangential_sigma_m**2, 0.0, _SPEED_SIGMA**2
+    o.size_m = o.low_dx_m = o.high_dx_m = o.low_dy_m = o.high_dy_m = 0.0
+    o.top_m = o.bottom_m = 0.0
+    set_box(o, g, 1.0)
+
+
+@inner
+def set_box(o, g, share):
+    """Moves the box of an object towards that of a group by a share of the difference."""
+    o.size_m += share * (g.size_m - o.size_m)
+    o.low_dx_m += share * (g.low_x_m - g.x_m - o.low_dx_m)
+    o.high_dx_m += share * (g.high_x_m - g.x_m - o.high_dx_m)
+    o.low_dy_m += share * (g.low_y_m - g.y_m - o.low_dy_m)
+    o.high_dy_m += share * (g.high_y_m - g.y_m - o.high_dy_m)
+    o.top_m += share * (g.top_m - o.top_m)
+    o.bottom_m += share * (g.bottom_m - o.bottom_m)
+
+
+@inner
+def update_object(o, g, t_ns):
+    """Kalman update of position and velocity, along the viewing ray and across it."""
+    ux, uy = math.cos(g.azimuth_rad), math.sin(g.azimuth_rad)
+    dx, dy = g.x_m - o.x_m, g.y_m - o.y_m
+    radial, tangential = ux * dx + uy * dy, ux * dy - uy * dx
+    total_r, total_t = o.r00 + g.radial_sigma_m**2, o.t00 + g.tangential_sigma_m**2
+    o.misfit += _MISFIT_SHARE * (radial**2 / total_r + tangential**2 / total_t - o.misfit)
+    r0, r1, t0, t1 = o.r00 / total_r, o.r01 / total_r, o.t00 / total_t, o.t01 / total_t
+    o.x_m += r0 * radial * ux - t0 * tangential * uy
+    o.y_m += r0 * radial * uy + t0 * tangential * ux
+    o.vx_m_s += r1 * radial * ux - t1 * tangential * uy
+    o.vy_m_s += r1 * radial * uy + t1 * tangential * ux
+    o.r11 -= r1 * o.r01
+    o.r01 -= r0 * o.r01
+    o.r00 -= r0 * o.r00
+    o.t11 -= t1 * o.t01
+    o.t01 -= t0 * o.t01
+    o.t00 -= t0 * o.t00
+    o.hits += 1
+    o.seen_ns = t_ns
+    set_box(o, g, _BOX_SHARE)
+
+
+@inner
+def speed_variance(o, x_m, y_m):
+    """Variance of an object's speed along its velocity, m^2/s^2, seen from (x_m, y_m)."""
+    dx, dy = o.x_m - x_m, o.y_m - y_m
+    r2, v2 = dx * dx + dy * dy, o.vx_m_s**2 + o.vy_m_s**2
+    if r2 < 1e-6 or v2 < 1e-6:
+        return max(o.r11, o.t11)
+    along2 = (dx * o.vx_m_s + dy * o.vy_m_s) ** 2 / (r2 * v2)
+    return along2 * o.r11 + (1.0 - along2) * o.t11
