@@ -171,7 +171,8 @@ def summary(flights: list[Flown]) -> str:
     lines = [
         f"{len(flights)} missions, {sum(f.blocked for f in flights)} with an obstacle in the way: {len(hits)} collisions {hits}",
         f"{sum(f.stops > 0 for f in flights)} stopped, {sum(f.limits > 0 for f in flights)} limited, "
-        f"{sum(f.finished for f in flights)} finished, {sum(f.false_stops for f in flights)} false stops in {minutes:.1f} min",
+        f"{sum(f.finished for f in flights)} finished, {sum(f.false_stops for f in flights)} false stops in {minutes:.1f} min, "
+        f"{sum(f.false_stops for f in flights if f.guided)} of them with velocity setpoints, which no limit slows down",
     ]
     if late:
         inside = 100.0 * sum(s <= 0.3 for s in late) / len(late)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..config.guard import GuardParams
 from .braking import Braking
-from .path_sight import PathSight, common_free_m
+from .path_sight import Frame, PathSight, common_free_m
 from .velocity_hold import HOLD_NS
 
 NS = 1_000_000_000
@@ -28,6 +28,8 @@ STALE_NS = 400_000_000
 FRAME_BEFORE_NS = 150_000_000
 """An older frame does not stand in for the newest one along the course that follows."""
 CONFIRM_NS = 500_000_000
+REMEMBERED_NS = 3_000_000_000
+"""The obstacle output remembers for so long."""
 PLACE_M, PLACE_SHARE = 0.15, 0.1
 """Two frames show the same obstacle if its places agree within this much, and this share of the distance."""
 NEAR_M = 2.5
@@ -84,7 +86,7 @@ class PathAssessor:
     def __init__(self, guard: GuardParams, braking: Braking, clear_share: float) -> None:
         """clear_share: of the corridor's rays that must be seen free."""
         self._guard, self._braking, self._clear_share = guard, braking, clear_share
-        self._sights: deque[PathSight] = deque(maxlen=32)
+        self._sights: deque[PathSight] = deque(maxlen=64)
 
     def take(self, sight: PathSight) -> None:
         """A new sight of the path."""
@@ -129,21 +131,29 @@ class PathAssessor:
     def _action(self, speed_m_s: float, obstacle_m: float, free_m: float) -> Action:
         braking, guard = self._braking, self._guard
         needed_m = braking.needed_m(self._predicted_m_s(speed_m_s, STOP_PREDICT_S))
-        if speed_m_s > guard.blind_speed_m_s and needed_m > free_m:
+        if self._coming_m_s(speed_m_s) > guard.blind_speed_m_s and needed_m > free_m:
             return Action.STOP
         ahead_m = braking.needed_m(self._predicted_m_s(speed_m_s), guard.limit_ahead_s)
         return Action.SLOW if ahead_m > min(obstacle_m, free_m) else Action.PASS
 
     def _predicted_m_s(self, speed_m_s: float, ahead_s: float = PREDICT_S) -> float:
         """speed_m_s and what the vehicle gains in ahead_s, if it accelerates on as measured."""
+        return speed_m_s + max(0.0, self._gain_m_s2()) * ahead_s
+
+    def _coming_m_s(self, speed_m_s: float) -> float:
+        """speed_m_s less what a vehicle that gets slower loses until a stop command acts. It brakes already, as in a turn on the
+        spot before the next leg, when the camera has left its course."""
+        return speed_m_s + min(0.0, self._gain_m_s2()) * STOP_PREDICT_S
+
+    def _gain_m_s2(self) -> float:
+        """Measured rate of the speed; 0: not known."""
         newest = self._sights[-1]
         newest_m_s = newest.speed_m_s or 0.0
         for sight in reversed(self._sights):
             age_ns = newest.t_ns - sight.t_ns
             if age_ns >= SLOPE_NS and sight.speed_m_s is not None:
-                gain = (newest_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
-                return speed_m_s + max(0.0, gain) * ahead_s
-        return speed_m_s
+                return (newest_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
+        return 0.0
 
     def _free_m(self, newest: PathSight, now_ns: int) -> float:
         """The farthest of what the sights of the last keep_free_s saw free, less the way since: of each ray, and of all together."""
@@ -162,34 +172,48 @@ class PathAssessor:
         return max(0.0, best_m)
 
     def _ahead_free_m(self, newest: PathSight) -> float:
-        """Seen free along the course that follows, by the newest frame or the one before: a mismatch or a hole ends it in one."""
+        """Seen free along the course that follows, each ray by the newest frame or the one before: a mismatch or a hole ends it in
+        one."""
         older = [s.exposed_ns for s in self._sights if s.exposed_ns != newest.exposed_ns and s.exposed_ns is not None]
         if newest.exposed_ns is None or not older or newest.exposed_ns - older[-1] > FRAME_BEFORE_NS:
             return newest.ahead_free_m
-        return max(s.ahead_free_m for s in self._sights if s is newest or s.exposed_ns == older[-1])
+        counted = [s for s in self._sights if s is newest or s.exposed_ns == older[-1]]
+        rays_m = [s.ahead_rays_m for s in counted if s.ahead_rays_m is not None]
+        together_m = common_free_m(np.max(rays_m, axis=0), self._clear_share) if len(rays_m) > 1 else 0.0
+        return max(together_m, *(s.ahead_free_m for s in counted))
 
     def _obstacle_m(self, newest: PathSight) -> float:
         """The nearest obstacle in the newest sight, counted at its instant."""
-        counted_m = min(newest.obstacle_m, newest.remembered_m)
+        counted_m = min(newest.obstacle_m, self._remembered_m(newest))
         weak_m = newest.weak_obstacle_m
         if math.isfinite(weak_m) and self._shown_before(weak_m, 1 if weak_m >= NEAR_M else 2):
             return min(counted_m, weak_m)
         return counted_m
 
+    def _remembered_m(self, newest: PathSight) -> float:
+        """The nearest remembered obstacle. One just before the camera that frames have shown with few pixels alone counts as they do: the
+        memory of the obstacle output keeps what one frame shows."""
+        at_m = newest.remembered_m
+        if at_m >= NEAR_M or self._frames_at(at_m, REMEMBERED_NS, weak=False):
+            return at_m
+        return math.inf if len(self._frames_at(at_m, REMEMBERED_NS, weak=True)) in (1, 2) else at_m
+
     def _shown_before(self, at_m: float, frames: int) -> bool:
         """Whether so many frames before the newest sight showed an obstacle at this place of the newest sight."""
-        newest = self._sights[-1]
+        found = self._frames_at(at_m, CONFIRM_NS, weak=False) | self._frames_at(at_m, CONFIRM_NS, weak=True)
+        return len(found - {self._sights[-1].frame_of(at_m)}) >= frames
+
+    def _frames_at(self, at_m: float, within_ns: int, weak: bool) -> set[Frame]:
+        """The frames of this time that showed an obstacle at this place of the newest sight. weak: with few pixels, else with many."""
+        newest, found = self._sights[-1], set()
         slack_m = PLACE_M + PLACE_SHARE * at_m
-        own = newest.frame_of(at_m)
-        found = set()
         for sight in self._sights:
-            if newest.t_ns - sight.t_ns > CONFIRM_NS:
+            before_m = sight.weak_obstacle_m if weak else sight.obstacle_m
+            if newest.t_ns - sight.t_ns > within_ns or not math.isfinite(before_m):
                 continue
-            way_m = _way_m(sight, newest, newest.t_ns)
-            for before_m in (sight.obstacle_m, sight.weak_obstacle_m):
-                if abs(before_m - way_m - at_m) <= slack_m:
-                    found.add(sight.frame_of(before_m))
-        return len(found - {own}) >= frames
+            if abs(before_m - _way_m(sight, newest, newest.t_ns) - at_m) <= slack_m:
+                found.add(sight.frame_of(before_m))
+        return found
 
     def _cause(self, newest: PathSight, obstacle_m: float, free_m: float) -> str:
         if newest.cause and free_m <= 0.0:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.guard.assessment import Action
-from companion.guard.path_sight import common_free_m
+from companion.guard.path_sight import PathSight, common_free_m
 
 from .test_guard_path import BRAKING, SIGHT, action, later, model, plane, seen
 
@@ -66,3 +66,59 @@ def test_an_estimate_of_the_position_that_jumps_back_does_not_lengthen_free_spac
     far_m = BRAKING.needed_m(5.0) + 0.5
     jumped = later(160, free_m=0.0, position_ned_m=(0.0, 0.0, -3.0))
     assert action(replace(SIGHT, free_m=far_m), jumped) is Action.STOP
+
+
+@pytest.mark.parametrize("other", [HOLES[1], HOLES[0]])
+def test_along_the_course_that_follows_each_ray_may_be_of_the_frame_before(other: slice) -> None:
+    def ahead(hole: slice) -> dict[str, object]:
+        hidden = rays(hole)
+        return {"ahead_rays_m": hidden["rays_free_m"], "ahead_free_m": hidden["free_m"]}
+
+    lost_twice = other == HOLES[0]
+    found = action(later(0, **ahead(HOLES[0])), later(80, **ahead(other)))
+    assert found is (Action.STOP if lost_twice else Action.PASS)
+
+
+# ---- a vehicle that gets slower -------------------------------------------------------------------------------------
+
+
+def slowing(from_m_s: float, to_m_s: float, **changes: object) -> Action:
+    """Its camera has left the course, as in a turn before the next leg."""
+    before = later(0, speed_m_s=from_m_s)
+    lost = [
+        later(ms, speed_m_s=from_m_s + (to_m_s - from_m_s) * ms / 400, free_m=0.0, **changes) for ms in (200, 300, 400)
+    ]
+    return action(before, *lost)
+
+
+def test_a_vehicle_that_brakes_is_not_stopped_for_unseen_space_when_it_is_slow_at_once() -> None:
+    assert slowing(1.6, 0.9) is not Action.STOP
+    assert slowing(0.9, 0.9) is Action.STOP
+    assert slowing(3.0, 2.3) is Action.STOP, "it does not become slow in time"
+
+
+def test_a_vehicle_that_brakes_is_stopped_before_an_obstacle() -> None:
+    assert slowing(1.6, 0.9, obstacle_m=2.3) is Action.STOP
+
+
+# ---- what is remembered ---------------------------------------------------------------------------------------------
+
+
+def near(ms: int, **changes: object) -> PathSight:
+    """A sight of a slow vehicle that has not moved yet."""
+    return later(ms, speed_m_s=0.4, position_ned_m=SIGHT.position_ned_m, **changes)
+
+
+def test_a_mismatch_does_not_stop_as_a_remembered_obstacle() -> None:
+    """The obstacle output remembers what one frame shows with few pixels just before the camera."""
+    once, after = near(80, weak_obstacle_m=0.6), near(160, remembered_m=0.5)
+    assert action(near(0), once, after) is not Action.STOP
+    assert action(near(0), near(80, obstacle_m=0.6), after) is Action.STOP
+    assert action(near(0), after) is Action.STOP, "seen beside the path"
+    assert action(near(0), near(80, weak_obstacle_m=2.0), after) is Action.STOP
+
+
+def test_a_remembered_obstacle_that_three_frames_showed_with_few_pixels_stops() -> None:
+    shown, after = [near(80 * k, weak_obstacle_m=1.0) for k in range(3)], near(400, remembered_m=0.9)
+    assert action(*shown, after) is Action.STOP
+    assert action(*shown[:2], after) is not Action.STOP
