@@ -255,15 +255,17 @@ class Sharing:
                 self._record("team", message, now_ns)
 
     def _publish(self, section: int, now_ns: int) -> None:
+        """Publishes the obstacles, and records them once a second. A recorded message is serialised later, in the recorder's
+        thread: nothing may change it afterwards."""
         message = obstacles_message(self._obstacles, section)
-        if now_ns >= self._next_log_ns:
-            self._next_log_ns = now_ns + LOG_NS
-            self._record("neighbours", message, now_ns)
         if self._publisher is not None:
             age_ns = time.monotonic_ns() - self._obstacles.now_ns
             number = self._publisher.published
             message.publication.CopyFrom(pb.Publication(boot_id=self._boot, number=number, age_ns=age_ns))
             self._publisher.publish(message)
+        if now_ns >= self._next_log_ns:
+            self._next_log_ns = now_ns + LOG_NS
+            self._record("neighbours", message, now_ns)
 
     def _health_of(self, team: Team, now_ns: int) -> pb.TeamHealth:
         """The state of the team; rates are those of the last ten seconds."""

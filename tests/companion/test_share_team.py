@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import zmq
+from google.protobuf.message import Message
 
 from companion.autopilot.session_factory import params_of
 from companion.config.loader import ConfigError, config_of
@@ -15,6 +18,8 @@ from companion.live.status import status_lines
 from companion.share.own_planes import OwnPlanes
 from companion.share.packet_rate import PacketRate
 from companion.share.team import NS, Team
+from companion.share.thread import Sharing
+from companion.streams.publisher import Publisher, Stream
 from core.sharing.obstacles import PlacementState
 from core.sharing.packet_codec import decoded
 from core.sharing.records import SharedMover, SharedPlanes, VehicleState
@@ -196,6 +201,27 @@ def test_the_line_to_the_autopilot_is_judged_with_the_messages_of_the_team(
     }
     params = params_of(config_of(content, "test"))
     assert (params.tunnel_bytes_per_s, params.neighbours) == (out_bytes_per_s, neighbours)
+
+
+def test_the_recorded_obstacles_are_those_that_were_published(tmp_path: Path) -> None:
+    """The recorder serialises a message later, in its own thread: it must not be changed once it was handed over."""
+    recorded: list[tuple[pb.NeighbourObstacles, bytes]] = []
+
+    def record(key: str, message: Message, t_ns: int) -> None:
+        if isinstance(message, pb.NeighbourObstacles):
+            recorded.append((message, message.SerializeToString()))
+
+    with zmq.Context() as context:
+        publisher = Publisher(Stream("neighbours", f"ipc://{tmp_path}/neighbours"), context)
+        try:
+            config = ShareConfig(origin="47.4, 8.5, 400", vehicle=3)
+            sharing = Sharing(config, 0.4, lambda deliver: (), 1, lambda: 3, publisher, "boot", record)
+            sharing.step(10 * NS)
+        finally:
+            publisher.close()
+    ((message, at_handover),) = recorded
+    assert message.publication.boot_id == "boot"
+    assert message.SerializeToString() == at_handover
 
 
 def test_sharing_is_off_by_default() -> None:
