@@ -12,7 +12,11 @@ ROOT = Path(__file__).parents[1]
 NAMED = re.compile(
     r"(?<![\w/.-])(?<!\]\()((?:core|drivers|companion|clients|benchmarks|tests|docs|configs|systemd|examples)/[\w/.-]+\.(?:py|md|proto|toml))\b"
 )
-MADE_UP = {"tests/companion/test_jit_cache.py", "tests/companion/test_kernel_manifest.py"}
+MADE_UP = {
+    "tests/companion/test_jit_cache.py",
+    "tests/companion/test_kernel_manifest.py",
+    "tests/test_named_files.py",
+}
 """Tests that name files of projects which they make."""
 HISTORY = ("docs/research/", "CHANGELOG.md")
 """What was measured and changed then names files of then."""
