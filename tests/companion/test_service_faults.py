@@ -17,7 +17,7 @@ from drivers.simulation.flight_path import VehicleState
 
 from .live import NS, Live, until
 from .test_service_avoids import CONFIG, FRONT, PARAMETERS, AvoidingService
-from .test_service_strangers import WALL_CM
+from .test_service_conflicts import WALL_CM
 
 pytestmark = pytest.mark.process
 
