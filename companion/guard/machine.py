@@ -98,11 +98,17 @@ class GuardMachine:
             self._begin(GuardState.INACTIVE, now, kind=vehicle.autopilot, system_id=vehicle.system_id, seen=False)
         if not vehicle.armed or not now.in_air:
             return self._rest(now)
-        if self.memory.state is GuardState.STOPPING and gap_ns > GAP_NS:
+        if self.memory.state is GuardState.STOPPING and gap_ns > GAP_NS and not self._stands_as_asked(now):
             self._begin(GuardState.INACTIVE, now)
         if self.memory.state in INTERVENES:
             return self._intervene(vehicle, now)
         return self._watch(vehicle, now)
+
+    def _stands_as_asked(self, now: GuardInput) -> bool:
+        """Whether the vehicle is in a stop mode of the guard and is measured to stand."""
+        speed_m_s = None if now.verdict is None else now.verdict.speed_m_s
+        in_stop_mode = now.vehicle is not None and now.vehicle.custom_mode in self.memory.stop_modes
+        return in_stop_mode and speed_m_s is not None and speed_m_s < STANDS_M_S
 
     # ---- not intervening --------------------------------------------------------------------------------------------
 
