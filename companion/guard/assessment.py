@@ -164,9 +164,9 @@ class PathAssessor:
         rays_m = []
         for sight in self._sights:
             if sight is newest or (newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest)):
-                way_m = _way_m(sight, newest, now_ns)
-                best_m = max(best_m, sight.free_m - way_m)
-                rays_m += [] if sight.rays_free_m is None else [sight.rays_free_m - way_m]
+                way_m, reach_m = _way_m(sight, newest, now_ns), _reach_m(sight, newest, self._guard.side_m)
+                best_m = max(best_m, min(sight.free_m, reach_m) - way_m)
+                rays_m += [] if sight.rays_free_m is None else [np.minimum(sight.rays_free_m, reach_m) - way_m]
         if len(rays_m) > 1:
             best_m = max(best_m, common_free_m(np.max(rays_m, axis=0), self._clear_share))
         return max(0.0, best_m)
@@ -227,6 +227,18 @@ def _same_course(a: PathSight, b: PathSight) -> bool:
     if a.course_rad is None or b.course_rad is None:
         return False
     return abs(math.remainder(a.course_rad - b.course_rad, math.tau)) <= SAME_COURSE_RAD
+
+
+def _reach_m(sight: PathSight, newest: PathSight, side_m: float) -> float:
+    """Distance to which the corridor of a sight lies within side_m beside that of the newest one."""
+    if sight is newest or sight.course_rad is None or newest.course_rad is None:
+        return math.inf
+    beside_m = 0.0
+    if sight.position_ned_m is not None and newest.position_ned_m is not None:
+        north_m, east_m = (newest.position_ned_m[k] - sight.position_ned_m[k] for k in (0, 1))
+        beside_m = abs(math.cos(newest.course_rad) * east_m - math.sin(newest.course_rad) * north_m)
+    apart = abs(math.sin(sight.course_rad - newest.course_rad))
+    return max(0.0, side_m - beside_m) / max(apart, 1e-6)
 
 
 def _way_m(sight: PathSight, newest: PathSight, now_ns: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,26 @@ def test_what_rays_saw_free_shrinks_by_the_way_flown() -> None:
 @pytest.mark.parametrize("change", [{"course_rad": 0.2}, {"course_rad": None}])
 def test_rays_of_another_course_do_not_count(change: dict[str, object]) -> None:
     assert action(later(0, **rays(HOLES[0])), later(80, **rays(HOLES[1]), **change)) is Action.STOP
+
+
+@pytest.mark.parametrize(("drift_deg", "stops"), [(0.1, False), (0.9, True), (2.9, True)])
+def test_a_course_that_drifts_does_not_keep_a_corridor_free_that_was_never_seen(drift_deg: float, stops: bool) -> None:
+    """Each sight lies within 3 degrees of the one before. Only the first saw the left half of its corridor, and all the others the right."""
+    halves = slice(0, RAYS // 2), slice(RAYS // 2, RAYS)
+    sights = [
+        later(
+            80 * k, **rays(halves[k > 0]), course_rad=math.radians(k * drift_deg), position_ned_m=SIGHT.position_ned_m
+        )
+        for k in range(4)
+    ]
+    assert (action(*sights) is Action.STOP) is stops
+
+
+def test_what_was_seen_beside_the_path_does_not_count() -> None:
+    """The vehicle was moved to the side by more than side_m."""
+    beside = later(80, **rays(HOLES[0]), position_ned_m=(0.4, 0.35, -3.0))
+    assert action(later(0, **rays()), beside) is Action.STOP
+    assert action(later(0, **rays()), replace(beside, position_ned_m=(0.4, 0.1, -3.0))) is not Action.STOP
 
 
 def test_an_estimate_of_the_position_that_jumps_back_does_not_lengthen_free_space() -> None:
