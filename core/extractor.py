@@ -110,7 +110,8 @@ class Extractor:
     ) -> FreeObservation | None:
         """What is free or open, of an image with marks of unmeasured pixels; None: nothing is to be presumed."""
         codes, view = levelled.exact_codes, levelled.exact_view
-        return observe_open(depth_mm, codes, view, source, ground, ke, self.params, self.open_sky, self._buffers)
+        found = observe_open(depth_mm, codes, view, source, ground, ke, self.params, self.open_sky, self._buffers)
+        return found.seen if found is not None else None
 
     def _model(
         self,

@@ -21,6 +21,7 @@ TO_M = 10.0
 THERE_M, THERE_SIGMAS = 1.0, 3.0
 """A plane stands for a true surface within this distance of it, or within so much noise."""
 _AZIMUTHS = 3
+_ROUNDING_PX = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -39,21 +40,26 @@ class Directions:
         return int((self.truly_free & self.phantom).sum())
 
 
-def judged_azimuths(frame: Rendered, model: FrameModel, unmatched_left_px: int) -> tuple[Floats, NDArray[np.int64]]:
+def judged_azimuths(
+    frame: Rendered, model: FrameModel, unmatched_left_px: int, unmatched_right_px: int = 0
+) -> tuple[Floats, NDArray[np.int64]]:
     """(azimuths (D, 3) in level_cam, index of the direction in the profile (D,)) of the directions whose horizontal rays the
-    camera sees, without the columns in which stereo has no match."""
+    camera sees, over their whole width, without those that reach into columns in which stereo never has a match."""
     edges = model.free.azimuth_edges_rad.astype(np.float64)
     if not model.valid:  # it has no profile
         edges = np.radians(np.linspace(-60.0, 60.0, 41))
     share = (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     azimuth = edges[:-1, None] + share * np.diff(edges)[:, None]
-    level = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(azimuth.shape)], axis=-1)
+    whole = np.column_stack([edges[:-1], azimuth, edges[1:]])
+    level = np.stack([np.cos(whole), np.sin(whole), np.zeros(whole.shape)], axis=-1)
     optical = level @ frame.R_level_optical
     k = frame.info.intrinsics
     ahead = optical[..., 2] > 1e-3
     z = np.where(ahead, optical[..., 2], 1.0)
     u, v = k.fx * optical[..., 0] / z + k.cx, k.fy * optical[..., 1] / z + k.cy
-    inside = ahead & (u >= unmatched_left_px) & (u < k.width) & (v >= 0) & (v < k.height)
+    # columns are as wide as a pixel around their centre
+    first, last = unmatched_left_px - 0.5, k.width - unmatched_right_px - 0.5
+    inside = ahead & (u >= first - _ROUNDING_PX) & (u <= last + _ROUNDING_PX) & (v >= 0) & (v < k.height)
     rows = np.flatnonzero(inside.all(axis=1))
     return azimuth[rows], rows
 

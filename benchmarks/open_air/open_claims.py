@@ -58,9 +58,11 @@ def as_free(model: FrameModel) -> FrameModel:
     return replace(model, free=replace(f, free_from_m=from_m, free_to_m=to_m))
 
 
-def claims_of(frame: Rendered, model: FrameModel, unmatched_left_px: int, params: Params) -> Claims:
+def claims_of(
+    frame: Rendered, model: FrameModel, unmatched_left_px: int, params: Params, unmatched_right_px: int = 0
+) -> Claims:
     """What a model claims, against the geometry of its frame."""
-    azimuth, rows = judged_azimuths(frame, model, unmatched_left_px)
+    azimuth, rows = judged_azimuths(frame, model, unmatched_left_px, unmatched_right_px)
     free = truth(frame, azimuth) if len(rows) else np.zeros(0, np.bool_)
     if not model.valid:
         return Claims(directions=int(free.sum()), free=0, opened=0, wrong_free=0, wrong_open=(), more_cells=0)
@@ -205,7 +207,9 @@ def main(arguments: list[str] | None = None) -> int:
                 where = f"{scene} {view.sky} {view.height_m:g} m, pitch {view.pitch_deg:g}, roll {view.roll_deg:g}, noise {seen.noise_grey:g}"
                 for name, extractor in extractors.items():
                     model = seen.model if name == ALL_RULES else model_of(extractor, seen.frame)
-                    claims = claims_of(seen.frame, model, seen.unmatched_left_px, extractor.params)
+                    claims = claims_of(
+                        seen.frame, model, seen.unmatched_left_px, extractor.params, seen.unmatched_right_px
+                    )
                     by_rule[name].add(claims, model.valid, where)
                     if name == ALL_RULES:
                         by_scene.setdefault(scene, ClaimCounts()).add(claims, model.valid, where)

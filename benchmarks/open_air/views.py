@@ -34,7 +34,8 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Seen:
-    """A view with its images, depth (in frame) and model. unmatched_left_px: columns without a match on the left."""
+    """A view with its images, depth (in frame) and model. unmatched_left_px, unmatched_right_px: columns at each side
+    that never have a match."""
 
     view: View
     noise_grey: float
@@ -43,6 +44,7 @@ class Seen:
     frame: Rendered
     model: FrameModel
     unmatched_left_px: int
+    unmatched_right_px: int = 0
 
 
 @functools.lru_cache(maxsize=8)
@@ -90,6 +92,7 @@ def see(view: View, noises: tuple[float, ...], camera: StereoCamera, extractor: 
             depth = camera.depth_of(pair)
             model, state = extractor.extract(depth, info, R_level, state=state)
         yield Seen(
-            view=view, noise_grey=noise, scene=scene, pair=pair, model=model, unmatched_left_px=profile.unmatched_left_px,
+            view=view, noise_grey=noise, scene=scene, pair=pair, model=model,
+            unmatched_left_px=profile.unmatched_left_px, unmatched_right_px=profile.unmatched_right_px,
             frame=Rendered(scene.scene, info, depth, R, R_level, at, truth),
         )  # fmt: skip

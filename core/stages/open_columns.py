@@ -4,6 +4,7 @@ docs/explanation/open-space.md."""
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,48 @@ from .view_geometry import ViewGeometry
 _NOTHING = np.float32(0.0)
 _BRIDGE = 4
 """Columns of blocks without a measurement below their edge that are bridged, counted with the next one."""
+_BORDER_OF_GROUND = 3
+"""Blocks that the border between smooth ground and what is matched below may cross: the driver marks smooth ground up to 8
+unmatched rows above what is matched (`textureless._LIKE_GAP_PX`). What lies in them stays unknown itself."""
+
+
+class Refusal(IntEnum):
+    """Why a column of blocks is not open, or not as far as it might be."""
+
+    NONE = 0
+    NO_SKY = 1
+    """Its uppermost block is not textureless."""
+    LOW_SKY = 2
+    """Its textureless run is lower than least_rise_deg."""
+    EDGE_ABOVE_HORIZON = 3
+    EDGE_BELOW_HORIZON = 4
+    WIDE_EDGE = 5
+    """More than gap_deg of textured blocks lie below the run."""
+    SMOOTH_STRIP = 6
+    """Smooth blocks lie below that which are not accepted as ground."""
+    NOT_MEASURED = 7
+    """Nothing is measured below the edge."""
+    NEAR_BASE = 8
+    """What is measured below the edge is nearer than the range: open up to there."""
+    NEAR_ABOVE = 9
+    """Something nearer is measured above its own edge or that of a column beside it."""
+    NEAR_BASE_BESIDE = 10
+    """What is measured below the edge of a column beside it is nearer."""
+    NO_EVIDENCE_BESIDE = 11
+    """The next column gives no evidence and holds no measurement."""
+    FLOATING = 12
+    """A thing without connection to the ground is measured nearby."""
+
+
+_NONE, _NO_SKY, _LOW_SKY, _WIDE_EDGE, _SMOOTH_STRIP, _NOT_MEASURED = (
+    int(Refusal.NONE), int(Refusal.NO_SKY), int(Refusal.LOW_SKY), int(Refusal.WIDE_EDGE), int(Refusal.SMOOTH_STRIP),
+    int(Refusal.NOT_MEASURED),
+)  # fmt: skip
+_EDGE_ABOVE, _EDGE_BELOW = int(Refusal.EDGE_ABOVE_HORIZON), int(Refusal.EDGE_BELOW_HORIZON)
+_NEAR_BASE, _NEAR_ABOVE, _NEAR_BASE_BESIDE, _NO_EVIDENCE_BESIDE, _FLOATING = (
+    int(Refusal.NEAR_BASE), int(Refusal.NEAR_ABOVE), int(Refusal.NEAR_BASE_BESIDE), int(Refusal.NO_EVIDENCE_BESIDE),
+    int(Refusal.FLOATING),
+)  # fmt: skip
 
 OPEN_SETTINGS = record(
     ("f_px", np.float64),
@@ -41,7 +84,8 @@ floating_reach: blocks times metres."""
 
 class Columns(NamedTuple):
     """Of each column of blocks, (C,): the rows top, edge and base of `scan_column`; base_m: distance below the edge, 0: no
-    evidence; above_m, floating_m: of `things_above`."""
+    evidence; above_m, floating_m: of `things_above`; limit_m: forward distance up to which it is open, 0: it is not; refusal:
+    a `Refusal`, of the rule that set this limit."""
 
     top: Any
     edge: Any
@@ -49,6 +93,15 @@ class Columns(NamedTuple):
     base_m: Any
     above_m: Any
     floating_m: Any
+    limit_m: Any
+    refusal: Any
+
+
+def empty_columns(n: int) -> Columns:
+    """Columns of n columns of blocks, to be filled."""
+    top, edge, base = np.zeros((3, n), np.int64)
+    base_m, above_m, floating_m, limit_m = np.zeros((4, n), np.float32)
+    return Columns(top, edge, base, base_m, above_m, floating_m, limit_m, np.zeros(n, np.uint8))
 
 
 def open_settings(view: ViewGeometry, most_m: float, clear_m: float, p: OpenSkyParams) -> NDArray[Any]:
@@ -79,8 +132,8 @@ def tangent(i, s):
 
 @inner
 def scan_column(kind, near, s):
-    """(top, edge, base, R) of one column: the first row of its textureless run, the row behind its last, the row of what is
-    measured below, and the distance of that edge, 0 where the column gives no evidence. kind, near: (R,)."""
+    """(top, edge, base, R, refusal) of one column: the first row of its textureless run, the row behind its last, the row of what is
+    measured below, and the distance of that edge, 0 where the column gives no evidence, with its Refusal. kind, near: (R,)."""
     rows = len(kind)
     top = 0
     while top < rows and kind[top] == OUTSIDE:
@@ -91,21 +144,27 @@ def scan_column(kind, near, s):
     edge = top
     while edge < rows and kind[edge] == SMOOTH:
         edge += 1
-    if edge == top or tangent(edge, s) - tangent(top, s) < s.least_rise_t or not at_horizon(edge, s):
-        return top, edge, edge, _NOTHING
+    if edge == top:
+        return top, edge, edge, _NOTHING, _NO_SKY
+    if tangent(edge, s) - tangent(top, s) < s.least_rise_t:
+        return top, edge, edge, _NOTHING, _LOW_SKY
+    if not at_horizon(edge, s):
+        return top, edge, edge, _NOTHING, _EDGE_ABOVE if tangent(edge, s) < 0.0 else _EDGE_BELOW
     base = edge
     while base < rows and kind[base] == TEXTURED:
         base += 1
     if tangent(base, s) - tangent(edge, s) > s.gap_t:
-        return top, edge, edge, _NOTHING
+        return top, edge, edge, _NOTHING, _WIDE_EDGE
     if base < rows and kind[base] == CONTINUED:
         base = end_of_strip(kind, edge, base, s)
+        if base >= rows:
+            return top, edge, edge, _NOTHING, _SMOOTH_STRIP
     if base >= rows or kind[base] != MEASURED:
-        return top, edge, edge, _NOTHING
+        return top, edge, edge, _NOTHING, _NOT_MEASURED
     nearest = BEYOND_ALL
     for i in range(edge, min(base + 2, rows)):
         nearest = min(nearest, near[i])
-    return top, edge, base, nearest
+    return top, edge, base, nearest, _NONE
 
 
 @inner
@@ -124,7 +183,7 @@ def end_of_strip(kind, edge, first, s):
     if first == edge or tangent(first + 1, s) <= 0.0:
         return rows
     base, last = first, first
-    while base < rows and (kind[base] == CONTINUED or (kind[base] == TEXTURED and base < last + 2)):
+    while base < rows and (kind[base] == CONTINUED or (kind[base] == TEXTURED and base <= last + _BORDER_OF_GROUND)):
         if kind[base] == CONTINUED:
             last = base
         base += 1
@@ -149,7 +208,7 @@ def things_above(kind, near, edge):
 def bridge_columns(columns):
     """Columns whose edge has nothing measured below it take that from both sides, where those lie within _BRIDGE columns and
     have the same edge. columns: Columns, changed in place."""
-    edge, base, base_m = columns.edge, columns.base, columns.base_m
+    edge, base, base_m, refusal = columns.edge, columns.base, columns.base_m, columns.refusal
     cols = len(edge)
     for j in range(1, cols - 1):
         if base_m[j] > 0.0:
@@ -161,24 +220,30 @@ def bridge_columns(columns):
         same = abs(edge[left] - edge[j]) <= 1 and abs(edge[right] - edge[j]) <= 1
         if same and base_m[left] > 0.0 and base_m[right] > 0.0:
             base[j], base_m[j] = max(base[left], base[right]), min(base_m[left], base_m[right])
+            refusal[j] = _NONE
 
 
 @inner
-def limit_columns(columns, s, limit_m):
-    """limit_m: (C,) float32 out, forward distance up to which each column is open, 0: it is not. columns: Columns."""
+def limit_columns(columns, s):
+    """Fills limit_m and refusal of columns that give evidence. columns: Columns."""
     base_m, above_m, floating_m = columns.base_m, columns.above_m, columns.floating_m
     cols, reach = len(base_m), s.reach_blocks
     for j in range(cols):
-        limit = base_m[j]
+        columns.limit_m[j] = _NOTHING
+        if base_m[j] <= 0.0:
+            continue
+        limit, why = base_m[j], _NEAR_BASE
         for k in range(max(0, j - reach), min(cols, j + reach + 1)):
-            if s.neighbours:
-                limit = min(limit, above_m[k])
-                if base_m[k] > 0.0:
-                    limit = min(limit, base_m[k])
-                elif abs(k - j) <= 1 and above_m[k] == BEYOND_ALL:
-                    limit = _NOTHING
-        if s.floating and limit > 0.0:
-            for k in range(cols):
-                if floating_m[k] < limit and abs(k - j) * floating_m[k] <= s.floating_reach:
-                    limit = floating_m[k]
-        limit_m[j] = limit
+            if not s.neighbours:
+                break
+            if above_m[k] < limit:
+                limit, why = above_m[k], _NEAR_ABOVE
+            if 0.0 < base_m[k] < limit:
+                limit, why = base_m[k], _NEAR_BASE_BESIDE
+            elif base_m[k] <= 0.0 and abs(k - j) <= 1 and above_m[k] == BEYOND_ALL:
+                limit, why = _NOTHING, _NO_EVIDENCE_BESIDE
+        for k in range(cols):
+            if s.floating and floating_m[k] < limit and abs(k - j) * floating_m[k] <= s.floating_reach:
+                limit, why = floating_m[k], _FLOATING
+        columns.limit_m[j] = limit
+        columns.refusal[j] = why if limit < s.most_m else _NONE

@@ -12,7 +12,7 @@ for the free profile, with the same rules for borders, ground and range."""
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -29,6 +29,7 @@ from .open_blocks import BLOCK, recode_far, sort_blocks, source_mm
 from .open_columns import (
     Columns,
     bridge_columns,
+    empty_columns,
     limit_columns,
     open_settings,
     scan_column,
@@ -80,57 +81,46 @@ def fill_holes(depth_mm, H, columns, first, end, code, out):
 
 
 @kernel
-def open_codes(depth_mm, codes, H, settings, out):
-    """out: (cols, rows) uint16, the codes with those of open cells set to the range to which they are open. Returns the number of
-    open columns of blocks.
+def open_codes(depth_mm, codes, H, settings, columns, out):
+    """out: (cols, rows) uint16, the codes with those of open cells set to the range to which they are open.
 
     depth_mm: (H, W) uint16 of the source with its marks; codes: of its levelled view, H: of ViewGeometry. settings: (1,)
-    OPEN_SETTINGS."""
-    cols, rows = codes.shape
+    OPEN_SETTINGS. columns: Columns of the blocks of the view, filled."""
+    rows = codes.shape[1]
     s = settings[0]
-    shape = ((cols + BLOCK - 1) // BLOCK, (rows + BLOCK - 1) // BLOCK)
+    n = len(columns.limit_m)
+    shape = (n, (rows + BLOCK - 1) // BLOCK)
     kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
     # first: what is beyond the range of the camera has a distance too
     recode_far(depth_mm, codes, H, s.clear_m, s.gain, out)
     sort_blocks(depth_mm, out, H, s.gain, kind, near)
-    n = shape[0]
-    columns = Columns(
-        np.empty(n, np.int64),
-        np.empty(n, np.int64),
-        np.empty(n, np.int64),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-    )
-    limit_m = np.empty(n, np.float32)
-    judge_columns(kind, near, s, columns, limit_m)
-    count = 0
+    judge_columns(kind, near, s, columns)
     for j in range(n):
         if columns.base_m[j] > 0.0:
-            count += limit_m[j] > 0.0
-            open_column(depth_mm, H, columns, j, limit_m[j], s, out)
-    return count
+            open_column(depth_mm, H, columns, j, s, out)
 
 
 @inner
-def judge_columns(kind, near, s, columns, limit_m):
-    """Fills `columns`, and limit_m (C,): the forward distance up to which each is open. kind, near: (C, R) of `sort_blocks`."""
+def judge_columns(kind, near, s, columns):
+    """Fills `columns`. kind, near: (C, R) of `sort_blocks`."""
     horizon = int(math.floor((s.horizon_row + 0.5) / BLOCK))
     for j in range(kind.shape[0]):
-        top, edge, base, base_m = scan_column(kind[j], near[j], s)
+        top, edge, base, base_m, why = scan_column(kind[j], near[j], s)
         columns.top[j], columns.edge[j], columns.base[j], columns.base_m[j] = top, edge, base, base_m
+        columns.refusal[j] = why
         columns.above_m[j], columns.floating_m[j] = things_above(
             kind[j], near[j], max(edge if base_m > 0.0 else 0, horizon)
         )
     bridge_columns(columns)
-    limit_columns(columns, s, limit_m)
+    limit_columns(columns, s)
 
 
 @inner
-def open_column(depth_mm, H, columns, j, limit, s, out):
-    """Sets the codes of column j of blocks, which gives evidence. limit: forward distance up to which it is open, m, 0: its
-    neighbours rule it out. Then only what was matched beyond the range counts."""
+def open_column(depth_mm, H, columns, j, s, out):
+    """Sets the codes of column j of blocks, which gives evidence. Where its neighbours rule it out, only what was matched beyond
+    the range counts."""
     cols, rows = out.shape
+    limit = columns.limit_m[j]
     among = (j * BLOCK, min((j + 1) * BLOCK, cols))
     first = columns.top[j] * BLOCK
     if limit <= 0.0:
@@ -144,6 +134,14 @@ def open_column(depth_mm, H, columns, j, limit, s, out):
     run = (first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px))
     set_open(depth_mm, H, among, run, code, code, out)
     fill_holes(depth_mm, H, among, edge, edge + 3 * gap, code, out)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OpenObservation:
+    """What is free or open by pixels alone, and the evidence: seen: as `observe_free` gives it; columns: of the blocks of the view."""
+
+    seen: FreeObservation
+    columns: Columns
 
 
 @lru_cache(maxsize=4)
@@ -162,7 +160,7 @@ def observe_open(
     params: Params,
     open_sky: OpenSkyParams,
     buffers: Buffers,
-) -> FreeObservation | None:
+) -> OpenObservation | None:
     """What is free or open by the pixels of a levelled view; None where nothing is to be presumed.
 
     depth_mm: (H, W) uint16 of the source with its marks. codes: (cols, rows) uint16 of its view, not pooled. source: (1,)
@@ -171,8 +169,10 @@ def observe_open(
         return None
     most_m = min(float(source["max_range_m"][0]), open_sky.open_max_range_m)
     settings = open_settings(view, most_m, float(source["clear_m"][0]), open_sky)
-    out = buffers("open_codes", codes.shape, np.uint16)
-    open_codes(depth_mm, codes, view.H, settings, out)
+    out, columns = buffers("open_codes", codes.shape, np.uint16), empty_columns(-(-len(codes) // BLOCK))
+    open_codes(depth_mm, codes, view.H, settings, columns, out)
     up_to = source.copy()
     up_to["clear_m"] = most_m
-    return observe_free(out, view, up_to, ground, ke_per_m, _walk_params(params, open_sky.open_share))
+    walk = _walk_params(params, open_sky.open_share)
+    seen = observe_free(out, view, up_to, ground, ke_per_m, walk, restarts=True)
+    return OpenObservation(seen=seen, columns=columns)

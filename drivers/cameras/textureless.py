@@ -35,6 +35,8 @@ _BENDS = (((5, 5), (6, 0)), ((5, 5), (0, 6)), ((21, 3), (0, 4)), ((3, 21), (4, 0
 _LIKE_WINDOW, _LIKE_BELOW_PX, _LIKE_GAP_PX, _LIKE_ROWS = (41, 5), 6, 8, 90
 """Window whose mean is compared with that so many rows below, unmatched rows between both, and rows from the
 surface on."""
+_LIKE_FILL_PX = 24
+"""Columns without smooth ground of their own that are filled between such with."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +78,23 @@ def _bend_kernels(window: tuple[int, int], step: tuple[int, int]) -> tuple[Image
     return first, second
 
 
+@functools.lru_cache(maxsize=16)
+def _bend_noise(shape: tuple[int, int], window: tuple[int, int], step: tuple[int, int]) -> Image:
+    """(H, W) standard deviation of the bend on noise of 1. It is greatest at the border of the image, where the mirrored window
+    holds the same pixels twice."""
+
+    def along(kernel: Image, length: int) -> Image:
+        weights = cv2.filter2D(
+            np.eye(length, dtype=np.float32), cv2.CV_32F, kernel.reshape(-1, 1), borderType=cv2.BORDER_REFLECT_101
+        )
+        return np.asarray(np.linalg.norm(weights, axis=1), np.float32)
+
+    first, second = _bend_kernels(window, step)
+    noise = np.outer(along(second, shape[0]), along(first, shape[1])).astype(np.float32)
+    noise.setflags(write=False)
+    return noise
+
+
 def edges(image: Gray, limits: SmoothLimits) -> Mask:
     """(H, W) whether a pixel lies on an edge or within `grow_px` of it.
 
@@ -91,7 +110,8 @@ def edges(image: Gray, limits: SmoothLimits) -> Mask:
     for window, (du, dv) in _BENDS:
         rows, columns = _bend_kernels(window, (du, dv))
         bend = np.abs(cv2.sepFilter2D(image, cv2.CV_32F, rows, columns, borderType=cv2.BORDER_REFLECT_101))
-        limit = limits.edge_sigmas * sigma * np.sqrt(6.0 / (window[0] * window[1])) + limits.bend_grey
+        limit = np.float32(limits.edge_sigmas * sigma) * _bend_noise(image.shape, window, (du, dv))
+        limit += np.float32(limits.bend_grey)
         reach = (window[0] // 2 + abs(du)) * 2 + 1, (window[1] // 2 + abs(dv)) * 2 + 1
         apart = cv2.dilate(clear, cv2.getStructuringElement(cv2.MORPH_RECT, reach)) == 0
         faint |= ((bend > limit) & apart).view(np.uint8)
@@ -131,7 +151,16 @@ def continued(matched: Mask, even: Mask, left: Gray, limits: SmoothLimits) -> Ma
         like = even[v] & (rise <= _LIKE_ROWS) & (gap <= _LIKE_GAP_PX) & (np.abs(mean[v] - level) <= limits.like_grey)
         found[v] = like & ~here
         gap = np.where(here | like, 0, gap + 1)
-    return found
+    return found | _between(found, even)
+
+
+def _between(found: Mask, even: Mask) -> Mask:
+    """(H, W) which pixels lie between found ones of their row, at most _LIKE_FILL_PX apart, with smooth ones alone between: the
+    matched surface below some columns is missing, and where no edge is, the surface is the same."""
+    window = np.ones((1, _LIKE_FILL_PX + 1), np.uint8)
+    closed = cv2.morphologyEx(found.view(np.uint8), cv2.MORPH_CLOSE, window)
+    other = cv2.dilate((~(found | even)).view(np.uint8), np.ones((1, 2 * _LIKE_FILL_PX + 1), np.uint8))
+    return np.asarray((closed > 0) & even & (other == 0))
 
 
 def mark_unmeasured(

@@ -81,7 +81,15 @@ def test_the_border_of_smooth_ground_is_filled_and_a_rail_before_it_is_not(rows:
     depth[row_at(f_px, 0.0) : row_at(f_px, -1.0)] = TEXTURED_MM
     depth[row_at(f_px, -1.0) : row_at(f_px, -3.0)] = CONTINUED_MM
     depth[row_at(f_px, -3.0) : row_at(f_px, -3.0) + rows] = TEXTURED_MM
-    assert (open_m(model_of(f_px, depth), 0.0) >= 10.0) == is_open
+    f = model_of(f_px, depth).free
+    layer = int(np.searchsorted(f.layer_edges_m, 0.0, side="right")) - 1
+    assert (f.open_to_m[:, layer] >= 10.0).any()
+    # 3 degrees below the camera lies in this layer up to 4.8 m: what is open nearer is open through the rail
+    nearest_m = f.open_from_m[:, layer][f.open_to_m[:, layer] >= 10.0].min()
+    assert (nearest_m <= 1.0) == is_open
+    assert is_open or nearest_m >= 4.5
+    # and in the layer below it at all ranges
+    assert is_open or open_m(model_of(f_px, depth), 0.4) <= 3.5
 
 
 def marked_girder(f_px: float, top_row: int, bottom_row: int, lost_rows: int) -> Depth:

@@ -55,6 +55,11 @@ class StereoProfile:
         """Columns at the left in which nothing is ever matched."""
         return self.census.disparities if self.census is not None else self.match.disparities
 
+    @property
+    def unmatched_right_px(self) -> int:
+        """Columns at the right in which nothing is ever matched."""
+        return 0 if self.census is not None else self.match.edge_px
+
     def matching(self) -> Callable[[Gray, Gray], Disparity]:
         """A function from both images to disparity (H, W) float32 px, negative: none. Not for two threads at once."""
         if self.census is not None:
