@@ -76,13 +76,14 @@ def _is_damaged(file: Path, entry: Entry, written_ns: int) -> bool:
     size, changed_ns, digest = entry
     try:
         now = file.stat()
-        if (now.st_size, now.st_mtime_ns) == (size, changed_ns):
-            return hashlib.sha256(file.read_bytes()).hexdigest() != digest
+        if now.st_size == size and hashlib.sha256(file.read_bytes()).hexdigest() == digest:
+            return False  # also in a copy of the directory, with other times
     except FileNotFoundError:
         return False  # numba compiles it again
     except OSError:
         return True
-    return now.st_mtime_ns <= written_ns  # numba has written a newer one
+    # unless numba has written a newer one
+    return now.st_mtime_ns <= written_ns or (now.st_size, now.st_mtime_ns) == (size, changed_ns)
 
 
 def _entry(folder: Path, file: Path, before: dict[str, Entry]) -> Entry:

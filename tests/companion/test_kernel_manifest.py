@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -105,6 +106,19 @@ def test_linked_kernels_keep_their_entries(tmp_path: Path) -> None:
     os.link(files["a.g-9.py311.nbi"], tmp_path / "new" / name)
     copy_entries(tmp_path / "old", tmp_path / "new", [name])
     assert damaged_kernels(tmp_path / "new") == [tmp_path / "new" / name]
+
+
+def test_a_copied_directory_with_other_times_is_not_damaged(tmp_path: Path) -> None:
+    """As cp -r, a container image or an archive make it: all kernels would be compiled again."""
+    made(tmp_path / "old")
+    write_manifest(tmp_path / "old")
+    copy = tmp_path / "copy"
+    shutil.copytree(tmp_path / "old", copy, copy_function=shutil.copyfile)
+    later_ns = (copy / MANIFEST).stat().st_mtime_ns + 10**9
+    os.utime(copy / MANIFEST, ns=(later_ns, later_ns))
+    assert damaged_kernels(copy) == []
+    changed(copy / "core" / "a.g-9.py311.nbi", b"x" * 1500)
+    assert damaged_kernels(copy) == [copy / "core" / "a.g-9.py311.nbi"]
 
 
 def test_a_seeded_directory_is_checked(tmp_path: Path) -> None:
