@@ -26,9 +26,10 @@ class FolderError(ValueError):
 def folders() -> Folders:
     """Of a service that starts here: those that systemd gives, else the user's own. Raises FolderError."""
     state = os.environ.get("STATE_DIRECTORY")
-    run = given_run_folder() or own_run_folder()
+    given = given_run_folder()
+    run = given or own_run_folder()
     state_folder = Path(state) if state else Path.home() / ".local" / "state" / NAME
-    _make(run, "of the sockets", "XDG_RUNTIME_DIR", mode=0o750)
+    _make(run, "of the sockets", "RUNTIME_DIRECTORY" if given else "XDG_RUNTIME_DIR", mode=0o750)
     _make(state_folder, "of logs and state", "STATE_DIRECTORY", mode=0o777)
     return Folders(run, state_folder)
 

@@ -31,6 +31,9 @@ PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERR
 """Priorities of syslog, which journald reads at the beginning of a line."""
 
 
+START_S = 180.0
+"""Longest time of the imports and of opening the parts, for systemd. Seen: 1 s on a cloud computer, above 60 s on an emulated
+processor. The main loop extends it while kernels are loaded or compiled."""
 MAX_LATE_S = 0.5
 """Largest delay of a tick that later ticks make up for."""
 IDLE_WAIT_S = 0.03
@@ -78,7 +81,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
         if now_s >= next_alive_s:
             next_alive_s = now_s + min(0.5, (notifier.watchdog_s or 1.0) / 4.0)
             if not service.started:
-                notifier.extend_timeout(60.0)  # kernels are being compiled
+                notifier.extend_timeout(60.0)  # kernels are being loaded or compiled
             if not stalled:
                 notifier.feed_watchdog()
             if service.recorder is not None and (
@@ -134,13 +137,14 @@ def run(args: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
+    notifier = Notifier()
+    notifier.extend_timeout(START_S)
     loading.start()
     from .service import Service
 
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
-    notifier = Notifier()
 
     def warm_up() -> None:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
@@ -93,3 +94,24 @@ def test_killed_while_kernels_are_compiled_it_leaves_no_child_that_compiles_on(t
         process.kill()
         process.wait()
         assert until(lambda: not running(theirs))
+
+
+def test_systemd_is_asked_for_more_time_before_what_takes_long(tmp_path: Path) -> None:
+    """Imports and kernels may take longer than the unit's timeout on a slow computer; here the start fails at the folders."""
+    (tmp_path / "live.toml").write_text(CONFIG)
+    (tmp_path / "file").write_text("")
+    environment = os.environ | {
+        "RUNTIME_DIRECTORY": str(tmp_path / "file" / "run"),
+        "NOTIFY_SOCKET": f"@osape-companion-test-{os.getpid()}",
+        "PYTHONPATH": str(ROOT),
+    }
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notifications:
+        notifications.bind("\0" + environment["NOTIFY_SOCKET"][1:])
+        notifications.setblocking(False)
+        done = subprocess.run(
+            [sys.executable, "-m", "companion", "run", "-c", str(tmp_path / "live.toml")],
+            cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 1
+        assert "RUNTIME_DIRECTORY" in done.stderr
+        assert notifications.recv(4096) == b"EXTEND_TIMEOUT_USEC=180000000"

@@ -88,6 +88,12 @@ def test_a_home_that_cannot_be_written_is_named_with_the_remedy(
         folders()
 
 
+def test_the_variable_that_is_in_use_is_named(no_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(no_folder))
+    with pytest.raises(FolderError, match=f"{no_folder}.*variable RUNTIME_DIRECTORY"):
+        folders()
+
+
 def test_a_state_folder_that_cannot_be_made_is_named_with_the_remedy(
     no_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
