@@ -64,7 +64,7 @@ def _mean(values: list[float]) -> str:
 
 def _rows(name: str, ke: float, found: dict[str, stability.Figures]) -> list[list[str]]:
     return [
-        [name, f"{ke:g}", way, f"{np.mean(f.planes):.0f}", _mean(f.again), _mean(f.same_id), _mean(f.missed), _mean(f.phantom), _mean(f.open_stopped), str(f.movers)]
+        [name, f"{ke:g}", way, f"{np.mean(f.planes):.0f}", _mean(f.again), _mean(f.same_id), _mean(f.same_steady_id), _mean(f.missed), _mean(f.phantom), _mean(f.open_stopped), str(f.movers)]
         for way, f in found.items()
     ]  # fmt: skip
 
@@ -76,12 +76,13 @@ COLUMNS = [
     "planes",
     "found again, %",
     "same id, %",
+    "same id, steady, %",
     "missed, %",
     "phantom, %",
     "open rays stopped, %",
     "movers",
 ]
-MEANING = f"""*Found again*: share of the area of a frame's planes that has a plane within {stability.REACH_M:g} m in the next frame. *Same id*: share of the area of the tracks whose place has a track of the same id within {stability.SAME_M:g} m in the next frame. *Missed*, *phantom*, *open rays stopped*: as in [fidelity](benchmarks/fidelity.md), every {stability.SCORED_EVERY}th frame (for open rays: phantoms of open rays). *Movers*: moving obstacles, summed over all frames; nothing moves.
+MEANING = f"""*Found again*: share of the area of a frame's planes that has a plane within {stability.REACH_M:g} m in the next frame. *Same id*: share of the area of the tracks whose place has a track of the same id within {stability.SAME_M:g} m in the next frame; *steady*: of the tracks observed in at least {stability.STEADY_HITS} frames. *Missed*, *phantom*, *open rays stopped*: as in [fidelity](benchmarks/fidelity.md), every {stability.SCORED_EVERY}th frame (for open rays: phantoms of open rays). *Movers*: moving obstacles, summed over all frames; nothing moves.
 """
 
 

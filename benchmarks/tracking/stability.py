@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 
@@ -19,6 +20,8 @@ from .sequences import Exposure, Pose, exposures, to_level_cam, to_ned, tracking
 Floats = NDArray[np.float64]
 REACH_M = 0.1
 SAME_M = 0.3
+STEADY_HITS = 4
+"""Observations after which a track is steady."""
 SCORED_EVERY = 4
 """Frames between two that are judged against the truth."""
 
@@ -29,6 +32,7 @@ class Figures:
 
     again: list[float] = field(default_factory=list)
     same_id: list[float] = field(default_factory=list)
+    same_steady_id: list[float] = field(default_factory=list)
     planes: list[int] = field(default_factory=list)
     missed: list[float] = field(default_factory=list)
     phantom: list[float] = field(default_factory=list)
@@ -43,6 +47,7 @@ def run(plan: FlightPlan, frames: int, ke_per_m: float, poses: dict[str, Pose | 
     trackers = {name: Tracker() for name in poses}
     figures = {name: Figures() for name in ("frame", *poses)}
     before: dict[str, tuple[Seen, NDArray[np.int64]]] = {}
+    steady: dict[str, NDArray[np.bool_]] = {}
     for e in exposures(plan, frames, ke_per_m):
         shown: dict[str, tuple[Floats, NDArray[np.int64]]] = {}
         ned = tracking_frame(e, true_pose)
@@ -50,13 +55,14 @@ def run(plan: FlightPlan, frames: int, ke_per_m: float, poses: dict[str, Pose | 
         for name, pose in poses.items():
             snapshot: TrackSnapshot = trackers[name].observe(tracking_frame(e, pose))
             shown[name] = to_ned(snapshot.planes, e, pose), snapshot.ids
+            steady_before, steady[name] = steady.get(name), snapshot.hits >= STEADY_HITS
+            if e.k > warm and steady_before is not None:
+                now = seen_of(shown[name][0], e)
+                figures[name].same_steady_id.append(same_id(*chosen(before[name], steady_before), now, snapshot.ids))
             figures[name].movers += len(snapshot.objects)
             figures[name].frames += 1
         for name, (planes, ids) in shown.items():
-            f, seen = (
-                figures[name],
-                Seen(planes=planes, info=e.info, R_ned_optical=e.R_ned_optical, position_m=e.position_m),
-            )
+            f, seen = figures[name], seen_of(planes, e)
             if e.k > warm:
                 first, first_ids = before[name]
                 f.again.append(found_again(first, seen, REACH_M).by_area)
@@ -67,6 +73,17 @@ def run(plan: FlightPlan, frames: int, ke_per_m: float, poses: dict[str, Pose | 
         if e.k > warm and e.k % SCORED_EVERY == 0:
             score(e, shown, figures, ke_per_m)
     return figures
+
+
+def seen_of(planes: Floats, e: Exposure) -> Seen:
+    """The planes of an exposure."""
+    return Seen(planes=planes, info=e.info, R_ned_optical=e.R_ned_optical, position_m=e.position_m)
+
+
+def chosen(frame: tuple[Seen, NDArray[np.int64]], which: NDArray[np.bool_]) -> tuple[Seen, NDArray[np.int64]]:
+    """Some tracks of a frame."""
+    seen, ids = frame
+    return dataclasses.replace(seen, planes=seen.planes[which]), ids[which]
 
 
 def score(

@@ -86,8 +86,14 @@ def update_line(track, d):
         track.p00 -= k0 * h0
         track.p01 -= k0 * h1
         track.p11 -= k1 * h1
-    track.x_m -= track.ty * delta
-    track.y_m += track.tx * delta
+    shift_line(track, delta, slope)
+
+
+@inner
+def shift_line(track, delta_m, slope):
+    """Moves the anchor of a line by delta_m along the normal, and turns the line by the angle of a slope."""
+    track.x_m -= track.ty * delta_m
+    track.y_m += track.tx * delta_m
     tx, ty = track.tx - track.ty * slope, track.ty + track.tx * slope
     norm = math.sqrt(tx * tx + ty * ty)
     track.tx, track.ty = tx / norm, ty / norm

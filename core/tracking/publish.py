@@ -20,13 +20,13 @@ def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m
     """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
     since the newest observation.
 
-    A plane lies no farther behind the newest observation than BEHIND_M or a quarter of the margin, and the margin contains
-    the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the share of frames in view that observed the
-    track, and at most 1 - 0.5^hits."""
+    A plane lies no farther behind the newest observation than BEHIND_M or its margin, and the margin contains
+    the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the
+    share of frames in view that observed the track, and at most 1 - 0.5^hits."""
     t = tracks[tracks["hits"] > 0]
     planes = np.empty((len(t), 6), np.float32)
     excess = np.maximum(t["excess_m"], 0.0)
-    nearer = np.maximum(0.0, excess - np.maximum(BEHIND_M, 0.25 * t["margin_m"]))
+    nearer = np.maximum(0.0, excess - np.maximum(BEHIND_M, t["margin_m"]))
     nearer[t["s1_m"] - t["s0_m"] < WIDE_M] = 0.0
     for k, s in enumerate((t["s0_m"], t["s1_m"])):
         planes[:, 2 * k] = t["x_m"] + s * t["tx"] - nearer * t["ty"]

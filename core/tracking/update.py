@@ -6,7 +6,8 @@ import math
 
 from ..jit import inner, kernel
 from .association import CONTINUES, COVERS, SIDEWAYS_M, fits_one_rectangle, heights_overlap
-from .line import along, begin_line, offset, predict_line, seen_at, sideways, update_line
+from .line import along, begin_line, offset, predict_line, seen_at, sideways
+from .representation import correct_line, lies_on, represents
 from .tables import CELL_M, NONE, clear_cell, free_slot, make_room
 
 _CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = 4, 8, 16, 32
@@ -17,8 +18,6 @@ _MERGE_M = 0.2
 _RATE_STEP = 0.1
 """Not tuning: weight of a frame in the hit rate."""
 _MOST_HITS = 1 << 20
-_LOST_M = 0.02
-"""Not tuning: what a track may leave uncovered of a detection, at each end."""
 _SHORT_M, _TURN_COS = 0.6, 0.9
 """Not tuning: a shorter track takes the direction of a detection that is turned by more."""
 _HIT_WEIGHT = 4
@@ -84,49 +83,6 @@ def apply_detections(table, detections, pairs, order, rules, eye_x, eye_y, next_
 
 
 @inner
-def lies_on(t, d, rules, eye_x, eye_y):
-    """Whether both ends of a detection lie on the line of a track."""
-    off_a, off_b = offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m)
-    if max(abs(off_a), abs(off_b)) > rules.gate_max_m:
-        return False
-    return beside(t, d, eye_x, eye_y) <= SIDEWAYS_M
-
-
-@inner
-def beside(t, d, eye_x, eye_y):
-    """How far beside the line of a track the ends of a detection are seen, m."""
-    off_a, off_b = offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m)
-    return max(sideways(t, d.ax_m, d.ay_m, off_a, eye_x, eye_y), sideways(t, d.bx_m, d.by_m, off_b, eye_x, eye_y))
-
-
-@inner
-def represents(t, d, rules, eye_x, eye_y):
-    """Whether a track hides what a detection hides from the camera, so that nothing of a frame is lost."""
-    if t.hits == 0 or not lies_on(t, d, rules, eye_x, eye_y):
-        return False
-    if d.top_m < t.top_m - _LOST_M or d.bottom_m > t.bottom_m + _LOST_M:
-        return False
-    sa, sb = seen_at(t, d.ax_m, d.ay_m, eye_x, eye_y), seen_at(t, d.bx_m, d.by_m, eye_x, eye_y)
-    if min(sa, sb) < t.frame_s0_m - _LOST_M or max(sa, sb) > t.frame_s1_m + _LOST_M:
-        return False
-    # seen edge-on, a track is too narrow for what lies beside it
-    if beside(t, d, eye_x, eye_y) <= _LOST_M:
-        return True
-    s0, s1 = t.frame_s0_m, t.frame_s1_m  # cells beyond may be removed
-    x0, y0 = t.x_m + s0 * t.tx, t.y_m + s0 * t.ty
-    x1, y1 = t.x_m + s1 * t.tx, t.y_m + s1 * t.ty
-    wanted = width_of(d.ax_m, d.ay_m, d.bx_m, d.by_m, eye_x, eye_y)
-    return width_of(x0, y0, x1, y1, eye_x, eye_y) >= 0.8 * wanted
-
-
-@inner
-def width_of(ax, ay, bx, by, eye_x, eye_y):
-    """Angle between two places, seen from the camera, rad."""
-    turn = math.atan2(by - eye_y, bx - eye_x) - math.atan2(ay - eye_y, ax - eye_x)
-    return abs(turn - math.tau * math.floor(turn / math.tau + 0.5))
-
-
-@inner
 def begin_track(table, j, d, i, track_id, t_ns):
     """A new track of one detection."""
     t = table.tracks[j]
@@ -149,11 +105,8 @@ def observe(table, j, d, rules, eye_x, eye_y, t_ns):
     t = table.tracks[j]
     if t.hits > 0:
         turned = abs(t.tx * d.tx + t.ty * d.ty) < _TURN_COS and max(d.length_m, t.s1_m - t.s0_m) < _SHORT_M
-        # a detection that covers a track of another direction replaces its line
-        if turned or not lies_on(t, d, rules, eye_x, eye_y):
+        if turned or not correct_line(t, d, rules, eye_x, eye_y):
             replace_line(table, j, d)
-        else:
-            update_line(t, d)
     if t.seen_ns != t_ns:
         t.plane_flags = d.plane_flags
     else:
