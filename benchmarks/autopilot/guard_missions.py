@@ -1,9 +1,10 @@
 """The guard in the closed loop: random missions past walls, poles, trees and wires, and flights with nothing in the way.
 
-    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--blocked] [--width PX] [--minutes M] [--no-guard]
+    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--blocked] [--width PX] [--minutes M] [--no-guard] [--gust M_S]
 
 Each mission is flown by a model of PX4 or ArduPilot at 1 to 8 m/s with rendered depth. It ends when the vehicle stands for one
 second after a stop, at its last waypoint, at a collision, or after 60 s. Then open and street scenes are flown for M minutes each.
+With --gust the missions are flown in a steady wind of half that speed and in gusts up to it, from random directions.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from benchmarks.autopilot.guard_loop import NS, GuardLoop
 from benchmarks.autopilot.guard_scenes import Mission, clearance_m, random_mission, way_to_obstacle_m
 from companion.config.guard import GuardParams
+from companion.guard.states import GuardState
 from drivers.simulation.firmware_models.auto_flight import (
     COPTER_AUTO,
     COPTER_GUIDED,
@@ -32,6 +34,7 @@ from drivers.simulation.scene_library import make_scene
 from drivers.simulation.scenes import Scene
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
+from drivers.simulation.wind import Wind
 
 LONGEST_S = 60.0
 SIDE_SPARE_M = 0.25
@@ -71,9 +74,19 @@ def flight_of(autopilot: str, waypoints: np.ndarray, height_m: float, speed_m_s:
     return flight
 
 
-def fly(mission: Mission, width: int, guard: GuardParams) -> Flown:
+def gusts(number: int, gust_m_s: float) -> Wind | None:
+    """The wind of a mission, always the same: half of gust_m_s, and gusts of 2 to 6 s up to it from another direction."""
+    if gust_m_s <= 0.0:
+        return None
+    rng = np.random.default_rng([29, number])
+    steady, gust = (np.array([math.cos(a), math.sin(a)]) for a in rng.uniform(-math.pi, math.pi, 2))
+    return Wind(0.5 * gust_m_s * steady, gust_m_s * gust, float(rng.uniform(2.0, 6.0)))
+
+
+def fly(mission: Mission, width: int, guard: GuardParams, gust_m_s: float = 0.0) -> Flown:
     """One mission."""
     flight = flight_of(mission.autopilot, mission.waypoints_m, mission.height_m, mission.speed_m_s, mission.guided)
+    flight.wind = gusts(mission.number, gust_m_s)
     loop = _loop(mission.scene, flight, mission.autopilot, width, mission.number, guard)
     loop.run(0.0)
     start = _hover(loop)
@@ -107,7 +120,8 @@ def _flown(loop: GuardLoop, mission: Mission, start_ns: int) -> Flown:
         while judged < len(loop.record.stops):
             false_stops += _judge(loop)
             judged += 1
-        stands = bool(loop.record.stops) and flight.speed_m_s < 0.05
+        still = flight.speed_m_s < 0.05 or (flight.wind is not None and loop.guard.memory.state is GuardState.HOLDING)
+        stands = bool(loop.record.stops) and still
         stands_ns = (stands_ns or loop.now_ns) if stands else None
         passed = mission.guided and flight.position_m[0] > mission.waypoints_m[0, 0]
         if least_m < 0.0 or flight.finished or passed or (stands_ns is not None and loop.now_ns - stands_ns > NS):
@@ -189,6 +203,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--minutes", type=float, default=0.0)
+    parser.add_argument("--gust", type=float, default=0.0, help="m/s")
     parser.add_argument(
         "--blocked", action="store_true", help="only those with an obstacle in the way, of so many numbers"
     )
@@ -201,7 +216,7 @@ def main() -> None:
         mission = random_mission(number)
         if args.blocked and not mission.blocked:
             continue
-        flights.append(fly(mission, args.width, guard))
+        flights.append(fly(mission, args.width, guard, args.gust))
         print(json.dumps(asdict(flights[-1])))
         sys.stdout.flush()
     if flights:

@@ -178,7 +178,11 @@ class PathAssessor:
         if newest.exposed_ns is None or not older or newest.exposed_ns - older[-1] > FRAME_BEFORE_NS:
             return newest.ahead_free_m
         counted = [s for s in self._sights if s is newest or s.exposed_ns == older[-1]]
-        rays_m = [s.ahead_rays_m for s in counted if s.ahead_rays_m is not None]
+        rays_m = [
+            np.minimum(s.ahead_rays_m, _reach_m(s, newest, self._guard.side_m))
+            for s in counted
+            if s.ahead_rays_m is not None
+        ]
         together_m = common_free_m(np.max(rays_m, axis=0), self._clear_share) if len(rays_m) > 1 else 0.0
         return max(together_m, *(s.ahead_free_m for s in counted))
 

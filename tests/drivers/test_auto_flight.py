@@ -23,6 +23,7 @@ from drivers.simulation.firmware_models.auto_flight import (
     CopterAutoFlight,
     Px4AutoFlight,
 )
+from drivers.simulation.wind import Wind
 
 FAR = np.array([[300.0, 0.0]])
 
@@ -120,6 +121,34 @@ def test_it_leans_forward_in_flight_and_back_when_it_brakes() -> None:
     assert -0.15 < flight.state().euler_rad[1] < -0.03
     flight.command(commands.set_copter_mode(1, commands.COPTER_BRAKE))
     assert fly(flight, 0.8).state().euler_rad[1] > 0.1
+
+
+NOTHING = np.zeros(2)
+
+
+def test_a_steady_wind_leans_the_vehicle_and_does_not_move_it() -> None:
+    flight = px4(waypoints=np.zeros((0, 2)))
+    flight.wind = Wind(np.array([-5.0, 0.0]), NOTHING)
+    fly(flight, 3.0)
+    assert flight.speed_m_s < 0.01
+    assert flight.state().euler_rad[1] < -0.05
+
+
+def test_a_gust_moves_the_vehicle_and_ends() -> None:
+    flight = copter(waypoints=np.zeros((0, 2)))
+    flight.wind = Wind(NOTHING, np.array([0.0, 5.0]), 3.0)
+    fastest = max(fly(flight, 0.1).speed_m_s for _ in range(60))
+    assert 0.1 < fastest < 1.0
+    assert flight.state().velocity_ned_m_s[0] == 0.0
+
+
+def test_the_way_to_rest_is_longer_with_a_gust_from_behind() -> None:
+    calm, pushed = fly(px4(), 8.0), fly(px4(), 8.0)
+    pushed.wind = Wind(NOTHING, np.array([5.0, 0.0]), 4.0)
+    for flight in (calm, pushed):
+        flight.enter(PX4_HOLD)
+        fly(flight, 2.0)
+    assert pushed.speed_m_s > calm.speed_m_s + 0.1
 
 
 def test_guided_follows_its_velocity_and_turns_there() -> None:

@@ -6,7 +6,8 @@
 BRAKE_MODE_DECEL_RATE, the lean angle and PSC_JERK_XY, LOITER by LOIT_BRK_ACCEL after LOIT_BRK_DELAY.
 
 Both answer MAV_CMD_DO_SET_MODE, DO_REPOSITION and DO_CHANGE_SPEED as the sources do (see drivers.mavlink.commands). The vehicle is
-a point with the lag of its attitude; horizontal motion only, the height is that of the mission. Positions in ned, metres.
+a point with the lag of its attitude; horizontal motion only, the height is that of the mission. Without `wind` the air is still.
+Positions in ned, metres.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from ...mavlink.commands import (
     px4_mode_number,
 )
 from ..flight_path import VehicleState, body_rates
+from ..wind import Wind, WindPush
 from .px4_position_mode import speed_from_distance_m_s
 
 Vector = NDArray[np.float64]
@@ -90,6 +92,8 @@ class AutoFlight(ABC):
     deaf: bool = False
     stubborn: bool = False
     next_waypoint: int = 0
+    wind: Wind | None = None
+    _push: WindPush | None = None
     _speed_m_s: float = field(init=False)
     _wanted_acceleration: Vector = field(default_factory=lambda: np.zeros(2))
     _acceleration: Vector = field(default_factory=lambda: np.zeros(2))
@@ -164,9 +168,17 @@ class AutoFlight(ABC):
         most = limits.jerk_m_s3 * dt_s
         self._wanted_acceleration = self._wanted_acceleration + _shortened(change, most)
         self._acceleration += (self._wanted_acceleration - self._acceleration) * dt_s / (ATTITUDE_LAG_S + dt_s)
-        self.velocity_m_s = self.velocity_m_s + self._acceleration * dt_s
+        self.velocity_m_s = self.velocity_m_s + (self._acceleration + self._pushed_m_s2(dt_s)) * dt_s
         self.position_m = self.position_m + self.velocity_m_s * dt_s
         self._turn(dt_s)
+
+    def _pushed_m_s2(self, dt_s: float) -> Vector:
+        """(2,) by the wind."""
+        if self.wind is None:
+            return np.zeros(2)
+        if self._push is None:
+            self._push = WindPush(self.wind, DRAG_PER_S)
+        return self._push.step(dt_s)
 
     def _velocity_target(self) -> Vector | None:
         """(2,) m/s; None: the vehicle brakes."""
@@ -234,7 +246,8 @@ class AutoFlight(ABC):
 
     def state(self) -> VehicleState:
         """Position, velocity and attitude. The vehicle leans by its acceleration and against the air."""
-        lean = (self._acceleration + DRAG_PER_S * self.velocity_m_s) / GRAVITY_M_S2
+        air_m_s = np.zeros(2) if self._push is None else self._push.compensated_m_s
+        lean = (self._acceleration + DRAG_PER_S * (self.velocity_m_s - air_m_s)) / GRAVITY_M_S2
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         forward, right = c * lean[0] + s * lean[1], c * lean[1] - s * lean[0]
         euler = (math.atan(right), -math.atan(forward), self.heading_rad)
