@@ -17,13 +17,11 @@ from google.protobuf.message import Message
 from core.extractor import Extractor
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
-from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY, MavlinkSession
-from drivers.mavlink.transport import parse_address
+from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY
 from osape_client.boot import boot_id
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..autopilot.session_factory import params_of, signing_of
+from ..autopilot.session_factory import signing_of
 from ..cameras.masks import configured_mask, unmeasured_mask
 from ..cameras.supervisor import CameraStatus, CameraSupervisor
 from ..config.differences import safety_lines
@@ -39,6 +37,7 @@ from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.mount_watch import MountWatch
 from ..self_check.mount_yaw import MountYawMonitor
 from ..streams.curve_auth import AllowList, load_keys
+from .autopilot_parts import AutopilotParts, LinkCallbacks, make_autopilot
 from .camera_views import camera_views
 from .counts import FrameRates, RecentLosses
 from .depth_preview import DepthPreviews
@@ -63,8 +62,6 @@ from .staleness import StalenessMonitor
 from .stream_output import StreamOutput
 
 if TYPE_CHECKING:
-    from ..autopilot.manager import Avoidance
-    from ..guard.guard import Guard
     from ..share.setup import ShareService
     from .world_thread import WorldThread
 
@@ -103,14 +100,13 @@ class Service:
         names = tuple(c.name for c in config.cameras)
         self._staleness = StalenessMonitor(names, config.service.timeout_s)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
-        self.avoidance: Avoidance | None = None
-        self.guard: Guard | None = None
         self.world: WorldThread | None = None
         self._previews = DepthPreviews(config.publish.depth_hz, self._boot)
         self._raw_frames: list[RawFrame] = []
         self.share = self._make_share()
         self.signing = signing_of(config.autopilot, folders.state)
-        self.session, self.link = self._autopilot()
+        parts = self._make_autopilot()
+        self.session, self.link, self.avoidance, self.guard = parts.session, parts.link, parts.avoidance, parts.guard
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
         self.recorder = make_recorder(config, folders)
         self.metrics = make_metrics(config)
@@ -147,41 +143,11 @@ class Service:
             self.link.catch_up()
         self.event_queue.put_frame(frame)
 
-    def _autopilot(self) -> tuple[MavlinkSession | None, MavlinkLink | None]:
-        a = self.config.autopilot
-        if not a.address:
-            return None, None
+    def _make_autopilot(self) -> AutopilotParts:
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
-        keep = (lambda data, t_ns: self._raw_frames.append(RawFrame(data, t_ns))) if log_raw else None
-        params, address = params_of(self.config), parse_address(a.address)
-        foreign = self._foreign()
-        if not self.config.avoid.send:
-            reads, on_message = self._share_reads(), self._handle_mavlink if self.share is not None else None
-            session = MavlinkSession(
-                params, on_frame=keep, signing=self.signing, reads=reads, on_message=on_message, **foreign
-            )
-            return session, MavlinkLink(address, session, self._deliver)
-        from ..autopilot.last_values import LastValuesFile
-        from ..autopilot.manager import READS, avoidance_of  # imported only where obstacles are sent
-
-        last = LastValuesFile(self._folders.state)
-        reads = READS | self._share_reads()
-        if self.config.guard.enabled:
-            from ..guard.guard import READS as GUARD_READS  # imported only where the guard is on
-
-            reads |= GUARD_READS
-        session = MavlinkSession(
-            params, on_frame=keep, signing=self.signing, reads=reads, on_message=self._handle_mavlink,
-            expected=last.expected(), **foreign,
-        )  # fmt: skip
-        link = MavlinkLink(address, session, self._deliver)
-        if self.config.guard.enabled:
-            from ..guard.guard import guard_of
-
-            self.guard = guard_of(self.config, session, link, self._folders.state)
-        observer = self.guard.observe if self.guard is not None else None
-        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last, observer)
-        return session, link
+        frame = (lambda data, t_ns: self._raw_frames.append(RawFrame(data, t_ns))) if log_raw else None
+        callbacks = LinkCallbacks(samples=self._deliver, message=self._handle_mavlink, frame=frame)
+        return make_autopilot(self.config, self._folders, self.cameras, self.signing, self.share, callbacks)
 
     def _make_share(self) -> ShareService | None:
         """The exchange of obstacles with other vehicles, where it is enabled."""
@@ -194,15 +160,6 @@ class Service:
                 self.recorder.message(key, message, t_ns)  # not by the event queue, where it could displace frames
 
         return ShareService(self.config, self._folders, self._boot, log)
-
-    def _share_reads(self) -> frozenset[int]:
-        return frozenset() if self.share is None else self.share.reads
-
-    def _foreign(self) -> dict[str, Any]:
-        """Arguments of the session for messages of other vehicles."""
-        if self.share is None:
-            return {}
-        return {"on_foreign": self.share.foreign, "foreign_ids": self.share.foreign_reads}
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Queues the samples of one read, their raw frames first. Called from one thread at a time."""

@@ -1,0 +1,86 @@
+"""Creates the parts of the service that use the autopilot's link: session, link, obstacle output and guard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from core.types import AttitudeSample, PoseSample
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.signing import Signing
+from drivers.mavlink.transport import parse_address
+
+from ..autopilot.session_factory import params_of
+from ..cameras.supervisor import CameraSupervisor
+from ..config.loader import Config
+from ..paths import Folders
+
+if TYPE_CHECKING:
+    from ..autopilot.manager import Avoidance
+    from ..guard.guard import Guard
+    from ..share.setup import ShareService
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkCallbacks:
+    """What receives the data of the link, in its thread. frame: raw MAVLink frames for the log, with the time of arrival in
+    ns; None: they are not recorded."""
+
+    samples: Callable[[list[AttitudeSample | PoseSample]], None]
+    message: Callable[[Any, int], None]
+    frame: Callable[[bytes, int], None] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotParts:
+    """None: not configured."""
+
+    session: MavlinkSession | None = None
+    link: MavlinkLink | None = None
+    avoidance: Avoidance | None = None
+    guard: Guard | None = None
+
+
+def make_autopilot(
+    config: Config, folders: Folders, cameras: Mapping[str, CameraSupervisor], signing: Signing, share: ShareService | None,
+    callbacks: LinkCallbacks,
+) -> AutopilotParts:  # fmt: skip
+    """The parts that the configuration asks for; none without `[autopilot] address`. Obstacle output and guard are imported
+    only where they are enabled."""
+    if not config.autopilot.address:
+        return AutopilotParts()
+    params, address = params_of(config), parse_address(config.autopilot.address)
+    foreign: dict[str, Any] = {}
+    reads: frozenset[int] = frozenset()
+    if share is not None:
+        reads, foreign = share.reads, {"on_foreign": share.foreign, "foreign_ids": share.foreign_reads}
+    if not config.avoid.send:
+        on_message = callbacks.message if share is not None else None
+        session = MavlinkSession(
+            params, on_frame=callbacks.frame, signing=signing, reads=reads, on_message=on_message, **foreign
+        )
+        return AutopilotParts(session=session, link=MavlinkLink(address, session, callbacks.samples))
+    from ..autopilot.last_values import LastValuesFile
+    from ..autopilot.manager import READS, avoidance_of
+
+    last = LastValuesFile(folders.state)
+    reads |= READS
+    if config.guard.enabled:
+        from ..guard.guard import READS as GUARD_READS
+
+        reads |= GUARD_READS
+    session = MavlinkSession(
+        params, on_frame=callbacks.frame, signing=signing, reads=reads, on_message=callbacks.message,
+        expected=last.expected(), **foreign,
+    )  # fmt: skip
+    link = MavlinkLink(address, session, callbacks.samples)
+    guard = None
+    if config.guard.enabled:
+        from ..guard.guard import guard_of
+
+        guard = guard_of(config, session, link, folders.state)
+    observer = guard.observe if guard is not None else None
+    avoidance = avoidance_of(config, cameras, session, link, last, observer)
+    return AutopilotParts(session=session, link=link, avoidance=avoidance, guard=guard)
