@@ -137,15 +137,15 @@ def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
 
 
 SEEN_FRAMES = 3
-"""So many frames in a row must see a sector before it is kept through one frame that does not."""
+"""Number of consecutive frames that must see a sector before it is kept through one that does not."""
 ELSEWHERE_M = 0.5
-"""Two ends of the free space farther apart than this, and the way flown between them, have different causes."""
+"""Two ends of the free space that are farther apart than this plus the distance flown between them have different causes."""
 KEPT_FRAMES, LONGEST_KEPT_NS = 1.5, 150_000_000
-"""A sector is kept for so many intervals of the frames since it was last seen, and never longer than this time."""
-MOST_KEPT = 2
-"""A sector is kept in at most so many of eight frames in a row: what is lost again and again is no mismatch."""
+"""A sector is kept until this number of frame intervals, and at most this time, has passed since it was last seen."""
 KEPT_TWICE, LONGEST_TWICE_NS = 2.5, 250_000_000
-"""The same for a second frame in a row that does not see it."""
+"""The same limits where a second frame in a row does not see the sector."""
+MOST_KEPT = 2
+"""A sector is kept in at most this number of eight consecutive frames: repeated losses are not caused by mismatches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

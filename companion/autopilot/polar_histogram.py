@@ -43,10 +43,12 @@ class SectorState(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorScan:
-    """All (72,) but for the last. state: uint8 SectorState. distance_m: float64 from the vehicle's hull to the nearest
-    obstacle, inf where there is none. free_m: float64, how far from the vehicle's middle the sector was seen free, 0 where it was not.
-    azimuth_rad: float64, direction of that nearest obstacle, the middle of the sector where there is none. lacking: (72, slices,
-    rays), the rays at each height that were not seen as far as they must be."""
+    """The result for each sector; sector i is centred on i * 5 degrees clockwise from the nose.
+
+    state: (72,) uint8 SectorState. distance_m: (72,) float64, from the vehicle's hull to the nearest obstacle; inf: none.
+    free_m: (72,) float64, length from the vehicle's middle over which the sector was seen free; 0: not seen free.
+    azimuth_rad: (72,) float64, direction of the nearest obstacle, or the middle of the sector where there is none.
+    lacking: (72, slices, rays) bool, rays of each height slice that were not seen as far as a clear sector requires."""
 
     state: NDArray[np.uint8]
     distance_m: NDArray[np.float64]
