@@ -9,44 +9,29 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from types import TracebackType
 
 from google.protobuf.message import DecodeError
 
 from .neighbours import NeighbourObstacles, no_obstacles
-from .newest_socket import NewestSocket
 from .proto import osape_v1_pb2 as pb
-from .run_folder import run_folder
+from .stream_subscriber import StreamSubscriber
 
 NS = 1_000_000_000
 SCHEMA_VERSION = 1
 
 
-class NeighboursSubscriber:
+class NeighboursSubscriber(StreamSubscriber):
     """Receives the stream `neighbours`. Not thread-safe.
 
     address: None: the service on this machine; timeout_s: obstacles of an older message are not returned; keys: folder of this
     client's CURVE keys. Raises KeyFileError."""
 
     def __init__(self, address: str | None = None, *, timeout_s: float = 1.0, keys: Path | None = None) -> None:
-        self.address = address or f"ipc://{run_folder()}/neighbours"
+        super().__init__("neighbours", address, keys)
         self.undecodable = 0
         self._timeout_s = timeout_s
         self._newest: NeighbourObstacles | None = None
         self._received_ns = 0
-        self._socket = NewestSocket(self.address, keys)
-
-    def __enter__(self) -> NeighboursSubscriber:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """May be called twice."""
-        self._socket.close()
 
     def newest(self, section: int | None = None, wait_s: float = 0.0) -> NeighbourObstacles:
         """The newest obstacles. None of them: where none arrived within timeout_s, or where they stand in another section of the

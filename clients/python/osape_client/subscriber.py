@@ -18,16 +18,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 
 from google.protobuf.message import DecodeError
 
 from .decode import cause_code, model_from_message
-from .newest_socket import NewestSocket
 from .proto import osape_v1_pb2 as pb
 from .query.space import PlacedModel, Space
 from .receive_time import age_ns
-from .run_folder import run_folder
+from .stream_subscriber import StreamSubscriber
 
 NS = 1_000_000_000
 SCHEMA_VERSION = 1
@@ -121,7 +119,7 @@ class ReceiveStats:
     last_error: str = ""
 
 
-class Subscriber:
+class Subscriber(StreamSubscriber):
     """Receives the obstacle stream of the service; only the newest message is kept.
 
     address: None: the service on this machine; all_cameras: receive all cameras as one message, where several are
@@ -136,24 +134,11 @@ class Subscriber:
         timeout_s: float = TIMEOUT_S,
         keys: Path | None = None,
     ) -> None:
+        super().__init__("surround" if all_cameras else "prisms", address, keys)
         self._kind = pb.SurroundFrame if all_cameras else pb.PrismsFrame
-        self.address = address or f"ipc://{run_folder()}/{'surround' if all_cameras else 'prisms'}"
         self._timeout_s = timeout_s
         self.stats = ReceiveStats()
         self._newest: Message | None = None
-        self._socket = NewestSocket(self.address, keys)
-
-    def __enter__(self) -> Subscriber:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """May be called twice."""
-        self._socket.close()
 
     def latest(self) -> Message | None:
         """The newest message, without waiting; None before the first. Check `stale`: it may be an old one."""

@@ -12,14 +12,12 @@ import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 
 from google.protobuf.message import DecodeError
 
-from .newest_socket import NewestSocket
 from .proto import osape_v1_pb2 as pb
 from .receive_time import age_ns
-from .run_folder import run_folder
+from .stream_subscriber import StreamSubscriber
 from .tracks import Tracks, tracks_from_message
 
 NS = 1_000_000_000
@@ -50,7 +48,7 @@ class ReceivedTracks:
         return tracks_from_message(self.content)
 
 
-class TracksSubscriber:
+class TracksSubscriber(StreamSubscriber):
     """Receives the stream `tracks`; only the newest message is kept, of whichever camera. Messages of another schema are
     counted in `undecodable`. Not thread-safe.
 
@@ -58,22 +56,9 @@ class TracksSubscriber:
     client's CURVE keys. Raises KeyFileError."""
 
     def __init__(self, address: str | None = None, *, timeout_s: float = 0.4, keys: Path | None = None) -> None:
-        self.address = address or f"ipc://{run_folder()}/tracks"
+        super().__init__("tracks", address, keys)
         self.undecodable = 0
         self._timeout_s = timeout_s
-        self._socket = NewestSocket(self.address, keys)
-
-    def __enter__(self) -> TracksSubscriber:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """May be called twice."""
-        self._socket.close()
 
     def wait(self, timeout_s: float) -> ReceivedTracks | None:
         """The next message; None when none comes within timeout_s."""
