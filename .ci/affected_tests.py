@@ -1,11 +1,13 @@
 """Prints the test files that a change affects, for `make check`: `python .ci/affected_tests.py [REVISION]`.
 
-Changed files differ from REVISION (HEAD) in the working tree, or are new. For each changed module the tests
-of its package (`tests/core` for `core`, `tests/client` for `osape_client`) that import it, directly or not, are printed, and each changed test file
-itself. A change in `core` adds the golden results."""
+Changed files differ from REVISION (HEAD) in the working tree, or are new. Where only comments, docstrings or the formatting
+differ, no test is affected. For each changed module the tests of its package (`tests/core` for `core`, `tests/client` for
+`osape_client`) that import it, directly or not, are printed, and each changed test file itself. A change in `core` adds the
+golden results."""
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -27,7 +29,31 @@ def changed_files(revision: str) -> list[str]:
         ["git", "ls-files", "--others", "--exclude-standard"],
     )
     outputs = [subprocess.run(c, cwd=ROOT, capture_output=True, text=True, check=True).stdout for c in commands]
-    return sorted({line for output in outputs for line in output.splitlines() if line.endswith(".py")})
+    files = {line for output in outputs for line in output.splitlines() if line.endswith(".py")}
+    return sorted(file for file in files if code_differs(before(file, revision), (ROOT / file).read_text("utf-8")))
+
+
+def before(file: str, revision: str) -> str | None:
+    """The file at a revision; None: it was not there."""
+    done = subprocess.run(["git", "show", f"{revision}:{file}"], cwd=ROOT, capture_output=True, text=True, check=False)
+    return done.stdout if done.returncode == 0 else None
+
+
+def code_differs(old: str | None, new: str) -> bool:
+    """Whether two versions of a module differ in more than comments, docstrings and formatting. old None: a new file."""
+    return old is None or code_of(old) != code_of(new)
+
+
+def code_of(text: str) -> str:
+    """The syntax tree without docstrings; the text itself where it has no valid syntax."""
+    try:
+        tree = ast.parse(text)
+    except SyntaxError:
+        return text
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            node.body = [s for s in node.body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+    return ast.dump(tree)
 
 
 def affected_tests(changed: list[str], graph: grimp.ImportGraph) -> set[str]:
