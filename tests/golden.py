@@ -88,7 +88,7 @@ def result_of(path: Path) -> Result:
                 if isinstance(output, FrameDecision):
                     frames.append(_decided(output))
                 else:
-                    frames[-1].update(_said(output))
+                    frames[-1].update(_content(output))
     return {"made_with": made_with(), "frames": frames}
 
 
@@ -103,11 +103,11 @@ def _decided(decision: FrameDecision) -> Result:
     }
 
 
-def _said(output: PrismsResult) -> Result:
-    said: Result = {"frame": output.frame, "valid": output.valid, "cause": output.cause_text}
+def _content(output: PrismsResult) -> Result:
+    content: Result = {"frame": output.frame, "valid": output.valid, "cause": output.cause_text}
     if output.model is not None:
-        said.update(_model(output.model))
-    return said
+        content.update(_model(output.model))
+    return content
 
 
 def _model(model: FrameModel) -> Result:
@@ -227,9 +227,9 @@ def _planes(before: list[list[Any]], after: list[list[Any]], exact: bool) -> Ite
     if exact and before != after and not gone and not left:
         yield "planes: the same in another order"
     if exact or max(len(gone), len(left)) > TOLERANCE_COUNT:
-        for word, rows in (("gone", gone), ("new", left)):
+        for label, rows in (("gone", gone), ("new", left)):
             for row in rows:
-                yield f"planes: {word} {plane_words(row)}"
+                yield f"planes: {label} {plane_text(row)}"
 
 
 def _same_plane(row: list[Any], other: list[Any]) -> bool:
@@ -238,7 +238,7 @@ def _same_plane(row: list[Any], other: list[Any]) -> bool:
     return lengths and abs(row[7] - other[7]) <= max(TOLERANCE_COUNT, row[7] // 100) and row[8] == other[8]
 
 
-def plane_words(row: list[Any]) -> str:
+def plane_text(row: list[Any]) -> str:
     """A plane's row with the names of its numbers."""
     lengths = ", ".join(f"{name} {value}" for name, value in zip(PLANE, row[:7], strict=True))
     return f"({lengths} mm; {row[7]} px, flags {row[8]}, cluster {row[9]})"
@@ -246,18 +246,18 @@ def plane_words(row: list[Any]) -> str:
 
 def totals(result: Result) -> dict[str, int]:
     """Summary figures that show whether a model became worse."""
-    said = [f for f in result["frames"] if f.get("valid")]
+    valid = [f for f in result["frames"] if f.get("valid")]
     return {
         "frames": len(result["frames"]),
         "used": sum(f["used"] for f in result["frames"]),
-        "valid": len(said),
-        "ground seen": sum(f["ground"]["seen"] for f in said),
-        "planes": sum(len(f["planes"]) for f in said),
-        "prisms": sum(f["counts"]["prisms"] for f in said),
-        "strips": sum(f["counts"]["strips"] for f in said),
-        "dropped strips": sum(f["counts"]["dropped_strips"] for f in said),
-        "seen free, m": sum(sum(f["free"]["open_mm"]) for f in said) // 1000,
-        "support, px": sum(row[7] for f in said for row in f["planes"]),
+        "valid": len(valid),
+        "ground seen": sum(f["ground"]["seen"] for f in valid),
+        "planes": sum(len(f["planes"]) for f in valid),
+        "prisms": sum(f["counts"]["prisms"] for f in valid),
+        "strips": sum(f["counts"]["strips"] for f in valid),
+        "dropped strips": sum(f["counts"]["dropped_strips"] for f in valid),
+        "seen free, m": sum(sum(f["free"]["open_mm"]) for f in valid) // 1000,
+        "support, px": sum(row[7] for f in valid for row in f["planes"]),
     }
 
 

@@ -30,8 +30,8 @@ def observations_of(path: Path) -> list[Observation]:
     """What the world takes of a log: its frames with a position."""
     with McapRecording(path) as recording:
         pipeline = make_pipeline(Config(), recording.cameras)
-        said = [o for _, outputs in process(recording.events(), pipeline, ReplayCounts()) for o in outputs]
-    observations = [observation_of(o) for o in said if isinstance(o, PrismsResult)]
+        results = [o for _, outputs in process(recording.events(), pipeline, ReplayCounts()) for o in outputs]
+    observations = [observation_of(o) for o in results if isinstance(o, PrismsResult)]
     return [s for s in observations if s is not None]
 
 

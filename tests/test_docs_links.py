@@ -116,16 +116,16 @@ def wrong_command(text: str, options: dict[str, set[str]]) -> str | None:
     if match is None or not match[1]:
         return None
     try:
-        words = shlex.split(match[1].replace("...", ""), comments=True)
+        arguments = shlex.split(match[1].replace("...", ""), comments=True)
     except ValueError:
         return f"{text}: not a command line"
-    if not words or not re.fullmatch(r"[a-z-]+", words[0]) or words[0] == "--version":
+    if not arguments or not re.fullmatch(r"[a-z-]+", arguments[0]) or arguments[0] == "--version":
         return None
-    if words[0] not in options:
-        return f"{text}: there is no command {words[0]}"
-    given = [w.partition("=")[0] for w in words[1:] if w.startswith("-")]
-    unknown = [option for option in given if option not in options[words[0]]]
-    return f"{text}: {words[0]} has no {unknown[0]}" if unknown else None
+    if arguments[0] not in options:
+        return f"{text}: there is no command {arguments[0]}"
+    given = [w.partition("=")[0] for w in arguments[1:] if w.startswith("-")]
+    unknown = [option for option in given if option not in options[arguments[0]]]
+    return f"{text}: {arguments[0]} has no {unknown[0]}" if unknown else None
 
 
 @pytest.mark.parametrize("page", USER_PAGES, ids=name_of)

@@ -72,7 +72,7 @@ def test_wrong_use_ends_with_status_two(wrong: tuple[str, str, str], capsys: pyt
     assert wrong[2] in capsys.readouterr().err
 
 
-def test_the_parts_of_the_matrix_vary_what_they_say() -> None:
+def test_the_parts_of_the_matrix_vary_what_they_name() -> None:
     made = {name: list(part.make([198, 199])) for name, part in PARTS.items()}
     assert {c.seed for cases in made.values() for c in cases} <= set(HELD_OUT_SEEDS)
     assert len({c.seed for c in made["base"] if c.scene == "trees"}) == 18

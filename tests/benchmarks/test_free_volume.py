@@ -84,7 +84,7 @@ def test_noise_allows_three_sigma() -> None:
     assert wrong_cells(frame, claiming(5.65), 0.008, Params())[0]
 
 
-def test_what_no_pixel_sees_is_judged_too() -> None:
+def test_space_that_no_pixel_observes_is_evaluated_too() -> None:
     """A claim that begins in a solid, and one that goes on behind what is seen."""
     s = box(0.0, 4.0)
     s.wall("wall", ahead(0.8, -9.0), ahead(0.8, 9.0), 5.0)
@@ -101,7 +101,7 @@ def test_only_layers_that_a_solid_reaches_into_are_wrong() -> None:
     assert {w.layer for w in wrong_cells(frame, claiming(6.0, (0, 1, 2)), KE, Params())[0]} == {0}
 
 
-def test_less_than_a_pixel_of_a_layer_is_not_judged() -> None:
+def test_less_than_a_pixel_of_a_layer_is_not_evaluated() -> None:
     """At 5 m a pixel is 4.4 cm high; two boxes that reach 3.5 and 10 cm into a layer, from below and from above."""
     edges_m = np.array([-0.75, -0.25, 0.25, 0.75], np.float32)
     for inside_m, wrong in ((0.035, False), (0.1, True)):
@@ -127,7 +127,7 @@ def test_below_the_ground_of_the_model_nothing_is_claimed() -> None:
     assert wrong_cells(tall, claiming(6.0, (1, 2), Ground(seen=True, height_m=1.3)), KE, Params())[0]
 
 
-def test_what_is_lower_than_an_obstacle_above_the_true_ground_is_not_judged() -> None:
+def test_what_is_lower_than_an_obstacle_above_the_true_ground_is_not_evaluated() -> None:
     layer = (2,)
     assert wrong_cells(view(box(0.0, 0.5, ground=True), height_m=2.5), claiming(6.0, layer), KE, Params())[0] == []
     assert wrong_cells(view(box(0.0, 0.9, ground=True), height_m=2.5), claiming(6.0, layer), KE, Params())[0]

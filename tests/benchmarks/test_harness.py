@@ -16,20 +16,20 @@ from benchmarks.pages import SECTIONS, Section, index, measured, page, summary_o
 from benchmarks.peers.install import install, peers
 
 MADE = "No figure here is real.\n\nWhat words mean.\n\n## A table\n\n| a |\n|---|\n| 1 |\n"
-TOLD = Stamp(
+STAMP = Stamp(
     date="2026-11-21", commit="abc1234", command="python -m benchmarks", host_info="a processor, 2 cores",
     versions="python 3.11, numpy 2", minutes=12.2, quick=False,
 )  # fmt: skip
 
 
 def test_a_page_states_date_commit_and_command_before_its_text() -> None:
-    text = page(SECTIONS[0], MADE, TOLD)
+    text = page(SECTIONS[0], MADE, STAMP)
     assert text.startswith("# Speed\n\nMeasured on 2026-11-21 at commit abc1234.\n\n- command: `python -m benchmarks`")
     assert "- machine: a processor, 2 cores\n- versions: python 3.11, numpy 2\n" in text
     assert text.endswith(MADE)
     assert measured(text) == "2026-11-21 at commit abc1234"
     assert summary_of(text) == "No figure here is real."
-    assert summary_of(page(SECTIONS[0], "## A table\n", TOLD)) == ""
+    assert summary_of(page(SECTIONS[0], "## A table\n", STAMP)) == ""
 
 
 def test_every_section_gets_its_page(tmp_path: Path) -> None:
@@ -58,9 +58,9 @@ def test_a_section_that_fails_keeps_its_old_page_and_the_others_run(
     assert main(["--out", str(tmp_path)], run) == 1
     assert (tmp_path / "peers.md").read_text() == "as it was"
     assert (tmp_path / "memory.md").is_file()
-    said = capsys.readouterr().err
-    assert "peers: ended by signal 11; its page stays as it was" in said
-    assert "error: no figures of peers" in said
+    output = capsys.readouterr().err
+    assert "peers: ended by signal 11; its page stays as it was" in output
+    assert "error: no figures of peers" in output
 
 
 @pytest.mark.parametrize("section", SECTIONS, ids=lambda s: s.name)
@@ -69,7 +69,7 @@ def test_each_section_has_its_module(section: Section) -> None:
 
 
 def test_the_index_links_pages_and_names_those_that_are_missing(tmp_path: Path) -> None:
-    (tmp_path / "speed.md").write_text(page(SECTIONS[0], MADE, TOLD))
+    (tmp_path / "speed.md").write_text(page(SECTIONS[0], MADE, STAMP))
     text = index(tmp_path)
     assert f"| [Speed](speed.md) | {SECTIONS[0].question} | 2026-11-21 at commit abc1234 |" in text
     assert "## Speed\n\nNo figure here is real.\n" in text
@@ -109,9 +109,9 @@ def test_a_section_runs_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pyt
 
 
 def test_the_commit_is_reported_with_what_differs_from_it(tmp_path: Path) -> None:
-    def git(*words: str) -> None:
+    def git(*arguments: str) -> None:
         who = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
-        subprocess.run(["git", "-C", str(tmp_path), *who, *words], check=True, capture_output=True)
+        subprocess.run(["git", "-C", str(tmp_path), *who, *arguments], check=True, capture_output=True)
 
     assert commit(tmp_path) == "unknown (no git checkout)"
     git("init")
@@ -130,14 +130,14 @@ def test_the_commit_is_reported_with_what_differs_from_it(tmp_path: Path) -> Non
 def test_peers_are_installed_one_by_one_and_one_without_a_wheel_is_left_out() -> None:
     called: list[Sequence[str]] = []
 
-    def command(words: Sequence[str]) -> int:
-        called.append(words)
-        return 1 if words[-1].startswith("b") else 0
+    def command(arguments: Sequence[str]) -> int:
+        called.append(arguments)
+        return 1 if arguments[-1].startswith("b") else 0
 
     constraints = CHECKOUT / ".ci" / "constraints.txt"
     assert install(["a>=1", "b>=1", "c"], [constraints], command) == ["b>=1"]
-    assert [words[-1] for words in called] == ["a>=1", "b>=1", "c"]
-    assert all("--only-binary" in words and str(constraints) in words for words in called)
+    assert [arguments[-1] for arguments in called] == ["a>=1", "b>=1", "c"]
+    assert all("--only-binary" in arguments and str(constraints) in arguments for arguments in called)
 
 
 def test_the_peers_of_the_project_are_named_and_pinned() -> None:

@@ -82,7 +82,7 @@ def test_points_in_what_is_called_free() -> None:
     assert in_free(profile(), points, np.full(7, 0.5)).tolist() == [True] + [False] * 6
 
 
-def test_an_obstacle_where_free_is_said_is_found() -> None:
+def test_an_obstacle_in_claimed_free_space_is_found() -> None:
     b = SceneBuilder("test")
     b.ground()
     b.wall("wall", (5.0, -9.0), (5.0, 9.0), 9.0)

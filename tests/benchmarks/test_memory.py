@@ -57,15 +57,15 @@ def test_a_few_hundred_frames_leave_nothing_behind() -> None:
 def test_many_frames_leave_nothing_behind() -> None:
     small, large = shots_of(SIZES), shots_of([LARGE])
     samples = watch(every_frame([*large, *small]), mixed_frames(small, large), SOAK_FRAMES, SOAK_FRAMES // 20)
-    words = growth_words(samples)
+    text = growth_words(samples)
     # the same image needs more room in another state: tables then grow, in steps; what leaks grows from look to look
     rises = [b.held - a.held for a, b in pairwise(samples)]
     steps = [rise for rise in rises if rise > STEP_SHARE * samples[0].held]
-    assert len(steps) <= MOST_STEPS, words
-    assert sum(rises) - sum(steps) <= HELD_SHARE * samples[0].held, words
+    assert len(steps) <= MOST_STEPS, text
+    assert sum(rises) - sum(steps) <= HELD_SHARE * samples[0].held, text
     beside = [s.in_use - s.held for s in samples]
-    assert max(beside) - beside[0] < IN_USE, words
-    assert samples[-1].blocks - samples[1].blocks < BLOCKS, words
+    assert max(beside) - beside[0] < IN_USE, text
+    assert samples[-1].blocks - samples[1].blocks < BLOCKS, text
 
 
 class Hoarder(Extractor):
@@ -105,7 +105,7 @@ class Leaker(Extractor):
 
 @pytest.mark.slow
 @pytest.mark.skipif(in_use_bytes() == 0, reason="this C library does not tell what is in use")
-def test_memory_that_nobody_gives_back_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_that_is_not_released_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "Extractor", Leaker)
     shots = shots_of([SIZES[0]], KINDS[-1:])
     samples = watch(every_frame(shots), mixed_frames(shots, []), 400, 200)

@@ -35,7 +35,7 @@ FRAME = Figures(
 )  # fmt: skip
 
 
-def said(claims: list[Claim], start: str, mode: str, condition: str) -> str:
+def cell_of(claims: list[Claim], start: str, mode: str, condition: str) -> str:
     return next(c for c in claims if c.says.startswith(start)).cells[COLUMNS.index((mode, condition))]
 
 
@@ -68,12 +68,12 @@ def test_the_claims_of_storage_and_precision() -> None:
     errors = {"safe": 0.02, "grid 0.1 m": 0.1, "grid 0.2 m": 0.2, "grid 0.4 m": 0.3, "grid 0.8 m": 0.5}
     rows = storage(planes, errors, "structured") + storage({**planes, "safe": 30}, errors, "unstructured")
     found = storage_claims(rows)
-    assert said(found, "Fig. 11a", "safe", "camera") == "0.50 (worst 0.50): **yes**"
-    assert said(found, "Fig. 11b: unstructured", "safe", "camera") == "3.00 (worst 3.00): **no**"
-    assert said(found, "Fig. 11b: and far", "safe", "camera") == "0.30 (worst 0.30): **no**"
-    assert said(found, "Fig. 12a", "safe", "camera") == "0.20 (worst 0.20): **yes**"
-    assert said(found, "Fig. 12a", "safe", "exact") == "-"
-    assert "up to 50 %" in said(found, "Fig. 14", "safe", "camera")
+    assert cell_of(found, "Fig. 11a", "safe", "camera") == "0.50 (worst 0.50): **yes**"
+    assert cell_of(found, "Fig. 11b: unstructured", "safe", "camera") == "3.00 (worst 3.00): **no**"
+    assert cell_of(found, "Fig. 11b: and far", "safe", "camera") == "0.30 (worst 0.30): **no**"
+    assert cell_of(found, "Fig. 12a", "safe", "camera") == "0.20 (worst 0.20): **yes**"
+    assert cell_of(found, "Fig. 12a", "safe", "exact") == "-"
+    assert "up to 50 %" in cell_of(found, "Fig. 14", "safe", "camera")
     grids = next(c for c in found if c.says.startswith("Fig. 11, 12"))
     assert grids.cells[1].endswith("**yes**")
     assert (
@@ -83,7 +83,7 @@ def test_the_claims_of_storage_and_precision() -> None:
     )
 
 
-def test_the_claim_of_tilt_asks_for_error_and_missed_rays() -> None:
+def test_the_claim_of_tilt_needs_error_and_missed_rays() -> None:
     def rows(rolled: float, missed: float) -> list[TiltRow]:
         return [
             TiltRow(axis="roll", angle_deg=0.0, figures=FRAME),
@@ -113,12 +113,12 @@ def test_the_claims_of_time() -> None:
             timed("grid 0.8 m", 5.0, kind=kind),
         ]
     found = time_claims(rows)
-    assert said(found, "Processing time", "safe", "camera").endswith("**yes**")
-    assert said(found, "Processing time", "paper", "camera").endswith("**no**")
-    assert said(found, "Fig. 13a: about", "safe", "camera").endswith("**no**")
-    assert said(found, "Fig. 13a: far", "safe", "camera").endswith("**yes**")
-    assert said(found, "Fig. 13b", "safe", "camera") == "structured 9.0 to 4.0 ms, foliage 9.0 to 4.0 ms: **yes**"
-    assert said(found, "Fig. 13b", "paper", "camera").endswith("**no**")
+    assert cell_of(found, "Processing time", "safe", "camera").endswith("**yes**")
+    assert cell_of(found, "Processing time", "paper", "camera").endswith("**no**")
+    assert cell_of(found, "Fig. 13a: about", "safe", "camera").endswith("**no**")
+    assert cell_of(found, "Fig. 13a: far", "safe", "camera").endswith("**yes**")
+    assert cell_of(found, "Fig. 13b", "safe", "camera") == "structured 9.0 to 4.0 ms, foliage 9.0 to 4.0 ms: **yes**"
+    assert cell_of(found, "Fig. 13b", "paper", "camera").endswith("**no**")
 
 
 def test_the_claims_of_interval_and_noise() -> None:
@@ -131,12 +131,12 @@ def test_the_claims_of_interval_and_noise() -> None:
     ]  # fmt: skip
     found = interval_claims(rows)
     assert (
-        said(found, "Fig. 13c: a greater", "safe", "camera")
+        cell_of(found, "Fig. 13c: a greater", "safe", "camera")
         == "ke 0: 0.100 to 0.200 m; ke 0.01: 0.300 to 0.400 m: **yes**"
     )
-    assert said(found, "Fig. 13c: a greater", "paper", "camera").endswith("**partly**")
-    assert said(found, "Fig. 13c: so does", "safe", "camera").endswith("**yes**")
-    assert said(found, "Fig. 13c: so does", "paper", "camera").endswith("**partly**")
+    assert cell_of(found, "Fig. 13c: a greater", "paper", "camera").endswith("**partly**")
+    assert cell_of(found, "Fig. 13c: so does", "safe", "camera").endswith("**yes**")
+    assert cell_of(found, "Fig. 13c: so does", "paper", "camera").endswith("**partly**")
 
 
 def test_an_opening_must_not_come_out_larger_than_it_is() -> None:
@@ -148,10 +148,10 @@ def test_an_opening_must_not_come_out_larger_than_it_is() -> None:
             )
         ]  # fmt: skip
 
-    assert said(opening_claims(rows(2.75, 2.05)), "Fig. 8: the window", "safe", "exact").endswith("**yes**")
-    assert said(opening_claims(rows(2.75, 1.9)), "Fig. 8: the window", "safe", "exact").endswith("**no**")
-    assert "larger" in said(opening_claims(rows(2.95, 2.05)), "Fig. 8: the window", "safe", "exact")
-    assert said(opening_claims(rows(2.95, 2.05)), "Fig. 8: the window", "paper", "exact") == "not judged"
+    assert cell_of(opening_claims(rows(2.75, 2.05)), "Fig. 8: the window", "safe", "exact").endswith("**yes**")
+    assert cell_of(opening_claims(rows(2.75, 1.9)), "Fig. 8: the window", "safe", "exact").endswith("**no**")
+    assert "larger" in cell_of(opening_claims(rows(2.95, 2.05)), "Fig. 8: the window", "safe", "exact")
+    assert cell_of(opening_claims(rows(2.95, 2.05)), "Fig. 8: the window", "paper", "exact") == "not judged"
 
 
 def test_a_shape_must_be_close_and_small() -> None:

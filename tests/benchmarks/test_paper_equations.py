@@ -49,7 +49,7 @@ def test_the_least_height_reaches_the_threshold_exactly() -> None:
     assert least_height(0.1, ke) == pytest.approx(10.0 * height)  # it hangs on C, which is free
 
 
-def test_ground_is_counted_an_obstacle_where_the_formula_says() -> None:
+def test_ground_is_counted_as_an_obstacle_according_to_the_formula() -> None:
     expected, counted = ground_onset_m(3.0, 0.005)
     assert expected == pytest.approx(F_PX * HM_M / (5.6 * 0.005 * F_PX * 3.0))
     assert counted == pytest.approx(expected, rel=0.1)
@@ -86,6 +86,6 @@ def test_the_kth_nearest_leaves_two_stray_pixels_out() -> None:
     assert kth_nearest_m(disparity, share=0.0, least=2) == pytest.approx(5.0)
 
 
-def test_a_finding_shows_words_and_figures() -> None:
+def test_a_finding_shows_text_and_figures() -> None:
     shown = Finding(name="f", title="F", head=["a", "b"], digits=[0, 2], rows=[["x", 1.234], ["y", math.nan]], words=1)
     assert shown.markdown() == "| a | b |\n| --- | ---: |\n| x | 1.23 |\n| y | - |"

@@ -41,7 +41,7 @@ def test_lemma_1_holds_nose_down_positive_and_columns_drift() -> None:
     assert drift(wall(0.0), 4) < 1e-6
 
 
-def test_algorithm_1_tears_what_meets_later_and_asks_the_last_strip_only() -> None:
+def test_algorithm_1_separates_what_meets_later_and_compares_the_last_strip_only() -> None:
     # two walls 3 m apart that close in: 1 m between them at last
     x = np.array([5.0, 8.0, 5.0, 7.0, 5.0, 6.0])
     y = np.zeros(6)

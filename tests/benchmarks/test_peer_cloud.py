@@ -33,7 +33,7 @@ def wall(
     return render(b.build(), INFO, roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw, position_ned_m=at, sensor=sensor)
 
 
-def test_points_of_a_wall_lie_on_it_whatever_the_attitude() -> None:
+def test_points_of_a_wall_lie_on_it_at_any_attitude() -> None:
     for roll, pitch in ((0.0, 0.0), (0.4, -0.3)):
         cloud = cloud_of(wall(angles=(roll, pitch, 0.0)), KE)
         assert len(cloud.points_m) > 3000

@@ -86,7 +86,7 @@ def test_ratios_are_case_by_case_and_count_goals_that_are_missed() -> None:
     assert ratios({SAFE: [OURS]}, ROUGH_GRID, lambda r: r.bytes, lambda r: r.bytes) == []
 
 
-def test_figures_table_shows_who_found_nothing_was_silent_or_not_there() -> None:
+def test_figures_table_shows_peers_without_a_result_or_not_installed() -> None:
     nothing = replace(TREE, mean_m=math.inf, p95_m=math.inf, body_mean_m=math.inf)
     silent = replace(OURS, peer=PAPER, valid=False)
     table = figures_table(groups([OURS, silent, nothing])["structured", 0.0015], [("Open3D", "not installed")])
@@ -112,10 +112,10 @@ def test_times_table_counts_the_cloud_to_those_that_start_from_it() -> None:
 
 
 def test_sentences_name_those_that_are_better_than_ours() -> None:
-    said = "\n".join(sentences([OURS, GRID, FINE, TREE], TIMES))
-    assert "neither larger nor farther from the truth than ours: none; nearer at all: OctoMap 0.1 m (40.0 times" in said
-    assert "stop no more open rays than ours: OctoMap 0.1 m." in said
-    assert f"cloud counted: {ROUGH_GRID}." in said
+    text = "\n".join(sentences([OURS, GRID, FINE, TREE], TIMES))
+    assert "neither larger nor farther from the truth than ours: none; nearer at all: OctoMap 0.1 m (40.0 times" in text
+    assert "stop no more open rays than ours: OctoMap 0.1 m." in text
+    assert f"cloud counted: {ROUGH_GRID}." in text
     better = replace(GRID, mean_m=0.01, bytes=100)
     assert f"than ours: {ROUGH_GRID}; nearer" in "\n".join(sentences([OURS, better], TIMES))
 

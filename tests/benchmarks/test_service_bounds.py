@@ -56,8 +56,8 @@ def test_a_machine_that_is_not_at_rest_is_reported() -> None:
 
 
 def test_what_the_host_gave_to_others_is_reported() -> None:
-    said = {line.what: line.value for line in live_lines(FOUND, held=True)}
-    assert said["street 30 Hz: processors taken by the host"] == "0.31 %"
+    values = {line.what: line.value for line in live_lines(FOUND, held=True)}
+    assert values["street 30 Hz: processors taken by the host"] == "0.31 %"
     before_s = stolen_s()
     assert 0.0 <= before_s <= stolen_s() <= time.monotonic()
 

@@ -53,7 +53,7 @@ def rows_of(markdown: str) -> dict[str, list[str]]:
     return {line[0]: line[1:] for line in lines}
 
 
-def test_goals_are_judged_by_the_slowest_kind() -> None:
+def test_goals_are_compared_with_the_slowest_kind() -> None:
     rows = rows_of(
         goals_table(
             [timed(LEVEL, [0.7]), timed(TILTED, [3.0]), timed(TREES, [9.0, 9.0, 20.0]), timed(BROKEN, [9.5])],
@@ -175,13 +175,13 @@ def test_a_kind_that_is_too_slow_is_left_out_at_larger_sizes_and_reported(monkey
     small = [timed(LEVEL, [9000.0]), timed(BROKEN, [11000.0])]
     large = list(page.kinds_at(Fake(TINY), (640, 480), small))
     assert [t.kind for t in large] == [LEVEL, LEVEL]
-    words = page.left_out({(320, 240): small, (640, 480): large}, 10_000.0)
-    assert words == "Not measured, since a smaller image took more than 10 s already: 640x480: noise.\n"
+    text = page.left_out({(320, 240): small, (640, 480): large}, 10_000.0)
+    assert text == "Not measured, since a smaller image took more than 10 s already: 640x480: noise.\n"
     assert page.left_out({(320, 240): small}, 10_000.0) == ""
 
 
 def test_stages_prints_its_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert stages_main(["--runs", "3", "--width", "160"]) == 0
-    said = capsys.readouterr().out
-    assert "160x120, ke 0.0015, one thread" in said
-    assert "| merge |" in said
+    output = capsys.readouterr().out
+    assert "160x120, ke 0.0015, one thread" in output
+    assert "| merge |" in output

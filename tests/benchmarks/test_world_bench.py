@@ -59,7 +59,7 @@ def test_seen_is_what_stood_in_sight() -> None:
     assert seen_by(points, [AHEAD, AHEAD], least=2)[0]
 
 
-def test_every_flight_is_judged_from_where_it_never_was_and_sees_something() -> None:
+def test_every_flight_is_evaluated_from_new_places_and_has_obstacles_in_view() -> None:
     found = flights(0)
     assert [f.name for f in found] == ["block", "alley", "trees", "cylinder", "trapezoidal prism", "sphere"]
     for f in found:
@@ -74,7 +74,7 @@ def test_every_flight_is_judged_from_where_it_never_was_and_sees_something() -> 
             assert not f.inside(np.array([[x + 9.0, y, -1.5], [x, y + 6.5, -1.5], [x, y, -9.0]])).any()
 
 
-def test_estimates_are_wrong_by_what_they_say() -> None:
+def test_errors_of_estimates_match_their_sigmas() -> None:
     flight = flights(0)[3]
     rendered = [AHEAD, AHEAD, ASIDE]
     true, noisy, drifting = (list(flown(flight, e, 3, rendered)) for e in (TRUE, NOISY, DRIFTING))
@@ -120,7 +120,7 @@ def test_what_is_flown_around_becomes_solid_and_nothing_of_it_is_missed(name: st
     assert found.planes < 20 < found.frame_planes
 
 
-def test_tables_say_the_worst_and_what_is_not_there() -> None:
+def test_tables_show_the_worst_value_and_missing_ones() -> None:
     one = {
         "flight": "alley", "frames": 9, "closed": math.nan, "missed": 0.01, "missed_all": 0.02, "phantom": 0.0, "mean_m": 0.1,
         "p95_m": 0.2, "false_free": 0.0, "air": 0.5, "planes": 7, "frame_planes": 30, "sections": 1,

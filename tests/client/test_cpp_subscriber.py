@@ -48,16 +48,16 @@ def publisher(tmp_path: Path) -> Iterator[zmq.Socket[bytes]]:
         yield socket
 
 
-def heard(program: Path, publisher: zmq.Socket[bytes], message: bytes | None) -> str:
+def output_for(program: Path, publisher: zmq.Socket[bytes], message: bytes | None) -> str:
     address = publisher.getsockopt_string(zmq.LAST_ENDPOINT)
     with subprocess.Popen([program, address, "1"], stdout=subprocess.PIPE, text=True) as process:
         assert publisher.poll(10_000), "it did not subscribe"
         publisher.recv()
         if message is not None:
             publisher.send(message)
-        said, _ = process.communicate(timeout=20)
+        output, _ = process.communicate(timeout=20)
     assert process.returncode == 0
-    return said.strip()
+    return output.strip()
 
 
 def frame(**more: object) -> pb.PrismsFrame:
@@ -66,8 +66,8 @@ def frame(**more: object) -> pb.PrismsFrame:
 
 
 def test_planes_and_the_nearest_of_them(program: Path, publisher: zmq.Socket[bytes]) -> None:
-    said = heard(program, publisher, frame(publication=pb.Publication(age_ns=20_000_000)).SerializeToString())
-    assert said.startswith("level: 2 planes, 0 prisms, nearest 5.75 m, 2")
+    output = output_for(program, publisher, frame(publication=pb.Publication(age_ns=20_000_000)).SerializeToString())
+    assert output.startswith("level: 2 planes, 0 prisms, nearest 5.75 m, 2")
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,9 @@ def test_planes_and_the_nearest_of_them(program: Path, publisher: zmq.Socket[byt
 def test_invalid_frames_free_nothing(
     program: Path, publisher: zmq.Socket[bytes], message: bytes | None, why: str
 ) -> None:
-    said = heard(program, publisher, message)
-    assert said.startswith("nothing may be taken as free: ")
-    assert said.endswith(why)
+    output = output_for(program, publisher, message)
+    assert output.startswith("nothing may be taken as free: ")
+    assert output.endswith(why)
 
 
 def over_ground(rng: np.random.Generator, camera: tuple[float, float, float]) -> pb.PrismsFrame:

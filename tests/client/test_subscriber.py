@@ -297,17 +297,17 @@ def test_nothing_heavy_is_imported() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_the_example_says_when_nothing_is_free(service: Service) -> None:
+def test_the_example_reports_when_nothing_is_free(service: Service) -> None:
     example = ROOT / "examples" / "subscriber.py"
     stop = threading.Event()
 
-    def speak() -> None:
+    def send() -> None:
         for k in itertools.count():
             if stop.wait(0.05):
                 return
             service.say(a_frame() if k // 10 % 2 else blind_message("front", 1, 1, "unplugged"))
 
-    speaker = threading.Thread(target=speak)
+    speaker = threading.Thread(target=send)
     with subprocess.Popen(
         [sys.executable, str(example), service.address], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment()
     ) as run:

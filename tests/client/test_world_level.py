@@ -80,7 +80,7 @@ def test_a_blind_frame_takes_nothing_away_and_neither_does_one_that_comes_late()
     assert picture.planes[0, 0] == pytest.approx(6.0)
 
 
-def test_each_camera_remembers_its_own() -> None:
+def test_each_camera_has_its_own_memory() -> None:
     memory = LevelMemory(speed_m_s=0.0)
     memory.add("front", ahead(), 0.0, 0)
     memory.add("left", ahead(3.0), 0.0, 0)
@@ -88,7 +88,7 @@ def test_each_camera_remembers_its_own() -> None:
     assert sorted(memory.snapshot(0.0, TENTH).planes[:, 0].tolist()) == pytest.approx([3.0, 6.0])
 
 
-def test_it_is_bounded_whatever_the_rate() -> None:
+def test_it_is_bounded_at_any_rate() -> None:
     memory, model = LevelMemory(), ahead()
     for k in range(2000):
         memory.add("front", model, 0.0, k * NS // 1000)

@@ -103,7 +103,7 @@ def same_place(mirror: WorldMirror, world: World) -> bool:
     return np.array_equal(a.blocks, b.blocks) and np.array_equal(a.masks, b.masks)
 
 
-def test_a_late_joiner_asks_and_follows(speaker: Speaker) -> None:
+def test_a_late_subscriber_requests_a_snapshot_and_follows(speaker: Speaker) -> None:
     speaker.service.open()
     for _ in range(5):
         look(speaker)
@@ -254,33 +254,34 @@ def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker:
 
 def test_what_comes_twice_or_too_late_changes_nothing() -> None:
     """Without sockets: the messages of a service in another order than it sent them."""
-    world, said = World(), []
+    world, sent = World(), []
     for k in range(4):
         world.add(seen(WALLS + 0.01 * k, (0.0, 0.0), 0.0, now()))
         message = world_message(world.picture(now()), np.zeros(0, np.int32), now())
         message.schema_version, message.sequence, message.snapshot, message.valid = 1, k + 1, k == 0, True
         message.t_ns, message.publication.boot_id = now(), "one"
-        said.append(message.SerializeToString())
+        sent.append(message.SerializeToString())
     with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
-        for data in said[:3]:
+        for data in sent[:3]:
             mirror._read(data, now())
         assert mirror.usable
         before = mirror.space.snapshot.planes.copy()
-        for data in (said[2], said[1], said[0]):  # an old snapshot, too, is no new beginning
+        for data in (sent[2], sent[1], sent[0]):  # an old snapshot, too, is no new beginning
             mirror._read(data, now())
             assert mirror.usable
         assert (mirror.stats.out_of_order, mirror.stats.gaps, mirror.stats.messages) == (3, 0, 3)
         assert np.array_equal(mirror.space.snapshot.planes, before)
-        mirror._read(said[3], now())
+        mirror._read(sent[3], now())
         assert mirror.usable
         assert mirror.stats.messages == 4
 
 
 def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
-    speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, now())))
+    t_ns = now()  # one for all: later the position would be stale
+    speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, t_ns)))
     speaker.service._take()
-    whole = speaker.service._completed(speaker.service._snapshot(now()), now()).SerializeToString()
-    with WorldMirror(*speaker.addresses) as mirror:
+    whole = speaker.service._completed(speaker.service._snapshot(t_ns), t_ns).SerializeToString()
+    with WorldMirror(*speaker.addresses, timeout_s=60.0) as mirror:
         for size in range(len(whole)):
             mirror._read(whole[:size], now())
             assert not mirror.usable

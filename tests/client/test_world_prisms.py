@@ -69,7 +69,7 @@ def test_a_courtyard_and_a_knot_stay_open() -> None:
 
 @settings(max_examples=40)
 @given(SEED)
-def test_simple_as_shapely_says(seed: int) -> None:
+def test_simple_agrees_with_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
     v = rng.uniform(-5, 5, (int(rng.integers(3, 8)), 2))
     assert is_simple(v) == shapely.LinearRing(v).is_simple
@@ -77,7 +77,7 @@ def test_simple_as_shapely_says(seed: int) -> None:
 
 @settings(max_examples=20)
 @given(SEED)
-def test_inside_as_shapely_says(seed: int) -> None:
+def test_inside_agrees_with_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n = int(rng.integers(3, 12))
     turn = -np.sort(rng.uniform(0, math.tau, n))

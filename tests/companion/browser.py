@@ -42,11 +42,11 @@ class Browser:
     def __init__(self, profile: Path, size: str = "1200,800") -> None:
         ours_in, theirs_out = os.pipe()
         theirs_in, ours_out = os.pipe()
-        words = ["bash", "-c", f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}', found_browser(), *FLAGS]
-        with (profile.parent / "browser.txt").open("wb") as said:
+        command = ["bash", "-c", f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}', found_browser(), *FLAGS]
+        with (profile.parent / "browser.txt").open("wb") as output:
             self.process = subprocess.Popen(
-                [*words, f"--user-data-dir={profile}", f"--window-size={size}"], pass_fds=(theirs_in, theirs_out),
-                stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True,
+                [*command, f"--user-data-dir={profile}", f"--window-size={size}"], pass_fds=(theirs_in, theirs_out),
+                stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True,
             )  # fmt: skip
         os.close(theirs_in)
         os.close(theirs_out)
@@ -150,7 +150,7 @@ class Page:
         begun_s = time.monotonic()
         while not self.ask(expression):
             waited_s = time.monotonic() - begun_s
-            assert waited_s < seconds, f"not so after {seconds} s: {expression}; the page says: {self.ask(SAID)}"
+            assert waited_s < seconds, f"not true after {seconds} s: {expression}; the banner shows: {self.ask(BANNER)}"
             time.sleep(0.02)
         return time.monotonic() - begun_s
 
@@ -168,7 +168,7 @@ class Page:
         path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
 
 
-SAID = "document.getElementById('banner')?.textContent"
+BANNER = "document.getElementById('banner')?.textContent"
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The whole service as a process, with all that is around it: a simulated autopilot, subscribers, faults."""
+"""The service as a process, with a simulated autopilot and subscribers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 ROOT = Path(__file__).parents[2]
 NS = 1_000_000_000
 PATIENCE_S = 60.0
-"""For what is no subject of a test, such as a start on a busy machine."""
+"""Time limit for steps that are not the subject of a test, such as a start on a busy machine."""
 
 
 def free_port() -> int:
@@ -39,7 +39,7 @@ def free_port() -> int:
 
 
 def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> bool:
-    """Waits for a condition; whether it came true."""
+    """Waits until a condition holds; returns whether it does."""
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         if condition():
@@ -48,24 +48,24 @@ def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> bool:
     return bool(condition())
 
 
-class Ear(threading.Thread):
-    """Listens to one stream and keeps all messages with the instants of their receipt."""
+class Subscription(threading.Thread):
+    """Subscribes to one stream and keeps all messages. received: (monotonic ns, message)."""
 
     def __init__(self, address: str, kind: type[Any]) -> None:
         super().__init__(daemon=True)
         self._address, self._kind = address, kind
         self._closed = threading.Event()
-        self.heard: list[tuple[int, Any]] = []
+        self.received: list[tuple[int, Any]] = []
         self.start()
 
     def run(self) -> None:
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        ear = context.socket(zmq.SUB)
-        ear.setsockopt(zmq.SUBSCRIBE, b"")
-        ear.connect(self._address)
+        subscriber = context.socket(zmq.SUB)
+        subscriber.setsockopt(zmq.SUBSCRIBE, b"")
+        subscriber.connect(self._address)
         while not self._closed.is_set():
-            if ear.poll(50):
-                self.heard.append((time.monotonic_ns(), self._kind.FromString(ear.recv())))
+            if subscriber.poll(50):
+                self.received.append((time.monotonic_ns(), self._kind.FromString(subscriber.recv())))
         context.destroy(linger=0)
 
     def close(self) -> None:
@@ -74,23 +74,23 @@ class Ear(threading.Thread):
 
     def since(self, t_ns: int) -> list[Any]:
         """Messages received at t_ns or later."""
-        return [m for at_ns, m in list(self.heard) if at_ns >= t_ns]
+        return [m for at_ns, m in list(self.received) if at_ns >= t_ns]
 
     def wait(self, wanted: Callable[[Any], bool], seconds: float, since_ns: int | None = None) -> Any:
-        """The first message received from now (or since_ns) that is wanted; fails after so many seconds from there."""
+        """The first message received from now (or since_ns) that is wanted. Fails when none arrives within `seconds` of that."""
         begun_ns = time.monotonic_ns() if since_ns is None else since_ns
         found: list[Any] = []
 
-        def look() -> bool:
-            found.extend(m for at, m in list(self.heard) if begun_ns <= at <= begun_ns + seconds * NS and wanted(m))
+        def found_one() -> bool:
+            found.extend(m for at, m in list(self.received) if begun_ns <= at <= begun_ns + seconds * NS and wanted(m))
             return bool(found)
 
         left_s = seconds - (time.monotonic_ns() - begun_ns) / NS
-        assert until(look, max(0.1, left_s)), f"not heard within {seconds} s, but: {self._words(begun_ns)}"
+        assert until(found_one, max(0.1, left_s)), f"not received within {seconds} s; received: {self._texts(begun_ns)}"
         return found[0]
 
-    def _words(self, since_ns: int) -> list[str]:
-        """What was printed instead, each line once."""
+    def _texts(self, since_ns: int) -> list[str]:
+        """The newest texts received, each once."""
         texts = [
             "; ".join(m.troubles) or "OK" if isinstance(m, pb.Health) else m.cause_text or "valid"
             for m in self.since(since_ns)
@@ -99,7 +99,10 @@ class Ear(threading.Thread):
 
 
 class Live:
-    """`companion run` as a process. sections: TOML; {cable} in it is a file that exists. renders: kept frames."""
+    """`companion run` as a process.
+
+    sections: TOML; {cable} is replaced by the path of a file (deleted: the camera is unplugged), {port} by a free UDP port.
+    renders: directory of rendered frames."""
 
     def __init__(self, folder: Path, sections: str, renders: Path) -> None:
         self.folder, self.cable = folder, folder / "cable"
@@ -115,78 +118,84 @@ class Live:
             "PYTHONPATH": str(ROOT),
         }
         self.process: subprocess.Popen[str] | None = None
-        self._ears: list[Ear] = []
+        self._subscriptions: list[Subscription] = []
 
     @property
     def logs(self) -> list[Path]:
-        """What was recorded, oldest first."""
+        """The recorded logs, oldest first."""
         return sorted((self.folder / "state" / "logs").glob("*"))
 
     def flight(self) -> EndlessFlight:
-        """What the first simulated camera sees."""
+        """The flight of the first simulated camera."""
         return flight_of(load_config(self.config))
 
     def start(self) -> None:
-        """Starts the service; it may not be ready yet."""
-        with (self.folder / "said.txt").open("a") as said:
+        """Starts the service without waiting until it is ready."""
+        with (self.folder / "output.txt").open("a") as output:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "companion", "run", "-c", str(self.config)],
-                cwd=ROOT, env=self.environment, stdout=said, stderr=said, text=True,
+                cwd=ROOT, env=self.environment, stdout=output, stderr=output, text=True,
             )  # fmt: skip
 
-    def said(self) -> str:
-        """What it wrote."""
-        return (self.folder / "said.txt").read_text()
+    def output(self) -> str:
+        """What the service printed."""
+        return (self.folder / "output.txt").read_text()
 
-    def command(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """Another command beside it."""
+    def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Runs another command with the same environment."""
         return subprocess.run(
-            [sys.executable, "-m", "companion", *words], cwd=ROOT, env=self.environment, capture_output=True, text=True,
+            [sys.executable, "-m", "companion", *arguments], cwd=ROOT, env=self.environment, capture_output=True, text=True,
             check=False, timeout=PATIENCE_S,
         )  # fmt: skip
 
-    def ear(self, stream: str, kind: type[Any]) -> Ear:
-        """A subscriber."""
-        ear = Ear(f"ipc://{self.folder}/run/{stream}", kind)
-        self._ears.append(ear)
-        return ear
+    def subscribe(self, stream: str, kind: type[Any]) -> Subscription:
+        """A subscriber of a stream."""
+        subscription = Subscription(f"ipc://{self.folder}/run/{stream}", kind)
+        self._subscriptions.append(subscription)
+        return subscription
 
     def stop(self, number: int = signal.SIGTERM, seconds: float = 15.0) -> int:
-        """Ends it; its status."""
+        """Sends a signal and waits for the end; returns the exit status."""
         assert self.process is not None
         self.process.send_signal(number)
         return self.process.wait(seconds)
 
+    def kill(self) -> None:
+        """Ends the service with SIGKILL, and waits until its camera processes have ended."""
+        cameras = self.camera_pids().values()
+        self.stop(signal.SIGKILL)
+        assert until(lambda: not any(_exists(pid) for pid in cameras))
+
     def close(self) -> None:
         """Ends all remaining processes, including camera processes."""
-        for ear in self._ears:
-            ear.close()
+        for subscription in self._subscriptions:
+            subscription.close()
         if self.process is None:
             return
-        theirs = self.camera_pids()
+        cameras = self.camera_pids()
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
-        for pid in theirs.values():
+        for pid in cameras.values():
             if _exists(pid):
                 os.kill(pid, signal.SIGKILL)
 
     def camera_pids(self) -> dict[str, int]:
-        """Camera -> process."""
+        """Name of each camera -> id of its process."""
         found: dict[str, int] = {}
         for entry in Path("/proc").iterdir():
             try:
                 parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]) if entry.name.isdigit() else 0
-                words = (entry / "cmdline").read_bytes().split(b"\0") if parent else []
+                arguments = (entry / "cmdline").read_bytes().split(b"\0") if parent else []
             except (OSError, IndexError):
                 continue  # it has just ended
-            if self.process is not None and parent == self.process.pid and b"companion.cameras.worker" in words:
-                name = words[-2].split(b'"name": "')[1].split(b'"')[0]
+            if self.process is not None and parent == self.process.pid and b"companion.cameras.worker" in arguments:
+                name = arguments[-2].split(b'"name": "')[1].split(b'"')[0]
                 found[name.decode()] = int(entry.name)
         return found
 
     def memory_bytes(self) -> int:
-        """Resident memory of the service."""
+        """Resident memory of the service, without the cameras."""
         assert self.process is not None
         return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
@@ -201,7 +210,7 @@ def _exists(pid: int) -> bool:
 
 @contextmanager
 def flown(live: Live, kind: str = PX4, faults: Faults | None = None) -> Iterator[AutopilotLink]:
-    """An autopilot on the service's UDP port, flying what its cameras see."""
+    """A simulated autopilot on the service's UDP port, with the motion of the simulated camera."""
     autopilot = simulated(live.flight(), kind)
     autopilot.profile.boot_at_ns = time.monotonic_ns() - 30 * NS
     with AutopilotLink(autopilot, UdpEnd("127.0.0.1", live.port), faults) as line:
@@ -209,21 +218,21 @@ def flown(live: Live, kind: str = PX4, faults: Faults | None = None) -> Iterator
 
 
 def attitude_error_deg(message: pb.PrismsFrame, flight: EndlessFlight) -> float:
-    """Between the attitude a frame was levelled with and the true one at its exposure."""
+    """Angle between the attitude that a frame was levelled with and the true one at its exposure."""
     q = message.attitude.q_ned_frd
     turn = rotation_from_quaternion((q.w, q.x, q.y, q.z)).T @ flight.state(message.t_exposure_ns).R_ned_frd
     return float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
 
 
-def sent_hz(said: list[Any]) -> float:
-    """Messages a second of one stream, by their numbers and the instants of their sending, which are in them: what the
-    service did, whatever this process was kept from hearing."""
-    first, last = (m.publication for m in (said[0], said[-1]))
-    dt_ns = said[-1].t_exposure_ns + last.age_ns - said[0].t_exposure_ns - first.age_ns
+def sent_hz(messages: list[Any]) -> float:
+    """Rate of one stream at the sender, in Hz, from the numbers and times of sending in the messages: it does not depend on
+    when this process received them."""
+    first, last = (m.publication for m in (messages[0], messages[-1]))
+    dt_ns = messages[-1].t_exposure_ns + last.age_ns - messages[0].t_exposure_ns - first.age_ns
     return (last.number - first.number) * NS / dt_ns
 
 
-def longest_silence_s(ear: Ear, since_ns: int, camera: str = "front") -> float:
-    """Longest time without any word of a camera."""
-    heard = [at for at, m in list(ear.heard) if at >= since_ns and m.camera == camera]
-    return max((b - a for a, b in pairwise(heard)), default=10**12) / NS
+def longest_silence_s(subscription: Subscription, since_ns: int, camera: str = "front") -> float:
+    """Longest time between two messages of a camera, in seconds."""
+    received = [at for at, m in list(subscription.received) if at >= since_ns and m.camera == camera]
+    return max((b - a for a, b in pairwise(received)), default=10**12) / NS

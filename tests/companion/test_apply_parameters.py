@@ -1,4 +1,4 @@
-"""`companion doctor --apply`: an autopilot's parameters are written after a list and a yes, disarmed, and never else."""
+"""`companion doctor --apply` writes parameters only to a disarmed autopilot, after the list was confirmed with `yes`."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from companion.autopilot.parameter_advice import AutopilotFacts
 from companion.autopilot.parameter_writer import Change, apply, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config
-from companion.doctor import doctor
+from companion.doctor import autopilot_check, doctor
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 
+from .autopilot_parameters import DEFAULTS, PARAMETERS
 from .live import free_port, until
-from .test_service_avoids import PARAMETERS
 
 pytestmark = pytest.mark.process
 
@@ -46,13 +46,13 @@ GOOD = {
 def flying(
     kind: str, folder: Path, parameters: dict[str, float], **profile: Any
 ) -> Iterator[tuple[AutopilotLink, Path]]:
-    """An autopilot that is not there, and a configuration for it."""
+    """A simulated autopilot and a configuration for it."""
     port, config = free_port(), folder / "doctor.toml"
     config.write_text(
         f'[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n[avoid]\nsend = true\n[publish]\nhealth = ""\n[record]\nrecord = "off"\n'
     )
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, **profile))
-    autopilot.parameters = dict(parameters)
+    autopilot.parameters = DEFAULTS[kind] | parameters
     with AutopilotLink(autopilot, UdpEnd("127.0.0.1", port)) as line:
         yield line, config
 
@@ -62,10 +62,11 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
         monkeypatch.setenv(name, str(tmp_path / name))
     monkeypatch.setattr(doctor, "computer_findings", lambda config: iter(()))
+    monkeypatch.setattr(autopilot_check, "RATE_WINDOW_NS", 0)  # rates are not a subject here
 
 
-def answering(words: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO(words))
+def type_in(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(text))
 
 
 def facts(kind: str, values: dict[str, float]) -> AutopilotFacts:
@@ -80,39 +81,44 @@ def sets(line: AutopilotLink) -> list[Any]:
 def test_with_a_typed_yes_all_is_written_and_read_back(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    answering("yes\n", monkeypatch)
+    type_in("yes\n", monkeypatch)
     with flying(kind, tmp_path, BAD[kind]) as (line, config):
         main(["doctor", "-c", str(config), "--apply", "--patience", "10"])
-        said = capsys.readouterr().out
-        assert line.change(lambda a: dict(a.parameters)) == pytest.approx(GOOD[kind])
+        output = capsys.readouterr().out
+        assert line.change(lambda a: dict(a.parameters)) == pytest.approx(DEFAULTS[kind] | GOOD[kind])
         assert {type(v) for v in line.change(lambda a: list(a.parameters.values()))} <= {int, float}
-    assert said.index("type yes to write them") < said.index("written and read back")
-    assert said.count("written and read back") == len(changes(facts(kind, BAD[kind]), load_config(config)))
-    assert ("PRX1_TYPE: 0 -> 2 (it reads obstacles from MAVLink; restart the autopilot afterwards)" in said) == (
+    assert output.index("type yes to write them") < output.index("written and read back")
+    assert output.count("written and read back") == len(changes(facts(kind, BAD[kind]), load_config(config)))
+    assert ("PRX1_TYPE: 0 -> 2 (it reads obstacles from MAVLink; restart the autopilot afterwards)" in output) == (
         kind == ARDUPILOT
     )
-    assert ("CP_GO_NO_DATA: 1 -> 0" in said) == (kind == PX4)
-    assert "will not brake" not in said  # what is found then is found of the new values
+    assert ("CP_GO_NO_DATA: 1 -> 0" in output) == (kind == PX4)
+    assert "will not brake" not in output  # what is found then is found of the new values
 
 
-@pytest.mark.parametrize("answer", ["no\n", "", "y\n"])
-def test_without_the_word_yes_nothing_is_written(
-    answer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("answer", "confirmed"), [("yes\n", True), ("no\n", False), ("", False), ("y\n", False)])
+def test_only_a_typed_yes_confirms(answer: str, confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    type_in(answer, monkeypatch)
+    assert doctor._confirmed([]) is confirmed
+
+
+def test_without_confirmation_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    answering(answer, monkeypatch)
+    type_in("y\n", monkeypatch)
     with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
         assert main(["doctor", "-c", str(config), "--apply", "--patience", "6"]) == 1
         assert sets(line) == []
     assert "nothing is written: without a yes" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("words", [[], ["--json"]])
+@pytest.mark.parametrize("options", [[], ["--json"]])
 def test_without_apply_nothing_is_written(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    answering("yes\n", monkeypatch)
+    type_in("yes\n", monkeypatch)
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
-        assert main(["doctor", "-c", str(config), "--patience", "6", *words]) == 1
+        assert main(["doctor", "-c", str(config), "--patience", "6", *options]) == 1
         assert sets(line) == []
     assert "will not brake" in capsys.readouterr().out
 
@@ -124,57 +130,57 @@ def test_only_one_file_can_write_a_parameter() -> None:
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
-def test_to_an_armed_vehicle_nothing_is_written(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_written_to_an_armed_vehicle(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with flying(kind, tmp_path, BAD[kind], armed=True) as (line, config):
         assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "6"]) == 1
         assert sets(line) == []
-    (said,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "apply"]
-    assert "ARMED" in said["text"]
+    (finding,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "apply"]
+    assert "ARMED" in finding["text"]
 
 
 def steps(config: Path, agreed: Callable[[list[Change]], bool], patience_s: float = 10.0) -> list[tuple[bool, str]]:
     return list(apply(load_config(config), patience_s, agreed))
 
 
-def test_a_vehicle_that_is_armed_while_somebody_reads_the_list_is_left_alone(tmp_path: Path) -> None:
+def test_nothing_is_written_when_the_vehicle_is_armed_before_the_confirmation(tmp_path: Path) -> None:
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
 
         def armed_meanwhile(wanted: list[Change]) -> bool:
             line.change(lambda a: setattr(a.profile, "armed", True))
             seen = len(line.change(lambda a: a.of_kind("HEARTBEAT")))
-            # ours comes once a second, as its own does
+            # the companion and the autopilot each send a heartbeat once a second
             assert until(lambda: len(line.change(lambda a: a.of_kind("HEARTBEAT"))) > seen + 1)
             return True
 
-        said = steps(config, armed_meanwhile)
+        results = steps(config, armed_meanwhile)
         assert sets(line) == []
-        assert said
-        assert all(not good and "ARMED" in words for good, words in said)
+        assert results
+        assert all(not good and "ARMED" in text for good, text in results)
 
 
-def test_what_is_not_taken_is_named_and_the_rest_goes_on(tmp_path: Path) -> None:
+def test_a_rejected_parameter_is_reported_and_the_others_are_written(tmp_path: Path) -> None:
     with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
         line.change(lambda a: a.stubborn.add("PRX1_TYPE"))
-        said = steps(config, lambda wanted: True)
+        results = steps(config, lambda wanted: True)
         assert line.change(lambda a: a.parameters["AVOID_ENABLE"]) == 3
-    assert [words for good, words in said if not good] == [
+    assert [text for good, text in results if not good] == [
         "PRX1_TYPE: it still reports 0: written 3 times and not accepted; set it from the ground station"
     ]
 
 
-def test_a_line_on_which_two_speak_is_not_written_to(tmp_path: Path) -> None:
+def test_nothing_is_written_on_a_link_with_two_autopilots(tmp_path: Path) -> None:
     with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
         port = load_config(config).autopilot.address.rsplit(":", 1)[1]
         forger = SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=1))
         with AutopilotLink(forger, UdpEnd("127.0.0.1", int(port))):
-            said = steps(config, lambda wanted: True, 5.0)
+            results = steps(config, lambda wanted: True, 5.0)
         assert sets(line) == []
         assert forger.of_kind("PARAM_SET") == []
-    assert len(said) == 1
-    assert "contradict each other" in said[0][1]
+    assert len(results) == 1
+    assert "contradict each other" in results[0][1]
 
 
-def test_good_parameters_are_left_alone(tmp_path: Path) -> None:
+def test_good_parameters_are_not_changed(tmp_path: Path) -> None:
     for kind, good in (*PARAMETERS.items(), *GOOD.items()):
         assert changes(facts(kind, good), Config()) == []
         assert changes(facts(kind, {}), Config()) == []  # an unknown value is not reported as wrong
@@ -183,17 +189,19 @@ def test_good_parameters_are_left_alone(tmp_path: Path) -> None:
         assert sets(line) == []
 
 
-def test_a_pending_restart_is_never_as_it_should_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """After writing PRX1_TYPE, and in each later run until the autopilot was restarted."""
+def test_a_pending_restart_is_reported_until_the_autopilot_was_restarted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the run that wrote PRX1_TYPE and by each later one."""
     bad = GOOD[ARDUPILOT] | {"PRX1_TYPE": 0}
     with flying(ARDUPILOT, tmp_path, bad, proximity_started=False) as (line, config):
         assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "8"]) == 1
         found = json.loads(capsys.readouterr().out)["findings"]
         assert [f["part"] for f in found if "restart the autopilot:" in f["text"]] == ["apply", "parameters"]
         assert main(["doctor", "-c", str(config), "--patience", "8"]) == 1
-        said = capsys.readouterr().out
-        assert "restart the autopilot" in said
-        assert "as it should be" not in said
+        output = capsys.readouterr().out
+        assert "restart the autopilot" in output
+        assert "as it should be" not in output
         line.change(lambda a: setattr(a.profile, "proximity_started", True))
         main(["doctor", "-c", str(config), "--patience", "8"])
         assert "restart the autopilot" not in capsys.readouterr().out
@@ -211,13 +219,13 @@ def test_without_an_autopilot_or_beside_the_service_nothing_is_written(
     assert "stop it first" in capsys.readouterr().out
 
 
-def test_options_that_do_not_go_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_that_exclude_each_other_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--yes"]) == 1
     assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--apply", "--json"]) == 1
     assert "add --yes" in capsys.readouterr().err
 
 
-def test_px4_gets_whole_numbers_as_bytes(tmp_path: Path) -> None:
+def test_px4_receives_integers_as_the_bytes_of_a_float(tmp_path: Path) -> None:
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
         assert all(good for good, _ in steps(config, lambda wanted: True))
         kinds = {m.param_id: (m.param_type, m.param_value) for m in sets(line)}

@@ -40,7 +40,7 @@ def asked(reader: ParameterReader, autopilot: SimulatedAutopilot, begin_ns: int,
             reader.take(message, now_ns)
 
 
-def tell(reader: ParameterReader, name: str, value: float, now_ns: int) -> None:
+def receive(reader: ParameterReader, name: str, value: float, now_ns: int) -> None:
     reader.take(dialect.MAVLink_param_value_message(name.encode(), value, 9, 1, 0), now_ns)
 
 
@@ -84,7 +84,7 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
 
 
 @pytest.mark.parametrize(
-    ("kind", "values", "word"),
+    ("kind", "values", "text"),
     [
         (PX4, {"CP_DIST": -1.0}, "will not brake: CP_DIST = -1"),
         (PX4, {"CP_DIST": 12.0}, "never fly on"),
@@ -106,24 +106,24 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (ARDUPILOT, {"OA_TYPE": 1.0}, "when blind round the wall"),
     ],
 )
-def test_what_keeps_the_vehicle_from_braking_is_reported(kind: str, values: dict[str, float], word: str) -> None:
-    said = advice(AutopilotFacts(kind=kind, values=values, version=FirmwareVersion(1, 16)), AVOID)
-    assert len(said) == 1
-    assert word in said[0]
+def test_what_keeps_the_vehicle_from_braking_is_reported(kind: str, values: dict[str, float], text: str) -> None:
+    lines = advice(AutopilotFacts(kind=kind, values=values, version=FirmwareVersion(1, 16)), AVOID)
+    assert len(lines) == 1
+    assert text in lines[0]
 
 
 def test_a_delay_shorter_than_what_was_measured_is_reported_with_the_one_to_set() -> None:
     measured = (LatencyStage.EXPOSURE_TO_AUTOPILOT, 120.0, 190.0, 231.0)
     assert delay_advice(AutopilotFacts(kind=PX4, values={"CP_DELAY": 0.25}), measured) == []
     late = AutopilotFacts(kind=PX4, values={"CP_DELAY": 0.2})
-    (said,) = delay_advice(late, measured)
-    assert "older than 0.23 s" in said
-    assert said.endswith("set CP_DELAY to 0.3")
+    (lines,) = delay_advice(late, measured)
+    assert "older than 0.23 s" in lines
+    assert lines.endswith("set CP_DELAY to 0.3")
     assert delay_advice(late, None) == delay_advice(AutopilotFacts(kind=PX4), measured) == []
     assert delay_advice(AutopilotFacts(kind=ARDUPILOT, values={"CP_DELAY": 0.2}), measured) == []
 
 
-def test_nothing_is_said_of_good_parameters() -> None:
+def test_good_parameters_are_not_reported() -> None:
     px4 = {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0}
     assert advice(AutopilotFacts(kind=PX4, values=px4, version=FirmwareVersion(1, 16)), AVOID) == []
     good = {
@@ -147,8 +147,8 @@ def test_a_value_that_is_no_number_is_no_value(value: float) -> None:
     reader.begin(ARDUPILOT)
     reader.due(NS, 1)
     for name in ("AVOID_ENABLE", "AVOID_MARGIN"):
-        tell(reader, name, value, NS)
-        tell(reader, name, value, 3 * NS)
+        receive(reader, name, value, NS)
+        receive(reader, name, value, 3 * NS)
     assert reader.values() == {}
     assert advice(AutopilotFacts(kind=ARDUPILOT, values=reader.values()), AVOID) == []
 
@@ -157,8 +157,8 @@ def test_another_vehicle_has_parameters_of_its_own() -> None:
     reader = ParameterReader()
     reader.begin(ARDUPILOT, 1)
     reader.due(NS, 1)
-    tell(reader, "AVOID_MARGIN", 5.0, NS)
-    tell(reader, "AVOID_MARGIN", 5.0, 3 * NS)
+    receive(reader, "AVOID_MARGIN", 5.0, NS)
+    receive(reader, "AVOID_MARGIN", 5.0, 3 * NS)
     reader.begin(ARDUPILOT, 1)
     assert reader.value("AVOID_MARGIN") == 5.0
     reader.begin(ARDUPILOT, 2)
@@ -179,13 +179,13 @@ def test_a_forged_value_beside_the_true_one_never_moves_the_wall(forged: float, 
         assert reader.value("AVOID_MARGIN") == 2.5
     for step in range(600):  # a minute of forged values, ten a second
         now_ns = 4 * NS + step * NS // 10
-        tell(reader, "AVOID_MARGIN", forged, now_ns)
+        receive(reader, "AVOID_MARGIN", forged, now_ns)
         for message in answers(autopilot, reader.due(now_ns, 1), now_ns):
             reader.take(message, now_ns)
         assert reader.value("AVOID_MARGIN") == (None if first else 2.5)
-    (said,) = reader.contradictions(64 * NS)
-    assert "another sender uses the autopilot's ids" in said
-    assert ("neither is used" in said) == first
+    (lines,) = reader.contradictions(64 * NS)
+    assert "another sender uses the autopilot's ids" in lines
+    assert ("neither is used" in lines) == first
     assert reader.settled
     asked(reader, autopilot, 65 * NS, 40.0)
     assert reader.value("AVOID_MARGIN") == 2.5
@@ -220,22 +220,22 @@ def echoed(kind: str, deaf: bool, seconds: float, values: np.ndarray, own: np.nd
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("at", [0, 20, 70])
-def test_an_autopilot_that_takes_our_obstacles_is_believed(kind: str, at: int) -> None:
+def test_an_autopilot_that_uses_the_obstacles_is_not_reported(kind: str, at: int) -> None:
     check = echoed(kind, False, 12.0, scene(400, at))
     assert check.trouble(kind, NS + 12 * NS) == ""
 
 
-@pytest.mark.parametrize(("kind", "word"), [(PX4, "CP_DIST"), (ARDUPILOT, "PRX1_TYPE")])
-def test_one_that_does_not_is_reported_with_the_likely_cause(kind: str, word: str) -> None:
+@pytest.mark.parametrize(("kind", "text"), [(PX4, "CP_DIST"), (ARDUPILOT, "PRX1_TYPE")])
+def test_one_that_does_not_is_reported_with_the_likely_cause(kind: str, text: str) -> None:
     check = echoed(kind, True, 8.0, scene(400))
-    assert word in check.trouble(kind, NS + 8 * NS)
+    assert text in check.trouble(kind, NS + 8 * NS)
     assert echoed(kind, True, 3.0, scene(400)).trouble(kind, 4 * NS) == ""  # patience
     assert echoed(kind, True, 20.0, scene(None)).trouble(kind, 21 * NS) == ""  # nothing was there to be sent back
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("deaf", [True, False])
-def test_obstacles_that_come_and_go_are_judged_too(kind: str, deaf: bool) -> None:
+def test_intermittent_obstacles_are_checked_too(kind: str, deaf: bool) -> None:
     """Two seconds with an obstacle, one without."""
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, streams={330: 2.0} if kind == PX4 else {132: 2.0}))
     autopilot.deaf = deaf
@@ -259,7 +259,7 @@ def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "values", "signing", "mavlink_1", "word"),
+    ("kind", "values", "signing", "mavlink_1", "text"),
     [
         (PX4, {"CP_DIST": -1.0}, "", False, "CP_DIST = -1 switches collision prevention off"),
         (ARDUPILOT, {"PRX1_TYPE": 0.0}, "", False, "PRX1_TYPE = 0; set it to 2"),
@@ -271,14 +271,14 @@ def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     ],
 )
 def test_the_likely_cause_is_the_one_that_is_known(
-    kind: str, values: dict[str, float], signing: str, mavlink_1: bool, word: str
+    kind: str, values: dict[str, float], signing: str, mavlink_1: bool, text: str
 ) -> None:
     vehicle = Vehicle(1, kind, 2, True, PX4_POSITION_MODE << 16, 0, mavlink_1)
-    said = echoed(kind, True, 8.0, scene(400)).trouble(
+    lines = echoed(kind, True, 8.0, scene(400)).trouble(
         kind, NS + 8 * NS, likely_cause(vehicle, AutopilotFacts(kind=kind, values=values), signing)
     )
-    assert said.startswith("the autopilot does not use our obstacles: ")
-    assert word in said
+    assert lines.startswith("the autopilot does not use our obstacles: ")
+    assert text in lines
 
 
 def test_px4_sends_its_map_in_position_mode_alone() -> None:
@@ -297,15 +297,15 @@ def test_px4_sends_its_map_in_position_mode_alone() -> None:
 
 def test_one_text_for_a_change_and_never_a_stream() -> None:
     texts = StatusTexts()
-    said = []
+    lines = []
     for tenth in range(600):  # blind every other tenth of a second for half a minute, then for good
         blind = (tenth < 300 and tenth % 2 == 0) or tenth >= 300
         message = texts.due({"front": "silent: no notification of its process" if blind else ""}, NS + tenth * NS // 10)
         if message is not None:
-            said.append((tenth, message.severity, message.text))
-    assert 1 <= len(said) <= 16
-    assert said[-1][2].startswith("OA: front blind: silent")
-    assert all(b[0] - a[0] >= 20 for a, b in itertools.pairwise(said))
+            lines.append((tenth, message.severity, message.text))
+    assert 1 <= len(lines) <= 16
+    assert lines[-1][2].startswith("OA: front blind: silent")
+    assert all(b[0] - a[0] >= 20 for a, b in itertools.pairwise(lines))
 
 
 @pytest.mark.parametrize("camera", ["front", "downward_left"])

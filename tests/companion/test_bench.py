@@ -64,9 +64,9 @@ def warm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_command_prints_a_table_and_a_verdict(warm: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--frames", "10", "--size", "160x120"]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("From a depth image of 160x120 pixels to planes")
-    for words in (
+    output = capsys.readouterr().out
+    assert output.startswith("From a depth image of 160x120 pixels to planes")
+    for part in (
         "street (buildings",
         "trees (foliage",
         "  merge ",
@@ -75,7 +75,7 @@ def test_the_command_prints_a_table_and_a_verdict(warm: None, capsys: pytest.Cap
         "numba ",
         "12 Hz needs",
     ):
-        assert words in said
+        assert part in output
 
 
 def test_json_holds_every_figure(warm: None, capsys: pytest.CaptureFixture[str]) -> None:
@@ -105,7 +105,7 @@ def test_kernels_that_cannot_be_made_ready_are_reported(
 
 
 @pytest.mark.parametrize(
-    ("words", "printed"),
+    ("arguments", "printed"),
     [
         (["--size", "640"], "such as 640x480"),
         (["--size", "16x9000"], "64..4096"),
@@ -114,8 +114,8 @@ def test_kernels_that_cannot_be_made_ready_are_reported(
         (["--hz", "0"], "expected 0.1..1000"),
     ],
 )
-def test_wrong_use_is_reported(words: list[str], printed: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", *words]) == 2
+def test_wrong_use_is_reported(arguments: list[str], printed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", *arguments]) == 2
     assert printed in capsys.readouterr().err
 
 

@@ -171,7 +171,7 @@ def test_only_sectors_that_blind_cameras_alone_cover_are_filled() -> None:
     assert (unknown[right & ~FRONT] == UNKNOWN).all()
 
 
-def test_clear_is_never_told_where_no_camera_looks() -> None:
+def test_clear_is_never_sent_where_no_camera_looks() -> None:
     everywhere = scan([View(model(free_to_m=13.0), HERE)], AVOID)
     for policy in (STOP, NOT_KNOWN, Policy("brake", 3.02, True)):
         values = BlindPolicy(AVOID).values(sight(everywhere, seeing=FRONT), policy, NS)
@@ -179,7 +179,7 @@ def test_clear_is_never_told_where_no_camera_looks() -> None:
         assert (values[~FRONT] == UNKNOWN).all()
 
 
-def test_a_sector_in_view_that_was_not_seen_clear_stops_ardupilot_unless_told_otherwise() -> None:
+def test_a_sector_in_view_that_was_not_seen_clear_stops_ardupilot_unless_configured_otherwise() -> None:
     """65535 would be clear to it. What was seen free before that is left to it."""
     found = scan([View(model(free_to_m=6.0, view_deg=72.0), HERE)], AVOID)
     assert found.state[0] == SectorState.UNSEEN
@@ -249,7 +249,7 @@ def test_with_contradictory_heartbeats_the_wall_stands_all_around() -> None:
 # ---- recovery ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_blind_camera_is_believed_after_good_frames_in_a_row() -> None:
+def test_a_blind_camera_is_used_again_after_good_frames_in_a_row() -> None:
     recovery = Recovery(("front", "right"), 3)
     believed = []
     for valid in (True, True, False, True, True, True):

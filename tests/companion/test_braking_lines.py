@@ -191,7 +191,7 @@ def test_it_stops_before_the_wall(kind: str, line: str) -> None:
 
 
 @OTHERS
-def test_it_stops_when_the_camera_dies(kind: str, line: str) -> None:
+def test_it_stops_when_the_camera_process_ends(kind: str, line: str) -> None:
     """ArduPilot may settle before the wall of the policy, which moves along: it creeps at most."""
     vehicle = fly(facade(), kind, line, 5.0, stands_beyond_m=7.0, dies_at_m=8.0)
     assert vehicle.fastest_m_s > 1.0
@@ -215,8 +215,8 @@ def test_ardupilot_stops_before_a_wall_of_points_and_receives_the_ground_distanc
         kinds = {m.get_type() for m in sent}
         assert "OBSTACLE_DISTANCE_3D" in kinds
         assert "OBSTACLE_DISTANCE" not in kinds
-        said = companion.avoidance.diagnostics(time.monotonic_ns())
-        assert "obstacles_not_accepted" not in [d.code for d in said]  # its echoes are those of OBSTACLE_DISTANCE
+        found = companion.avoidance.diagnostics(time.monotonic_ns())
+        assert "obstacles_not_accepted" not in [d.code for d in found]  # its echoes are those of OBSTACLE_DISTANCE
         down = [m.current_distance for m in sent if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
         assert down
         assert all(abs(cm - 150) < 25 for cm in down)

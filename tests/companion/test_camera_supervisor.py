@@ -144,13 +144,13 @@ def test_one_that_ran_well_is_started_again_at_once(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize(
-    ("habit", "words"), [("silent:5", "no frame for"), ("hangs:5", "no notification of its process for")]
+    ("habit", "text"), [("silent:5", "no frame for"), ("hangs:5", "no notification of its process for")]
 )
-def test_silence_is_named_and_ends_in_a_new_start(tmp_path: Path, habit: str, words: str) -> None:
+def test_silence_is_named_and_ends_in_a_new_start(tmp_path: Path, habit: str, text: str) -> None:
     with Watched(tmp_path, habit) as w:
         assert w.until(lambda: w.is_(CameraCondition.SILENT))
         assert w.until(lambda: w.supervisor.status.starts >= 2)
-        assert any(words in c for c in w.causes)
+        assert any(text in c for c in w.causes)
         assert "silent for" in w.supervisor.status.last_loss
 
 
@@ -206,11 +206,11 @@ def test_a_static_scene_with_noise_is_not_frozen_and_one_without_is() -> None:
         depth = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
         assert judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth)) == ""
     same = np.full((48, 64), 3000, np.uint16)
-    said = [
+    texts = [
         judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=same))
         for k in range(20, 26)
     ]
-    assert said == ["", "", "", "", "the same image 5 times in a row", "the same image 6 times in a row"]
+    assert texts == ["", "", "", "", "the same image 5 times in a row", "the same image 6 times in a row"]
 
 
 def test_a_description_survives_the_way_between_processes() -> None:

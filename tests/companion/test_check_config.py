@@ -17,8 +17,8 @@ from companion.install.steps import install_paths
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def call(*words: str) -> int:
-    return main(["check-config", *words])
+def call(*arguments: str) -> int:
+    return main(["check-config", *arguments])
 
 
 def test_a_usable_file_is_called_so(capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,8 +123,8 @@ def test_paper_mode_is_refused_by_every_command(tmp_path: Path, capsys: pytest.C
     path = tmp_path / "paper.toml"
     path.write_text('[extractor]\nmode = "paper"\n')
     errors = []
-    for words in (["check-config", str(path)], ["doctor", "-c", str(path)]):
-        assert main(words) == 1
+    for arguments in (["check-config", str(path)], ["doctor", "-c", str(path)]):
+        assert main(arguments) == 1
         errors.append(capsys.readouterr().err)
     command = [sys.executable, "-m", "companion", "run", "-c", str(path)]
     ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)

@@ -52,7 +52,7 @@ def test_a_reset_leaves_no_traceback(port: int, request_bytes: bytes, capfd: pyt
 
 
 def test_another_error_shows_its_trace(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-    def broken(*words: Any) -> Callable[[], None]:
+    def broken(*arguments: Any) -> Callable[[], None]:
         raise RuntimeError("a defect")
 
     monkeypatch.setattr(view_live, "answer", broken)

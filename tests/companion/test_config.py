@@ -96,7 +96,7 @@ def test_all_mistakes_at_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "text"),
     [
         ({"camera": {"name": "x"}}, "[[camera]] with double brackets"),
         ({"extractor": 3}, "expected a section [extractor]"),
@@ -111,18 +111,18 @@ def test_all_mistakes_at_once() -> None:
         ),
     ],
 )
-def test_single_mistakes(content: dict[str, object], words: str) -> None:
-    assert words in problems(content)[0]
+def test_single_mistakes(content: dict[str, object], text: str) -> None:
+    assert text in problems(content)[0]
 
 
 @pytest.mark.parametrize(
-    ("raw", "words"),
+    ("raw", "text"),
     [(b"[extractor\n", "not valid TOML"), (b"\xff\xfe\x00", "UTF-8"), (b"[sync]\nmax_gap_s = .1\n", "line 2")],
 )
-def test_unreadable_files(tmp_path: Path, raw: bytes, words: str) -> None:
+def test_unreadable_files(tmp_path: Path, raw: bytes, text: str) -> None:
     path = tmp_path / "bad.toml"
     path.write_bytes(raw)
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=text):
         load_config(path)
 
 
@@ -154,7 +154,7 @@ def test_any_values_in_range_survive_the_log(data: st.DataObject) -> None:
     assert config_from_text(config_text(config)) == config
 
 
-def test_a_camera_section_changes_only_what_it_says() -> None:
+def test_a_camera_section_changes_only_the_keys_it_has() -> None:
     recorded = CameraInfo("front", INFO.intrinsics, CameraMount(pitch_rad=0.3, x_m=0.2), 0.4, 12.0, 0.002)
     config = config_of({"camera": [{"name": "front", "roll_deg": 90, "max_range_m": 8}]}, "x")
     info = config.camera("front").applied_to(recorded)

@@ -74,7 +74,7 @@ def test_a_tiny_one_needs_a_third_frame() -> None:
 
 
 @pytest.mark.parametrize("apart_m", [0.25, 0.28])
-def test_close_to_the_vehicle_two_places_are_told_apart(apart_m: float) -> None:
+def test_close_to_the_vehicle_two_places_are_distinguished(apart_m: float) -> None:
     chain = seeing()
     for n in range(6):
         one_frame(chain, pole(0.6 + apart_m * (n % 2), 3) if n < 2 else CLEAR)

@@ -50,10 +50,10 @@ def frame(sequence: int, camera: str = "front") -> DepthFrame:
 
 
 def listener(context: Context, address: str) -> zmq.Socket[bytes]:
-    ear = context.socket(zmq.SUB)
-    ear.connect(address)
-    ear.setsockopt(zmq.SUBSCRIBE, b"")
-    return ear
+    subscriber = context.socket(zmq.SUB)
+    subscriber.connect(address)
+    subscriber.setsockopt(zmq.SUBSCRIBE, b"")
+    return subscriber
 
 
 @pytest.mark.parametrize(
@@ -83,14 +83,14 @@ def test_nothing_is_made_without_a_listener_and_again_when_it_has_gone(
     for k in range(3):
         previews.show(frame(k, f"camera {k}"))
     assert not until(lambda: previews.sent, 0.1)
-    ear = listener(context, address)
+    subscriber = listener(context, address)
 
     def shown() -> bool:
         previews.show(frame(7, f"camera {time.monotonic_ns()}"))
         return previews.sent > 0
 
     assert until(shown)
-    ear.close(0)
+    subscriber.close(0)
 
     def quiet() -> bool:
         before = previews.sent
@@ -103,7 +103,7 @@ def test_nothing_is_made_without_a_listener_and_again_when_it_has_gone(
 def test_a_listener_gets_each_camera_no_more_often_than_asked(
     context: Context, address: str, previews: DepthPreviews
 ) -> None:
-    ear = listener(context, address)
+    subscriber = listener(context, address)
 
     def all_shown() -> bool:
         for camera in ("front", "rear"):
@@ -115,8 +115,8 @@ def test_a_listener_gets_each_camera_no_more_often_than_asked(
         previews.show(frame(k))
     assert previews.sent == 2, "the next of each is due after 50 s"
     got = {}
-    while len(got) < 2 and ear.poll(5000):
-        message = pb.DepthPreview.FromString(ear.recv())
+    while len(got) < 2 and subscriber.poll(5000):
+        message = pb.DepthPreview.FromString(subscriber.recv())
         got[message.camera] = message
     assert set(got) == {"front", "rear"}
     preview = got["front"]

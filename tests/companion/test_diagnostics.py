@@ -61,8 +61,8 @@ def test_a_low_rate_of_the_attitude_is_named_after_three_seconds() -> None:
     assert check.check(2.0, 3 * S - 1) == []
     (found,) = check.check(2.0, 3 * S)
     assert found.code == "attitude_rate_low"
-    for words in ("2.0 Hz", "10 Hz", "100 Hz", "SRx_EXTRA1", "MAV_x_RATE"):
-        assert words in found.text
+    for part in ("2.0 Hz", "10 Hz", "100 Hz", "SRx_EXTRA1", "MAV_x_RATE"):
+        assert part in found.text
 
 
 def test_a_rate_that_rises_or_ends_is_not_low() -> None:
@@ -103,8 +103,8 @@ def test_ground_never_seen_is_named() -> None:
     feed(check, 1, frame(0.9, seen=False))
     (found,) = check.check()
     assert (found.code, found.camera) == ("ground_never_seen", "front")
-    for words in ("pitch_deg", "roll_deg", "90 or 180 degrees", "attitude"):
-        assert words in found.text
+    for part in ("pitch_deg", "roll_deg", "90 or 180 degrees", "attitude"):
+        assert part in found.text
     feed(check, 1, frame(0.3, seen=True))
     assert check.check() == []
 

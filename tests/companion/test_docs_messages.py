@@ -23,8 +23,8 @@ def test_the_table_is_the_table():
 
 @pytest.mark.parametrize("name", sorted(set(pb.DESCRIPTOR.message_types_by_name) - {"Vector3", "Quaternion"}))
 def test_every_field_is_documented(name):
-    words = set(re.findall(r"`(?:\w+\.)?(\w+)`", TEXT))
-    missing = [f for f in pb.DESCRIPTOR.message_types_by_name[name].fields_by_name if f not in words]
+    names = set(re.findall(r"`(?:\w+\.)?(\w+)`", TEXT))
+    missing = [f for f in pb.DESCRIPTOR.message_types_by_name[name].fields_by_name if f not in names]
     assert missing == []
 
 

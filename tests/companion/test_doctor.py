@@ -21,8 +21,8 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
+from .autopilot_parameters import PARAMETERS
 from .live import PATIENCE_S, Live, flown, free_port
-from .test_service_avoids import PARAMETERS
 
 pytestmark = pytest.mark.process
 
@@ -59,23 +59,23 @@ def line(live: Live, request: pytest.FixtureRequest) -> Iterator[AutopilotLink]:
         yield line
 
 
-def looked(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "20") -> tuple[int, dict[str, dict]]:
+def examined(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "20") -> tuple[int, dict[str, dict]]:
     """(status, part -> the worst finding of it)."""
     status = main(["doctor", "-c", str(live.config), "--json", "--patience", patience])
-    said = json.loads(capsys.readouterr().out)
-    assert said["ok"] == (status == 0)
+    findings = json.loads(capsys.readouterr().out)
+    assert findings["ok"] == (status == 0)
     worst: dict[str, dict] = {}
-    for finding in said["findings"]:
+    for finding in findings["findings"]:
         if finding["part"] not in worst or not finding["ok"]:
             worst[finding["part"]] = finding
     return status, worst
 
 
-def test_all_is_well(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]) -> None:
-    status, said = looked(live, capsys)
-    assert status == 0, said
-    assert said["camera front"]["text"].startswith("160x120, ")
-    assert line.autopilot.profile.kind in said["autopilot"]["text"]
+def test_no_fault_is_found(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]) -> None:
+    status, findings = examined(live, capsys)
+    assert status == 0, findings
+    assert findings["camera front"]["text"].startswith("160x120, ")
+    assert line.autopilot.profile.kind in findings["autopilot"]["text"]
     parts = {
         "safety keys",
         "expert keys",
@@ -89,7 +89,7 @@ def test_all_is_well(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixt
         "log",
         "kernels",
     }
-    assert set(said) == parts
+    assert set(findings) == parts
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
 
 
@@ -101,11 +101,11 @@ def test_what_keeps_it_from_braking_is_reported(
     heading = {"MPC_YAW_MODE": 1, "RTL_HDG_MD": 0} if px4 else {"WP_YAW_BEHAVIOR": 0}
     line.change(lambda a: a.parameters.update(bad | heading))
     live.config.write_text(live.config.read_text() + "[guard]\nenabled = true\n")
-    status, said = looked(live, capsys)
+    status, findings = examined(live, capsys)
     assert status == 1
-    assert next(iter(bad)) in said["parameters"]["text"]
-    assert next(iter(heading)) in said["guard"]["text"]
-    assert "set it to" in said["guard"]["text"]
+    assert next(iter(bad)) in findings["parameters"]["text"]
+    assert next(iter(heading)) in findings["guard"]["text"]
+    assert "set it to" in findings["guard"]["text"]
 
 
 def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(
@@ -114,19 +114,21 @@ def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(
     live.cable.unlink()
     live.config.write_text(live.config.read_text().split("[autopilot]")[0])
     monkeypatch.setattr(computer_check, "COMPILED_S", 0.0)
-    status, said = looked(live, capsys, "60")
+    status, findings = examined(live, capsys, "60")
     assert status == 1
-    assert "unplugged" in said["camera front"]["text"]
-    assert "set [autopilot] address" in said["autopilot"]["text"]
-    assert "companion warmup" in said["kernels"]["text"]
-    assert said["log"]["ok"]
+    assert "unplugged" in findings["camera front"]["text"]
+    assert "set [autopilot] address" in findings["autopilot"]["text"]
+    assert "companion warmup" in findings["kernels"]["text"]
+    assert findings["log"]["ok"]
 
 
 def test_an_autopilot_that_is_not_there_is_named(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
     live.config.write_text("[autopilot]" + live.config.read_text().split("[autopilot]")[1])
-    status, said = looked(live, capsys, "1")
+    status, findings = examined(live, capsys, "1")
     assert status == 1
-    assert f"no heartbeat on udpin:127.0.0.1:{live.port}: check that the autopilot is on" in said["autopilot"]["text"]
+    assert (
+        f"no heartbeat on udpin:127.0.0.1:{live.port}: check that the autopilot is on" in findings["autopilot"]["text"]
+    )
 
 
 def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
@@ -136,11 +138,11 @@ def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
         f'[autopilot]\naddress = "serial:/dev/serial/by-id/none-{free_port()}:921600"\n[record]\nfolder = "/logs"\n'
     )
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    status, said = looked(live, capsys, "1")
+    status, findings = examined(live, capsys, "1")
     assert status == 1
-    assert "the link is not open" in said["autopilot"]["text"]
-    assert "[record] folder" in said["log"]["text"]
-    assert "[[camera]]" in said["cameras"]["text"]
+    assert "the link is not open" in findings["autopilot"]["text"]
+    assert "[record] folder" in findings["log"]["text"]
+    assert "[[camera]]" in findings["cameras"]["text"]
 
 
 def test_a_full_disk_is_reported(
@@ -148,19 +150,19 @@ def test_a_full_disk_is_reported(
 ) -> None:
     live.config.write_text("[record]\nleast_free_mb = 100000\n")
     monkeypatch.setattr(computer_check, "free_bytes", lambda folder: 5_000_000)
-    assert "5 MB free" in looked(live, capsys, "1")[1]["log"]["text"]
+    assert "5 MB free" in examined(live, capsys, "1")[1]["log"]["text"]
 
 
 def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
     """The running service reports a missing autopilot after its start; the doctor opens neither its camera nor its link."""
     try:
-        health = live.ear("health", pb.Health)
+        health = live.subscribe("health", pb.Health)
         live.start()
         health.wait(lambda h: True, PATIENCE_S)
-        status, said = looked(live, capsys, str(PATIENCE_S))
+        status, findings = examined(live, capsys, str(PATIENCE_S))
         assert status == 1
-        assert "no heartbeat of an autopilot" in said["service"]["text"]
-        assert set(said) == {"safety keys", "expert keys", "service", "log", "kernels"}
+        assert "no heartbeat of an autopilot" in findings["service"]["text"]
+        assert set(findings) == {"safety keys", "expert keys", "service", "log", "kernels"}
         assert live.stop() == 0
     finally:
         live.close()
@@ -172,22 +174,22 @@ def test_a_service_that_is_there_and_reports_nothing_keeps_its_cameras(
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as held:
         held.bind(str(live.folder / "run" / "health"))
         held.listen()
-        status, said = looked(live, capsys, "0.5")
+        status, findings = examined(live, capsys, "0.5")
         assert status == 1
-        assert "sent no health report within 0.5 s" in said["service"]["text"]
-        assert set(said) == {"safety keys", "expert keys", "service", "log", "kernels"}
+        assert "sent no health report within 0.5 s" in findings["service"]["text"]
+        assert set(findings) == {"safety keys", "expert keys", "service", "log", "kernels"}
     assert not address_in_use(f"ipc://{live.folder}/run/health")
 
     def closed(address: str) -> bool:
         raise PermissionError
 
     monkeypatch.setattr(service_check, "address_in_use", closed)
-    said = looked(live, capsys, "1")[1]
-    assert "may not be read by this user" in said["service"]["text"]
-    assert set(said) == {"safety keys", "expert keys", "service", "log", "kernels"}
+    findings = examined(live, capsys, "1")[1]
+    assert "may not be read by this user" in findings["service"]["text"]
+    assert set(findings) == {"safety keys", "expert keys", "service", "log", "kernels"}
 
 
-def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
+def test_the_doctor_waits_for_a_starting_service_and_uses_its_report(
     live: Live, capsys: pytest.CaptureFixture[str]
 ) -> None:
     live.config.write_text('[record]\nrecord = "off"\n')
@@ -197,19 +199,19 @@ def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
         reports = chain([starting] * 20, repeat(pb.Health(state=pb.Health.STATE_ACTIVE)))
         over = threading.Event()
 
-        def tell() -> None:
+        def send() -> None:
             while not over.wait(0.05):
                 publisher.publish(next(reports))
 
-        builder = threading.Thread(target=tell)
+        builder = threading.Thread(target=send)
         builder.start()
         assert main(["doctor", "-c", str(live.config), "--patience", str(PATIENCE_S)]) == 0
         over.set()
         builder.join()
         publisher.close()
-    said = capsys.readouterr().out
-    assert "ok  service: running: OK" in said
-    assert "no fault found" in said
+    findings = capsys.readouterr().out
+    assert "ok  service: running: OK" in findings
+    assert "no fault found" in findings
 
 
 def test_whether_a_tcp_port_is_held_is_reported_at_once() -> None:
@@ -220,13 +222,13 @@ def test_whether_a_tcp_port_is_held_is_reported_at_once() -> None:
     assert not address_in_use(f"tcp://127.0.0.1:{port}")
 
 
-def test_what_was_found_as_text(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
+def test_findings_as_text(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
     live.config.write_text('[record]\nrecord = "off"\n')
     assert main(["doctor", "-c", str(live.config), "--patience", "1"]) == 1
-    said = capsys.readouterr().out
-    assert "ok  service: not running; its parts are checked by this command" in said
-    assert " !  cameras: none is configured" in said
-    assert "no fault found" not in said
+    findings = capsys.readouterr().out
+    assert "ok  service: not running; its parts are checked by this command" in findings
+    assert " !  cameras: none is configured" in findings
+    assert "no fault found" not in findings
 
 
 def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

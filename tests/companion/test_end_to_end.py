@@ -43,8 +43,8 @@ class Done:
         return found
 
 
-def companion(*words: str | Path, env: dict[str, str] | None = None, cwd: Path | None = None) -> Done:
-    command = [str(COMMAND), *map(str, words)]
+def companion(*arguments: str | Path, env: dict[str, str] | None = None, cwd: Path | None = None) -> Done:
+    command = [str(COMMAND), *map(str, arguments)]
     environment = {**os.environ, **(env or {})}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=cwd)
     return Done(done.returncode, done.stdout, done.stderr)
@@ -150,8 +150,8 @@ def test_view(prisms: Path, tmp_path: Path) -> None:
 def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path) -> None:
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     cut.write_bytes(prisms.read_bytes()[: prisms.stat().st_size * 2 // 3])
-    for words in (("info", cut), ("replay", cut), ("view", cut, "-o", tmp_path / "view", "--no-png")):
-        done = companion(*words, "--json")
+    for arguments in (("info", cut), ("replay", cut), ("view", cut, "-o", tmp_path / "view", "--no-png")):
+        done = companion(*arguments, "--json")
         assert done.status == 1
         assert done.json()
         assert done.err.startswith("companion: error: ")
@@ -169,7 +169,7 @@ def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path
 
 @pytest.mark.process
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         (),
         ("fly",),
@@ -180,8 +180,8 @@ def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path
         ("view", "a.mcap", "-o", "x", "--every", "0"),
     ],
 )
-def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
-    done = companion(*words, cwd=tmp_path)
+def test_wrong_use(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    done = companion(*arguments, cwd=tmp_path)
     assert (done.status, done.out) == (2, "")
     assert "error: " in done.err
     assert "Traceback" not in done.err
@@ -190,7 +190,7 @@ def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
 
 @pytest.mark.process
 @pytest.mark.parametrize(
-    ("words", "cause", "remedy"),
+    ("arguments", "cause", "remedy"),
     [
         (("replay", "absent.mcap"), "absent.mcap: the file does not exist", "check the path"),
         (("info", "text.mcap"), "text.mcap: not an MCAP file", "give a log with the extension .mcap"),
@@ -204,11 +204,11 @@ def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
         (("check-config", "wrong.toml"), "passable_widht_m: no such key", "did you mean passable_width_m?"),
     ],
 )
-def test_failures(words: tuple[str, ...], cause: str, remedy: str, tmp_path: Path) -> None:
+def test_failures(arguments: tuple[str, ...], cause: str, remedy: str, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mcap").write_text("this is no log\n")
     (tmp_path / "wrong.toml").write_text("[extractor]\npassable_widht_m = 2.0\n")
-    done = companion(*words, cwd=tmp_path)
+    done = companion(*arguments, cwd=tmp_path)
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith("companion: error: ")
     assert cause in done.err

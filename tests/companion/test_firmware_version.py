@@ -77,20 +77,20 @@ def test_the_version_decides_which_position_mode_brakes(version: FirmwareVersion
     assert advice(facts, AVOID) == [f"PX4 v{version} will not brake: MPC_POS_MODE = {mode}; set it to {to}"]
     assert written == {"MPC_POS_MODE": float(to)}
     assert mode_of(vehicle, facts)[1] is Effect.WRONG_MODE
-    said = mode_trouble(vehicle, facts)
-    assert len(f"OA: {said.split(':')[0]}") <= MOST_CHARACTERS
-    assert f"set it to {to}" in said
+    text = mode_trouble(vehicle, facts)
+    assert len(f"OA: {text.split(':')[0]}") <= MOST_CHARACTERS
+    assert f"set it to {to}" in text
     assert f"set it to {to}" in likely_cause(vehicle, facts, "")
 
 
 @pytest.mark.parametrize(
-    ("mode", "word"), [(4, "v1.16 or newer"), (0, "v1.15 or older"), (3, "v1.15 or older"), (1, "none of")]
+    ("mode", "part"), [(4, "v1.16 or newer"), (0, "v1.15 or older"), (3, "v1.15 or older"), (1, "none of")]
 )
-def test_of_an_unknown_version_both_are_reported_and_nothing_is_written(mode: int, word: str) -> None:
+def test_of_an_unknown_version_both_are_reported_and_nothing_is_written(mode: int, part: str) -> None:
     facts = AutopilotFacts(kind=PX4, values={"CP_DIST": 3.0, "CP_DELAY": 0.4, "MPC_POS_MODE": float(mode)})
-    (said,) = advice(facts, AVOID)
-    assert "version is not known" in said
-    assert word in said
+    (text,) = advice(facts, AVOID)
+    assert "version is not known" in text
+    assert part in text
     assert changes(facts, Config()) == []
     assert "version is not known" in likely_cause(Vehicle(1, PX4, 2, True, POSITION_MODE, 0), facts, "")
 

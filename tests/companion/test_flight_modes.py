@@ -36,18 +36,18 @@ def vehicle(kind: str, mode: int, armed: bool = True) -> Vehicle:
 
 
 @pytest.mark.parametrize(("kind", "name", "number"), ALL)
-def test_only_modes_known_to_stop_are_said_nothing_of(kind: str, name: str, number: int) -> None:
+def test_all_modes_but_those_known_to_stop_are_reported(kind: str, name: str, number: int) -> None:
     stops = {"LOITER", "BRAKE", "Position", "Hold"}
     for parameters in ({}, {"OA_TYPE": 0.0}, {"OA_TYPE": 1.0}):
         facts = AutopilotFacts(kind=kind, values=parameters)
         assert mode_of(vehicle(kind, number), facts)[0] == name
-        said = mode_trouble(vehicle(kind, number), facts)
-        assert bool(said) == (name not in stops)
+        texts = mode_trouble(vehicle(kind, number), facts)
+        assert bool(texts) == (name not in stops)
         assert mode_trouble(vehicle(kind, number, armed=False), facts) == ""
-        if said:
-            assert said.startswith(name)
-            assert len(f"OA: cleared: {said.split(':')[0]}") <= MOST_CHARACTERS + 6
-            assert "stops" in said  # what to choose instead
+        if texts:
+            assert texts.startswith(name)
+            assert len(f"OA: cleared: {texts.split(':')[0]}") <= MOST_CHARACTERS + 6
+            assert "stops" in texts  # what to choose instead
 
 
 @pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL"])
@@ -89,21 +89,21 @@ def test_what_is_sent_when_blind_is_the_same_in_each_mode(
     assert decided.policy == ("unknown" if kind == "PX4" else "stop")
 
 
-def test_the_mode_is_said_once_and_again_when_it_changes() -> None:
+def test_the_mode_is_reported_once_and_again_when_it_changes() -> None:
     now = [vehicle("ArduPilot", COPTER["AUTO"])]
-    said: list[str] = []
+    texts: list[str] = []
 
     def post(message: object) -> None:
         if isinstance(message, dialect.MAVLink_statustext_message):
-            said.append(message.text)
+            texts.append(message.text)
 
     avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: now[0], post)
     for tenth in range(100):
         avoidance.tick(NS + tenth * NS // 10)
-    assert said == ["OA: AUTO does not brake"]
+    assert texts == ["OA: AUTO does not brake"]
     assert "flight_mode_unprotected" in [d.code for d in avoidance.diagnostics(11 * NS)]
     now[0] = vehicle("ArduPilot", COPTER["LOITER"])
     for tenth in range(100, 200):
         avoidance.tick(NS + tenth * NS // 10)
-    assert said == ["OA: AUTO does not brake", "OA: cleared: AUTO does not brake"]
+    assert texts == ["OA: AUTO does not brake", "OA: cleared: AUTO does not brake"]
     assert "flight_mode_unprotected" not in [d.code for d in avoidance.diagnostics(21 * NS)]

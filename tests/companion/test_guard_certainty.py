@@ -118,7 +118,7 @@ def test_another_vehicle_must_answer_for_itself(other: Vehicle) -> None:
     assert certainty.doubt(other, {}, "", NOW) == "commands are not acknowledged"
 
 
-def test_asks_again_with_growing_waits() -> None:
+def test_requests_are_repeated_with_growing_waits() -> None:
     certainty = Certainty(196)
     asked = [n for n in range(600) if certainty.requests(COPTER, NOW + n * NS // 10)]
     assert asked[:4] == [0, 10, 30, 70]
@@ -166,7 +166,7 @@ def test_answers_to_others_do_not_count() -> None:
         (SpeedCommand(7, 2.5), 178, (1, 2.5, -1)),
     ],
 )
-def test_commands_on_the_wire(output: StopCommand | SpeedCommand, command: int, params: tuple[float, ...]) -> None:
+def test_commands_as_they_are_sent(output: StopCommand | SpeedCommand, command: int, params: tuple[float, ...]) -> None:
     message = message_of(output)
     assert (message.target_system, message.target_component, message.command) == (7, 1, command)
     assert (message.param1, message.param2, message.param3) == params

@@ -64,7 +64,7 @@ class Flight:
     in_air: bool = True
     doubt: str = ""
     verdict: Verdict | None = FREE
-    heard: bool = True
+    connected: bool = True
     heartbeat_ns: int | None = None
     system_status: int = 4
     near_ground: bool = False
@@ -80,7 +80,7 @@ class Flight:
             out += self.machine.step(
                 GuardInput(
                     now_ns=self.now_ns,
-                    vehicle=vehicle if self.heard else None,
+                    vehicle=vehicle if self.connected else None,
                     doubt=self.doubt,
                     in_air=self.in_air,
                     verdict=self.verdict,
@@ -180,7 +180,7 @@ def test_a_pilot_ends_a_stop_that_is_not_confirmed(mode: int) -> None:
     assert f.state is GuardState.INACTIVE
 
 
-def test_a_pilot_who_goes_on_in_the_mission_is_not_fought() -> None:
+def test_a_mission_continued_by_the_pilot_is_not_stopped_again() -> None:
     """BRAKE was taken, and the mission was resumed before the vehicle stood."""
     f = stopping()
     f.mode, f.verdict = COPTER_BRAKE, BLOCKED
@@ -333,7 +333,7 @@ def test_in_loiter_the_pilot_has_the_sticks() -> None:
     assert f.state is GuardState.HOLDING
 
 
-def test_sends_nothing_in_doubt_and_says_so() -> None:
+def test_nothing_is_sent_to_an_ambiguous_target_and_it_is_reported() -> None:
     f = Flight(doubt="two autopilots", verdict=BLOCKED)
     out = f.step(50)
     assert commands(out) == []
@@ -352,23 +352,23 @@ def test_doubt_suspends_the_attempts() -> None:
 
 def test_a_lost_link_keeps_the_state() -> None:
     f = holding()
-    f.heard = False
+    f.connected = False
     f.step(200)
-    f.heard = True
+    f.connected = True
     assert f.step(3) == []
     assert f.state is GuardState.HOLDING
     f = stopping()
-    f.heard = False
+    f.connected = False
     f.step(10)
-    f.heard = True
+    f.connected = True
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
 
 
-def test_after_a_long_gap_an_unconfirmed_stop_is_judged_anew() -> None:
+def test_after_a_long_gap_an_unconfirmed_stop_is_assessed_again() -> None:
     f = stopping()
-    f.heard = False
+    f.connected = False
     f.step(GAP_NS // STEP_NS + 2)
-    f.heard, f.verdict = True, FREE
+    f.connected, f.verdict = True, FREE
     assert commands(f.step(20)) == []
     assert f.state is GuardState.WATCHING
 
@@ -686,7 +686,7 @@ def test_never_commands_in_a_manual_mode_nor_another_vehicle(events: list[tuple[
             asked += out
             for command in commands(out):
                 assert command.system_id == f.system_id
-                assert f.heard
+                assert f.connected
                 assert f.armed
                 assert f.in_air
                 assert not f.doubt
@@ -718,7 +718,7 @@ def test_a_kill_changes_nothing(begin: object, tmp_path: Path) -> None:
     assert bool(commands(out)) == (begin is stopping)
 
 
-def test_after_a_long_restart_an_unconfirmed_stop_is_judged_again(tmp_path: Path) -> None:
+def test_after_a_long_restart_an_unconfirmed_stop_is_assessed_again(tmp_path: Path) -> None:
     f = stopping()
     keep(GuardMemoryFile(tmp_path), f.machine.memory, f.now_ns)
     f.now_ns += 20 * NS

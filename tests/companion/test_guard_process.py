@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -102,7 +101,7 @@ class Guarded:
 
     def go(self) -> None:
         """The mission begins; it flies when the guard is ready."""
-        assert self.comes_to("watching", "limited"), self.live.said()
+        assert self.comes_to("watching", "limited"), self.live.output()
 
         def act(autopilot: SimulatedAutopilot) -> None:
             self.flight.waypoints_m = np.array([[WALL_M + 20.0, 0.0]])
@@ -110,9 +109,7 @@ class Guarded:
         self.line.change(act)
 
     def kill(self) -> None:
-        self.live.stop(signal.SIGKILL)
-        for pid in self.live.camera_pids().values():
-            until(lambda pid=pid: not Path(f"/proc/{pid}").exists(), 5.0)
+        self.live.kill()
 
     def do(self, act: Callable[[], None]) -> None:
         self.line.change(lambda _: act())
@@ -154,7 +151,7 @@ def guarded(folder: Path, renders: Path, kind: str, speed_m_s: float = 1.5, star
 def test_the_vehicle_stops_before_the_wall(tmp_path: Path, renders: Path, kind: str, mode: int) -> None:
     with guarded(tmp_path, renders, kind) as g:
         g.go()
-        assert g.comes_to("holding"), g.live.said()
+        assert g.comes_to("holding"), g.live.output()
         assert g.flight.mode == mode
         assert g.distance_m() > 1.0
         assert {m.target_system for m in g.commands(DO_SET_MODE, DO_CHANGE_SPEED)} == {1}
@@ -165,14 +162,14 @@ def test_the_vehicle_stops_before_the_wall(tmp_path: Path, renders: Path, kind: 
 def test_killed_while_watching_it_stops_the_vehicle_after_the_restart(tmp_path: Path, renders: Path) -> None:
     """The restarted service does not see yet, and the vehicle flies."""
     with guarded(tmp_path, renders, ARDUPILOT, speed_m_s=1.0, start_m=14.0) as g:
-        assert g.comes_to("watching"), g.live.said()
+        assert g.comes_to("watching"), g.live.output()
         g.kill()
         g.do(
             lambda: setattr(g.flight, "waypoints_m", np.array([[-500.0, 0.0]]))
         )  # away from the wall: starts take their time
         assert until(lambda: g.flight.speed_m_s > 0.9)
         g.live.start()
-        assert g.comes_to("holding"), g.live.said()
+        assert g.comes_to("holding"), g.live.output()
         assert g.flight.mode == COPTER_BRAKE
         assert g.flight.position_m[0] < 14.0
 
@@ -181,14 +178,14 @@ def test_killed_while_stopping_and_while_holding_it_goes_on(tmp_path: Path, rend
     with guarded(tmp_path, renders, ARDUPILOT, speed_m_s=1.0, start_m=17.0) as g:
         g.do(lambda: setattr(g.flight, "stubborn", True))
         g.go()
-        assert g.comes_to("stopping"), g.live.said()
+        assert g.comes_to("stopping"), g.live.output()
         g.kill()
         before = len(g.commands(DO_SET_MODE))
         g.do(lambda: setattr(g.flight, "velocity_m_s", np.zeros(2)))
         g.do(lambda: setattr(g.flight, "position_m", np.array([17.0, 0.0])))
         g.do(lambda: setattr(g.flight, "stubborn", False))
         g.live.start()
-        assert g.comes_to("holding"), g.live.said()
+        assert g.comes_to("holding"), g.live.output()
         assert g.flight.mode == COPTER_BRAKE
         assert len(g.commands(DO_SET_MODE)) > before
         # holding
@@ -196,9 +193,9 @@ def test_killed_while_stopping_and_while_holding_it_goes_on(tmp_path: Path, rend
         before = len(g.commands(DO_SET_MODE))
         g.live.start()
         assert until(lambda: len(g.line.autopilot.obstacle_times_ns) > 0)
-        assert until(lambda: "guard" not in g.live.said().splitlines()[-1])
+        assert until(lambda: "guard" not in g.live.output().splitlines()[-1])
         assert g.state() == "holding"
         g.do(lambda: g.flight.enter(COPTER_LOITER))
-        assert g.comes_to("inactive"), g.live.said()
+        assert g.comes_to("inactive"), g.live.output()
         assert len(g.commands(DO_SET_MODE)) == before
         assert until(lambda: any("released" in text for text in g.texts()))

@@ -17,7 +17,7 @@ NO_RETURN = GuardParams(enabled=True, return_home=False)
 RETURN_ALONE = GuardParams(enabled=True, mission=False)
 
 
-def said(kind: str, guard: GuardParams = ON, **values: float) -> str:
+def advice_for(kind: str, guard: GuardParams = ON, **values: float) -> str:
     return "\n".join(heading_advice(AutopilotFacts(kind=kind, values=values), guard))
 
 
@@ -32,13 +32,13 @@ def said(kind: str, guard: GuardParams = ON, **values: float) -> str:
         ("", {"MPC_YAW_MODE": 1.0, "WP_YAW_BEHAVIOR": 0.0}),
     ],
 )
-def test_nothing_is_said_of_what_looks_along_the_path(kind: str, values: dict[str, float]) -> None:
-    assert said(kind, **values) == ""
+def test_a_camera_along_the_path_is_not_reported(kind: str, values: dict[str, float]) -> None:
+    assert advice_for(kind, **values) == ""
 
 
 @pytest.mark.parametrize("mode", [0.0, 1.0, 2.0, 3.0, 5.0, 6.0])
 def test_px4_that_does_not_turn_before_it_flies(mode: float) -> None:
-    text = said(PX4, MPC_YAW_MODE=mode)
+    text = advice_for(PX4, MPC_YAW_MODE=mode)
     assert f"MPC_YAW_MODE = {mode:g}" in text
     assert "set it to 4" in text
 
@@ -46,33 +46,33 @@ def test_px4_that_does_not_turn_before_it_flies(mode: float) -> None:
 @pytest.mark.parametrize("mode", [1.0, 2.0])
 def test_px4_that_returns_with_another_heading(mode: float) -> None:
     """RTL_HDG_MD exists up to PX4 v1.14."""
-    text = said(PX4, MPC_YAW_MODE=4.0, RTL_HDG_MD=mode)
+    text = advice_for(PX4, MPC_YAW_MODE=4.0, RTL_HDG_MD=mode)
     assert f"RTL_HDG_MD = {mode:g}" in text
     assert "set it to 0" in text
-    assert said(PX4, NO_RETURN, MPC_YAW_MODE=4.0, RTL_HDG_MD=mode) == ""
+    assert advice_for(PX4, NO_RETURN, MPC_YAW_MODE=4.0, RTL_HDG_MD=mode) == ""
 
 
 def test_px4_s_yaw_mode_decides_in_a_return_where_no_parameter_of_the_return_exists() -> None:
-    assert "MPC_YAW_MODE = 1" in said(PX4, RETURN_ALONE, MPC_YAW_MODE=1.0)
+    assert "MPC_YAW_MODE = 1" in advice_for(PX4, RETURN_ALONE, MPC_YAW_MODE=1.0)
 
 
 @pytest.mark.parametrize("behaviour", [0.0, 3.0, 7.0])
 def test_arducopter_that_does_not_face_the_next_waypoint(behaviour: float) -> None:
-    text = said(ARDUPILOT, WP_YAW_BEHAVIOR=behaviour)
+    text = advice_for(ARDUPILOT, WP_YAW_BEHAVIOR=behaviour)
     assert f"WP_YAW_BEHAVIOR = {behaviour:g}" in text
     assert "set it to 1" in text
 
 
 def test_arducopter_s_default_is_blind_in_rtl_alone() -> None:
-    text = said(ARDUPILOT, WP_YAW_BEHAVIOR=2.0)
+    text = advice_for(ARDUPILOT, WP_YAW_BEHAVIOR=2.0)
     assert "RTL" in text
     assert "return_home = false" in text
-    assert said(ARDUPILOT, NO_RETURN, WP_YAW_BEHAVIOR=2.0) == ""
+    assert advice_for(ARDUPILOT, NO_RETURN, WP_YAW_BEHAVIOR=2.0) == ""
 
 
-def test_nothing_is_said_while_neither_missions_nor_returns_are_watched() -> None:
+def test_no_advice_while_neither_missions_nor_returns_are_guarded() -> None:
     guided = GuardParams(enabled=True, mission=False, return_home=False)
-    assert said(PX4, guided, MPC_YAW_MODE=1.0) == said(ARDUPILOT, guided, WP_YAW_BEHAVIOR=0.0) == ""
+    assert advice_for(PX4, guided, MPC_YAW_MODE=1.0) == advice_for(ARDUPILOT, guided, WP_YAW_BEHAVIOR=0.0) == ""
 
 
 @pytest.mark.parametrize(

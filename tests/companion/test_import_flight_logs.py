@@ -26,10 +26,10 @@ def _pyulog() -> None:
     pytest.importorskip("pyulog", reason="pyulog is not installed (extra recordings)")
 
 
-def imported(source: Path, *words: str) -> tuple[int, list[Event]]:
+def imported(source: Path, *arguments: str) -> tuple[int, list[Event]]:
     out = source.parent / "out.mcap"
     out.unlink(missing_ok=True)
-    status = main(["import", str(source), "-o", str(out), *words])
+    status = main(["import", str(source), "-o", str(out), *arguments])
     return status, list(events_of(out)) if out.exists() else []
 
 
@@ -83,17 +83,17 @@ def test_a_file_that_is_none(write: Write, name: str, tmp_path: Path, capsys: py
     whole = write(folder / name, 1.0).read_bytes()
     (folder / name).write_bytes(b"hello" + whole)
     assert imported(folder)[0] == 1
-    assert name in (said := capsys.readouterr().err)
-    assert "copy it again" in said
+    assert name in (output := capsys.readouterr().err)
+    assert "copy it again" in output
 
 
 def test_the_rate_of_a_telemetry_radio_is_named_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
     write_ulog(folder / "log.ulg", 3.0, hz=2.0)
     assert imported(folder)[0] == 1
-    said = capsys.readouterr().err
-    assert "the attitude comes at 2.0 Hz: 4 of 20 frames can be used" in said
-    assert ".bin" in said
+    output = capsys.readouterr().err
+    assert "the attitude comes at 2.0 Hz: 4 of 20 frames can be used" in output
+    assert ".bin" in output
 
 
 def test_frames_without_angles_beside_a_tlog_are_right_input(

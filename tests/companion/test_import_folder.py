@@ -20,9 +20,9 @@ from drivers.logs.reader import McapRecording
 from .recordings import HEADING, HEIGHT, WIDTH, depth_image, events_of, frames_of, row, tilt, write_folder
 
 
-def imported(folder: Path, *words: str) -> tuple[int, Path]:
+def imported(folder: Path, *arguments: str) -> tuple[int, Path]:
     out = folder.parent / "out.mcap"
-    return main(["import", str(folder), "-o", str(out), *words]), out
+    return main(["import", str(folder), "-o", str(out), *arguments]), out
 
 
 def test_a_good_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -54,7 +54,7 @@ def test_the_same_folder_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_options_reach_the_log(tmp_path: Path) -> None:
     config = tmp_path / "c.toml"
     config.write_text('[[camera]]\nname = "nose"\npitch_deg = -10\nmax_range_m = 9\n')
-    words = [
+    arguments = [
         "--mount",
         "0,-20,5",
         "--lever-arm",
@@ -66,7 +66,7 @@ def test_options_reach_the_log(tmp_path: Path) -> None:
         "--frame-latency-ms",
         "80",
     ]
-    status, out = imported(write_folder(tmp_path / "rec", 3), "-c", str(config), *words)
+    status, out = imported(write_folder(tmp_path / "rec", 3), "-c", str(config), *arguments)
     assert status == 0
     with McapRecording(out) as recording:
         (info,) = recording.cameras
@@ -82,10 +82,10 @@ def test_json_is_one_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     (folder / "depth" / "000002.png").unlink()
     status, out = imported(folder, "--json")
     captured = capsys.readouterr()
-    said = json.loads(captured.out)
+    summary = json.loads(captured.out)
     assert status == 1
-    assert (said["frames"], said["frames_named"], said["output"]) == (3, 4, str(out))
-    assert "000002.png" in said["problems"][0]
+    assert (summary["frames"], summary["frames_named"], summary["output"]) == (3, 4, str(out))
+    assert "000002.png" in summary["problems"][0]
     assert "3 of 4 frames kept" in captured.err
 
 
@@ -110,7 +110,7 @@ def spoilt(folder: Path, what: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "words"),
+    ("what", "cause"),
     [
         ("8 bit", "8-bit grey, expected 16-bit grey"),
         ("RGB", "16-bit RGB, expected 16-bit grey"),
@@ -122,17 +122,17 @@ def spoilt(folder: Path, what: str) -> None:
     ],
 )
 def test_one_bad_image_costs_itself_only(
-    what: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    what: str, cause: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_folder(tmp_path / "rec", 10)
     spoilt(folder, what)
     status, out = imported(folder)
-    said = capsys.readouterr().err
+    summary = capsys.readouterr().err
     assert status == 1
-    assert words in said
-    assert "line 7" in said
-    assert "000005.png" in said
-    assert "9 of 10 frames kept" in said
+    assert cause in summary
+    assert "line 7" in summary
+    assert "000005.png" in summary
+    assert "9 of 10 frames kept" in summary
     assert [f.sequence for f in frames_of(out)] == [0, 1, 2, 3, 4, 6, 7, 8, 9]
 
 
@@ -142,7 +142,7 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words", "kept"),
+    ("changes", "cause", "kept"),
     [
         ({4: row(4).replace("-1.5", "-1.5").replace(f"{tilt(0.4)[0]:.6f}", "nan")}, "line 6", 10),
         ({4: "depth/000004.png,400000000,,,,,,"}, "1 rows without a usable attitude (line 6)", 10),
@@ -159,14 +159,14 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
     ],
 )
 def test_bad_rows_are_reported_with_their_lines(
-    changes: dict[int, str | None], words: str, kept: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    changes: dict[int, str | None], cause: str, kept: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     there = len(rows_with(changes))
     status, out = imported(write_folder(tmp_path / "rec", 10, rows_with(changes)))
-    said = capsys.readouterr().err
+    summary = capsys.readouterr().err
     assert status == 1
-    assert words in said
-    assert f"{kept} of {there} frames kept" in said
+    assert cause in summary
+    assert f"{kept} of {there} frames kept" in summary
     assert len(frames_of(out)) == kept
 
 
@@ -177,8 +177,8 @@ def test_a_pause_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         (folder / "depth" / f"{number:06d}.png").unlink()
     status, out = imported(folder)
     assert status == 0
-    assert "warning: " in (said := capsys.readouterr().err)
-    assert "lines 3-4: a pause of 0.80 s (median: 0.100 s)" in said
+    assert "warning: " in (summary := capsys.readouterr().err)
+    assert "lines 3-4: a pause of 0.80 s (median: 0.100 s)" in summary
     assert len(frames_of(out)) == 13
 
 
@@ -191,7 +191,7 @@ def test_a_frames_number_leads_to_its_file(tmp_path: Path, capsys: pytest.Captur
     assert "out.files.csv" in capsys.readouterr().out
 
 
-def test_the_import_says_how_much_is_measured_and_how_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_import_reports_the_measured_share_and_range(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out = imported(write_folder(tmp_path / "rec", 3), "--json")
     assert status == 0
     depth = json.loads(capsys.readouterr().out)["depth"]
@@ -246,7 +246,7 @@ def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "cause"),
     [
         ({"fx": None}, "fx is missing"),
         ({"width": math.inf}, "width is inf; expected a whole number"),
@@ -261,16 +261,16 @@ def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[
     ],
 )
 def test_intrinsics_that_do_not_fit(
-    change: dict[str, object], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    change: dict[str, object], cause: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_folder(tmp_path / "rec", 2)
     path = folder / "intrinsics.json"
     content = json.loads(path.read_text()) | change
     path.write_text(json.dumps({k: v for k, v in content.items() if v is not None}))
     assert imported(folder)[0] == 1
-    said = capsys.readouterr().err
-    assert words in said
-    assert "intrinsics.json" in said
+    summary = capsys.readouterr().err
+    assert cause in summary
+    assert "intrinsics.json" in summary
 
 
 def test_intrinsics_of_another_resolution(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -278,11 +278,11 @@ def test_intrinsics_of_another_resolution(tmp_path: Path, capsys: pytest.Capture
     path = folder / "intrinsics.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"width": 128, "height": 96}))
     status, out = imported(folder)
-    said = capsys.readouterr().err
+    summary = capsys.readouterr().err
     assert status == 1
-    assert "64x48 pixels, but intrinsics.json is for 128x96" in said
-    assert "... and 4 more: image" in said
-    assert "no frame could be used" in said
+    assert "64x48 pixels, but intrinsics.json is for 128x96" in summary
+    assert "... and 4 more: image" in summary
+    assert "no frame could be used" in summary
     with McapRecording(out) as recording:  # finished and readable all the same
         assert recording.cameras[0].intrinsics.width == 128
 

@@ -19,9 +19,9 @@ from .recordings import events_of, frames_of
 STAMP_S = 1305031102
 
 
-def imported(source: Path, *words: str) -> tuple[int, Path]:
+def imported(source: Path, *arguments: str) -> tuple[int, Path]:
     out = source.parent / "out.mcap"
-    return main(["import", str(source), "-o", str(out), *words]), out
+    return main(["import", str(source), "-o", str(out), *arguments]), out
 
 
 def camera_of(path: Path) -> CameraInfo:

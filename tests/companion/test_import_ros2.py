@@ -22,10 +22,10 @@ R_FLU_CAMOPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]
 """Of a camera that looks forward, in ROS terms."""
 
 
-def imported(flight: RosFlight, folder: Path, *words: str) -> tuple[int, Path]:
+def imported(flight: RosFlight, folder: Path, *arguments: str) -> tuple[int, Path]:
     source = flight.write(folder / "in.mcap")
     out = folder / "out.mcap"
-    return main(["import", str(source), "-o", str(out), *words]), out
+    return main(["import", str(source), "-o", str(out), *arguments]), out
 
 
 def camera_of(path: Path) -> CameraInfo:
@@ -136,7 +136,7 @@ def test_a_recorder_with_another_clock(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.parametrize(
-    ("flight", "option", "words"),
+    ("flight", "option", "arguments"),
     [
         (RosFlight(depth_topics=("/a/depth", "/b/depth")), "--depth-topic", "/a/depth, /b/depth"),
         (
@@ -148,13 +148,13 @@ def test_a_recorder_with_another_clock(tmp_path: Path, capsys: pytest.CaptureFix
     ],
 )
 def test_several_candidates_are_listed(
-    flight: RosFlight, option: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    flight: RosFlight, option: str, arguments: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert imported(flight, tmp_path)[0] == 1
-    said = capsys.readouterr().err
-    assert words in said
-    assert option in said
-    choice = words.split(",")[0].split(" ")[0]
+    output = capsys.readouterr().err
+    assert arguments in output
+    assert option in output
+    choice = arguments.split(",")[0].split(" ")[0]
     assert imported(flight, tmp_path, option, choice)[0] == 0
 
 
@@ -168,7 +168,7 @@ def test_transforms_give_way_to_what_they_are_made_of(tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize(
-    ("flight", "words", "expected"),
+    ("flight", "arguments", "expected"),
     [
         (RosFlight(encoding="rgb8"), [], "no depth image in it"),
         (RosFlight(motion=()), [], "no attitude in it; expected Odometry"),
@@ -181,9 +181,9 @@ def test_transforms_give_way_to_what_they_are_made_of(tmp_path: Path, capsys: py
     ],
 )
 def test_what_is_missing_is_named(
-    flight: RosFlight, words: list[str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    flight: RosFlight, arguments: list[str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    status, out = imported(flight, tmp_path, *words)
+    status, out = imported(flight, tmp_path, *arguments)
     assert status == 1
     assert expected in capsys.readouterr().err
     assert not out.exists()
@@ -204,10 +204,10 @@ def test_a_cut_recording_keeps_what_was_readable(
     whole = source.read_bytes()
     source.write_bytes(whole[: int(len(whole) * share)])
     status = main(["import", str(source), "-o", str(tmp_path / "out.mcap")])
-    said = capsys.readouterr().err
+    output = capsys.readouterr().err
     assert status == 1
-    assert "the file ends there without its summary" in said
-    assert "frames kept" in said
+    assert "the file ends there without its summary" in output
+    assert "frames kept" in output
     assert len(frames_of(tmp_path / "out.mcap")) >= 1
 
 
@@ -229,12 +229,12 @@ def test_our_own_log_and_a_strange_file_are_refused(tmp_path: Path, capsys: pyte
 def test_a_foreign_recording_is_refused(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = shared_data / "mcap" / "keelson_ais_protobuf.mcap"
     assert main(["import", str(source), "-o", str(tmp_path / "x.mcap")]) == 1
-    said = capsys.readouterr().err
-    assert "no depth image in it" in said
-    assert "keelson.primitives.TimestampedBytes" in said
+    output = capsys.readouterr().err
+    assert "no depth image in it" in output
+    assert "keelson.primitives.TimestampedBytes" in output
 
 
-def test_frames_survive_whatever_their_number(tmp_path: Path) -> None:
+def test_frames_are_kept_for_any_sequence_number(tmp_path: Path) -> None:
     _, out = imported(RosFlight(frames=15), tmp_path)
     assert [e.sequence for e in events_of(out) if isinstance(e, DepthFrame)] == list(range(15))
 
@@ -245,9 +245,9 @@ def test_a_recording_cut_before_its_first_image_reports_the_cut(
     source = RosFlight().write(tmp_path / "in.mcap")
     source.write_bytes(source.read_bytes()[:900])
     assert main(["import", str(source), "-o", str(tmp_path / "out.mcap")]) == 1
-    said = capsys.readouterr().err
-    assert "no depth image in it" in said
-    assert "the file ends there without its summary" in said
+    output = capsys.readouterr().err
+    assert "no depth image in it" in output
+    assert "the file ends there without its summary" in output
 
 
 def test_images_without_a_stamp_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -278,11 +278,11 @@ def test_damage_of_any_kind_is_reported_and_never_raised(seed: int, tmp_path: Pa
 
 
 @pytest.mark.parametrize(("frame", "ned"), [("odom", False), ("map_ned", True), ("NED", True), ("aligned_map", False)])
-def test_only_a_word_of_a_frames_name_makes_it_ned(frame: str, ned: bool) -> None:
+def test_only_a_whole_part_of_a_frame_name_makes_it_ned(frame: str, ned: bool) -> None:
     assert np.array_equal(to_ned(frame), np.eye(3)) is ned
 
 
-def test_a_body_in_frd_is_taken_at_its_word_without_a_transform(tmp_path: Path) -> None:
+def test_a_body_frame_named_frd_is_used_without_a_transform(tmp_path: Path) -> None:
     """Read as flu, nose up and the yaw rate would change their sign."""
     status, out = imported(RosFlight(odometry_child="base_link_frd"), tmp_path)
     assert status == 0

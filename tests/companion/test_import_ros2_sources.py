@@ -19,9 +19,9 @@ from .ros2_recording import DEFINITIONS, NS, START_NS, RosFlight, expected_depth
 R_NED_FRD = rotation_from_euler(0.1, 0.2, math.pi / 2 - 0.7)
 
 
-def imported(source: Path, *words: str) -> tuple[int, Path]:
+def imported(source: Path, *arguments: str) -> tuple[int, Path]:
     out = source.parent / "out.mcap"
-    return main(["import", str(source), "-o", str(out), *words]), out
+    return main(["import", str(source), "-o", str(out), *arguments]), out
 
 
 @pytest.mark.parametrize("motion", [("px4 attitude",), ("px4 odometry",), ("px4 attitude", "px4 odometry")])
@@ -77,17 +77,17 @@ def test_an_imu_without_orientation_is_named_with_the_remedy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert imported(RosFlight(motion=("imu without orientation",)).write(tmp_path / "in.mcap"))[0] == 1
-    said = capsys.readouterr().err
-    assert "100 Imu messages of /imu say that they have no orientation" in said
-    assert "imu_filter_madgwick" in said
+    output = capsys.readouterr().err
+    assert "100 Imu messages of /imu say that they have no orientation" in output
+    assert "imu_filter_madgwick" in output
 
 
 def test_a_copy_in_text_mode_is_recognised(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = RosFlight().write(tmp_path / "in.mcap")
     source.write_bytes(source.read_bytes().replace(b"\r\n", b"\n"))
     assert source.read_bytes()[:8].hex(" ") == "89 4d 43 41 50 30 0a 01"
-    for words in (["import", str(source), "-o", str(tmp_path / "o.mcap")], ["info", str(source)]):
-        assert main(words) == 1
+    for arguments in (["import", str(source), "-o", str(tmp_path / "o.mcap")], ["info", str(source)]):
+        assert main(arguments) == 1
         assert "text mode" in capsys.readouterr().err
 
 

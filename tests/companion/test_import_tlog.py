@@ -15,10 +15,10 @@ from .recordings import EPOCH_US, events_of, row, tilt, write_folder, write_tlog
 EPOCH = "1700000000"
 
 
-def imported(folder: Path, *words: str) -> tuple[int, list[object]]:
+def imported(folder: Path, *arguments: str) -> tuple[int, list[object]]:
     out = folder.parent / "out.mcap"
     out.unlink(missing_ok=True)
-    status = main(["import", str(folder), "-o", str(out), *words])
+    status = main(["import", str(folder), "-o", str(out), *arguments])
     return status, list(events_of(out)) if out.exists() else []
 
 
@@ -55,9 +55,9 @@ def test_the_epoch_is_found_where_both_saw_the_same_motion(tmp_path: Path, capsy
     folder = write_folder(tmp_path / "rec", 60)
     write_tlog(folder / "a.tlog", 30.0, start_s=-10.0)
     status, events = imported(folder)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert status == 0
-    assert "t_ns 0 is at unix 1700000000.000 s" in said or "t_ns 0 is at unix 1700000000.001 s" in said
+    assert "t_ns 0 is at unix 1700000000.000 s" in output or "t_ns 0 is at unix 1700000000.001 s" in output
     assert len(attitudes(events)) > 300
 
 
@@ -71,15 +71,15 @@ def test_unix_stamps_need_no_epoch(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "t_ns of frames.csv are unix times" in capsys.readouterr().out
 
 
-def test_no_epoch_and_no_match_asks_for_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_an_epoch_or_a_match_the_option_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     still = [f"depth/{i:06d}.png,{i}00000000,0.1,-0.2,0,,," for i in range(20)]
     folder = write_folder(tmp_path / "rec", 20, still)
     write_tlog(folder / "a.tlog", 30.0)
     status, events = imported(folder)
-    said = capsys.readouterr().err
+    output = capsys.readouterr().err
     assert status == 1
-    assert "--tlog-epoch SECONDS" in said
-    assert "--no-tlog" in said
+    assert "--tlog-epoch SECONDS" in output
+    assert "--no-tlog" in output
     assert not events
     status, events = imported(folder, "--no-tlog")
     assert status == 0
@@ -102,8 +102,8 @@ def test_a_wrong_epoch_is_reported_with_both_spans(tmp_path: Path, capsys: pytes
     folder = write_folder(tmp_path / "rec", 5)
     write_tlog(folder / "a.tlog", 5.0)
     assert imported(folder, "--tlog-epoch", "1600000000")[0] == 1
-    said = capsys.readouterr().err
-    assert "they span 1600000000.000..1600000000.400, the log 1700000000.000..1700000005.000" in said
+    output = capsys.readouterr().err
+    assert "they span 1600000000.000..1600000000.400, the log 1700000000.000..1700000005.000" in output
 
 
 def test_attitude_missing_for_part_of_the_flight(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,17 +124,17 @@ def test_several_logs_need_a_choice(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert imported(folder, "--tlog-epoch", EPOCH, "--tlog", str(folder / "b.tlog"))[0] == 0
 
 
-@pytest.mark.parametrize("words", [["--tlog-epoch", "noon"], ["--tlog", "x", "--no-tlog"], ["--mount", "1,2"]])
-def test_wrong_use(words: list[str], tmp_path: Path) -> None:
-    assert main(["import", str(tmp_path), "-o", str(tmp_path / "o"), *words]) == 2
+@pytest.mark.parametrize("arguments", [["--tlog-epoch", "noon"], ["--tlog", "x", "--no-tlog"], ["--mount", "1,2"]])
+def test_wrong_use(arguments: list[str], tmp_path: Path) -> None:
+    assert main(["import", str(tmp_path), "-o", str(tmp_path / "o"), *arguments]) == 2
 
 
 def test_a_real_log_beside_real_frames(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its attitude is that of frames.csv, interpolated: the two imports agree at every frame."""
     source = str(shared_data / "rs_d435_handheld")
     found = []
-    for words in (["--no-tlog"], ["--tlog-epoch", "1700000000"], []):
-        assert main(["import", source, "-o", str(tmp_path / "o.mcap"), *words]) == 0
+    for arguments in (["--no-tlog"], ["--tlog-epoch", "1700000000"], []):
+        assert main(["import", source, "-o", str(tmp_path / "o.mcap"), *arguments]) == 0
         found.append({a.t_ns: a.q_ned_frd_wxyz for a in attitudes(list(events_of(tmp_path / "o.mcap")))})
     rows, logged, derived = found
     assert logged == derived

@@ -36,7 +36,7 @@ def image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "image"
 
 
-def said(capsys: pytest.CaptureFixture[str], word: str) -> list[str]:
+def lines_of(capsys: pytest.CaptureFixture[str], word: str) -> list[str]:
     return [line for line in capsys.readouterr().out.splitlines() if line.startswith(word)]
 
 
@@ -47,7 +47,7 @@ def said(capsys: pytest.CaptureFixture[str], word: str) -> list[str]:
 def test_into_an_image_once_and_not_twice(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
     paths = InstallPaths(image)
     assert main(["install", "--root", str(image), "-c", OAK]) == 0
-    assert len(said(capsys, "done")) == 6
+    assert len(lines_of(capsys, "done")) == 6
     assert paths.config.read_text() == Path(OAK).read_text()
     assert paths.has_user()
     assert paths.enabled.is_symlink()
@@ -55,7 +55,7 @@ def test_into_an_image_once_and_not_twice(image: Path, capsys: pytest.CaptureFix
     assert re.search(r"^ExecStart=/\S+/companion run -c /etc/osape-companion/config.toml$", unit, re.MULTILINE)
     assert "@" not in re.sub(r"[~]?@(system-service|privileged|resources)", "", unit)
     assert main(["install", "--root", str(image)]) == 0
-    assert said(capsys, "done") == []
+    assert lines_of(capsys, "done") == []
 
 
 @needs("systemctl", "systemd-sysusers", "userdel")
@@ -68,16 +68,16 @@ def test_out_again_but_for_what_is_the_users(image: Path, capsys: pytest.Capture
     (paths.settings / "keys").mkdir()
     capsys.readouterr()
     assert main(["uninstall", "--root", str(image)]) == 0
-    assert [line.split()[1] for line in said(capsys, "kept")] == [str(paths.settings), str(paths.state), "the"]
+    assert [line.split()[1] for line in lines_of(capsys, "kept")] == [str(paths.settings), str(paths.state), "the"]
     assert [p for p in (paths.unit, paths.enabled, paths.rules, paths.sysusers) if os.path.lexists(p)] == []
     assert flight.exists()
     assert paths.config.exists()
     assert main(["uninstall", "--root", str(image), "--purge"]) == 0
-    assert any("logs, 0.2 MB" in line for line in said(capsys, "done"))
+    assert any("logs, 0.2 MB" in line for line in lines_of(capsys, "done"))
     assert [p for p in (paths.state, paths.settings) if p.exists()] == []
     assert not paths.has_user()
     assert main(["uninstall", "--root", str(image), "--purge"]) == 0
-    assert said(capsys, "done") == []
+    assert lines_of(capsys, "done") == []
 
 
 @needs("systemctl", "systemd-sysusers")
@@ -93,14 +93,14 @@ def test_a_configuration_that_is_there_stays_unless_it_is_to_go(
     assert InstallPaths(image).config.read_text() == Path(zed).read_text()
 
 
-def test_told_beforehand_and_nothing_done(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dry_run_prints_the_plan_and_changes_nothing(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["install", "--root", str(image), "-c", OAK, "--dry-run", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["dry_run"]
     assert [s["already"] for s in printed["steps"]] == [False] * 6
     assert list((image / "etc").iterdir()) == []
     assert main(["install", "--dry-run", "-c", OAK]) == 0
-    assert any("warm" in line or "compile" in line for line in said(capsys, "would"))
+    assert any("warm" in line or "compile" in line for line in lines_of(capsys, "would"))
 
 
 # ---- refused, with a word -----------------------------------------------------------------------------------------
@@ -211,11 +211,11 @@ RULE = re.compile(r'^[A-Z_]+(\{[\w./]+\})?\s*(==|!=|\+=|=)\s*"[^"]*"$')
 
 def test_each_rule_is_one_that_udev_can_read() -> None:
     rules = packaged_file("systemd", "60-osape-companion.rules").read_text().splitlines()
-    said = [line for line in rules if line and not line.startswith("#")]
-    for line in said:
+    lines_of = [line for line in rules if line and not line.startswith("#")]
+    for line in lines_of:
         for part in re.split(r",\s*(?=[A-Z])", line):
             assert RULE.match(part), part
-    devices = [line for line in said if 'GROUP="osape-companion"' in line]
+    devices = [line for line in lines_of if 'GROUP="osape-companion"' in line]
     assert {v for line in devices for v in re.findall(r'idVendor\}=="(\w+)"', line)} == {"03e7", "2b03"}
 
 

@@ -264,13 +264,13 @@ def made(base: Path, *ages: int) -> list[Path]:
 def test_old_states_are_forgotten(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     oldest, older, newest = made(base, 90, 60, 30)
     monkeypatch.setattr(jit_cache, "MAX_CACHES", 3)
-    strangers = [base / "core_0123456789abcdef", base / "kernels-notes", base / "notes.txt"]
-    for stranger in strangers[:2]:
-        stranger.mkdir()
-    strangers[2].write_text("not ours")
+    foreign_files = [base / "core_0123456789abcdef", base / "kernels-notes", base / "notes.txt"]
+    for foreign in foreign_files[:2]:
+        foreign.mkdir()
+    foreign_files[2].write_text("not ours")
     current = use_own_cache()
     assert current is not None
-    assert [f.exists() for f in (oldest, older, newest, current, *strangers)] == [False, *[True] * 6]
+    assert [f.exists() for f in (oldest, older, newest, current, *foreign_files)] == [False, *[True] * 6]
 
 
 def test_what_another_process_uses_stays(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:

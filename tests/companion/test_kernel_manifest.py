@@ -87,7 +87,7 @@ def test_a_kernel_that_numba_wrote_later_is_taken_in(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[1]", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000])
-def test_behind_a_damaged_manifest_nothing_is_trusted(tmp_path: Path, content: bytes) -> None:
+def test_with_a_damaged_manifest_no_cached_kernel_is_used(tmp_path: Path, content: bytes) -> None:
     files = made(tmp_path)
     write_manifest(tmp_path)
     (tmp_path / MANIFEST).write_bytes(content)

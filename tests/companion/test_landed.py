@@ -38,7 +38,7 @@ def says(state: int) -> Any:
     ("state", "armed", "on_ground"),
     [(None, False, True), (None, True, False), (0, False, True), (1, True, True), (2, False, False), (3, True, False)],
 )
-def test_what_the_autopilot_says_counts_and_else_whether_it_is_armed(
+def test_the_reported_landed_state_counts_and_else_whether_it_is_armed(
     state: int | None, armed: bool, on_ground: bool
 ) -> None:
     landed = LandedState()
@@ -73,7 +73,7 @@ def test_what_is_near_on_the_ground_is_not_seen_and_not_clear(kind: str) -> None
     assert (far == before[before > 75]).all()
 
 
-def test_whoever_flies_is_not_on_the_ground_whatever_is_said() -> None:
+def test_a_vehicle_in_flight_is_not_landed_whatever_is_reported() -> None:
     chain = Chain(replace(NEAR, ground=Ground(seen=True, height_m=3.0, tolerance_m=0.25)))
     chain.fly(1.0)
     assert chain.ahead(AutopilotNow(kind="ArduPilot", margin_m=2.0, on_ground=True)) == 21

@@ -32,7 +32,7 @@ def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> Avoi
     )
 
 
-def told_margin(part: Avoidance, value: float) -> None:
+def receive_margin(part: Avoidance, value: float) -> None:
     """The autopilot sends AVOID_MARGIN for two seconds."""
     part.tick(NS)
     for k in range(20):
@@ -49,7 +49,7 @@ def nearest_wall_m(part: Avoidance) -> float:
 
 def test_the_first_wall_after_a_restart_is_not_nearer_than_the_margin(tmp_path: Path) -> None:
     first = avoidance(tmp_path)
-    told_margin(first, 3.0)
+    receive_margin(first, 3.0)
     before_m = nearest_wall_m(first)
     assert before_m > 3.0
     first._last.close()
@@ -59,10 +59,10 @@ def test_the_first_wall_after_a_restart_is_not_nearer_than_the_margin(tmp_path: 
 
 def test_what_is_read_now_outranks_what_was_kept(tmp_path: Path) -> None:
     first = avoidance(tmp_path)
-    told_margin(first, 5.0)
+    receive_margin(first, 5.0)
     first._last.close()
     second = avoidance(tmp_path)
-    told_margin(second, 3.0)
+    receive_margin(second, 3.0)
     assert 3.0 < nearest_wall_m(second) < 5.0
     second._last.close()
     assert LastValuesFile(tmp_path).of("ArduPilot", 1).parameters == {"AVOID_MARGIN": 3.0}
@@ -134,9 +134,9 @@ def test_a_value_without_use_ends_the_one_before_although_nothing_else_is_known(
     assert LastValuesFile(tmp_path).of("PX4", 1).parameters == {}
 
 
-def test_a_kept_margin_does_not_say_which_autopilot_it_is(tmp_path: Path) -> None:
+def test_a_kept_margin_does_not_identify_the_autopilot(tmp_path: Path) -> None:
     first = avoidance(tmp_path)
-    told_margin(first, 2.0)
+    receive_margin(first, 2.0)
     first._last.close()
     assert nearest_wall_m(avoidance(tmp_path, kind="ArduPilot or PX4")) > 3.0, "outside the configured cp_dist_m"
 

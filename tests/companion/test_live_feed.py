@@ -41,7 +41,7 @@ def page(scripted: ScriptedService) -> Iterator[LivePage]:
     subscriber.close()
 
 
-def news(page: LivePage, name: str = "", after: int = 0) -> dict[str, Any]:
+def update(page: LivePage, name: str = "", after: int = 0) -> dict[str, Any]:
     answer: dict[str, Any] = json.loads(page.answer(name, after))
     return answer
 
@@ -53,7 +53,7 @@ def shown(scripted: ScriptedService, page: LivePage, depth: bool = False) -> dic
     def look() -> bool:
         scripted.health()
         scripted.frame(depth)
-        answer = news(page)
+        answer = update(page)
         if answer["frames"] and bool(answer["frames"][0]["depth"]) is depth and not answer["cameras"][0]["blind"]:
             got.append(answer)
         return bool(got)
@@ -72,14 +72,14 @@ def quiet(scripted: ScriptedService, page: LivePage, answer: dict[str, Any]) -> 
             return s is not None and m is not None and (s.message.sequence == scripted.sequence or not m.valid)
 
     assert until(settled)
-    return news(page, answer["name"], page.subscriber.number)
+    return update(page, answer["name"], page.subscriber.number)
 
 
-def test_without_a_service_it_is_said_what_is_missing(tmp_path: Path) -> None:
+def test_without_a_service_the_missing_part_is_reported(tmp_path: Path) -> None:
     streams = Streams(prisms=f"ipc://{tmp_path}/prisms", health=f"ipc://{tmp_path}/health", depth="")
     subscriber = LiveSubscriber(streams)
     subscriber.open()
-    answer = news(LivePage(subscriber, ""))
+    answer = update(LivePage(subscriber, ""))
     subscriber.close()
     assert not answer["cameras"]
     assert not answer["frames"]
@@ -110,12 +110,12 @@ def test_depth_is_paired_with_its_own_frame(scripted: ScriptedService, page: Liv
     assert np.all(png == png[0, 0])
     scripted.frame()  # newer, without an image
     assert until(lambda: page.subscriber.cameras["front"].newest.sequence == scripted.sequence)
-    paired = news(page)["frames"][0]
+    paired = update(page)["frames"][0]
     assert paired["sequence"] < scripted.sequence
     assert paired["depth"]
 
 
-def test_depth_is_asked_for_only_while_a_page_asks(scripted: ScriptedService, page: LivePage) -> None:
+def test_depth_is_subscribed_only_while_a_page_requests_it(scripted: ScriptedService, page: LivePage) -> None:
     shown(scripted, page, depth=True)
     page.subscriber.watch(0.0)
 
@@ -132,10 +132,10 @@ def test_a_blind_camera_is_shown_at_once_and_only_once(scripted: ScriptedService
     before = shown(scripted, page)
     scripted.blind("lost: its process has ended")
     began_s = time.monotonic()
-    answer = news(page, before["name"], before["number"])
+    answer = update(page, before["name"], before["number"])
     while not answer["frames"] or answer["frames"][0]["standing"] != "BLIND":
         assert time.monotonic() - began_s < 2.0
-        answer = news(page, answer["name"], answer["number"])
+        answer = update(page, answer["name"], answer["number"])
     (frame,) = answer["frames"]
     assert "lost: its process has ended" in frame["cause"]
     assert frame["planes"] == []
@@ -148,10 +148,10 @@ def test_a_blind_camera_is_shown_at_once_and_only_once(scripted: ScriptedService
 
 def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(scripted: ScriptedService, page: LivePage) -> None:
     shown(scripted, page)
-    assert until(lambda: news(page)["cameras"][0]["blind"], 5.0)
-    words = "no message from the service for "
-    assert until(lambda: news(page)["cameras"][0]["blind"].startswith(words), 5.0)
-    assert news(page)["cameras"][0]["code"] == "no_current_message"
+    assert until(lambda: update(page)["cameras"][0]["blind"], 5.0)
+    text = "no message from the service for "
+    assert until(lambda: update(page)["cameras"][0]["blind"].startswith(text), 5.0)
+    assert update(page)["cameras"][0]["code"] == "no_current_message"
 
 
 def test_of_two_cameras_each_is_reported_for_itself(scripted: ScriptedService, page: LivePage) -> None:
@@ -163,14 +163,14 @@ def test_of_two_cameras_each_is_reported_for_itself(scripted: ScriptedService, p
         scripted.publish_health(report)
         scripted.frame()
         scripted.blind("silent: no notification of its process", "rear")
-        now = news(page)
+        now = update(page)
         return len(now["frames"]) == 2 and sum(not camera["blind"] for camera in now["cameras"]) == 1
 
     assert until(both)
-    answer = news(page)
-    words = {camera["name"]: camera["blind"] for camera in answer["cameras"]}
-    assert words == {"front": "", "rear": "silent: no notification of its process"}
-    names = list(words)
+    answer = update(page)
+    text = {camera["name"]: camera["blind"] for camera in answer["cameras"]}
+    assert text == {"front": "", "rear": "silent: no notification of its process"}
+    names = list(text)
     status = {names[frame["c"]]: frame["standing"] for frame in answer["frames"]}
     assert status == {"front": "VALID", "rear": "BLIND"}
 
@@ -185,7 +185,7 @@ def test_a_feed_that_has_ended_is_no_clear_view(scripted: ScriptedService, page:
     page.subscriber.on_message = broken
     scripted.frame()
     assert until(lambda: not page.subscriber.running)
-    assert until(lambda: news(page)["cameras"][0]["blind"] == "companion view does not receive any more: restart it")
+    assert until(lambda: update(page)["cameras"][0]["blind"] == "companion view does not receive any more: restart it")
 
 
 def test_an_old_exposure_is_blind_however_fresh_the_message(scripted: ScriptedService, page: LivePage) -> None:
@@ -194,7 +194,7 @@ def test_an_old_exposure_is_blind_however_fresh_the_message(scripted: ScriptedSe
     def old() -> bool:
         scripted.health()
         scripted.frame(age_ns=900_000_000)
-        return "the newest frame is 0.9 s old" in news(page)["cameras"][0]["blind"]
+        return "the newest frame is 0.9 s old" in update(page)["cameras"][0]["blind"]
 
     assert until(old)
 
@@ -204,13 +204,13 @@ def test_numbers_that_do_not_fit_are_blind(scripted: ScriptedService, page: Live
     broken = scripted.message()
     broken.planes.corners_m.append(1.0)
 
-    def told_blind() -> bool:
+    def reported_blind() -> bool:
         scripted.publish(broken)
-        answer = news(page)
+        answer = update(page)
         return bool(answer["frames"]) and "is inconsistent" in answer["frames"][0]["cause"]
 
-    assert until(told_blind)
-    answer = news(page)
+    assert until(reported_blind)
+    answer = update(page)
     assert answer["frames"][0]["standing"] == "BLIND"
     assert answer["frames"][0]["planes"] == []
     assert answer["cameras"][0]["blind"]
@@ -219,14 +219,14 @@ def test_numbers_that_do_not_fit_are_blind(scripted: ScriptedService, page: Live
 def test_foreign_bytes_are_named_and_have_no_effect(scripted: ScriptedService, page: LivePage) -> None:
     shown(scripted, page)
     scripted.nonsense()
-    assert until(lambda: any("cannot be decoded as PrismsFrame" in line for line in news(page)["service"]["missing"]))
+    assert until(lambda: any("cannot be decoded as PrismsFrame" in line for line in update(page)["service"]["missing"]))
     assert shown(scripted, page)["frames"]
 
 
 def test_a_page_of_another_server_gets_all_again(scripted: ScriptedService, page: LivePage) -> None:
     answer = quiet(scripted, page, shown(scripted, page))
-    assert news(page, "another", answer["number"])["frames"]
-    assert news(page, answer["name"], answer["number"])["frames"] == []
+    assert update(page, "another", answer["number"])["frames"]
+    assert update(page, answer["name"], answer["number"])["frames"] == []
 
 
 @pytest.fixture
@@ -274,7 +274,7 @@ def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> No
 
 
 @pytest.mark.parametrize(
-    ("words", "printed"),
+    ("text", "printed"),
     [
         (["--live", "flight.mcap"], "leave FILE.mcap"),
         (["--live", "-o", "x"], "leave FILE.mcap"),
@@ -283,6 +283,6 @@ def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> No
         (["--live", "--foxglove", "-1"], "expected 0..65535"),
     ],
 )
-def test_wrong_use_is_reported(words: list[str], printed: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["view", *words]) == 2
+def test_wrong_use_is_reported(text: list[str], printed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", *text]) == 2
     assert printed in capsys.readouterr().err

@@ -68,7 +68,7 @@ def test_a_superseded_frame_stays_in_its_place_as_a_notice() -> None:
     assert newest.sequence == 4
 
 
-def test_who_waits_is_woken_by_a_frame_and_by_several_samples() -> None:
+def test_a_frame_and_several_samples_end_the_wait() -> None:
     """A single sample matters to the next frame only."""
     event_queue = EventQueue()
     with ThreadPoolExecutor(1) as pool:
@@ -96,7 +96,7 @@ def test_the_inbox_is_bounded_and_counts_what_gave_way() -> None:
     assert event_queue.take(0.0) == [attitude(k) for k in range(15, 25)]
 
 
-def test_what_gives_way_is_never_the_description_of_a_camera() -> None:
+def test_the_description_of_a_camera_is_never_dropped() -> None:
     """As at a first start, when kernels are compiled for a minute and nothing is taken from the queue."""
     event_queue = EventQueue(max_items=10)
     other = dataclasses.replace(INFO, camera="right")
@@ -150,22 +150,22 @@ def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -
 
 
 @pytest.mark.parametrize(
-    ("said", "words"),
+    ("frame_result", "cause_text"),
     [
         (result(1000 * MS, valid=False), "too few pixels hold a measurement"),
         (result(1000 * MS, drop=DropCause.NO_ATTITUDE), "no attitude had arrived"),
     ],
 )
-def test_an_invalid_frame_blinds_at_once(said: PrismsResult, words: str) -> None:
+def test_an_invalid_frame_blinds_at_once(frame_result: PrismsResult, cause_text: str) -> None:
     staleness = StalenessMonitor(("front",), stale_s=0.3)
     staleness.result(result(990 * MS))
-    staleness.result(said)
-    assert staleness.cause("front", 1000 * MS) == words
+    staleness.result(frame_result)
+    assert staleness.cause("front", 1000 * MS) == cause_text
     staleness.result(result(1030 * MS))
     assert staleness.cause("front", 1031 * MS) == ""
 
 
-def test_what_ails_the_camera_is_reported_first_once_its_frames_are_old() -> None:
+def test_the_fault_of_a_camera_is_reported_first_once_its_frames_are_old() -> None:
     staleness = StalenessMonitor(("front",), stale_s=0.3)
     staleness.result(result(1000 * MS))
     ill = status(CameraCondition.SILENT, "no frame for 0.6 s")
@@ -179,7 +179,7 @@ def test_what_ails_the_camera_is_reported_first_once_its_frames_are_old() -> Non
 STOPPING = "STOPPING=1\nWATCHDOG_USEC=15000000"
 
 
-def test_words_to_systemd(tmp_path: Path) -> None:
+def test_notifications_to_systemd(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(str(tmp_path / "notify"))
         systemd.settimeout(1.0)
@@ -191,8 +191,8 @@ def test_words_to_systemd(tmp_path: Path) -> None:
         notifier.feed_watchdog()
         notifier.extend_timeout(1.5)
         notifier.stopping()
-        said = [systemd.recv(100).decode() for _ in range(5)]
-    assert said == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", STOPPING]
+        received = [systemd.recv(100).decode() for _ in range(5)]
+    assert received == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", STOPPING]
 
 
 def test_without_systemd_nothing_is_reported(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def test_the_versions_are_those_of_the_constraints(path: Path) -> None:
     assert entries.keys() - wanted.keys() <= elsewhere
 
 
-def test_what_the_project_asks_for_is_locked() -> None:
+def test_the_requirements_of_the_project_are_locked() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     build = named(project["build-system"]["requires"])
     runtime, extras = project["project"]["dependencies"], project["project"]["optional-dependencies"]

@@ -99,7 +99,7 @@ def test_a_log_that_failed_keeps_what_was_written_under_its_active_name(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("t_ns", "sequence", "camera", "words"),
+    ("t_ns", "sequence", "camera", "arguments"),
     [
         (-1, 0, "front", "stamp -1 ns"),
         (5, -1, "front", "sequence -1"),
@@ -107,9 +107,9 @@ def test_a_log_that_failed_keeps_what_was_written_under_its_active_name(tmp_path
         (5, 0, "a/b", "'a/b'"),
     ],
 )
-def test_what_a_log_cannot_hold_is_refused(tmp_path, t_ns, sequence, camera, words):
+def test_what_a_log_cannot_hold_is_refused(tmp_path, t_ns, sequence, camera, arguments):
     log = LogWriter(tmp_path / "a.mcap")
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=arguments):
         log.write("depth", frame_message(), t_ns, camera, sequence)
     log.finish()
 
@@ -315,9 +315,9 @@ def test_help_names_all_commands(capsys):
     )
 
 
-@pytest.mark.parametrize("words", [[], ["fly"], ["replay"], ["info"], ["replay", "a", "--tolerance", "7"]])
-def test_wrong_use_is_status_2(words, capsys):
-    assert main(words) == 2
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["replay"], ["info"], ["replay", "a", "--tolerance", "7"]])
+def test_wrong_use_is_status_2(arguments, capsys):
+    assert main(arguments) == 2
     assert "error" in capsys.readouterr().err
 
 

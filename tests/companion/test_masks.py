@@ -101,7 +101,7 @@ def test_behind_a_mask_no_wall_stands_for_ever_and_in_a_blind_view_it_does() -> 
     assert (late[0:6] == 212).all()
 
 
-def test_unmatched_columns_stand_in_nobodys_way() -> None:
+def test_unmatched_columns_hide_nothing() -> None:
     builder, _, now_ns = flown(unmatched_left_px=40, arm=False)
     values = sectors_of(builder, "ArduPilot", now_ns)
     assert (values[65:68] == UNKNOWN).all()
@@ -140,7 +140,7 @@ def test_what_is_no_polygon_is_refused_with_its_key(text: str) -> None:
         config_of({"camera": [{"name": "front", "masks": text}]}, "test")
 
 
-def test_a_zed_never_matches_its_first_columns_unless_told_otherwise() -> None:
+def test_a_zed_never_matches_its_first_columns_unless_configured_otherwise() -> None:
     zed = CameraConfig(name="z", kind="zed", device="/dev/video9", calibration="SN1.conf", disparities=32)
     mask = unmeasured_mask(zed, INFO)
     assert mask is not None

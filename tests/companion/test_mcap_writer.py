@@ -94,7 +94,7 @@ def test_a_reader_finds_every_message_by_the_closing_part() -> None:
     assert sorted(one) == [m[4] for m in content if m[0] == 2]
 
 
-def test_each_place_of_the_indexes_holds_what_it_says() -> None:
+def test_each_place_of_the_indexes_is_consistent() -> None:
     data = ours(messages(5, 300))
     summary = make_reader(io.BytesIO(data)).get_summary()
     assert summary is not None

@@ -33,8 +33,8 @@ def by_hand(turn_deg: float, scene: str = "stones", pitch_deg: float = -8.0, sec
 def measured(plan: FlightPlan, configured: CameraMount, count: int | None = None) -> MountMeasurement:
     info = dataclasses.replace(camera_info(160, 120), mount=TRUE)
     flight = SimulatedFlight(plan, cameras=(info,), seed=3)
-    told_info: CameraInfo = dataclasses.replace(info, mount=configured)
-    measurement = MountMeasurement(told_info, SyncParams(), CameraConfig(name="front", kind="simulated"))
+    configured_info: CameraInfo = dataclasses.replace(info, mount=configured)
+    measurement = MountMeasurement(configured_info, SyncParams(), CameraConfig(name="front", kind="simulated"))
     for i, event in enumerate(flight.events()):
         if count is not None and i >= count:
             break
@@ -51,9 +51,9 @@ def test_the_lines_to_paste_hold_the_true_mount(configured: CameraMount) -> None
     finding = finding_of(measured(by_hand(120.0), configured))
     assert finding.ok is (configured == TRUE)
     assert finding.lines[:2] == ("[[camera]]", 'name = "front"')
-    said = {key: float(value) for key, value in (line.split(" = ") for line in finding.lines[2:])}
-    assert said["roll_deg"] == pytest.approx(1.0, abs=0.5)
-    assert said["pitch_deg"] == pytest.approx(-12.0, abs=0.7)
+    values = {key: float(value) for key, value in (line.split(" = ") for line in finding.lines[2:])}
+    assert values["roll_deg"] == pytest.approx(1.0, abs=0.5)
+    assert values["pitch_deg"] == pytest.approx(-12.0, abs=0.7)
     assert finding.text.startswith("1.2")
 
 

@@ -71,7 +71,7 @@ def test_depth_returns_unchanged_and_may_have_padded_rows():
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "words"),
+    ("field", "value", "cause"),
     [
         ("encoding", "32FC1", "encoding '32FC1', expected 16UC1"),
         ("width", 63, "image of 63x48, but its camera info says 64x48"),
@@ -79,10 +79,10 @@ def test_depth_returns_unchanged_and_may_have_padded_rows():
         ("data", b"\0\0", "holds 2 bytes"),
     ],
 )
-def test_images_that_do_not_fit_are_refused(field, value, words):
+def test_images_that_do_not_fit_are_refused(field, value, cause):
     message = wire.depth_message(frame(0, START_NS))
     setattr(message, field, value)
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=cause):
         wire.depth_from_message(message, INFO, 0, 0)
 
 

@@ -31,7 +31,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-TOLD = dataclasses.replace(simulated_info(160, 120), mount=CameraMount(pitch_rad=math.radians(-6.0)))
+INFO = dataclasses.replace(simulated_info(160, 120), mount=CameraMount(pitch_rad=math.radians(-6.0)))
 """The images are of a camera that looks ahead."""
 
 
@@ -69,7 +69,7 @@ def depths() -> list[np.ndarray]:
 
 
 def test_frames_with_a_wrong_mount_report_nothing(depths: list[np.ndarray]) -> None:
-    last = results(feed(pipeline_of(TOLD), depths))[-1]
+    last = results(feed(pipeline_of(INFO), depths))[-1]
     assert last.model is not None
     assert last.model.cause in (InvalidCause.MOUNT_ERROR, InvalidCause.MOUNT_UNVERIFIED)
     assert not last.valid
@@ -85,18 +85,18 @@ def test_frames_with_a_wrong_mount_report_nothing(depths: list[np.ndarray]) -> N
 
 def test_the_check_can_be_switched_off(depths: list[np.ndarray]) -> None:
     off = MountCheckParams(enabled=False)
-    assert all(r.valid for r in results(feed(pipeline_of(TOLD, check=off), depths)))
+    assert all(r.valid for r in results(feed(pipeline_of(INFO, check=off), depths)))
 
 
 def test_a_pipeline_goes_on_from_a_snapshot_bit_for_bit(depths: list[np.ndarray]) -> None:
     """Halfway, while the verdict is pending, the state travels through its message."""
-    whole = pipeline_of(TOLD)
-    first = pipeline_of(TOLD)
+    whole = pipeline_of(INFO)
+    first = pipeline_of(INFO)
     feed(first, depths[:2])
     state = first.state()
     assert state.cameras[0][1].mount.streak > 0
     second = pipeline_of(
-        TOLD, state_from_message(pb.StateSnapshot.FromString(state_message(state).SerializeToString()))
+        INFO, state_from_message(pb.StateSnapshot.FromString(state_message(state).SerializeToString()))
     )
     expected, got = results(feed(whole, depths))[2:], results(feed(second, depths[2:], first=2))
     assert [prisms_message(r).SerializeToString() for r in got] == [
@@ -115,7 +115,7 @@ def test_a_snapshot_of_before_the_check_starts_it_again() -> None:
 
 
 def test_a_camera_described_otherwise_starts_again(depths: list[np.ndarray]) -> None:
-    pipeline = pipeline_of(TOLD)
+    pipeline = pipeline_of(INFO)
     feed(pipeline, depths)
     pipeline.announce(simulated_info(160, 120))
     assert pipeline.state().cameras[0][1].mount == MountState()
@@ -180,8 +180,8 @@ def test_a_ground_at_its_limit_or_lost_is_reported() -> None:
     )
     for ground, measured, code in cases:
         watch, info = watched(state, ground, measured)
-        said = watch.diagnostics([("front", info), ("rear", None)])
-        assert [d.code for d in said] == ([code] if code else []), ground
+        found = watch.diagnostics([("front", info), ("rear", None)])
+        assert [d.code for d in found] == ([code] if code else []), ground
     watch, info = watched(dataclasses.replace(state, ground=False), Ground(seen=False), 0.9)
     assert not watch.diagnostics([("front", info)])  # a wall fills the view
 

@@ -42,7 +42,7 @@ def read(points_m: np.ndarray, avoid: AvoidParams = AVOID, at_once: bool = False
 
 
 @given(st.lists(st.sampled_from([21, 150, 777, 1199, 1201, UNKNOWN]), min_size=72, max_size=72), st.booleans())
-def test_the_middle_layer_is_what_obstacle_distance_tells(cm: list[int], at_once: bool) -> None:
+def test_the_middle_layer_equals_obstacle_distance(cm: list[int], at_once: bool) -> None:
     values = np.array(cm, np.uint16)
     flat = ArduPilotReader()
     flat.read(obstacle_distance_message(values, 0, AVOID), MS)
@@ -121,7 +121,7 @@ def test_a_scan_counts_once_the_next_one_begins() -> None:
     assert layers.layers_m(561 * MS)[MIDDLE][0] == math.inf  # it fails open, half a second later
 
 
-def told_by(chain: Chain, autopilot: str) -> list[str]:
+def kinds_sent_to(chain: Chain, autopilot: str) -> list[str]:
     now = ARDUPILOT if autopilot == "ArduPilot" else replace(PX4, kind=autopilot)
     return [m.get_type() for m in messages_of(chain.report(now), autopilot, POINTS, chain.now_ns)]
 
@@ -129,8 +129,8 @@ def told_by(chain: Chain, autopilot: str) -> list[str]:
 def test_points_are_sent_to_ardupilot_only_and_only_where_enabled() -> None:
     chain = Chain(model(wall_at(0.0, 5.0), free_to_m=4.5, view_deg=72.0), POINTS)
     chain.fly(1.0)
-    assert set(told_by(chain, "ArduPilot")) == {"OBSTACLE_DISTANCE_3D"}
-    assert told_by(chain, "PX4") == told_by(chain, "ArduPilot or PX4") == ["OBSTACLE_DISTANCE"]
+    assert set(kinds_sent_to(chain, "ArduPilot")) == {"OBSTACLE_DISTANCE_3D"}
+    assert kinds_sent_to(chain, "PX4") == kinds_sent_to(chain, "ArduPilot or PX4") == ["OBSTACLE_DISTANCE"]
     report = chain.report(ARDUPILOT)
     assert [m.get_type() for m in messages_of(report, "ArduPilot", SENDS, 0)] == ["OBSTACLE_DISTANCE"]
 

@@ -123,7 +123,7 @@ FAULTS = ["no frames", "results are lost", "no attitude", "everything stands sti
 
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("found", [CLEAR, model(wall_at(0.0, 8.0, 12.0), free_to_m=7.5, view_deg=72.0)])
-def test_blind_is_on_the_wire_by_0_4_s_for_both_autopilots(fault: str, found: FrameModel) -> None:
+def test_a_blind_camera_is_sent_as_unknown_within_0_4_s_to_both_autopilots(fault: str, found: FrameModel) -> None:
     chain = Chain(found)
     chain.fly(1.0)
     assert chain.ahead() not in (UNKNOWN, None)
@@ -156,7 +156,7 @@ def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps
     assert chain.ahead(PX4) == 1201
 
 
-def test_the_last_word_of_one_that_is_stopped_is_blind() -> None:
+def test_the_last_message_before_a_stop_is_blind() -> None:
     """Stopped within a cycle of the thread, the message before would otherwise be the last."""
     chain = Chain(CLEAR)
     chain.now_ns = time.monotonic_ns() - NS

@@ -109,7 +109,7 @@ def test_the_verdict_that_withdraws_open_ranges_is_in_the_snapshot_of_a_log() ->
         assert_equal(model_of(state_from_message(logged)), model_of(mount(verdict)))
 
 
-def test_a_log_says_whether_a_camera_marks() -> None:
+def test_a_log_holds_whether_a_camera_marks() -> None:
     logged = camera_message(INFO)
     assert camera_from_message(pb.CameraInfo.FromString(logged.SerializeToString())) == INFO
     logged.ClearField("marks_smooth")

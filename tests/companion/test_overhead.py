@@ -55,7 +55,7 @@ def test_under_a_ceiling_the_sent_distance_is_not_larger_than_the_true_one(ceili
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 35.0, 90.0, 200.0, 341.0])
-def test_it_is_where_it_was_seen_whatever_the_heading(heading_deg: float) -> None:
+def test_its_position_does_not_depend_on_the_heading(heading_deg: float) -> None:
     known = Overhead(UP)
     heading = math.radians(heading_deg)
     known.see(View(model(BEAM), AHEAD), Here(heading, (10.0, -20.0, -5.0), 1), NS)
@@ -135,7 +135,7 @@ def test_downward_ends_with_the_sight_of_the_ground(fault: str) -> None:
     assert chain.report(ARDUPILOT).down_m is None
 
 
-def test_ardupilot_forgets_what_it_is_not_told_again() -> None:
+def test_ardupilot_removes_obstacles_that_are_not_sent_again() -> None:
     heights = ArduPilotHeights()
     heights.read(distance_sensor_message(2.5, UPWARD, 0, AVOID), NS)
     assert heights.up_m(NS + NS // 2) == 2.5

@@ -42,7 +42,7 @@ class Node:
 def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
     kept: list[list[int]] = []
     collected: list[bool] = []
-    in_frame, said = threading.Event(), threading.Event()
+    in_frame, published = threading.Event(), threading.Event()
     lost: list[weakref.ref[Node]] = []
 
     def publish(result: PrismsResult, prisms: bytes) -> None:
@@ -50,7 +50,7 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
         kept.extend([k] for k in range(KEPT_A_FRAME))
         lost.append(weakref.ref(Node()))
         in_frame.clear()
-        said.set()
+        published.set()
 
     def seen(phase: str, info: dict[str, int]) -> None:
         if phase == "start" and threading.current_thread().name == "pipeline":
@@ -66,7 +66,7 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
         loop.open()
         event_queue.put([camera_info(160, 120)])
         for k in range(120):  # without an attitude each is blind, and published at once
-            said.clear()
+            published.clear()
             now_ns = time.monotonic_ns()
             event_queue.put_frame(
                 DepthFrame(
@@ -74,7 +74,7 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
                     depth_mm=np.zeros((120, 160), np.uint16),
                 )
             )  # fmt: skip
-            assert said.wait(10.0)
+            assert published.wait(10.0)
             assert loop.wait_idle(10.0)
             if k < 3:  # modules are imported in the first
                 gc.collect()
@@ -87,29 +87,29 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
     assert until(lambda: sum(ref() is None for ref in lost) > 100, 1.0)
 
 
-class Heard(Recorder):
+class CallRecorder(Recorder):
     """Records its calls in the same list as the published results."""
 
-    def __init__(self, folder: Path, said: list[str]) -> None:
+    def __init__(self, folder: Path, calls: list[str]) -> None:
         super().__init__(folder, run_info("live"))
-        self._said = said
+        self._calls = calls
 
     def begin(self, *of: Any) -> None:
-        self._said.append("begin")
+        self._calls.append("begin")
         super().begin(*of)
 
     def events(self, events: Any) -> None:
-        self._said.append("attitude")
+        self._calls.append("attitude")
 
     def event(self, event: Any) -> None:
-        self._said.append(f"frame {event.sequence}")
+        self._calls.append(f"frame {event.sequence}")
 
     def output(self, output: Any, prisms: bytes | None = None) -> None:
-        self._said.append(f"{type(output).__name__} {output.sequence}, {len(prisms or b'') > 0}")
+        self._calls.append(f"{type(output).__name__} {output.sequence}, {len(prisms or b'') > 0}")
 
 
 class Breaks(Pipeline):
-    """Cannot handle its second frame: `fault` is called over it."""
+    """Calls `fault` when it handles the second frame."""
 
     def __init__(self, fault: Callable[[], None]) -> None:
         super().__init__((), lambda info: Extractor())
@@ -121,11 +121,11 @@ class Breaks(Pipeline):
         return super().handle(event)
 
 
-def two_frames(folder: Path, said: list[str], fault: Callable[[], None]) -> PipelineThread:
-    """A loop that has been given two frames, of which the second is `fault`'s. said: what was published and recorded."""
-    recorder, event_queue = Heard(folder, said), EventQueue()
+def two_frames(folder: Path, calls: list[str], fault: Callable[[], None]) -> PipelineThread:
+    """A loop that handles two frames; `fault` is called in the second. calls: the results and records, in order."""
+    recorder, event_queue = CallRecorder(folder, calls), EventQueue()
     loop = PipelineThread(
-        Breaks(fault), event_queue, StalenessMonitor(("front",), 0.3), lambda result, prisms: said.append(f"sent {result.sequence}"),
+        Breaks(fault), event_queue, StalenessMonitor(("front",), 0.3), lambda result, prisms: calls.append(f"sent {result.sequence}"),
         recorder, "always", ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
     )  # fmt: skip
     event_queue.put([camera_info(160, 120)])
@@ -136,7 +136,7 @@ def two_frames(folder: Path, said: list[str], fault: Callable[[], None]) -> Pipe
         event_queue.put_frame(
             DepthFrame(camera="front", sequence=k, t_exposure_ns=1_000 + k, t_arrival_ns=2_000, depth_mm=frame)
         )
-        assert k == 1 or until(lambda: "PrismsResult 0, True" in said, 10.0)
+        assert k == 1 or until(lambda: "PrismsResult 0, True" in calls, 10.0)
     return loop
 
 
@@ -150,32 +150,32 @@ def test_prisms_are_sent_before_their_frame_is_recorded_and_the_log_has_a_frame_
     def breaks() -> None:
         raise RuntimeError("as a fault of the pipeline would")
 
-    said: list[str] = []
-    loop = two_frames(tmp_path, said, breaks)
+    calls: list[str] = []
+    loop = two_frames(tmp_path, calls, breaks)
     assert until(lambda: not loop.running, 10.0)
     loop.close()
-    assert said == [*FIRST, "attitude", "frame 1"]
+    assert calls == [*FIRST, "attitude", "frame 1"]
 
 
 def test_the_log_has_the_frame_over_which_the_pipeline_hangs(tmp_path: Path) -> None:
-    said: list[str] = []
+    calls: list[str] = []
     hangs, goes_on = threading.Event(), threading.Event()
 
     def hang() -> None:
         hangs.set()
         goes_on.wait(60.0)
 
-    loop = two_frames(tmp_path, said, hang)
+    loop = two_frames(tmp_path, calls, hang)
     try:
         assert hangs.wait(10.0)
-        assert said == FIRST
+        assert calls == FIRST
         loop.close()
-        assert said == [*FIRST, "attitude", "frame 1"]
+        assert calls == [*FIRST, "attitude", "frame 1"]
     finally:
         goes_on.set()
     assert until(lambda: not loop.running, 10.0)
     # and once: what comes when it goes on after all is its own
-    assert said == [*FIRST, "attitude", "frame 1", "sent 1", "FrameDecision 1, False", "PrismsResult 1, True"]
+    assert calls == [*FIRST, "attitude", "frame 1", "sent 1", "FrameDecision 1, False", "PrismsResult 1, True"]
 
 
 @pytest.mark.parametrize("survived", [0, 1])

@@ -53,7 +53,7 @@ def publish_until(publisher: Publisher, socket: zmq.Socket[bytes], seconds: floa
     return None
 
 
-def test_a_subscriber_hears_frames(tmp_path: Path, context: Context) -> None:
+def test_a_subscriber_receives_frames(tmp_path: Path, context: Context) -> None:
     stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
     publisher = Publisher(stream, context)
     got = publish_until(publisher, subscriber(context, stream.address))
@@ -80,12 +80,12 @@ def test_a_blocked_subscriber_costs_nothing(tmp_path: Path, context: Context) ->
     message."""
     stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
     publisher = Publisher(stream, context)
-    hung = subprocess.Popen([sys.executable, "-c", SLEEPER, stream.address], stdout=subprocess.PIPE)
+    blocked = subprocess.Popen([sys.executable, "-c", SLEEPER, stream.address], stdout=subprocess.PIPE)
     try:
-        assert hung.stdout is not None
+        assert blocked.stdout is not None
         for k in range(3000):
             publisher.publish(frame(k))
-            if select.select([hung.stdout], [], [], 0.005)[0]:
+            if select.select([blocked.stdout], [], [], 0.005)[0]:
                 break
         longest = 0.0
         for k in range(500):
@@ -95,8 +95,8 @@ def test_a_blocked_subscriber_costs_nothing(tmp_path: Path, context: Context) ->
         assert longest < 1.0
         assert publish_until(publisher, subscriber(context, stream.address)) is not None
     finally:
-        hung.kill()
-        hung.wait()
+        blocked.kill()
+        blocked.wait()
         publisher.close()
 
 
@@ -160,7 +160,7 @@ def test_an_open_stream_without_keys_is_refused(context: Context) -> None:
         Publisher(Stream("prisms", "tcp://0.0.0.0:*"), context)
 
 
-def test_only_known_clients_hear_a_stream_with_keys(tmp_path: Path, context: Context) -> None:
+def test_only_known_clients_receive_a_stream_with_keys(tmp_path: Path, context: Context) -> None:
     written = make_keys(tmp_path / "keys", "planner")
     keys = load_keys(tmp_path / "keys")
     assert [f.stat().st_mode & 0o777 for f in written if f.suffix == ".secret"] == [0o600, 0o600]
@@ -181,8 +181,8 @@ def test_only_known_clients_hear_a_stream_with_keys(tmp_path: Path, context: Con
     try:
         known = client((tmp_path / "keys" / "planner.secret").read_bytes().strip())
         assert publish_until(publisher, known) is not None
-        stranger, naked = client(zmq.curve_keypair()[1]), client(None)
-        assert publish_until(publisher, stranger, 0.5) is None
+        other, naked = client(zmq.curve_keypair()[1]), client(None)
+        assert publish_until(publisher, other, 0.5) is None
         assert publish_until(publisher, naked, 0.5) is None
     finally:
         publisher.close()

@@ -35,30 +35,30 @@ class Frame:
     """A frame with what was made of it; floor_m: measured height of the camera above the floor."""
 
     depth: DepthFrame
-    said: PrismsResult
+    result: PrismsResult
     floor_m: float
 
     @property
     def model(self) -> FrameModel:
-        assert self.said.model is not None
-        return self.said.model
+        assert self.result.model is not None
+        return self.result.model
 
     def planes(self) -> Floats:
         """(N, 6) about the camera: a, b horizontally, then top and bottom ABOVE the floor."""
-        assert self.said.transform is not None
-        x, y, z = self.said.transform.translation_m
+        assert self.result.transform is not None
+        x, y, z = self.result.transform.translation_m
         p = self.model.planes.astype(np.float64) - np.array([x, y, x, y, z, z])
         p[:, 4:6] = self.floor_m - p[:, 4:6]
         return p
 
     def points(self, info: CameraInfo) -> Floats:
         """(M, 3) every second measured pixel about the camera: horizontally as the planes, height above the floor."""
-        assert self.said.attitude is not None
+        assert self.result.attitude is not None
         k, depth = info.intrinsics, self.depth.depth_mm[::2, ::2] / 1000.0
         v, u = np.mgrid[0 : k.height : 2, 0 : k.width : 2]
         good = (depth > info.min_range_m) & (depth < info.max_range_m)
         rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1)[good]
-        R = rotation_from_quaternion(self.said.attitude.q_ned_frd_wxyz) @ R_CAMFRD_OPTICAL
+        R = rotation_from_quaternion(self.result.attitude.q_ned_frd_wxyz) @ R_CAMFRD_OPTICAL
         ned = (rays * depth[good][:, None]) @ R.T
         ned[:, 2] = self.floor_m - ned[:, 2]
         return ned
@@ -89,22 +89,22 @@ def replayed(
         (info,) = source.cameras
         depths = [event for event in source.events() if isinstance(event, DepthFrame)]
         logged = [item.message for item in source.messages("prisms", "decision")]
-    said = [prisms_from_message(m) for m in logged if isinstance(m, pb.PrismsFrame)]
+    result = [prisms_from_message(m) for m in logged if isinstance(m, pb.PrismsFrame)]
     used = sum(m.used for m in logged if isinstance(m, pb.FrameDecision))
-    frames = [Frame(*three) for three in zip(depths, said, floors, strict=True)]
+    frames = [Frame(*three) for three in zip(depths, result, floors, strict=True)]
     return name, Replayed(info, used, frames)
 
 
 def test_the_right_mount_is_left_alone(replayed: tuple[str, Replayed]) -> None:
     """The check of the mount makes no frame invalid."""
     name, recording = replayed
-    assert [frame.said.cause_text for frame in recording.frames] == [""] * COUNTS[name]
+    assert [frame.result.cause_text for frame in recording.frames] == [""] * COUNTS[name]
 
 
-def test_every_frame_is_used_and_says_something(replayed: tuple[str, Replayed]) -> None:
+def test_every_frame_is_used_and_gives_a_result(replayed: tuple[str, Replayed]) -> None:
     name, got = replayed
     assert len(got.frames) == got.used == COUNTS[name]
-    assert all(frame.said.valid for frame in got.frames)
+    assert all(frame.result.valid for frame in got.frames)
 
 
 def test_the_floor_lies_where_it_was_measured(replayed: tuple[str, Replayed]) -> None:
@@ -141,7 +141,7 @@ def test_what_stands_on_the_floor_is_seen(replayed: tuple[str, Replayed]) -> Non
         reach_m = range_m + 0.1 + 0.05 * range_m
         seen += int(np.count_nonzero(first_plane_m(planes, azimuth_rad) <= reach_m))
         wanted += len(azimuth_rad)
-        assert np.any((nearest_m(planes) < NEAR_M) & (planes[:, 4] > 0.3)), frame.said.sequence
+        assert np.any((nearest_m(planes) < NEAR_M) & (planes[:, 4] > 0.3)), frame.result.sequence
     assert wanted > 30 * len(got.frames)
     share = seen / max(wanted, 1)
     assert share >= 0.97, f"{name}: seen in {share:.3f} of {wanted} directions; measured: 0.987 (D435), 0.99 (room), 1"

@@ -63,9 +63,9 @@ def test_without_a_configuration_the_commands_name_the_ways_to_one(
 ) -> None:
     monkeypatch.setattr(installed, "INSTALLED", tmp_path / "config.toml")
     assert main(["doctor"]) == 1
-    said = capsys.readouterr().err
-    assert "companion setup" in said
-    assert "companion configs" in said
+    output = capsys.readouterr().err
+    assert "companion setup" in output
+    assert "companion configs" in output
 
 
 def test_the_installed_configuration_is_the_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

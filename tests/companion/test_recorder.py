@@ -154,7 +154,9 @@ def test_what_is_held_is_handed_over_at_the_end_and_counts_before(tmp_path: Path
         assert sum(isinstance(e, DepthFrame) for e in recording.events()) == len(events)
 
 
-def test_who_listens_goes_first_and_an_end_does_not_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_subscribers_are_served_first_and_closing_does_not_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A frame waits for the recorder's pause, here an hour; with the next one, or at the end, it is over."""
     source = flight(1.0)
     pipeline = make_pipeline(Config(), source.cameras)
@@ -330,7 +332,7 @@ def test_two_flights_in_one_second_have_two_names(tmp_path: Path) -> None:
     assert new_flight(tmp_path) != first
 
 
-class Says:
+class FixedModel:
     """An extractor that returns an empty model at once: nothing has to be compiled."""
 
     def extract(self, depth: Any, info: CameraInfo, R: Any, state: Any = None, *, keep_strips: bool = False) -> Any:
@@ -451,7 +453,7 @@ def test_a_file_that_is_written_is_not_repaired(tmp_path: Path) -> None:
     log.abandon()
 
 
-def test_a_copy_counts_in_the_budget_and_gives_way_to_the_recording(tmp_path: Path) -> None:
+def test_a_copy_counts_in_the_budget_and_is_deleted_before_the_recording(tmp_path: Path) -> None:
     params = RecordParams(file_mb=1.0, budget_mb=10.0, least_free_mb=1.0)
     (tmp_path / "a.000.mcap.active.recovering").write_bytes(bytes(9_500_000))
     old = fake_log(tmp_path, "b", 0, 3000, 100)

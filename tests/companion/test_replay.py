@@ -100,8 +100,8 @@ def test_another_process_writes_the_same_bytes(folder, recorded, replayed):
     """With an empty cache of compiled code too: test_end_to_end."""
     other = folder / "other.mcap"
     environment = {**os.environ, "PYTHONHASHSEED": "123"}
-    words = "import sys; from companion.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", words, "replay", str(recorded), "-o", str(other)]
+    script = "import sys; from companion.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", script, "replay", str(recorded), "-o", str(other)]
     subprocess.run(command, env=environment, check=True, capture_output=True, timeout=400)
     assert other.read_bytes() == replayed.read_bytes()
 
@@ -386,7 +386,7 @@ def test_what_is_missing_at_the_end_of_a_camera_is_no_gap():
     assert comparison.gaps == (("b", 1, 1), ("c", 1, 1))
 
 
-def test_problems_have_words_for_an_empty_run(recorded):
+def test_problems_of_an_empty_run_are_reported(recorded):
     result = replay(recorded, Options())
     assert replay_problems(result) == []
     emptied = dataclasses.replace(result.counts, frames=0)
@@ -417,9 +417,9 @@ def test_a_configuration_for_another_camera_is_refused(tmp_path, recorded, capsy
     config = tmp_path / "c.toml"
     config.write_text('[[camera]]\nname = "fornt"\npitch_deg = -20\n')
     assert main(["replay", str(recorded), "-c", str(config)]) == 1
-    said = capsys.readouterr().err
-    assert '"fornt"' in said
-    assert "its camera front has no section; correct the name" in said
+    output = capsys.readouterr().err
+    assert '"fornt"' in output
+    assert "its camera front has no section; correct the name" in output
     config.write_text('[[camera]]\nname = "front"\n[[camera]]\nname = "rear"\n')
     assert main(["replay", str(recorded), "-c", str(config)]) == 0
 
@@ -433,9 +433,9 @@ def test_a_state_that_cannot_be_used_is_reported_with_the_file(tmp_path, capsys)
         for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.2).events():
             log.event(event)
     assert main(["replay", str(path)]) == 1
-    said = capsys.readouterr().err
-    assert "odd.mcap: /state: attitude at 1 ns: quaternion norm 3" in said
-    assert "Use another copy" in said
+    output = capsys.readouterr().err
+    assert "odd.mcap: /state: attitude at 1 ns: quaternion norm 3" in output
+    assert "Use another copy" in output
 
 
 @pytest.mark.parametrize("odd", ["stamp of an image", "arrival of an attitude", "arrival of an image"])
@@ -502,7 +502,7 @@ def test_a_frame_that_comes_twice_is_not_called_blind(tmp_path, capsys):
     path = tmp_path / "twice.mcap"
     write_recording(Events([*events[: twice + 1], *events[twice:]], (SMALL,)), path, run_info("simulated"))
     assert main(["replay", str(path)]) == 1
-    said = capsys.readouterr().err
-    assert "1 of 4 frames were dropped and 0 of them are published as blind" in said
-    assert "check the camera's timestamps" in said
-    assert "attitude" not in said
+    output = capsys.readouterr().err
+    assert "1 of 4 frames were dropped and 0 of them are published as blind" in output
+    assert "check the camera's timestamps" in output
+    assert "attitude" not in output

@@ -70,16 +70,16 @@ def test_each_limit_is_named(made: FrameModel, more: dict[str, float], expected:
     assert codes(made, **more) == expected
 
 
-def test_a_replay_tells_it(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_reports_it(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A camera close to the furniture of a living room."""
     log = tmp_path / "in.mcap"
     assert main(["import", str(shared_data / "o3d_livingroom_sim"), "-o", str(log)]) == 0
     capsys.readouterr()
     assert main(["replay", str(log)]) == 0
-    said = capsys.readouterr().out
-    assert "87% of the pixels measured; at the camera's height 4% of the directions free" in said
-    assert "warning: at the camera's height no direction is free for a metre in 0 of 5 valid frames" in said
-    assert "configs/indoor.toml" in said
+    output = capsys.readouterr().out
+    assert "87% of the pixels measured; at the camera's height 4% of the directions free" in output
+    assert "warning: at the camera's height no direction is free for a metre in 0 of 5 valid frames" in output
+    assert "configs/indoor.toml" in output
     assert main(["replay", str(log), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [a["code"] for a in report["advice"]] == ["nothing_free"]

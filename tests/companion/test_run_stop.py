@@ -56,20 +56,20 @@ def compiling(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], dict[int,
         [sys.executable, "-m", "companion", "run", "-c", str(config)], cwd=ROOT, env=environment,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
-    theirs: dict[int, str] = {}
+    children_of_it: dict[int, str] = {}
 
     def compiles_and_films() -> bool:
-        theirs.update(children(process.pid))
+        children_of_it.update(children(process.pid))
         return {"run_child", "cameras.worker"} <= {
-            w for w in ("run_child", "cameras.worker") for c in theirs.values() if w in c
+            w for w in ("run_child", "cameras.worker") for c in children_of_it.values() if w in c
         }
 
     try:
         assert until(compiles_and_films)
-        yield process, theirs
+        yield process, children_of_it
     finally:
         process.kill()
-        for pid in running(theirs):
+        for pid in running(children_of_it):
             os.kill(pid, signal.SIGKILL)
 
 
@@ -78,22 +78,22 @@ def running(pids: Iterable[int]) -> list[int]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_told_to_end_while_kernels_are_compiled_it_ends_with_its_children(tmp_path: Path, number: int) -> None:
-    with compiling(tmp_path) as (process, theirs):
+def test_a_signal_while_kernels_are_compiled_ends_the_service_with_its_children(tmp_path: Path, number: int) -> None:
+    with compiling(tmp_path) as (process, children_of_it):
         process.send_signal(number)
-        said, _ = process.communicate(timeout=PATIENCE_S)
-        assert process.returncode == 0, said
-        assert said.endswith("stopped\n")
-        assert "Traceback" not in said
-        assert not running(theirs)
+        output, _ = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, output
+        assert output.endswith("stopped\n")
+        assert "Traceback" not in output
+        assert not running(children_of_it)
 
 
 def test_killed_while_kernels_are_compiled_it_leaves_no_child_that_compiles_on(tmp_path: Path) -> None:
     """Started by hand, no systemd ends what a killed service leaves, and compiling takes a processor for minutes."""
-    with compiling(tmp_path) as (process, theirs):
+    with compiling(tmp_path) as (process, children_of_it):
         process.kill()
         process.wait()
-        assert until(lambda: not running(theirs))
+        assert until(lambda: not running(children_of_it))
 
 
 def test_systemd_is_asked_for_more_time_before_what_takes_long(tmp_path: Path) -> None:

@@ -385,7 +385,7 @@ def test_a_second_obstacle_in_the_front_face_does_not_hide_the_nearer_one() -> N
     assert old.faces_m(NS)[0] < 3.0
 
 
-def test_a_clear_field_stops_nobody_and_an_unseen_one_lets_px4_not_go() -> None:
+def test_a_clear_field_stops_no_vehicle_and_an_unseen_one_stops_px4() -> None:
     for bin_deg in (5, 10):
         px4 = Px4Reader(bin_deg)
         px4.read(message_of(scan([View(model(free_to_m=13.0), HERE)], AVOID)), NS)

@@ -53,24 +53,24 @@ class Flying:
 
     def __init__(self, live: Live, line: AutopilotLink) -> None:
         self.live, self.line = live, line
-        self.prisms, self.health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
+        self.prisms, self.health = live.subscribe("prisms", pb.PrismsFrame), live.subscribe("health", pb.Health)
 
     def well(self, seconds: float = PATIENCE_S, since_ns: int | None = None) -> None:
         """It sees, and nothing is wrong."""
         self.prisms.wait(lambda m: m.valid, seconds, since_ns)
         self.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, seconds, since_ns)
 
-    def said_blind(self, cause: str, seconds: float, since_ns: int) -> pb.PrismsFrame:
+    def blind_frame(self, cause: str, seconds: float, since_ns: int) -> pb.PrismsFrame:
         """That the camera is blind, and why; the whole is blind with it."""
         blind: pb.PrismsFrame = self.prisms.wait(lambda m: not m.valid and cause in m.cause_text, seconds, since_ns)
         health = self.health.wait(lambda h: h.state == pb.Health.STATE_BLIND, seconds, since_ns)
-        assert any("camera front is blind" in trouble for trouble in health.troubles)
+        assert any("camera front is blind" in text for text in health.troubles)
         assert not blind.planes.corners_m
         assert not blind.prisms
         return blind
 
     def camera(self) -> pb.CameraHealth:
-        return self.health.heard[-1][1].cameras[0]
+        return self.health.received[-1][1].cameras[0]
 
 
 @pytest.fixture(scope="module")
@@ -121,10 +121,10 @@ def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None
     assert "autopilot: PX4" in runs[-1].stdout
 
 
-def test_one_that_joins_late_hears_at_once(flying: Flying) -> None:
-    late = flying.live.ear("prisms", pb.PrismsFrame)
+def test_a_late_subscriber_receives_at_once(flying: Flying) -> None:
+    late = flying.live.subscribe("prisms", pb.PrismsFrame)
     late.wait(lambda m: m.valid, 2.0)
-    flying.live.ear("health", pb.Health).wait(lambda h: h.state == pb.Health.STATE_ACTIVE, 3.0)
+    flying.live.subscribe("health", pb.Health).wait(lambda h: h.state == pb.Health.STATE_ACTIVE, 3.0)
 
 
 SLEEPER = textwrap.dedent("""
@@ -157,7 +157,7 @@ def test_a_killed_camera_process_is_reported_and_started_again(flying: Flying) -
     starts = flying.camera().starts
     begun_ns = time.monotonic_ns()
     os.kill(flying.live.camera_pids()["front"], signal.SIGKILL)
-    flying.said_blind("process has ended", 2.0, begun_ns)
+    flying.blind_frame("process has ended", 2.0, begun_ns)
     back_ns = begun_ns + NS // 2
     flying.well(15.0, since_ns=back_ns)
     assert longest_silence_s(flying.prisms, begun_ns) < 0.5
@@ -169,7 +169,7 @@ def test_a_camera_process_that_hangs_is_reported_and_replaced(flying: Flying) ->
     pid = flying.live.camera_pids()["front"]
     begun_ns = time.monotonic_ns()
     os.kill(pid, signal.SIGSTOP)
-    flying.said_blind("silent: no notification of its process", 3.0, begun_ns)
+    flying.blind_frame("silent: no notification of its process", 3.0, begun_ns)
     assert until(lambda: flying.live.camera_pids().get("front", pid) != pid, 6.0)
     flying.well(15.0)
     assert longest_silence_s(flying.prisms, begun_ns) < 0.5
@@ -181,12 +181,12 @@ def test_an_unplugged_camera_is_named_and_comes_back(flying: Flying) -> None:
     begun_ns = time.monotonic_ns()
     flying.live.cable.unlink()
     try:
-        flying.said_blind("unplugged", 3.0, begun_ns)
+        flying.blind_frame("unplugged", 3.0, begun_ns)
         dark_ns = time.monotonic_ns()
         assert until(lambda: len(flying.prisms.since(dark_ns)) >= 40, 8.0)
-        said = flying.prisms.since(dark_ns)
-        assert not any(m.valid for m in said)
-        assert sent_hz(said) >= 10.0
+        messages = flying.prisms.since(dark_ns)
+        assert not any(m.valid for m in messages)
+        assert sent_hz(messages) >= 10.0
     finally:
         flying.live.cable.touch()
     flying.well(15.0)
@@ -197,7 +197,7 @@ def test_a_silent_autopilot_blinds_and_is_named(flying: Flying) -> None:
     begun_ns = time.monotonic_ns()
     flying.line.change(lambda a: setattr(a, "silent", True))
     try:
-        flying.said_blind("attitude is too old", 2.0, begun_ns)
+        flying.blind_frame("attitude is too old", 2.0, begun_ns)
         flying.health.wait(lambda h: any("the attitude is" in t for t in h.troubles), 3.0, begun_ns)
         dark_ns = time.monotonic_ns()
         assert until(lambda: len(flying.prisms.since(dark_ns)) >= 20, 5.0)
@@ -210,7 +210,7 @@ def test_a_silent_autopilot_blinds_and_is_named(flying: Flying) -> None:
 
 def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_again(flying: Flying) -> None:
     """Until then its stamps are of another time: blind, or already right; the fixture sees to it."""
-    restarts = flying.health.heard[-1][1].autopilot.clock.restarts
+    restarts = flying.health.received[-1][1].autopilot.clock.restarts
     begun_ns = time.monotonic_ns()
     flying.line.change(lambda a: a.reboot(begun_ns))
     flying.health.wait(lambda h: h.autopilot.clock.restarts == restarts + 1, 4.0, begun_ns)
@@ -226,7 +226,7 @@ def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_again(flying
     flying.prisms.wait(lambda m: m.valid, 5.0)
 
 
-def test_the_autopilot_hears_how_the_pipeline_is(flying: Flying) -> None:
+def test_the_state_of_the_pipeline_is_sent_to_the_autopilot(flying: Flying) -> None:
     """MAV_STATE of our heartbeat: 4 active, 5 critical."""
 
     def state() -> int:

@@ -15,8 +15,9 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd
 from drivers.simulation.flight_path import VehicleState
 
+from .autopilot_parameters import PARAMETERS
 from .live import NS, Live, until
-from .test_service_avoids import CONFIG, FRONT, PARAMETERS, AvoidingService
+from .test_service_avoids import CONFIG, FRONT, AvoidingService
 from .test_service_conflicts import WALL_CM
 
 pytestmark = pytest.mark.process
@@ -38,7 +39,7 @@ def avoiding(
         avoiding = AvoidingService(live, line, request.param)
         try:
             live.start()
-            assert until(avoiding.sees)
+            assert until(avoiding.has_obstacles)
             yield avoiding
             assert live.stop() == 0
         finally:
@@ -53,21 +54,21 @@ def loses_attitude(autopilot: SimulatedAutopilot) -> None:
     autopilot.profile.hides_attitude = lambda _: True
 
 
-def tells_no_numbers(autopilot: SimulatedAutopilot) -> None:
+def sends_nan(autopilot: SimulatedAutopilot) -> None:
     motion = autopilot.profile.motion
     autopilot.profile.motion = lambda t_ns: nan(motion(t_ns))
 
 
 def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(avoiding: AvoidingService) -> None:
-    assert until(avoiding.sees)
+    assert until(avoiding.has_obstacles)
     assert avoiding.steadily()
     assert avoiding.health.since(0)[-1].autopilot.counts["noise_bytes"] > 0
 
 
-@pytest.mark.parametrize("fault", [loses_attitude, tells_no_numbers])
+@pytest.mark.parametrize("fault", [loses_attitude, sends_nan])
 def test_without_an_attitude_that_is_one_nothing_is_clear(avoiding: AvoidingService, fault: object) -> None:
     """The heading is carried on for 0.3 s; what comes late on the line may be a second old."""
-    assert until(avoiding.sees)
+    assert until(avoiding.has_obstacles)
     before = avoiding.line.change(lambda a: (a.profile.hides_attitude, a.profile.motion))
     avoiding.line.change(fault)
     begun_ns = time.monotonic_ns()
@@ -85,4 +86,4 @@ def test_without_an_attitude_that_is_one_nothing_is_clear(avoiding: AvoidingServ
     finally:
         avoiding.line.change(lambda a: setattr(a.profile, "hides_attitude", before[0]))
         avoiding.line.change(lambda a: setattr(a.profile, "motion", before[1]))
-    assert until(avoiding.sees, 20.0)
+    assert until(avoiding.has_obstacles)

@@ -89,7 +89,7 @@ def compared(path: Path) -> int:
 def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, renders: Path) -> None:
     """Two cameras; one is killed, the autopilot falls silent and reboots, files rotate meanwhile."""
     live = Live(tmp_path, CONFIG, renders)
-    prisms = live.ear("prisms", pb.PrismsFrame)
+    prisms = live.subscribe("prisms", pb.PrismsFrame)
     try:
         with flown(live) as line:
             live.start()
@@ -149,17 +149,17 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     flight = SimulatedFlight("trees", width=160, height=120, duration_s=1.0, rates=Rates(depth_hz=20.0))
     recorder = recorder_in(tmp_path / "logs")
     event_queue, held = EventQueue(), threading.Event()
-    said: list[int] = []
+    published: list[int] = []
     rested: list[bool] = []
 
     def publish(result: PrismsResult, prisms: bytes) -> None:
-        said.append(result.sequence)
+        published.append(result.sequence)
         rested.append(loop.wait_idle(0.0))
-        if len(said) == 3:
+        if len(published) == 3:
             assert held.wait(30.0)
 
-    def said_up_to(frames: int) -> bool:
-        return until(lambda: len(said) >= frames, 30.0)
+    def published_up_to(frames: int) -> bool:
+        return until(lambda: len(published) >= frames, 30.0)
 
     loop = loop_of(event_queue, recorder, publish)
     recorder.open()
@@ -169,10 +169,10 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
         if not isinstance(event, DepthFrame):
             event_queue.put([event])
             continue
-        assert said_up_to(min(event.sequence, 3))
+        assert published_up_to(min(event.sequence, 3))
         event_queue.put_frame(event)
     held.set()
-    assert until(lambda: said[-1] == 20, 30.0)
+    assert until(lambda: published[-1] == 20, 30.0)
     assert loop.wait_idle(30.0)
     assert rested == 4 * [False]  # reports of the service wait for the frame at hand
     loop.close()
@@ -182,22 +182,22 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     result = replay(log, Options(check=True))
     assert result.comparison is not None
     assert result.comparison.passed
-    assert result.comparison.compared == len(said) == 4
-    assert said == [0, 1, 2, 20]
+    assert result.comparison.compared == len(published) == 4
+    assert published == [0, 1, 2, 20]
 
 
 def recorded(folder: Path, params: RecordParams) -> Path:
     """The log of 21 frames in one second, whose estimate of the noise depends on the frames before."""
     flight = SimulatedFlight("street", width=320, height=240, duration_s=1.0, rates=Rates(depth_hz=20.0))
-    recorder, event_queue, said = recorder_in(folder, params), EventQueue(), list[int]()
-    loop = loop_of(event_queue, recorder, lambda result, prisms: said.append(result.sequence))
+    recorder, event_queue, published = recorder_in(folder, params), EventQueue(), list[int]()
+    loop = loop_of(event_queue, recorder, lambda result, prisms: published.append(result.sequence))
     recorder.open()
     loop.open()
     event_queue.put([camera_info(320, 240, ke_per_m=flight.cameras[0].ke_per_m)])
     for event in flight.events():
         if isinstance(event, DepthFrame):
             event_queue.put_frame(event)
-            assert until(lambda frames=event.sequence + 1: len(said) == frames, 30.0)  # type: ignore[misc]
+            assert until(lambda frames=event.sequence + 1: len(published) == frames, 30.0)  # type: ignore[misc]
         else:
             event_queue.put([event])
     loop.close()
@@ -212,13 +212,13 @@ def test_of_a_log_with_fewer_images_those_replay_bit_for_bit(
     log = recorded(tmp_path / "logs", RecordParams(depth_hz=5.0))
     assert kinds(log)["state"] == 1 + 6
     assert main(["replay", str(log), "--check"]) == 0
-    said = capsys.readouterr().out
-    assert "check: 6 frames compared bit by bit: equal" in said
-    assert "check: 15 frames not comparable, without depth" in said
-    assert "depth_hz = 5: frames between the recorded images cannot be computed again" in said
+    published = capsys.readouterr().out
+    assert "check: 6 frames compared bit by bit: equal" in published
+    assert "check: 15 frames not comparable, without depth" in published
+    assert "depth_hz = 5: frames between the recorded images cannot be computed again" in published
 
 
-def test_a_log_without_images_says_that_nothing_can_be_compared(
+def test_a_log_without_images_reports_that_nothing_can_be_compared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = recorded(tmp_path / "logs", RecordParams(depth=False))
@@ -230,12 +230,12 @@ def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_w
     """What came meanwhile is handled at one go: frames that were passed over, the other camera, then the first image."""
     flight = SimulatedFlight("street", width=160, height=120, duration_s=0.5, rates=Rates(depth_hz=20.0))
     info, recorder = camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m), recorder_in(tmp_path / "logs")
-    event_queue, warm, said = EventQueue(), threading.Event(), list[int]()
+    event_queue, warm, published = EventQueue(), threading.Event(), list[int]()
 
     def warm_up() -> None:
         assert warm.wait(30.0)
 
-    loop = loop_of(event_queue, recorder, lambda result, prisms: said.append(result.sequence), warm_up)
+    loop = loop_of(event_queue, recorder, lambda result, prisms: published.append(result.sequence), warm_up)
     recorder.open()
     loop.open()
     event_queue.put([info])
@@ -247,7 +247,7 @@ def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_w
         if event.sequence == 4:
             event_queue.put([replace(info, camera="right")])
     warm.set()
-    assert until(lambda: said == [10], 30.0)
+    assert until(lambda: published == [10], 30.0)
     assert loop.wait_idle(30.0)
     loop.close()
     recorder.close()

@@ -108,18 +108,28 @@ def test_without_intrinsics_the_file_names_what_is_missing(
     assert (
         main(["setup", "--yes", "--camera", f"v4l2:/dev/v4l/by-id/{D435}", "--autopilot", "none", "-o", str(out)]) == 1
     )
-    said = capsys.readouterr()
-    assert "pip install 'pyrealsense2>=2.54'" in said.err
-    assert "not complete yet" in said.out
+    output = capsys.readouterr()
+    assert "pip install 'pyrealsense2>=2.54'" in output.err
+    assert "not complete yet" in output.out
     assert "fx_px" in out.read_text()
 
 
 def test_flags_alone_are_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "c.toml"
-    words = ["setup", "--yes", "--camera", "oak", "--autopilot", "udpin:0.0.0.0:14540", "--pitch", "-20", "--no-doctor"]
-    assert main([*words, "--width", "0.8", "--height", "0.4", "--position", "0.1", "0", "0", "-o", str(out)]) == 0
+    arguments = [
+        "setup",
+        "--yes",
+        "--camera",
+        "oak",
+        "--autopilot",
+        "udpin:0.0.0.0:14540",
+        "--pitch",
+        "-20",
+        "--no-doctor",
+    ]
+    assert main([*arguments, "--width", "0.8", "--height", "0.4", "--position", "0.1", "0", "0", "-o", str(out)]) == 0
     assert load_config(out).autopilot.address == "udpin:0.0.0.0:14540"
-    assert main([*words, "-o", str(out)]) == 1
+    assert main([*arguments, "-o", str(out)]) == 1
     assert "--replace" in capsys.readouterr().err
 
 
@@ -127,13 +137,13 @@ def test_the_calibration_is_named_by_its_absolute_path(tmp_path: Path, monkeypat
     """The service runs in another folder."""
     monkeypatch.chdir(tmp_path)
     Path("SN1.conf").touch()
-    words = ["--camera", "zed:/dev/video0", "--autopilot", "none", "--calibration", "SN1.conf", "--no-doctor"]
-    assert main(["setup", "--yes", *words, "-o", "c.toml"]) == 0
+    arguments = ["--camera", "zed:/dev/video0", "--autopilot", "none", "--calibration", "SN1.conf", "--no-doctor"]
+    assert main(["setup", "--yes", *arguments, "-o", "c.toml"]) == 0
     assert load_config(Path("c.toml")).cameras[0].calibration == str(tmp_path / "SN1.conf")
 
 
 @pytest.mark.parametrize(
-    ("words", "cause"),
+    ("arguments", "cause"),
     [
         (["--camera", "kinect"], "expected one of oak"),
         (["--camera", "oak", "--autopilot", "com3"], "autopilot address"),
@@ -142,9 +152,9 @@ def test_the_calibration_is_named_by_its_absolute_path(tmp_path: Path, monkeypat
     ],
 )
 def test_wrong_flags_write_nothing(
-    words: list[str], cause: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], cause: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["setup", "--yes", "--no-doctor", "-o", str(tmp_path / "c.toml"), *words]) == 1
+    assert main(["setup", "--yes", "--no-doctor", "-o", str(tmp_path / "c.toml"), *arguments]) == 1
     assert cause in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -273,6 +283,6 @@ def test_without_the_library_nothing_is_compared(monkeypatch: pytest.MonkeyPatch
 def test_the_template_s_intrinsics_are_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     shipped = Path(__file__).resolve().parents[2] / "configs" / f"{name}.toml"
     assert main(["check-config", str(shipped)]) == 1
-    said = capsys.readouterr()
-    assert "usable" not in said.out
-    assert f"configs/{name}.toml" in said.err
+    output = capsys.readouterr()
+    assert "usable" not in output.out
+    assert f"configs/{name}.toml" in output.err

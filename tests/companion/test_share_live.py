@@ -61,8 +61,8 @@ def test_a_service_in_a_team(tmp_path: Path, renders: Path) -> None:
     port = free_port()
     config = CONFIG.replace('record = "off"', 'record = "always"') + SHARE.replace("PORT", str(port))
     live = Live(tmp_path, config, renders)
-    heard: list[ReceivedPacket] = []
-    line = TunnelLine(parse_address(f"udpout:127.0.0.1:{port}"), 196, heard.append)
+    received: list[ReceivedPacket] = []
+    line = TunnelLine(parse_address(f"udpout:127.0.0.1:{port}"), 196, received.append)
     try:
         with (
             flown(live),
@@ -70,7 +70,7 @@ def test_a_service_in_a_team(tmp_path: Path, renders: Path) -> None:
             WorldMirror(f"ipc://{tmp_path}/run/world", f"ipc://{tmp_path}/run/world-snapshot") as mirror,
         ):
             live.start()
-            health = live.ear("health", pb.Health)
+            health = live.subscribe("health", pb.Health)
             line.open()
             sent = [0]
 
@@ -79,7 +79,7 @@ def test_a_service_in_a_team(tmp_path: Path, renders: Path) -> None:
                 line.send(packets(sent[0]), 9)
                 return len(subscriber.newest(wait_s=0.1).sender) == 1
 
-            assert until(neighbours_received, PATIENCE_S), live.said()
+            assert until(neighbours_received, PATIENCE_S), live.output()
             found = subscriber.newest()
             assert np.abs(found.planes[0, :4] - FAR[:4]).max() < 0.1
             assert [m.is_vehicle for m in found.movers] == [True]
@@ -87,10 +87,10 @@ def test_a_service_in_a_team(tmp_path: Path, renders: Path) -> None:
             assert (mirror.space.snapshot.planes[:, 0] < 400.0).all()  # the own world has nothing of it
 
             def own_planes() -> bool:
-                return any(isinstance(decoded(p.data).content, SharedPlanes) for p in heard)
+                return any(isinstance(decoded(p.data).content, SharedPlanes) for p in received)
 
             assert until(lambda: neighbours_received() and own_planes(), PATIENCE_S)
-            assert {p.sender for p in heard} == {decoded(heard[0].data).header.vehicle}
+            assert {p.sender for p in received} == {decoded(received[0].data).header.vehicle}
             team = health.wait(lambda h: len(h.team.neighbours) == 1, PATIENCE_S).team
             assert team.received["accepted"] > 0
             assert live.stop() == 0

@@ -65,7 +65,7 @@ def flying(*words: str) -> Iterator[dict[str, str]]:
             process.kill()
 
 
-class Heard:
+class Receiver:
     """A link to the autopilot, until enough was heard and its clock is known."""
 
     def __init__(self, address: str, samples: int = 150) -> None:
@@ -92,14 +92,14 @@ def test_its_attitude_is_that_of_the_flight_on_the_clock_that_cameras_have(tmp_p
     address = f"udpin:127.0.0.1:{free_port()}"
     config = config_file(tmp_path, address)
     flight = flight_of(load_config(config))
-    with flying("-c", str(config), f"--{kind}", "--armed") as said:
-        heard = Heard(address)
-    assert said["flight"] == "tilted"
-    assert heard.status.vehicle is not None
-    assert heard.status.vehicle.armed
-    assert heard.status.vehicle.autopilot.lower() == kind
+    with flying("-c", str(config), f"--{kind}", "--armed") as output:
+        receiver = Receiver(address)
+    assert output["flight"] == "tilted"
+    assert receiver.status.vehicle is not None
+    assert receiver.status.vehicle.armed
+    assert receiver.status.vehicle.autopilot.lower() == kind
     errors_deg = []
-    for a in heard.attitudes()[-100:]:
+    for a in receiver.attitudes()[-100:]:
         turn = rotation_from_quaternion(a.q_ned_frd_wxyz).T @ flight.state(a.t_ns).R_ned_frd
         errors_deg.append(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
     assert len(errors_deg) == 100
@@ -108,18 +108,18 @@ def test_its_attitude_is_that_of_the_flight_on_the_clock_that_cameras_have(tmp_p
 
 def test_on_a_pty_with_a_name_of_its_own(tmp_path: Path) -> None:
     link = tmp_path / "autopilot"
-    with flying("-c", str(config_file(tmp_path)), "--address", f"pty:{link}") as said:
-        assert said["line"] == str(link)
-        heard = Heard(f"serial:{link}", samples=30)
-        assert heard.status.vehicle is not None
-        assert heard.status.vehicle.autopilot == "PX4"
-        assert len(heard.attitudes()) > 5
+    with flying("-c", str(config_file(tmp_path)), "--address", f"pty:{link}") as output:
+        assert output["line"] == str(link)
+        receiver = Receiver(f"serial:{link}", samples=30)
+        assert receiver.status.vehicle is not None
+        assert receiver.status.vehicle.autopilot == "PX4"
+        assert len(receiver.attitudes()) > 5
     assert not os.path.lexists(link)
 
 
-def test_it_gives_way_to_the_service(tmp_path: Path) -> None:
-    with flying("-c", str(config_file(tmp_path)), "--address", "pty") as said:
-        threads = [int(name) for name in os.listdir(f"/proc/{said['pid']}/task")]
+def test_it_is_refused_beside_the_service(tmp_path: Path) -> None:
+    with flying("-c", str(config_file(tmp_path)), "--address", "pty") as output:
+        threads = [int(name) for name in os.listdir(f"/proc/{output['pid']}/task")]
         assert len(threads) > 1  # the line's own
         assert {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_BATCH}
 

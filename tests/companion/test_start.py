@@ -15,6 +15,7 @@ from companion.live.event_queue import MAX_ITEMS
 from companion.live.service import Service
 from companion.paths import Folders
 from core.types import AttitudeSample
+from osape_client.proto import osape_v1_pb2 as pb
 
 pytestmark = pytest.mark.process
 
@@ -51,19 +52,19 @@ print(len(os.listdir("/proc/self/task")), os.environ["OPENBLAS_NUM_THREADS"])
 """
 
 
-def test_numpy_makes_no_threads_unless_told_to() -> None:
+def test_numpy_starts_no_threads_unless_configured() -> None:
     """On one core it makes none in either case."""
     environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
-    said = [
+    threads = [
         subprocess.run(
             [sys.executable, "-c", THREADS], env=environment | own, capture_output=True, text=True, check=True
         ).stdout.split()[-2:]
         for own in ({}, {"OPENBLAS_NUM_THREADS": "2"})
     ]
-    assert said == [["1", "1"], [str(min(2, os.cpu_count() or 1)), "2"]]
+    assert threads == [["1", "1"], [str(min(2, os.cpu_count() or 1)), "2"]]
 
 
-def test_a_long_start_is_no_hang(tmp_path: Path) -> None:
+def test_a_long_start_is_not_a_stalled_part(tmp_path: Path) -> None:
     """Kernels that are compiled take longer than a loop may stand still."""
     (tmp_path / "run").mkdir()
     config = config_of({"service": {"hang_s": 0.5}, "record": {"record": "off"}}, "test")
@@ -77,7 +78,24 @@ def test_a_long_start_is_no_hang(tmp_path: Path) -> None:
         service.close()
 
 
-def test_samples_that_give_way_are_reported(tmp_path: Path) -> None:
+def test_with_nothing_configured_the_missing_sections_are_reported(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    config = config_of({"record": {"record": "off"}}, "test")
+    service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: None)
+    try:
+        service.open()
+        assert service.loop.begun.wait(10.0)
+        service.tick()
+        assert service.diagnostic_texts == [
+            "no camera is configured: add a [[camera]] to the configuration",
+            "no autopilot is configured: set [autopilot] address",
+        ]
+        assert service.state == pb.Health.STATE_BLIND
+    finally:
+        service.close()
+
+
+def test_dropped_samples_are_reported(tmp_path: Path) -> None:
     """Of those that came too quickly for the pipeline the oldest are gone: frames may lack their attitude for it."""
     (tmp_path / "run").mkdir()
     config = config_of({"record": {"record": "off"}}, "test")

@@ -72,7 +72,7 @@ def test_a_note_is_reported_and_is_no_fault() -> None:
 
 def test_a_report_as_text() -> None:
     text = "\n".join(status_lines(report()))
-    for words in (
+    for part in (
         "DEGRADED for 65 s",
         "! optional_camera_unavailable: camera right (not required) is blind: lost: the cable is out",
         "camera front: running, 30.0 Hz, frame age 42 ms, 3 superseded",
@@ -85,7 +85,7 @@ def test_a_report_as_text() -> None:
         "extracting: 3.1 / 4.0 / 6.2 ms",
         "8 % of a core, 210 MB",
     ):
-        assert words in text
+        assert part in text
 
 
 def published(folder: Path, health: pb.Health, seconds: float = 5.0) -> threading.Thread:

@@ -34,9 +34,9 @@ def with_full_disk(code: str, *arguments: str) -> subprocess.CompletedProcess[st
     )  # fmt: skip
 
 
-def companion_with_full_disk(*words: str) -> subprocess.CompletedProcess[str]:
+def companion_with_full_disk(*arguments: str) -> subprocess.CompletedProcess[str]:
     """A command line of the companion."""
-    return with_full_disk("from companion.cli import main\nsys.exit(main(sys.argv[1:]))", *words)
+    return with_full_disk("from companion.cli import main\nsys.exit(main(sys.argv[1:]))", *arguments)
 
 
 @pytest.fixture
@@ -63,8 +63,8 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_a_full_disk_keeps_the_configuration_of_before(tmp_path: Path) -> None:
     target = tmp_path / "my.toml"
     target.write_text("# mine\n")
-    words = ["setup", "--yes", "--replace", "--no-doctor", "--camera", "simulated", "--autopilot", "none"]
-    done = companion_with_full_disk(*words, "-o", str(target))
+    arguments = ["setup", "--yes", "--replace", "--no-doctor", "--camera", "simulated", "--autopilot", "none"]
+    done = companion_with_full_disk(*arguments, "-o", str(target))
     assert done.returncode == 1
     assert str(target) in done.stderr
     assert target.read_text() == "# mine\n"

@@ -127,7 +127,7 @@ def test_page_plays_to_its_end(browser: Browser, page: Path) -> None:
         shown.wait("!app.playing && document.body.dataset.drawn === '2'")
 
 
-def test_page_that_fails_says_so_instead_of_showing_nothing(browser: Browser, page: Path) -> None:
+def test_page_that_fails_shows_the_failure(browser: Browser, page: Path) -> None:
     broken = page.with_name("broken.html")
     text = page.read_text("utf-8").replace("this.#words(frame, options);", "this.gone();")
     broken.write_text(text, encoding="utf-8")

@@ -49,7 +49,7 @@ class Viewer:
         assert b" 101 " in head.split(b"\r\n")[0]
         self._topics: dict[int, str] = {}
         self.schemas: dict[str, str] = {}
-        self.heard: dict[str, list[bytes]] = {}
+        self.received: dict[str, list[bytes]] = {}
 
     def close(self) -> None:
         self._socket.close()
@@ -62,12 +62,12 @@ class Viewer:
                 self._words(json.loads(body))
             elif kind == 2 and body[0] == 1:
                 number, _ = struct.unpack_from("<IQ", body, 1)
-                self.heard.setdefault(self._topics[number], []).append(body[13:])
+                self.received.setdefault(self._topics[number], []).append(body[13:])
 
     def newest(self, topic: str, kind: type[Any]) -> Any:
         """Its newest message, None without."""
-        said = self.heard.get(topic)
-        return kind.FromString(said[-1]) if said else None
+        message = self.received.get(topic)
+        return kind.FromString(message[-1]) if message else None
 
     def _words(self, scripted: dict[str, Any]) -> None:
         if scripted["op"] != "advertise":
@@ -125,15 +125,15 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(
         "/tf": FrameTransform, "/camera/front/depth": RawImage, "/status": Log,
     }  # fmt: skip
 
-    def all_heard() -> bool:
+    def all_received() -> bool:
         scripted.health()
         scripted.frame(depth=True)
         server.tick()
         viewer.listen()
-        said = viewer.newest("/status", Log)
-        return all(viewer.newest(t, k) is not None for t, k in wanted.items()) and said.message == "front sees"
+        message = viewer.newest("/status", Log)
+        return all(viewer.newest(t, k) is not None for t, k in wanted.items()) and message.message == "front sees"
 
-    assert until(all_heard)
+    assert until(all_received)
     assert viewer.schemas == {topic: kind.DESCRIPTOR.full_name for topic, kind in wanted.items()}
     scene = viewer.newest("/camera/front/scene", SceneUpdate)
     assert len(scene.entities[0].triangles[0].points) == 4
@@ -147,8 +147,8 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(
         scripted.blind("lost: its process has ended")
         server.tick()
         viewer.listen()
-        said = viewer.newest("/status", Log)
-        return bool(said.level == Log.FATAL and "front is BLIND: lost: its process has ended" in said.message)
+        message = viewer.newest("/status", Log)
+        return bool(message.level == Log.FATAL and "front is BLIND: lost: its process has ended" in message.message)
 
     assert until(blind)
     assert until(lambda: (viewer.listen(), viewer.newest("/camera/front/scene", SceneUpdate).deletions)[1])

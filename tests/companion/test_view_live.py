@@ -56,7 +56,7 @@ STATE, BANNER = "document.body.dataset.state", "document.getElementById('banner'
 VALID = f"{STATE} === 'valid' && app.frames.shown?.length > 0"
 
 
-def said(words: str) -> str:
+def shows(words: str) -> str:
     """That the page is red and shows the cause."""
     return f"{STATE} !== 'valid' && document.getElementById('banner').className === 'blind' && {BANNER}.includes({words!r})"
 
@@ -169,15 +169,15 @@ def test_the_page_can_step_back_and_shows_it(page: Page) -> None:
     page.wait(VALID)
 
 
-def test_a_lost_camera_is_blind_and_sees_again(page: Page, following: Following) -> None:
+def test_a_lost_camera_is_blind_and_recovers(page: Page, following: Following) -> None:
     live = following.live
     camera = live.camera_pids()["front"]
     live.cable.unlink()  # so that it stays away
     try:
         with suppress(ProcessLookupError):  # it may have seen that already
             os.kill(camera, signal.SIGKILL)
-        page.wait(said("BLIND"), SOON_S)
-        page.wait(f"{said('lost: ')} && document.getElementById('stage').classList.contains('blind')")
+        page.wait(shows("BLIND"), SOON_S)
+        page.wait(f"{shows('lost: ')} && document.getElementById('stage').classList.contains('blind')")
     finally:
         live.cable.touch()
     page.wait(VALID)
@@ -186,7 +186,7 @@ def test_a_lost_camera_is_blind_and_sees_again(page: Page, following: Following)
 def test_a_view_that_hangs_is_cut_off(page: Page, following: Following) -> None:
     following.view.send_signal(signal.SIGSTOP)
     try:
-        page.wait(f"{said('CUT OFF')} && document.getElementById('stage').dataset.word === 'CUT OFF'", SOON_S)
+        page.wait(f"{shows('CUT OFF')} && document.getElementById('stage').dataset.word === 'CUT OFF'", SOON_S)
     finally:
         following.view.send_signal(signal.SIGCONT)
     page.wait(VALID)
@@ -195,8 +195,8 @@ def test_a_view_that_hangs_is_cut_off(page: Page, following: Following) -> None:
 def test_a_service_that_is_killed_is_reported_to_be_silent(page: Page, following: Following) -> None:
     live = following.live
     live.stop(signal.SIGKILL)
-    page.wait(said("BLIND"), SOON_S)
-    page.wait(said("no message from the service for"), SOON_S)
+    page.wait(shows("BLIND"), SOON_S)
+    page.wait(shows("no message from the service for"), SOON_S)
     live.start()
     page.wait(VALID)
 

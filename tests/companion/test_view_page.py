@@ -100,7 +100,7 @@ def test_many_frames_make_smaller_images() -> None:
     assert 600 * widths[3] ** 2 * 0.75 * 0.3 < DEPTH_BUDGET_BYTES
 
 
-def test_page_asks_nothing_of_the_network() -> None:
+def test_page_makes_no_network_requests() -> None:
     page = page_of(frame())
     ours = page.replace((VIEWER / "three.module.min.js").read_text("utf-8"), "")
     assert len(ours) < len(page) - 500_000, "three.js lies in the page"

@@ -123,8 +123,8 @@ def test_the_banner_distinguishes_blind_valid_and_not_extracted(pictures: dict[s
     expected = {"valid": (0x2E, 0x7D, 0x32), "blind": (0xC6, 0x28, 0x28), "empty": (0xB2, 0x6A, 0x00)}
     for name, image in pictures.items():
         assert (np.abs(image[edge] - expected[name]) < 4).all(), name
-        words = image[4 : BANNER_PX - 4, : WIDTH_PX // 2]
-        assert np.mean(words.min(axis=2) > 220) > 0.005, f"{name}: no words in the band"
+        label = image[4 : BANNER_PX - 4, : WIDTH_PX // 2]
+        assert np.mean(label.min(axis=2) > 220) > 0.005, f"{name}: no words in the band"
 
 
 def test_blind_frame_shows_no_free_space_and_no_planes(pictures: dict[str, Image]) -> None:

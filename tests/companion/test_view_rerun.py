@@ -22,8 +22,8 @@ from .made_up import write_flight
 from .view_scenes import blind, frame, tilted
 
 
-def rerun_tool(*words: str) -> str:
-    done = subprocess.run([sys.executable, "-m", "rerun", *words], capture_output=True, text=True, timeout=120)
+def rerun_tool(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, "-m", "rerun", *arguments], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

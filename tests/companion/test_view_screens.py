@@ -121,8 +121,8 @@ def test_a_distance_is_measured_between_two_presses(browser: Browser, page: Path
         )
         shown.ask(press % -0.5)
         shown.ask(press % 0.5)
-        words = shown.ask("document.getElementById('measured').textContent")
-        level_m = float(words.split("level ")[1].split(" m")[0])
+        text = shown.ask("document.getElementById('measured').textContent")
+        level_m = float(text.split("level ")[1].split(" m")[0])
         assert level_m == pytest.approx(1.0, abs=0.35)  # from above a press meets the edge or the ground below it
         shown.ask("app.toggleMeasure()")
         assert shown.ask("document.getElementById('measured').hidden")

@@ -83,11 +83,11 @@ def test_compiles_once(small: Path) -> None:
 def test_a_truncated_cache_is_mended(filled: Path, kind: str, kept: int) -> None:
     (file,) = filled.rglob(kind)
     file.write_bytes(file.read_bytes()[:kept])
-    stranger = filled / "notes.txt"
-    stranger.write_text("not ours")
+    foreign = filled / "notes.txt"
+    foreign.write_text("not ours")
     mended = warmup.warm_up()
     assert (mended.deleted, mended.cached) == (2, 2)
-    assert stranger.exists()
+    assert foreign.exists()
     assert warmup.warm_up().deleted == 0
 
 
@@ -96,9 +96,9 @@ def test_a_fault_that_no_deletion_repairs_is_reported(
 ) -> None:
     monkeypatch.setattr(warmup, "CHILD", "raise MemoryError('no memory for kernels')")
     assert main(["warmup"]) == 1
-    said = capsys.readouterr().err
-    assert "even after 2 cached files were deleted" in said
-    assert "no memory for kernels" in said
+    output = capsys.readouterr().err
+    assert "even after 2 cached files were deleted" in output
+    assert "no memory for kernels" in output
 
 
 def test_a_killed_child_is_reported(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,9 +113,9 @@ def test_a_cache_that_cannot_be_written(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
     assert main(["warmup"]) == 1
-    said = capsys.readouterr().err
-    assert f"NUMBA_CACHE_DIR = {tmp_path / 'file' / 'cache'} cannot be written" in said
-    assert "unset it" in said
+    output = capsys.readouterr().err
+    assert f"NUMBA_CACHE_DIR = {tmp_path / 'file' / 'cache'} cannot be written" in output
+    assert "unset it" in output
 
 
 def test_all_kernels_run() -> None:
@@ -189,7 +189,7 @@ print(len(kernels), sorted(k.py_func.__name__ for k in kernels if not k.overload
 """
 
 
-def test_whatever_parameters_choose_every_kernel_that_python_calls_is_run() -> None:
+def test_every_kernel_that_python_calls_is_run_for_any_parameters() -> None:
     done = subprocess.run([sys.executable, "-c", CALLED], capture_output=True, text=True, check=True)
     count, never = done.stdout.split(maxsplit=1)
     assert int(count) > 25

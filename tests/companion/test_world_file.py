@@ -26,8 +26,8 @@ def test_written_whole_and_read_back(tmp_path: Path) -> None:
     write_world(path, (section(10),))
     write_world(path, (section(9000),))
     assert [p.name for p in tmp_path.iterdir()] == ["site.world"]
-    (back,), trouble = read_world(path)
-    assert trouble == ""
+    (back,), fault = read_world(path)
+    assert fault == ""
     assert (back.number, back.reset_counter, back.begun_ns, back.newest_ns) == (1, 2, 3, 4)
     assert np.allclose(back.box, section(9000).box)
 
@@ -36,10 +36,10 @@ def test_a_cut_file_gives_its_whole_parts_and_another_file_is_refused(tmp_path: 
     path = tmp_path / "site.world"
     write_world(path, (section(9000),))
     path.write_bytes(path.read_bytes()[:300_000])
-    (back,), trouble = read_world(path)
+    (back,), fault = read_world(path)
     assert len(back.box) == 4096
-    assert str(path) in trouble
-    assert "it is cut" in trouble
+    assert str(path) in fault
+    assert "it is cut" in fault
     path.write_bytes(b"PNG")
     with pytest.raises(ValueError, match=r"site\.world: no saved world"):
         read_world(path)

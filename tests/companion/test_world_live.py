@@ -24,9 +24,9 @@ def test_the_live_world_is_mirrored_and_ends_with_the_service(tmp_path: Path, re
     try:
         with flown(live), WorldMirror(f"ipc://{tmp_path}/run/world", f"ipc://{tmp_path}/run/world-snapshot") as mirror:
             live.start()
-            health = live.ear("health", pb.Health)
+            health = live.subscribe("health", pb.Health)
             assert until(lambda: mirror.update(0.2) and len(mirror.space.snapshot.blocks) > 0, PATIENCE_S), (
-                mirror.cause + live.said()
+                mirror.cause + live.output()
             )
             assert until(lambda: (mirror.update(0.2), len(mirror.space.snapshot.planes) >= 4)[1], PATIENCE_S)
             picture = mirror.space.snapshot

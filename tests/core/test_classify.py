@@ -138,7 +138,7 @@ def test_the_noise_stays_within_the_span_of_its_prior() -> None:
     assert estimate_ke(marks(silent, info), 225.0, 0.004, math.nan, 1e-5, p) == pytest.approx(0.002, rel=0.025)
 
 
-def test_the_noise_moves_slowly_and_keeps_what_it_knows() -> None:
+def test_the_noise_estimate_changes_slowly_and_is_kept() -> None:
     info = camera_info(320, 240)
     p = Params(min_sigma_px=0.01)
     image = marks(noisy(flat_wall(info, 6.0), 0.008, 3), info)

@@ -67,7 +67,7 @@ def test_walls_apart_by_less_than_a_vehicle_are_one_object(gap_columns: int) -> 
 
 
 @pytest.mark.parametrize(("behind", "count"), [(1.5, 1), (2.5, 2)])
-def test_a_pole_joins_the_wall_behind_it_when_nobody_fits_between(behind: float, count: int) -> None:
+def test_a_pole_joins_the_wall_behind_it_when_no_vehicle_fits_between(behind: float, count: int) -> None:
     t = Strips(cols=60)
     for u in range(60):
         t.add(u, 20, 80, 6.0 - behind if u == 30 else 6.0)

@@ -48,7 +48,7 @@ def test_bins_rise_with_the_code_and_hold_their_own_codes(sigma: float) -> None:
     assert (np.minimum(off_px, off_m) <= 0.51).all()
 
 
-def test_bins_are_as_wide_as_the_noise_far_away_and_as_deep_as_told_nearby() -> None:
+def test_bins_are_as_wide_as_the_noise_far_away_and_as_deep_as_configured_nearby() -> None:
     p = Params()
     t = bin_table(450.0, 20.0, 0.675, p)
     d, width = t.disparity_px[1:-2], t.width_px[1:-2]

@@ -150,7 +150,7 @@ def test_no_plane_lies_farther_behind_what_protrudes_than_the_safe_distance_and_
         assert x >= near - 0.3 - 4 * 0.001 * near**2
 
 
-def test_flags_say_what_the_picture_cut_and_what_was_inferred() -> None:
+def test_flags_show_what_the_image_border_cut_and_what_was_inferred() -> None:
     whole = extract(flat_wall(VIEW, 6.0), VIEW)
     every = PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT | PlaneFlags.CUT_TOP | PlaneFlags.CUT_BOTTOM
     assert PlaneFlags(int(whole.flags[0])) == every | PlaneFlags.UNKNOWN_BEHIND

@@ -254,7 +254,7 @@ def test_a_ball_between_floor_and_ceiling_fits_into_free_layers() -> None:
     assert (thin.free_to_m[:, outside] == 0.0).all()
 
 
-def test_layers_go_down_to_what_can_be_told_from_the_ground() -> None:
+def test_layers_go_down_to_what_can_be_distinguished_from_the_ground() -> None:
     p = Params()
     ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
     w = fs.walk_settings(view(), ground, 19.0, 0.005, p)[0]

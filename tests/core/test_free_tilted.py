@@ -47,13 +47,13 @@ def short_camera(max_range_m: float) -> CameraInfo:
 
 @pytest.mark.parametrize("max_range_m", [3.0, 5.0, 8.0, 12.0, 20.0])
 @pytest.mark.parametrize(("pitch_deg", "roll_deg"), TILTS_DEG)
-@pytest.mark.parametrize("told_by", ["sensor", "clip"])
+@pytest.mark.parametrize("far_from", ["sensor", "clip"])
 def test_far_is_free_only_as_deep_as_the_camera_measures(
-    max_range_m: float, pitch_deg: float, roll_deg: float, told_by: str
+    max_range_m: float, pitch_deg: float, roll_deg: float, far_from: str
 ) -> None:
     """An image that is far all over, either from the sensor or since all depths lie beyond the range clip."""
     info, R = short_camera(max_range_m), level(math.radians(pitch_deg), math.radians(roll_deg))
-    value = FAR_MM if told_by == "sensor" else round(1000.0 * 1.01 * max_range_m)
+    value = FAR_MM if far_from == "sensor" else round(1000.0 * 1.01 * max_range_m)
     model, _ = Extractor(Params()).extract(np.full((120, 160), value, np.uint16), info, R)
     assert model.valid
     depth = claimed_points(model) @ R[:, 2]

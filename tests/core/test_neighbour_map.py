@@ -243,7 +243,7 @@ def test_a_mover_is_carried_on_and_grows() -> None:
 # ---- the rule of safety ----------------------------------------------------------------------------------------------------
 
 
-def test_there_is_nothing_free_in_what_neighbours_say() -> None:
+def test_messages_of_neighbours_contain_no_free_space() -> None:
     names = {f.name for kind in (SharedObstacles, SharedPlanes, SharedMover, VehicleState) for f in fields(kind)}
     assert not any("free" in name or "open" in name or "clear" in name for name in names)
 

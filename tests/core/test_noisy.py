@@ -68,7 +68,7 @@ def test_a_frame_with_noise_in_a_tenth_of_it_is_invalid(ke: float, seed: int) ->
     assert len(model.planes) == 0
 
 
-def test_noise_in_a_part_teaches_nothing() -> None:
+def test_noise_in_a_part_changes_no_estimate() -> None:
     info = camera_info(320, 240, ke_per_m=0.005)
     clean = noisy(flat_wall(info, 5.0), 0.005, 1)
     ex = Extractor()

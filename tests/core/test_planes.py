@@ -257,7 +257,7 @@ def pockets(*rows: tuple[float, ...], masks: OpeningMasks = CLOSED) -> np.ndarra
     return planes[: refine.close_concavities(len(rows), len(planes), planes, plain(**POCKET), masks)]
 
 
-def test_a_notch_narrower_than_the_vehicle_is_spanned_and_said_to_be_inferred() -> None:
+def test_a_notch_narrower_than_the_vehicle_is_spanned_and_marked_inferred() -> None:
     wall = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
     planes = pockets(*wall, (7.5, -0.7, 7.5, 0.7, -1, 1))
     new = planes[3]

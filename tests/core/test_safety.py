@@ -366,7 +366,7 @@ def test_an_image_of_pure_noise_is_blind_in_no_time() -> None:
 
 @pytest.mark.parametrize("pixels", [2, 3, 4])
 @pytest.mark.parametrize("pitch", [0.0, -0.4])
-def test_noise_in_blocks_is_blind_and_teaches_nothing(pixels: int, pitch: float) -> None:
+def test_noise_in_blocks_is_invalid_and_changes_no_estimate(pixels: int, pitch: float) -> None:
     """No pixel of a block flies by itself; but no scene falls into so many pieces."""
     rng = np.random.default_rng(pixels)
     coarse = rng.integers(500, 15000, (240 // pixels, -(-320 // pixels)))
@@ -392,7 +392,7 @@ def test_leaves_all_over_the_picture_are_no_noise() -> None:
 
 
 @pytest.mark.parametrize("name", ["a", "t0", "bottom_m", "front_m"])
-def test_a_frame_one_of_whose_planes_is_no_numbers_is_blind_and_teaches_nothing(
+def test_a_frame_with_a_plane_that_is_not_finite_is_invalid_and_changes_no_state(
     monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     def spoilt(*args: Any) -> int:

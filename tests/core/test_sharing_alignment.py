@@ -104,10 +104,10 @@ def refused(other: Floats, own: Floats, prior: Placement) -> FitResult:
 def test_another_street_is_refused() -> None:
     rng = np.random.Generator(np.random.PCG64(1))
     own, true = street(rng, -20.0, 60.0), placed(20.0, 0.0, -3.0, 0.0)
-    stranger = own.copy()
+    wrong = own.copy()
     for k in range(0, len(own), 2):  # other houses: each facade and each side moved by metres of its own
-        stranger[k : k + 2, :4] += np.tile(rng.uniform(-4.0, 4.0, 2), 2)
-    assert refused(other_of(true, stranger), own, true) is not FitResult.ACCEPTED
+        wrong[k : k + 2, :4] += np.tile(rng.uniform(-4.0, 4.0, 2), 2)
+    assert refused(other_of(true, wrong), own, true) is not FitResult.ACCEPTED
 
 
 def test_two_bare_walls_do_not_fix_the_place_along_them() -> None:

@@ -157,7 +157,7 @@ def test_the_tops_of_things_stay(below_m: float) -> None:
         assert gone[top].mean() < 0.1
 
 
-def test_a_camera_is_judged_by_its_edges() -> None:
+def test_the_verdict_on_a_camera_depends_on_its_edges() -> None:
     for sensor, expected in ((SMEARED, True), (SHARP, False)):
         state = ExtractorState()
         for frame in range(P.smear_min_frames):

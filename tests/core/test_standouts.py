@@ -140,7 +140,7 @@ def test_every_near_edge_stays_within_the_safe_distance_of_its_plane(seed: int) 
 
 
 @given(SEED)
-def test_what_leaves_and_with_whom_against_trying_every_step(seed: int) -> None:
+def test_outliers_and_their_groups_against_trying_every_step(seed: int) -> None:
     rng = np.random.default_rng(seed)
     t = Strips(cols=60)
     for u in range(5, 55):

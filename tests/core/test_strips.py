@@ -181,7 +181,7 @@ def emit(c: Column, rough: bool = True) -> tuple[float, float]:
 
 
 @given(SEED, st.integers(3, 200))
-def test_the_near_side_of_rough_pixels_leaves_no_more_than_told_behind(seed: int, n: int) -> None:
+def test_the_near_side_of_rough_pixels_leaves_no_more_than_configured_behind(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     c = Column(rng.uniform(3.0, 8.0, n), sigma_d_px=0.05, params=Params(near_rank=int(rng.integers(1, 9))))
     p = c.params

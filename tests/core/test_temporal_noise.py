@@ -47,7 +47,7 @@ def after(frames: list[Depth], info: CameraInfo, p: Params = P, state: Extractor
 @pytest.mark.parametrize("length_px", [0.0, 9.0])
 @pytest.mark.parametrize("ke", [0.0015, 0.005])
 @pytest.mark.parametrize("configured", [1.0 / 3.0, 1.0, 3.0])
-def test_noise_of_a_still_camera_is_measured_whatever_its_correlation(
+def test_noise_of_a_still_camera_is_measured_for_any_correlation(
     ke: float, length_px: float, configured: float
 ) -> None:
     info = camera_info(640, 480, ke_per_m=configured * ke)
@@ -58,7 +58,7 @@ def test_noise_of_a_still_camera_is_measured_whatever_its_correlation(
     assert 0.85 * ke <= got <= 1.2 * ke
 
 
-def test_correlated_noise_is_not_believed_to_be_far_below_the_prior_without_evidence_over_time() -> None:
+def test_correlated_noise_is_not_estimated_far_below_the_prior_without_evidence_over_time() -> None:
     info = camera_info(640, 480, ke_per_m=0.005)
     image = marks_of(wall(info, 0.005, 30.0, 0), info)
     for still, least in ((math.nan, 0.6 * 0.005), (0.0045, 0.0043)):

@@ -72,7 +72,7 @@ def test_a_mover_that_stops_is_static_again() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_static_obstacles_do_not_move_whatever_the_errors_of_the_pose(seed: int) -> None:
+def test_static_obstacles_do_not_move_under_pose_errors(seed: int) -> None:
     """Drift of 1 % of the way, a yaw error that swings by 1 degree, vibration of 0.03 m."""
     rng = np.random.default_rng(seed)
     posts = [face(4.0 + 2.0 * i, -3.0 + 1.7 * i, 0.4) for i in range(4)] + [BACK]

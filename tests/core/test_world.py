@@ -297,7 +297,7 @@ def test_the_same_frames_make_the_same_world() -> None:
     assert not same(first.picture(now), World().picture(now))
 
 
-def test_a_full_world_forgets_what_was_not_seen_longest() -> None:
+def test_a_full_world_removes_what_was_not_observed_longest() -> None:
     world = World(WorldParams(most_planes=64, most_free_blocks=64, jump_speed_m_s=100.0))
     walls = np.array([wall(10.0 * k + 3, -3.0, 10.0 * k + 3, -1.0) for k in range(150)])
     for k in range(300):

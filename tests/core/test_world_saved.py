@@ -51,8 +51,8 @@ def test_coordinates_come_back_to_a_centimetre_and_never_smaller_in_height(seed:
     for k in range(8):
         world.add(seen(walls, tuple(at), k * math.pi / 4, k))
     (saved,) = world.saved()
-    ((back,), trouble) = sections_of(bytes_of((saved,)))
-    assert not trouble
+    ((back,), fault) = sections_of(bytes_of((saved,)))
+    assert not fault
     assert np.abs(back.box - saved.box).max(initial=0.0) <= 0.0151
     assert (back.box[:, 4] <= saved.box[:, 4] + 2e-5).all()
     assert (back.box[:, 5] >= saved.box[:, 5] - 2e-5).all()
@@ -78,8 +78,8 @@ def test_cut_at_any_byte_what_was_whole_is_kept_and_the_place_is_reported() -> N
             with pytest.raises(ValueError, match="no saved world"):
                 sections_of(data[:cut])
             continue
-        sections, trouble = sections_of(data[:cut])
-        assert trouble.startswith("byte ")
+        sections, fault = sections_of(data[:cut])
+        assert fault.startswith("byte ")
         planes = sum(len(s.box) for s in sections)
         assert planes >= planes_before
         planes_before = planes

@@ -97,7 +97,7 @@ def test_an_obstacle_behind_pushes_slowly_towards_the_one_ahead() -> None:
     assert reader_of(wall, backs_up=False).velocity_m_s((3.0, 0.0), NS) == (0.0, 0.0)
 
 
-def test_who_flies_away_faster_than_he_is_pushed_is_not_pushed() -> None:
+def test_a_vehicle_that_already_flies_away_is_not_pushed() -> None:
     behind = {4: 1.0}
     assert reader_of(behind).velocity_m_s((2.0, 0.0), NS)[0] == 2.0
     assert reader_of(behind).velocity_m_s((0.0, 0.0), NS)[0] > 0.3
@@ -126,7 +126,7 @@ def test_sliding_and_stopping_take_away_what_leads_towards_a_wall() -> None:
         assert math.hypot(forward, right) < 0.7
 
 
-def test_nothing_told_is_nothing_there_and_so_is_silence() -> None:
+def test_an_empty_message_and_silence_are_no_obstacle() -> None:
     reader = reader_of({})
     assert reader.healthy(NS)
     assert all(reader.room_m(d, NS) == math.inf for d in range(0, 360, 5))

@@ -107,7 +107,7 @@ def test_change_speed() -> None:
     assert copter(mode=commands.COPTER_LOITER).command(commands.change_speed(1, 2.0)) == FAILED
 
 
-def test_one_that_is_deaf_or_does_not_obey() -> None:
+def test_an_autopilot_that_ignores_commands_or_does_not_follow_them() -> None:
     flight = fly(px4(), 5.0)
     flight.deaf = True
     assert flight.command(commands.set_px4_hold(1)) is None

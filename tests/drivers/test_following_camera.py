@@ -104,7 +104,7 @@ def test_it_follows_an_autopilot_over_udp() -> None:
         assert frame.depth_mm[30, 40] / 1000.0 == pytest.approx(expected_m, abs=0.15)
 
 
-def test_without_an_autopilot_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_an_autopilot_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(following_camera, "OPEN_S", 0.2)
     settings = FollowSettings(address=f"udpin:127.0.0.1:{free_port()}")
     camera = FollowingDepthSource(walled(), INFO, settings, time.monotonic_ns)

@@ -61,7 +61,7 @@ def test_only_the_newest_frame_is_delivered_and_the_others_are_counted() -> None
     assert reader.read(0.0) == (None, [])
 
 
-def test_a_reader_that_sleeps_never_makes_the_writer_wait_and_gets_whole_frames() -> None:
+def test_a_slow_reader_never_blocks_the_writer_and_receives_complete_frames() -> None:
     reader, writer = pair()
     for k in range(5000):
         writer.write(frame(k))
@@ -124,7 +124,7 @@ def test_a_reader_that_was_too_slow_for_the_memory_gets_it_later() -> None:
     assert got.sequence == 2
 
 
-def test_words_come_with_what_they_tell() -> None:
+def test_texts_have_the_values_they_describe() -> None:
     reader, writer = pair()
     writer.send("opened", device="OAK-D", baseline_m=0.075)
     assert reader.read(1.0) == (None, [Notification("opened", {"device": "OAK-D", "baseline_m": 0.075})])
@@ -144,7 +144,7 @@ def test_the_last_notifications_of_a_process_are_received_before_its_end() -> No
         reader.read(1.0)
 
 
-def test_what_nobody_understands_is_refused() -> None:
+def test_what_no_reader_supports_is_refused() -> None:
     reader, writer = pair()
     writer._socket.send(b"\xff\xfe")
     with pytest.raises(BadData, match="cannot be decoded"):

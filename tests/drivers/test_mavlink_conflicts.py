@@ -61,7 +61,7 @@ def test_the_autopilots_own_map_and_companions_of_other_vehicles_are_none() -> N
     assert conflicts(c) == {}
 
 
-def test_one_with_our_ids_is_named_and_our_own_words_brought_back_are_not() -> None:
+def test_a_sender_with_our_ids_is_reported_and_our_own_messages_echoed_are_not() -> None:
     c = talk(ARDUPILOT)
     c.run(2.0)
     for data in c.sent[-50:]:
@@ -121,7 +121,7 @@ def test_made_up_ids_do_not_fill_the_memory() -> None:
     assert len(s._rivals) == len(s._left_out) == 16
 
 
-def test_what_is_written_goes_to_the_one_who_is_meant_and_not_to_who_spoke_last() -> None:
+def test_messages_go_to_the_autopilot_and_not_to_the_newest_sender() -> None:
     line = UdpLine(Address("udpin", "127.0.0.1", free_port()))
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as true,
@@ -154,7 +154,7 @@ def test_half_a_message_of_one_holds_back_none_of_another() -> None:
     assert session.last_chunk == 1
 
 
-def test_datagrams_of_anybody_do_not_take_our_words_away_from_the_autopilot() -> None:
+def test_datagrams_of_other_senders_do_not_redirect_messages_to_the_autopilot() -> None:
     port = free_port()
     with (
         AutopilotLink(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT)), UdpEnd("127.0.0.1", port)) as autopilot,

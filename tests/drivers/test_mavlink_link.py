@@ -144,7 +144,7 @@ def test_a_reboot_with_a_new_udp_port() -> None:
             assert until(lambda: link.status().attitude_hz > 70.0)
 
 
-def test_udpout_says_hello_first() -> None:
+def test_udpout_sends_a_heartbeat_first() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as router:
         router.bind(("127.0.0.1", 0))
         router.settimeout(5.0)
@@ -166,7 +166,7 @@ def test_tcp_and_the_loss_of_it() -> None:
             server.accept()[0].close()
 
 
-def test_what_lies_on_the_line_is_there_when_somebody_catches_up() -> None:
+def test_bytes_waiting_on_the_link_are_read_by_catch_up() -> None:
     port = free_port()
     started_ns = time.monotonic_ns() - 10**10
     place = ("127.0.0.1", port)
@@ -227,7 +227,7 @@ def test_the_line_is_looked_at_shortly_before_a_frame_is_expected(hz: int, rate_
 
 
 @pytest.mark.parametrize("apart_ns", [1, 1_000_000, LEAST_APART_NS, 7_000_000, NS, 5 * NS])
-def test_whatever_the_rhythm_the_line_is_looked_at_as_often_as_ever(apart_ns: int) -> None:
+def test_the_link_is_polled_at_the_same_rate_for_any_message_rate(apart_ns: int) -> None:
     scheduler = PollScheduler()
     assert scheduler.pause_s(10 * NS) == PAUSE_S
     for k in range(3):
@@ -280,7 +280,7 @@ def test_a_flood_does_not_keep_the_attitude_from_the_frame_at_hand(monkeypatch: 
     try:
         with (
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot,
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
         ):
             for data in SimulatedAutopilot().due(time.monotonic_ns()):
                 autopilot.sendto(data, place)
@@ -288,7 +288,7 @@ def test_a_flood_does_not_keep_the_attitude_from_the_frame_at_hand(monkeypatch: 
             with_attitude = 0
             for k in range(60):
                 for _ in range(200):
-                    stranger.sendto(noise, place)
+                    sender.sendto(noise, place)
                 boot_ms = time.monotonic_ns() // 1_000_000
                 message = dialect.MAVLink_attitude_quaternion_message(boot_ms, 1.0, 0.0, 0.0, 0.0, 0.01 * k, 0.0, 0.0)
                 autopilot.sendto(message.pack(encoder), place)
@@ -310,12 +310,12 @@ def test_a_flood_is_named_beside_the_line() -> None:
     with (
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples),
         AutopilotLink(SimulatedAutopilot(), UdpEnd(*place)),
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
     ):
         assert until(lambda: synchronised(link) and len(samples) > 20)
         assert link.state.flood == ""
         for _ in range(1000):
-            stranger.sendto(b"\x55" * 100, place)
+            sender.sendto(b"\x55" * 100, place)
             if link.state.flood:
                 break
             time.sleep(0.001)
@@ -444,7 +444,7 @@ def test_a_pty_that_hangs_up_is_lost() -> None:
     line.close()
 
 
-def test_a_rate_no_port_knows() -> None:
+def test_a_rate_that_no_port_supports() -> None:
     end = PtyEnd()
     with pytest.raises(BadData, match="choose a rate the port knows"):
         open_transport(Address("serial", end.device, -5))

@@ -236,9 +236,9 @@ def test_a_reboot_restarts_clock_and_rates() -> None:
 
 def test_requests_of_the_autopilot_and_answers_of_others_leave_our_clock_alone() -> None:
     c = talk(PX4, boot_at_ns=0)
-    stranger = SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=7, boot_at_ns=-5000 * NS))
+    other = SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=7, boot_at_ns=-5000 * NS))
     camera = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, component_id=100, boot_at_ns=-300 * NS))
-    c.autopilots += [stranger, camera]
+    c.autopilots += [other, camera]
     c.run(5.0)
     status = c.session.status(c.now_ns)
     assert status.vehicle is not None
@@ -345,9 +345,9 @@ def test_a_message_without_a_reader_is_logged_and_counts_as_received() -> None:
     assert session.status(9 * NS).counts["noise_bytes"] == 8 * len(broken)
 
 
-def test_who_reads_is_given_what_he_reads_and_no_motion() -> None:
+def test_a_reader_receives_the_messages_it_requested_and_no_motion() -> None:
     encoder = dialect.MAVLink(None, 1, 1)
-    words = [
+    messages = [
         dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), dialect.MAVLink_vfr_hud_message(1.0, 2.0, 3, 4, 5.0, 6.0),
         dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -358,7 +358,7 @@ def test_who_reads_is_given_what_he_reads_and_no_motion() -> None:
         session = MavlinkSession(
             on_message=lambda m, t_ns, received_kinds=received_kinds: received_kinds.append(m.get_type()), reads=reads
         )
-        session.receive([(bytes(m.pack(encoder)), NS) for m in words])
+        session.receive([(bytes(m.pack(encoder)), NS) for m in messages])
         assert received_kinds == expected
 
 
@@ -388,9 +388,9 @@ def warning(bytes_per_s: float | None, params: MavlinkParams | None = None, *, s
 def test_a_slow_line_is_reported_with_the_rate_that_would_fit() -> None:
     assert warning(None) == ""
     assert warning(92_160.0) == ""
-    said = warning(5_760.0)
-    assert "the line of 57600 baud carries 5760 bytes/s" in said
-    hz = int(said.rsplit("attitude_hz = ", 1)[1])
+    text = warning(5_760.0)
+    assert "the line of 57600 baud carries 5760 bytes/s" in text
+    hz = int(text.rsplit("attitude_hz = ", 1)[1])
     assert 10 < hz < 40
     assert "attitude_hz" not in warning(5_760.0, MavlinkParams(attitude_hz=float(hz)))
 
@@ -494,7 +494,7 @@ def test_parameters_out_of_range_are_named() -> None:
         (None, None, False),
     ],
 )
-def test_an_autopilot_that_was_heard_before_the_start_counts_before_its_heartbeat(
+def test_an_autopilot_received_before_the_start_counts_before_its_heartbeat(
     expected: Vehicle | None, params: MavlinkParams | None, heard: bool
 ) -> None:
     """After a restart in flight a second may pass until the next one."""

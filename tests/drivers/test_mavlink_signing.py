@@ -76,7 +76,7 @@ def trouble(c: Conversation) -> str:
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("behind", [0, DAY_TICKS, NOW], ids=["at our time", "a day behind", "without a clock"])
-def test_with_one_key_all_goes_on_whatever_the_autopilots_clock_says(kind: str, behind: int) -> None:
+def test_with_one_key_messages_are_accepted_for_any_clock_of_the_autopilot(kind: str, behind: int) -> None:
     c = talk(kind, KEY, KEY, signing_ticks=NOW - behind)
     c.run(6.0)
     status = c.session.status(c.now_ns)
@@ -97,7 +97,7 @@ def test_an_autopilot_ahead_of_our_clock_takes_what_we_send() -> None:
     assert trouble(c) == ""
 
 
-def test_an_autopilot_that_boots_with_an_old_time_is_believed_again_within_seconds() -> None:
+def test_an_autopilot_that_boots_with_an_old_time_is_accepted_again_within_seconds() -> None:
     c = talk(ARDUPILOT, KEY, KEY, signing_ticks=NOW)
     c.run(4.0)
     c.autopilots[0].reboot(c.now_ns)
@@ -232,13 +232,13 @@ def test_unsigned_messages_of_others_than_the_autopilot_are_no_fault() -> None:
 def test_timestamps_follow_the_wall_clock_and_not_the_number_of_packets() -> None:
     wall = Wall()
     session = MavlinkSession(signing=signing(wall=wall))
-    heard: list[int] = []
+    stamps: list[int] = []
     for second in range(5):
         wall.ns = NOON_NS + second * NS
         for data in session.due(second * NS + NS, speaks_first=True):
-            heard.append(int.from_bytes(data[-12:-6], "little"))
+            stamps.append(int.from_bytes(data[-12:-6], "little"))
             assert hashlib.sha256(KEY + data[:-6]).digest()[:6] == data[-6:]
-    assert heard == [NOW + second * TICKS_PER_S for second in range(5)]
+    assert stamps == [NOW + second * TICKS_PER_S for second in range(5)]
 
 
 def test_a_clock_set_back_and_a_burst_never_repeat_a_timestamp() -> None:
@@ -332,16 +332,16 @@ def test_keys_of_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "mode", "word"),
+    ("content", "mode", "text"),
     [(b"ab" * 32, 0o640, "others can read it"), (b"ab" * 31, 0o600, "neither 64"), (b"00" * 32, 0o600, "not all of them 0")],
 )  # fmt: skip
 def test_files_that_are_no_keys_name_the_cause_and_show_nothing(
-    tmp_path: Path, content: bytes, mode: int, word: str
+    tmp_path: Path, content: bytes, mode: int, text: str
 ) -> None:
     file = tmp_path / "signing.key"
     file.write_bytes(content)
     file.chmod(mode)
-    with pytest.raises(BadData, match=word) as failure:
+    with pytest.raises(BadData, match=text) as failure:
         load_key(file)
     assert content.decode() not in str(failure.value)
     with pytest.raises(DeviceNotFound, match="companion keys --signing"):

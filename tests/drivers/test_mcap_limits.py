@@ -78,7 +78,7 @@ def many_messages(path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("command", "build", "words"),
+    ("command", "build", "cause"),
     [
         ("info", zeros_of_a_gibibyte, "1073741824 bytes"),
         ("recover", many_messages, "more records than"),
@@ -86,14 +86,14 @@ def many_messages(path: Path) -> Path:
         pytest.param("info", many_messages, "more records than", marks=pytest.mark.slow),
     ],
 )
-def test_a_small_file_that_unpacks_to_gigabytes_needs_little_memory(command, build, words, tmp_path) -> None:
+def test_a_small_file_that_unpacks_to_gigabytes_needs_little_memory(command, build, cause, tmp_path) -> None:
     path = build(tmp_path / "bomb.mcap")
     assert path.stat().st_size < 100_000
     done = subprocess.run(
         [sys.executable, "-c", PEAK, command, str(path)], capture_output=True, text=True, check=False, timeout=300
     )
     printed = done.stdout + done.stderr
-    assert words in printed
+    assert cause in printed
     status, peak_kb = done.stdout.splitlines()[-1].split()
     assert int(status) == (1 if command == "info" or build is zeros_of_a_gibibyte else 0)
     assert int(peak_kb) < 600_000
@@ -129,7 +129,7 @@ def test_lz4_is_read_and_a_cut_or_wrong_one_is_left_out(tmp_path) -> None:
     assert any("chunk skipped" in cause for cause in damages(file_of(tmp_path / "b.mcap", [bytes(broken)])))
 
 
-def test_a_frame_that_wants_a_window_of_two_gibibytes_is_left_out(tmp_path) -> None:
+def test_a_frame_with_a_window_of_two_gibibytes_is_left_out(tmp_path) -> None:
     parameters = zstandard.ZstdCompressionParameters(window_log=31)
     packer = zstandard.ZstdCompressor(compression_params=parameters).compressobj()  # without the size of its content
     packed = packer.compress(CHANNEL + MESSAGE) + packer.flush()

@@ -87,17 +87,17 @@ def test_a_device_that_never_delivers_is_lost_with_a_remedy() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "cause"),
     [
         ({"pixels": np.zeros((HEIGHT, WIDTH), np.uint8), "kind": dai.ImgFrame.Type.GRAY8}, "expected RAW16"),
         ({"age_s": -5.0}, r"stamped \+[45]\.\d+ s from its arrival"),
         ({"matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "has its factory calibration"),
     ],
 )
-def test_frames_that_cannot_be_used_name_the_cause(changes: dict[str, object], words: str) -> None:
+def test_frames_that_cannot_be_used_name_the_cause(changes: dict[str, object], cause: str) -> None:
     message = depth_message(0, **changes)  # an exception inside of a node would end this process
     source = OakSource(SETTINGS, HostLink(lambda k: message))
-    with pytest.raises(BadData, match=words):
+    with pytest.raises(BadData, match=cause):
         source.open()
 
 

@@ -31,7 +31,7 @@ def test_open_scene_holds_no_obstacle() -> None:
     assert truth.drawn_ground[60:].all()
 
 
-def test_unknown_name_says_which_there_are() -> None:
+def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match="street"):
         make_scene("nowhere")
 

@@ -36,10 +36,10 @@ class Counted(SimulatedAutopilot):
 
 @contextmanager
 def listening() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
-        ear.bind(("127.0.0.1", 0))
-        ear.settimeout(5.0)
-        yield ear
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(5.0)
+        yield receiver
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
@@ -47,10 +47,10 @@ def test_it_looks_when_something_is_due(kind: str) -> None:
     """On a real line, next to no look comes to nothing."""
     autopilot = Counted(FirmwareProfile(kind=kind, streams={30: 100.0, 32: 30.0}))
     got: Counter[str] = Counter()
-    with listening() as ear, AutopilotLink(autopilot, UdpEnd(*ear.getsockname())):
+    with listening() as receiver, AutopilotLink(autopilot, UdpEnd(*receiver.getsockname())):
         splitter = MessageSplitter()
         while got["ATTITUDE"] < 200:
-            got.update(message.get_type() for message in splitter.feed(ear.recv(65_536)))
+            got.update(message.get_type() for message in splitter.feed(receiver.recv(65_536)))
     assert got["LOCAL_POSITION_NED"] > 0
     assert got["HEARTBEAT"] > 0
     assert autopilot.looks <= 1.2 * autopilot.answers + 5
@@ -70,7 +70,7 @@ def test_asked_at_the_instants_it_names_it_sends_all_at_their_rates(kind: str) -
     assert autopilot.looks == autopilot.answers
 
 
-def test_after_a_look_it_says_when_the_next_one_is_due() -> None:
+def test_after_a_read_the_time_of_the_next_one_is_given() -> None:
     autopilot = SimulatedAutopilot(FirmwareProfile(streams={30: 100.0, 32: 30.0}, timesync_asks_hz=2.0))
     assert len(autopilot.due(NS)) == 4
     assert autopilot.next_due_ns(NS) == NS + 10 * MS
@@ -97,7 +97,7 @@ def test_what_is_held_back_is_looked_at_again_soon_but_not_without_a_pause() -> 
     assert autopilot.next_due_ns(late_ns) == late_ns + MS
 
 
-def test_one_that_has_never_said_anything_is_looked_at_soon() -> None:
+def test_a_link_without_any_message_is_polled_soon() -> None:
     autopilot = SimulatedAutopilot()
     autopilot.mute = True
     assert autopilot.due(NS) == []
@@ -108,11 +108,11 @@ def test_a_change_is_acted_on_at_once_and_may_come_after_the_end(monkeypatch: py
     """Here nothing is due for hours: without being woken the line would sleep on."""
     monkeypatch.setattr(line_module, "_IDLE_S", 3600.0)
     monkeypatch.setattr(SimulatedAutopilot, "next_due_ns", lambda _, now_ns: now_ns + 3600 * NS)
-    with listening() as ear:
-        with AutopilotLink(SimulatedAutopilot(), UdpEnd(*ear.getsockname())) as line:
-            assert ear.recv(65_536)  # what is due at the beginning
+    with listening() as receiver:
+        with AutopilotLink(SimulatedAutopilot(), UdpEnd(*receiver.getsockname())) as line:
+            assert receiver.recv(65_536)  # what is due at the beginning
             time.sleep(0.1)
-            while ear.recv(65_536) != b"last":
+            while receiver.recv(65_536) != b"last":
                 line.change(lambda autopilot: autopilot.relay(b"last"))
         assert not line._thread.is_alive()
         assert line.change(lambda autopilot: autopilot.silent) is False

@@ -53,7 +53,7 @@ def camera(
 
 
 @pytest.mark.parametrize("render", ["depth", "stereo"])
-def test_rendered_stereo_alone_says_that_it_marks(render: str) -> None:
+def test_only_rendered_stereo_marks(render: str) -> None:
     assert not camera(Clock(), render=render).info.marks_smooth
     marked = camera(Clock(), info=dataclasses.replace(INFO, marks_smooth=True), render=render, mark_smooth=True)
     assert marked.info.marks_smooth is (render == "stereo")
@@ -92,10 +92,10 @@ def test_the_way_back_is_the_way_there() -> None:
     assert flight.on_path(11 * NS) == (9 * NS, True)
 
 
-def test_where_the_plan_says_so_there_is_no_attitude() -> None:
+def test_no_attitude_is_sent_in_the_spans_of_the_plan() -> None:
     flight = EndlessFlight(flight_plan("broken"))
-    said = [flight.hides_attitude(round(s * NS)) for s in (3.5, 3.7, 4.5, 4.7, 7.3, 7.5, 8.3, 8.5)]
-    assert said == [False, True, True, False, False, True, True, False]
+    hidden = [flight.hides_attitude(round(s * NS)) for s in (3.5, 3.7, 4.5, 4.7, 7.3, 7.5, 8.3, 8.5)]
+    assert hidden == [False, True, True, False, False, True, True, False]
 
 
 # ---- the camera -------------------------------------------------------------------------------------------------------

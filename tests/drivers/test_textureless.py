@@ -56,7 +56,7 @@ def test_a_thin_wire_is_found() -> None:
 
 
 @pytest.mark.parametrize("grey", [10.0, 254.0])
-def test_dark_and_saturated_pixels_are_not_judged(grey: float) -> None:
+def test_dark_and_saturated_pixels_are_not_evaluated(grey: float) -> None:
     left, right = pair(np.full((HEIGHT, WIDTH), grey), 0.5)
     assert not smooth(left, right, edges(left, LIMITS), LIMITS).any()
 

@@ -92,7 +92,7 @@ def test_the_rotation_vector_is_read_as_opencv_reads_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "size", "words"),
+    ("text", "size", "cause"),
     [
         (OLD, (640, 480), "a ZED delivers 2208x1242, 1920x1080, 1280x720, 672x376"),
         (OLD.replace("[STEREO]", "[STERO]"), (672, 376), "not a ZED calibration"),
@@ -101,8 +101,8 @@ def test_the_rotation_vector_is_read_as_opencv_reads_it() -> None:
         ("<html>", (672, 376), "not a ZED calibration"),
     ],
 )
-def test_files_that_cannot_be_used_name_the_cause(text: str, size: tuple[int, int], words: str) -> None:
-    with pytest.raises(BadData, match=words):
+def test_files_that_cannot_be_used_name_the_cause(text: str, size: tuple[int, int], cause: str) -> None:
+    with pytest.raises(BadData, match=cause):
         parse_zed_calibration(text, "SN.conf", *size)
 
 
@@ -139,7 +139,7 @@ def test_the_depth_of_a_drawn_wall_through_distortion_and_rotation(z_m: float) -
     assert np.percentile(off, 90) < 0.25
 
 
-def test_both_eyes_agree_in_height_and_a_wrong_calibration_is_found() -> None:
+def test_both_images_agree_in_height_and_a_wrong_calibration_is_found() -> None:
     c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
     raw = pair(c, 3.0)
     offset, corners = vertical_disparity_px(*StereoDepth(c).rectified(*raw))
@@ -150,7 +150,7 @@ def test_both_eyes_agree_in_height_and_a_wrong_calibration_is_found() -> None:
     assert abs(offset) > 5.0
 
 
-def test_what_only_one_eye_sees_has_no_depth() -> None:
+def test_what_only_one_image_shows_has_no_depth() -> None:
     """A near board in front of a far wall: the band that it hides from the right eye is unknown, not smeared."""
     width, height, near_px, far_px = 480, 120, 40, 10
     shape = (height, width + far_px)
@@ -265,7 +265,7 @@ def test_frames_of_a_device() -> None:
 
 
 @pytest.mark.parametrize("marks", [False, True])
-def test_the_description_says_whether_it_marks(marks: bool) -> None:
+def test_the_description_holds_whether_it_marks(marks: bool) -> None:
     settings = replace(SETTINGS, match=MatchParams(mark_smooth=marks))
     source = ZedSource(settings, Video([side_by_side()]), CALIBRATION)
     source.open()
@@ -274,15 +274,15 @@ def test_the_description_says_whether_it_marks(marks: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("video", "error", "words"),
+    ("video", "error", "cause"),
     [
         (Video([], open_=False), DeviceNotFound, "cannot be opened; check that it is connected"),
         (Video([]), DeviceLost, "check cable and power"),
         (Video([np.zeros((720, 2560, 3), np.uint8)]), BadData, r"images of 2560x720, expected 1344x376"),
     ],
 )
-def test_devices_that_cannot_be_used_name_the_cause(video: Video, error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
+def test_devices_that_cannot_be_used_name_the_cause(video: Video, error: type[Exception], cause: str) -> None:
+    with pytest.raises(error, match=cause):
         ZedSource(SETTINGS, video, CALIBRATION).open()
     assert video.released == 1
 
