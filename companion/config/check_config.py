@@ -20,7 +20,7 @@ def add_parser(subparsers: Any) -> None:
     """The command line of `companion check-config`."""
     parser = subparsers.add_parser("check-config", help="check a configuration file")
     parser.add_argument("file", type=Path, metavar="FILE", help="a configuration (TOML)")
-    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -110,6 +110,7 @@ def _linked_copy(folder: Path) -> Path | None:
     """A temporary directory with symbolic links to these kernels, deleted at the end of this process; None where none
     can be made. Child processes use it too, and what one of them compiles is written into it."""
     try:
+        _delete_left_over()
         base = Path(tempfile.mkdtemp(prefix=f"{_LINKED}{os.getpid()}-"))
         copy = base / folder.name
         copy.mkdir()
@@ -118,6 +119,14 @@ def _linked_copy(folder: Path) -> Path | None:
         return None
     atexit.register(_delete_own, base, os.getpid())
     return copy
+
+
+def _delete_left_over() -> None:
+    """The directories of this user's processes that were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{_LINKED}*"):
+        owner = folder.name.removeprefix(_LINKED).partition("-")[0]
+        if owner.isdecimal() and not Path("/proc", owner).exists() and folder.stat().st_uid == os.geteuid():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def is_linked_copy(folder: Path) -> bool:

@@ -54,7 +54,7 @@ class Warmup:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion warmup`."""
-    parser = subparsers.add_parser("warmup", help="compile all kernels")
+    parser = subparsers.add_parser("warmup", help="compile all kernels now, and repair those that are damaged")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -74,7 +74,7 @@ except DeviceNotFound as error:
     found["camera_gone"] = str(error)
 print(json.dumps(found))
 """
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 
 
 def tell(**found: Any) -> None:
