@@ -143,7 +143,8 @@ class PathAssessor:
     def _coming_m_s(self, speed_m_s: float) -> float:
         """speed_m_s less what a vehicle that gets slower loses until a stop command acts. It brakes already, as in a turn on the
         spot before the next leg, when the camera has left its course."""
-        return speed_m_s + min(0.0, self._gain_m_s2()) * STOP_PREDICT_S
+        late = speed_m_s > (self._sights[-1].speed_m_s or 0.0)
+        return speed_m_s if late else speed_m_s + min(0.0, self._gain_m_s2()) * STOP_PREDICT_S
 
     def _gain_m_s2(self) -> float:
         """Measured rate of the speed; 0: not known."""

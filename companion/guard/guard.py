@@ -50,6 +50,8 @@ NS = 1_000_000_000
 STEP_S: Final = 0.05
 """Longest time between two steps; a new sight of the path brings one at once."""
 LINK_NS: Final = NS // 5
+FLIES_M_S: Final = 2.0
+"""A faster vehicle does not stand on the ground."""
 REPEAT_NS: Final = 5 * NS
 """The same text is not announced again within this time."""
 READS: Final = frozenset({COMMAND_ACK_ID, EXTENDED_SYS_STATE})
@@ -181,7 +183,7 @@ class Guard:
                 now_ns,
                 stops=self.memory.state in INTERVENES,
             )
-            in_air = not self._landed.on_ground(vehicle, now_ns)
+            in_air = not self._landed.on_ground(vehicle, now_ns) or self._flies()
         return GuardInput(
             now_ns=now_ns,
             vehicle=vehicle,
@@ -190,6 +192,11 @@ class Guard:
             verdict=self._verdict,
             near_ground=self._landed.takes_off_or_lands(now_ns),
         )
+
+    def _flies(self) -> bool:
+        """Whether the measured speed is that of a flying vehicle, whatever the autopilot reports."""
+        speed_m_s = None if self._verdict is None else self._verdict.speed_m_s
+        return speed_m_s is not None and speed_m_s > FLIES_M_S
 
     # ---- out --------------------------------------------------------------------------------------------------------
 

@@ -71,7 +71,7 @@ class SpeedLimiter:
             return self._send(self.speed_m_s, now_ns)  # the mission has set another speed
         if self._result in (None, TEMPORARILY_REJECTED) and self._tries < TRIES:
             return self._send(self.speed_m_s, now_ns)
-        return self._raised(allowed_m_s, now_ns)
+        return self._raised(allowed_m_s, speed_m_s, now_ns)
 
     def _follow_effect(self, speed_m_s: float, now_ns: int) -> None:
         """Notes a limit that the vehicle does not follow: the mission has set another speed, or the autopilot ignores it."""
@@ -82,10 +82,14 @@ class SpeedLimiter:
         elif now_ns - self._excess[0] >= EXCESS_NS:
             self.ineffective = True
 
-    def _raised(self, allowed_m_s: float, now_ns: int) -> float | None:
+    def _raised(self, allowed_m_s: float, speed_m_s: float, now_ns: int) -> float | None:
         """A higher limit, after raise_after_s in which it was allowed; never above the speed before the limit. By at least two
-        steps, unless that speed is reached."""
+        steps, unless that speed is reached. A vehicle that is slower than its limit is kept slow by the mission or by a ground
+        station: it would get faster than they have commanded."""
         target_m_s = min(allowed_m_s, self.fastest_m_s)
+        if speed_m_s < self.speed_m_s - EXCESS_M_S:
+            self._free_since_ns = None
+            return None
         worthwhile = target_m_s >= self.speed_m_s + 2.0 * LIMIT_STEP_M_S or target_m_s == self.fastest_m_s
         if target_m_s <= self.speed_m_s or not worthwhile:
             self._free_since_ns = None

@@ -814,3 +814,14 @@ def test_a_vehicle_that_first_ends_its_acceleration_follows_its_limit() -> None:
         out += f.step(3)
     assert texts(out) == []
     assert f.state is GuardState.LIMITED
+
+
+def test_a_vehicle_that_others_keep_slower_than_its_limit_is_not_made_faster() -> None:
+    """A ground station has set 0.8 m/s while the limit was 2 m/s; the guard would set the 3 m/s from before the limit."""
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(FREE, speed_m_s=0.8)
+    assert commands(f.step(100)) == []
+    f.verdict = replace(FREE, speed_m_s=2.0)
+    assert commands(f.step(60)) == [SpeedCommand(7, 3.0)]

@@ -114,6 +114,16 @@ def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_afte
     assert kept.state is GuardState.STOPPING
 
 
+@pytest.mark.parametrize(("speed_m_s", "protected"), [(3.0, True), (1.0, False)])
+def test_a_fast_vehicle_does_not_stand_on_the_ground(speed_m_s: float, protected: bool) -> None:
+    """A land detector that is wrong in flight."""
+    flight = Flight()
+    flight.velocity = (speed_m_s, 0.0, 0.0)
+    flight.guard.message(dialect.MAVLink_extended_sys_state_message(0, 1), START_NS)
+    flight.step(5)
+    assert (flight.state is not GuardState.INACTIVE) == protected
+
+
 def guard_with(vehicle: Callable[[], Vehicle | None]) -> Guard:
     return Guard(GuardParams(enabled=True), AvoidParams(), 196, vehicle, lambda: LINK, lambda _: None, None)
 
