@@ -40,6 +40,8 @@ FRAME_LATE_NS = 70 * MS
 """From the exposure to the result: camera, USB, extraction."""
 LINK_NS = 40 * MS
 """Each way, between the service and the autopilot."""
+NOISE_S = 0.5
+"""Time constant of the noise of the reported velocity."""
 SYSTEM, COMPONENT = 1, 196
 NO_CLOCK = ClockEstimate(ClockSource.NONE)
 
@@ -59,7 +61,8 @@ class LoopRecord:
 
 
 class GuardLoop:
-    """`run` flies. kind: PX4 or ArduPilot. blind_ns: from this instant on the camera gives no frames."""
+    """`run` flies. kind: PX4 or ArduPilot. blind_ns: from this instant on the camera gives no frames. velocity_noise_m_s: standard
+    deviation of each component of the reported velocity, with the time constant NOISE_S."""
 
     def __init__(
         self, scene: Scene, camera: CameraInfo, sensor: SensorModel, flight: AutoFlight, kind: str, seed: int,
@@ -78,6 +81,8 @@ class GuardLoop:
         self.record = LoopRecord()
         self.now_ns = 100 * NS
         self.blind_ns: int | None = None
+        self.velocity_noise_m_s = 0.0
+        self._noise_m_s, self._rng = np.zeros(3), np.random.default_rng([30, seed])
         extractor = Extractor()
         self._pipeline = Pipeline((camera,), lambda info: extractor)
         self.guard = Guard(self.params, self.avoid, COMPONENT, self._vehicle, self._link_status, self._post, None)
@@ -190,11 +195,21 @@ class GuardLoop:
         s, t_ns = self.flight.state(), self.now_ns
         samples: list[AttitudeSample | PoseSample] = [
             AttitudeSample(t_ns, t_ns, s.q_ned_frd_wxyz, s.rates_frd_rad_s),
-            PoseSample(t_ns, t_ns, s.position_ned_m, s.velocity_ned_m_s),
+            PoseSample(t_ns, t_ns, s.position_ned_m, self._reported_m_s(s.velocity_ned_m_s)),
         ]
         for sample in samples:
             self._pipeline.handle(sample)
         self._builder.samples(samples)
+
+    def _reported_m_s(self, velocity_ned_m_s: tuple[float, float, float]) -> tuple[float, float, float]:
+        """The velocity as the autopilot reports it."""
+        if self.velocity_noise_m_s == 0.0:
+            return velocity_ned_m_s
+        kept = math.exp(-TICK_NS / NS / NOISE_S)
+        fresh = self._rng.normal(0.0, self.velocity_noise_m_s, 3)
+        self._noise_m_s = kept * self._noise_m_s + math.sqrt(1.0 - kept * kept) * fresh
+        north, east, down = np.add(velocity_ned_m_s, self._noise_m_s).tolist()
+        return north, east, down
 
     def _expose(self) -> None:
         s, t_ns, number = self.flight.state(), self.now_ns, self._frame

@@ -1,10 +1,12 @@
 """The guard in the closed loop: random missions past walls, poles, trees and wires, and flights with nothing in the way.
 
-    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--blocked] [--width PX] [--minutes M] [--no-guard] [--gust M_S]
+    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--blocked] [--width PX] [--minutes M] [--no-guard]
+        [--gust M_S] [--velocity-noise M_S]
 
 Each mission is flown by a model of PX4 or ArduPilot at 1 to 8 m/s with rendered depth. It ends when the vehicle stands for one
 second after a stop, at its last waypoint, at a collision, or after 60 s. Then open and street scenes are flown for M minutes each.
-With --gust the missions are flown in a steady wind of half that speed and in gusts up to it, from random directions.
+With --gust the missions are flown in a steady wind of half that speed and in gusts up to it, from random directions; with
+--velocity-noise the autopilot reports its velocity with that standard deviation.
 """
 
 from __future__ import annotations
@@ -83,11 +85,23 @@ def gusts(number: int, gust_m_s: float) -> Wind | None:
     return Wind(0.5 * gust_m_s * steady, gust_m_s * gust, float(rng.uniform(2.0, 6.0)))
 
 
-def fly(mission: Mission, width: int, guard: GuardParams, gust_m_s: float = 0.0) -> Flown:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disturbance:
+    """What makes a flight less than ideal, m/s. velocity_noise_m_s: see GuardLoop."""
+
+    gust_m_s: float = 0.0
+    velocity_noise_m_s: float = 0.0
+
+
+CALM = Disturbance()
+
+
+def fly(mission: Mission, width: int, guard: GuardParams, disturbance: Disturbance = CALM) -> Flown:
     """One mission."""
     flight = flight_of(mission.autopilot, mission.waypoints_m, mission.height_m, mission.speed_m_s, mission.guided)
-    flight.wind = gusts(mission.number, gust_m_s)
+    flight.wind = gusts(mission.number, disturbance.gust_m_s)
     loop = _loop(mission.scene, flight, mission.autopilot, width, mission.number, guard)
+    loop.velocity_noise_m_s = disturbance.velocity_noise_m_s
     loop.run(0.0)
     start = _hover(loop)
     if mission.guided:
@@ -204,6 +218,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--minutes", type=float, default=0.0)
     parser.add_argument("--gust", type=float, default=0.0, help="m/s")
+    parser.add_argument("--velocity-noise", type=float, default=0.0, help="m/s")
     parser.add_argument(
         "--blocked", action="store_true", help="only those with an obstacle in the way, of so many numbers"
     )
@@ -216,7 +231,8 @@ def main() -> None:
         mission = random_mission(number)
         if args.blocked and not mission.blocked:
             continue
-        flights.append(fly(mission, args.width, guard, args.gust))
+        disturbance = Disturbance(gust_m_s=args.gust, velocity_noise_m_s=args.velocity_noise)
+        flights.append(fly(mission, args.width, guard, disturbance))
         print(json.dumps(asdict(flights[-1])))
         sys.stdout.flush()
     if flights:

@@ -235,14 +235,15 @@ def _same_course(a: PathSight, b: PathSight) -> bool:
 
 
 def _reach_m(sight: PathSight, newest: PathSight, side_m: float) -> float:
-    """Distance to which the corridor of a sight lies within side_m beside that of the newest one."""
+    """Distance to which the corridor of a sight lies within side_m beside, above or below that of the newest one."""
     if sight is newest or sight.course_rad is None or newest.course_rad is None:
         return math.inf
     beside_m = 0.0
     if sight.position_ned_m is not None and newest.position_ned_m is not None:
-        north_m, east_m = (newest.position_ned_m[k] - sight.position_ned_m[k] for k in (0, 1))
-        beside_m = abs(math.cos(newest.course_rad) * east_m - math.sin(newest.course_rad) * north_m)
-    apart = abs(math.sin(sight.course_rad - newest.course_rad))
+        north_m, east_m, down_m = (b - a for a, b in zip(sight.position_ned_m, newest.position_ned_m, strict=True))
+        cos, sin = math.cos(newest.course_rad), math.sin(newest.course_rad)
+        beside_m = math.hypot(cos * east_m - sin * north_m, down_m - newest.slope * (cos * north_m + sin * east_m))
+    apart = math.hypot(math.sin(sight.course_rad - newest.course_rad), sight.slope - newest.slope)
     return max(0.0, side_m - beside_m) / max(apart, 1e-6)
 
 

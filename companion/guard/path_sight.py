@@ -53,7 +53,8 @@ class _Nearest:
 class PathSight:
     """What one decision showed of the path. t_ns: instant of the decision; exposed_ns: of the oldest frame in use, None: none.
 
-    speed_m_s: horizontal, None: not known. course_rad: direction of the path clockwise from north, None: heading not known.
+    speed_m_s: horizontal, None: not known. course_rad: direction of the path clockwise from north, None: heading not known. slope: way
+    down for each metre along it.
     free_m: seen free from the vehicle's middle. rays_free_m, ahead_rays_m: of each ray of the corridor of free_m and of ahead_free_m, None: not known. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
     one that few pixels support, which needs a second frame. obstacle_frame, weak_frame: camera and exposure of the frames that
     show them, None: not known. remembered_m: nearest obstacle that was seen before, where no camera looks now, inf: none.
@@ -74,6 +75,7 @@ class PathSight:
     obstacle_frame: Frame | None = None
     weak_frame: Frame | None = None
     velocity_ns: int | None = None
+    slope: float = 0.0
     rays_free_m: Floats | None = field(default=None, compare=False)
     ahead_rays_m: Floats | None = field(default=None, compare=False)
 
@@ -96,14 +98,14 @@ class _Path:
 def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad_s: float = 0.0) -> PathSight:
     """The path at one decision. Where it cannot be computed nothing is seen free. turn_rad_s: rate of the course, clockwise."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
-    free_m, firm, weak, kept_m, course_rad = 0.0, _Nearest(), _Nearest(), math.inf, None
+    free_m, firm, weak, kept_m, course_rad, slope = 0.0, _Nearest(), _Nearest(), math.inf, None, 0.0
     ahead_free_m, rays_m, ahead_rays_m = math.inf, None, None
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
     if s.here is None:
         cause = cause or "the attitude is lost"
     else:
         path = _path(s, speed_m_s)
-        course_rad = s.here.heading_rad + math.atan2(path.sin, path.cos)
+        course_rad, slope = s.here.heading_rad + math.atan2(path.sin, path.cos), path.slope
         try:
             rays_m = rays_free_m(s, path, avoid, guard)
             free_m = common_free_m(rays_m, avoid.clear_share)
@@ -127,6 +129,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         exposed_ns=s.exposed_ns,
         speed_m_s=speed_m_s,
         course_rad=course_rad,
+        slope=slope,
         free_m=free_m,
         obstacle_m=firm.m,
         weak_obstacle_m=weak.m,

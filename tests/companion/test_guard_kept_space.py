@@ -83,6 +83,19 @@ def test_what_was_seen_beside_the_path_does_not_count() -> None:
     assert action(later(0, **rays()), replace(beside, position_ned_m=(0.4, 0.1, -3.0))) is not Action.STOP
 
 
+def test_what_was_seen_on_another_slope_does_not_count() -> None:
+    """The vehicle begins to climb: the level corridor was seen free, the rising one was not."""
+    rising = later(80, **rays(HOLES[0]), slope=-0.3)
+    assert action(later(0, **rays()), rising) is Action.STOP
+    assert action(later(0, **rays(), slope=-0.29), rising) is not Action.STOP
+    higher = later(80, **rays(HOLES[0]), position_ned_m=(0.4, 0.0, -3.4))
+    assert action(later(0, **rays()), higher) is Action.STOP
+
+
+def test_the_slope_of_a_sight_is_that_of_the_path() -> None:
+    assert seen(model(plane(12.0, -2.0, 2.0), free_to_m=12.0), velocity=(4.0, 0.0, -1.0)).slope == -0.25
+
+
 def test_an_estimate_of_the_position_that_jumps_back_does_not_lengthen_free_space() -> None:
     far_m = BRAKING.needed_m(5.0) + 0.5
     jumped = later(160, free_m=0.0, position_ned_m=(0.0, 0.0, -3.0))
