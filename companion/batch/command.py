@@ -146,7 +146,13 @@ def add_parser(subparsers: Any) -> None:
         "--compare", nargs=2, metavar=("OUT_A", "OUT_B"), help="compare two results; the report is written to OUT"
     )
     parser.add_argument("--no-pictures", action="store_true", help="with --compare: no pictures")
-    parser.add_argument("--engine", choices=list(EngineName), default=EngineName.LOCAL, type=EngineName, help="what runs the flights (local)")
+    parser.add_argument(
+        "--engine",
+        choices=list(EngineName),
+        default=EngineName.LOCAL,
+        type=EngineName,
+        help="what runs the flights (local)",
+    )
     parser.add_argument("--address", metavar="ADDRESS", help="of the Dask scheduler or the Ray cluster")
     parser.add_argument(
         "--workers", type=number_in(int, 1, 1024), metavar="N", help="processes of the local engine (one per core)"

@@ -158,12 +158,12 @@ def test_a_link_that_is_lost_at_any_moment(approach: Approach, steps: int) -> No
     for moment in MOMENTS:
         a = again(approach)
         a.run(moment)
-        before, a.flight.heard = a.state, False
+        before, a.flight.connected = a.state, False
         a._obeys.clear()
         a.run(steps)
         assert a.sent_from(moment) == [], moment
         assert a.state is before, moment
-        a.flight.heard = True
+        a.flight.connected = True
         a.run(STEPS)
         assert stands(a), moment
 

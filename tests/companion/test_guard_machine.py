@@ -641,7 +641,7 @@ EVENTS = st.one_of(
         st.just("verdict"), st.sampled_from([None, FREE, BLOCKED, NARROW, BLIND, replace(BLOCKED, speed_m_s=0.1)])
     ),
     st.tuples(st.just("doubt"), st.sampled_from(["", "", "two autopilots"])),
-    st.tuples(st.just("heard"), st.booleans()),
+    st.tuples(st.just("connected"), st.booleans()),
     st.tuples(st.just("armed"), st.sampled_from([True, True, True, False])),
     st.tuples(st.just("in_air"), st.sampled_from([True, True, True, False])),
     st.tuples(st.just("system"), st.sampled_from([7, 7, 7, 9])),

@@ -77,7 +77,7 @@ def disturb(f: Flight, chance: random.Random) -> None:
     elif event == 4:
         f.armed, f.in_air = chance.random() < 0.7, chance.random() < 0.8
     elif event == 5:
-        f.heard = chance.random() < 0.7
+        f.connected = chance.random() < 0.7
     elif event == 6:
         f.system_id = chance.choice([7, 7, 9])
     else:
