@@ -83,7 +83,7 @@ class Autopilot:
         heartbeat = dialect.MAVLink_heartbeat_message(2, 3, 128, 0, 4, 3)
         self._socket.sendto(heartbeat.pack(encoder), (host, int(port)))
 
-    def heard_cm(self) -> list[int]:
+    def received_cm(self) -> list[int]:
         """Ids of the messages that came and were not taken yet."""
         ids, decoder = list[int](), dialect.MAVLink(None)
         while True:
@@ -141,9 +141,9 @@ def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
         inject(service)
         assert until(lambda: status == [1])
         assert name in caplog.text
-        autopilot.heard_cm()
+        autopilot.received_cm()
         service.close()
-        assert 330 in autopilot.heard_cm(), "the blind policy's wall is what it hears last"
+        assert 330 in autopilot.received_cm(), "the blind policy's wall is what it hears last"
         autopilot.close()
 
 

@@ -38,7 +38,7 @@ def model(planes: int = 0, prisms: Sequence[Prism] = (), directions: int = 1, la
     )  # fmt: skip
 
 
-def told_one_by_one(model: FrameModel) -> pb.PrismsFrame:
+def encoded_one_by_one(model: FrameModel) -> pb.PrismsFrame:
     free = model.free
     return pb.PrismsFrame(
         planes=pb.Planes(
@@ -60,7 +60,7 @@ def told_one_by_one(model: FrameModel) -> pb.PrismsFrame:
 
 
 def check(frame_model: FrameModel) -> None:
-    read, expected = pb.PrismsFrame.FromString(encode_model(MODEL_FIELDS, frame_model)), told_one_by_one(frame_model)
+    read, expected = pb.PrismsFrame.FromString(encode_model(MODEL_FIELDS, frame_model)), encoded_one_by_one(frame_model)
     assert read == expected
     assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
 
