@@ -14,6 +14,8 @@ APART_NS = NS // 2
 EXCESS_M_S, EXCESS_NS = 0.5, 2 * NS
 """A vehicle that is faster than its limit by EXCESS_M_S and has not slowed down by EXCESS_M_S within EXCESS_NS after its greatest speed
 does not follow it."""
+FOLLOWS_NS = NS
+"""A vehicle that is not faster than its limit so much later follows it. Just after it was sent, a limited jerk may still exceed it."""
 TRIES = 3
 """A limit that is not acknowledged is sent so often; the stop does not depend on it."""
 ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
@@ -76,7 +78,8 @@ class SpeedLimiter:
     def _follow_effect(self, speed_m_s: float, now_ns: int) -> None:
         """Notes a limit that the vehicle does not follow: the mission has set another speed, or the autopilot ignores it."""
         if self.speed_m_s <= 0.0 or speed_m_s <= self.speed_m_s + EXCESS_M_S:
-            self._excess, self._followed = None, self.speed_m_s > 0.0
+            settled = self._sent_ns is not None and now_ns - self._sent_ns >= FOLLOWS_NS
+            self._excess, self._followed = None, self._followed or (settled and self.speed_m_s > 0.0)
         elif self._excess is None or not self._excess[1] - EXCESS_M_S < speed_m_s <= self._excess[1]:
             self._excess = now_ns, speed_m_s  # also while it still gets faster: a limited jerk takes its time
         elif now_ns - self._excess[0] >= EXCESS_NS:
