@@ -1,10 +1,10 @@
 """Whether the vehicle may fly on as it does: from the sights of the path to one verdict.
 
 Space seen free belongs to the world, not to a frame: what an earlier frame saw free is still free a moment later, nearer by
-the way flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along nearly the same course, for each ray
-of the corridor: holes of the depth image lie at other places in each frame. A
-frame that sees less, without an obstacle, therefore does not stop the vehicle by itself. Obstacles count at once; those with
-few pixels once a second frame shows them at the same place.
+the way flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along nearly the same course, for each
+ray of the corridor: holes of the depth image lie at other places in each frame. A frame that sees less, without an obstacle,
+therefore does not stop the vehicle by itself. Obstacles count at once; those with few pixels once a second frame shows them at the
+same place.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """speed_m_s: of the vehicle as measured, None: not known; predicted_m_s: that it has when a limit could work. allowed_m_s: greatest speed for which the braking distance fits for
-    another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
+    """speed_m_s: of the vehicle as measured, None: not known; predicted_m_s: that it has when a limit could work. allowed_m_s:
+    greatest speed for which the braking distance fits for another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
     seen farther. sees: the newest frame shows anything of the path. obstacle_stop: the braking distance does not fit before an
     obstacle, whatever is seen free; firm_stop: before one that the newest frame and another frame show with many pixels.
     cause: as text, for people."""
