@@ -18,6 +18,12 @@ class OpenSkyParams:
         "whether unmeasured sky is presumed free where the evidence below says so",
         safety=True,
     )
+    mount_measured: bool = switch(
+        False,
+        "roll and pitch of each camera were measured with `companion doctor --mount`: level ground in view confirms them, "
+        "without a turn",
+        safety=True,
+    )
     open_max_range_m: float = critical(15.0, 1.0, 25.0, "m", "nothing is presumed free beyond this horizontal range")
     upper_border: bool = switch(
         True, "a column is open only where its textureless pixels reach the upper border of the image", safety=True

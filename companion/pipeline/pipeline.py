@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from core.frames import level_cam_at, rotation_from_quaternion
 from core.invalid_model import invalid_model
-from core.self_check.mount_check import MountState, MountVerdict, checked, due
+from core.open_sky_params import OpenSkyParams
+from core.self_check.mount_check import MountState, MountVerdict, checked, confirmed_by_ground, due
 from core.self_check.mount_params import MountCheckParams
 from core.tracking.params import TrackingParams
 from core.types import (
@@ -43,7 +44,9 @@ UNPUBLISHED_DROPS = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
 
 
 class FrameExtractor(Protocol):
-    """The interface of core.extractor.Extractor that the pipeline uses."""
+    """The interface of core.extractor.Extractor that the pipeline uses. open_sky: is read for models with open ranges."""
+
+    open_sky: OpenSkyParams
 
     def extract(
         self,
@@ -250,7 +253,9 @@ class Pipeline:
         mount = state.mount
         if model.valid and due(mount, frame.t_exposure_ns, self._mount_check):
             mount = self._update_mount(frame, depth_mm, info, attitude, R_level_optical, camera_rad, model.ke_per_m)
-        model = without_open_unless_verified(invalidate_if_mount_wrong(model, mount), mount)
+        model = invalidate_if_mount_wrong(model, mount)
+        if model.free.has_open and not self._mount_supports_open(frame.camera, mount, attitude, camera_rad):
+            model = without_open(model)
         self._states[frame.camera] = CameraState(after, state.last_t_exposure_ns, mount)
         return PrismsResult(
             camera=frame.camera,
@@ -282,6 +287,18 @@ class Pipeline:
             rotation_from_quaternion(attitude.q_ned_frd_wxyz), camera_rad, self._mount_check,
         )  # fmt: skip
 
+    def _mount_supports_open(self, camera: str, mount: MountState, attitude: AttitudeAt, camera_rad: float) -> bool:
+        """Whether the mount is known well enough to presume open space: its error moves the horizon, which is the evidence.
+
+        It is verified, or was measured beforehand and the ground that it shows is level. While the check is off, or has not
+        measured enough, nothing is open. camera_rad: heading of the camera."""
+        if mount.verdict is MountVerdict.VERIFIED:
+            return True
+        if not self._extractors[camera].open_sky.mount_measured or not self._mount_check.enabled:
+            return False
+        R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
+        return confirmed_by_ground(mount, R_ned_frd, camera_rad, self._mount_check)
+
     def _drop(self, frame: DepthFrame, cause: DropCause) -> tuple[Output, ...]:
         decision = FrameDecision(
             camera=frame.camera,
@@ -305,12 +322,8 @@ class Pipeline:
         return decision, blind
 
 
-def without_open_unless_verified(model: FrameModel, mount: MountState) -> FrameModel:
-    """The model; without open ranges unless the mount is verified: its error moves the horizon, which is their evidence.
-
-    What is free was measured and stays. While the mount check is off, or has not measured enough, nothing is open."""
-    if mount.verdict is MountVerdict.VERIFIED or not model.free.has_open:
-        return model
+def without_open(model: FrameModel) -> FrameModel:
+    """The model without open ranges. What is free was measured and stays."""
     free = dataclasses.replace(model.free, open_from_dm=NOTHING_OPEN, open_to_dm=NOTHING_OPEN)
     return dataclasses.replace(model, free=free)
 

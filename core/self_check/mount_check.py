@@ -38,6 +38,8 @@ RESIDUAL_S, MAX_RESIDUAL_RAD = 1.0, math.radians(0.4)
 of the attitude and a wrong mount leave less."""
 RESTLESS_PER_SQRT_S = 3.0
 """How much faster the terrain is expected to change, in rad/sqrt(s) per rad of residual above MAX_RESIDUAL_RAD."""
+CONFIRMED_SDS = 2.0
+"""Standard deviations that the apparent slope of level ground may be away from level, see `confirmed_by_ground`."""
 VERIFIED_SDS = 2.0
 """A slope is the terrain's when the error of the mount in its direction and this many standard deviations are less than
 unverified_deg."""
@@ -136,6 +138,21 @@ def checked(
     return MountState(
         t_ns, state.measurements + 1, verdict, pending, streak, size, True, confirmations, residual, mount.state()
     )
+
+
+def confirmed_by_ground(state: MountState, R_ned_frd: Floats, heading_rad: float, params: MountCheckParams) -> bool:
+    """Whether the ground in the direction of this heading looks level, within degraded_deg with CONFIRMED_SDS standard deviations.
+
+    That is the sum of the mount's error and the terrain's slope, which one heading gives. It does not verify the mount: a slope that
+    cancels an error hides it. The ground is as far from level then as from the mount's axes, so what is judged against the
+    ground stays right. heading_rad: of level_cam's x axis."""
+    if state.verdict is not MountVerdict.UNKNOWN:
+        return False
+    rows = slope_rows(rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd, heading_rad)
+    mount = MountFilter(state.filter)
+    size = float(np.hypot(*(rows @ mount.mean)))
+    sd = math.sqrt(float(np.max(np.diag(rows @ mount.P @ rows.T))))
+    return size + CONFIRMED_SDS * sd <= math.radians(params.degraded_deg)
 
 
 def _residual(state: MountState, dt_s: float, rows: Floats, cues: MountCues, mount: MountFilter) -> tuple[float, float]:

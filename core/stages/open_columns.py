@@ -16,7 +16,7 @@ from .open_blocks import BEYOND_ALL, BLOCK, CONTINUED, MEASURED, OUTSIDE, SMOOTH
 from .view_geometry import ViewGeometry
 
 _NOTHING = np.float32(0.0)
-_BRIDGE = 4
+_BRIDGE = 12
 """Columns of blocks without a measurement below their edge that are bridged, counted with the next one."""
 _BORDER_OF_GROUND = 3
 """Blocks that the border between smooth ground and what is matched below may cross: the driver marks smooth ground up to 8
@@ -207,7 +207,8 @@ def things_above(kind, near, edge):
 @inner
 def bridge_columns(columns):
     """Columns whose edge has nothing measured below it take that from both sides, where those lie within _BRIDGE columns and
-    have the same edge. columns: Columns, changed in place."""
+    have the same edge. What is seen there below the edge stays unknown, so nothing at its height is open; only the sky above is,
+    which ends at the horizon there too. columns: Columns, changed in place."""
     edge, base, base_m, refusal = columns.edge, columns.base, columns.base_m, columns.refusal
     cols = len(edge)
     for j in range(1, cols - 1):

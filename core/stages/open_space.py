@@ -43,13 +43,28 @@ on both sides of it), so that a thing of its own is never filled."""
 
 
 @inner
+def edge_ends(depth_mm, H, u, first, end, out):
+    """Whether the textureless and textured cells of column u from row `first` on give way to matched or smooth ground in a row before
+    `end`. Where they do not, they are no edge: a textured thing may begin at the horizon."""
+    for v in range(first, min(end, out.shape[1])):
+        if out[u, v] != Q_UNKNOWN:
+            return True
+        mm = source_mm(depth_mm, H, u, v)
+        if mm in (BEYOND_MM, CONTINUED_MM):
+            return True
+        if mm not in (TEXTURELESS_MM, TEXTURED_MM):
+            return False
+    return False
+
+
+@inner
 def set_open(depth_mm, H, columns, run, code, matched, out):
     """Gives a code to unknown cells of columns (first, end) by their marks, downwards: textureless ones from row run[0] on until
-    something else is met in row run[1] or below; textured ones from there on, the edge itself, until something else is met or to run[2] - 1; smooth ground
-    below that to run[3] - 1. Cells that were matched beyond what millimetres can hold get the code `matched`. Cells of which nothing
-    is known, and what lies lower, keep theirs."""
+    something else is met in row run[1] or below; textured ones from there on, the edge itself, until something else is met or to
+    run[2] - 1, where the edge ends by then; smooth ground below that to run[3] - 1. Cells that were matched beyond what millimetres
+    can hold get the code `matched`. Cells of which nothing is known, and what lies lower, keep theirs."""
     for u in range(columns[0], columns[1]):
-        sky, edge = True, True
+        sky, edge = True, edge_ends(depth_mm, H, u, run[1], run[2] + 1, out)
         for v in range(run[0], out.shape[1]):
             measured = out[u, v] != Q_UNKNOWN
             mm = -1 if measured else source_mm(depth_mm, H, u, v)

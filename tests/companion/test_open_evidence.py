@@ -21,7 +21,8 @@ from companion.viewer.rerun_file import measured_mm as viewer_mm
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.self_check.mount_check import MountState, MountVerdict
+from core.self_check.mount_check import MountState, MountVerdict, checked
+from core.self_check.mount_cues import MountCues
 from core.self_check.mount_params import MountCheckParams
 from core.types import (
     CONTINUED_MM,
@@ -194,3 +195,35 @@ def test_a_covered_lens_is_not_measured() -> None:
     assert tally.summary().measured_share == 0.0
     assert (viewer_mm(depth) == 0).all()
     assert (depth_index(depth, replace(INFO, min_range_m=0.001)) == UNKNOWN_INDEX).all()
+
+
+def straight_flight(slope_deg: float, last_ground_s: float = 0.0) -> PipelineState:
+    """Of five seconds of straight, level flight over ground that looks inclined by this much; then none was in view."""
+    state, dt_ns = MountState(), 100 * MS
+    first = T_NS - 10 * MS - round(last_ground_s * 1e9) - 49 * dt_ns
+    for i in range(50):
+        cues = MountCues(True, np.radians(slope_deg), 0.0, 2.0)
+        state = checked(state, first + i * dt_ns, cues, np.eye(3), 0.0, MountCheckParams())
+    assert state.verdict is MountVerdict.UNKNOWN
+    if last_ground_s:
+        state = checked(state, T_NS - 10 * MS, MountCues(False, 0.0, 0.0, 2.0), np.eye(3), 0.0, MountCheckParams())
+    return PipelineState((("front", CameraState(mount=state)),))
+
+
+MEASURED = OpenSkyParams(mode="presume", mount_measured=True)
+
+
+@pytest.mark.parametrize(
+    ("slope_deg", "last_ground_s", "is_open"), [(0.3, 0.0, True), (0.3, 300.0, False), (1.5, 0.0, False)]
+)
+def test_level_ground_confirms_a_mount_that_was_measured(slope_deg: float, last_ground_s: float, is_open: bool) -> None:
+    flown = straight_flight(slope_deg, last_ground_s)
+    assert model_of(flown, open_sky=MEASURED).free.has_open is is_open
+    assert not model_of(flown).free.has_open
+
+
+def test_a_measured_mount_is_not_believed_without_ground_or_against_the_check() -> None:
+    assert not model_of(None, open_sky=MEASURED).free.has_open
+    state = dict(straight_flight(0.3).cameras)["front"]
+    degraded = replace(state, mount=replace(state.mount, verdict=MountVerdict.DEGRADED))
+    assert not model_of(PipelineState((("front", degraded),)), open_sky=MEASURED).free.has_open

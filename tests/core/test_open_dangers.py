@@ -149,3 +149,21 @@ def test_an_unknown_strip_at_the_horizon_is_not_open(f_px: float) -> None:
     depth = field(f_px)
     depth[row_at(f_px, 0.7) : row_at(f_px, -0.7)] = UNKNOWN_MM
     assert not model_of(f_px, depth).free.open_to_dm.any()
+
+
+@pytest.mark.parametrize("width_px", [8, 30])
+@pytest.mark.parametrize("mark", [TEXTURED_MM, TEXTURELESS_MM])
+def test_an_unmatched_thing_whose_top_lies_at_the_horizon_is_not_open(mark: int, width_px: int) -> None:
+    """Its uppermost rows look like the edge of the sky, and ground is measured on both sides of it. Seen over 1.3 degrees, the layer
+    of the camera would be open behind it from 11 m on, and with the rays to there before it."""
+    f_px = 350.0
+    depth = field(f_px)
+    k = info_of(f_px).intrinsics
+    u0 = round(k.cx) - width_px // 2
+    depth[row_at(f_px, 0.0) - 2 : row_at(f_px, 0.0) + 6] = TEXTURED_MM  # the marks of the edge of the sky
+    depth[row_at(f_px, 0.0) + 3 : row_at(f_px, -15.0), u0 : u0 + width_px] = mark
+    f = model_of(f_px, depth).free
+    d = int(np.searchsorted(f.azimuth_edges_rad, 0.0, side="right")) - 1
+    layer = int(np.searchsorted(f.layer_edges_m, 0.0, side="right")) - 1
+    assert f.open_to_m[d + 6, layer] >= 10.0
+    assert f.open_to_m[d, layer] == 0.0 or f.open_to_m[d - 1, layer] == 0.0
