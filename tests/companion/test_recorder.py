@@ -342,11 +342,11 @@ class FixedModel:
 SERVICE = textwrap.dedent("""
     import sys
     from pathlib import Path
-    from tests.companion.test_recorder import SMALL, Pipeline, Recorder, Says, flight, run_info, run_through
+    from tests.companion.test_recorder import SMALL, Pipeline, Recorder, FixedModel, flight, run_info, run_through
     source = flight(30.0)
     recorder = Recorder(Path(sys.argv[1]), run_info("live"), SMALL)
     recorder.open()
-    run_through(recorder, Pipeline(source.cameras, lambda info: Says()), source.events(), 0.001)
+    run_through(recorder, Pipeline(source.cameras, lambda info: FixedModel()), source.events(), 0.001)
 """)
 
 
