@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ..jit import inner, kernel
 from .line import along, offset, sideways, variance_at
 from .tables import NONE
@@ -60,8 +62,11 @@ def fits_one_rectangle(low, high, top, bottom, track):
 def continues(d, track, rules, eye_x, eye_y):
     """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye_x,
     eye_y: of the camera; the track must hide what the detection hides from it."""
-    off_a, off_b = abs(offset(track, d.ax_m, d.ay_m)), abs(offset(track, d.bx_m, d.by_m))
-    if max(off_a, off_b) > rules.gate_max_m:
+    off_a = abs(offset(track, d.ax_m, d.ay_m))
+    if off_a > rules.gate_max_m:
+        return 0.0
+    off_b = abs(offset(track, d.bx_m, d.by_m))
+    if off_b > rules.gate_max_m:
         return 0.0
     if sideways(track, d.ax_m, d.ay_m, off_a, eye_x, eye_y) > SIDEWAYS_M:
         return 0.0
@@ -86,55 +91,40 @@ def continues(d, track, rules, eye_x, eye_y):
 def covers(d, track, rules):
     """Whether a detection covers a track: it reaches over most of its length and height, no more than the gate in front of
     it and no more than its own margin behind it."""
-    x0, y0 = track.x_m + track.s0_m * track.tx, track.y_m + track.s0_m * track.ty
-    x1, y1 = track.x_m + track.s1_m * track.tx, track.y_m + track.s1_m * track.ty
+    height = min(d.bottom_m, track.bottom_m) - max(d.top_m, track.top_m)
+    if height < 0.8 * (track.bottom_m - track.top_m):
+        return False
     front = max(rules.gate_min_m, min(_FRONT_M, d.margin_m))
+    x0, y0 = track.x_m + track.s0_m * track.tx, track.y_m + track.s0_m * track.ty
     near0 = (y0 - d.ay_m) * d.tx - (x0 - d.ax_m) * d.ty
+    if near0 > front or near0 < -rules.gate_max_m:
+        return False
+    x1, y1 = track.x_m + track.s1_m * track.tx, track.y_m + track.s1_m * track.ty
     near1 = (y1 - d.ay_m) * d.tx - (x1 - d.ax_m) * d.ty
-    if max(near0, near1) > front or min(near0, near1) < -rules.gate_max_m:
+    if near1 > front or near1 < -rules.gate_max_m:
         return False
     q0 = (x0 - d.ax_m) * d.tx + (y0 - d.ay_m) * d.ty
     q1 = (x1 - d.ax_m) * d.tx + (y1 - d.ay_m) * d.ty
     low, high = min(q0, q1), max(q0, q1)
     over = min(high, d.length_m) - max(low, 0.0)
     length = track.s1_m - track.s0_m
-    if over < _COVERED_SHARE * max(high - low, 1e-3) or high - low < 0.5 * length - _TOUCH_M:
-        return False
-    height = min(d.bottom_m, track.bottom_m) - max(d.top_m, track.top_m)
-    return height >= 0.8 * (track.bottom_m - track.top_m)
+    return over >= _COVERED_SHARE * max(high - low, 1e-3) and high - low >= 0.5 * length - _TOUCH_M
 
 
 @kernel
-def track_boxes(tracks, live, boxes):
-    """Bounds of the live tracks (slots in `live`), enlarged by the reach of an association -> boxes (T, 6) float64: least
-    and greatest x, y and z."""
-    for n in range(live.shape[0]):
-        t = tracks[live[n]]
-        x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-        x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
-        boxes[n, 0], boxes[n, 1] = min(x0, x1), max(x0, x1)
-        boxes[n, 2], boxes[n, 3] = min(y0, y1), max(y0, y1)
-        boxes[n, 4], boxes[n, 5] = t.top_m, t.bottom_m
-
-
-@kernel
-def find_pairs(detections, tracks, live, boxes, order, rules, eye_x, eye_y, pairs, scores):
+def find_pairs(detections, tracks, live, rules, eye_x, eye_y, pairs, scores):
     """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, track, relation;
-    scores (P,) float64. live: (T,) slots; boxes: (T, 6) of `track_boxes`; order: (T,) of boxes by their least x; eye_x, eye_y: of the
-    camera. Returns
-    (number of pairs, number of pairs that did not fit)."""
+    scores (P,) float64. live: (T,) slots; eye_x, eye_y: of the camera. Returns (number of pairs, number of pairs that did
+    not fit)."""
+    boxes, near = np.empty((6, live.shape[0])), np.empty(live.shape[0], np.bool_)
+    track_boxes(tracks, live, boxes)
     reach = rules.gate_max_m + _TOUCH_M
     count, lost = 0, 0
     for i in range(detections.shape[0]):
         d = detections[i]
-        x0, x1 = min(d.ax_m, d.bx_m) - reach, max(d.ax_m, d.bx_m) + reach
-        y0, y1 = min(d.ay_m, d.by_m) - reach, max(d.ay_m, d.by_m) + reach
-        for n in order:
-            if boxes[n, 0] > x1:
-                break
-            if boxes[n, 1] < x0 or boxes[n, 2] > y1 or boxes[n, 3] < y0:
-                continue
-            if boxes[n, 4] >= d.bottom_m or boxes[n, 5] <= d.top_m:
+        find_near(d, boxes, reach, near)
+        for n in range(live.shape[0]):
+            if not near[n]:
                 continue
             j = live[n]
             score = continues(d, tracks[j], rules, eye_x, eye_y)
@@ -151,6 +141,31 @@ def find_pairs(detections, tracks, live, boxes, order, rules, eye_x, eye_y, pair
             scores[count] = score
             count += 1
     return count, lost
+
+
+@inner
+def track_boxes(tracks, live, boxes):
+    """Bounds of the live tracks (slots in `live`) -> boxes (6, T) float64: least and greatest x, y and z."""
+    for n in range(live.shape[0]):
+        t = tracks[live[n]]
+        x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
+        x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+        boxes[0, n], boxes[1, n] = min(x0, x1), max(x0, x1)
+        boxes[2, n], boxes[3, n] = min(y0, y1), max(y0, y1)
+        boxes[4, n], boxes[5, n] = t.top_m, t.bottom_m
+
+
+@inner
+def find_near(d, boxes, reach, near):
+    """Which boxes (6, T) a detection, enlarged by reach, overlaps -> near (T,) bool. Without branches, so that the compiler
+    compares several boxes at once."""
+    x0, x1 = min(d.ax_m, d.bx_m) - reach, max(d.ax_m, d.bx_m) + reach
+    y0, y1 = min(d.ay_m, d.by_m) - reach, max(d.ay_m, d.by_m) + reach
+    top, bottom = d.top_m, d.bottom_m
+    for n in range(near.shape[0]):
+        in_x = (boxes[0, n] <= x1) & (boxes[1, n] >= x0)
+        in_y = (boxes[2, n] <= y1) & (boxes[3, n] >= y0)
+        near[n] = in_x & in_y & (boxes[4, n] < bottom) & (boxes[5, n] > top)
 
 
 @inner

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..jit import inner, kernel
 from .association import CONTINUES
+from .line import offset
 
 _CUT_TOP, _CUT_BOTTOM = 16, 32
-_ROUNDS = 4
+_ROUNDS, _LEAST_HEIGHTS = 4, 6
 _SCALE_M = 0.1
 """Not tuning: distances above this count less, so that moving obstacles do not decide."""
 _PRIOR_M = 0.3
@@ -18,35 +19,55 @@ _PRIOR_M = 0.3
 keeps the shift along them."""
 
 
-def common_shift(
-    detections: NDArray[np.void], tracks: NDArray[np.void], pairs: NDArray[np.int32], scores: NDArray[np.float64]
-) -> tuple[float, float, float]:
+@kernel
+def common_shift(detections, tracks, pairs, scores):
     """The shift (x, y, z, m) to add to the tracks. Weighted least squares of the distances of detections from the lines of
     the tracks that they continue best, with weights reduced for large distances; z is the median difference of tops and
-    bottoms. Zeros where nothing is paired."""
-    order = np.argsort(-scores, kind="stable")
-    order = order[pairs[order, 2] == CONTINUES]
-    _, first = np.unique(pairs[order, 0], return_index=True)
-    chosen = pairs[order[np.sort(first)]]
-    if not len(chosen):
+    bottoms. Zeros where nothing is paired. pairs (P, 3) int32, scores (P,) float64: of `find_pairs`."""
+    chosen = np.full(detections.shape[0], -1, np.int32)
+    for n in range(pairs.shape[0]):
+        i = pairs[n, 0]
+        if pairs[n, 2] == CONTINUES and (chosen[i] < 0 or scores[n] > scores[chosen[i]]):
+            chosen[i] = n
+    x, y = 0.0, 0.0
+    for k in range(_ROUNDS):
+        x, y = shift_once(detections, tracks, pairs, chosen, x, y, _SCALE_M if k > 0 else math.inf)
+    heights, count = np.empty(2 * detections.shape[0]), 0
+    for n in chosen:
+        if n < 0:
+            continue
+        d, t = detections[pairs[n, 0]], tracks[pairs[n, 1]]
+        cut = d.plane_flags | t.plane_flags
+        if cut & _CUT_TOP == 0:
+            heights[count] = d.top_m - t.top_m
+            count += 1
+        if cut & _CUT_BOTTOM == 0:
+            heights[count] = d.bottom_m - t.bottom_m
+            count += 1
+    z = np.median(heights[:count]) if count >= _LEAST_HEIGHTS else 0.0
+    if not (math.isfinite(x) and math.isfinite(y)):
         return 0.0, 0.0, 0.0
-    d, t = detections[chosen[:, 0]], tracks[chosen[:, 1]]
-    x, y = 0.5 * (d["ax_m"] + d["bx_m"]), 0.5 * (d["ay_m"] + d["by_m"])
-    nx, ny = -t["ty"], t["tx"]
-    miss = (x - t["x_m"]) * nx + (y - t["y_m"]) * ny
-    weight = np.minimum(d["length_m"], 2.0) / d["sigma_m"] ** 2
-    shift, robust = np.zeros(2), np.ones(len(d))
-    for _ in range(_ROUNDS):
-        w = weight * robust
-        normal = np.array([[(w * nx * nx).sum(), (w * nx * ny).sum()], [(w * nx * ny).sum(), (w * ny * ny).sum()]])
-        shift = np.linalg.solve(
-            normal + np.eye(2) / _PRIOR_M**2, np.array([(w * nx * miss).sum(), (w * ny * miss).sum()])
-        )
-        robust = 1.0 / (1.0 + ((miss - nx * shift[0] - ny * shift[1]) / _SCALE_M) ** 2)
-    cut = d["plane_flags"] | t["plane_flags"]
-    tops, bottoms = (d[name] - t[name] for name in ("top_m", "bottom_m"))
-    heights = np.concatenate([tops[cut & _CUT_TOP == 0], bottoms[cut & _CUT_BOTTOM == 0]])
-    dz = float(np.median(heights)) if len(heights) >= 6 else 0.0
-    if not (math.isfinite(shift[0]) and math.isfinite(shift[1])):
-        return 0.0, 0.0, 0.0
-    return float(shift[0]), float(shift[1]), dz
+    return x, y, z
+
+
+@inner
+def shift_once(detections, tracks, pairs, chosen, x_m, y_m, scale_m):
+    """One round of the least squares: the shift (x, y) with the weights of an earlier one; scale_m: distance at which
+    the weight is half."""
+    a, b, c = 1.0 / _PRIOR_M**2, 0.0, 1.0 / _PRIOR_M**2
+    u, v = 0.0, 0.0
+    for n in chosen:
+        if n < 0:
+            continue
+        d, t = detections[pairs[n, 0]], tracks[pairs[n, 1]]
+        miss = offset(t, 0.5 * (d.ax_m + d.bx_m), 0.5 * (d.ay_m + d.by_m))
+        nx, ny = -t.ty, t.tx
+        far = (miss - nx * x_m - ny * y_m) / scale_m
+        weight = min(d.length_m, 2.0) / (d.sigma_m**2 * (1.0 + far * far))
+        a += weight * nx * nx
+        b += weight * nx * ny
+        c += weight * ny * ny
+        u += weight * nx * miss
+        v += weight * ny * miss
+    det = a * c - b * b
+    return (c * u - b * v) / det, (a * v - b * u) / det

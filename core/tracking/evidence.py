@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ..jit import inner, kernel
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
 from .tables import NONE, clear_cell, copy_cell, free_slot
@@ -27,6 +29,8 @@ _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
 """Not tuning: shares of a cell's height."""
 _RATE_STEP = 0.1
+_SPAN_SLACK_RAD, _RANGE_SLACK_M = 1e-6, 1e-3
+"""Not tuning: for the rounding of directions and ranges."""
 _LEAST_M = 0.02
 """Not tuning: a shorter rest of a track is removed."""
 
@@ -112,9 +116,47 @@ def classify(x, y, top, bottom, slack, rules, view):
 
 
 @inner
-def is_seen_through(x, y, track, detections, behind, eye_x, eye_y, eye_z):
+def find_spans(detections, view, spans):
+    """Directions that detections cover, and their reach -> spans (3, N) float64: least and greatest direction, rad from the
+    middle of the view, and the greatest range with the margin. A detection behind the camera covers all directions."""
+    middle = middle_azimuth(view)
+    for i in range(detections.shape[0]):
+        d = detections[i]
+        ax, ay, bx, by = d.ax_m - view.x_m, d.ay_m - view.y_m, d.bx_m - view.x_m, d.by_m - view.y_m
+        a, b = turn_between(middle, math.atan2(ay, ax)), turn_between(middle, math.atan2(by, bx))
+        if abs(a - b) > math.pi:
+            a, b = -math.pi, math.pi
+        spans[0, i], spans[1, i] = min(a, b) - _SPAN_SLACK_RAD, max(a, b) + _SPAN_SLACK_RAD
+        spans[2, i] = math.sqrt(max(ax * ax + ay * ay, bx * bx + by * by)) + d.margin_m
+
+
+@inner
+def middle_azimuth(view):
+    """Middle of the observed directions, 0 where there are none."""
+    n = view.edges_rad.shape[0]
+    return 0.5 * (view.edges_rad[0] + view.edges_rad[n - 1]) if n > 0 else 0.0
+
+
+@inner
+def turn_between(start, end):
+    """The angle from one azimuth to another, -pi to pi."""
+    turn = end - start
+    return turn - math.tau * math.floor(turn / math.tau + 0.5)
+
+
+@inner
+def find_crossing(azimuth, range_m, spans, crossing):
+    """Which detections may cross a direction beyond a range -> crossing (N,) bool. Without branches, so that the compiler
+    compares several at once."""
+    for i in range(crossing.shape[0]):
+        crossing[i] = (spans[0, i] <= azimuth) & (spans[1, i] >= azimuth) & (spans[2, i] >= range_m)
+
+
+@inner
+def is_seen_through(x, y, track, detections, crossing, behind, eye_x, eye_y, eye_z):
     """Whether detections of the frame lie behind a place of a track, as seen from the camera, over most of its height, and
-    none lies at it. Gaps that were filled do not count: nothing was measured in them."""
+    none lies at it. Gaps that were filled do not count: nothing was measured in them. crossing: (N,) bool of `find_crossing`
+    for the direction of the place."""
     dx, dy = x - eye_x, y - eye_y
     r = math.sqrt(dx * dx + dy * dy)
     if r < 1e-3:
@@ -122,6 +164,8 @@ def is_seen_through(x, y, track, detections, behind, eye_x, eye_y, eye_z):
     dx, dy = dx / r, dy / r
     passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m
     for i in range(detections.shape[0]):
+        if not crossing[i]:
+            continue
         d = detections[i]
         ax, ay, bx, by = d.ax_m - eye_x, d.ay_m - eye_y, d.bx_m - eye_x, d.by_m - eye_y
         side_a, side_b = dx * ay - dy * ax, dx * by - dy * bx
@@ -155,7 +199,9 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
 
     eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
     their square: what flickers does not accumulate where it is hidden."""
-    removed = 0
+    removed, middle = 0, middle_azimuth(view)
+    spans, crossing = np.empty((3, detections.shape[0])), np.empty(detections.shape[0], np.bool_)
+    find_spans(detections, view, spans)
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
         if t.hits == 0:
@@ -168,8 +214,12 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
             s = cell_middle(t, k)
             x, y = t.x_m + s * t.tx, t.y_m + s * t.ty
             seen = classify(x, y, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view)
-            if seen != CLEAR and is_seen_through(x, y, t, detections, rules.behind_m, view.x_m, view.y_m, eye_z):
-                seen = CLEAR
+            if seen != CLEAR:
+                dx, dy = x - view.x_m, y - view.y_m
+                least_m = math.sqrt(dx * dx + dy * dy) - rules.behind_m - t.margin_m - _RANGE_SLACK_M
+                find_crossing(turn_between(middle, math.atan2(dy, dx)), least_m, spans, crossing)
+                if is_seen_through(x, y, t, detections, crossing, rules.behind_m, view.x_m, view.y_m, eye_z):
+                    seen = CLEAR
             if seen >= EXPLAINED:
                 c.against += 2
             missed = missed or seen >= EXPLAINED

@@ -36,14 +36,6 @@ def free_view(model: FrameModel, camera_m: tuple[float, float, float]) -> FreeVi
     )  # fmt: skip
 
 
-def measured_limits(view: FreeView) -> tuple[float, float]:
-    """First and last azimuth with a free range, rad; (0, 0): there is none."""
-    measured = np.flatnonzero((view.far_m > view.near_m).any(axis=1))
-    if not len(measured):
-        return 0.0, 0.0
-    return float(view.edges_rad[measured[0]]), float(view.edges_rad[measured[-1] + 1])
-
-
 def view_bytes(view: FreeView, t_ns: int) -> bytes:
     """The bytes of a view."""
     numbers = (view.x_m, view.y_m, view.ke_per_m, view.ground_z_m, view.slope_x, view.slope_y, view.tolerance_m, view.noise_per_m)  # fmt: skip

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel, record
+from .evidence import turn_between
 
 GAP_M = 0.4
 """Not tuning: detections closer together belong to one group."""
@@ -72,10 +73,10 @@ def is_gap(d):
 
 
 @kernel
-def find_groups(detections, view, limits, pose_sigma_m, groups):
+def find_groups(detections, view, pose_sigma_m, groups):
     """Fills groups (G,) GROUP from detections, ordered by their least x, and sets their `group`; returns how many.
 
-    view: FreeView of the frame; limits: (first, last) azimuth that was measured, rad."""
+    view: FreeView of the frame."""
     n = detections.shape[0]
     parents = np.arange(n)
     boxes = np.empty((n, 6))
@@ -113,7 +114,7 @@ def find_groups(detections, view, limits, pose_sigma_m, groups):
             detections[i].group = detections[r].group
         if detections[i].group >= 0:
             add_detection(groups[detections[i].group], detections[i])
-    x_m, y_m = view.x_m, view.y_m
+    x_m, y_m, limits = view.x_m, view.y_m, measured_limits(view)
     for g in range(count):
         end_box(groups[g], x_m, y_m)
     for i in range(n):
@@ -198,10 +199,17 @@ def is_cut(g, limits):
 
 
 @inner
-def turn_between(start, end):
-    """The angle from one azimuth to another, -pi to pi."""
-    turn = end - start
-    return turn - math.tau * math.floor(turn / math.tau + 0.5)
+def measured_limits(view):
+    """First and last azimuth with a free range, rad; (0, 0): there is none. view: FreeView."""
+    first, last = 0, -1
+    for d in range(view.near_m.shape[0]):
+        for k in range(view.near_m.shape[1]):
+            if view.far_m[d, k] > view.near_m[d, k]:
+                first = d if last < 0 else first
+                last = d
+    if last < 0:
+        return 0.0, 0.0
+    return view.edges_rad[first], view.edges_rad[last + 1]
 
 
 @inner

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import inner
+from .line import variance_at
 from .snapshot import MovingObject, TrackSnapshot
 
 NS = 1_000_000_000
@@ -16,6 +19,22 @@ WIDE_M = 1.0
 """Not tuning: a shorter plane is not moved, since that could move it aside."""
 
 
+class Columns(NamedTuple):
+    """Arrays of a TrackSnapshot that `fill_columns` fills."""
+
+    ids: NDArray[np.int64]
+    planes: NDArray[np.float32]
+    margin_m: NDArray[np.float32]
+    sigma_m: NDArray[np.float32]
+    confidence: NDArray[np.float32]
+    state: NDArray[np.int32]
+    hits: NDArray[np.int32]
+    age_ns: NDArray[np.int64]
+    unseen_ns: NDArray[np.int64]
+    flags: NDArray[np.uint8]
+    object_id: NDArray[np.int64]
+
+
 def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m_s: float) -> TrackSnapshot:
     """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
     since the newest observation.
@@ -23,26 +42,38 @@ def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m
     A plane lies no farther behind the newest observation than BEHIND_M or its margin, and the margin contains
     the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the
     share of frames in view that observed the track, and at most 1 - 0.5^hits."""
-    t = tracks[tracks["hits"] > 0]
-    planes = np.empty((len(t), 6), np.float32)
-    excess = np.maximum(t["excess_m"], 0.0)
-    nearer = np.maximum(0.0, excess - np.maximum(BEHIND_M, t["margin_m"]))
-    nearer[t["s1_m"] - t["s0_m"] < WIDE_M] = 0.0
-    for k, s in enumerate((t["s0_m"], t["s1_m"])):
-        planes[:, 2 * k] = t["x_m"] + s * t["tx"] - nearer * t["ty"]
-        planes[:, 2 * k + 1] = t["y_m"] + s * t["ty"] + nearer * t["tx"]
-    planes[:, 4], planes[:, 5] = t["top_m"], t["bottom_m"]
-    middle = 0.5 * (t["s0_m"] + t["s1_m"])
-    variance = t["p00"] + 2.0 * middle * t["p01"] + middle * middle * t["p11"]
-    unseen_ns = t_ns - t["seen_ns"]
-    margin = t["margin_m"] + excess - nearer + growth_m_s * unseen_ns / NS
-    confidence = t["hit_rate"] * (1.0 - 0.5 ** np.minimum(t["hits"], 60))
-    return TrackSnapshot(
-        ids=t["id"].copy(), planes=planes, margin_m=margin.astype(np.float32),
-        sigma_m=np.sqrt(np.maximum(variance, 0.0)).astype(np.float32), confidence=confidence.astype(np.float32),
-        state=t["state"].copy(), hits=t["hits"].copy(), age_ns=t_ns - t["first_ns"], unseen_ns=unseen_ns,
-        flags=t["plane_flags"].astype(np.uint8), object_id=t["object_id"].copy(), objects=moving_objects(objects, t_ns),
+    n = int(np.count_nonzero(tracks["hits"]))
+    columns = Columns(
+        np.empty(n, np.int64), np.empty((n, 6), np.float32), np.empty(n, np.float32), np.empty(n, np.float32),
+        np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int64),
+        np.empty(n, np.int64), np.empty(n, np.uint8), np.empty(n, np.int64),
     )  # fmt: skip
+    fill_columns(tracks, t_ns, growth_m_s, columns)
+    return TrackSnapshot(**columns._asdict(), objects=moving_objects(objects, t_ns))
+
+
+@inner
+def fill_columns(tracks, t_ns, growth_m_s, out):
+    """Fills the columns with the tracks in use."""
+    n = 0
+    for j in range(tracks.shape[0]):
+        t = tracks[j]
+        if t.hits == 0:
+            continue
+        excess = max(0.0, t.excess_m)
+        nearer = max(0.0, excess - max(BEHIND_M, t.margin_m)) if t.s1_m - t.s0_m >= WIDE_M else 0.0
+        x, y = t.x_m - nearer * t.ty, t.y_m + nearer * t.tx
+        out.planes[n, 0], out.planes[n, 1] = x + t.s0_m * t.tx, y + t.s0_m * t.ty
+        out.planes[n, 2], out.planes[n, 3] = x + t.s1_m * t.tx, y + t.s1_m * t.ty
+        out.planes[n, 4], out.planes[n, 5] = t.top_m, t.bottom_m
+        unseen_ns = t_ns - t.seen_ns
+        out.margin_m[n] = t.margin_m + excess - nearer + growth_m_s * unseen_ns / NS
+        out.sigma_m[n] = math.sqrt(max(0.0, variance_at(t, 0.5 * (t.s0_m + t.s1_m))))
+        out.confidence[n] = t.hit_rate * (1.0 - 0.5 ** min(t.hits, 60))
+        out.ids[n], out.state[n], out.hits[n] = t.id, t.state, t.hits
+        out.age_ns[n], out.unseen_ns[n] = t_ns - t.first_ns, unseen_ns
+        out.flags[n], out.object_id[n] = t.plane_flags, t.object_id
+        n += 1
 
 
 def moving_objects(objects: NDArray[Any], t_ns: int) -> tuple[MovingObject, ...]:

@@ -120,23 +120,33 @@ def detections_of(
 ) -> NDArray[Any]:  # fmt: skip
     """(N,) DETECTION of the planes (P, 6) of a frame, by their least x. Planes that are not finite, or shorter than 1 mm, are
     left out."""
-    rows = planes.astype(np.float64)
-    length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
-    with np.errstate(invalid="ignore"):
-        good = np.isfinite(rows).all(axis=1) & np.isfinite(margin_m) & (length >= 1e-3) & (rows[:, 5] > rows[:, 4])
-    chosen = np.flatnonzero(good)[np.argsort(np.minimum(rows[good, 0], rows[good, 2]), kind="stable")]
-    rows, length = rows[chosen], length[chosen]
+    rows = np.ascontiguousarray(planes, np.float32)
+    order = np.argsort(np.minimum(rows[:, 0], rows[:, 2]), kind="stable")
     out = np.zeros(len(rows), DETECTION)
-    for k, name in enumerate(("ax_m", "ay_m", "bx_m", "by_m", "top_m", "bottom_m")):
-        out[name] = rows[:, k]
-    out["length_m"] = length
-    out["tx"], out["ty"] = (rows[:, 2] - rows[:, 0]) / length, (rows[:, 3] - rows[:, 1]) / length
-    margin = margin_m[chosen].astype(np.float64)
-    out["margin_m"] = margin
-    out["sigma_m"] = np.sqrt(0.25 * margin**2 + pose_sigma_m**2 + 1e-4)  # 95 % of the true points lie within the margin
-    out["plane_flags"], out["cluster"] = flags[chosen], cluster[chosen]
-    out["track"] = out["next"] = out["group"] = NONE
-    return out
+    return out[: fill_detections(rows, margin_m, flags, cluster, order, pose_sigma_m, out)]
+
+
+@inner
+def fill_detections(planes, margin_m, flags, cluster, order, pose_sigma_m, out):
+    """Fills out (P,) DETECTION with the planes in this order; returns how many are valid."""
+    count = 0
+    for p in order:
+        ax, ay, bx, by = (np.float64(planes[p, 0]), np.float64(planes[p, 1]), np.float64(planes[p, 2]), np.float64(planes[p, 3]))  # fmt: skip
+        top, bottom, margin = np.float64(planes[p, 4]), np.float64(planes[p, 5]), np.float64(margin_m[p])
+        length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        if not (length >= 1e-3 and bottom > top and math.isfinite(length + bottom - top + margin)):
+            continue
+        d = out[count]
+        d.ax_m, d.ay_m, d.bx_m, d.by_m, d.top_m, d.bottom_m = ax, ay, bx, by, top, bottom
+        d.length_m, d.tx, d.ty = length, (bx - ax) / length, (by - ay) / length
+        d.margin_m = margin
+        d.sigma_m = math.sqrt(
+            0.25 * margin**2 + pose_sigma_m**2 + 1e-4
+        )  # 95 % of the true points lie within the margin
+        d.plane_flags, d.cluster = flags[p], cluster[p]
+        d.track = d.next = d.group = NONE
+        count += 1
+    return count
 
 
 @inner

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import record_of
-from .association import assign, find_pairs, track_boxes
+from .association import assign, find_pairs
 from .ego_motion import common_shift
 from .evidence import FreeView, collect_evidence, split_tracks
-from .free_view import free_view, measured_limits, view_bytes, view_from_bytes
+from .free_view import free_view, view_bytes, view_from_bytes
 from .groups import GROUP, find_groups
 from .movers import HISTORY, OLD_S, carry_tracks, declare_objects, mark_tracks, support_by_view, update_objects
 from .objects import MOST_OBJECTS, MOVER_RULES, OBJECT, assign_groups, predict_objects
@@ -61,7 +61,6 @@ class Tracker:
             sigmas=p.mover_sigmas, max_size_m=p.mover_max_size_m,
         )  # fmt: skip
         self.counts = {"tracks_evicted": 0, "detections_left_out": 0, "pairs_left_out": 0}
-        self._boxes = np.zeros((p.most_tracks, 6))
         self._pairs, self._scores = np.zeros((_LEAST_PAIRS, 3), np.int32), np.zeros(_LEAST_PAIRS)
         self._no_detections = np.zeros(0, DETECTION)
         self._groups, self._distances = np.zeros(_GROUPS, GROUP), np.zeros((_GROUPS, MOST_OBJECTS))
@@ -148,7 +147,7 @@ class Tracker:
     def _estimate_motion(self, detections: NDArray[Any], dt_s: float, view: FreeView) -> None:
         """Moves the tracks by the common shift of the detections, and corrects the estimated velocity."""
         count = self._find_pairs(detections, self._wide[0], view)
-        x, y, z = common_shift(detections, self._table.tracks, self._pairs[:count], self._scores[:count])
+        x, y, z = map(float, common_shift(detections, self._table.tracks, self._pairs[:count], self._scores[:count]))
         self._shift(x, y, z)
         if dt_s > 0.0:
             vx, vy = self._state.velocity_m_s
@@ -163,12 +162,7 @@ class Tracker:
             self._pairs, self._scores = np.zeros((most, 3), np.int32), np.zeros(most)
         tracks = self._table.tracks
         live = np.flatnonzero(tracks["hits"])
-        boxes = self._boxes[: len(live)]
-        track_boxes(tracks, live, boxes)
-        order = np.argsort(boxes[:, 0], kind="stable")
-        count, lost = find_pairs(
-            detections, tracks, live, boxes, order, rules, view.x_m, view.y_m, self._pairs, self._scores
-        )
+        count, lost = find_pairs(detections, tracks, live, rules, view.x_m, view.y_m, self._pairs, self._scores)
         self.counts["pairs_left_out"] += lost
         return int(count)
 
@@ -202,7 +196,7 @@ class Tracker:
 
     def _follow_movers(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
         groups = self._groups
-        count = find_groups(detections, view, measured_limits(view), self.params.pose_sigma_m, groups)
+        count = find_groups(detections, view, self.params.pose_sigma_m, groups)
         assign_groups(groups, count, self._objects, self._mover_rules[0], self._distances)
         rules, motion = self._rules[0], self._mover_rules[0]
         next_object_id, waiting = update_objects(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from core.tracking.evidence import FreeView
-from core.tracking.free_view import free_view, measured_limits
-from core.tracking.groups import GROUP, find_groups
+from core.tracking.free_view import free_view
+from core.tracking.groups import GROUP, find_groups, measured_limits
 from core.tracking.objects import MOVER_RULES, OBJECT, assign_groups
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import detections_of
@@ -156,10 +156,11 @@ def rows_of(walls: list[list[float]], flags: list[int]) -> np.ndarray:
 
 def groups_of(detections: np.ndarray, view_rad: float = 0.7) -> np.ndarray:
     """The groups that a camera at the origin sees, whose measured directions reach to both sides by view_rad."""
-    nothing = np.zeros((0, 0), np.float32)
-    view = FreeView(0.0, 0.0, 0.001, np.zeros(0), np.zeros(0), nothing, nothing, np.zeros((0, 0), np.uint8), math.inf, 0.0, 0.0, 0.0, 0.0)  # fmt: skip
+    near, far, end = np.zeros((1, 1), np.float32), np.ones((1, 1), np.float32), np.zeros((1, 1), np.uint8)
+    edges, layers = np.array([-view_rad, view_rad]), np.array([-9.0, 9.0])
+    view = FreeView(0.0, 0.0, 0.001, edges, layers, near, far, end, math.inf, 0.0, 0.0, 0.0, 0.0)
     groups = np.zeros(8, GROUP)
-    return groups[: find_groups(detections, view, (-view_rad, view_rad), 0.03, groups)]
+    return groups[: find_groups(detections, view, 0.03, groups)]
 
 
 def test_a_group_takes_the_object_whose_place_is_known_best() -> None:
