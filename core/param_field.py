@@ -18,7 +18,7 @@ def critical(default: float, low: float, high: float, unit: str, doc: str) -> An
 
 
 def choice(default: str, choices: tuple[str, ...], doc: str, *, safety: bool = False) -> Any:
-    """One of several words. safety: see `is_safety_key`."""
+    """One of several texts. safety: see `is_safety_key`."""
     return field(default=default, metadata={"choices": choices, "unit": "", "doc": doc, "safety": safety})
 
 

@@ -71,7 +71,7 @@ class PlaneConfirmation:
         """The result without the planes that are near, have little support, and were not found before."""
         model = result.model
         assert model is not None
-        if not np.isfinite(model.planes[:, :4]).all():  # refused by whoever uses it
+        if not np.isfinite(model.planes[:, :4]).all():  # every user of the result refuses it
             return result
         planes = _north_aligned(result, model)
         recent = [f for f in self._frames if 0 < planes.t_ns - f.t_ns <= LONGEST_NS]

@@ -64,7 +64,7 @@ class Overhead:
         return float(np.maximum(0.0, self._place_m[2] - above[:, 4] - above[:, 5]).min())
 
     def _follow(self, here: Here) -> None:
-        """Without a position nobody knows what the vehicle flies under later; where it jumps, it has hardly moved."""
+        """Forgets the memory without a position, since the place of the vehicle is then unknown; a jump of it moves the memory."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array(here.position_ned_m or (0.0, 0.0, 0.0))
         if section != self._section:

@@ -42,7 +42,7 @@ OUTSIDE_CP_DIST_M = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotNow:
-    """What is known of the autopilot. kind: "" before it was heard; both names while heartbeats contradict each other.
+    """What is known of the autopilot. kind: "" before the first heartbeat; both names while heartbeats contradict each other.
     margin_m: AVOID_MARGIN, cp_dist_m: CP_DIST, None: not known. margin_is_read: False: margin_m is kept from the last start,
     when it may have been another vehicle. on_ground: it says that the vehicle stands on the ground."""
 
@@ -173,7 +173,7 @@ class BlindPolicy:
 
     def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
         """Blindness began with the newest exposure, not when it was noticed. The time is kept for each sector, because a
-        camera may fail while another one has long been blind. It starts anew when the last camera that saw a part of the
+        camera may fail while another one has long been blind. It starts again when the last camera that saw a part of the
         sector fails, and when the policy changes to brake: PX4 was not sent the wall before."""
         since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
         if sight.seeing.any():
@@ -246,7 +246,7 @@ def _wall_cm(policy: Policy) -> int:
 
 
 class Recovery:
-    """A camera that was blind is believed again after some good frames in a row: one good frame between two bad ones is
+    """A camera that was blind is used again after some good frames in a row: one good frame between two bad ones is
     no sight. A camera that never saw must show as many at its start."""
 
     def __init__(self, cameras: tuple[str, ...], frames: int) -> None:
@@ -263,6 +263,6 @@ class Recovery:
             if cause:
                 self._good[camera] = 0
 
-    def believed(self, camera: str) -> bool:
+    def recovered(self, camera: str) -> bool:
         """Whether it counts as seeing."""
         return self._good[camera] >= self._need

@@ -18,7 +18,7 @@ NS = 1_000_000_000
 PATIENCE_NS = 5 * NS
 """Time in which obstacles were sent, without an answer, before it is reported."""
 FORGETS_NS, LONGEST_STEP_NS = 10 * NS, NS // 5
-"""The time starts anew when no obstacle was sent for FORGETS_NS; a pause between two messages counts as LONGEST_STEP_NS."""
+"""The time restarts when no obstacle was sent for FORGETS_NS; a pause between two messages counts as LONGEST_STEP_NS."""
 SLACK_CM = 60
 """An echo may belong to one or two messages before, at some metres per second."""
 FACES = 8
@@ -65,9 +65,9 @@ class EchoCheck:
             elif self._differs_since_ns is None:
                 self._differs_since_ns = now_ns
 
-    def trouble(self, kind: str, now_ns: int, cause: str = "") -> str:
+    def fault(self, kind: str, now_ns: int, cause: str = "") -> str:
         """Why our obstacles seem not to be used; empty while they are, or while there is nothing to compare. cause: the likely
-        one, in words; empty: none is known."""
+        one, as text; empty: none is known."""
         with self._lock:
             if self._waited_ns > PATIENCE_NS and kind in CAUSES:
                 return f"the autopilot does not use our obstacles: {cause or CAUSES[kind]}"
@@ -76,11 +76,11 @@ class EchoCheck:
             return ""
 
 
-def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_trouble: str) -> str:
-    """The known fault that explains why obstacles are not used, or do not come back, in words; empty: none is known."""
+def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_fault: str) -> str:
+    """The known fault that explains why obstacles are not used, or do not come back, as text; empty: none is known."""
     values = facts.values
-    if signing_trouble:
-        return signing_trouble
+    if signing_fault:
+        return signing_fault
     if vehicle.mavlink_1:
         set_to = "MAV_PROTO_VER = 2" if vehicle.autopilot == PX4 else "SERIALn_PROTOCOL = 2"
         return f"the autopilot uses MAVLink 1 on this link, which has no such messages; set {set_to}"

@@ -49,7 +49,7 @@ class VersionReader:
         self._asked_ns = 0
 
     def begin(self, kind: str, system_id: int) -> None:
-        """The autopilot that is heard; another one than before starts anew."""
+        """Sets the received autopilot; another one than before restarts the reading."""
         with self._lock:
             if (kind, system_id) != self._of:
                 self._of, self._version, self._tries, self._asked_ns = (kind, system_id), None, 0, 0

@@ -74,8 +74,8 @@ def mode_name(vehicle: Vehicle) -> str:
     return mode_of(vehicle, AutopilotFacts(kind=vehicle.autopilot))[0]
 
 
-def mode_trouble(vehicle: Vehicle, facts: AutopilotFacts) -> str:
-    """What keeps an armed vehicle in its mode from stopping before obstacles and when blind, in words; empty: nothing. The
+def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
+    """What keeps an armed vehicle in its mode from stopping before obstacles and when blind, as text; empty: nothing. The
     part before the colon is short enough for the ground station."""
     name, effect = mode_of(vehicle, facts)
     if not vehicle.armed or effect in (Effect.BRAKES, Effect.STANDS):

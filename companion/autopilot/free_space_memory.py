@@ -75,7 +75,7 @@ class FreeMemory:
         return out
 
     def _move_to(self, here: Here) -> None:
-        """Lays the grid around the vehicle. Another estimate of the position begins anew."""
+        """Lays the grid around the vehicle. Another estimate of the position restarts the memory."""
         assert here.position_ned_m is not None
         x, y, z = here.position_ned_m
         shape = np.array(self._seen_s.shape)

@@ -25,7 +25,7 @@ log = logging.getLogger("companion")
 NAME: Final = "autopilot.json"
 _MOST_BYTES: Final = 4000
 KEPT: Final = {"AVOID_MARGIN": 100.0, "CP_DIST": 100.0}
-"""Parameters that are kept, and the greatest value that is believed; the least is above 0."""
+"""Parameters that are kept, and the greatest accepted value; the least is above 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class LastValuesFile:
         if self._file is None or (self._writing is not None and self._writing.is_alive()):
             return
         old = self.of(new.kind, new.system_id)
-        parameters = _believed(dict(old.parameters) | dict(new.parameters))
+        parameters = _accepted(dict(old.parameters) | dict(new.parameters))
         merged = LastValues(new.kind, new.system_id, new.version or old.version, parameters)
         if merged == old:
             return
@@ -79,19 +79,19 @@ class LastValuesFile:
             self._writing.join(0.5)
 
 
-def _believed(parameters: Mapping[str, float]) -> dict[str, float]:
+def _accepted(parameters: Mapping[str, float]) -> dict[str, float]:
     """Those of KEPT with a value in its range. CP_DIST = -1 means that collision prevention is off: nothing is kept then."""
     return {n: v for n, v in parameters.items() if math.isfinite(v) and 0.0 < v <= KEPT.get(n, 0.0)}
 
 
 def _read(file: Path) -> LastValues | None:
-    """Content of the file, without parameters that are not believed; None where there is none, or none that this module wrote."""
+    """Content of the file, without parameters out of range; None where there is none, or none that this module wrote."""
     try:
         with file.open("rb") as stream:
             kept = json.loads(stream.read(_MOST_BYTES))
         version = None if kept["version"] is None else FirmwareVersion(*(int(n) for n in kept["version"]))
         parameters = {str(name): float(value) for name, value in kept["parameters"].items()}
-        return LastValues(str(kept["autopilot"]), int(kept["system_id"]), version, _believed(parameters))
+        return LastValues(str(kept["autopilot"]), int(kept["system_id"]), version, _accepted(parameters))
     except (OSError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
         return None
 

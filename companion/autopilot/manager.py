@@ -26,7 +26,7 @@ from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
 from .firmware_version import AUTOPILOT_VERSION, VersionReader
-from .flight_modes import mode_trouble
+from .flight_modes import mode_fault
 from .landed import EXTENDED_SYS_STATE, LandedState
 from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
@@ -51,7 +51,7 @@ PX4_POSITION_MODE = 3
 
 
 class Avoidance:
-    """Obstacle output of one link. vehicle: the autopilot that is heard now, None: none. post: sends a message to it."""
+    """Obstacle output of one link. vehicle: the autopilot that is received now, None: none. post: sends a message to it."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class Avoidance:
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
-        """Starts to send as soon as an autopilot is heard."""
+        """Starts to send as soon as an autopilot is received."""
         self.sender.open()
 
     def end(self) -> None:
@@ -183,30 +183,30 @@ class Avoidance:
         return AutopilotFacts(kind=kind, values=values, silent=silent, version=version)
 
     def _notes(self, now_ns: int) -> dict[str, str]:
-        """Topic -> fault, in words, for the ground station. All topics are included, so that the end of each is reported."""
+        """Topic -> fault, as text, for the ground station. All topics are included, so that the end of each is reported."""
         conflicts = self._link.conflicts if self._link is not None else {}
         vehicle = self._vehicle()
         notes = dict.fromkeys(CONFLICT_CODES, "") | conflicts
         for camera, degraded in tuple(self._mount_degraded.items()):
             notes[f"mount {camera}"] = mount_note(camera, degraded)
-        notes["signing"] = self._link.signing_trouble if self._link is not None else ""
+        notes["signing"] = self._link.signing_fault if self._link is not None else ""
         notes["mode"] = self._mode_text(vehicle) if vehicle is not None else ""
-        notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
+        notes["echo"] = self._echo_fault(vehicle, now_ns) if vehicle is not None else ""
         return notes
 
     def _mode_text(self, vehicle: Vehicle) -> str:
         """Why the flight mode does not protect; empty before the first heartbeat, which holds the mode."""
-        return mode_trouble(vehicle, self._facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
+        return mode_fault(vehicle, self._facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
 
-    def _echo_trouble(self, vehicle: Vehicle, now_ns: int) -> str:
+    def _echo_fault(self, vehicle: Vehicle, now_ns: int) -> str:
         if not echoes(vehicle):
             return ""
-        signing = self._link.signing_trouble if self._link is not None else ""
+        signing = self._link.signing_fault if self._link is not None else ""
         cause = likely_cause(vehicle, self._facts(vehicle), signing)
-        return self._echo.trouble(vehicle.autopilot, now_ns, cause)
+        return self._echo.fault(vehicle.autopilot, now_ns, cause)
 
     def _blind(self) -> dict[str, str]:
-        """Why each camera is blind, in words; empty: it is not. No entry before the first decision or without an autopilot."""
+        """Why each camera is blind, as text; empty: it is not. No entry before the first decision or without an autopilot."""
         report = self.sender.report
         if report is None or self._vehicle() is None:
             return {}
@@ -220,7 +220,7 @@ class Avoidance:
         facts, report = self._facts(vehicle), self.report
         advised = advice(facts, self._avoid) + delay_advice(facts, self.latency())
         texts = [
-            (DiagnosticCode.OBSTACLES_NOT_ACCEPTED, self._echo_trouble(vehicle, now_ns)),
+            (DiagnosticCode.OBSTACLES_NOT_ACCEPTED, self._echo_fault(vehicle, now_ns)),
             (DiagnosticCode.AVOIDANCE_FAULT, report.fault if report is not None else ""),
             *((DiagnosticCode.PARAMETER_ADVICE, text) for text in advised),
             *((DiagnosticCode.PARAMETER_CONTRADICTION, text) for text in self.parameters.contradictions(now_ns)),
@@ -255,7 +255,7 @@ class Avoidance:
         """The newest decision."""
         return self.sender.report
 
-    def hung(self, limit_ns: int) -> bool:
+    def stalled(self, limit_ns: int) -> bool:
         """Whether the sender has not completed a cycle for so long, or has ended."""
         return not self.sender.running or time.monotonic_ns() - self.sender.alive_ns > limit_ns
 
@@ -304,8 +304,8 @@ def avoidance_of(
     """The part of the service that sends obstacles to the autopilot of this link. last: values read before this start;
     observer: receives the surroundings of each decision."""
 
-    def heard() -> Vehicle | None:
-        return session.vehicle if session.heard(time.monotonic_ns()) else None
+    def connected() -> Vehicle | None:
+        return session.vehicle if session.connected(time.monotonic_ns()) else None
 
     def silent() -> Vehicle | None:
         return session.vehicle if session.fell_silent(time.monotonic_ns()) else None
@@ -315,7 +315,7 @@ def avoidance_of(
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     return Avoidance(
-        config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, last,
+        config.avoid, tuple(cameras), config.service.timeout_s, connected, link.post, frozen, silent, last,
         config.extractor.profile_ring_m, observer, config.open_sky.presumes,
     )  # fmt: skip
 

@@ -53,10 +53,10 @@ def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float6
     nearest[layer[order], face[order]] = order
     kept = nearest[nearest >= 0]
     kept = kept[range_m[kept] < avoid.max_distance_m]
-    told_m = np.maximum(range_m[kept], avoid.min_distance_m + 0.01)
-    flat_m = told_m * np.cos(elevation[kept])
+    sent_m = np.maximum(range_m[kept], avoid.min_distance_m + 0.01)
+    flat_m = sent_m * np.cos(elevation[kept])
     return np.column_stack(
-        [flat_m * np.cos(azimuth[kept]), flat_m * np.sin(azimuth[kept]), -told_m * np.sin(elevation[kept])]
+        [flat_m * np.cos(azimuth[kept]), flat_m * np.sin(azimuth[kept]), -sent_m * np.sin(elevation[kept])]
     )
 
 

@@ -36,7 +36,7 @@ def braking_position_modes(version: FirmwareVersion) -> tuple[int, ...]:
 
 
 def position_mode_fault(facts: AutopilotFacts) -> str:
-    """Why PX4's Position mode does not brake, or that it is uncertain, in words; empty: it brakes, or nothing was read."""
+    """Why PX4's Position mode does not brake, or that it is uncertain, as text; empty: it brakes, or nothing was read."""
     mode = facts.values.get("MPC_POS_MODE")
     if facts.kind != PX4 or mode is None:
         return ""
@@ -59,80 +59,82 @@ def position_mode_fault(facts: AutopilotFacts) -> str:
 
 
 def advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:
-    """Faults of the parameters, in words, the worst first."""
-    said = [
+    """Faults of the parameters, as text, the worst first."""
+    lines = [
         f"the autopilot did not answer for {name}: not in this firmware, or the link loses messages"
         for name in facts.silent
     ]
     if facts.kind == PX4:
-        return [*_px4_advice(facts, avoid), *said]
+        return [*_px4_advice(facts, avoid), *lines]
     if facts.kind == ARDUPILOT:
-        return [*_ardupilot_advice(facts.values, avoid), *said]
-    return said
+        return [*_ardupilot_advice(facts.values, avoid), *lines]
+    return lines
 
 
 def _px4_advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:
     v, far_m = facts.values, avoid.max_distance_m
-    said = []
+    lines = []
     if v.get("CP_DIST", 1.0) <= 0.0:
-        said.append(f"PX4 will not brake: CP_DIST = {v['CP_DIST']:g} switches collision prevention off; set it to the distance to keep, for example 3 m")  # fmt: skip
+        lines.append(f"PX4 will not brake: CP_DIST = {v['CP_DIST']:g} switches collision prevention off; set it to the distance to keep, for example 3 m")  # fmt: skip
     elif v.get("CP_DIST", 0.0) >= far_m:
-        said.append(
+        lines.append(
             f"PX4 would never fly on: CP_DIST = {v['CP_DIST']:g} m is not less than [avoid] max_distance_m = {far_m:g} m"
         )
     if fault := position_mode_fault(facts):
-        said.append(fault)
+        lines.append(fault)
     if v.get("CP_GO_NO_DATA", 0.0) > 0.0:
-        said.append(
+        lines.append(
             "PX4 flies where no camera looks: CP_GO_NO_DATA = 1; with 0 it moves only into directions with data"
         )
-    return said
+    return lines
 
 
 def _ardupilot_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
     far_m = avoid.max_distance_m
-    said = []
+    lines = []
     if v.get("PRX1_TYPE", 2.0) != 2.0:
-        said.append(f"ArduPilot does not read obstacles: PRX1_TYPE = {v['PRX1_TYPE']:g}; set it to 2 (MAVLink) and restart the autopilot")  # fmt: skip
+        lines.append(f"ArduPilot does not read obstacles: PRX1_TYPE = {v['PRX1_TYPE']:g}; set it to 2 (MAVLink) and restart the autopilot")  # fmt: skip
     if not int(v.get("AVOID_ENABLE", 7.0)) & 2:
-        said.append(
+        lines.append(
             f"ArduPilot will not brake: AVOID_ENABLE = {v['AVOID_ENABLE']:g} is without 2 (proximity sensors); set it to 7"
         )
-    said += _proximity_advice(v, avoid)
+    lines += _proximity_advice(v, avoid)
     if v.get("AVOID_MARGIN", 2.0) / FENCE_SHARE >= far_m:
-        said.append(f"AVOID_MARGIN = {v['AVOID_MARGIN']:g} m leaves no room below [avoid] max_distance_m = {far_m:g} m")
+        lines.append(
+            f"AVOID_MARGIN = {v['AVOID_MARGIN']:g} m leaves no room below [avoid] max_distance_m = {far_m:g} m"
+        )
     if v.get("AVOID_BEHAVE", 1.0) == 0.0:
-        said.append("AVOID_BEHAVE = 0: in LOITER it slides along obstacles instead of stopping; set it to 1")
+        lines.append("AVOID_BEHAVE = 0: in LOITER it slides along obstacles instead of stopping; set it to 1")
     if v.get("AVOID_BACKUP_SPD", 0.0) > 0.0:
-        said.append(f"AVOID_BACKUP_SPD = {v['AVOID_BACKUP_SPD']:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover; 0 makes it stand")  # fmt: skip
+        lines.append(f"AVOID_BACKUP_SPD = {v['AVOID_BACKUP_SPD']:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover; 0 makes it stand")  # fmt: skip
     if v.get("OA_TYPE", 0.0) > 0.0:
-        said.append(f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round obstacles, and when blind round the wall into unobserved space; 0 switches it off")  # fmt: skip
-    return said
+        lines.append(f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round obstacles, and when blind round the wall into unobserved space; 0 switches it off")  # fmt: skip
+    return lines
 
 
 def _proximity_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
     """Parameters that undo everything although PRX1_TYPE and AVOID_ENABLE are right. By ArduPilot's sources, not flown."""
-    said = []
+    lines = []
     wall_m = v.get("AVOID_MARGIN", avoid.avoid_margin_m)
     low_m, high_m = v.get("PRX1_MIN", 0.0), v.get("PRX1_MAX", 0.0)
     if low_m > avoid.min_distance_m:
         effect = "also the artificial wall" if low_m >= wall_m else "while they are nearer"
-        said.append(f"ArduPilot ignores obstacles nearer than PRX1_MIN = {low_m:g} m, {effect}; set it to 0")
+        lines.append(f"ArduPilot ignores obstacles nearer than PRX1_MIN = {low_m:g} m, {effect}; set it to 0")
     if 0.0 < high_m < avoid.max_distance_m:
         effect = "also the artificial wall" if high_m <= wall_m / FENCE_SHARE else "so that it brakes late"
-        said.append(f"ArduPilot ignores obstacles farther than PRX1_MAX = {high_m:g} m, {effect}; set it to 0")
+        lines.append(f"ArduPilot ignores obstacles farther than PRX1_MAX = {high_m:g} m, {effect}; set it to 0")
     if v.get("PRX1_ORIENT", 0.0) != 0.0:
-        said.append(f"ArduPilot mirrors the directions of obstacles: PRX1_ORIENT = {v['PRX1_ORIENT']:g}; set it to 0")
+        lines.append(f"ArduPilot mirrors the directions of obstacles: PRX1_ORIENT = {v['PRX1_ORIENT']:g}; set it to 0")
     if v.get("PRX1_YAW_CORR", 0.0) != 0.0:
-        said.append(
+        lines.append(
             f"ArduPilot turns the directions of obstacles: PRX1_YAW_CORR = {v['PRX1_YAW_CORR']:g} degrees; set it to 0"
         )
     if v.get("AVOID_ALT_MIN", 0.0) > 0.0:
-        said.append(f"ArduPilot does not brake below AVOID_ALT_MIN = {v['AVOID_ALT_MIN']:g} m; set it to 0")
+        lines.append(f"ArduPilot does not brake below AVOID_ALT_MIN = {v['AVOID_ALT_MIN']:g} m; set it to 0")
     switches = [name for name in RC_OPTIONS if v.get(name) == RC_PROXIMITY_SWITCH]
     if switches:
-        said.append(f"a switch of the transmitter turns proximity avoidance off: {', '.join(switches)} = {RC_PROXIMITY_SWITCH}; keep it on, or set the option to 0")  # fmt: skip
-    return said
+        lines.append(f"a switch of the transmitter turns proximity avoidance off: {', '.join(switches)} = {RC_PROXIMITY_SWITCH}; keep it on, or set the option to 0")  # fmt: skip
+    return lines
 
 
 def delay_advice(facts: AutopilotFacts, latency: tuple[LatencyStage, float, float, float] | None) -> list[str]:

@@ -37,14 +37,14 @@ REBOOT = frozenset({"PRX1_TYPE"})
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A parameter with its present value, its new value and the reason, in words."""
+    """A parameter with its present value, its new value and the reason, as text."""
 
     name: str
     now: float
     to: float
     why: str
 
-    def words(self) -> str:
+    def text(self) -> str:
         """For the list that is to be confirmed."""
         again = "; restart the autopilot afterwards" if self.name in REBOOT else ""
         return f"{self.name}: {self.now:g} -> {self.to:g} ({self.why}{again})"
@@ -146,7 +146,7 @@ class ParameterWriter:
         )
 
     def write(self, wanted: list[Change]) -> Iterator[tuple[Change, str]]:
-        """Each change with what went wrong, in words; empty: it was written, and read back so."""
+        """Each change with what went wrong, as text; empty: it was written, and read back so."""
         for change in wanted:
             try:
                 yield change, self._written(change)
@@ -208,9 +208,9 @@ class ParameterWriter:
             raise ValueError("no accepted heartbeat of an autopilot; check that it is on and sends to this address")
         if vehicle.armed or (self._armed_ns is not None and now_ns - self._armed_ns < 10 * NS):
             raise ValueError("it is ARMED, or was a moment ago: parameters are written while it is disarmed only")
-        trouble = status.signing_trouble or next(iter(status.conflicts.values()), "")
-        if trouble:
-            raise ValueError(f"target system is ambiguous: {trouble}")
+        fault = status.signing_fault or next(iter(status.conflicts.values()), "")
+        if fault:
+            raise ValueError(f"target system is ambiguous: {fault}")
         return vehicle.autopilot, vehicle.system_id
 
 
@@ -226,11 +226,11 @@ def apply(config: Config, patience_s: float, agreed: Callable[[list[Change]], bo
             yield True, "nothing to change"
             return
         if not agreed(wanted):
-            yield False, f"nothing is written: without a yes. Proposed: {'; '.join(c.words() for c in wanted)}"
+            yield False, f"nothing is written: without a yes. Proposed: {'; '.join(c.text() for c in wanted)}"
             return
         pending = False
         for change, failure in writer.write(wanted):
             pending |= not failure and change.name in REBOOT
-            yield not failure, f"{change.name}: {failure}" if failure else f"written and read back: {change.words()}"
+            yield not failure, f"{change.name}: {failure}" if failure else f"written and read back: {change.text()}"
         if pending:
             yield False, RESTART_TEXT

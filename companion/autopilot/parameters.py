@@ -77,7 +77,7 @@ class ParameterReader:
         self._known: dict[str, Known] = {}
 
     def begin(self, kind: str, system_id: int = 1) -> None:
-        """The autopilot that is heard; another one than before starts anew."""
+        """Sets the received autopilot; another one than before restarts the reading."""
         with self._lock:
             if (kind, system_id) != (self._kind, self._system_id):
                 self._kind, self._system_id = kind, system_id
@@ -131,7 +131,7 @@ class ParameterReader:
         return self._kind
 
     def contradictions(self, now_ns: int) -> list[str]:
-        """Parameters for which contradictory values are received, in words."""
+        """Parameters for which contradictory values are received, as text."""
         with self._lock:
             return [
                 f"{name} is received as {k.before:g} and as {k.candidate:g}: another sender uses the autopilot's ids; "

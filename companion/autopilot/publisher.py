@@ -62,9 +62,9 @@ RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleReport:
-    """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
+    """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, as text.
 
-    policy: name of the failsafe policy. fault: error of the computation, in words; empty: none.
+    policy: name of the failsafe policy. fault: error of the computation, as text; empty: none.
     points_m: (N, 3) obstacles above and below the band, if they are sent; up_m, down_m: distance to the lowest obstacle above
     the vehicle and to the ground below it; None: not sent."""
 
@@ -167,7 +167,7 @@ class ObstacleReportBuilder:
         here = self._here(now_ns)
         causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
         self._recovery.blind(causes)
-        seeing = [c for c in self._cameras if not causes[c] and self._recovery.believed(c)]
+        seeing = [c for c in self._cameras if not causes[c] and self._recovery.recovered(c)]
         causes.update(
             {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
         )

@@ -75,7 +75,7 @@ class ObstacleSender:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the thread, in words; empty: none did."""
+        """The exception that ended the thread, as text; empty: none did."""
         return self._thread.failure
 
     def _run(self) -> None:

@@ -24,7 +24,7 @@ class StatusTexts:
         self._last_ns: int | None = None
 
     def due(self, blind: Mapping[str, str], now_ns: int, notes: Mapping[str, str] | None = None) -> Any | None:
-        """The message to send now, if any. blind: why each camera is blind, in words; empty: it is not. notes: other faults,
+        """The message to send now, if any. blind: why each camera is blind, as text; empty: it is not. notes: other faults,
         topic -> text (sent up to its first colon); empty: none.
 
         A camera that has never worked is not reported before OPENING_NS: it takes some seconds to open."""
@@ -44,8 +44,8 @@ class StatusTexts:
         return self._note(notes or {}, now_ns)
 
     def _note(self, notes: Mapping[str, str], now_ns: int) -> Any | None:
-        for topic, words in notes.items():
-            now, before = words.split(":")[0], self._noted.get(topic, "")
+        for topic, text in notes.items():
+            now, before = text.split(":")[0], self._noted.get(topic, "")
             if now == before:
                 continue
             self._noted[topic], self._last_ns = now, now_ns

@@ -85,8 +85,8 @@ def _v4l2(section: CameraConfig) -> DepthSource:
 
 def _range(section: CameraConfig) -> dict[str, Any]:
     """The configured range limits; the driver's defaults apply to the others."""
-    said = {key: getattr(section, key) for key in ("min_range_m", "max_range_m")}
-    return {key: value for key, value in said.items() if value is not None}
+    ranges = {key: getattr(section, key) for key in ("min_range_m", "max_range_m")}
+    return {key: value for key, value in ranges.items() if value is not None}
 
 
 def _simulated(section: CameraConfig) -> DepthSource:

@@ -170,8 +170,8 @@ class CameraConfig:
         angles = {"roll_rad": self.roll_deg, "pitch_rad": self.pitch_deg, "yaw_rad": self.yaw_deg}
         mount: dict[str, Any] = {k: math.radians(v) for k, v in angles.items() if v is not None}
         mount |= {k: getattr(self, k) for k in ("x_m", "y_m", "z_m") if getattr(self, k) is not None}
-        said: dict[str, Any] = {k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m")}
-        given = {k: v for k, v in said.items() if v is not None}
+        optional: dict[str, Any] = {k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m")}
+        given = {k: v for k, v in optional.items() if v is not None}
         return replace(info, mount=replace(info.mount, **mount), **given)
 
     @property

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
     for difference in found:
-        print_line(f"  {'safety key: ' if difference.safety else ''}{difference.words()}")
+        print_line(f"  {'safety key: ' if difference.safety else ''}{difference.text()}")
     if not found:
         print_line("  all parameters have their defaults")
     return 0

@@ -23,7 +23,7 @@ class Difference:
     unit: str
     safety: bool
 
-    def words(self) -> str:
+    def text(self) -> str:
         """Section, key, value and default, as they stand in the file."""
         place = f'[[camera]] "{self.camera}"' if self.section == "camera" else f"[{self.section}]"
         if self.default is None:
@@ -52,13 +52,13 @@ def differences(config: Config) -> list[Difference]:
 
 
 def safety_lines(config: Config) -> list[str]:
-    """The changed safety keys in words, one line each."""
-    return [d.words() for d in differences(config) if d.safety]
+    """The changed safety keys as text, one line each."""
+    return [d.text() for d in differences(config) if d.safety]
 
 
 def expert_lines(config: Config) -> list[str]:
-    """The changed expert keys in words, one line each; among them those that are safety keys too."""
-    return [d.words() for d in differences(config) if d.section == "expert"]
+    """The changed expert keys as text, one line each; among them those that are safety keys too."""
+    return [d.text() for d in differences(config) if d.section == "expert"]
 
 
 def _of_section(section: str, camera: str, values: Any) -> Iterator[Difference]:

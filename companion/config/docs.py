@@ -75,7 +75,7 @@ def _row(f: Field[Any]) -> str:
 
 
 def with_tables(text: str) -> str:
-    """A document with the tables between its two marks made anew. Raises ValueError where the marks are missing."""
+    """A document with new tables between its two marks. Raises ValueError where the marks are missing."""
     if BEGIN not in text or END not in text:
         raise ValueError(f"the document needs the lines {BEGIN} and {END}")
     head, rest = text.split(BEGIN, 1)

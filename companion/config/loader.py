@@ -61,7 +61,7 @@ SECTIONS: dict[str, type] = {
 """TOML section -> the dataclass it fills; `camera` may stand several times, `extractor` and `expert` fill one together."""
 _COMBINED = ("extractor", "expert", "camera")
 """Sections that are not one field of `Config` each."""
-BLIND_TOLD_S = 0.4
+MAX_BLIND_DELAY_S = 0.4
 """After the newest exposure, so late at most: no setting may make it later."""
 TOO_DEEP = "nested deeper than can be read"
 SHOWN_CHARACTERS = 200
@@ -105,10 +105,10 @@ class Config:
                 "[guard] enabled = true, but [avoid] send = false: the guard uses the distances of the obstacle output; set "
                 "[avoid] send = true"
             )
-        if self.avoid.send and self.service.timeout_s + 1.0 / self.avoid.rate_hz > BLIND_TOLD_S + 1e-9:
+        if self.avoid.send and self.service.timeout_s + 1.0 / self.avoid.rate_hz > MAX_BLIND_DELAY_S + 1e-9:
             raise ValueError(
                 f"[service] timeout_s = {self.service.timeout_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "
-                f"must know of blindness within {BLIND_TOLD_S:g} s; set timeout_s to 0.3 or less"
+                f"must know of blindness within {MAX_BLIND_DELAY_S:g} s; set timeout_s to 0.3 or less"
             )
 
     def camera(self, name: str) -> CameraConfig:
@@ -232,7 +232,7 @@ def config_of(content: Mapping[str, Any], source: str) -> Config:
 
 
 def expected(f: Field[Any]) -> str:
-    """What a key may hold, in words."""
+    """What a key may hold, as text."""
     meta, kind = f.metadata, _plain_type(f)
     if "choices" in meta:
         return "one of " + ", ".join(f'"{c}"' for c in meta["choices"])
@@ -304,7 +304,7 @@ def _file_model(sections: frozenset[str]) -> type[BaseModel]:
 
 
 def _words(error: Any, content: Mapping[str, Any]) -> str:
-    """One mistake in words: where, what stands there, what may, what to do."""
+    """One mistake as text: where it is, what is there, what is allowed, what to do."""
     path: tuple[Any, ...] = error["loc"]
     section = str(path[0])
     where = _place(path)

@@ -100,7 +100,7 @@ class RecordParams:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SupervisorParams:
-    """When a camera is called ill and when its process is started anew."""
+    """When a camera is reported as faulty and when its process is restarted."""
 
     silent_s: float = critical(0.5, 0.05, 10.0, "s", "a camera without a frame for this time is silent")
     restart_s: float = critical(

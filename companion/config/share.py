@@ -18,7 +18,7 @@ class ShareConfig(SharingParams):
 
     enabled: bool = switch(False, "exchange obstacles with other vehicles; needs [publish] world and a position")
     vehicle: int = number(0, 0, 255, "", "own number in the team, unique; 0: the MAVLink system id of the vehicle")
-    members: str = text("", "numbers of the vehicles that are listened to, such as 2,3,5; empty: all")
+    members: str = text("", "numbers of the vehicles whose packets are accepted, such as 2,3,5; empty: all")
     origin: str = text(
         "", "latitude, longitude (deg) and altitude (m) of the origin of ned; empty: GPS_GLOBAL_ORIGIN of the autopilot"
     )

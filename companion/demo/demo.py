@@ -170,8 +170,8 @@ def _print_summary(done: Demo) -> None:
         f"A planner in another process received {received.messages} messages: {received.valid} with obstacles and "
         "free space,"
     )
-    said = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"
-    print_line(f"{said};")
+    ages = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"
+    print_line(f"{ages};")
     blind = ", ".join(f"{n} ({received.texts[code]})" for code, n in sorted(received.causes.items())) or "none"
     print_line(f"blind frames, before the service was ready: {blind}.")
     print_line(

@@ -66,12 +66,12 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     finally:
         link.close()
         signing.close()
-    if status.signing_trouble:
-        yield Finding("signing", False, status.signing_trouble, DiagnosticCode.SIGNING_FAULT)
+    if status.signing_fault:
+        yield Finding("signing", False, status.signing_fault, DiagnosticCode.SIGNING_FAULT)
     elif status.signed:
         yield Finding("signing", True, "both ends sign with the same key")
     if link.budget is not None:
-        text, warning = link.budget.words(), link.budget.warning()
+        text, warning = link.budget.text(), link.budget.warning()
         code = DiagnosticCode.LINK_SLOW if warning else ""
         yield Finding("link", not warning, f"{text}: {warning}" if warning else text, code)
     yield from link_findings(config, link, status)

@@ -83,7 +83,7 @@ def _confirmed(wanted: list[Change]) -> bool:
     """Prints the list of changes and asks for a typed `yes`."""
     print_line("to be written to the autopilot:")
     for change in wanted:
-        print_line(f"    {change.words()}")
+        print_line(f"    {change.text()}")
     sys.stdout.write("type yes to write them: ")
     sys.stdout.flush()
     return sys.stdin.readline().strip() == "yes"

@@ -39,7 +39,11 @@ def _finding(camera: CameraConfig) -> Finding:
         ("cx_px", camera.cx_px, k.cx, CENTRE_PX), ("cy_px", camera.cy_px, k.cy, CENTRE_PX),
         ("depth_unit_mm", camera.depth_unit_mm, device.depth_unit_mm, UNIT_SHARE * device.depth_unit_mm),
     )  # fmt: skip
-    wrong = [f"{key} = {value:.4f}" for key, said, value, near in pairs if said is None or abs(said - value) > near]
+    wrong = [
+        f"{key} = {value:.4f}"
+        for key, configured, value, near in pairs
+        if configured is None or abs(configured - value) > near
+    ]
     if wrong:
         text = f"RealSense {device.serial} reports other values than the configuration: set {', '.join(wrong)}"
         return Finding(part, False, text, DiagnosticCode.INTRINSICS_DIFFER)

@@ -125,13 +125,13 @@ class MountMeasurement:
     def lines(self) -> list[str]:
         """The configuration lines."""
         roll, pitch, yaw = self.state.corrected(self.info.mount)
-        said = [
+        lines = [
             "[[camera]]", f'name = "{self.config.name}"', f"roll_deg = {math.degrees(roll):.1f}",
             f"pitch_deg = {math.degrees(pitch):.1f}",
         ]  # fmt: skip
         if self.info.mount.yaw_rad or abs(yaw) > math.radians(0.05):
-            said.append(f"yaw_deg = {math.degrees(yaw):.1f}")
-        return said
+            lines.append(f"yaw_deg = {math.degrees(yaw):.1f}")
+        return lines
 
     def text(self) -> str:
         """The result in one line."""

@@ -71,7 +71,7 @@ class Certainty:
         return self._reached_ns is not None and now_ns - self._reached_ns <= REACHED_NS
 
     def doubt(
-        self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_trouble: str, now_ns: int, stops: bool = False
+        self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_fault: str, now_ns: int, stops: bool = False
     ) -> str:
         """Why it is not sure, in a few words; empty: it is. stops: an intervention is under way. Its commands go on while the
         acknowledgements fail, once this vehicle has answered: where they do not arrive they do no harm."""
@@ -83,7 +83,7 @@ class Certainty:
             return "not a multicopter"
         if now_ns - vehicle.heartbeat_ns > LONGEST_HEARTBEAT_NS:
             return "no heartbeat"
-        if signing_trouble:
+        if signing_fault:
             return "messages are not signed alike"
         answers = self._reached_ns is not None if stops else self._reaches(now_ns)
         return "" if answers else "commands are not acknowledged"

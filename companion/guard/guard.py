@@ -59,7 +59,7 @@ READS: Final = frozenset({COMMAND_ACK_ID, EXTENDED_SYS_STATE})
 
 
 class Guard:
-    """vehicle: the autopilot that is heard now, None: none. link_status: conflicts and signing. post: sends a message to it.
+    """vehicle: the autopilot that is received now, None: none. link_status: conflicts and signing. post: sends a message to it.
 
     `observe` is called by the obstacle output, `message` by the link; all computing is done in a thread of the guard."""
 
@@ -179,7 +179,7 @@ class Guard:
             doubt = self._certainty.doubt(
                 vehicle,
                 self._link.conflicts,
-                self._link.signing_trouble,
+                self._link.signing_fault,
                 now_ns,
                 stops=self.memory.state in INTERVENES,
             )
@@ -254,10 +254,10 @@ class Guard:
 def guard_of(config: Config, session: MavlinkSession, link: MavlinkLink, folder: Path | None) -> Guard:
     """The guard of this link. folder: of the state."""
 
-    def heard() -> Vehicle | None:
-        return session.vehicle if session.heard(time.monotonic_ns()) else None
+    def connected() -> Vehicle | None:
+        return session.vehicle if session.connected(time.monotonic_ns()) else None
 
-    return Guard(config.guard, config.avoid, config.autopilot.component_id, heard, link.status, link.post, folder)
+    return Guard(config.guard, config.avoid, config.autopilot.component_id, connected, link.status, link.post, folder)
 
 
 def message_of(output: StopCommand | SpeedCommand) -> Any:

@@ -35,7 +35,7 @@ WIDEST_GAP_RAD: Final = math.radians(121.0)
 
 
 def heading_advice(facts: AutopilotFacts, guard: GuardParams) -> list[str]:
-    """Faults of the heading's parameters, in words; empty: none, or not read."""
+    """Faults of the heading's parameters, as text; empty: none, or not read."""
     if facts.kind == PX4:
         return _px4_advice(facts, guard)
     return _copter_advice(facts, guard) if facts.kind == ARDUPILOT else []

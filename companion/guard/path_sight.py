@@ -59,7 +59,7 @@ class PathSight:
     one that few pixels support, which needs a second frame. obstacle_frame, weak_frame: camera and exposure of the frames that
     show them, None: not known. remembered_m: nearest obstacle that was seen before, where no camera looks now, inf: none.
     velocity_ns: stamp of the velocity, None: that of the decision. position_ned_m: None: not known. ahead_free_m: like free_m, along the course that follows in a turn; inf: there is no turn.
-    cause: why nothing is seen, in words; empty: something is."""
+    cause: why nothing is seen, as text; empty: something is."""
 
     t_ns: int
     exposed_ns: int | None

@@ -53,7 +53,7 @@ class GuardMemory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardInput:
-    """now_ns: monotonic. vehicle: None, none is heard. doubt: why it is not sure that commands reach this vehicle, in words; empty:
+    """now_ns: monotonic. vehicle: None: none is received. doubt: why it is not sure that commands reach this vehicle, as text; empty:
     it is. in_air: it flies. near_ground: it takes off or lands. verdict: None, no speed or no sight of the path."""
 
     now_ns: int

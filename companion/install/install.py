@@ -165,17 +165,17 @@ def check_permissions(paths: InstallPaths) -> None:
 def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json: bool) -> None:
     """Prints the steps, then runs them. Raises InstallError and OSError; finished steps are not undone."""
     if as_json:
-        listed = [{"step": s.words, "already": s.done, "missing": s.missing} for s in steps]
+        listed = [{"step": s.text, "already": s.done, "missing": s.missing} for s in steps]
     else:
         for step in steps:
-            print_line(f"{_prefix(step, dry_run)}: {step.words}")
+            print_line(f"{_prefix(step, dry_run)}: {step.text}")
     if not dry_run:
         check_permissions(paths)
         for step in steps:
             if not step.done:
                 step.act()
                 if not as_json:
-                    print_line(f"done: {step.words}")
+                    print_line(f"done: {step.text}")
     if as_json:
         print_json({"dry_run": dry_run, "steps": listed})
 

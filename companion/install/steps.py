@@ -26,7 +26,7 @@ class Step:
     """words: description; done: nothing to do; act: runs the step, raises InstallError or OSError; missing: only in a dry
     run, what the user has to do first."""
 
-    words: str
+    text: str
     done: bool
     act: Callable[[], None]
     missing: bool = False
@@ -146,8 +146,8 @@ def run_command(command: Sequence[str]) -> None:
     except subprocess.TimeoutExpired as error:
         raise InstallError(f"{' '.join(command)} did not end within {COMMAND_TIMEOUT_S:g} s") from error
     if done.returncode != 0:
-        words = (done.stderr.strip() or done.stdout.strip() or "no output").splitlines()[0]
-        raise InstallError(f"{' '.join(command)} failed with status {done.returncode}: {words}")
+        text = (done.stderr.strip() or done.stdout.strip() or "no output").splitlines()[0]
+        raise InstallError(f"{' '.join(command)} failed with status {done.returncode}: {text}")
 
 
 def folder_size_mb(folder: Path) -> float:

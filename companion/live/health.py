@@ -180,7 +180,7 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
     found = [of(DiagnosticCode.UDP_FLOOD, view.line.flood)] if view.line.flood else []
     if view.line.warning:
         found.append(of(DiagnosticCode.LINK_SLOW, view.line.warning))
-    signing = view.link.signing_trouble
+    signing = view.link.signing_fault
     if signing:
         found.append(of(DiagnosticCode.SIGNING_FAULT, signing))
     found += conflict_diagnostics(view.link.conflicts)

@@ -61,7 +61,7 @@ def stalled_part(
         return "the pipeline"
     if link is not None and now_ns - link.state.alive_ns > timeout_ns + LINK_OPEN_NS:
         return "the link to the autopilot"
-    if avoidance is not None and avoidance.hung(timeout_ns):
+    if avoidance is not None and avoidance.stalled(timeout_ns):
         return "the obstacle sender"
     if guard is not None and guard.stalled(now_ns, timeout_ns):
         return "the guard"

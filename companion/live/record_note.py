@@ -43,7 +43,7 @@ class RecordRate:
         self._done = False
 
     def note(self, status: RecordStatus, now_ns: int) -> str:
-        """The measured rate, once; otherwise empty. Recording that stops begins the measurement anew."""
+        """The measured rate, once; otherwise empty. A stop of the recording restarts the measurement."""
         if self._done or not status.recording:
             self._begun = None
             return ""

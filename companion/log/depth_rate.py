@@ -16,7 +16,7 @@ class DepthRate:
         self._due_ns: dict[str, int] = {}
 
     def keeps(self, camera: str, t_exposure_ns: int) -> bool:
-        """Whether to record this image. An exposure far back means that the camera restarted: its grid begins anew."""
+        """Whether to record this image. An exposure far back means that the camera restarted: its grid begins again."""
         if not self.limited:
             return True
         due_ns = self._due_ns.get(camera, t_exposure_ns)

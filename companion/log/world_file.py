@@ -23,7 +23,7 @@ def read_world(path: Path) -> tuple[tuple[SavedSection, ...], str]:
 
     Raises ValueError for a file that is not a world, OSError where it cannot be read."""
     try:
-        sections, trouble = sections_of(path.read_bytes())
+        sections, fault = sections_of(path.read_bytes())
     except ValueError as error:
         raise ValueError(f"{path}: {error}; expected a file of write_world") from error
-    return sections, f"{path}: {trouble}; the part before the damage was read" if trouble else ""
+    return sections, f"{path}: {fault}; the part before the damage was read" if fault else ""

@@ -101,7 +101,7 @@ def mount_diagnostic(camera: str, health: pb.MountHealth) -> Diagnostic | None:
 
 def mount_text(health: pb.MountHealth) -> str:
     """The text of `companion status`, one line."""
-    words = {
+    text = {
         pb.MountState.VERDICT_UNKNOWN: "not verified yet",
         pb.MountState.VERDICT_VERIFIED: "verified",
         pb.MountState.VERDICT_DEGRADED: "wrong",
@@ -112,6 +112,6 @@ def mount_text(health: pb.MountHealth) -> str:
     if health.HasField("yaw_error_deg"):
         yaw = f"yaw {health.yaw_error_deg:+.1f} +- {health.yaw_sd_deg:.1f} deg; "
     return (
-        f"{words}; {yaw}error roll {health.roll_error_deg:+.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+.1f} +- "
+        f"{text}; {yaw}error roll {health.roll_error_deg:+.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+.1f} +- "
         f"{health.pitch_sd_deg:.1f} deg; apparent slope of the ground {health.slope_deg:.1f} deg"
     )

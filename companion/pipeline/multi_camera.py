@@ -63,8 +63,8 @@ class AllCamerasModelBuilder:
 
         Results exposed before oldest_ns are not used, whatever `blind` returns: it may refer to a newer frame whose
         result has not arrived yet."""
-        words = {camera: blind(camera) for camera in self._cameras}
-        available = [self._newest[c] for c in self._cameras if not words[c] and self._is_available(c, oldest_ns)]
+        causes = {camera: blind(camera) for camera in self._cameras}
+        available = [self._newest[c] for c in self._cameras if not causes[c] and self._is_available(c, oldest_ns)]
         frame, target = common_frame(available)
         parts: list[PrismsResult | UnavailableCamera] = []
         for camera in self._cameras:
@@ -72,7 +72,7 @@ class AllCamerasModelBuilder:
             if newest is not None and newest in available:
                 parts.append(to_common_frame(newest, frame, target))
                 continue
-            cause = words[camera] or (
+            cause = causes[camera] or (
                 "no frame yet" if newest is None else newest.cause_text or "its newest frame is too old"
             )
             sequence, t_ns = (0, 0) if newest is None else (newest.sequence, newest.t_exposure_ns)

@@ -218,8 +218,8 @@ def recorded_config(source: McapRecording) -> Config:
 def _refuse_unknown_cameras(config: Config, name: str, source: McapRecording) -> None:
     """Raises ConfigError for a section of an unknown camera while a camera of the log has no section: a misspelt name
     would otherwise have no effect. More cameras than in the log, or no camera sections at all, are accepted."""
-    there, said = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
-    unknown, missing = [name for name in said if name not in there], [name for name in there if name not in said]
+    there, named = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
+    unknown, missing = [name for name in named if name not in there], [name for name in there if name not in named]
     if unknown and missing:
         raise ConfigError(
             name,

@@ -116,9 +116,9 @@ class FoxgloveServer:
         """Publishes the state of each camera: blind once per second, not blind once."""
         now_ns = time.monotonic_ns()
         with self._subscriber.changed:
-            words = {name: self._words(name, now_ns) for name in self._subscriber.cameras}
+            causes = {name: self._cause(name, now_ns) for name in self._subscriber.cameras}
         wanted = self._wants(STATUS_TOPIC, Log)
-        for name, blind in words.items() if wanted else ():
+        for name, blind in causes.items() if wanted else ():
             before, at_ns = self._sent.get(name, (None, 0))
             if blind == before and (not blind or now_ns - at_ns < REPEAT_NS):
                 continue
@@ -126,11 +126,11 @@ class FoxgloveServer:
             text = f"{name} is BLIND: {blind}; do not treat any direction as free" if blind else f"{name} sees"
             level = Log.FATAL if blind else Log.INFO
             self._send(STATUS_TOPIC, Log(timestamp=stamp(now_ns), level=level, message=text, name="companion"), now_ns)
-        depth = [TOPICS["depth"].of(name) for name in words]
+        depth = [TOPICS["depth"].of(name) for name in causes]
         if any(topic in self._channels and self._channels[topic].has_sinks() for topic in depth):
             self._subscriber.watch(WATCHED_S)
 
-    def _words(self, name: str, now_ns: int) -> str:
+    def _cause(self, name: str, now_ns: int) -> str:
         blind = camera_status(self._subscriber, name, None, "", now_ns)["blind"]
         return str(blind)
 

@@ -87,11 +87,11 @@ def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
         return 200, "text/html; charset=utf-8", page.page().encode()
     if asked.path != "/news":
         return 404, "text/plain", b"there is the page (/) and its news\n"
-    words = parse_qs(asked.query)
-    numbers = [words.get(key, ["0"])[0] for key in ("after", "world", "team")]
+    query = parse_qs(asked.query)
+    numbers = [query.get(key, ["0"])[0] for key in ("after", "world", "team")]
     if not all(number.isascii() and number.isdigit() and len(number) < 16 for number in numbers):
         return 400, "text/plain", b"after, world, team: numbers were expected\n"
-    return 200, "application/json", page.answer(words.get("name", [""])[0], *map(int, numbers))
+    return 200, "application/json", page.answer(query.get("name", [""])[0], *map(int, numbers))
 
 
 class _Server(ThreadingTCPServer):

@@ -26,7 +26,7 @@ class LiveTeam:
         self._address, self._keys = address, keys
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="team", daemon=True)
-        self._update: dict[str, Any] = {"number": 0, **_nothing(heard=False)}
+        self._update: dict[str, Any] = {"number": 0, **_nothing(received=False)}
 
     def open(self) -> None:
         """Starts the thread if an address is given; the service may start later. Raises KeyFileError."""
@@ -49,13 +49,13 @@ class LiveTeam:
 
     def _run(self) -> None:
         with self._subscriber as subscriber:
-            heard, shown_ns = False, -1
+            received, shown_ns = False, -1
             while not self._stop.is_set():
                 found = subscriber.newest(wait_s=PERIOD_S)
-                heard |= found.t_ns > 0
-                if found.t_ns != shown_ns and heard:
+                received |= found.t_ns > 0
+                if found.t_ns != shown_ns and received:
                     shown_ns = found.t_ns
-                    content = team_data(found) if found.t_ns else _nothing(heard=True)
+                    content = team_data(found) if found.t_ns else _nothing(received=True)
                     self._update = {"number": self._update["number"] + 1, **content}
                 self._stop.wait(PERIOD_S)
 
@@ -74,8 +74,8 @@ def team_data(found: NeighbourObstacles, most: int = MAX_PLANES) -> dict[str, An
     }
 
 
-def _nothing(heard: bool) -> dict[str, Any]:
-    return {"heard": heard, "silent": heard, "members": [], "planes": [], "sender": [], "movers": []}
+def _nothing(received: bool) -> dict[str, Any]:
+    return {"heard": received, "silent": received, "members": [], "planes": [], "sender": [], "movers": []}
 
 
 def _member(n: Neighbour, oldest_s: float | None) -> dict[str, Any]:

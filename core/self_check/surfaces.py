@@ -238,7 +238,7 @@ def search_surfaces(depth_mm, k, low_mm, high_mm, size, ke, surfaces, patches):
     """Fills surfaces (MAX_SURFACES,) SURFACE by falling size, and patches (P,) PATCH; returns (surfaces, noise used)."""
     count = patches.shape[0]
     good = measure_patches(depth_mm, k, low_mm, high_mm, size, patches)
-    # the noise is that of the smoother half of the patches where it is more than the camera is said to have
+    # the noise is that of the smoother half of the patches where it is more than the configured noise of the camera
     rms, found = np.empty(good), 0
     for i in range(count):
         if patches[i].n > 0.0:

@@ -65,7 +65,7 @@ class Neighbour:
     stream: int
     section: int
     sent_ms: int
-    heard_ns: int
+    received_ns: int
     least_offset_ms: float
     state: VehicleState | None = None
     state_ns: int = 0
@@ -85,13 +85,13 @@ class Neighbour:
     def first(cls, header: Header, arrival_ns: int) -> Neighbour:
         """A neighbour by the header of its first packet, which is not counted yet."""
         return cls(
-            vehicle=header.vehicle, stream=header.stream, section=header.section, sent_ms=-1, heard_ns=arrival_ns,
+            vehicle=header.vehicle, stream=header.stream, section=header.section, sent_ms=-1, received_ns=arrival_ns,
             least_offset_ms=arrival_ns / 1e6 - header.sent_ms,
         )  # fmt: skip
 
     def refusal(self, header: Header, arrival_ns: int, params: SharingParams) -> str:
         """Why a packet must not count, as a code; empty: it may. Changes nothing."""
-        if arrival_ns - self.heard_ns > SILENT_NS:
+        if arrival_ns - self.received_ns > SILENT_NS:
             return ""
         if header.stream != self.stream and header.stream < self.stream:
             return "old_stream"
@@ -112,9 +112,9 @@ class Neighbour:
         elif header.section != self.section:
             self._new_section(header.section)
         delay_s = self._delay_s(header, arrival_ns)
-        drifted_ms = CLOCK_DRIFT * (arrival_ns - self.heard_ns) / 1e6
+        drifted_ms = CLOCK_DRIFT * (arrival_ns - self.received_ns) / 1e6
         self.least_offset_ms = min(self.least_offset_ms + drifted_ms, arrival_ns / 1e6 - header.sent_ms)
-        self.sent_ms, self.heard_ns = header.sent_ms, arrival_ns
+        self.sent_ms, self.received_ns = header.sent_ms, arrival_ns
         self.packets += 1
         sent_ns = arrival_ns - round(max(0.0, delay_s) * NS)
         if isinstance(content, VehicleState):
@@ -138,7 +138,7 @@ class Neighbour:
             self._aligned = None
 
     def align(self, own_box: Floats, own: LocalFrame, now_ns: int) -> None:
-        """Tries to refine the place of the frame by own planes (N, 6). Two fits in a row must say the same."""
+        """Tries to refine the place of the frame by own planes (N, 6). Two consecutive fits must agree."""
         prior = self._by_position(own)
         if prior is None or not self.planes:
             return

@@ -45,7 +45,7 @@ class OwnState:
 
 
 class NeighbourMap:
-    """own_vehicle: own number, 1..255; members: numbers of the vehicles that are listened to, empty: all; own_stream: of the
+    """own_vehicle: own number, 1..255; members: numbers of the accepted vehicles, empty: all; own_stream: of the
     own packets, 0: not known."""
 
     def __init__(
@@ -135,7 +135,7 @@ class NeighbourMap:
         placement = self._placement(neighbour, own)
         state = _state_of(placement, self.params.max_sigma_m)
         status = NeighbourStatus(
-            vehicle=neighbour.vehicle, silent_s=(now_ns - neighbour.heard_ns) / NS, placement=state,
+            vehicle=neighbour.vehicle, silent_s=(now_ns - neighbour.received_ns) / NS, placement=state,
             fit="" if neighbour.last_fit is None else str(neighbour.last_fit.result.value),
             sigma_m=math.inf if placement is None else placement.sigma_m, planes=0, movers=0, withheld=len(neighbour.planes),
             packets=neighbour.packets, refused=neighbour.refused, vehicle_m=None,
@@ -223,9 +223,9 @@ class NeighbourMap:
                 neighbour.forget_alignment()
 
     def _make_room(self, now_ns: int) -> bool:
-        """Removes the neighbour that was not heard longest, if that is long enough."""
-        oldest = min(self._neighbours.values(), key=lambda n: n.heard_ns)
-        if now_ns - oldest.heard_ns <= self.params.expire_s * NS:
+        """Removes the neighbour with the longest silence, if it is longer than expire_s."""
+        oldest = min(self._neighbours.values(), key=lambda n: n.received_ns)
+        if now_ns - oldest.received_ns <= self.params.expire_s * NS:
             return False
         del self._neighbours[oldest.vehicle]
         return True

@@ -1,6 +1,6 @@
 """What neighbours have reported, in the own local frame, for planners. It holds obstacles only.
 
-There is no free space in these types and no way to remove an own obstacle with them: what a neighbour says can only add
+There is no free space in these types and no way to remove an own obstacle with them: a report of a neighbour can only add
 obstacles."""
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class MoverKind(IntEnum):
 
     OBSTACLE = 1
     VEHICLE = 2
-    """The neighbour itself, where it says it is."""
+    """The neighbour itself, at its reported position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""How long neighbours' reports count and when their frame is believed: the part of `[share]` that the map needs."""
+"""How long reports of neighbours count and when their frame is used: the part of `[share]` that the map needs."""
 
 from __future__ import annotations
 

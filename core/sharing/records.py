@@ -1,4 +1,4 @@
-"""What vehicles tell each other, as typed values in the sender's local frame (north-east-down, metres)."""
+"""The content of messages between vehicles: typed values in the sender's local frame (north-east-down, metres)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A priority queue: the entry of least cost comes next; of equal costs that of the lower `first`, then of the lower `second`.
 
-Costs lie in [0, 1), and what is put in never costs less than what was taken out last. So entries wait in STEPS lists by
+Costs lie in [0, 1), and an entry never costs less than the one that was taken out last. Entries are kept in STEPS lists by
 their cost, in no order; only those of the list that is being emptied are in a heap, which is therefore small.
 """
 

@@ -1,8 +1,8 @@
-"""Free space as it was seen through, remembered: columns of cells, a bit each, in blocks that are found by a hash.
+"""Observed free space of the world: a grid with one bit per cell, in blocks that are found by a hash.
 
-A cell is free when one frame saw all of it free. Each block holds what was seen in this epoch and in the one before; an
-epoch is half of the age after which free space is unknown again, so nothing older is ever called free. Where an obstacle
-is seen, its cells are free no more, at once.
+A cell is free when one frame observed all of it free. Each block holds the bits of the present epoch and of the previous
+one; an epoch is half of the age after which free space becomes unknown again, so no older cell is ever reported free. An
+observed obstacle clears the free bits of its cells at once.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel, record
 
 CELL_M = 0.5
-"""Side and height of a cell; docs/research/world-notes.md compares other sizes."""
+"""Width and height of a cell, m; docs/research/world-notes.md compares other sizes."""
 SIDE, TALL = 16, 64
-"""Columns along each side of a block, cells in a column: a block is 8 x 8 x 32 m and takes 4 KiB."""
+"""Columns along each side of a block, and cells of a column: a block covers 8 x 8 x 32 m and takes 4 KiB."""
 _HALF_M = CELL_M * 0.7072
 """Not tuning: radius of the circle around a cell seen from above."""
 _EDGE_M = 1e-3

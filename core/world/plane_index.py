@@ -1,8 +1,8 @@
-"""The table of a world's planes and its index in space: what a frame costs does not depend on how many planes there are.
+"""The table of a world's planes and its spatial index: the cost of a frame does not depend on the number of planes.
 
-Planes live in slots of a table of fixed size. Each is in the lists of the squares of ground that it crosses; squares
-share lists by a hash, which gives a few planes too many to look at and never one too few. A list holds the slots in the
-order in which they were last seen: where the table is full, the one not seen longest goes.
+Planes are in slots of a table of fixed size. A slot is in the list of each square of the ground that its plane crosses. A
+hash maps squares to lists: a search may return a few planes of other squares, and never misses one. A further list has the
+slots in the order of their last observation (LRU): when the table is full, the first one is removed.
 """
 
 from __future__ import annotations

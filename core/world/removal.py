@@ -108,9 +108,9 @@ def count_clear_part(plane, begin, end):
 
 @inner
 def cut_cleared(tables, i, rules):
-    """Takes the part of slot i away that was looked through often enough; what is left on the far side gets a slot.
+    """Removes the part of slot i that frames observed to be clear often enough; a remaining part on the far side gets a new slot.
 
-    Returns whether anything went."""
+    Returns whether any part was removed."""
     plane = tables.planes[i]
     need = rules.free_evidence_limit + min(float(plane.hits // _HITS_PER_CLEAR), rules.free_evidence_limit_extra)
     if plane.hits == 0 or plane.clears < need:

@@ -86,17 +86,17 @@ def bytes_of(sections: tuple[SavedSection, ...]) -> bytes:
 
 
 def sections_of(data: bytes) -> tuple[tuple[SavedSection, ...], str]:
-    """(sections, trouble) of a file: what was whole, and in words where it ends too early; empty: it is complete.
+    """(sections, fault) of a file: the complete sections, and where the file ends too early, as text; empty: it is complete.
 
     Raises ValueError for what is no world at all."""
     if not data.startswith(MAGIC):
         raise ValueError(f"no saved world: it begins with {data[: len(MAGIC)]!r}, expected {MAGIC!r}")
     heads: list[tuple[int, int, int, int]] = []
     parts: list[list[NDArray[np.void]]] = []
-    at, trouble, done = len(MAGIC), "", False
-    while not done and not trouble:
-        tag, payload, after, trouble = _read_part(data, at)
-        if trouble:
+    at, fault, done = len(MAGIC), "", False
+    while not done and not fault:
+        tag, payload, after, fault = _read_part(data, at)
+        if fault:
             break
         if tag == b"SECT" and len(payload) == _SECTION.size:
             heads.append(_SECTION.unpack(payload))
@@ -106,11 +106,11 @@ def sections_of(data: bytes) -> tuple[tuple[SavedSection, ...], str]:
         elif tag == b"END ":
             done = True
         else:
-            trouble = f"byte {at}: a part {tag!r} of {len(payload)} bytes that does not belong there"
+            fault = f"byte {at}: a part {tag!r} of {len(payload)} bytes that does not belong there"
         at = after
     if done and at != len(data):
-        trouble = f"byte {at}: {len(data) - at} bytes after its end"
-    return tuple(_section(h, p) for h, p in zip(heads, parts, strict=True)), trouble
+        fault = f"byte {at}: {len(data) - at} bytes after its end"
+    return tuple(_section(h, p) for h, p in zip(heads, parts, strict=True)), fault
 
 
 def _part(tag: bytes, payload: bytes) -> bytes:
@@ -118,7 +118,7 @@ def _part(tag: bytes, payload: bytes) -> bytes:
 
 
 def _read_part(data: bytes, at: int) -> tuple[bytes, bytes, int, str]:
-    """(tag, payload, place after it, trouble)."""
+    """(tag, payload, place after it, fault)."""
     if at + _PART.size > len(data):
         return b"", b"", at, f"byte {at}: it is cut in the head of a part"
     tag, length, checksum = _PART.unpack_from(data, at)

@@ -1,8 +1,8 @@
-"""The merged world: what all frames of a flight say together.
+"""The merged world: planes and free space of all frames of a flight, in ned by the autopilot's position estimate.
 
-Planes and free space in ned, as the autopilot's estimate has it. Where that estimate jumps, a new section begins; the one
-before is kept apart, because its place in the new frame is unknown. Without a position there is no such frame: then there is
-the newest frame and a short memory (osape_client/world/level_memory.py).
+A jump of the estimate begins a new section. The previous section is kept apart, because its place in the new frame is
+unknown. Without a position there is no merged world; clients then use the newest frame and a short memory
+(osape_client/world/level_memory.py).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Observation:
 
 @dataclass(slots=True, kw_only=True)
 class Section:
-    """What was seen between two jumps: its planes, its free space. number: of the sections of this world."""
+    """Planes and free space observed between two jumps of the position. number: counts the sections of this world."""
 
     number: int
     tables: Tables
@@ -61,7 +61,7 @@ class Section:
     newest_ns: int
     place_m: tuple[float, float, float]
     vouched: bool = False
-    """Begun with saved planes: the next frame goes into it, wherever it is."""
+    """The section was begun with saved planes: the next frame belongs to it at any position."""
 
     @property
     def used_slots(self) -> NDArray[Any]:
@@ -135,7 +135,7 @@ class World:
             see_ground(free, x, y, edges, np.array(ground.seen_from_m), np.array(ground.seen_to_m), plane)
 
     def picture(self, now_ns: int) -> WorldSnapshot:
-        """What is known now, to be asked and drawn. now_ns: free space that is too old by then is left out."""
+        """The present state, for queries and drawings. now_ns: free space that is too old at this time is left out."""
         return self._picture(now_ns, -1, -1)
 
     def changes(self, now_ns: int, since: int) -> tuple[WorldSnapshot, NDArray[np.int32]]:
@@ -182,8 +182,8 @@ class World:
         return tuple(_saved(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
 
     def load(self, sections: tuple[SavedSection, ...]) -> None:
-        """Begins a section with the planes of others, what is one being joined; the next frame goes into it. Whoever calls
-        vouches that they lie in the frame that is to come (serialize.moved). Nothing of them is free."""
+        """Begins a section with saved planes; planes of one surface are joined, and no space becomes free. The next frame belongs
+        to this section: the caller must have moved the planes into its frame (serialize.moved)."""
         self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
         assert self.section is not None
         self.section.vouched = True
@@ -235,7 +235,7 @@ class World:
         return self.section
 
     def _jump(self, section: Section, observation: Observation) -> str:
-        """Why a frame cannot stand in the section, in words; empty: it can."""
+        """Why a frame cannot belong to the section, as text; empty: it can."""
         p, dt_s = self.params, (observation.t_ns - section.newest_ns) / NS
         if observation.reset_counter != section.reset_counter:
             return "the estimate of the position was reset"

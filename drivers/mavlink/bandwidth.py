@@ -31,7 +31,7 @@ class LinkBudget:
     attitude_hz: float
     attitude_bytes: float
 
-    def words(self) -> str:
+    def text(self) -> str:
         """The figures."""
         return f"needs {self.need_in / 1000:.1f} kB/s in and {self.need_out / 1000:.1f} out of {self.line / 1000:.1f} each way"
 

@@ -149,7 +149,7 @@ class ClockFilter:
         return newest is not None and boot_ns < newest - self.params.reboot_step_s * NS
 
     def _doubt(self, new: _Bound) -> bool:
-        """A contradiction is not believed at once; several in a row that agree with each other are a step."""
+        """One contradiction is ignored; several in a row that agree with each other are a step."""
         self.strange += 1
         if self._doubtful and not _common([*self._doubtful, new], new.boot_ns, self.params.max_drift):
             self._doubtful.clear()

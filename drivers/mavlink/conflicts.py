@@ -19,7 +19,7 @@ _SENT, _MOST = 256, 16
 
 
 class ConflictDetector:
-    """`sent` receives what is sent, `heard` what arrives, `texts` gives the conflicts."""
+    """Finds senders that conflict with us or with the autopilot. `sent` receives what is sent, `received` what arrives."""
 
     def __init__(self, component_id: int) -> None:
         self._component = component_id
@@ -37,8 +37,8 @@ class ConflictDetector:
         """A frame of ours; a router may bring it back."""
         self._sent.append(frame)
 
-    def heard(self, message: Any, system: int, now_ns: int) -> None:
-        """A message that came. system: the vehicle's; 0: not known yet."""
+    def received(self, message: Any, system: int, now_ns: int) -> None:
+        """A received message. system: that of the vehicle, 0: not known yet."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         if source[1] == MAV_COMP_ID_AUTOPILOT1 or not system or source[0] != system:
             return
@@ -53,7 +53,7 @@ class ConflictDetector:
             _remember(self._rivals, source, now_ns)
 
     def left_out(self, system: int, now_ns: int) -> None:
-        """An autopilot that is not listened to, since its system id is not the configured one."""
+        """An autopilot that is ignored because its system id is not the configured one."""
         _remember(self._left_out, system, now_ns)
 
     def vehicle(self, system: int, now_ns: int) -> None:
@@ -61,53 +61,53 @@ class ConflictDetector:
         _remember(self._vehicles, system, now_ns)
 
     def kind(self, kind: str, now_ns: int) -> str:
-        """What to call an autopilot whose heartbeat says `kind`: both names while heartbeats contradict each other, so that
-        it is sent what is safe for either."""
+        """The kind to use for an autopilot whose heartbeat reports `kind`: both names while heartbeats contradict each other, so
+        that only what is safe for either is sent."""
         if self._kind and kind != self._kind:
             self._contradiction_ns, self._contradicting = now_ns, " or ".join(sorted({kind, self._kind}))
         self._kind = kind
         return self._contradicting if _recent(self._contradiction_ns, now_ns) else kind
 
     def another(self) -> None:
-        """Another vehicle is listened to from now on."""
+        """Another vehicle is used from now on."""
         self._kind, self._contradiction_ns = "", None
         self._replaced = True
 
-    def texts(self, now_ns: int, configured: int, *, heard: bool) -> dict[str, str]:
-        """Topic -> what is wrong, in words. configured: the only system id listened to, 0: any; heard: an autopilot is."""
-        said: dict[str, str] = {}
+    def texts(self, now_ns: int, configured: int, *, connected: bool) -> dict[str, str]:
+        """Topic -> the conflict, as text. configured: the only accepted system id, 0: any; connected: an autopilot is received."""
+        texts_by_topic: dict[str, str] = {}
         if _recent(self._contradiction_ns, now_ns):
-            said["two autopilots"] = (
+            texts_by_topic["two autopilots"] = (
                 f"{self._contradicting}: heartbeats contradict each other: a second sender uses the autopilot's ids; "
                 "only what is safe for both is sent; sign the link, or give each vehicle another system id"
             )
         for system, component in [s for s, at_ns in self._rivals.items() if _recent(at_ns, now_ns)]:
-            said["two companions"] = (
+            texts_by_topic["two companions"] = (
                 f"component {component} sends obstacles to the autopilot too: a clear sector of one erases an obstacle of the "
                 f"other; switch off one of the two (system {system})"
             )
         if _recent(self._doubles_ns, now_ns):
-            said["two of us"] = (
+            texts_by_topic["two of us"] = (
                 f"another sender uses component {self._component}: a second companion with the same ids; switch it off, or set "
                 "another [autopilot] component_id"
             )
         vehicles = sorted(s for s, at_ns in self._vehicles.items() if now_ns - at_ns < SEVERAL_NS)
         if not configured and (len(vehicles) > 1 or self._replaced):
-            said["several vehicles"] = (
+            texts_by_topic["several vehicles"] = (
                 f"autopilots of several system ids were received ({', '.join(map(str, vehicles)) or 'none now'}): it is not known "
                 "which one carries this computer; set [autopilot] system_id to it and restart the service"
             )
         others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
-        if configured and others and not heard:
-            said["system id"] = (
+        if configured and others and not connected:
+            texts_by_topic["system id"] = (
                 f"only system {others[0]} is received: [autopilot] system_id = {configured} leaves it out; set it to 0, or to the "
                 "vehicle's"
             )
-        return said
+        return texts_by_topic
 
 
 def _remember(seen: OrderedDict[Any, int], key: Any, now_ns: int) -> None:
-    """The newest few alone: whoever makes up ids must not fill the memory."""
+    """Keeps the newest entries only: a sender with many ids must not fill the memory."""
     seen.pop(key, None)
     seen[key] = now_ns
     if len(seen) > _MOST:

@@ -24,30 +24,30 @@ from .transport import Address, Chunk, Transport, open_transport
 
 NS = 1_000_000_000
 READ_S = 0.01
-"""Longest wait for bytes while each is read as it comes."""
+"""Longest wait for bytes while each chunk is read on arrival."""
 PAUSE_S = 0.042
-"""Between two looks at a line whose messages may lie: so late, at most, they are read and so late is what the session sends
-by itself. What is posted goes at once. Half a frame's time at 12 Hz and a little more."""
+"""Time between two reads of a link where messages may wait: the largest delay of reading, and of what the session sends by
+itself. Posted messages are sent at once. A little more than half a frame interval at 12 Hz."""
 LONGEST_PAUSE_S = 0.11
-"""So long while little comes, where somebody is about to catch up anyway: to look takes more than what little it brings."""
+"""The same pause while little data arrives and `catch_up` will read it anyway: a read costs more than it brings."""
 LEAD_NS = 3_000_000
-"""So long before a frame is expected the line is looked at, so that little is left to read when it comes."""
+"""The link is read this long before a frame is expected, so that little is left to read when it arrives."""
 LEAST_APART_NS = 5_000_000
-"""Whoever catches up more often has no rhythm that could be met."""
+"""With more frequent calls of `catch_up` the next frame cannot be predicted."""
 MUCH_BYTES = 2048
-"""Read at once: more may wait, a serial line's buffer is 4096."""
+"""After a read of this many bytes the next one follows at once: the buffer of a serial line holds 4096."""
 LITTLE_BYTES = 1024
-"""Read at once: however the pauses change, what waits next stays well below such a buffer."""
+"""Below this number of bytes a read may pause for LONGEST_PAUSE_S: what waits next stays well below that buffer."""
 FEW_BYTES, MOST_WAIT_S = 4096, 0.005
-"""Of the line, and so long for it, whoever catches up takes upon himself; an autopilot sends a tenth of it in a pause."""
+"""Limits of bytes and time of one `catch_up`; an autopilot sends a tenth of it in a pause."""
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class LinkState:
-    """open: whether there is a line; error: why not, in words; warning: that it is slow, in words; flood: that datagrams are
-    dropped, in words; losses: how often it was lost; alive_ns: when the
-    thread last went round."""
+    """open: whether there is a line; error: why not, as text; warning: that it is slow, as text; flood: that datagrams are
+    dropped, as text; losses: how often it was lost; alive_ns: time of the
+    last cycle of the thread."""
 
     open: bool
     error: str
@@ -98,7 +98,7 @@ class MavlinkLink:
         self._left: list[Chunk] = []
         self._poll_scheduler = PollScheduler()
         self._stop = threading.Event()
-        self._news = threading.Event()
+        self._wake_event = threading.Event()
         self.budget: LinkBudget | None = None
         self._state = LinkState(False, "not opened yet", "", 0, time.monotonic_ns())
         self._thread = WatchedThread(self._run, "mavlink")
@@ -111,7 +111,7 @@ class MavlinkLink:
         """Stops the thread and closes the line. May be called twice. Where an exception has ended the thread, what was posted
         since goes out from here: the autopilot is to know that nothing is seen any more."""
         self._stop.set()
-        self._news.set()
+        self._wake_event.set()
         if self._thread.ident is not None:
             self._thread.join(2.0)
         if self._thread.failure and self._transport is not None:
@@ -124,7 +124,7 @@ class MavlinkLink:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the thread, in words; empty: none did."""
+        """The exception that ended the thread, as text; empty: none did."""
         return self._thread.failure
 
     @property
@@ -136,7 +136,7 @@ class MavlinkLink:
         """Sends a message as soon as the thread comes round, if an autopilot is there to hear it."""
         with self._lock:
             self._session.post(message)
-        self._news.set()
+        self._wake_event.set()
 
     def catch_up(self) -> None:
         """Reads and delivers what has arrived by now, in the caller's thread. Without a line it does nothing, and what is
@@ -150,7 +150,7 @@ class MavlinkLink:
                 return
             self._left = self._transport.read()
             if _bytes(self._left) > FEW_BYTES:
-                self._news.set()
+                self._wake_event.set()
             elif self._left:
                 self._round(self._transport)
         except DriverError:
@@ -217,7 +217,7 @@ class MavlinkLink:
         """What was posted before the link is closed."""
         with self._lock:
             if self._session.has_posted:
-                for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
+                for data in self._session.due(time.monotonic_ns(), transport.sends_first):
                     transport.write(data)
 
     def _await(self, transport: Transport, *, little: bool) -> None:
@@ -225,8 +225,8 @@ class MavlinkLink:
         time."""
         now_ns = time.monotonic_ns()
         if self._session.can_defer_read(now_ns):
-            self._news.wait(self._poll_scheduler.pause_s(now_ns, little=little))
-            self._news.clear()
+            self._wake_event.wait(self._poll_scheduler.pause_s(now_ns, little=little))
+            self._wake_event.clear()
         elif not self._session.has_posted:
             transport.wait(READ_S)
 
@@ -241,7 +241,7 @@ class MavlinkLink:
         with self._lock:
             if self._session.last_chunk is not None:
                 transport.answer(self._session.last_chunk)
-            for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
+            for data in self._session.due(time.monotonic_ns(), transport.sends_first):
                 transport.write(data)
         return _bytes(chunks)
 

@@ -135,8 +135,8 @@ def motion_fields(frame: Frame) -> tuple[float, ...] | None:
     return frame.fields(fields) if fields is not None else None
 
 
-def _recent(heard_ns: int | None, now_ns: int) -> bool:
-    return heard_ns is not None and now_ns - heard_ns < PREFER_FOR_NS
+def _recent(received_ns: int | None, now_ns: int) -> bool:
+    return received_ns is not None and now_ns - received_ns < PREFER_FOR_NS
 
 
 def _three(numbers: tuple[float, ...]) -> tuple[float, float, float] | None:

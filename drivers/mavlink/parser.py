@@ -61,7 +61,7 @@ class Frame:
 
 
 class MessageSplitter:
-    """`feed` it as bytes come. counts: bytes of noise, messages unknown to the dialect (nobody can check them)."""
+    """`feed` it as bytes come. counts: bytes of noise, messages unknown to the dialect (their checksum cannot be checked)."""
 
     def __init__(self, counts: Counter[LinkAnomaly] | None = None) -> None:
         """counts: those of several splitters together."""

@@ -46,7 +46,7 @@ class RateMonitor:
         self.knows_intervals = True
         self.asked = 0
 
-    def heard(self, message_id: int, now_ns: int) -> None:
+    def received(self, message_id: int, now_ns: int) -> None:
         """A message arrived."""
         arrivals = self._arrivals.get(message_id)
         if arrivals is not None:
@@ -65,7 +65,7 @@ class RateMonitor:
             self.knows_intervals = False
 
     def restart(self) -> None:
-        """The autopilot is another one, or has rebooted: all intervals are requested anew."""
+        """Another autopilot, or a reboot: all intervals are requested again."""
         self._next_ns.clear()
         self._wait_ns.clear()
         self._first_asked_ns.clear()

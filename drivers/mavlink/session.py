@@ -82,7 +82,7 @@ class MavlinkSession:
         self._encoder = dialect.MAVLink(None)
         self._encoder.srcComponent = self.params.component_id
         self._next_heartbeat_ns = 0
-        self._heard_ns = 0
+        self._received_ns = 0
         self._clock_restarts = 0
         self._outbox = Outbox()
 
@@ -130,7 +130,7 @@ class MavlinkSession:
             vehicle = self._recognised(frame)
         own = vehicle is not None and frame.system == vehicle.system_id and frame.component == MAV_COMP_ID_AUTOPILOT1
         if not own:
-            self._conflicts.heard(frame, vehicle.system_id if vehicle else 0, arrival_ns)
+            self._conflicts.received(frame, vehicle.system_id if vehicle else 0, arrival_ns)
         kind = frame.id
         if kind in self._foreign_ids and self._on_foreign is not None:
             if vehicle is None or frame.system != vehicle.system_id:
@@ -143,7 +143,7 @@ class MavlinkSession:
             self._follow_clock()
         if not self._is_read(kind):
             if own:
-                self._speaks(kind, arrival_ns)
+                self._note_autopilot(kind, arrival_ns)
             return None
         message = frame.message()
         if message is None:
@@ -165,7 +165,7 @@ class MavlinkSession:
         return kind in _READ or (self._on_message is not None and (self._reads is None or kind in self._reads))
 
     def _moves(self, frame: Frame, kind: int, arrival_ns: int) -> AttitudeSample | PoseSample | None:
-        self._speaks(kind, arrival_ns)
+        self._note_autopilot(kind, arrival_ns)
         if not self._motion.wants(kind, arrival_ns):
             return None
         sample = self._motion.decode(frame, arrival_ns)
@@ -177,7 +177,7 @@ class MavlinkSession:
             self._heartbeat(message, arrival_ns)
         if not self._from_autopilot(message):
             return
-        self._speaks(kind, arrival_ns)
+        self._note_autopilot(kind, arrival_ns)
         if kind == COMMAND_ACK_ID:
             self.rates.acknowledged(int(message.command), int(message.result))
         if self._on_message is not None and (self._reads is None or kind in self._reads):
@@ -188,12 +188,12 @@ class MavlinkSession:
         """Requests rates and times again after a restart of the autopilot's clock: it has rebooted."""
         if self.clock.restarts != self._clock_restarts:
             self._clock_restarts = self.clock.restarts
-            self._begin_anew()
+            self._restart()
 
-    def _speaks(self, kind: int, arrival_ns: int) -> None:
+    def _note_autopilot(self, kind: int, arrival_ns: int) -> None:
         """Notes a message of the autopilot."""
-        self._heard_ns, self.last_chunk = arrival_ns, self._place
-        self.rates.heard(kind, arrival_ns)
+        self._received_ns, self.last_chunk = arrival_ns, self._place
+        self.rates.received(kind, arrival_ns)
 
     def _from_autopilot(self, message: Any) -> bool:
         v = self.vehicle
@@ -214,13 +214,13 @@ class MavlinkSession:
         self._conflicts.vehicle(system, arrival_ns)
         old = self.vehicle
         if old is not None and old.system_id != system:
-            if self.heard(arrival_ns):
+            if self.connected(arrival_ns):
                 self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
                 return
             self._conflicts.another()
             self.clock.restart()  # another autopilot, another clock
             self._clock_restarts = self.clock.restarts
-            self._begin_anew()
+            self._restart()
         self.vehicle = Vehicle(
             system,
             self._conflicts.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
@@ -232,7 +232,7 @@ class MavlinkSession:
             int(m.system_status),
         )
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         self._timesync.restart()
         self.rates.restart()
 
@@ -243,16 +243,16 @@ class MavlinkSession:
 
     # ---- out ----------------------------------------------------------------------------------------------------
 
-    def heard(self, now_ns: int) -> bool:
+    def connected(self, now_ns: int) -> bool:
         """Whether any message of the autopilot arrived lately; on a bad link heartbeats alone are lost too easily."""
-        return self.vehicle is not None and now_ns - self._heard_ns < SILENT_NS
+        return self.vehicle is not None and now_ns - self._received_ns < SILENT_NS
 
     def fell_silent(self, now_ns: int) -> bool:
-        """Whether the autopilot was armed when it was heard last: it may still receive on a link that works one way only."""
-        return self.vehicle is not None and self.vehicle.armed and not self.heard(now_ns)
+        """Whether the autopilot was armed at its last message: it may still receive on a link that works one way only."""
+        return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)
 
     def post(self, message: Any) -> None:
-        """A message to send with the next `due`. Without an autopilot that is heard it is dropped and counted, except
+        """A message to send with the next `due`. Without a received autopilot it is dropped and counted, except
         obstacles for one that fell silent in flight."""
         self._outbox.post(message)
 
@@ -261,15 +261,15 @@ class MavlinkSession:
         """Whether a message waits to be sent."""
         return bool(self._outbox)
 
-    def due(self, now_ns: int, speaks_first: bool = False) -> list[bytes]:
+    def due(self, now_ns: int, sends_first: bool = False) -> list[bytes]:
         """What to send now, ready for the line. speaks_first: the other end waits for a hello."""
         messages: list[Any] = []
-        if not self.heard(now_ns):
-            unbelieved = self._signing.unbelieved_autopilot(now_ns)
-            ids = {STATUSTEXT_ID} if unbelieved else OBSTACLE_IDS if self.fell_silent(now_ns) else set()
+        if not self.connected(now_ns):
+            rejected = self._signing.rejects_autopilot(now_ns)
+            ids = {STATUSTEXT_ID} if rejected else OBSTACLE_IDS if self.fell_silent(now_ns) else set()
             kept, dropped = self._outbox.take_only(ids)
             self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += dropped
-            if (speaks_first or unbelieved) and now_ns >= self._next_heartbeat_ns:
+            if (sends_first or rejected) and now_ns >= self._next_heartbeat_ns:
                 messages.append(self._own_heartbeat(now_ns))
             return [self._pack(m) for m in messages + kept]
         assert self.vehicle is not None
@@ -317,6 +317,6 @@ class MavlinkSession:
             received=self.received,
             counts={what.value: often for what, often in counts.items() if often},
             signed=self._signing.good(now_ns),
-            conflicts=self._conflicts.texts(now_ns, self.params.system_id, heard=self.heard(now_ns)),
-            signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
+            conflicts=self._conflicts.texts(now_ns, self.params.system_id, connected=self.connected(now_ns)),
+            signing_fault=self._signing.fault(now_ns, answered=self._timesync.answers(now_ns)),
         )

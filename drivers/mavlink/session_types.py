@@ -66,6 +66,6 @@ class LinkStatus:
     counts: dict[str, int]
     signed: bool = False
     """The autopilot's messages are signed with our key."""
-    signing_trouble: str = ""
+    signing_fault: str = ""
     conflicts: dict[str, str] = field(default_factory=dict)
-    """Topic -> what is wrong with others on the line, in words."""
+    """Topic -> what is wrong with others on the line, as text."""

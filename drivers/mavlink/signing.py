@@ -23,7 +23,7 @@ from .signing_key import SigningKey
 
 SIGNED_FLAG, BLOCK_BYTES, MAVLINK2 = 1, 13, 0xFD
 NEW_STREAM_TICKS = 60 * TICKS_PER_S
-"""A sender that was not heard before may be behind our time by so much."""
+"""Largest lag of the timestamp of a new sender."""
 RECENT_NS = 5 * NS
 """What the autopilot's messages were like, so long back, decides what is said."""
 SETUP_SIGNING_ID, HEARTBEAT_ID = 256, 0
@@ -44,12 +44,12 @@ ANOMALIES = {
     Verdict.FORGED: LinkAnomaly.SIGNATURE_WRONG_KEY,
     Verdict.OLD: LinkAnomaly.SIGNATURE_REPLAYED,
 }
-NOT_BELIEVED = frozenset(ANOMALIES)
+REJECTED = frozenset(ANOMALIES)
 """By those who have a key."""
 
 
 class Signing:
-    """key None: nothing is signed and everything is believed. Messages are those of the dialect, as they came."""
+    """key None: nothing is signed and everything is accepted. Messages are those of the dialect, as they came."""
 
     def __init__(self, key: SigningKey | None = None, clock: SigningClock | None = None) -> None:
         self._key, self._clock = key, clock or SigningClock()
@@ -66,7 +66,7 @@ class Signing:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the keeping of timestamps, in words; empty: none did."""
+        """The exception that ended the keeping of timestamps, as text; empty: none did."""
         return self._clock.failure
 
     def close(self) -> None:
@@ -80,8 +80,8 @@ class Signing:
         if self._key is None and not _signed(message.get_msgbuf()):
             return True  # an unsigned heartbeat reveals nothing
         verdict = self._verdict(message)
-        believed = self._key is None or verdict not in NOT_BELIEVED
-        if not believed:
+        accepted = self._key is None or verdict not in REJECTED
+        if not accepted:
             self.counts[ANOMALIES[verdict]] += 1
         system = message.get_srcSystem()
         # without a key an autopilot is known by its heartbeat only; before it there is no receiver
@@ -90,9 +90,9 @@ class Signing:
             if verdict is Verdict.GOOD and not self._recent(verdict, arrival_ns):
                 self._good_since_ns = arrival_ns
             self._autopilot_ns[verdict] = arrival_ns
-            if not believed:
+            if not accepted:
                 self.claimed_system = system
-        return believed
+        return accepted
 
     def _verdict(self, message: Any) -> Verdict:
         frame = message.get_msgbuf()
@@ -108,7 +108,7 @@ class Signing:
         if ticks + NEW_STREAM_TICKS < self._clock.now() if last is None else ticks <= last:
             return Verdict.OLD
         self._streams[stream] = ticks
-        self._clock.heard(ticks)
+        self._clock.received(ticks)
         return Verdict.GOOD
 
     # ---- out --------------------------------------------------------------------------------------------------------
@@ -121,9 +121,9 @@ class Signing:
         encoder.signing.sign_outgoing = True
         encoder.signing.timestamp = self._clock.next()
 
-    def unbelieved_autopilot(self, now_ns: int) -> bool:
+    def rejects_autopilot(self, now_ns: int) -> bool:
         """Whether an autopilot sends that is not accepted: it is sent our heartbeat only."""
-        return self._key is not None and any(self._recent(v, now_ns) for v in NOT_BELIEVED)
+        return self._key is not None and any(self._recent(v, now_ns) for v in REJECTED)
 
     # ---- what is said of it -----------------------------------------------------------------------------------------
 
@@ -131,11 +131,11 @@ class Signing:
         """Whether the autopilot's signatures are right at present."""
         return self._recent(Verdict.GOOD, now_ns)
 
-    def trouble(self, now_ns: int, *, answered: bool) -> str:
+    def fault(self, now_ns: int, *, answered: bool) -> str:
         """What is wrong, with its remedy; empty: nothing. answered: the autopilot answers what we ask, so it takes what
         we send."""
-        said = self._with_key(now_ns, answered) if self.on else self._without_key(now_ns, answered)
-        return said or self._clock.trouble
+        text = self._with_key(now_ns, answered) if self.on else self._without_key(now_ns, answered)
+        return text or self._clock.fault
 
     def _recent(self, verdict: Verdict, now_ns: int) -> bool:
         at_ns = self._autopilot_ns.get(verdict)
@@ -151,7 +151,7 @@ class Signing:
         if self._recent(Verdict.GOOD, now_ns):
             if not answered:
                 return "the autopilot takes nothing that we sign: its key is ours; is this machine's clock behind?"
-            # what the autopilot itself said before it had the key is nobody else's
+            # unsigned messages from before the key was set are of the autopilot itself
             wrong = [
                 v
                 for v in (Verdict.FORGED, Verdict.UNSIGNED)

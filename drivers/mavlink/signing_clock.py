@@ -37,11 +37,11 @@ def wall_ticks(unix_ns: int) -> int:
 class SigningClock:
     """`next` for each packet; `heard` with each verified timestamp of others, which ours must not be behind of.
 
-    trouble: why timestamps cannot be kept, in words; empty: they are. file None: for this run alone."""
+    trouble: why timestamps cannot be kept, as text; empty: they are. file None: for this run alone."""
 
     def __init__(self, file: Path | None = None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._file, self._wall_ns = file, wall_ns
-        self.trouble = ""
+        self.fault = ""
         self._last = self._reserved = 0
         self._wanted, self._stop = threading.Event(), threading.Event()
         self._thread: WatchedThread | None = None
@@ -53,7 +53,7 @@ class SigningClock:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the keeping of timestamps, in words; empty: none did."""
+        """The exception that ended the keeping of timestamps, as text; empty: none did."""
         return self._thread.failure if self._thread is not None else ""
 
     def next(self) -> int:
@@ -66,7 +66,7 @@ class SigningClock:
         """The newest timestamp there is, by the wall clock or by what was said and heard."""
         return max(self._last, wall_ticks(self._wall_ns()))
 
-    def heard(self, ticks: int) -> None:
+    def received(self, ticks: int) -> None:
         """A timestamp whose signature is right."""
         self._last = max(self._last, ticks)
         self._want()
@@ -91,7 +91,7 @@ class SigningClock:
             if self._stop.is_set():
                 return
             self._reserve(file)
-            if self.trouble:
+            if self.fault:
                 self._stop.wait(AGAIN_S)
 
     def _reserve(self, file: Path) -> None:
@@ -105,12 +105,12 @@ class SigningClock:
                 os.fsync(stream.fileno())
             new.replace(file)
         except OSError as error:
-            self.trouble = (
+            self.fault = (
                 f"the timestamps of signatures cannot be kept in {file} ({error.strerror}): after the next start with a "
                 "clock set back the autopilot would take what we say for old; make room or correct its rights"
             )
             return
-        self._reserved, self.trouble = ticks, ""
+        self._reserved, self.fault = ticks, ""
 
     def _read(self, file: Path) -> int:
         """What the file holds; 0 where there is none, or nothing that we wrote."""

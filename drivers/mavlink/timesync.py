@@ -21,7 +21,7 @@ _PENDING = 64
 _FIELDS = struct.Struct("<qq")
 """tc1 and ts1, as they lie in the payload: autopilots ask ten times a second for themselves."""
 UNANSWERED_NS = 4 * NS
-"""Without any answer for so long nobody answers."""
+"""Without any answer for this time TIMESYNC counts as not answered."""
 AWAITED_NS = NS // 10
 """After a request, so long its answer is waited for at the line: later than that it would say little."""
 
@@ -49,7 +49,7 @@ class TimeSync:
         settled = self._synchronised_ns is not None and now_ns - self._synchronised_ns > FAST_FOR_NS
         self._next_ns = now_ns + (SLOW_NS if settled else FAST_NS)
         self._pending[now_ns] = None
-        if self._waits_since_ns is None or now_ns - self._asked_ns > NS:  # nobody was there to be asked
+        if self._waits_since_ns is None or now_ns - self._asked_ns > NS:  # no request was sent
             self._waits_since_ns = now_ns
         self._asked_ns = now_ns
         if len(self._pending) > _PENDING:

@@ -217,7 +217,7 @@ def _vehicle(log: Tlog, system: int | None) -> int:
         and r.message.get_type() == "HEARTBEAT"
         and r.message.autopilot != MAV_AUTOPILOT_INVALID
     }
-    # a log cut out of the middle may hold no heartbeat: whoever sends attitudes as component 1 is an autopilot too
+    # a log cut out of the middle may hold no heartbeat: a sender of attitudes with component 1 is an autopilot too
     found = autopilots or {
         r.system
         for r in log.records

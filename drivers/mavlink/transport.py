@@ -48,7 +48,7 @@ class Transport(Protocol):
         ...
 
     @property
-    def speaks_first(self) -> bool:
+    def sends_first(self) -> bool:
         """Whether the other end sends nothing before it has received a message."""
         ...
 
@@ -121,7 +121,7 @@ def open_transport(address: Address) -> Transport:
 class SerialLine:
     """A serial port or a pty."""
 
-    speaks_first = False
+    sends_first = False
     sources = None
     flood = None
 
@@ -182,18 +182,18 @@ class UdpLine:
         self._address = address
         self.flood = FloodFilter()
         self._room = memoryview(bytearray(_READ_BYTES))
-        self.speaks_first = address.kind == "udpout"
+        self.sends_first = address.kind == "udpout"
         place = _resolve(address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         self._more = select.poll()
         self._more.register(self._socket, select.POLLIN)
-        self._peer: tuple[str, int] | None = place if self.speaks_first else None
+        self._peer: tuple[str, int] | None = place if self.sends_first else None
         self.sources: list[Source] = []
-        self._chosen = self.speaks_first
+        self._chosen = self.sends_first
         try:
-            self._socket.bind(("0.0.0.0", 0) if self.speaks_first else place)
+            self._socket.bind(("0.0.0.0", 0) if self.sends_first else place)
         except OSError as error:
             self._socket.close()
             raise DeviceNotFound(f"{address}: {_reason(error)}; is another program bound to this port?") from error
@@ -252,7 +252,7 @@ class UdpLine:
         source = self.sources[chunk]
         if source is not None:
             self.flood.trust(source, time.monotonic_ns())
-        if not self.speaks_first:
+        if not self.sends_first:
             self._peer, self._chosen = source, True
 
     def close(self) -> None:
@@ -263,7 +263,7 @@ class TcpLine:
     """A TCP connection to an autopilot or a router."""
 
     bytes_per_s = None
-    speaks_first = False
+    sends_first = False
     sources = None
     flood = None
 

@@ -1,4 +1,4 @@
-"""Datagrams that nobody asked for, dropped before they are parsed.
+"""Drops floods of datagrams before they are parsed.
 
 Reading a datagram takes microseconds, looking through its bytes for messages up to a hundred times as long. While the
 autopilot's own address is known, other addresses may therefore send a bounded number of datagrams: enough for a second
@@ -57,7 +57,7 @@ class FloodFilter:
         return False
 
     def text(self, now_ns: int) -> str:
-        """The flood of the last second, in words; empty: there is none."""
+        """The flood of the last second, as text; empty: there is none."""
         if self._dropped_now and now_ns - self._begun_ns < 2 * WINDOW_NS:
             return self._words(self._dropped_now)
         return self._text if self._text and now_ns - self._text_ns < 2 * WINDOW_NS else ""

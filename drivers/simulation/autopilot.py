@@ -1,8 +1,8 @@
-"""An autopilot that is not there: it answers as PX4 or as ArduPilot does on the wire, for tests and for the demo.
+"""A simulated autopilot for tests and for the demo: it sends and answers MAVLink messages as PX4 or ArduPilot does.
 
 `SimulatedAutopilot` holds no socket and no clock: bytes and instants in, bytes out. `drivers.simulation.autopilot_link`
-puts it on a UDP port or a pty. What it does is what was measured on the real ones: PX4 streams by itself and asks for
-TIMESYNC at 10 Hz; ArduPilot sends nothing but heartbeats until it is asked and refuses 400 Hz.
+puts it on a UDP port or a pty. Its behaviour was measured on the real firmware: PX4 streams without a request and sends TIMESYNC requests at
+10 Hz; ArduPilot sends only heartbeats until streams are requested, and refuses 400 Hz.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _DISTANCE_SENSOR, _OBSTACLE_DISTANCE, _EXTENDED_SYS_STATE = 132, 330, 245
 _ATTITUDES = (_ATTITUDE, _ATTITUDE_QUATERNION)
 _STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
 _TAKEN_UNSIGNED = {PX4: {0, 109, 246, 247}, ARDUPILOT: {109, 166}}
-"""By one that signs: heartbeats (PX4 alone), radios, and what may save from a collision."""
+"""Messages that are accepted unsigned although a key is set: heartbeats (PX4 only), radio status, ADS-B and collision warnings."""
 _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
 _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
 _LOOK_NS = 1_000_000
@@ -94,8 +94,8 @@ class SimulatedAutopilot:
     parameters: name -> value, sent when requested and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
     ints, into the float's bytes). received: the good messages that came, newest last; dropped: those whose signature was
     not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back when asked for it; obstacle_times_ns: when
-    each came; layers, heights: what it makes of points and of distances up and down. deaf: it takes none of them;
-    mute: it hears, and is not heard."""
+    each came; layers, heights: what it makes of points and of distances up and down. ignores_obstacles: it uses none of them;
+    sends_nothing: it receives only. silent: it neither receives nor sends."""
 
     def __init__(self, profile: FirmwareProfile | None = None) -> None:
         self.profile = profile or FirmwareProfile()
@@ -108,7 +108,7 @@ class SimulatedAutopilot:
         self.layers: ArduPilotLayers | None = None
         self.heights = ArduPilotHeights()
         self.stubborn: set[str] = set()
-        self.silent = self.deaf = self.mute = False
+        self.silent = self.ignores_obstacles = self.sends_nothing = False
         self._next_ns: dict[int, int] = {}
         self._flight = TimedFlight(self.profile.flight)
         self._moved: tuple[int | None, VehicleState] = (None, hovering(0))
@@ -137,7 +137,7 @@ class SimulatedAutopilot:
         signing.stream_timestamps.clear()
 
     def boot_ns(self, now_ns: int) -> int:
-        """Time since boot on its own crystal."""
+        """Time since boot on its own clock, which drifts."""
         return max(0, round((now_ns - self.profile.boot_at_ns) * (1.0 + self.profile.drift)))
 
     # ---- in -----------------------------------------------------------------------------------------------------
@@ -172,11 +172,15 @@ class SimulatedAutopilot:
                 self._set_parameter(message)
             elif kind == "OBSTACLE_DISTANCE":
                 self.obstacle_times_ns.append(now_ns)
-                if not self.deaf:
+                if not self.ignores_obstacles:
                     self.obstacles.read(message, now_ns)
-            elif kind == "OBSTACLE_DISTANCE_3D" and not self.deaf and isinstance(self.obstacles, ArduPilotReader):
+            elif (
+                kind == "OBSTACLE_DISTANCE_3D"
+                and not self.ignores_obstacles
+                and isinstance(self.obstacles, ArduPilotReader)
+            ):
                 self._layers_of(self.obstacles).read(message, now_ns)
-            elif kind == "DISTANCE_SENSOR" and not self.deaf:
+            elif kind == "DISTANCE_SENSOR" and not self.ignores_obstacles:
                 self.heights.read(message, now_ns)
 
     def _layers_of(self, fence: ArduPilotReader) -> ArduPilotLayers:
@@ -240,7 +244,7 @@ class SimulatedAutopilot:
         self._read_parameter(message)
 
     def relay(self, data: bytes) -> None:
-        """Somebody else's bytes, which a router brings to the companion with the next words."""
+        """Bytes of another sender, which a router forwards with the next message."""
         self._answers.append(data)
 
     def _answer(self, message: Any) -> None:
@@ -251,7 +255,7 @@ class SimulatedAutopilot:
     def due(self, now_ns: int) -> list[bytes]:
         """What to send now."""
         out, self._answers = self._answers, []
-        if self.silent or self.mute:
+        if self.silent or self.sends_nothing:
             return []
         self._flight.until(now_ns)
         if self._is_due(_HEARTBEAT, self._intervals.get(_HEARTBEAT, 1.0), now_ns):
@@ -308,7 +312,7 @@ class SimulatedAutopilot:
         return [dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)]
 
     def _fused_obstacles(self, now_ns: int) -> list[Any]:
-        """PX4's own map, once it has heard of any obstacle."""
+        """PX4's own map, once it has received an obstacle."""
         if not isinstance(self.obstacles, Px4Reader) or not self.obstacles.has_data(now_ns):
             return []
         bins, step = self.obstacles.bins_cm(now_ns), self.obstacles.bin_deg

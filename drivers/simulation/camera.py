@@ -26,7 +26,7 @@ _SEQUENCES = 1 << 32
 _RENDERERS = (
     "flight", "flight_path", "flights", "movers", "ray_caster", "scene_library", "scenes", "sensor_model", "source"
 )  # fmt: skip
-"""The modules that decide what a frame looks like: a change in one of them renders anew."""
+"""The modules that decide what a frame looks like: after a change in one of them frames are rendered again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,14 +178,14 @@ class SimulatedDepthSource:
 
     def _name(self) -> str:
         """The same only for the same frames, bit for bit."""
-        said = [asdict(self._info), self._simulation.seed, self._steps, self._flight.plan.name, self._flight.leg_ns]
+        content = [asdict(self._info), self._simulation.seed, self._steps, self._flight.plan.name, self._flight.leg_ns]
         modules = [Path(__file__).with_name(f"{module}.py") for module in _RENDERERS]
         if self._simulation.render == "stereo":
-            said += [self._simulation.render, self._simulation.disparities, self._simulation.mark_smooth]
+            content += [self._simulation.render, self._simulation.disparities, self._simulation.mark_smooth]
             modules += sorted(Path(__file__).with_name("stereo").glob("*.py"))
             modules += sorted(Path(__file__).parents[1].joinpath("cameras").glob("*match*.py"))
             modules.append(Path(__file__).parents[1] / "cameras" / "stereo.py")
-        digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+        digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
         for module in modules:
             digest.update(module.read_bytes())
         return f"{self._flight.plan.name}-{digest.hexdigest()[:16]}"

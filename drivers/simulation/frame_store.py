@@ -101,7 +101,7 @@ def _in_file(folder: Path, name: str, size: int) -> mmap.mmap | None:
 
 
 def _make_room(folder: Path, path: Path, size: int) -> None:
-    """Deletes the files that were used longest ago until `size` fits; whoever still maps one keeps it."""
+    """Deletes the files that were used longest ago until `size` fits; a process that still maps one keeps it."""
     others = [(f.stat(), f) for f in folder.glob("*" + SUFFIX) if f != path]
     others.sort(key=lambda entry: entry[0].st_mtime_ns)
     excess = sum(stat.st_size for stat, _ in others) + size - MOST_BYTES

@@ -202,12 +202,14 @@ def scene(nearest_cm: int | None, at: int = 0) -> np.ndarray:
     return values
 
 
-def echoed(kind: str, deaf: bool, seconds: float, values: np.ndarray, own: np.ndarray | None = None) -> EchoCheck:
+def echoed(
+    kind: str, ignores_obstacles: bool, seconds: float, values: np.ndarray, own: np.ndarray | None = None
+) -> EchoCheck:
     """Messages at 10 Hz to an autopilot that was asked to send its obstacles back at 2 Hz; own: what another
     sender sends it instead."""
     streams = {330: 2.0} if kind == PX4 else {132: 2.0}
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, streams=streams))
-    autopilot.deaf = deaf
+    autopilot.ignores_obstacles = ignores_obstacles
     check = EchoCheck()
     for step in range(round(10 * seconds)):
         now_ns = NS + step * NS // 10
@@ -222,23 +224,23 @@ def echoed(kind: str, deaf: bool, seconds: float, values: np.ndarray, own: np.nd
 @pytest.mark.parametrize("at", [0, 20, 70])
 def test_an_autopilot_that_uses_the_obstacles_is_not_reported(kind: str, at: int) -> None:
     check = echoed(kind, False, 12.0, scene(400, at))
-    assert check.trouble(kind, NS + 12 * NS) == ""
+    assert check.fault(kind, NS + 12 * NS) == ""
 
 
 @pytest.mark.parametrize(("kind", "text"), [(PX4, "CP_DIST"), (ARDUPILOT, "PRX1_TYPE")])
 def test_one_that_does_not_is_reported_with_the_likely_cause(kind: str, text: str) -> None:
     check = echoed(kind, True, 8.0, scene(400))
-    assert text in check.trouble(kind, NS + 8 * NS)
-    assert echoed(kind, True, 3.0, scene(400)).trouble(kind, 4 * NS) == ""  # patience
-    assert echoed(kind, True, 20.0, scene(None)).trouble(kind, 21 * NS) == ""  # nothing was there to be sent back
+    assert text in check.fault(kind, NS + 8 * NS)
+    assert echoed(kind, True, 3.0, scene(400)).fault(kind, 4 * NS) == ""  # patience
+    assert echoed(kind, True, 20.0, scene(None)).fault(kind, 21 * NS) == ""  # nothing was there to be sent back
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
-@pytest.mark.parametrize("deaf", [True, False])
-def test_intermittent_obstacles_are_checked_too(kind: str, deaf: bool) -> None:
+@pytest.mark.parametrize("ignores_obstacles", [True, False])
+def test_intermittent_obstacles_are_checked_too(kind: str, ignores_obstacles: bool) -> None:
     """Two seconds with an obstacle, one without."""
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, streams={330: 2.0} if kind == PX4 else {132: 2.0}))
-    autopilot.deaf = deaf
+    autopilot.ignores_obstacles = ignores_obstacles
     check = EchoCheck()
     for step in range(120):
         now_ns = NS + step * NS // 10
@@ -246,16 +248,16 @@ def test_intermittent_obstacles_are_checked_too(kind: str, deaf: bool) -> None:
         check.sent(values, clear_cm(AVOID), now_ns)
         for answer in answers(autopilot, [obstacle_distance_message(values, 0, AVOID)], now_ns):
             check.take(answer, now_ns)
-    assert bool(check.trouble(kind, 13 * NS)) == deaf
+    assert bool(check.fault(kind, 13 * NS)) == ignores_obstacles
     for step in range(150):  # and the time starts anew when nothing was there to be sent back
         check.sent(scene(None), clear_cm(AVOID), 13 * NS + step * NS // 10)
-    assert check.trouble(kind, 28 * NS) == ""
+    assert check.fault(kind, 28 * NS) == ""
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     check = echoed(kind, False, 12.0, scene(400), own=scene(150))
-    assert "other obstacles than ours" in check.trouble(kind, NS + 12 * NS)
+    assert "other obstacles than ours" in check.fault(kind, NS + 12 * NS)
 
 
 @pytest.mark.parametrize(
@@ -274,7 +276,7 @@ def test_the_likely_cause_is_the_one_that_is_known(
     kind: str, values: dict[str, float], signing: str, mavlink_1: bool, text: str
 ) -> None:
     vehicle = Vehicle(1, kind, 2, True, PX4_POSITION_MODE << 16, 0, mavlink_1)
-    lines = echoed(kind, True, 8.0, scene(400)).trouble(
+    lines = echoed(kind, True, 8.0, scene(400)).fault(
         kind, NS + 8 * NS, likely_cause(vehicle, AutopilotFacts(kind=kind, values=values), signing)
     )
     assert lines.startswith("the autopilot does not use our obstacles: ")

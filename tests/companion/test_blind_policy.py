@@ -251,14 +251,14 @@ def test_with_contradictory_heartbeats_the_wall_stands_all_around() -> None:
 
 def test_a_blind_camera_is_used_again_after_good_frames_in_a_row() -> None:
     recovery = Recovery(("front", "right"), 3)
-    believed = []
+    recovered = []
     for valid in (True, True, False, True, True, True):
         recovery.frame("front", valid)
-        believed.append(recovery.believed("front"))
-    assert believed == [False] * 5 + [True]
+        recovered.append(recovery.recovered("front"))
+    assert recovered == [False] * 5 + [True]
     recovery.blind({"front": "silent", "right": ""})
-    assert not recovery.believed("front")
-    assert not recovery.believed("right")
+    assert not recovery.recovered("front")
+    assert not recovery.recovered("right")
 
 
 # ---- memory -----------------------------------------------------------------------------------------------------------

@@ -85,7 +85,7 @@ class Companion:
             avoid,
             ("front",),
             0.3,
-            lambda: session.vehicle if session.heard(time.monotonic_ns()) else None,
+            lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
             self.link.post,
         )
         self.avoidance.announce(CAMERA)

@@ -49,12 +49,12 @@ class Flown:
     def __init__(self, address: str, line: AutopilotLink, kind: str) -> None:
         self.line, self.kind = line, kind
         self.waiting: deque[AttitudeSample | PoseSample] = deque()
-        self.words = ""
+        self.cause = ""
         session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
         self.link = MavlinkLink(parse_address(address), session, self._samples)
         self.avoidance = Avoidance(
-            AVOID, ("front",), 0.3, lambda: session.vehicle if session.heard(time.monotonic_ns()) else None,
-            self.link.post, lambda camera: self.words,
+            AVOID, ("front",), 0.3, lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
+            self.link.post, lambda camera: self.cause,
             lambda: session.vehicle if session.fell_silent(time.monotonic_ns()) else None,
         )  # fmt: skip
         self.avoidance.announce(CAMERA)
@@ -87,12 +87,12 @@ class Flown:
         frame = DepthFrame(
             camera="front", sequence=self.frames, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=self._image
         )
-        before, self.words = self.words, self._frozen_detector.check(frame)
-        self.judged_ns = self.judged_ns if before or not self.words else time.monotonic_ns()
+        before, self.cause = self.cause, self._frozen_detector.check(frame)
+        self.judged_ns = self.judged_ns if before or not self.cause else time.monotonic_ns()
         for output in self._pipeline.handle(frame):
             if isinstance(output, PrismsResult):
                 self.avoidance.result(output)
-                if output.valid and not self.words and not self.repeats:
+                if output.valid and not self.cause and not self.repeats:
                     self.good_ns = now_ns
 
     def sent_reports(self, since_ns: int = 0) -> list[tuple[int, int, list[int]]]:
@@ -196,7 +196,7 @@ def test_an_armed_autopilot_without_heartbeats_still_receives_obstacles(flown: F
     """The line may work one way only: ArduPilot would fly on if the wall ceased; PX4 stands in silence."""
     profile("armed", True)(flown)
     assert until(lambda: getattr(flown.link.status().vehicle, "armed", False))
-    flown.line.change(lambda a: setattr(a, "mute", True))
+    flown.line.change(lambda a: setattr(a, "sends_nothing", True))
     mute_ns = time.monotonic_ns()
     try:
         flown.fly(4.5)
@@ -206,7 +206,7 @@ def test_an_armed_autopilot_without_heartbeats_still_receives_obstacles(flown: F
         assert {values[i] for _, _, values in late for i in (71, 0, 1)} == allowed
         assert (late[-1][0] > mute_ns + 4 * NS) == (flown.kind == ARDUPILOT)
     finally:
-        flown.line.change(lambda a: setattr(a, "mute", False))
+        flown.line.change(lambda a: setattr(a, "sends_nothing", False))
         profile("armed", False)(flown)
     assert flown.comes_to_see()
 
@@ -226,12 +226,12 @@ def conflicts(flown: Flown) -> list[bytes]:
 
 def test_other_senders_do_not_make_a_blind_service_send_clear(flown: Flown) -> None:
     """As a router brings them, in between the autopilot's own words."""
-    words = conflicts(flown)
+    cause = conflicts(flown)
     flown.delivers = False
     died_ns = flown.good_ns
     try:
         for _ in range(6):
-            flown.line.change(lambda a: [a.relay(data) for data in words])
+            flown.line.change(lambda a: [a.relay(data) for data in cause])
             flown.fly(0.2)
         late = flown.sent_reports(died_ns + 400_000_000)
         assert late

@@ -6,7 +6,7 @@ import pytest
 
 from companion.autopilot.feedback_check import likely_cause
 from companion.autopilot.firmware_version import RENEW_NS, TRIES, FirmwareVersion, VersionReader
-from companion.autopilot.flight_modes import Effect, mode_of, mode_trouble
+from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
 from companion.autopilot.manager import shutdown_text
 from companion.autopilot.parameter_advice import AutopilotFacts, advice
 from companion.autopilot.parameter_writer import changes
@@ -71,13 +71,13 @@ def test_the_version_decides_which_position_mode_brakes(version: FirmwareVersion
     if to is None:
         assert advice(facts, AVOID) == []
         assert written == {}
-        assert mode_trouble(vehicle, facts) == ""
+        assert mode_fault(vehicle, facts) == ""
         assert "MPC_POS_MODE" not in likely_cause(vehicle, facts, "")
         return
     assert advice(facts, AVOID) == [f"PX4 v{version} will not brake: MPC_POS_MODE = {mode}; set it to {to}"]
     assert written == {"MPC_POS_MODE": float(to)}
     assert mode_of(vehicle, facts)[1] is Effect.WRONG_MODE
-    text = mode_trouble(vehicle, facts)
+    text = mode_fault(vehicle, facts)
     assert len(f"OA: {text.split(':')[0]}") <= MOST_CHARACTERS
     assert f"set it to {to}" in text
     assert f"set it to {to}" in likely_cause(vehicle, facts, "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.autopilot.flight_modes import Effect, mode_of, mode_trouble
+from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.parameter_advice import AutopilotFacts
@@ -41,9 +41,9 @@ def test_all_modes_but_those_known_to_stop_are_reported(kind: str, name: str, nu
     for parameters in ({}, {"OA_TYPE": 0.0}, {"OA_TYPE": 1.0}):
         facts = AutopilotFacts(kind=kind, values=parameters)
         assert mode_of(vehicle(kind, number), facts)[0] == name
-        texts = mode_trouble(vehicle(kind, number), facts)
+        texts = mode_fault(vehicle(kind, number), facts)
         assert bool(texts) == (name not in stops)
-        assert mode_trouble(vehicle(kind, number, armed=False), facts) == ""
+        assert mode_fault(vehicle(kind, number, armed=False), facts) == ""
         if texts:
             assert texts.startswith(name)
             assert len(f"OA: cleared: {texts.split(':')[0]}") <= MOST_CHARACTERS + 6
@@ -55,15 +55,15 @@ def test_a_path_planner_and_one_that_may_be_there_are_reported(name: str) -> Non
     copter = vehicle("ArduPilot", COPTER[name])
     on, off, unread = (AutopilotFacts(kind="ArduPilot", values=v) for v in ({"OA_TYPE": 1.0}, {"OA_TYPE": 0.0}, {}))
     assert mode_of(copter, on)[1] is Effect.PLANS
-    assert "round the artificial wall" in mode_trouble(copter, on)
+    assert "round the artificial wall" in mode_fault(copter, on)
     assert mode_of(copter, off)[1] is not Effect.PLANS
-    assert "OA_TYPE is not known" in mode_trouble(copter, unread).replace("(OA_TYPE) is", "OA_TYPE is")
-    assert "not known" not in mode_trouble(copter, off)
+    assert "OA_TYPE is not known" in mode_fault(copter, unread).replace("(OA_TYPE) is", "OA_TYPE is")
+    assert "not known" not in mode_fault(copter, off)
 
 
 def test_an_autopilot_of_another_kind_is_not_known_to_brake() -> None:
     assert mode_of(vehicle("autopilot 8", 5), AutopilotFacts(kind="autopilot 8"))[1] is Effect.UNKNOWN
-    assert "not known to brake" in mode_trouble(vehicle("autopilot 8", 5), AutopilotFacts(kind="autopilot 8"))
+    assert "not known to brake" in mode_fault(vehicle("autopilot 8", 5), AutopilotFacts(kind="autopilot 8"))
 
 
 @pytest.mark.parametrize("armed", [True, False])

@@ -91,7 +91,7 @@ def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternatin
         certainty.requests(vehicle, now_ns)
         certainty.acknowledged(511, 0, now_ns)
         status = session.status(now_ns)
-        doubt = certainty.doubt(vehicle, status.conflicts, status.signing_trouble, now_ns)
+        doubt = certainty.doubt(vehicle, status.conflicts, status.signing_fault, now_ns)
         assert doubt == "several vehicles", second
     assert session.vehicle is not None
     assert session.vehicle.system_id == systems[1]

@@ -183,11 +183,11 @@ def test_an_autopilot_that_uses_no_obstacles_is_reported(avoiding: AvoidingServi
     if avoiding.kind == PX4:
         avoiding.line.change(lambda a: setattr(a.profile, "armed", True))
         avoiding.line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16))
-    avoiding.line.change(lambda a: setattr(a, "deaf", True))
+    avoiding.line.change(lambda a: setattr(a, "ignores_obstacles", True))
     try:
         avoiding.health.wait(lambda h: any("does not use our obstacles" in t for t in h.troubles), PATIENCE_S)
     finally:
-        avoiding.line.change(lambda a: setattr(a, "deaf", False))
+        avoiding.line.change(lambda a: setattr(a, "ignores_obstacles", False))
     avoiding.health.wait(lambda h: not any("does not use our obstacles" in t for t in h.troubles), 15.0)
 
 

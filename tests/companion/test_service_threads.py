@@ -195,7 +195,7 @@ def test_the_flight_goes_on_and_what_ended_is_named(
     service = service_in(tmp_path)
     with served(service) as status:
         inject(service)
-        assert until(lambda: any(name in trouble for trouble in service.diagnostic_texts)), service.diagnostic_texts
+        assert until(lambda: any(name in fault for fault in service.diagnostic_texts)), service.diagnostic_texts
         time.sleep(0.2)
         assert status == []
         assert service.loop.running

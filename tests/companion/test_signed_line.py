@@ -175,5 +175,5 @@ def test_texts_on_signatures_fit_a_statustext_up_to_their_colon() -> None:
             s = Signing(key, SigningClock(None, lambda: 1_800_000_000 * 10**9))
             s._autopilot_ns[verdict] = 10**9
             for answered in (True, False):
-                text = s.trouble(2 * 10**9, answered=answered)
+                text = s.fault(2 * 10**9, answered=answered)
                 assert len("OA: " + text.split(":")[0]) <= MOST_CHARACTERS

@@ -116,7 +116,7 @@ def test_made_up_ids_do_not_fill_the_memory() -> None:
     s = ConflictDetector(196)
     for component in range(2, 256):
         (m,) = MessageSplitter().feed(frame(obstacles(), component=component))
-        s.heard(m, 1, NS)
+        s.received(m, 1, NS)
         s.left_out(component, NS)
     assert len(s._rivals) == len(s._left_out) == 16
 

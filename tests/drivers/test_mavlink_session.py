@@ -159,10 +159,10 @@ def test_of_distances_that_wait_the_newest_alone_goes_out() -> None:
 
 def test_a_hello_goes_out_on_a_line_whose_other_end_waits_for_it() -> None:
     session = MavlinkSession()
-    (hello,) = session.due(NS, speaks_first=True)
+    (hello,) = session.due(NS, sends_first=True)
     message = dialect.MAVLink(None).parse_buffer(hello)[0]
     assert message.get_type() == "HEARTBEAT"
-    assert session.due(NS + MS, speaks_first=True) == []
+    assert session.due(NS + MS, sends_first=True) == []
 
 
 def test_our_heartbeat_reports_what_we_are_and_how_the_pipeline_is() -> None:
@@ -340,7 +340,7 @@ def test_a_message_without_a_reader_is_logged_and_counts_as_received() -> None:
     session.receive([(heartbeat, NS)])
     for k in range(2, 10):
         session.receive([(unread, k * NS), (broken, k * NS)])
-        assert session.heard(k * NS)
+        assert session.connected(k * NS)
     assert kept == [heartbeat] + 8 * [unread]
     assert session.status(9 * NS).counts["noise_bytes"] == 8 * len(broken)
 
@@ -486,7 +486,7 @@ def test_parameters_out_of_range_are_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("expected", "params", "heard"),
+    ("expected", "params", "connected"),
     [
         (Vehicle(1, PX4, 0, True, 0, 0), None, True),
         (Vehicle(2, PX4, 0, True, 0, 0), None, False),
@@ -495,17 +495,17 @@ def test_parameters_out_of_range_are_named() -> None:
     ],
 )
 def test_an_autopilot_received_before_the_start_counts_before_its_heartbeat(
-    expected: Vehicle | None, params: MavlinkParams | None, heard: bool
+    expected: Vehicle | None, params: MavlinkParams | None, connected: bool
 ) -> None:
     """After a restart in flight a second may pass until the next one."""
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, boot_at_ns=90 * NS))
     c = Conversation(MavlinkSession(params, expected=expected), [autopilot], lost=frozenset({0}))
     c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
     c.run(0.1)
-    assert (c.session.vehicle is not None) == heard
+    assert (c.session.vehicle is not None) == connected
     c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
     c.run(0.1)
-    assert ("OBSTACLE_DISTANCE" in c.kinds()) == heard
+    assert ("OBSTACLE_DISTANCE" in c.kinds()) == connected
     if params is None:
         c.lost = frozenset()
         c.run(1.5)

@@ -67,8 +67,8 @@ def obstacles(c: Conversation, seconds: float = 2.0) -> int:
     return len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE")) - before
 
 
-def trouble(c: Conversation) -> str:
-    return c.session.status(c.now_ns).signing_trouble
+def fault(c: Conversation) -> str:
+    return c.session.status(c.now_ns).signing_fault
 
 
 # ---- both ends --------------------------------------------------------------------------------------------------------
@@ -82,7 +82,7 @@ def test_with_one_key_messages_are_accepted_for_any_clock_of_the_autopilot(kind:
     status = c.session.status(c.now_ns)
     assert status.vehicle is not None
     assert status.signed
-    assert status.signing_trouble == ""
+    assert status.signing_fault == ""
     assert status.clock.source is ClockSource.TIMESYNC
     assert status.attitude_hz > 80.0
     assert obstacles(c) == 20
@@ -94,7 +94,7 @@ def test_an_autopilot_ahead_of_our_clock_takes_what_we_send() -> None:
     c = talk(PX4, KEY, KEY, signing_ticks=NOW + 30 * DAY_TICKS)
     c.run(3.0)
     assert obstacles(c) == 20
-    assert trouble(c) == ""
+    assert fault(c) == ""
 
 
 def test_an_autopilot_that_boots_with_an_old_time_is_accepted_again_within_seconds() -> None:
@@ -104,7 +104,7 @@ def test_an_autopilot_that_boots_with_an_old_time_is_accepted_again_within_secon
     c.autopilots[0].profile.signing_ticks = NOW - DAY_TICKS
     c.autopilots[0].sign(KEY)
     c.run(7.0)
-    assert trouble(c) == ""
+    assert fault(c) == ""
     assert obstacles(c) == 20
 
 
@@ -112,7 +112,7 @@ def test_an_autopilot_that_boots_with_an_old_time_is_accepted_again_within_secon
 def test_the_autopilot_signs_and_we_have_no_key(kind: str) -> None:
     c = talk(kind, None, KEY, signing_ticks=NOW)
     c.run(8.0)
-    assert "signs and we have no key: it drops what we send" in trouble(c)
+    assert "signs and we have no key: it drops what we send" in fault(c)
     assert obstacles(c) == 0
     beats = len(c.autopilots[0].of_kind("HEARTBEAT"))
     assert (beats > 3) == (kind == PX4)  # to PX4 we look alive, and are ignored
@@ -124,7 +124,7 @@ def test_the_autopilot_does_not_sign_though_we_have_a_key(kind: str) -> None:
     c.run(4.0)
     assert c.session.vehicle is None
     assert c.samples == []
-    assert "does not sign and we have a key" in trouble(c)
+    assert "does not sign and we have a key" in fault(c)
     assert obstacles(c) == 0
     c.session.post(dialect.MAVLink_statustext_message(4, b"why"))
     c.run(2.0)
@@ -136,7 +136,7 @@ def test_another_key_on_the_autopilot() -> None:
     c = talk(PX4, KEY, OTHER, signing_ticks=NOW)
     c.run(6.0)
     assert c.session.vehicle is None
-    assert "signs with another key than ours" in trouble(c)
+    assert "signs with another key than ours" in fault(c)
     assert c.session.status(c.now_ns).counts["signature_wrong_key"] > 100
     assert obstacles(c) == 0
 
@@ -144,7 +144,7 @@ def test_another_key_on_the_autopilot() -> None:
 def test_an_autopilot_that_takes_nothing_we_sign_is_named() -> None:
     c = talk(PX4, KEY, KEY, signing_ticks=NOW, answers_timesync=False)
     c.run(8.0)
-    assert "takes nothing that we sign" in trouble(c)
+    assert "takes nothing that we sign" in fault(c)
 
 
 def test_signing_that_ends_in_flight_is_reported_and_its_return_too() -> None:
@@ -152,10 +152,10 @@ def test_signing_that_ends_in_flight_is_reported_and_its_return_too() -> None:
     c.run(4.0)
     c.autopilots[0].sign(None)
     c.run(9.0)
-    assert "does not sign and we have a key" in trouble(c)
+    assert "does not sign and we have a key" in fault(c)
     c.autopilots[0].sign(KEY)
     c.run(9.0)
-    assert trouble(c) == ""
+    assert fault(c) == ""
     assert obstacles(c) == 20
 
 
@@ -211,11 +211,11 @@ def test_a_forger_beside_the_true_autopilot_changes_nothing_and_is_reported() ->
     c.run(4.0)
     assert c.session.vehicle is not None
     assert c.session.vehicle.autopilot == PX4
-    assert "another sender uses the autopilot's ids: signed with another key" in trouble(c)
+    assert "another sender uses the autopilot's ids: signed with another key" in fault(c)
     c.autopilots[1].sign(None)
     c.run(6.0)
     assert c.session.vehicle.autopilot == PX4
-    assert "another sender uses the autopilot's ids: unsigned" in trouble(c)
+    assert "another sender uses the autopilot's ids: unsigned" in fault(c)
     assert c.session.status(c.now_ns).clock_restarts == 0
 
 
@@ -223,7 +223,7 @@ def test_unsigned_messages_of_others_than_the_autopilot_are_no_fault() -> None:
     c = talk(PX4, KEY, KEY, signing_ticks=NOW)
     c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=9)))
     c.run(4.0)
-    assert trouble(c) == ""
+    assert fault(c) == ""
 
 
 # ---- what is sent -----------------------------------------------------------------------------------------------------
@@ -235,7 +235,7 @@ def test_timestamps_follow_the_wall_clock_and_not_the_number_of_packets() -> Non
     stamps: list[int] = []
     for second in range(5):
         wall.ns = NOON_NS + second * NS
-        for data in session.due(second * NS + NS, speaks_first=True):
+        for data in session.due(second * NS + NS, sends_first=True):
             stamps.append(int.from_bytes(data[-12:-6], "little"))
             assert hashlib.sha256(KEY + data[:-6]).digest()[:6] == data[-6:]
     assert stamps == [NOW + second * TICKS_PER_S for second in range(5)]
@@ -300,17 +300,17 @@ def test_a_damaged_file_is_no_time(tmp_path: Path, content: bytes) -> None:
     clock = SigningClock(file, Wall())
     assert clock.next() == NOW
     clock.close()
-    assert clock.trouble == ""
+    assert clock.fault == ""
 
 
 def test_a_folder_that_takes_no_file_is_reported_and_the_line_goes_on(tmp_path: Path) -> None:
     clock = SigningClock(tmp_path / "none" / "signing-clock", Wall())
     s = Signing(SigningKey(KEY), clock)
-    assert "cannot be kept" in s.trouble(NS, answered=True)
+    assert "cannot be kept" in s.fault(NS, answered=True)
     assert clock.next() == NOW
     (tmp_path / "none").mkdir()
     clock.next()
-    assert until(lambda: s.trouble(NS, answered=True) == "")
+    assert until(lambda: s.fault(NS, answered=True) == "")
     s.close()
 
 

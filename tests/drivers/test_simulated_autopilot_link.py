@@ -99,7 +99,7 @@ def test_what_is_held_back_is_looked_at_again_soon_but_not_without_a_pause() -> 
 
 def test_a_link_without_any_message_is_polled_soon() -> None:
     autopilot = SimulatedAutopilot()
-    autopilot.mute = True
+    autopilot.sends_nothing = True
     assert autopilot.due(NS) == []
     assert autopilot.next_due_ns(NS) == NS + MS
 

@@ -89,18 +89,18 @@ class ArduPilotReader:
         """The nearest of each face, as one message or scan reported them; inf: nothing there."""
         self._newest_ns = now_ns
         self._received_m = faces_m
-        for face, told_m in enumerate(faces_m):
-            if math.isfinite(told_m):
-                self._smooth_m[face] = self._smoothed(face, told_m, now_ns)
+        for face, measured_m in enumerate(faces_m):
+            if math.isfinite(measured_m):
+                self._smooth_m[face] = self._smoothed(face, measured_m, now_ns)
                 self._at_ns[face] = now_ns
 
-    def _smoothed(self, face: int, told_m: float, now_ns: int) -> float:
+    def _smoothed(self, face: int, measured_m: float, now_ns: int) -> float:
         before_ns = self._at_ns[face]
         if before_ns is None or now_ns - before_ns >= FILTER_FORGETS_NS or self.filter_hz <= 0.0:
-            return told_m
+            return measured_m
         dt_s = (now_ns - before_ns) / NS
         share = dt_s / (dt_s + 1.0 / (math.tau * self.filter_hz))
-        return self._smooth_m[face] + share * (told_m - self._smooth_m[face])
+        return self._smooth_m[face] + share * (measured_m - self._smooth_m[face])
 
     def healthy(self, now_ns: int) -> bool:
         """Whether it has proximity data. Without them it flies on."""

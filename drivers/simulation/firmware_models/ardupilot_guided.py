@@ -4,7 +4,7 @@ Simple avoidance changes the velocity target itself, in place, and limits the ra
 the velocity that avoidance last gave; after 0.2 s in which it changed nothing it counts from the target. Inside of AVOID_MARGIN
 it sets the target to zero; as long as the target is zero there is nothing to change. The next target that arrives, after more
 than those 0.2 s, is therefore lowered from its full value at AVOID_ACCEL_MAX: the vehicle creeps on, by a little with each
-target. LOITER is not concerned: there the velocity is computed anew from the stick in each step.
+target. LOITER is not concerned: there the velocity is computed again from the stick in each step.
 
 Sources: AC_Avoid.cpp (adjust_velocity, adjust_velocity_proximity, limit_accel, calc_backup_velocity_2D) and mode_guided.cpp of
 ArduCopter 4.6.

@@ -38,7 +38,7 @@ class ArduPilotLayers:
         self._scan = nothing()
         self._time_ms: int | None = None
         self._newest_ns = 0
-        self._told = nothing()
+        self._published = nothing()
 
     def read(self, message: Any, now_ns: int) -> None:
         """Takes a message; any keeps proximity healthy, also one whose point is too near, too far or nowhere."""
@@ -47,7 +47,7 @@ class ArduPilotLayers:
         if message.frame != BODY_FRD:
             return
         if begins:
-            self._told, self._scan = (nothing() if self._at_once else self._scan), nothing()
+            self._published, self._scan = (nothing() if self._at_once else self._scan), nothing()
         x, y, up = message.x, message.y, -message.z
         distance_m = math.sqrt(x * x + y * y + up * up)
         if distance_m > 0.0 and message.min_distance <= distance_m <= message.max_distance:
@@ -55,23 +55,23 @@ class ArduPilotLayers:
             layer = self._scan[layer_of(math.degrees(math.atan2(up, math.hypot(x, y))))]
             layer[face] = min(layer[face], distance_m)
         if self._at_once:
-            self._told = self._scan
-        self._fence.take_faces(list(self._told[MIDDLE]), now_ns)
+            self._published = self._scan
+        self._fence.take_faces(list(self._published[MIDDLE]), now_ns)
 
     def layers_m(self, now_ns: int) -> list[list[float]]:
         """Distance of each face of each layer; inf: none, which to it is the same as clear."""
-        return [list(layer) for layer in self._told] if self._fence.healthy(now_ns) else nothing()
+        return [list(layer) for layer in self._published] if self._fence.healthy(now_ns) else nothing()
 
 
 class ArduPilotHeights:
     """The distances up and down that were received; each counts for half a second, whatever was meant by its absence."""
 
     def __init__(self) -> None:
-        self._told: dict[int, tuple[float, int]] = {}
+        self._published: dict[int, tuple[float, int]] = {}
 
     def read(self, message: Any, now_ns: int) -> None:
         """Takes a DISTANCE_SENSOR."""
-        self._told[message.orientation] = (message.current_distance / 100.0, now_ns)
+        self._published[message.orientation] = (message.current_distance / 100.0, now_ns)
 
     def up_m(self, now_ns: int) -> float | None:
         """To what stands over it; None: it climbs as it likes."""
@@ -82,5 +82,5 @@ class ArduPilotHeights:
         return self._fresh(DOWNWARD, now_ns)
 
     def _fresh(self, orientation: int, now_ns: int) -> float | None:
-        distance_m, at_ns = self._told.get(orientation, (0.0, now_ns - STALE_NS - 1))
+        distance_m, at_ns = self._published.get(orientation, (0.0, now_ns - STALE_NS - 1))
         return distance_m if now_ns - at_ns <= STALE_NS else None
