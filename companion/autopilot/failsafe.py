@@ -254,7 +254,7 @@ class Recovery:
         self._good = dict.fromkeys(cameras, 0)
 
     def frame(self, camera: str, valid: bool) -> None:
-        """A frame said something, or did not."""
+        """Adds a frame: whether it was valid."""
         self._good[camera] = min(self._need, self._good[camera] + 1) if valid else 0
 
     def blind(self, causes: Mapping[str, str]) -> None:

@@ -31,7 +31,7 @@ CAUSES = {
 
 
 class EchoCheck:
-    """`sent` receives what is sent, `take` what arrives, `trouble` gives the text. Safe to use from several threads."""
+    """`sent` receives what is sent, `take` what arrives, `fault` gives the text. Safe to use from several threads."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -70,7 +70,7 @@ def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None
     """The nearest obstacle of any view in each sector, and where any view saw the sector free.
 
     A sector is CLEAR when it was seen free to the farthest distance sent, and OBSTACLE when it was seen free to its
-    nearest plane. Where that cannot be said it is UNSEEN, whatever stands behind: something nearer that was not measured
+    nearest plane. Otherwise it is UNSEEN, even with a plane behind it: something nearer that was not measured
     may stand before the plane. A plane nearer than near_m is always an OBSTACLE."""
     plane_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
     for view in views:

@@ -194,7 +194,7 @@ class CameraConfig:
 
     @property
     def mount(self) -> CameraMount:
-        """The mount, with 0 for what is not said."""
+        """The mount, with 0 for missing values."""
         roll, pitch, yaw = (math.radians(a or 0.0) for a in (self.roll_deg, self.pitch_deg, self.yaw_deg))
         return CameraMount(roll, pitch, yaw, self.x_m or 0.0, self.y_m or 0.0, self.z_m or 0.0)
 

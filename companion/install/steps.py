@@ -23,7 +23,7 @@ class InstallError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """words: description; done: nothing to do; act: runs the step, raises InstallError or OSError; missing: only in a dry
+    """text: description; done: nothing to do; act: runs the step, raises InstallError or OSError; missing: only in a dry
     run, what the user has to do first."""
 
     text: str

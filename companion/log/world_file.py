@@ -19,7 +19,7 @@ def write_world(path: Path, sections: tuple[SavedSection, ...]) -> None:
 
 
 def read_world(path: Path) -> tuple[tuple[SavedSection, ...], str]:
-    """(sections, trouble): the readable sections of a file, and the damage as text, "" if complete.
+    """(sections, fault): the readable sections of a file, and the damage as text, "" if complete.
 
     Raises ValueError for a file that is not a world, OSError where it cannot be read."""
     try:

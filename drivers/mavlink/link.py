@@ -188,7 +188,7 @@ class MavlinkLink:
                     losses += 1
                     if time.monotonic_ns() - opened_ns > LONGEST_BACKOFF_S * NS:
                         backoff_s = FIRST_BACKOFF_S
-            # not after another exception: `close` then needs the line for what is said last
+            # not after another exception: `close` then needs the line for the last message
             if transport is not None:
                 with self._turn:
                     self._transport, self._left = None, []

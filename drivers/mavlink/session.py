@@ -262,7 +262,7 @@ class MavlinkSession:
         return bool(self._outbox)
 
     def due(self, now_ns: int, sends_first: bool = False) -> list[bytes]:
-        """What to send now, ready for the line. speaks_first: the other end waits for a hello."""
+        """What to send now, ready for the line. sends_first: the other end waits for a first message."""
         messages: list[Any] = []
         if not self.connected(now_ns):
             rejected = self._signing.rejects_autopilot(now_ns)

@@ -25,7 +25,7 @@ SIGNED_FLAG, BLOCK_BYTES, MAVLINK2 = 1, 13, 0xFD
 NEW_STREAM_TICKS = 60 * TICKS_PER_S
 """Largest lag of the timestamp of a new sender."""
 RECENT_NS = 5 * NS
-"""What the autopilot's messages were like, so long back, decides what is said."""
+"""Only messages of the autopilot within this time decide which fault is reported."""
 SETUP_SIGNING_ID, HEARTBEAT_ID = 256, 0
 
 
@@ -125,7 +125,7 @@ class Signing:
         """Whether an autopilot sends that is not accepted: it is sent our heartbeat only."""
         return self._key is not None and any(self._recent(v, now_ns) for v in REJECTED)
 
-    # ---- what is said of it -----------------------------------------------------------------------------------------
+    # ---- faults -----------------------------------------------------------------------------------------
 
     def good(self, now_ns: int) -> bool:
         """Whether the autopilot's signatures are right at present."""

@@ -21,7 +21,7 @@ EPOCH_UNIX_S = 1_420_070_400
 """2015-01-01."""
 LAST_TICK = (1 << 48) - 1
 AHEAD = 10 * TICKS_PER_S
-"""So far beyond the wall clock the file reaches. Ground stations must be within a minute of it to be heard."""
+"""The file reserves timestamps this far ahead of the wall clock. Ground stations accept a difference of a minute."""
 AHEAD_OF_LAST = TICKS_PER_S // 10
 """And at least so many packets beyond the last timestamp: what restarts in a row can bring us ahead of the wall clock."""
 AGAIN_S = 1.0
@@ -35,9 +35,9 @@ def wall_ticks(unix_ns: int) -> int:
 
 
 class SigningClock:
-    """`next` for each packet; `heard` with each verified timestamp of others, which ours must not be behind of.
+    """`next` for each packet; `received` with each verified timestamp of others: ours must not be behind.
 
-    trouble: why timestamps cannot be kept, as text; empty: they are. file None: for this run alone."""
+    fault: why timestamps cannot be kept, as text; empty: they are. file None: for this run alone."""
 
     def __init__(self, file: Path | None = None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._file, self._wall_ns = file, wall_ns
@@ -63,7 +63,7 @@ class SigningClock:
         return self._last
 
     def now(self) -> int:
-        """The newest timestamp there is, by the wall clock or by what was said and heard."""
+        """The newest timestamp, by the wall clock or by what was sent and received."""
         return max(self._last, wall_ticks(self._wall_ns()))
 
     def received(self, ticks: int) -> None:

@@ -146,7 +146,7 @@ class SerialLine:
 
     def read(self, timeout_s: float = 0.0) -> list[Chunk]:
         try:
-            # asked each time: of an empty line a read brings the same nothing as of one that hung up
+            # asked each time: of an empty line a read brings the same nothing as of one that was disconnected
             ready, _, _ = select.select([self._port.fileno()], [], [], timeout_s)
             if not ready:
                 return []
@@ -324,7 +324,7 @@ def _resolve(address: Address) -> tuple[str, int]:
 
 
 def _reason(error: BaseException) -> str:
-    """The system's words for the cause; pyserial wraps them into a sentence of its own."""
+    """The system's text of the cause, without the sentence that pyserial puts around it."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error) or type(error).__name__
 
