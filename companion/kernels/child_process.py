@@ -33,9 +33,10 @@ class Children:
             raise CancelledError("compiling was cancelled: the process is shutting down")
 
     def run(
-        self, command: Sequence[str], timeout_s: float, on_wait: Callable[[], None] = lambda: None
+        self, command: Sequence[str], timeout_s: float, has_progressed: Callable[[], bool] = lambda: False
     ) -> subprocess.CompletedProcess[str]:
-        """As `subprocess.run`, with its output. on_wait: called every POLL_S. Raises CancelledError once cancelled."""
+        """As `subprocess.run`, with its output. has_progressed: called every POLL_S; the timeout begins anew when it is true.
+        Raises CancelledError once cancelled, TimeoutExpired."""
         with self._lock:
             self.raise_if_cancelled()
             theirs, ours = os.pipe()  # `ours` closes when this process ends in any way, see `end_with_parent`
@@ -44,7 +45,7 @@ class Children:
             )
             os.close(theirs)
         try:
-            out, errors = _output_of(process, timeout_s, on_wait)
+            out, errors = _output_of(process, timeout_s, has_progressed)
         finally:
             process.kill()  # no effect after it has ended
             process.wait()
@@ -62,16 +63,17 @@ class Children:
                 self._running.kill()
 
 
-def _output_of(process: subprocess.Popen[str], timeout_s: float, on_wait: Callable[[], None]) -> tuple[str, str]:
+def _output_of(process: subprocess.Popen[str], timeout_s: float, has_progressed: Callable[[], bool]) -> tuple[str, str]:
     """Its stdout and stderr at its end. Raises TimeoutExpired."""
     end_s = time.monotonic() + timeout_s
     while True:
         try:
             return process.communicate(timeout=POLL_S)
         except subprocess.TimeoutExpired:
+            if has_progressed():
+                end_s = time.monotonic() + timeout_s
             if time.monotonic() > end_s:
                 raise
-            on_wait()
 
 
 def end_with_parent() -> None:

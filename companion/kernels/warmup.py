@@ -6,6 +6,7 @@ end the process. The parent then deletes the cached kernels and a second child c
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import fcntl
 import gc
@@ -33,7 +34,7 @@ log = logging.getLogger("companion")
 
 CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(sys.argv[1:])"
 TIMEOUT_S = 1200.0
-"""Compiling takes about a minute on two cores and several on a Raspberry Pi."""
+"""Longest time without another compiled kernel. All take two minutes on two idle cores; on a busy computer more than 20."""
 MARK = "loading"
 """A file beside the cached kernels while a service loads them."""
 LOCK = "compiling"
@@ -238,15 +239,30 @@ def make_ready(*modes: str, report: Report = lambda done, total: None) -> None:
         compiled = _compile_missing(mark.parent, modes, report)
         if not compiled and not (mark.parent / MANIFEST).exists():
             _mark_complete(*modes)  # compiled by a version without a manifest
-    with contextlib.suppress(OSError):  # a cache that cannot be written cannot be damaged by this process
-        if mark is not None:
-            mark.touch()
-    run_kernels(modes, metres=False)
-    if mark is not None:
-        mark.unlink(missing_ok=True)
+    with _marked(mark):
+        run_kernels(modes, metres=False)
     if time.monotonic() - begun_s > COMPILED_S:
         gc.collect()  # compiling leaves much garbage, loading little
     gc.freeze()
+
+
+@contextlib.contextmanager
+def _marked(mark: Path | None) -> Iterator[None]:
+    """The mark stays only where the process crashes or is killed, not where it ends in another way meanwhile: its main
+    thread may fail or be stopped while another thread loads."""
+    if mark is None:
+        yield
+        return
+
+    def remove() -> None:
+        mark.unlink(missing_ok=True)
+
+    with contextlib.suppress(OSError):  # a cache that cannot be written cannot be damaged by this process
+        mark.touch()
+    atexit.register(remove)
+    yield
+    remove()
+    atexit.unregister(remove)
 
 
 def discard_damaged() -> int:
@@ -348,18 +364,21 @@ def _child(*modes: str, report: Report) -> subprocess.CompletedProcess[str]:
     """Runs the kernels of these groups, of all without arguments, in a child process; reports what it compiles."""
     command = [sys.executable, "-c", CHILD, *modes]
     count = CompiledCount(cache_folders()[0], modes or MODES)
-    cached = count.done()
+    cached = newest = count.done()
 
-    def on_wait() -> None:
-        if (done := count.done()) > cached:  # nothing is reported where all are only loaded
-            report(done, count.total)
+    def has_progressed() -> bool:
+        nonlocal newest
+        before, newest = newest, count.done()
+        if newest > cached:  # nothing is reported where all are only loaded
+            report(newest, count.total)
+        return newest > before
 
     try:
-        return _CHILDREN.run(command, TIMEOUT_S, on_wait)
+        return _CHILDREN.run(command, TIMEOUT_S, has_progressed)
     except subprocess.TimeoutExpired as error:
         raise WarmupError(
-            f"compiling did not end within {TIMEOUT_S:g} s; reduce the load of the computer and run "
-            "`companion warmup` again"
+            f"no kernel was compiled within {TIMEOUT_S:g} s; reduce the load of the computer and run `companion warmup`: "
+            "it continues with the kernels that are missing"
         ) from error
 
 

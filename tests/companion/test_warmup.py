@@ -206,6 +206,17 @@ warmup.run_kernels = lambda modes, metres: os._exit(9)
 warmup.make_ready("extractor")
 """
 
+ENDS_WHILE_LOADING = """
+import sys, threading, time
+import companion.kernels.warmup as warmup
+begun = threading.Event()
+warmup.CHILD = "raise SystemExit(1)"
+warmup.run_kernels = lambda modes, metres: (begun.set(), time.sleep(60))
+threading.Thread(target=warmup.make_ready, args=("extractor",), daemon=True).start()
+begun.wait()
+sys.exit(1)
+"""
+
 
 @pytest.fixture
 def ready(small: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, ...]]]:
@@ -308,6 +319,15 @@ def test_progress_is_shown_while_a_child_compiles(
     assert capsys.readouterr().err == ""
 
 
+def test_a_child_that_progresses_is_not_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy computer all kernels took more than 20 minutes."""
+    monkeypatch.setattr(child_process, "POLL_S", 0.01)
+    children = child_process.Children()
+    assert children.run(["sleep", "0.3"], 0.1, lambda: True).returncode == 0
+    with pytest.raises(subprocess.TimeoutExpired):
+        children.run(["sleep", "0.3"], 0.1, lambda: False)
+
+
 def test_every_group_has_its_kernels() -> None:
     counts = [CompiledCount(Path("none"), (mode,)).total for mode in warmup.MODES]
     assert min(counts) > 5
@@ -342,6 +362,14 @@ def test_after_a_death_while_loading_a_damaged_cache_is_mended(
     (mended,) = filled.rglob("*.nbc")
     assert mended.stat().st_size > 0
     assert not (filled / warmup.MARK).exists()
+
+
+def test_a_start_that_fails_while_kernels_are_loaded_leaves_no_mark(filled: Path) -> None:
+    """The next start would check all kernels in a child process before it loads them."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[2])}
+    ended = subprocess.run([sys.executable, "-c", ENDS_WHILE_LOADING], env=environment, check=False)
+    assert ended.returncode == 1
+    assert list(filled.rglob(warmup.MARK)) == []
 
 
 def test_where_the_cache_cannot_be_written_a_start_goes_on(
