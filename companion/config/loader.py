@@ -173,7 +173,7 @@ def load_config(path: Path) -> Config:
     except UnicodeDecodeError as error:
         raise ConfigError(str(path), ["not a text file in UTF-8; a configuration is a TOML file"]) from error
     except OSError as error:
-        problem = f"cannot be read ({error.strerror}); check the path, configs/default.toml is one to start from"
+        problem = f"cannot be read ({error.strerror}); check the path; `companion configs` lists examples"
         raise ConfigError(str(path), [problem]) from error
     try:
         content = tomllib.loads(text)
