@@ -14,11 +14,11 @@ from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-
+from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
 from .braking import Braking
-from .path_sight import Frame, PathSight, common_free_m
+from .kept_space import Kept, Tolerance, grid_of, kept_free_m, reach_m
+from .path_sight import LEAST_SPEED_M_S, PathSight
 from .velocity_hold import HOLD_NS
 
 NS = 1_000_000_000
@@ -28,8 +28,6 @@ STALE_NS = 400_000_000
 FRAME_BEFORE_NS = 150_000_000
 """An older frame does not stand in for the newest one along the course that follows."""
 CONFIRM_NS = 500_000_000
-REMEMBERED_NS = 3_000_000_000
-"""The obstacle output remembers for so long."""
 PLACE_M, PLACE_SHARE = 0.15, 0.1
 """Two frames show the same obstacle if its places agree within this much, and this share of the distance."""
 NEAR_M = 2.5
@@ -83,10 +81,11 @@ class Verdict:
 class PathAssessor:
     """`take` each sight, `verdict` at any instant after."""
 
-    def __init__(self, guard: GuardParams, braking: Braking, clear_share: float) -> None:
-        """clear_share: of the corridor's rays that must be seen free."""
-        self._guard, self._braking, self._clear_share = guard, braking, clear_share
-        self._sights: deque[PathSight] = deque(maxlen=64)
+    def __init__(self, guard: GuardParams, braking: Braking, avoid: AvoidParams) -> None:
+        self._guard, self._braking, self._clear_share = guard, braking, avoid.clear_share
+        self._grid = grid_of(avoid, guard)
+        self._tolerance = Tolerance(guard.side_m, guard.side_m)
+        self._sights: deque[PathSight] = deque(maxlen=32)
 
     def take(self, sight: PathSight) -> None:
         """A new sight of the path."""
@@ -106,7 +105,9 @@ class PathAssessor:
         obstacle_m = self._obstacle_m(newest) - way_m
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
         firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s) and self._shown_before(newest.obstacle_m, 1)
-        free_m = min(self._free_m(newest, now_ns), self._ahead_free_m(newest) - way_m)
+        free_m = min(self._free_m(newest, now_ns, speed_m_s), self._ahead_free_m(newest, now_ns, speed_m_s))
+        if not measured and newest.speed_m_s < LEAST_SPEED_M_S:  # the direction in which it may fly now is not known
+            free_m = 0.0
         fresh = newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
         shows = newest.free_m > 0.0 or math.isfinite(min(newest.obstacle_m, newest.weak_obstacle_m))
         room_m = max(0.0, min(obstacle_m, free_m))
@@ -144,7 +145,8 @@ class PathAssessor:
         """speed_m_s less what a vehicle that gets slower loses until a stop command acts. It brakes already, as in a turn on the
         spot before the next leg, when the camera has left its course."""
         late = speed_m_s > (self._sights[-1].speed_m_s or 0.0)
-        return speed_m_s if late else speed_m_s + min(0.0, self._gain_m_s2()) * STOP_PREDICT_S
+        loses_m_s2 = min(max(0.0, -self._gain_m_s2()), self._guard.deceleration_m_s2)
+        return speed_m_s if late else speed_m_s - loses_m_s2 * STOP_PREDICT_S
 
     def _gain_m_s2(self) -> float:
         """Measured rate of the speed; 0: not known."""
@@ -156,69 +158,57 @@ class PathAssessor:
                 return (newest_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
         return 0.0
 
-    def _free_m(self, newest: PathSight, now_ns: int) -> float:
-        """The farthest of what the sights of the last keep_free_s saw free, less the way since: of each ray, and of all together."""
+    def _free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
+        """The farthest of what the sights of the last keep_free_s saw free, less the way since: of all rays of a sight, and ray by
+        ray."""
         if now_ns - newest.t_ns > STALE_NS:  # the obstacle output does not decide any more
             return 0.0
         keep_ns = self._guard.keep_free_s * NS
-        best_m = newest.free_m - _way_m(newest, newest, now_ns)
-        rays_m = []
+        best_m = newest.free_m - _way_m(newest, newest, now_ns, speed_m_s)
+        older = []
         for sight in self._sights:
-            if sight is newest or (newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest)):
-                way_m, reach_m = _way_m(sight, newest, now_ns), _reach_m(sight, newest, self._guard.side_m)
-                best_m = max(best_m, min(sight.free_m, reach_m) - way_m)
-                rays_m += [] if sight.rays_free_m is None else [np.minimum(sight.rays_free_m, reach_m) - way_m]
-        if len(rays_m) > 1:
-            best_m = max(best_m, common_free_m(np.max(rays_m, axis=0), self._clear_share))
-        return max(0.0, best_m)
+            if sight is not newest and newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest):
+                way_m = _way_m(sight, newest, now_ns, speed_m_s)
+                best_m = max(best_m, min(sight.free_m, reach_m(sight, newest, self._tolerance)) - way_m)
+                older.append(Kept(sight, way_m))
+        way_m = _way_m(newest, newest, now_ns, speed_m_s)
+        return max(0.0, best_m, kept_free_m(Kept(newest, way_m), older, self._grid, self._clear_share))
 
-    def _ahead_free_m(self, newest: PathSight) -> float:
-        """Seen free along the course that follows, each ray by the newest frame or the one before: a mismatch or a hole ends it in
-        one."""
+    def _ahead_free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
+        """Seen free along the course that follows, by the newest frame or, as far as that looked along the same course, the one
+        before: a mismatch or a hole ends it in one."""
+        here_m = newest.ahead_free_m - _way_m(newest, newest, now_ns, speed_m_s)
         older = [s.exposed_ns for s in self._sights if s.exposed_ns != newest.exposed_ns and s.exposed_ns is not None]
         if newest.exposed_ns is None or not older or newest.exposed_ns - older[-1] > FRAME_BEFORE_NS:
-            return newest.ahead_free_m
-        counted = [s for s in self._sights if s is newest or s.exposed_ns == older[-1]]
-        rays_m = [
-            np.minimum(s.ahead_rays_m, _reach_m(s, newest, self._guard.side_m))
-            for s in counted
-            if s.ahead_rays_m is not None
+            return here_m
+        before_m = [
+            min(s.ahead_free_m, reach_m(s, newest, self._tolerance, ahead=True)) - _way_m(s, newest, now_ns, speed_m_s)
+            for s in self._sights
+            if s is not newest and s.exposed_ns == older[-1] and math.isfinite(s.ahead_free_m)
         ]
-        together_m = common_free_m(np.max(rays_m, axis=0), self._clear_share) if len(rays_m) > 1 else 0.0
-        return max(together_m, *(s.ahead_free_m for s in counted))
+        return max([here_m, *before_m])
 
     def _obstacle_m(self, newest: PathSight) -> float:
         """The nearest obstacle in the newest sight, counted at its instant."""
-        counted_m = min(newest.obstacle_m, self._remembered_m(newest))
+        counted_m = min(newest.obstacle_m, newest.remembered_m)
         weak_m = newest.weak_obstacle_m
         if math.isfinite(weak_m) and self._shown_before(weak_m, 1 if weak_m >= NEAR_M else 2):
             return min(counted_m, weak_m)
         return counted_m
 
-    def _remembered_m(self, newest: PathSight) -> float:
-        """The nearest remembered obstacle. One just before the camera that frames have shown with few pixels alone counts as they do: the
-        memory of the obstacle output keeps what one frame shows."""
-        at_m = newest.remembered_m
-        if at_m >= NEAR_M or self._frames_at(at_m, REMEMBERED_NS, weak=False):
-            return at_m
-        return math.inf if len(self._frames_at(at_m, REMEMBERED_NS, weak=True)) in (1, 2) else at_m
-
     def _shown_before(self, at_m: float, frames: int) -> bool:
         """Whether so many frames before the newest sight showed an obstacle at this place of the newest sight."""
-        found = self._frames_at(at_m, CONFIRM_NS, weak=False) | self._frames_at(at_m, CONFIRM_NS, weak=True)
-        return len(found - {self._sights[-1].frame_of(at_m)}) >= frames
-
-    def _frames_at(self, at_m: float, within_ns: int, weak: bool) -> set[Frame]:
-        """The frames of this time that showed an obstacle at this place of the newest sight. weak: with few pixels, else with many."""
         newest, found = self._sights[-1], set()
         slack_m = PLACE_M + PLACE_SHARE * at_m
+        own = newest.frame_of(at_m)
         for sight in self._sights:
-            before_m = sight.weak_obstacle_m if weak else sight.obstacle_m
-            if newest.t_ns - sight.t_ns > within_ns or not math.isfinite(before_m):
+            if newest.t_ns - sight.t_ns > CONFIRM_NS:
                 continue
-            if abs(before_m - _way_m(sight, newest, newest.t_ns) - at_m) <= slack_m:
-                found.add(sight.frame_of(before_m))
-        return found
+            way_m = _way_m(sight, newest, newest.t_ns)
+            for before_m in (sight.obstacle_m, sight.weak_obstacle_m):
+                if abs(before_m - way_m - at_m) <= slack_m:
+                    found.add(sight.frame_of(before_m))
+        return len(found - {own}) >= frames
 
     def _cause(self, newest: PathSight, obstacle_m: float, free_m: float) -> str:
         if newest.cause and free_m <= 0.0:
@@ -234,30 +224,21 @@ def _same_course(a: PathSight, b: PathSight) -> bool:
     return abs(math.remainder(a.course_rad - b.course_rad, math.tau)) <= SAME_COURSE_RAD
 
 
-def _reach_m(sight: PathSight, newest: PathSight, side_m: float) -> float:
-    """Distance to which the corridor of a sight lies within side_m beside, above or below that of the newest one."""
-    if sight is newest or sight.course_rad is None or newest.course_rad is None:
-        return math.inf
-    beside_m = 0.0
-    if sight.position_ned_m is not None and newest.position_ned_m is not None:
-        north_m, east_m, down_m = (b - a for a, b in zip(sight.position_ned_m, newest.position_ned_m, strict=True))
-        cos, sin = math.cos(newest.course_rad), math.sin(newest.course_rad)
-        beside_m = math.hypot(cos * east_m - sin * north_m, down_m - newest.slope * (cos * north_m + sin * east_m))
-    apart = math.hypot(math.sin(sight.course_rad - newest.course_rad), sight.slope - newest.slope)
-    return max(0.0, side_m - beside_m) / max(apart, 1e-6)
-
-
-def _way_m(sight: PathSight, newest: PathSight, now_ns: int) -> float:
-    """Way from the place of a sight to the place at now_ns: by position, else by the greatest speed since."""
+def _way_m(sight: PathSight, newest: PathSight, now_ns: int, fastest_m_s: float | None = None) -> float:
+    """Way from the place of a sight to the place at now_ns: by position, else by the greatest speed since. fastest_m_s: that the
+    vehicle may have now, None: that of the newest sight."""
     speed_m_s = newest.speed_m_s or 0.0
-    since_s = max(0, now_ns - newest.t_ns) / NS
+    since_m = max(0, now_ns - newest.t_ns) / NS * (speed_m_s if fastest_m_s is None else fastest_m_s)
     if sight is newest:
-        return speed_m_s * since_s
+        return since_m
     since_sight_s = (newest.t_ns - sight.t_ns) / NS
-    if sight.position_ned_m is not None and newest.position_ned_m is not None:
+    before_m_s = speed_m_s if sight.speed_m_s is None else sight.speed_m_s
+    if fastest_m_s is not None and fastest_m_s > speed_m_s:  # the velocity is late, and the position with it
+        moved_m = fastest_m_s * since_sight_s
+    elif sight.position_ned_m is not None and newest.position_ned_m is not None:
         # not less than by speed: the estimate of the position may have jumped back
-        slowest_m_s = min(speed_m_s, speed_m_s if sight.speed_m_s is None else sight.speed_m_s)
-        moved_m = max(math.dist(sight.position_ned_m[:2], newest.position_ned_m[:2]), slowest_m_s * since_sight_s)
+        by_position_m = math.dist(sight.position_ned_m[:2], newest.position_ned_m[:2])
+        moved_m = max(by_position_m, min(speed_m_s, before_m_s) * since_sight_s)
     else:
-        moved_m = max(speed_m_s, sight.speed_m_s or 0.0) * since_sight_s
-    return moved_m + speed_m_s * since_s
+        moved_m = max(speed_m_s, before_m_s) * since_sight_s
+    return moved_m + since_m

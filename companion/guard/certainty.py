@@ -19,10 +19,9 @@ LONGEST_HEARTBEAT_NS: Final = 2_500_000_000
 FIRST_WAIT_NS: Final = NS
 LONGEST_WAIT_NS: Final = 10 * NS
 AGAIN_NS: Final = 3 * NS
-"""The request is repeated so often while it is acknowledged."""
+"""The request is repeated so often while it is acknowledged, else each FIRST_WAIT_NS."""
 REACHED_NS: Final = 8 * NS
-"""An acknowledgement counts for so long: two of three may be lost. Longer than the repeated attempts to stop take to be announced as
-not confirmed."""
+"""An acknowledgement counts for so long: six requests were made meanwhile."""
 CONFLICTS: Final = ("two autopilots", "two of us", "several vehicles")
 """Topics of drivers.mavlink.conflicts that leave open who receives a command, or whose answer comes."""
 _ANSWERS: Final = frozenset({0, 3})
@@ -48,7 +47,7 @@ class Certainty:
     def acknowledged(self, command: int, result: int, now_ns: int) -> None:
         """A COMMAND_ACK of the vehicle for us."""
         if command == SET_MESSAGE_INTERVAL and self._asked and result in _ANSWERS:
-            self._reached_ns, self._wait_ns = now_ns, FIRST_WAIT_NS
+            self._reached_ns = now_ns
 
     def requests(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
         """The request to send now, if any. Another vehicle must answer for itself."""
@@ -58,23 +57,21 @@ class Certainty:
             self._wait_ns = FIRST_WAIT_NS
         if vehicle.autopilot not in STOP_ORDER or now_ns < self._next_ns:
             return []
-        if self._reaches(now_ns):
-            self._next_ns = now_ns + AGAIN_NS
-        else:
+        if self._reached_ns is None:
             self._next_ns = now_ns + self._wait_ns
             self._wait_ns = min(2 * self._wait_ns, LONGEST_WAIT_NS)
+        else:
+            self._next_ns = now_ns + (AGAIN_NS if now_ns - self._reached_ns <= AGAIN_NS else FIRST_WAIT_NS)
         self._asked = True
         return [set_message_interval(vehicle.system_id, HEARTBEAT_ID, HEARTBEAT_HZ)]
 
-    def _reaches(self, now_ns: int) -> bool:
-        """Whether a command was acknowledged a short time before."""
-        return self._reached_ns is not None and now_ns - self._reached_ns <= REACHED_NS
+    def silent(self, now_ns: int) -> bool:
+        """Whether the vehicle has answered before and does not any more: commands may not arrive. It is no doubt about who receives
+        them."""
+        return self._reached_ns is not None and now_ns - self._reached_ns > REACHED_NS
 
-    def doubt(
-        self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_fault: str, now_ns: int, stops: bool = False
-    ) -> str:
-        """Why it is not sure, in a few words; empty: it is. stops: an intervention is under way. Its commands go on while the
-        acknowledgements fail, once this vehicle has answered: where they do not arrive they do no harm."""
+    def doubt(self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_fault: str, now_ns: int) -> str:
+        """Why it is not sure, in a few words; empty: it is."""
         if any(conflicts.get(topic) for topic in CONFLICTS):
             return next(topic for topic in CONFLICTS if conflicts.get(topic))
         if vehicle.autopilot not in STOP_ORDER:
@@ -85,5 +82,4 @@ class Certainty:
             return "no heartbeat"
         if signing_fault:
             return "messages are not signed alike"
-        answers = self._reached_ns is not None if stops else self._reaches(now_ns)
-        return "" if answers else "commands are not acknowledged"
+        return "commands are not acknowledged" if self._reached_ns is None else ""

@@ -32,7 +32,6 @@ from .memory_file import GuardMemoryFile
 from .modes import StopMethod
 from .path_sight import PathSight, path_sight
 from .states import (
-    INTERVENES,
     Announcement,
     GuardInput,
     GuardMemory,
@@ -78,7 +77,7 @@ class Guard:
         self._vehicle, self._link_status, self._post = vehicle, link_status, post
         self._certainty = Certainty(component_id)
         self._landed = LandedState()
-        self._assessor = PathAssessor(guard, braking_of(guard, avoid), avoid.clear_share)
+        self._assessor = PathAssessor(guard, braking_of(guard, avoid), avoid)
         self._velocity = VelocityHold()
         self._course_rate = CourseRate()
         self._file = GuardMemoryFile(folder)
@@ -176,13 +175,7 @@ class Guard:
         if vehicle is not None:
             if self._link is None or now_ns - self._link_ns >= LINK_NS:
                 self._link, self._link_ns = self._link_status(), now_ns
-            doubt = self._certainty.doubt(
-                vehicle,
-                self._link.conflicts,
-                self._link.signing_fault,
-                now_ns,
-                stops=self.memory.state in INTERVENES,
-            )
+            doubt = self._certainty.doubt(vehicle, self._link.conflicts, self._link.signing_fault, now_ns)
             in_air = not self._landed.on_ground(vehicle, now_ns) or self._flies()
         return GuardInput(
             now_ns=now_ns,
@@ -191,6 +184,7 @@ class Guard:
             in_air=in_air,
             verdict=self._verdict,
             near_ground=self._landed.takes_off_or_lands(now_ns),
+            silent=self._certainty.silent(now_ns),
         )
 
     def _flies(self) -> bool:
@@ -238,6 +232,9 @@ class Guard:
             out.append(Diagnostic(DiagnosticCode.GUARD_FAULT, "", text))
         if memory.state is GuardState.UNAVAILABLE:
             text = f"the guard sends no commands: {memory.cause}; the vehicle is not stopped in this mode"
+            out.append(Diagnostic(DiagnosticCode.GUARD_UNAVAILABLE, "", text))
+        if memory.state is not GuardState.INACTIVE and self._certainty.silent(time.monotonic_ns()):
+            text = "the vehicle does not acknowledge the guard's commands any more: a stop may not arrive"
             out.append(Diagnostic(DiagnosticCode.GUARD_UNAVAILABLE, "", text))
         if memory.state is GuardState.STOPPING:
             text = f"the guard stops the vehicle, attempt {memory.attempts}: {memory.cause}"

@@ -70,6 +70,7 @@ class GuardMachine:
     _motion: HoldMotion = field(default_factory=HoldMotion)
     _doubt_since_ns: int = 0
     _doubt_announced: str = ""
+    _silent: bool = False
 
     def __post_init__(self) -> None:
         memory = self.memory
@@ -141,9 +142,18 @@ class GuardMachine:
                 out.append(Announcement("guard: active"))
         verdict = now.verdict
         assert verdict is not None
-        if self._wants_stop(now):
+        out += self._follow_answers(now)
+        if self._wants_stop(now):  # also where nothing is acknowledged: it may arrive
             return out + self._stop(vehicle, verdict, now)
-        return out + self._adjust_speed(vehicle, group, verdict, now)
+        return out if now.silent else out + self._adjust_speed(vehicle, group, verdict, now)
+
+    def _follow_answers(self, now: GuardInput) -> list[Output]:
+        """Announces that the vehicle does not acknowledge commands any more, and that it does again."""
+        if now.silent == self._silent:
+            return []
+        self._silent = now.silent
+        text = "guard: vehicle does not answer, stop may fail" if now.silent else "guard: vehicle answers again"
+        return [Announcement(text, critical=now.silent)]
 
     def _follow_sight(self, now: GuardInput) -> None:
         """Notes that the path is seen: unseen space counts from then on; after a stop for it once it was seen for REARM_NS."""
@@ -317,10 +327,12 @@ class GuardMachine:
         if sticks or (speed_m_s is not None and speed_m_s < STANDS_M_S):
             self._change(now, state=GuardState.HOLDING)
             return [Announcement("guard: stopped, change mode to go on", critical=True)]
+        if speed_m_s is None:
+            return []
         if self._brakes_until_ns is None:
-            brakes_s = (speed_m_s or 0.0) / self.guard.deceleration_m_s2 + self.guard.reaction_s
+            brakes_s = speed_m_s / self.guard.deceleration_m_s2 + self.guard.reaction_s
             self._brakes_until_ns = now.now_ns + round(brakes_s * NS) + SPARE_STOP_NS
-        if now.doubt or speed_m_s is None or now.now_ns < self._brakes_until_ns or not self._still_needed(now):
+        if now.doubt or now.now_ns < self._brakes_until_ns or not self._still_needed(now):
             return []
         self._brakes_until_ns = now.now_ns + SPARE_STOP_NS
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]

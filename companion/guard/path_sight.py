@@ -55,10 +55,10 @@ class PathSight:
 
     speed_m_s: horizontal, None: not known. course_rad: direction of the path clockwise from north, None: heading not known. slope: way
     down for each metre along it.
-    free_m: seen free from the vehicle's middle. rays_free_m, ahead_rays_m: of each ray of the corridor of free_m and of ahead_free_m, None: not known. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
+    free_m: seen free from the vehicle's middle. rays_free_m: the same of each ray of the corridor, None: not known. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
     one that few pixels support, which needs a second frame. obstacle_frame, weak_frame: camera and exposure of the frames that
     show them, None: not known. remembered_m: nearest obstacle that was seen before, where no camera looks now, inf: none.
-    velocity_ns: stamp of the velocity, None: that of the decision. position_ned_m: None: not known. ahead_free_m: like free_m, along the course that follows in a turn; inf: there is no turn.
+    velocity_ns: stamp of the velocity, None: that of the decision. position_ned_m: None: not known. ahead_free_m: like free_m, along the course that follows in a turn, ahead_rad from the present one; inf: there is no turn.
     cause: why nothing is seen, as text; empty: something is."""
 
     t_ns: int
@@ -77,7 +77,7 @@ class PathSight:
     velocity_ns: int | None = None
     slope: float = 0.0
     rays_free_m: Floats | None = field(default=None, compare=False)
-    ahead_rays_m: Floats | None = field(default=None, compare=False)
+    ahead_rad: float = 0.0
 
     def frame_of(self, obstacle_m: float) -> Frame:
         """The frame that shows the obstacle at obstacle_m or weak_obstacle_m."""
@@ -99,7 +99,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
     """The path at one decision. Where it cannot be computed nothing is seen free. turn_rad_s: rate of the course, clockwise."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
     free_m, firm, weak, kept_m, course_rad, slope = 0.0, _Nearest(), _Nearest(), math.inf, None, 0.0
-    ahead_free_m, rays_m, ahead_rays_m = math.inf, None, None
+    ahead_free_m, rays_m = math.inf, None
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
     if s.here is None:
         cause = cause or "the attitude is lost"
@@ -114,8 +114,8 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
                 turn_rad_s = 0.0
             beside = _turned(path, turn_rad_s, speed_m_s or 0.0, avoid, guard)
             if turn_rad_s != 0.0:
-                ahead_rays_m = rays_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard)
-                ahead_free_m = common_free_m(ahead_rays_m, avoid.clear_share)
+                follows_m = rays_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard)
+                ahead_free_m = common_free_m(follows_m, avoid.clear_share)
             for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
@@ -139,7 +139,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         ahead_free_m=ahead_free_m,
         velocity_ns=s.velocity_ns,
         rays_free_m=rays_m,
-        ahead_rays_m=ahead_rays_m,
+        ahead_rad=turn_rad_s * AHEAD_S,
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         cause=cause,
     )

@@ -53,7 +53,9 @@ class SpeedLimiter:
         MAV_CMD_DO_CHANGE_SPEED sets the speed: a value above that of the mission would make the vehicle faster. The first limit is
         therefore not above the speed of the vehicle, and a limit is raised at most to that speed. cruise_m_s, where it is set,
         bounds both further."""
-        speed_m_s = verdict.speed_m_s or 0.0
+        speed_m_s = verdict.speed_m_s
+        if speed_m_s is None:
+            return None
         self._follow_effect(speed_m_s, now_ns)
         if self.ineffective:
             return None

@@ -53,8 +53,8 @@ class GuardMemory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardInput:
-    """now_ns: monotonic. vehicle: None: none is received. doubt: why it is not sure that commands reach this vehicle, as text; empty:
-    it is. in_air: it flies. near_ground: it takes off or lands. verdict: None, no speed or no sight of the path."""
+    """now_ns: monotonic. vehicle: None, none is received. doubt: why it is not sure that commands reach this vehicle, as text; empty:
+    it is. in_air: it flies. near_ground: it takes off or lands. silent: it has acknowledged commands and does not any more. verdict: None, no speed or no sight of the path."""
 
     now_ns: int
     vehicle: Vehicle | None
@@ -62,6 +62,7 @@ class GuardInput:
     in_air: bool
     verdict: Verdict | None
     near_ground: bool = False
+    silent: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,27 +125,26 @@ def test_requests_are_repeated_with_growing_waits() -> None:
     assert max(b - a for a, b in itertools.pairwise(asked)) == 100
 
 
-def test_commands_that_are_not_acknowledged_any_more_are_a_doubt() -> None:
-    """The vehicle is received, and what is sent does not arrive any more: the guard would not stop it."""
+def test_a_vehicle_that_does_not_answer_any_more_is_silent_and_asked_more_often() -> None:
+    """What is sent does not arrive, or its answers do not. Who would receive a command is not in doubt."""
     certainty = reached()
     asked: list[int] = []
-    for tenth in range(1, 1 + REACHED_NS // (NS // 10)):
+    for tenth in range(1, 301):
         now_ns = NOW + tenth * NS // 10
-        asked += [now_ns] if certainty.requests(COPTER, now_ns) else []
+        asked += [tenth] if certainty.requests(COPTER, now_ns) else []
         assert certainty.doubt(replace(COPTER, heartbeat_ns=now_ns), {}, "", now_ns) == ""
-    assert len(asked) >= 2, "answers may be lost"
-    late_ns = NOW + REACHED_NS + 1
-    vehicle = replace(COPTER, heartbeat_ns=late_ns)
-    assert certainty.doubt(vehicle, {}, "", late_ns) == "commands are not acknowledged"
-    assert certainty.doubt(vehicle, {}, "", late_ns, stops=True) == "", "a stop under way is repeated"
-    certainty.acknowledged(511, 0, late_ns)
-    assert certainty.doubt(vehicle, {}, "", late_ns) == ""
+        assert certainty.silent(now_ns) == (now_ns - NOW > REACHED_NS)
+    assert len([tenth for tenth in asked if tenth <= 80]) >= 5, "answers may be lost"
+    assert max(b - a for a, b in itertools.pairwise(asked[1:])) == 10, "no longer waits"
+    certainty.acknowledged(511, 0, NOW + 30 * NS)
+    assert not certainty.silent(NOW + 31 * NS)
 
 
-def test_a_vehicle_that_never_answered_is_sent_no_stop() -> None:
+def test_a_vehicle_that_never_answered_is_in_doubt_and_not_silent() -> None:
     certainty = Certainty(196)
     certainty.requests(COPTER, NOW)
-    assert certainty.doubt(COPTER, {}, "", NOW, stops=True) == "commands are not acknowledged"
+    assert certainty.doubt(COPTER, {}, "", NOW + 60 * NS) != ""
+    assert not certainty.silent(NOW + 60 * NS)
 
 
 def test_answers_to_others_do_not_count() -> None:

@@ -68,6 +68,7 @@ class Flight:
     heartbeat_ns: int | None = None
     system_status: int = 4
     near_ground: bool = False
+    silent: bool = False
 
     def step(self, times: int = 1) -> list[Output]:
         out: list[Output] = []
@@ -85,6 +86,7 @@ class Flight:
                     in_air=self.in_air,
                     verdict=self.verdict,
                     near_ground=self.near_ground,
+                    silent=self.silent,
                 )
             )
         return out
@@ -825,3 +827,19 @@ def test_a_vehicle_that_others_keep_slower_than_its_limit_is_not_made_faster() -
     assert commands(f.step(100)) == []
     f.verdict = replace(FREE, speed_m_s=2.0)
     assert commands(f.step(60)) == [SpeedCommand(7, 3.0)]
+
+
+def test_a_vehicle_that_does_not_answer_is_stopped_all_the_same_and_not_limited() -> None:
+    f = Flight(verdict=NARROW, silent=True)
+    out = f.step(10)
+    assert commands(out) == []
+    assert texts(out) == ["guard: vehicle does not answer, stop may fail"]
+    f.verdict = BLOCKED
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_a_vehicle_that_answers_again_is_announced() -> None:
+    f = Flight(silent=True)
+    f.step()
+    f.silent = False
+    assert texts(f.step()) == ["guard: vehicle answers again"]

@@ -114,6 +114,7 @@ def announced(module: Any) -> set[str]:
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Announcement"):
             continue
         out.add(plain(node.args[0]))
+    out |= set(re.findall(r'"(guard: vehicle [^"]+)"', inspect.getsource(module)))
     failures = re.findall(r'_failure\("([^"]+)"\)', inspect.getsource(module))
     return {text for text in out | set(failures) if text != "..."}
 

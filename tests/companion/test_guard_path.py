@@ -335,7 +335,7 @@ def later(ms: int, **changes: object) -> PathSight:
 
 
 def action(*sights: PathSight, after_ms: int = 0) -> Action:
-    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
     for sight in sights:
         assessor.take(sight)
     verdict = assessor.verdict(sights[-1].t_ns + after_ms * MS)
@@ -441,7 +441,7 @@ def test_a_new_frame_of_another_camera_confirms_nothing() -> None:
 
 def test_a_firm_stop_needs_two_frames_and_no_memory() -> None:
     def firm(*sights: PathSight) -> tuple[bool, bool]:
-        assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+        assessor = PathAssessor(GUARD, BRAKING, AVOID)
         for sight in sights:
             assessor.take(sight)
         verdict = assessor.verdict(sights[-1].t_ns)
@@ -456,7 +456,7 @@ def test_a_firm_stop_needs_two_frames_and_no_memory() -> None:
 
 
 def test_a_remembered_obstacle_is_no_sight() -> None:
-    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
     assessor.take(replace(SIGHT, free_m=0.0, remembered_m=5.0))
     verdict = assessor.verdict(T_NS)
     assert verdict is not None
@@ -483,7 +483,7 @@ def test_slowly_into_the_unseen_but_not_into_an_obstacle() -> None:
 )  # fmt: skip
 def test_whether_the_path_is_seen(changes: dict[str, object], sees: bool) -> None:
     """Also a direction to which no camera looks is not seen."""
-    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
     assessor.take(replace(SIGHT, **changes))  # type: ignore[arg-type]
     verdict = assessor.verdict(T_NS)
     assert verdict is not None
@@ -491,7 +491,7 @@ def test_whether_the_path_is_seen(changes: dict[str, object], sees: bool) -> Non
 
 
 def test_without_a_speed_there_is_no_verdict() -> None:
-    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
     assert assessor.verdict(T_NS) is None
     assessor.take(replace(SIGHT, speed_m_s=None))
     assert assessor.verdict(T_NS) is None

@@ -17,9 +17,9 @@ from companion.guard.assessment import (
 from companion.guard.machine import GuardMachine
 from companion.guard.states import GuardState, SpeedCommand
 from companion.guard.velocity_hold import HOLD_NS
-from drivers.mavlink.commands import COPTER_BRAKE
+from drivers.mavlink.commands import COPTER_BRAKE, DO_CHANGE_SPEED
 
-from .test_guard_machine import BLOCKED, GUARD, NARROW, Flight, commands, stopping
+from .test_guard_machine import BLOCKED, GUARD, NARROW, Flight, commands, stopping, texts
 from .test_guard_path import AVOID, BRAKING, MS, SIGHT, T_NS
 from .test_guard_thread import STEP_NS
 from .test_guard_thread import Flight as GuardFlight
@@ -29,7 +29,7 @@ STANDING = replace(SIGHT, speed_m_s=0.0, velocity_ns=T_NS)
 
 def verdict(age_ns: int, speed_m_s: float, **changes: object) -> Verdict | None:
     """With a velocity of this age; everything else is new."""
-    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
     sight = replace(SIGHT, speed_m_s=speed_m_s, velocity_ns=T_NS - age_ns)
     assessor.take(replace(sight, **changes))  # type: ignore[arg-type]
     return assessor.verdict(T_NS)
@@ -67,7 +67,7 @@ def test_a_late_velocity_is_a_speed_until_it_is_too_old() -> None:
 
 
 def test_an_obstacle_output_that_hangs_before_the_vehicle_moves_is_not_a_vehicle_that_stands() -> None:
-    assessor = PathAssessor(GUARD, BRAKING, AVOID.clear_share)
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
     assessor.take(STANDING)
     later = assessor.verdict(T_NS + 1000 * MS)
     assert later is not None
@@ -124,13 +124,39 @@ def test_a_guard_that_never_received_a_velocity_is_in_doubt() -> None:
     assert flight.stops() == []
 
 
-def test_a_standing_vehicle_whose_velocity_is_lost_is_in_doubt_where_there_is_room() -> None:
-    flight = GuardFlight()
-    flight.velocity = (0.0, 0.0, 0.0)
-    flight.step(5)
-    flight.velocity = None
-    flight.step(HOLD_NS // STEP_NS)
-    assert flight.state is GuardState.WATCHING
-    flight.step(2)
-    assert flight.state is GuardState.UNAVAILABLE
-    assert flight.guard.memory.cause == "vehicle's velocity unknown"
+def test_where_a_vehicle_flies_that_stood_when_its_velocity_was_lost_is_not_known() -> None:
+    """Its path is that of no direction: it may fly to where no camera looks."""
+    assert verdict(LONGEST_UNMEASURED_NS, 0.0).action is Action.PASS  # type: ignore[union-attr]
+    unknown = verdict(LATE_NS + 400 * MS, 0.0)
+    assert unknown is not None
+    assert unknown.room_m == 0.0
+    assert unknown.action is Action.STOP
+
+
+def test_the_way_since_a_late_velocity_is_that_of_the_speed_it_may_have() -> None:
+    """The decision is 0.3 s old, and its velocity 1.3 s."""
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
+    assessor.take(replace(SIGHT, speed_m_s=2.0, velocity_ns=T_NS - 1000 * MS))
+    late = assessor.verdict(T_NS + 300 * MS)
+    assert late is not None
+    assert late.room_m == pytest.approx(SIGHT.free_m - 0.3 * (2.0 + GAIN_M_S2 * 1.0))
+
+
+def test_a_velocity_gap_is_no_evidence_about_a_limit() -> None:
+    """The vehicle does not follow its limit, and half of its velocities are missing."""
+    f = Flight(machine=GuardMachine(GUARD), verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    out = []
+    for k in range(40):
+        f.verdict = replace(NARROW, speed_m_s=None if k % 2 else 4.0)
+        out += f.step()
+    assert "guard: speed limit has no effect" in texts(out)
+
+
+def test_a_vehicle_that_brakes_is_given_its_time_once_its_speed_is_known() -> None:
+    f = stopping()
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLOCKED, speed_m_s=None)
+    f.step(15)
+    f.verdict = replace(BLOCKED, speed_m_s=3.0)
+    assert commands(f.step(15)) == []

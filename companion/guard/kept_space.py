@@ -1,0 +1,105 @@
+"""Space that earlier sights of the path saw free, as it counts along the path of the newest one.
+
+The corridor of an earlier sight lies a little beside, above or below that of the newest. As a whole it counts as far as it lies
+within a tolerance. Ray by ray the sights complete each other, since holes of the depth image lie at other places in each frame. There
+a ray of an earlier sight stands between two rays of the newest one: it counts as far as its neighbours were seen free, too, and only
+while it is displaced by less than the distance between rays. Otherwise two sights, one displaced to each side, would pass what
+neither has measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config.avoidance import AvoidParams
+from ..config.guard import GuardParams
+from .path_sight import ACROSS, PathSight, common_free_m, half_width_m
+
+Floats = NDArray[np.float64]
+NEWEST_SHARE = 0.5
+"""Of the share that must be seen free, so much must be seen by the newest sight alone: of a net or a bush each frame may show other
+gaps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """Displacement up to which an earlier corridor counts, metres."""
+
+    beside_m: float
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Rays of a corridor: heights times ACROSS. within: greatest displacement at which an eroded sight counts."""
+
+    heights: int
+    within: Tolerance
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A sight and the way flown since, metres."""
+
+    sight: PathSight
+    way_m: float
+
+
+def grid_of(avoid: AvoidParams, guard: GuardParams) -> Grid:
+    """The rays of a configuration. They count within half of the distance between two rays: sights displaced to either side are then
+    one distance apart."""
+    spacing_m = 2.0 * half_width_m(avoid, guard) / (ACROSS - 1)
+    slice_m = (avoid.band_above_m + avoid.band_below_m) / avoid.slices
+    return Grid(avoid.slices, Tolerance(min(guard.side_m, 0.5 * spacing_m), 0.5 * slice_m))
+
+
+def reach_m(sight: PathSight, newest: PathSight, within: Tolerance, ahead: bool = False) -> float:
+    """Distance to which the corridor of a sight lies within a tolerance of that of the newest one. ahead: along the course that
+    follows in a turn."""
+    if sight is newest:
+        return math.inf
+    if sight.course_rad is None or newest.course_rad is None:
+        return 0.0
+    beside_m, height_m = 0.0, 0.0
+    if sight.position_ned_m is not None and newest.position_ned_m is not None:
+        north_m, east_m, down_m = (b - a for a, b in zip(sight.position_ned_m, newest.position_ned_m, strict=True))
+        cos, sin = math.cos(newest.course_rad), math.sin(newest.course_rad)
+        beside_m = abs(cos * east_m - sin * north_m)
+        height_m = abs(down_m - newest.slope * (cos * north_m + sin * east_m))
+    turned = sight.course_rad - newest.course_rad
+    if ahead:
+        turned += sight.ahead_rad - newest.ahead_rad
+    return min(
+        max(0.0, within.beside_m - beside_m) / max(abs(math.sin(turned)), 1e-6),
+        max(0.0, within.height_m - height_m) / max(abs(sight.slope - newest.slope), 1e-6),
+    )
+
+
+def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: float) -> float:
+    """Distance to which clear_share of the rays were seen free, each by the newest sight or an earlier one; 0 without rays."""
+    now_m = newest.sight.rays_free_m
+    if now_m is None:
+        return 0.0
+    now_m = now_m - newest.way_m
+    together_m = now_m
+    for kept in older:
+        if kept.sight.rays_free_m is not None:
+            counted_m = np.minimum(
+                eroded(kept.sight.rays_free_m, grid.heights), reach_m(kept.sight, newest.sight, grid.within)
+            )
+            together_m = np.maximum(together_m, counted_m - kept.way_m)
+    return min(common_free_m(together_m, clear_share), common_free_m(now_m, NEWEST_SHARE * clear_share))
+
+
+def eroded(rays_m: Floats, heights: int) -> Floats:
+    """(N,) each ray as far as it and its neighbours beside, above and below were seen free."""
+    padded = np.pad(rays_m.reshape(heights, -1), 1, mode="edge")
+    rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
+    around = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
+    out: Floats = np.min(around, axis=0).ravel()
+    return out
