@@ -79,9 +79,8 @@ def use_own_cache() -> Path | None:
     key = _PREFIX + source_key(ROOT)
     for base in bases:
         folder = base / key
-        is_new = not folder.exists()
         if _open(folder):
-            if is_new:
+            if not (folder / _CLOSURES).exists():  # new, or the process that made it was ended meanwhile
                 with contextlib.suppress(OSError):
                     seed((base, SHARED), folder, ROOT)
             prune(base, folder)
@@ -188,10 +187,14 @@ def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = No
 
     numba replaces its files by renaming, so a link never changes the older directory. numba itself checks the kernel's
     own file."""
-    closures = import_closures(root)
-    missing = dict(closures)
     older = [f for b in bases if b.is_dir() for f in b.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
-    for other in sorted(older, key=_last_use, reverse=True):
+    older.sort(key=lambda f: (f.name == folder.name, _last_use(f)), reverse=True)
+    # those of the same state need not be computed, which takes a second on a fast computer
+    closures = next((c for f in older if f.name == folder.name and (c := _closures_of(f))), None) or import_closures(
+        root
+    )
+    missing = dict(closures)
+    for other in older:
         there = _closures_of(other)
         same = [name for name, key in missing.items() if there.get(name) == key]
         files = {name: _link_kernels(other, folder, name, link or _link_or_copy) for name in same}
@@ -201,7 +204,9 @@ def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = No
                 shutil.copy2(mark, folder / mark.name)
         linked = {name for name, linked_files in files.items() if linked_files}
         missing = {name: key for name, key in missing.items() if name not in linked}
-    (folder / _CLOSURES).write_text(json.dumps(closures))
+    part = folder / f"{_CLOSURES}.{os.getpid()}.part"
+    part.write_text(json.dumps(closures))
+    part.replace(folder / _CLOSURES)  # last: it shows that the directory is whole
 
 
 def import_closures(root: Path) -> dict[str, str]:

@@ -314,6 +314,28 @@ def test_a_place_that_cannot_be_written_is_left_to_warmup(
     assert os.environ[VARIABLE] == str(tmp_path / "file" / "cache")
 
 
+def test_a_start_that_was_ended_while_it_linked_is_continued(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """systemd ends a slow start; the next one would have compiled all kernels that were not linked yet."""
+    linked: list[Path] = []
+    monkeypatch.setattr(jit_cache, "seed", lambda bases, folder, root: linked.append(folder))
+    folder = use_own_cache()
+    assert folder is not None
+    assert use_own_cache() == folder
+    (folder / "closures.json").write_text("{}")
+    assert use_own_cache() == folder
+    assert linked == [folder, folder]
+
+
+def test_of_the_same_state_nothing_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = sources(tmp_path / "project", factor=2)
+    python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), tmp_path / "first")
+    monkeypatch.setattr(jit_cache, "import_closures", lambda root: pytest.fail("computed"))
+    folder = tmp_path / "second" / f"kernels-{source_key(root)}"
+    folder.mkdir(parents=True)
+    seed((tmp_path / "first",), folder, root)
+    assert kernels(folder) == {"inner.inner", "outer.outer"}
+
+
 READ_ONLY = """
 import os
 import sys
