@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import os
+import shutil
+import sysconfig
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -194,11 +196,19 @@ def _print_summary(done: Demo) -> None:
         print_line(f"  {_shown(done.views.layout)}  layout for Foxglove and Lichtblick: import it first")
     print_line()
     print_line("Next:")
+    if (scripts := scripts_outside_path()) is not None:
+        print_line(f"  . {_shown(scripts / 'activate')}   puts the command `companion` into the path of this terminal")
     print_line(f"  companion info {_shown(done.log)}")
     print_line("  companion run -c configs/simulated.toml   run the same service until you stop it")
     print_line(
         "  companion import FOLDER -o my.mcap   convert a recording of your own (docs/how-to/import-recordings.md)"
     )
+
+
+def scripts_outside_path() -> Path | None:
+    """The folder of this environment's commands where the shell does not find them."""
+    scripts = Path(sysconfig.get_path("scripts"))
+    return scripts if shutil.which("companion") is None and (scripts / "activate").exists() else None
 
 
 def _shown(path: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sysconfig
 import tomllib
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from companion.cli import main
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config, config_of, load_config
 from companion.config.service import AutopilotConfig
-from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config
+from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config, scripts_outside_path
 from companion.demo.live import DemoError, Processes, live_config, toml_of
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
@@ -106,3 +107,12 @@ def test_a_process_that_does_not_end_is_killed_and_reported(
     with pytest.raises(DemoError, match=r"did not end within 0\.3 s"):
         processes.end("service")
     assert process.wait(20.0) == -signal.SIGKILL
+
+
+def test_the_way_to_the_commands_is_named_where_the_shell_does_not_find_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A newcomer types `make demo` and then what it prints."""
+    scripts = Path(sysconfig.get_path("scripts"))
+    monkeypatch.setenv("PATH", str(scripts))
+    assert scripts_outside_path() is None
+    monkeypatch.setenv("PATH", "/nowhere")
+    assert scripts_outside_path() == scripts

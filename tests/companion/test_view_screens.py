@@ -19,7 +19,13 @@ from .view_scenes import blind, frame, tilted
 
 pytestmark = pytest.mark.process
 
-SIZES = {"desktop": (1440, 900), "tablet, upright": (820, 1180), "tablet, flat": (1024, 768), "phone": (390, 844)}
+SIZES = {
+    "desktop": (1440, 900),
+    "tablet, upright": (820, 1180),
+    "tablet, flat": (1024, 768),
+    "phone": (390, 844),
+    "phone, flat": (844, 390),
+}
 BOX = "(() => { const b = document.querySelector('%s').getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })()"
 
 
@@ -74,6 +80,9 @@ def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path, size
             box = shown.ask(BOX % name)
             assert left <= box[0] < box[2] <= right, name
             assert top <= box[1] < box[3] <= bottom, name
+        for one, other in (("#legend", "#views > :last-child"), ("#legend", "#pilot")):
+            a, b = shown.ask(BOX % one), shown.ask(BOX % other)
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], f"{one} covers {other}"
         for name in ("#slider", "#strip", "#play", "#blind"):
             box = shown.ask(BOX % name)
             assert 0 <= box[0] < box[2] <= size[0], name
