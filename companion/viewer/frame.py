@@ -28,8 +28,8 @@ class FrameStatus(StrEnum):
 class ViewFrame:
     """One frame of one camera. depth_mm: (H, W) uint16 as in DepthFrame; None: not in the log. R_ned_frd: (3, 3)
     attitude used; None: none. model: in level_cam; None: not in the log. dropped: cause if the frame was not used, "":
-    used. position_ned_m: of the vehicle; None: no position. autopilot: its newest state, see autopilot_view; None: not in the
-    log."""
+    used. position_ned_m: of the vehicle; None: no position. autopilot: its newest state, see autopilot_view; tracks: the
+    tracked obstacles, see viewer.tracks; None: not in the log."""
 
     info: CameraInfo
     sequence: int
@@ -40,6 +40,7 @@ class ViewFrame:
     dropped: str = ""
     position_ned_m: tuple[float, float, float] | None = None
     autopilot: dict[str, Any] | None = None
+    tracks: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         k = self.info.intrinsics
@@ -85,6 +86,11 @@ class ViewFrame:
             return None
         roll, pitch, yaw = euler_from_rotation(self.R_ned_frd)
         return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+
+    @property
+    def heading_rad(self) -> float:
+        """Heading of the vehicle; 0 without an attitude."""
+        return 0.0 if self.R_ned_frd is None else euler_from_rotation(self.R_ned_frd)[2]
 
     @property
     def ke_per_m(self) -> float | None:

@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from collections import OrderedDict
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from .frame import ViewFrame
 from .log import view_frame
 from .page import camera_data, frame_data, live_page, packed_png
 from .subscriber import HEALTH_OLD_NS, NS, LiveSubscriber, Shown
+from .tracks import tracks_data
 
 HOLD_S = 0.2
 """Longest wait for new frames; the response then contains the ages only."""
@@ -91,6 +93,8 @@ def frame_of(shown: Shown, begun_ns: int) -> dict[str, Any]:
         frame, cause = None, f"its message is inconsistent ({error})"
     if frame is None:
         frame = ViewFrame(info=shown.info, sequence=m.sequence, t_ns=m.t_exposure_ns, dropped=cause)
+    elif shown.tracks is not None:
+        frame = replace(frame, tracks=tracks_data(shown.tracks, frame.heading_rad, frame.position_ned_m))
     data = frame_data(frame, 0, frame.t_ns, 0)
     data["t"] = (shown.exposed_ns - begun_ns) / NS
     p = shown.preview

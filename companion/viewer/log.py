@@ -21,7 +21,10 @@ from ..pipeline.results import PrismsResult
 from ..pipeline.transform import transform_model
 from .autopilot_view import autopilot_data
 from .frame import FrameStatus, ViewFrame
+from .tracks import tracks_data
 
+TRACKS_WAITING: Final = 4
+"""Largest number of frames with prisms that wait for their tracks, which the log contains after them."""
 WAITING: Final = 30
 """Largest number of depth images that wait for their prisms; a live log writes both within a fraction of a second."""
 
@@ -31,7 +34,7 @@ Key = tuple[str, int, int]
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedFrame:
     """The log's messages of one exposure, not yet decoded. depth_mm, message: None if missing. health: the newest report of
-    the service before it. state: state of the
+    the service before it. tracks: the tracked obstacles after it. state: state of the
     extractor before the frame, from which its strips can be recomputed."""
 
     info: CameraInfo
@@ -41,6 +44,7 @@ class LoggedFrame:
     message: pb.PrismsFrame | None
     state: ExtractorState
     health: pb.Health | None = None
+    tracks: pb.Tracks | None = None
 
     @property
     def status(self) -> FrameStatus:
@@ -59,7 +63,8 @@ class LoggedFrame:
         if self.message is None:
             return ViewFrame(info=self.info, sequence=self.sequence, t_ns=self.t_ns, depth_mm=self.depth_mm)
         frame = view_frame(prisms_from_message(self.message), self.info, self.depth_mm)
-        return replace(frame, autopilot=autopilot_data(self.health, self.t_ns))
+        tracks = None if self.tracks is None else tracks_data(self.tracks, frame.heading_rad, frame.position_ned_m)
+        return replace(frame, autopilot=autopilot_data(self.health, self.t_ns), tracks=tracks)
 
 
 @dataclass(slots=True)
@@ -69,6 +74,7 @@ class _Pass:
     infos: dict[str, CameraInfo]
     states: dict[str, ExtractorState]
     waiting: OrderedDict[Key, NDArray[np.uint16]] = field(default_factory=OrderedDict)
+    untracked: OrderedDict[Key, LoggedFrame] = field(default_factory=OrderedDict)
     health: pb.Health | None = None
 
     def take(self, item: Event | LoggedMessage) -> Iterator[LoggedFrame]:
@@ -76,6 +82,7 @@ class _Pass:
         if isinstance(item, DepthFrame):
             self.waiting[item.camera, item.sequence, item.t_exposure_ns] = item.depth_mm
             if len(self.waiting) > WAITING:
+                yield from self.all_untracked()
                 yield self.alone(next(iter(self.waiting)))
         elif isinstance(item, LoggedMessage):
             if isinstance(item.message, pb.FrameDecision):
@@ -83,7 +90,9 @@ class _Pass:
             elif isinstance(item.message, pb.Health):
                 self.health = item.message
             elif isinstance(item.message, pb.PrismsFrame) and item.message.camera in self.infos:
-                yield self.prisms(item.message)
+                yield from self.prisms(item.message)
+            elif isinstance(item.message, pb.Tracks):
+                yield from self.tracks(item.message)
 
     def alone(self, key: Key) -> LoggedFrame:
         """The frame of a depth image without results."""
@@ -95,14 +104,28 @@ class _Pass:
         if message.cause in (pb.CAUSE_DUPLICATE_FRAME, pb.CAUSE_LATE_FRAME):
             self.waiting.pop((message.camera, message.sequence, message.t_exposure_ns), None)
 
-    def prisms(self, message: pb.PrismsFrame) -> LoggedFrame:
-        """A frame with its results."""
+    def prisms(self, message: pb.PrismsFrame) -> Iterator[LoggedFrame]:
+        """Adds a frame with its results, which waits for its tracks."""
         camera, sequence, t_ns = key = message.camera, message.sequence, message.t_exposure_ns
         before = self.states.get(camera, ExtractorState())
         self.states[camera] = _after(message, before)
-        return LoggedFrame(
+        self.untracked[key] = LoggedFrame(
             self.infos[camera], sequence, t_ns, self.waiting.pop(key, None), message, before, self.health
         )
+        if len(self.untracked) > TRACKS_WAITING:
+            yield self.untracked.popitem(last=False)[1]
+
+    def tracks(self, message: pb.Tracks) -> Iterator[LoggedFrame]:
+        """The waiting frames up to that of the tracks."""
+        key = message.camera, message.sequence, message.t_exposure_ns
+        while key in self.untracked:
+            first, frame = self.untracked.popitem(last=False)
+            yield replace(frame, tracks=message) if first == key else frame
+
+    def all_untracked(self) -> Iterator[LoggedFrame]:
+        """The waiting frames, without tracks."""
+        while self.untracked:
+            yield self.untracked.popitem(last=False)[1]
 
 
 def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint16] | None) -> ViewFrame:
@@ -142,11 +165,12 @@ def read_frames(
     now = _Pass({info.camera: info for info in source.cameras}, states)
     problem: BadData | None = None
     try:
-        for item in source.events_with("decision", "prisms", "health"):
+        for item in source.events_with("decision", "prisms", "health", "tracks"):
             on_progress(source.share_read)
             yield from now.take(item)
     except BadData as error:
         problem = error
+    yield from now.all_untracked()
     for key in tuple(now.waiting):
         yield now.alone(key)
     if problem is not None:

@@ -127,6 +127,7 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
         "depth": None,
         "facts": facts(frame.model, frame.info.max_range_m),
         "autopilot": frame.autopilot,
+        "tracks": frame.tracks,
         **_nothing(),
     }
     if frame.depth_mm is not None:

@@ -52,18 +52,21 @@ class Streams:
     world: str = ""
     world_requests: str = ""
     neighbours: str = ""
+    tracks: str = ""
     keys: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """The frame of a camera that a page draws. number: consecutive; exposed_ns: exposure on the local clock."""
+    """The frame of a camera that a page draws. number: consecutive; exposed_ns: exposure on the local clock; tracks: after
+    this frame, or the newest ones where these have not arrived."""
 
     number: int
     info: CameraInfo
     message: pb.PrismsFrame
     preview: pb.DepthPreview | None
     exposed_ns: int
+    tracks: pb.Tracks | None = None
 
 
 @dataclass(slots=True)
@@ -77,6 +80,7 @@ class Camera:
     recent: OrderedDict[int, tuple[pb.PrismsFrame, int]] = field(default_factory=OrderedDict)
     preview: pb.DepthPreview | None = None
     preview_exposed_ns: int = 0
+    tracks: OrderedDict[int, pb.Tracks] = field(default_factory=OrderedDict)
     shown: Shown | None = None
     key: tuple[Any, ...] = ()
     shown_ns: int = 0
@@ -107,7 +111,12 @@ class LiveSubscriber:
 
     def open(self) -> None:
         """Starts to receive; the service may start later. Raises DriverError for unusable keys."""
-        kinds: dict[str, type[Message]] = {"prisms": pb.PrismsFrame, "health": pb.Health, "depth": pb.DepthPreview}
+        kinds: dict[str, type[Message]] = {
+            "prisms": pb.PrismsFrame,
+            "health": pb.Health,
+            "depth": pb.DepthPreview,
+            "tracks": pb.Tracks,
+        }
         for name, kind in kinds.items():
             address = getattr(self.streams, name)
             if not address:
@@ -214,6 +223,11 @@ class LiveSubscriber:
                 camera = self.cameras.setdefault(message.camera, Camera())
                 camera.preview = message
                 camera.preview_exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, arrival_ns)
+            elif isinstance(message, pb.Tracks):
+                camera = self.cameras.setdefault(message.camera, Camera())
+                camera.tracks[message.sequence] = message
+                if len(camera.tracks) > RECENT:
+                    camera.tracks.popitem(last=False)
             on_message = self.on_message
             if on_message is not None:
                 known = self.cameras.get(getattr(message, "camera", ""))
@@ -264,5 +278,7 @@ class LiveSubscriber:
         assert camera.info is not None
         self.number += 1
         camera.key, camera.shown_ns = key, now_ns
-        camera.shown = Shown(self.number, camera.info, message, preview, exposed_ns)
+        newest = next(reversed(camera.tracks.values()), None)
+        tracks = camera.tracks.get(message.sequence, newest)
+        camera.shown = Shown(self.number, camera.info, message, preview, exposed_ns, tracks)
         self.changed.notify_all()

@@ -19,7 +19,7 @@ const VIEWS = {
   side: { azimuth: Math.PI / 2, elevation: 0.06, distance: 20 },
   eye: { azimuth: 0, elevation: 0.02, distance: 0.6 },
 };
-const SWITCHES = ["ground", "free", "unknown", "trail", "inferred", "labels", "numbers", "normals", "points", "merged", "team"];
+const SWITCHES = ["ground", "free", "unknown", "trail", "inferred", "labels", "numbers", "normals", "points", "tracks", "merged", "team"];
 const CHOICES = ["what", "by", "layers", "world"];
 const AHEAD = { behind: 4, top: 8, side: 7, eye: 0.6 };
 
@@ -43,6 +43,7 @@ class App {
     this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
     $("canvas").addEventListener("webglcontextlost", () => complain(new Error("the graphics card has dropped the drawing")));
     this.depth = new DepthPanel(data);
+    $("tracks").parentElement.hidden = !data.frames.some((frame) => frame.tracks);
     this.#controls();
     this.#fromAddress();
     new ResizeObserver(() => this.#resize()).observe($("stage"));
@@ -149,6 +150,7 @@ class App {
     }
     $("slider").max = String(frames.length - 1);
     if (frame.pos) $("world").disabled = false;
+    if (frame.tracks) $("tracks").parentElement.hidden = false;
     drawStrip($("strip"), frames);
     if (this.playing && frame.c === this.camera) this.show(frames.length - 1);
     else if (this.at < 0) this.show(0);

@@ -5,6 +5,7 @@ import * as THREE from "three";
 import * as model from "viewer/model";
 import { Labels } from "viewer/labels";
 import { NedGroup } from "viewer/ned";
+import { trackDrawing } from "viewer/tracks";
 
 const FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xf5f7fa, RINGS = [1, 2, 5, 10, 20];
 /** How each class of space is drawn: colour, opacity in one layer, opacity where all layers lie over each other. */
@@ -58,6 +59,7 @@ export class FrameScene {
       for (const kind of ["free", "open"]) this.#space(frame, kind, show.layers === "all", camera);
     }
     this.#walls(frame, show, camera);
+    if (show.tracks && frame.tracks) this.#tracks(frame.tracks, show);
   }
 
   #add(object) { this.group.add(object); return object; }
@@ -107,6 +109,12 @@ export class FrameScene {
     this.#lines(...dashed, 0.18);
     if (show.normals) this.#lines(normals, 0xffffff);
     if (show.labels || show.numbers) this.#labels(all, show, frame);
+  }
+
+  #tracks(tracks, show) {
+    const { lines, colors, labels } = trackDrawing(tracks, show.numbers);
+    this.#lines(lines.map(this.at), colors);
+    for (const { text, at, color } of labels) this.#text(text, this.at(at), color, 0.024);
   }
 
   #labels(walls, show, frame) {
