@@ -107,8 +107,12 @@ def _run_tracking_kernels() -> None:
     """Tracks the obstacles of small frames, with a position and without."""
     from core.extractor import Extractor
     from core.params import Params
+    from core.tracking.free_view import free_view
+    from core.tracking.movers import support_by_view
+    from core.tracking.objects import OBJECT
+    from core.tracking.params import TrackingParams
     from core.tracking.snapshot import TrackingFrame
-    from core.tracking.tracker import Tracker
+    from core.tracking.tracker import Tracker, rules_of
 
     info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
     level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -117,6 +121,8 @@ def _run_tracking_kernels() -> None:
     for k, positioned in enumerate((True, True, False, False)):
         tracker.observe(TrackingFrame(model=model, camera_m=(0.0, 0.0, 0.0), t_ns=k, positioned=positioned))
     Tracker(state=tracker.state())
+    # only obstacles that have begun to move are compared with earlier views
+    support_by_view(np.zeros(1, OBJECT), rules_of(TrackingParams())[0], free_view(model, (0.0, 0.0, 0.0)))
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from core.tracking.snapshot import MovingObject, TrackerState
+from core.tracking.snapshot import STATE_VERSION, MovingObject, TrackerState
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .causes import cause_message
 from .tracking import NamedStates, TracksResult
 
 SCHEMA_VERSION: Final = 1
-STATE_FORMAT: Final = 2
-"""Of the tracker's tables; to be raised when they change."""
 
 
 def tracks_message(result: TracksResult) -> pb.Tracks:
@@ -53,7 +51,7 @@ def tracker_messages(states: NamedStates) -> list[pb.TrackerState]:
     """Encodes the states of the trackers."""
     return [
         pb.TrackerState(
-            camera=camera, format=STATE_FORMAT, next_id=s.next_id, next_object_id=s.next_object_id, last_ns=s.last_ns,
+            camera=camera, format=s.version, next_id=s.next_id, next_object_id=s.next_object_id, last_ns=s.last_ns,
             positioned=s.positioned, reset_counter=s.reset_counter,
             origin_m=pb.Vector3(x=s.origin_m[0], y=s.origin_m[1], z=s.origin_m[2]), velocity_x_m_s=s.velocity_m_s[0],
             velocity_y_m_s=s.velocity_m_s[1], slots=s.slots, tracks=s.tracks, cells=s.cells, objects=s.objects,
@@ -68,7 +66,7 @@ def trackers_from_message(message: pb.StateSnapshot) -> NamedStates:
     do not depend on it."""
     found = []
     for m in message.trackers:
-        if m.format != STATE_FORMAT:
+        if m.format != STATE_VERSION:
             continue
         state = TrackerState(
             next_id=m.next_id, next_object_id=m.next_object_id, last_ns=m.last_ns if m.HasField("last_ns") else None,

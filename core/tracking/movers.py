@@ -12,7 +12,7 @@ import math
 from ..jit import inner, kernel
 from .evidence import CLEAR, classify
 from .groups import may_move
-from .objects import begin_object, free_object, speed_variance, update_object
+from .objects import TAKEN_AFTER, begin_object, free_object, object_lost_at, speed_variance, take_over, update_object
 from .tables import NONE
 
 HISTORY = 10
@@ -41,23 +41,44 @@ def update_objects(groups, count, objects, history, next_id, t_ns, rules, track_
     history: (M, HISTORY, 3) float64 time (s), x, y; view: FreeView of this frame."""
     waiting = 0
     for g in range(count):
+        if groups[g].object != NONE:
+            update_object(objects[groups[g].object], groups[g], t_ns)
+    for g in range(count):
         group, m = groups[g], groups[g].object
-        if m == NONE:
-            m = free_object(objects) if may_move(group, rules) else NONE
-            if m == NONE:
-                continue
-            begin_object(objects[m], group, next_id, t_ns)
-            next_id += 1
+        if m == NONE and may_move(group, rules):
+            m = object_lost_at(group, objects, t_ns)
+            if m != NONE:
+                if objects[m].missed < TAKEN_AFTER:
+                    continue  # the object may be back in the next frame
+                take_over(objects[m], group, t_ns)
+            else:
+                m = free_object(objects)
+                if m != NONE:
+                    begin_object(objects[m], group, next_id, t_ns)
+                    next_id += 1
             group.object = m
-        else:
-            update_object(objects[m], group, t_ns)
+        if m == NONE:
+            continue
         o = objects[m]
         o.evidence = NO_EVIDENCE
         if moves_regularly(o, rules, view):
             o.evidence = left_place(o, history[m], track_rules, view, t_ns)
         waiting += 1 if o.evidence == WAITING and o.moving_ns == 0 else 0
         add_place(o, history[m], t_ns)
+    end_passed(objects, track_rules, view, t_ns)
     return next_id, waiting
+
+
+@inner
+def end_passed(objects, rules, view, t_ns):
+    """Ends the objects that this frame did not observe, and whose predicted place it observed to be free: they are not where
+    their velocity would have brought them."""
+    for m in range(objects.shape[0]):
+        o = objects[m]
+        if o.hits == 0 or o.seen_ns == t_ns:
+            continue
+        if classify(o.x_m, o.y_m, o.top_m, o.bottom_m, _SMALL_M, rules, view) == CLEAR:
+            o.hits = 0
 
 
 @kernel

@@ -28,6 +28,9 @@ _SPEED_SIGMA = 4.0
 """Not tuning: of the velocity of a group seen once, m/s."""
 _GATE_SIGMAS, _REACH_M = 3.0, 1.5
 """Not tuning: largest distance of an observation from the predicted place."""
+TAKEN_AFTER = 2
+"""Not tuning: frames in a row in which a moving object must be missing before a group outside of its gate takes it over: one
+outlier is no change of the motion."""
 _BOX_SHARE = 0.3
 """Not tuning: weight of an observation in the size."""
 
@@ -46,6 +49,7 @@ OBJECT = record(
     ("t00", np.float64),
     ("t01", np.float64),
     ("t11", np.float64),
+    ("azimuth_rad", np.float64),
     ("misfit", np.float64),
     ("size_m", np.float64),
     ("low_dx_m", np.float64),
@@ -59,14 +63,14 @@ OBJECT = record(
     ("places", np.int32),
     ("frames", np.int32),
     ("evidence", np.int32),
-    ("spare", np.int32),
+    ("missed", np.int32),
 )
 """A followed group. x_m, y_m: the point of its face that is followed; moving_ns: when it was declared moving, 0: static;
-r00, r01, r11: covariance of distance and speed along the viewing ray; t00, t01, t11: across it; misfit: squared innovation
+r00, r01, r11: covariance of distance and speed along the viewing ray; t00, t01, t11: across it; azimuth_rad: of that ray; misfit: squared innovation
 over its variance, mean over the last observations, 2 for an object that moves as modelled; size_m: diagonal; low_dx_m to
 high_dy_m: its box from (x_m, y_m); hits: 0: empty; support: observations in a row that support a motion; places: number of
-entries of its history; frames: since the first observation; evidence: of the newest observation for a motion. spare: makes the size a multiple of
-8, so that equal tables have equal bytes."""
+entries of its history; frames: since the first observation; evidence: of the newest observation for a motion. missed: frames in a
+row that did not observe it."""
 
 MOVER_RULES = record(
     ("min_speed_m_s", np.float64),
@@ -88,6 +92,7 @@ def predict_objects(objects, dt_s, t_ns):
             o.hits = 0
             continue
         o.frames += 1
+        o.missed += 1
         o.x_m += o.vx_m_s * dt_s
         o.y_m += o.vy_m_s * dt_s
         o.r00 += 2.0 * dt_s * o.r01 + dt_s * dt_s * o.r11 + q * dt_s * dt_s / 3.0
@@ -122,12 +127,7 @@ def assign_groups(groups, count, objects, rules, costs):
 @inner
 def pair_cost(g, o, rules):
     """Twice the negative logarithm of the likelihood of a group's place, without its constant; inf: they cannot be one."""
-    if o.hits == 0 or not may_move(g, rules):
-        return math.inf
-    height, other = g.bottom_m - g.top_m, o.bottom_m - o.top_m
-    if min(g.bottom_m, o.bottom_m) - max(g.top_m, o.top_m) < 0.5 * min(height, other):
-        return math.inf
-    if max(g.size_m, o.size_m) > 2.0 * min(g.size_m, o.size_m) + 0.6:
+    if o.hits == 0 or not may_move(g, rules) or not alike(g, o):
         return math.inf
     dx, dy = g.x_m - o.x_m, g.y_m - o.y_m
     if dx * dx + dy * dy > _REACH_M**2:
@@ -138,6 +138,15 @@ def pair_cost(g, o, rules):
     if far2 > _GATE_SIGMAS**2:
         return math.inf
     return far2 + math.log(radial * tangential)
+
+
+@inner
+def alike(g, o):
+    """Whether a group and an object have about the same size and height."""
+    height, other = g.bottom_m - g.top_m, o.bottom_m - o.top_m
+    if min(g.bottom_m, o.bottom_m) - max(g.top_m, o.top_m) < 0.5 * min(height, other):
+        return False
+    return max(g.size_m, o.size_m) <= 2.0 * min(g.size_m, o.size_m) + 0.6
 
 
 @inner
@@ -153,31 +162,91 @@ def free_object(objects):
 def begin_object(o, g, object_id, t_ns):
     """A new object of one group."""
     o.id, o.first_ns, o.moving_ns, o.support, o.places, o.hits = object_id, t_ns, 0, 0, 0, 1
-    o.frames, o.misfit, o.evidence, o.spare = 1, 2.0, 0, 0
+    o.frames, o.misfit, o.evidence, o.missed = 1, 2.0, 0, 0
     o.seen_ns = t_ns
     o.x_m, o.y_m, o.vx_m_s, o.vy_m_s = g.x_m, g.y_m, 0.0, 0.0
     o.r00, o.r01, o.r11 = g.radial_sigma_m**2, 0.0, _SPEED_SIGMA**2
     o.t00, o.t01, o.t11 = g.tangential_sigma_m**2, 0.0, _SPEED_SIGMA**2
-    o.size_m = o.low_dx_m = o.high_dx_m = o.low_dy_m = o.high_dy_m = 0.0
-    o.top_m = o.bottom_m = 0.0
-    set_box(o, g, 1.0)
+    o.azimuth_rad, o.size_m = g.azimuth_rad, g.size_m
+    begin_box(o, g)
 
 
 @inner
-def set_box(o, g, share):
-    """Moves the box of an object towards that of a group by a share of the difference."""
-    o.size_m += share * (g.size_m - o.size_m)
-    o.low_dx_m += share * (g.low_x_m - g.x_m - o.low_dx_m)
-    o.high_dx_m += share * (g.high_x_m - g.x_m - o.high_dx_m)
-    o.low_dy_m += share * (g.low_y_m - g.y_m - o.low_dy_m)
-    o.high_dy_m += share * (g.high_y_m - g.y_m - o.high_dy_m)
-    o.top_m += share * (g.top_m - o.top_m)
-    o.bottom_m += share * (g.bottom_m - o.bottom_m)
+def begin_box(o, g):
+    """Gives an object the box of a group."""
+    o.low_dx_m, o.high_dx_m = g.low_x_m - o.x_m, g.high_x_m - o.x_m
+    o.low_dy_m, o.high_dy_m = g.low_y_m - o.y_m, g.high_y_m - o.y_m
+    o.top_m, o.bottom_m = g.top_m, g.bottom_m
+
+
+@inner
+def set_box(o, g):
+    """Moves the box of an object towards that of a group: each side at once where the group reaches beyond it, by a share
+    of the difference where it does not."""
+    o.size_m += _BOX_SHARE * (g.size_m - o.size_m)
+    o.low_dx_m = lower_side(o.low_dx_m, g.low_x_m - o.x_m)
+    o.low_dy_m = lower_side(o.low_dy_m, g.low_y_m - o.y_m)
+    o.top_m = lower_side(o.top_m, g.top_m)
+    o.high_dx_m = -lower_side(-o.high_dx_m, o.x_m - g.high_x_m)
+    o.high_dy_m = -lower_side(-o.high_dy_m, o.y_m - g.high_y_m)
+    o.bottom_m = -lower_side(-o.bottom_m, -g.bottom_m)
+
+
+@inner
+def lower_side(side, observed):
+    """The lower side of a box after an observation."""
+    return min(side + _BOX_SHARE * (observed - side), observed)
+
+
+@inner
+def turn_covariance(o, azimuth_rad):
+    """Gives the covariance of an object the axes of another viewing ray. The larger part is kept, and the smaller one takes
+    from it the sine of the turn: after many small turns it is no smaller than after one large one."""
+    share = abs(math.sin(azimuth_rad - o.azimuth_rad))
+    if o.r00 + o.r11 > o.t00 + o.t11:
+        o.t00 += share * (o.r00 - o.t00)
+        o.t01 += share * (o.r01 - o.t01)
+        o.t11 += share * (o.r11 - o.t11)
+    else:
+        o.r00 += share * (o.t00 - o.r00)
+        o.r01 += share * (o.t01 - o.r01)
+        o.r11 += share * (o.t11 - o.r11)
+    o.azimuth_rad = azimuth_rad
+
+
+@inner
+def take_over(o, g, t_ns):
+    """Moves an object to a group outside of its gate: it has stopped or turned. Its velocity is uncertain again."""
+    o.x_m, o.y_m, o.azimuth_rad = g.x_m, g.y_m, g.azimuth_rad
+    o.r00, o.r01, o.r11 = g.radial_sigma_m**2, 0.0, o.r11 + _SPEED_SIGMA**2
+    o.t00, o.t01, o.t11 = g.tangential_sigma_m**2, 0.0, o.t11 + _SPEED_SIGMA**2
+    o.places, o.support, o.misfit, o.evidence, o.missed = 0, 0, 2.0, 0, 0
+    o.hits += 1
+    o.seen_ns, o.size_m = t_ns, g.size_m
+    begin_box(o, g)
+
+
+@inner
+def object_lost_at(g, objects, t_ns):
+    """Slot of the nearest moving object of a group's size that no group of this frame explains, NONE: there is none within
+    reach."""
+    best, nearest = NONE, _REACH_M
+    for m in range(objects.shape[0]):
+        o = objects[m]
+        if o.hits == 0 or o.moving_ns == 0 or o.seen_ns == t_ns or not alike(g, o):
+            continue
+        if max(g.size_m, o.size_m) > 2.0 * min(g.size_m, o.size_m):
+            continue
+        far = math.sqrt((g.x_m - o.x_m) ** 2 + (g.y_m - o.y_m) ** 2)
+        if far < nearest:
+            best, nearest = m, far
+    return best
 
 
 @inner
 def update_object(o, g, t_ns):
     """Kalman update of position and velocity, along the viewing ray and across it."""
+    turn_covariance(o, g.azimuth_rad)
     ux, uy = math.cos(g.azimuth_rad), math.sin(g.azimuth_rad)
     dx, dy = g.x_m - o.x_m, g.y_m - o.y_m
     radial, tangential = ux * dx + uy * dy, ux * dy - uy * dx
@@ -195,8 +264,9 @@ def update_object(o, g, t_ns):
     o.t01 -= t0 * o.t01
     o.t00 -= t0 * o.t00
     o.hits += 1
+    o.missed = 0
     o.seen_ns = t_ns
-    set_box(o, g, _BOX_SHARE)
+    set_box(o, g)
 
 
 @inner

@@ -83,14 +83,14 @@ def moving_objects(objects: NDArray[Any], t_ns: int) -> tuple[MovingObject, ...]
         x, y = float(o["x_m"]), float(o["y_m"])
         low = x + float(o["low_dx_m"]), y + float(o["low_dy_m"]), float(o["top_m"])
         high = x + float(o["high_dx_m"]), y + float(o["high_dy_m"]), float(o["bottom_m"])
-        axis = "r" if o["r11"] > o["t11"] else "t"  # the less exact one, for both axes
+        variance, covariance, speed_variance = (float(max(o["r" + k], o["t" + k])) for k in ("00", "01", "11"))
         found.append(
             MovingObject(
                 id=int(o["id"]), centre_m=(0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), 0.5 * (low[2] + high[2])),
                 half_size_m=(0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2])),
                 velocity_m_s=(float(o["vx_m_s"]), float(o["vy_m_s"])),
-                position_sigma_m=float(o[axis + "00"]) ** 0.5, velocity_sigma_m_s=float(o[axis + "11"]) ** 0.5,
-                cov_m2_s=float(o[axis + "01"]), hits=int(o["hits"]), age_ns=t_ns - int(o["first_ns"]),
+                position_sigma_m=variance**0.5, velocity_sigma_m_s=speed_variance**0.5,
+                cov_m2_s=covariance, hits=int(o["hits"]), age_ns=t_ns - int(o["first_ns"]),
                 unseen_ns=t_ns - int(o["seen_ns"]),
             )
         )  # fmt: skip

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ..codes import Code
 from ..types import FrameModel
 
+STATE_VERSION = 3
+"""Of the layout of the tracker's tables; to be raised when it changes."""
 S_NEW, S_DETECTED, S_MISSED, S_HIDDEN, S_OUT_OF_VIEW = 1, 2, 3, 4, 5
 """TrackState as kernels and messages use it."""
 
@@ -100,9 +102,10 @@ class MovingObject:
 class TrackerState:
     """What one frame passes to the next: rows of the tables as little-endian bytes, bit for bit.
 
-    slots: int32 slot of each track; tracks: TRACK; cells: CELL; objects: OBJECT; history: float64; views: earlier free
+    version: of the tables' layout; slots: int32 slot of each track; tracks: TRACK; cells: CELL; objects: OBJECT; history: float64; views: earlier free
     ranges, see `tracker`. last_ns: of the newest frame, absent: none."""
 
+    version: int = STATE_VERSION
     next_id: int = 1
     next_object_id: int = 1
     last_ns: int | None = None

@@ -23,7 +23,7 @@ from .movers import HISTORY, OLD_S, carry_tracks, declare_objects, mark_tracks, 
 from .objects import MOST_OBJECTS, MOVER_RULES, OBJECT, assign_groups, predict_objects
 from .params import TrackingParams
 from .publish import snapshot_of
-from .snapshot import TrackerState, TrackingFrame, TrackSnapshot
+from .snapshot import STATE_VERSION, TrackerState, TrackingFrame, TrackSnapshot
 from .tables import CELL, CELLS, DETECTION, RULES, TRACK, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 
@@ -45,15 +45,20 @@ _VIEWS, _VIEW_STEP_NS = 9, NS // 5
 """Not tuning: earlier free ranges that are kept, and the least time between them."""
 
 
+def rules_of(p: TrackingParams) -> NDArray[Any]:
+    """(1,) RULES of the parameters."""
+    return record_of(
+        RULES, p, turn_rad=math.radians(p.turn_deg), behind_m=p.free_evidence_behind_m,
+        free_sigmas=p.free_evidence_sigmas, free_frames=p.free_evidence_frames,
+    )  # fmt: skip
+
+
 class Tracker:
     """The tracks of one camera. counts: tracks removed for want of slots, detections left out, pairs left out."""
 
     def __init__(self, params: TrackingParams | None = None, state: TrackerState | None = None) -> None:
         self.params = p = params or TrackingParams()
-        self._rules = record_of(
-            RULES, p, turn_rad=math.radians(p.turn_deg), behind_m=p.free_evidence_behind_m,
-            free_sigmas=p.free_evidence_sigmas, free_frames=p.free_evidence_frames,
-        )  # fmt: skip
+        self._rules = rules_of(p)
         self._wide = self._rules.copy()
         self._wide["gate_max_m"], self._wide["gate_min_m"] = _WIDE * p.gate_max_m, p.gate_max_m
         self._mover_rules = record_of(
@@ -232,6 +237,10 @@ class Tracker:
 
     def _resume(self, state: TrackerState) -> None:
         """Raises ValueError for a state whose parts do not fit together, or that has more tracks than the table."""
+        if state.version != STATE_VERSION:
+            raise ValueError(
+                f"tracker state: version {state.version} cannot be read, this program reads {STATE_VERSION}; begin without it"
+            )
         slots = np.frombuffer(state.slots, "<i4")
         n, width = len(slots), CELLS * CELL.itemsize
         if len(state.tracks) != n * TRACK.itemsize or len(state.cells) != n * width:

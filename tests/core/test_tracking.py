@@ -363,3 +363,5 @@ def test_a_state_that_does_not_fit_is_refused() -> None:
         Tracker(SMALL, dataclasses.replace(state, tracks=state.tracks[:-8]))
     with pytest.raises(ValueError, match="most_tracks"):
         Tracker(SMALL, dataclasses.replace(state, slots=np.array([999], "<i4").tobytes()))
+    with pytest.raises(ValueError, match="version 2 cannot be read"):
+        Tracker(SMALL, dataclasses.replace(state, version=2))

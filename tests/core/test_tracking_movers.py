@@ -12,7 +12,7 @@ import pytest
 from core.tracking.evidence import FreeView
 from core.tracking.free_view import free_view
 from core.tracking.groups import GROUP, find_groups, measured_limits
-from core.tracking.objects import MOVER_RULES, OBJECT, assign_groups
+from core.tracking.objects import MOVER_RULES, OBJECT, assign_groups, turn_covariance
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import detections_of
 from core.tracking.tracker import Tracker
@@ -226,3 +226,58 @@ def test_the_range_of_a_person_is_less_exact_than_the_direction() -> None:
     o = o[(o["hits"] > 0) & (o["moving_ns"] > 0)][0]
     assert o["t11"] < 0.7 * o["r11"]
     assert s.objects[0].velocity_sigma_m_s == pytest.approx(math.sqrt(o["r11"]))
+
+
+def test_the_box_of_a_mover_contains_its_planes_at_once() -> None:
+    """It comes out behind a corner and lifts its arms."""
+    tracker = Tracker(SMALL)
+    for k in range(16):
+        y = -2.5 + 0.15 * k
+        whole = face(6.0, y, 1.2, -1.9) if k == 15 else face(6.0, y)
+        s = tracker.observe(frame([whole, BACK], k))
+    assert len(s.objects) == 1
+    (x, y, z), (hx, hy, hz) = s.objects[0].centre_m, s.objects[0].half_size_m
+    assert x - hx <= 6.0 <= x + hx
+    assert y - hy <= -0.25 - 0.6 + 0.06
+    assert y + hy >= -0.25 + 0.6 - 0.06
+    assert z - hz <= -1.9 + 1e-6
+    assert z + hz >= 1.0 - 1e-6
+
+
+@pytest.mark.parametrize(("vx", "vy"), [(0.0, 4.0), (-2.0, 0.0), (0.0, 1.5)])
+def test_a_mover_that_stops_suddenly_is_not_published_beside_its_place(vx: float, vy: float) -> None:
+    tracker, stop = Tracker(SMALL), 1.5
+    for k in range(32):
+        t = min(0.1 * k, stop)
+        x, y = 8.0 + vx * t, (-3.0 if vy else 0.0) + vy * t
+        s = tracker.observe(frame([face(x, y), BACK], k))
+        if k == 14:
+            assert len(s.objects) == 1
+        if k >= 15:
+            for o in s.objects:
+                assert math.hypot(o.centre_m[0] - x, o.centre_m[1] - y) < 0.4 + 0.1 * math.hypot(vx, vy), k
+    assert s.objects == ()
+
+
+def test_an_object_that_stops_keeps_its_id_with_an_uncertain_velocity() -> None:
+    tracker = Tracker(SMALL)
+    for k in range(18):
+        s = tracker.observe(frame([face(8.0, -3.0 + 0.4 * min(k, 14)), BACK], k))
+        if k == 14:
+            before = s.objects[0]
+    assert [o.id for o in s.objects] in ([], [before.id])
+    assert all(o.velocity_sigma_m_s > 2.0 * before.velocity_sigma_m_s for o in s.objects)
+
+
+@pytest.mark.parametrize("steps", [1, 9, 90])
+def test_the_error_along_the_ray_is_kept_when_the_ray_turns(steps: int) -> None:
+    """After a turn by 60 degrees 75 % of the large variance lie across the new ray."""
+    objects = np.zeros(1, OBJECT)
+    o = objects[0]
+    o["r00"], o["r11"], o["t00"], o["t11"] = 1.0, 4.0, 0.01, 0.04
+    for k in range(steps):
+        turn_covariance(o, math.radians(60.0) * (k + 1) / steps)
+    exact = math.sin(math.radians(60.0)) ** 2 * 0.99 + 0.01
+    assert o["r00"] == 1.0
+    assert 0.85 * exact <= o["t00"] <= 1.0
+    assert o["t11"] == pytest.approx(4.0 * o["t00"])
