@@ -48,12 +48,13 @@ GRAVITY_M_S2, DRAG_RAD_PER_M_S = 9.81, math.radians(1.0)
 ACCELERATION_M_S2 = 2.5
 AVOID = AvoidParams(max_distance_m=10.0)
 AUTOPILOTS = ("PX4", "ArduPilot")
+PRESUME = OpenSkyParams(mode="presume", mount_measured=True)
 
 
 @dataclass(slots=True)
 class Flown:
     """One flight. stops: times that the speed fell below STOPPED_M_S; clearance_m: least distance ahead to a solid at the height of
-    the camera; fastest_m_s; mean_m_s while it flew; open_share: of the frames in which the direction ahead was free or open."""
+    the camera; open_frames: frames with any open range; first_stop_m: place of the first stop, nan: none."""
 
     distance_m: float = 0.0
     seconds: float = 0.0
@@ -72,10 +73,11 @@ class Px4Vehicle:
     mode: PositionMode = field(default_factory=lambda: position_mode((1, 15), MARGIN_M))
 
     def read(self, message: object, now_ns: int) -> None:
+        """Takes a message."""
         self.mode.reader.read(message, now_ns)
 
     def step(self, dt_s: float, now_ns: int) -> tuple[float, float]:
-        """(position north, speed north)."""
+        """(position in m, speed in m/s), north, after a step."""
         stick = np.array([WANTED_M_S / self.mode.params.mpc_vel_manual_m_s, 0.0])
         self.mode.step(stick, dt_s, now_ns)
         return float(self.mode.position_m[0]), float(self.mode.velocity_m_s[0])
@@ -90,10 +92,11 @@ class CopterVehicle:
     speed_m_s: float = 0.0
 
     def read(self, message: object, now_ns: int) -> None:
+        """Takes a message."""
         self.reader.read(message, now_ns)
 
     def step(self, dt_s: float, now_ns: int) -> tuple[float, float]:
-        """(position north, speed north)."""
+        """(position in m, speed in m/s), north, after a step."""
         wanted = self.reader.velocity_m_s((WANTED_M_S, 0.0), now_ns)[0] if self.reader.healthy(now_ns) else 0.0
         change = ACCELERATION_M_S2 * dt_s
         self.speed_m_s += max(-1.5 * change, min(change, wanted - self.speed_m_s))
@@ -104,7 +107,9 @@ class CopterVehicle:
 class CrossingLoop:
     """One vehicle in made-up time. `run` flies; flown: what happened."""
 
-    def __init__(self, scene: StereoScene, autopilot: str, profile: str = "zed", seed: int = 0) -> None:
+    def __init__(
+        self, scene: StereoScene, autopilot: str, profile: str = "zed", seed: int = 0, open_sky: OpenSkyParams = PRESUME
+    ) -> None:
         self.scene, self.autopilot, self.seed = scene, autopilot, seed
         self.vehicle: Px4Vehicle | CopterVehicle = Px4Vehicle() if autopilot == "PX4" else CopterVehicle()
         self._now = (
@@ -114,9 +119,9 @@ class CrossingLoop:
         )
         self._camera = StereoCamera(marked(profile_of(profile)))
         self._info = self._camera.profile.info()
-        extractor = Extractor(Params(), OpenSkyParams(mode="presume", mount_measured=True))
+        extractor = Extractor(Params(), open_sky)
         self._pipeline = Pipeline((self._info,), lambda info: extractor)
-        self._builder = ObstacleReportBuilder(AVOID, (self._info.camera,), 0.3, open_counts=True)
+        self._builder = ObstacleReportBuilder(AVOID, (self._info.camera,), 0.3, open_counts=open_sky.presumes)
         self._builder.announce(self._info)
         self.flown = Flown()
         self.now_ns, self._frame, self._pitch_rad = 100 * NS, 0, 0.0

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..jit import inner
-from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, TEXTURED_MM, TEXTURELESS_MM
+from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, SATURATED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
+from .level import seen_rows, source_of_rows
 from .view_geometry import Q_FAR, Q_UNKNOWN
 
 BLOCK = 4
@@ -20,28 +22,54 @@ alone (masked, dark, saturated, or dropped after they were measured); textureles
 measured below; all others, whose unmeasured pixels are textured."""
 BEYOND_ALL = np.float32(np.inf)
 """Distance of what is not measured within the range."""
+OUTSIDE_MM = np.uint16(SATURATED_MM)
+"""In `level_marks`: no pixel of the source. Pixels of this value itself are unknown there."""
+
+
+class ForwardRows(NamedTuple):
+    """Scratch of `level_marks`, (rows,): forward float32, at uint32, of `level.source_of_rows`."""
+
+    forward: Any
+    at: Any
 
 
 @inner
-def source_mm(depth_mm, H, u, v):
-    """The depth of the source pixel nearest to cell (u, v), millimetres or a mark; -1 outside of the image. depth_mm: (H, W) uint16."""
-    w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
-    if w <= 1e-6:
-        return -1
-    x = math.floor((H[0, 0] * u + H[0, 1] * v + H[0, 2]) / w + 0.5)
-    y = math.floor((H[1, 0] * u + H[1, 1] * v + H[1, 2]) / w + 0.5)
-    if x < 0 or y < 0 or x >= depth_mm.shape[1] or y >= depth_mm.shape[0]:
-        return -1
-    return int(depth_mm[int(y), int(x)])
+def level_marks(flat, shape, codes, H, clear_m, gain, rows_of, mm, out):
+    """Each cell of the levelled view takes what its source pixel holds, and a far one the code of what was measured there.
+
+    flat: (H * W,) uint16 of the source, with its marks; shape: (H, W); codes: (cols, rows) uint16 of the view. clear_m: optical depth from
+    which on a cell is far; gain: f_px * lsb_per_px. rows_of: ForwardRows, scratch. mm: (cols, rows) uint16 out, millimetres or
+    a mark, OUTSIDE_MM outside of the image. out: (cols, rows) uint16 out, the codes, with those of far cells by what was measured
+    beyond the range of the camera."""
+    src_rows, src_cols = shape
+    rows, forward, at = codes.shape[1], rows_of.forward, rows_of.at
+    clear = np.uint16(min(65535.0, math.ceil(gain / clear_m)))
+    least, scale = np.uint16(min(65535.0, math.floor(1000.0 * clear_m))), np.float32(1000.0 * gain)
+    far, saturated, unknown = np.uint16(FAR_MM), np.uint16(SATURATED_MM), np.uint16(UNKNOWN_MM)
+    for u in range(codes.shape[0]):
+        first, end = seen_rows(H, u, src_cols, src_rows, rows)
+        column, marks, line = codes[u], mm[u], out[u]
+        marks[:first] = OUTSIDE_MM
+        marks[end:] = OUTSIDE_MM
+        line[:first] = Q_UNKNOWN
+        line[end:] = Q_UNKNOWN
+        source_of_rows(H, u, first, src_cols, src_rows, forward, at[: end - first])
+        for i in range(end - first):
+            z = flat[at[i]]
+            marks[first + i] = unknown if z == saturated else z
+        for i in range(end - first):
+            z, code = marks[first + i], column[first + i]
+            beyond = np.ceil(scale * forward[i] / np.float32(max(z, np.uint16(1))))
+            measured = np.uint16(min(beyond, np.float32(65535.0))) if (z < far) & (z > least) else clear
+            line[first + i] = measured if code == Q_FAR else code
 
 
 @inner
-def sample(depth_mm, code, H, u, v):
-    """Kind of one cell (u, v) of the view with this code. depth_mm: (H, W) uint16 of the source, with its marks."""
+def kind_of(code, mm):
+    """Kind of one cell of the view with this code. mm: of `level_marks`."""
     if code != Q_UNKNOWN:
         return MEASURED
-    mm = source_mm(depth_mm, H, u, v)
-    if mm < 0:
+    if mm == OUTSIDE_MM:
         return OUTSIDE
     if mm == TEXTURELESS_MM:
         return SMOOTH
@@ -53,8 +81,8 @@ def sample(depth_mm, code, H, u, v):
 
 
 @inner
-def sort_blocks(depth_mm, codes, H, gain, kind, near):
-    """kind: (C, R) uint8 out, of each block of the view; near: (C, R) float32 out, its least forward distance, BEYOND_ALL: none
+def sort_blocks(mm, codes, gain, kind, near):
+    """mm: of `level_marks`; codes: its out. kind: (C, R) uint8 out, of each block of the view; near: (C, R) float32 out, its least forward distance, BEYOND_ALL: none
     within the range. gain: f_px * lsb_per_px."""
     cols, rows = codes.shape
     for j in range(kind.shape[0]):
@@ -63,7 +91,7 @@ def sort_blocks(depth_mm, codes, H, gain, kind, near):
             for u in range(j * BLOCK, min((j + 1) * BLOCK, cols), _STEP):
                 for v in range(i * BLOCK, min((i + 1) * BLOCK, rows), _STEP):
                     code = int(codes[u, v])
-                    what = sample(depth_mm, code, H, u, v)
+                    what = kind_of(code, mm[u, v])
                     count += 1
                     outside += what == OUTSIDE
                     smooth += what == SMOOTH
@@ -84,21 +112,3 @@ def sort_blocks(depth_mm, codes, H, gain, kind, near):
                 kind[j, i] = PARTLY if measured > 0 else OTHER
             else:
                 kind[j, i] = TEXTURED
-
-
-@inner
-def recode_far(depth_mm, codes, H, clear_m, gain, out):
-    """out: (cols, rows) uint16, the codes, with those of far cells by what was measured there beyond the range of the camera.
-
-    clear_m: optical depth from which on a cell is far; gain: f_px * lsb_per_px."""
-    cols, rows = codes.shape
-    clear = np.uint16(min(65535.0, math.ceil(gain / clear_m)))
-    for u in range(cols):
-        for v in range(rows):
-            code = codes[u, v]
-            if code == Q_FAR:
-                mm = source_mm(depth_mm, H, u, v)
-                measured = mm < FAR_MM and mm > 1000.0 * clear_m
-                w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
-                code = np.uint16(math.ceil(gain * 1000.0 * w / mm)) if measured else clear
-            out[u, v] = code

@@ -23,9 +23,9 @@ from ..buffers import Buffers
 from ..jit import inner, kernel
 from ..open_sky_params import OpenSkyParams
 from ..params import Params
-from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, Ground
+from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM, Ground
 from .free_space import FreeObservation, observe_free
-from .open_blocks import BLOCK, recode_far, sort_blocks, source_mm
+from .open_blocks import BLOCK, ForwardRows, level_marks, sort_blocks
 from .open_columns import (
     Columns,
     bridge_columns,
@@ -43,51 +43,51 @@ on both sides of it), so that a thing of its own is never filled."""
 
 
 @inner
-def edge_ends(depth_mm, H, u, first, end, out):
+def edge_ends(mm, u, first, end, out):
     """Whether the textureless and textured cells of column u from row `first` on give way to matched or smooth ground in a row before
     `end`. Where they do not, they are no edge: a textured thing may begin at the horizon."""
     for v in range(first, min(end, out.shape[1])):
         if out[u, v] != Q_UNKNOWN:
             return True
-        mm = source_mm(depth_mm, H, u, v)
-        if mm in (BEYOND_MM, CONTINUED_MM):
+        mark = mm[u, v]
+        if mark in (BEYOND_MM, CONTINUED_MM):
             return True
-        if mm not in (TEXTURELESS_MM, TEXTURED_MM):
+        if mark not in (TEXTURELESS_MM, TEXTURED_MM):
             return False
     return False
 
 
 @inner
-def set_open(depth_mm, H, columns, run, code, matched, out):
+def set_open(mm, columns, run, code, matched, out):
     """Gives a code to unknown cells of columns (first, end) by their marks, downwards: textureless ones from row run[0] on until
     something else is met in row run[1] or below; textured ones from there on, the edge itself, until something else is met or to
     run[2] - 1, where the edge ends by then; smooth ground below that to run[3] - 1. Cells that were matched beyond what millimetres
     can hold get the code `matched`. Cells of which nothing is known, and what lies lower, keep theirs."""
     for u in range(columns[0], columns[1]):
-        sky, edge = True, edge_ends(depth_mm, H, u, run[1], run[2] + 1, out)
+        sky, edge = True, edge_ends(mm, u, run[1], run[2] + 1, out)
         for v in range(run[0], out.shape[1]):
-            measured = out[u, v] != Q_UNKNOWN
-            mm = -1 if measured else source_mm(depth_mm, H, u, v)
+            # a mark stays where the view has no code of its own, and is none elsewhere
+            mark = mm[u, v] if out[u, v] == Q_UNKNOWN else np.uint16(UNKNOWN_MM)
             if v >= run[1]:
-                sky = sky and mm == TEXTURELESS_MM
-                edge = edge and (sky or mm == TEXTURED_MM)
-            at_edge = mm == TEXTURED_MM and edge and run[1] <= v < run[2]
-            below = mm == CONTINUED_MM and run[1] <= v < run[3]
-            if mm == BEYOND_MM:
+                sky = sky and mark == TEXTURELESS_MM
+                edge = edge and (sky or mark == TEXTURED_MM)
+            at_edge = mark == TEXTURED_MM and edge and run[1] <= v < run[2]
+            below = mark == CONTINUED_MM and run[1] <= v < run[3]
+            if mark == BEYOND_MM:
                 out[u, v] = matched
-            elif (mm == TEXTURELESS_MM and sky and v < run[2]) or at_edge or below:
+            elif (mark == TEXTURELESS_MM and sky and v < run[2]) or at_edge or below:
                 out[u, v] = code
 
 
 @inner
-def fill_holes(depth_mm, H, columns, first, end, code, out):
+def fill_holes(mm, columns, first, end, code, out):
     """Textured holes of at most _MOST_HOLE rows between measured cells of columns (first, end) and rows first..end - 1 get the nearest of
     both and of the code: texture is matched with holes where it is fine."""
     for u in range(columns[0], columns[1]):
         begin, textured = first, True
         for v in range(first, min(end, out.shape[1])):
             if out[u, v] == Q_UNKNOWN:
-                textured = textured and source_mm(depth_mm, H, u, v) == TEXTURED_MM
+                textured = textured and mm[u, v] == TEXTURED_MM
                 continue
             if begin > first and textured and v - begin <= _MOST_HOLE:
                 for row in range(begin, v):
@@ -96,23 +96,24 @@ def fill_holes(depth_mm, H, columns, first, end, code, out):
 
 
 @kernel
-def open_codes(depth_mm, codes, H, settings, columns, out):
+def open_codes(depth_mm, codes, H, settings, columns, mm, out):
     """out: (cols, rows) uint16, the codes with those of open cells set to the range to which they are open.
 
     depth_mm: (H, W) uint16 of the source with its marks; codes: of its levelled view, H: of ViewGeometry. settings: (1,)
-    OPEN_SETTINGS. columns: Columns of the blocks of the view, filled."""
+    OPEN_SETTINGS. columns: Columns of the blocks of the view, filled. mm: (cols, rows) uint16 scratch, of `level_marks`."""
     rows = codes.shape[1]
     s = settings[0]
     n = len(columns.limit_m)
     shape = (n, (rows + BLOCK - 1) // BLOCK)
     kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
-    # first: what is beyond the range of the camera has a distance too
-    recode_far(depth_mm, codes, H, s.clear_m, s.gain, out)
-    sort_blocks(depth_mm, out, H, s.gain, kind, near)
+    # what is beyond the range of the camera has a distance too
+    scratch = ForwardRows(np.empty(rows, np.float32), np.empty(rows, np.uint32))
+    level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.clear_m, s.gain, scratch, mm, out)
+    sort_blocks(mm, out, s.gain, kind, near)
     judge_columns(kind, near, s, columns)
     for j in range(n):
         if columns.base_m[j] > 0.0:
-            open_column(depth_mm, H, columns, j, s, out)
+            open_column(mm, columns, j, s, out)
 
 
 @inner
@@ -131,7 +132,7 @@ def judge_columns(kind, near, s, columns):
 
 
 @inner
-def open_column(depth_mm, H, columns, j, s, out):
+def open_column(mm, columns, j, s, out):
     """Sets the codes of column j of blocks, which gives evidence. Where its neighbours rule it out, only what was matched beyond
     the range counts."""
     cols, rows = out.shape
@@ -139,7 +140,7 @@ def open_column(depth_mm, H, columns, j, s, out):
     among = (j * BLOCK, min((j + 1) * BLOCK, cols))
     first = columns.top[j] * BLOCK
     if limit <= 0.0:
-        set_open(depth_mm, H, among, (first, rows, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
+        set_open(mm, among, (first, rows, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
         return
     code = np.uint16(Q_FAR)
     if limit < s.most_m:
@@ -147,8 +148,8 @@ def open_column(depth_mm, H, columns, j, s, out):
     below, edge = min((columns.base[j] + 1) * BLOCK, rows), columns.edge[j] * BLOCK
     gap = int(s.gap_t * s.f_px)
     run = (first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px))
-    set_open(depth_mm, H, among, run, code, code, out)
-    fill_holes(depth_mm, H, among, edge, edge + 3 * gap, code, out)
+    set_open(mm, among, run, code, code, out)
+    fill_holes(mm, among, edge, edge + 3 * gap, code, out)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -185,7 +186,7 @@ def observe_open(
     most_m = min(float(source["max_range_m"][0]), open_sky.open_max_range_m)
     settings = open_settings(view, most_m, float(source["clear_m"][0]), open_sky)
     out, columns = buffers("open_codes", codes.shape, np.uint16), empty_columns(-(-len(codes) // BLOCK))
-    open_codes(depth_mm, codes, view.H, settings, columns, out)
+    open_codes(depth_mm, codes, view.H, settings, columns, buffers("open_marks", codes.shape, np.uint16), out)
     up_to = source.copy()
     up_to["clear_m"] = most_m
     walk = _walk_params(params, open_sky.open_share)
