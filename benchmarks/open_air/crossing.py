@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.free_space.volume import first_solids
 from benchmarks.open_air.open_claims import marked
@@ -36,7 +37,7 @@ from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.px4_position_mode import PositionMode, position_mode
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.stereo.sky import SKIES
-from drivers.simulation.stereo.stereo_profiles import StereoCamera
+from drivers.simulation.stereo.stereo_profiles import StereoCamera, StereoProfile
 from drivers.simulation.stereo.stereo_scenes import StereoScene, surfaces_of
 
 NS, MS = 1_000_000_000, 1_000_000
@@ -104,6 +105,15 @@ class CopterVehicle:
         return self.x_m, self.speed_m_s
 
 
+def unmatched_columns(profile: StereoProfile) -> NDArray[np.bool_]:
+    """(H, W) the pixels at both sides that never have a match, as the service leaves them out of what a camera covers."""
+    k = profile.view.intrinsics
+    out = np.zeros((k.height, k.width), np.bool_)
+    out[:, : profile.unmatched_left_px] = True
+    out[:, k.width - profile.unmatched_right_px :] = True
+    return out
+
+
 class CrossingLoop:
     """One vehicle in made-up time. `run` flies; flown: what happened."""
 
@@ -122,7 +132,7 @@ class CrossingLoop:
         extractor = Extractor(Params(), open_sky)
         self._pipeline = Pipeline((self._info,), lambda info: extractor)
         self._builder = ObstacleReportBuilder(AVOID, (self._info.camera,), 0.3, open_counts=open_sky.presumes)
-        self._builder.announce(self._info)
+        self._builder.announce(self._info, unmatched_columns(self._camera.profile))
         self.flown = Flown()
         self.now_ns, self._frame, self._pitch_rad = 100 * NS, 0, 0.0
         self._x_m, self._speed_m_s, self._moving = 0.0, 0.0, False
