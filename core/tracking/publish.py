@@ -39,7 +39,7 @@ def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m
     """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
     since the newest observation.
 
-    A plane lies no farther behind the newest observation than BEHIND_M or its margin, and the margin contains
+    A plane lies no farther behind the newest observation than BEHIND_M or a quarter of its margin, and the margin contains
     the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the
     share of frames in view that observed the track, and at most 1 - 0.5^hits."""
     n = int(np.count_nonzero(tracks["hits"]))
@@ -61,7 +61,7 @@ def fill_columns(tracks, t_ns, growth_m_s, out):
         if t.hits == 0:
             continue
         excess = max(0.0, t.excess_m)
-        nearer = max(0.0, excess - max(BEHIND_M, t.margin_m)) if t.s1_m - t.s0_m >= WIDE_M else 0.0
+        nearer = max(0.0, excess - max(BEHIND_M, 0.25 * t.margin_m)) if t.s1_m - t.s0_m >= WIDE_M else 0.0
         x, y = t.x_m - nearer * t.ty, t.y_m + nearer * t.tx
         out.planes[n, 0], out.planes[n, 1] = x + t.s0_m * t.tx, y + t.s0_m * t.ty
         out.planes[n, 2], out.planes[n, 3] = x + t.s1_m * t.tx, y + t.s1_m * t.ty
