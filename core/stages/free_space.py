@@ -54,14 +54,13 @@ WALK_SETTINGS = record(
     ("ring_noise_cap", np.float64),
     ("ring_m", np.float64),
     ("step_rad", np.float64),
-    ("restarts", np.bool_),
 )
 """f_px, horizon_row, rows: of the view; block_rows: rows that are counted together, even. height_m to blind_beyond_m: the
 ground, its tolerance and the noise of its height over range; without a ground its height is infinite. free_share,
 least_m: what counts as free, and the least height of a layer above the ground. The optical depth of a point of level_cam is
 ahead x + right y + down z; clear_m: up to where it counts as measured. gain: f_px * lsb_per_px. ring_noise: noise of
 distance over its square, ring_noise_cap: its greatest share of the distance. ring_m, step_rad: steps of range and
-direction. restarts: whether a free range may begin again behind a ring that is unknown, see `walk_rings`."""
+direction."""
 
 
 class Sampled(NamedTuple):
@@ -83,9 +82,7 @@ class FreeRanges(NamedTuple):
     end: Any
 
 
-def walk_settings(
-    g: ViewGeometry, ground: Ground, clear_m: float, ke_per_m: float, p: Params, restarts: bool = False
-) -> NDArray[Any]:
+def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke_per_m: float, p: Params) -> NDArray[Any]:
     """(1,) WALK_SETTINGS of a view and the ground found in it."""
     out = np.zeros(1, WALK_SETTINGS)
     right, down = float(g.H[2, 0]) * g.f_px / float(g.lateral[0]), float(g.H[2, 1]) * g.f_px
@@ -111,7 +108,6 @@ def walk_settings(
         p.profile_noise_cap,
         p.profile_ring_m,
         math.radians(p.profile_step_deg),
-        restarts,
     )
     return out
 
@@ -215,13 +211,10 @@ def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
     sampled: Sampled of the direction between t0 and t1; behind: (R,) of `codes_behind`; rows: (R, 2) of `rows_of_rings`. The layer reaches from z = top down to bottom, or to `lowest_clear`; where that may
-    hide an obstacle of the least height, none of it is free. Nothing is free beyond the range. With `restarts` the last of several
-    ranges is given: near rings look at rows far from the horizon, where pixels may be missing that no farther ring looks at.
-    w: a record of WALK_SETTINGS."""
+    hide an obstacle of the least height, none of it is free. Nothing is free beyond the range. w: a record of WALK_SETTINGS."""
     t, block = 0.5 * (t0 + t1), w.block_rows
     begin, unknown, in_source = sampled.begin, sampled.unknown, sampled.in_source
     first, last, why = -1, -1, _NOT_SEEN
-    before_first, before_last = -1, -1
     for r in range(len(ring_m)):
         x, v0, v1 = ring_m[r], rows[r, 0], rows[r, 1]
         lower = min(bottom, lowest_clear(t, x, w))
@@ -259,14 +252,10 @@ def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
             why = _RANGE
             continue
         near = known - seen
-        if near > near_enough or (first >= 0 and not w.restarts):
+        if first >= 0 or near > near_enough:
             why = _OBSTACLE if near >= dark else _UNKNOWN
             break
-        if first >= 0:
-            before_first, before_last = first, last
-        first, last, why = -1, -1, _UNKNOWN
-    if first < 0:
-        return before_first, before_last, why
+        why = _UNKNOWN
     return first, last, why
 
 
@@ -347,17 +336,11 @@ class FreeObservation:
 
 
 def observe_free(
-    codes: NDArray[np.uint16],
-    view: ViewGeometry,
-    source: NDArray[Any],
-    ground: Ground,
-    ke_per_m: float,
-    params: Params,
-    restarts: bool = False,
+    codes: NDArray[np.uint16], view: ViewGeometry, source: NDArray[Any], ground: Ground, ke_per_m: float, params: Params
 ) -> FreeObservation:
-    """Free ranges by the pixels of a levelled view that is not pooled. source: (1,) SOURCE; restarts: of WALK_SETTINGS."""
+    """Free ranges by the pixels of a levelled view that is not pooled. source: (1,) SOURCE."""
     layers = layer_edges(params)
-    settings = walk_settings(view, ground, float(source["clear_m"][0]), ke_per_m, params, restarts)
+    settings = walk_settings(view, ground, float(source["clear_m"][0]), ke_per_m, params)
     edges, edges_t, free_from, free_to, end = see_free(codes, view, source, layers, settings)
     return FreeObservation(
         edges_rad=edges,

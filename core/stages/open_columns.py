@@ -16,11 +16,11 @@ from .open_blocks import BEYOND_ALL, BLOCK, CONTINUED, MEASURED, OUTSIDE, SMOOTH
 from .view_geometry import ViewGeometry
 
 _NOTHING = np.float32(0.0)
-_BRIDGE = 12
+_BRIDGE = 4
 """Columns of blocks without a measurement below their edge that are bridged, counted with the next one."""
-_BORDER_OF_GROUND = 3
-"""Blocks that the border between smooth ground and what is matched below may cross: the driver marks smooth ground up to 8
-unmatched rows above what is matched (`textureless._LIKE_GAP_PX`). What lies in them stays unknown itself."""
+_BORDER_OF_GROUND = 1
+"""Blocks that the border between smooth ground and what is matched below may cross. The visible lower edge of a girder of the
+brightness of the ground crosses two or three; such a girder was open with a border of three blocks."""
 
 
 class Refusal(IntEnum):

@@ -190,5 +190,5 @@ def observe_open(
     up_to = source.copy()
     up_to["clear_m"] = most_m
     walk = _walk_params(params, open_sky.open_share)
-    seen = observe_free(out, view, up_to, ground, ke_per_m, walk, restarts=True)
+    seen = observe_free(out, view, up_to, ground, ke_per_m, walk)
     return OpenObservation(seen=seen, columns=columns)

@@ -35,8 +35,6 @@ _BENDS = (((5, 5), (6, 0)), ((5, 5), (0, 6)), ((21, 3), (0, 4)), ((3, 21), (4, 0
 _LIKE_WINDOW, _LIKE_BELOW_PX, _LIKE_GAP_PX, _LIKE_ROWS = (41, 5), 6, 8, 90
 """Window whose mean is compared with that so many rows below, unmatched rows between both, and rows from the
 surface on."""
-_LIKE_FILL_PX = 24
-"""Columns without smooth ground of their own that are filled between such with."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,16 +149,7 @@ def continued(matched: Mask, even: Mask, left: Gray, limits: SmoothLimits) -> Ma
         like = even[v] & (rise <= _LIKE_ROWS) & (gap <= _LIKE_GAP_PX) & (np.abs(mean[v] - level) <= limits.like_grey)
         found[v] = like & ~here
         gap = np.where(here | like, 0, gap + 1)
-    return found | _between(found, even)
-
-
-def _between(found: Mask, even: Mask) -> Mask:
-    """(H, W) which pixels lie between found ones of their row, at most _LIKE_FILL_PX apart, with smooth ones alone between: the
-    matched surface below some columns is missing, and where no edge is, the surface is the same."""
-    window = np.ones((1, _LIKE_FILL_PX + 1), np.uint8)
-    closed = cv2.morphologyEx(found.view(np.uint8), cv2.MORPH_CLOSE, window)
-    other = cv2.dilate((~(found | even)).view(np.uint8), np.ones((1, 2 * _LIKE_FILL_PX + 1), np.uint8))
-    return np.asarray((closed > 0) & even & (other == 0))
+    return found
 
 
 def mark_unmeasured(

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
-from drivers.cameras.textureless import SmoothLimits, continued, edges, mark_unmeasured, noise_grey, smooth
+from drivers.cameras.textureless import SmoothLimits, edges, mark_unmeasured, noise_grey, smooth
 
 HEIGHT, WIDTH = 180, 240
 LIMITS = SmoothLimits()
@@ -139,19 +139,3 @@ def test_noise_is_no_edge_at_the_border_of_the_image_either() -> None:
     assert found.mean() < 1e-3
     border = np.concatenate([found[:8].ravel(), found[-8:].ravel(), found[:, :8].ravel(), found[:, -8:].ravel()])
     assert border.mean() < 3e-3
-
-
-def test_smooth_ground_fills_columns_whose_matched_surface_is_missing() -> None:
-    """Beside smooth ground, with no edge between: the same surface. Across an edge it is not."""
-    image = np.full((HEIGHT, WIDTH), 120.0)
-    even = np.ones((HEIGHT, WIDTH), np.bool_)
-    matched = np.zeros((HEIGHT, WIDTH), np.bool_)
-    matched[140:] = True
-    matched[140:160, 100:112] = False  # no match just below in these columns
-    even[matched] = False
-    even[140:160, 100:112] = False
-    left = image.astype(np.uint8)
-    found = continued(matched, even, left, LIMITS)
-    assert found[100:139, 60:180].all()
-    even[100:139, 98:100] = False  # an upright edge on one side
-    assert not continued(matched, even, left, LIMITS)[100:139, 100:112].any()
