@@ -236,7 +236,7 @@ def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypat
     assert main(["doctor"]) == 1
     assert "`companion setup` writes one" in capsys.readouterr().err
     assert main(["doctor", "-c", str(tmp_path / "none.toml")]) == 1
-    assert "configs/default.toml" in capsys.readouterr().err
+    assert "`companion configs` lists" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("baud", "good"), [(57_600, False), (115_200, False), (921_600, True)])
