@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -42,6 +43,10 @@ def test_what_differs_is_named(session: Session, step: Step, problem: str) -> No
 def test_a_background_command_ends_with_ctrl_c(session: Session) -> None:
     command = "sleep 60"
     assert session.run(Step(command, starts=True)) is None
+    process, _, _ = session._running[command]
+    name = Path(f"/proc/{process.pid}/comm")
+    while name.read_text() != "sleep\n":  # the shell that starts it may lose a signal
+        time.sleep(0.01)
     done = session.run(Step(stop=command, status=-2))
     assert done is not None
     assert done.problem == ""
