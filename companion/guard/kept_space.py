@@ -3,7 +3,7 @@
 The corridor of an earlier sight lies a little beside, above or below that of the newest. As a whole it counts as far as it lies
 within a tolerance. Ray by ray the sights complete each other, since holes of the depth image lie at other places in each frame. There
 a ray of an earlier sight stands between two rays of the newest one: it counts as far as its neighbours were seen free, too, and only
-while it is displaced by less than the distance between rays. Otherwise two sights, one displaced to each side, would pass what
+while it is displaced by at most half of the distance between rays. Otherwise two sights, one displaced to each side, would pass what
 neither has measured.
 """
 

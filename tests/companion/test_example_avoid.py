@@ -20,7 +20,7 @@ def test_the_flight_stops_and_is_drawn(tmp_path: Path, capsys: pytest.CaptureFix
     assert float(re.findall(r"([\d.]+) m/s", under_way)[0]) > 2.0
     assert 2.5 <= float(re.findall(r"stands ([\d.]+) m", stands)[0]) < 4.0
     for line, expected in ((px4, "silence"), (ardupilot, "the wall of the policy")):
-        assert f"is told {expected}, 0.0 m/s" in line
+        assert f"is sent {expected}, 0.0 m/s" in line
         assert float(re.findall(r"at ([\d.]+) m$", line)[0]) < 10.0
     assert written == f"written: {picture}"
     height, width, _ = cv2.imread(str(picture)).shape

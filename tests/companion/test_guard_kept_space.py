@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ RAYS = 50
 FAR_M, HOLE_M = 20.0, 6.0
 
 
-def rays(hole: slice = slice(0, 0), far_m: float = FAR_M, at_m: float = HOLE_M) -> dict[str, object]:
+def rays(hole: slice = slice(0, 0), far_m: float = FAR_M, at_m: float = HOLE_M) -> dict[str, Any]:
     """Free as far as far_m, but for the rays of a hole of the depth image."""
     out = np.full(RAYS, far_m)
     out[hole] = at_m
@@ -44,12 +45,12 @@ def test_holes_at_different_places_of_the_frames_do_not_stop() -> None:
     """Each frame loses more than a fifth of the rays, and no ray is lost in all."""
     sights = [later(80 * k, **rays(hole)) for k, hole in enumerate(HOLES * 3)]
     assert BRAKING.needed_m(5.0) > HOLE_M
-    assert action(replace(SIGHT, **rays()), *sights) is Action.PASS  # type: ignore[arg-type]
+    assert action(replace(SIGHT, **rays()), *sights) is Action.PASS
 
 
 def test_a_hole_that_stays_stops() -> None:
     sights = [later(80 * k, **rays(HOLES[0])) for k in range(1, 6)]
-    assert action(replace(SIGHT, **rays()), *sights) is Action.STOP  # type: ignore[arg-type]
+    assert action(replace(SIGHT, **rays()), *sights) is Action.STOP
 
 
 def test_what_rays_saw_free_shrinks_by_the_way_flown() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -27,11 +28,11 @@ from .test_guard_thread import Flight as GuardFlight
 STANDING = replace(SIGHT, speed_m_s=0.0, velocity_ns=T_NS)
 
 
-def verdict(age_ns: int, speed_m_s: float, **changes: object) -> Verdict | None:
+def verdict(age_ns: int, speed_m_s: float, **changes: Any) -> Verdict | None:
     """With a velocity of this age; everything else is new."""
     assessor = PathAssessor(GUARD, BRAKING, AVOID)
     sight = replace(SIGHT, speed_m_s=speed_m_s, velocity_ns=T_NS - age_ns)
-    assessor.take(replace(sight, **changes))  # type: ignore[arg-type]
+    assessor.take(replace(sight, **changes))
     return assessor.verdict(T_NS)
 
 
@@ -126,7 +127,9 @@ def test_a_guard_that_never_received_a_velocity_is_in_doubt() -> None:
 
 def test_where_a_vehicle_flies_that_stood_when_its_velocity_was_lost_is_not_known() -> None:
     """Its path is that of no direction: it may fly to where no camera looks."""
-    assert verdict(LONGEST_UNMEASURED_NS, 0.0).action is Action.PASS  # type: ignore[union-attr]
+    known = verdict(LONGEST_UNMEASURED_NS, 0.0)
+    assert known is not None
+    assert known.action is Action.PASS
     unknown = verdict(LATE_NS + 400 * MS, 0.0)
     assert unknown is not None
     assert unknown.room_m == 0.0

@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -186,6 +187,10 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     assert published == [0, 1, 2, 20]
 
 
+def _has(published: list[int], frames: int) -> bool:
+    return len(published) == frames
+
+
 def recorded(folder: Path, params: RecordParams) -> Path:
     """The log of 21 frames in one second, whose estimate of the noise depends on the frames before."""
     flight = SimulatedFlight("street", width=320, height=240, duration_s=1.0, rates=Rates(depth_hz=20.0))
@@ -197,7 +202,7 @@ def recorded(folder: Path, params: RecordParams) -> Path:
     for event in flight.events():
         if isinstance(event, DepthFrame):
             event_queue.put_frame(event)
-            assert until(lambda frames=event.sequence + 1: len(published) == frames, 30.0)  # type: ignore[misc]
+            assert until(partial(_has, published, event.sequence + 1), 30.0)
         else:
             event_queue.put([event])
     loop.close()
