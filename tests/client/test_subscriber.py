@@ -108,7 +108,7 @@ def test_the_newest_message_with_its_age(service: Service) -> None:
             message = a_frame()
             message.sequence = sequence
             service.say(message, age_ms=20.0)
-        assert until(lambda: (n := client.latest()) is not None and n.content.sequence == 4, 5.0)
+        assert until(lambda: (n := client.latest()) is not None and n.content.sequence == 4, 60.0)
         received = client.latest()
         assert received is not None
         assert received.valid
@@ -124,7 +124,7 @@ def test_news_that_grow_old_are_stale(service: Service) -> None:
         service.say(a_frame(), age_ms=1.0)
         received = client.wait(5.0)
         assert received is not None
-        assert until(lambda: received.stale, 2.0)
+        assert until(lambda: received.stale, 60.0)
         assert client.wait(0.05) is None
         assert client.latest() is received
         service.say(a_frame(), age_ms=301.0)
@@ -243,11 +243,11 @@ def test_a_service_that_starts_again_is_received_again(tmp_path: Path) -> None:
         joined(client, first)
         for _ in range(20):
             first.say(a_frame(), age_ms=0.0)
-        assert until(lambda: client.latest() is not None, 5.0)
+        assert until(lambda: client.latest() is not None, 60.0)
         first.close()
         received = client.latest()
         assert received is not None
-        assert until(lambda: received.stale, 2.0)
+        assert until(lambda: received.stale, 60.0)
         second = Service(address)
         try:
             joined(client, second)  # its numbers begin at 0 again

@@ -154,7 +154,7 @@ class Live:
         self._subscriptions.append(subscription)
         return subscription
 
-    def stop(self, number: int = signal.SIGTERM, seconds: float = 15.0) -> int:
+    def stop(self, number: int = signal.SIGTERM, seconds: float = PATIENCE_S) -> int:
         """Sends a signal and waits for the end; returns the exit status."""
         assert self.process is not None
         self.process.send_signal(number)

@@ -80,7 +80,7 @@ class Watched:
     def __exit__(self, *_: object) -> None:
         self.supervisor.close()
 
-    def until(self, condition: Callable[[], bool], seconds: float = 20.0) -> bool:
+    def until(self, condition: Callable[[], bool], seconds: float = 60.0) -> bool:
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             cause = self.supervisor.status.cause

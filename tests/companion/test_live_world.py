@@ -71,7 +71,7 @@ def test_a_world_is_drawn_while_it_may_be_used_and_taken_away_when_not(tmp_path:
         assert len(update["planes"]) == 6 * update["total"]
         assert update["planes"][0] == 800
         speaker.service.close()
-        assert until(lambda: world.update(0)["cause"] != "", 20.0)
+        assert until(lambda: world.update(0)["cause"] != "")
         gone = world.update(update["number"])
         assert "old" in gone["cause"]
         assert gone["planes"] == []

@@ -84,7 +84,7 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
         loop.close()
     assert len(collected) >= 20
     assert not any(collected)
-    assert until(lambda: sum(ref() is None for ref in lost) > 100, 1.0)
+    assert until(lambda: sum(ref() is None for ref in lost) > 100)
 
 
 class CallRecorder(Recorder):
@@ -136,7 +136,7 @@ def two_frames(folder: Path, calls: list[str], fault: Callable[[], None]) -> Pip
         event_queue.put_frame(
             DepthFrame(camera="front", sequence=k, t_exposure_ns=1_000 + k, t_arrival_ns=2_000, depth_mm=frame)
         )
-        assert k == 1 or until(lambda: "PrismsResult 0, True" in calls, 10.0)
+        assert k == 1 or until(lambda: "PrismsResult 0, True" in calls)
     return loop
 
 
@@ -152,7 +152,7 @@ def test_prisms_are_sent_before_their_frame_is_recorded_and_the_log_has_a_frame_
 
     calls: list[str] = []
     loop = two_frames(tmp_path, calls, breaks)
-    assert until(lambda: not loop.running, 10.0)
+    assert until(lambda: not loop.running)
     loop.close()
     assert calls == [*FIRST, "attitude", "frame 1"]
 
@@ -173,7 +173,7 @@ def test_the_log_has_the_frame_over_which_the_pipeline_hangs(tmp_path: Path) -> 
         assert calls == [*FIRST, "attitude", "frame 1"]
     finally:
         goes_on.set()
-    assert until(lambda: not loop.running, 10.0)
+    assert until(lambda: not loop.running)
     # and once: what comes when it goes on after all is its own
     assert calls == [*FIRST, "attitude", "frame 1", "sent 1", "FrameDecision 1, False", "PrismsResult 1, True"]
 

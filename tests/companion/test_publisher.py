@@ -44,7 +44,7 @@ def subscriber(context: Context, address: str) -> zmq.Socket[bytes]:
     return socket
 
 
-def publish_until(publisher: Publisher, socket: zmq.Socket[bytes], seconds: float = 5.0) -> pb.PrismsFrame | None:
+def publish_until(publisher: Publisher, socket: zmq.Socket[bytes], seconds: float = 60.0) -> pb.PrismsFrame | None:
     """Publishes until the subscriber has one (joining takes a moment)."""
     for k in range(int(seconds * 100)):
         publisher.publish(frame(k))

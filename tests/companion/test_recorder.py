@@ -43,7 +43,7 @@ pytestmark = pytest.mark.process
 SMALL = RecordParams(file_mb=1.0, file_s=600.0, budget_mb=100.0, least_free_mb=1.0)
 
 
-def until(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
+def until(condition: Callable[[], bool], seconds: float = 60.0) -> bool:
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         if condition():

@@ -123,8 +123,8 @@ def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None
 
 def test_a_late_subscriber_receives_at_once(flying: Flying) -> None:
     late = flying.live.subscribe("prisms", pb.PrismsFrame)
-    late.wait(lambda m: m.valid, 2.0)
-    flying.live.subscribe("health", pb.Health).wait(lambda h: h.state == pb.Health.STATE_ACTIVE, 3.0)
+    late.wait(lambda m: m.valid, PATIENCE_S)
+    flying.live.subscribe("health", pb.Health).wait(lambda h: h.state == pb.Health.STATE_ACTIVE, PATIENCE_S)
 
 
 SLEEPER = textwrap.dedent("""
@@ -146,7 +146,7 @@ def test_one_that_hangs_costs_nothing(flying: Flying) -> None:
             assert sleeper.stdout.readline().strip() == "joined"
             sleeper.send_signal(signal.SIGSTOP)
             before, begun_ns = flying.live.memory_bytes(), time.monotonic_ns()
-            assert until(lambda: len(flying.prisms.since(begun_ns)) > 120, 30.0)
+            assert until(lambda: len(flying.prisms.since(begun_ns)) > 120)
             assert longest_silence_s(flying.prisms, begun_ns) < 1.0
             assert flying.live.memory_bytes() - before < 20e6
         finally:
@@ -159,9 +159,9 @@ def test_a_killed_camera_process_is_reported_and_started_again(flying: Flying) -
     os.kill(flying.live.camera_pids()["front"], signal.SIGKILL)
     flying.blind_frame("process has ended", 2.0, begun_ns)
     back_ns = begun_ns + NS // 2
-    flying.well(15.0, since_ns=back_ns)
+    flying.well(since_ns=back_ns)
     assert longest_silence_s(flying.prisms, begun_ns) < 0.5
-    camera = flying.health.wait(lambda h: h.cameras[0].starts > starts and not h.troubles, 5.0).cameras[0]
+    camera = flying.health.wait(lambda h: h.cameras[0].starts > starts and not h.troubles, PATIENCE_S).cameras[0]
     assert "process has ended" in camera.last_loss
 
 
@@ -170,8 +170,8 @@ def test_a_camera_process_that_hangs_is_reported_and_replaced(flying: Flying) ->
     begun_ns = time.monotonic_ns()
     os.kill(pid, signal.SIGSTOP)
     flying.blind_frame("silent: no notification of its process", 3.0, begun_ns)
-    assert until(lambda: flying.live.camera_pids().get("front", pid) != pid, 6.0)
-    flying.well(15.0)
+    assert until(lambda: flying.live.camera_pids().get("front", pid) != pid)
+    flying.well()
     assert longest_silence_s(flying.prisms, begun_ns) < 0.5
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
@@ -183,13 +183,13 @@ def test_an_unplugged_camera_is_named_and_comes_back(flying: Flying) -> None:
     try:
         flying.blind_frame("unplugged", 3.0, begun_ns)
         dark_ns = time.monotonic_ns()
-        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 40, 8.0)
+        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 40)
         messages = flying.prisms.since(dark_ns)
         assert not any(m.valid for m in messages)
         assert sent_hz(messages) >= 10.0
     finally:
         flying.live.cable.touch()
-    flying.well(15.0)
+    flying.well()
     assert "unplugged" in flying.camera().last_loss
 
 
@@ -200,12 +200,12 @@ def test_a_silent_autopilot_blinds_and_is_named(flying: Flying) -> None:
         flying.blind_frame("attitude is too old", 2.0, begun_ns)
         flying.health.wait(lambda h: any("the attitude is" in t for t in h.troubles), 3.0, begun_ns)
         dark_ns = time.monotonic_ns()
-        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 20, 5.0)
+        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 20)
         assert not any(m.valid for m in flying.prisms.since(dark_ns))
         flying.health.wait(lambda h: any("the autopilot does not send it" in t for t in h.troubles), 6.0, begun_ns)
     finally:
         flying.line.change(lambda a: setattr(a, "silent", False))
-    flying.well(15.0)
+    flying.well()
 
 
 def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_again(flying: Flying) -> None:
@@ -223,7 +223,7 @@ def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_again(flying
         15.0,
         begun_ns,
     )
-    flying.prisms.wait(lambda m: m.valid, 5.0)
+    flying.prisms.wait(lambda m: m.valid, PATIENCE_S)
 
 
 def test_the_state_of_the_pipeline_is_sent_to_the_autopilot(flying: Flying) -> None:
@@ -233,11 +233,11 @@ def test_the_state_of_the_pipeline_is_sent_to_the_autopilot(flying: Flying) -> N
         beats = flying.line.change(lambda a: a.of_kind("HEARTBEAT"))
         return int(beats[-1].system_status) if beats else -1
 
-    assert until(lambda: state() == 4, 5.0)
+    assert until(lambda: state() == 4)
     flying.live.cable.unlink()
     try:
-        assert until(lambda: state() == 5, 6.0)
+        assert until(lambda: state() == 5)
     finally:
         flying.live.cable.touch()
-    flying.well(15.0)
-    assert until(lambda: state() == 4, 5.0)
+    flying.well()
+    assert until(lambda: state() == 4)

@@ -144,7 +144,7 @@ def test_a_stopped_camera_is_sent_as_unknown_within_the_time_limit(avoiding: Avo
     avoiding.wait_until_no_fault()
     os.kill(avoiding.live.camera_pids()["front"], signal.SIGSTOP)  # it sends nothing, and its end is not reported
     stopped_ns = time.monotonic_ns()
-    assert until(lambda: avoiding.messages()[-1][0] > stopped_ns + NS, 3.0)
+    assert until(lambda: avoiding.messages()[-1][0] > stopped_ns + NS)
     newest_ns = max(m.t_exposure_ns for m in avoiding.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)
     blind = [
         (t, [values[i] for i in FRONT])
@@ -156,7 +156,7 @@ def test_a_stopped_camera_is_sent_as_unknown_within_the_time_limit(avoiding: Avo
     wrong = [(round((t - newest_ns) / 1e6), values) for t, values in blind if not set(values) <= allowed]
     assert not wrong, wrong[:3]
     assert until(avoiding.has_obstacles)
-    assert until(lambda: any(t.startswith("OA: front blind: ") for t in avoiding.texts()), 30.0)
+    assert until(lambda: any(t.startswith("OA: front blind: ") for t in avoiding.texts()))
 
 
 def test_a_blind_camera_stops_messages_to_px4_after_two_seconds_and_sends_ardupilot_a_wall(
@@ -188,7 +188,7 @@ def test_an_autopilot_that_uses_no_obstacles_is_reported(avoiding: AvoidingServi
         avoiding.health.wait(lambda h: any("does not use our obstacles" in t for t in h.troubles), PATIENCE_S)
     finally:
         avoiding.line.change(lambda a: setattr(a, "ignores_obstacles", False))
-    avoiding.health.wait(lambda h: not any("does not use our obstacles" in t for t in h.troubles), 15.0)
+    avoiding.health.wait(lambda h: not any("does not use our obstacles" in t for t in h.troubles), PATIENCE_S)
 
 
 def test_a_service_stopped_in_flight_reports_it_and_sends_nothing_clear(avoiding: AvoidingService) -> None:
@@ -201,7 +201,7 @@ def test_a_service_stopped_in_flight_reports_it_and_sends_nothing_clear(avoiding
     line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16 if px4 else 5))
     received = len(line.change(lambda a: a.of_kind("HEARTBEAT")))
     assert until(lambda: len(line.change(lambda a: a.of_kind("HEARTBEAT"))) > received + 1)  # the mode was received
-    assert until(lambda: line.change(lambda a: a.of_kind("HEARTBEAT"))[-1].system_status == 4, 30.0)
+    assert until(lambda: line.change(lambda a: a.of_kind("HEARTBEAT"))[-1].system_status == 4)
     stopped_ns = time.monotonic_ns()
     assert avoiding.live.stop() == 0
     allowed = {302, 65535} if px4 else {266}  # PX4's wall stands for two seconds

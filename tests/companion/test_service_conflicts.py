@@ -132,11 +132,11 @@ def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(avoid
 def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoiding: AvoidingService) -> None:
     """ArduPilot would fly on with the policy of PX4. While the kind is ambiguous, the wall that stops both is sent."""
     assert until(avoiding.has_obstacles), avoiding.live.output()
-    assert until(avoiding.has_read_the_margin, 20.0)
+    assert until(avoiding.has_read_the_margin)
     forged = AUTOPILOT_IDS[ARDUPILOT if avoiding.kind == PX4 else PX4]
     beat = packed(dialect.MAVLink_heartbeat_message(2, forged, 0, 0, 4, 3))
     with sending(avoiding, lambda k: [beat]) as answers:
-        avoiding.health.wait(lambda h: any("contradict each other" in t for t in h.troubles), 10.0)
+        avoiding.health.wait(lambda h: any("contradict each other" in t for t in h.troubles), PATIENCE_S)
         assert until(avoiding.has_obstacles)
         late = blind_after(avoiding, 3.5)
         assert late[-1][0] > 3.0  # no silence
@@ -149,7 +149,7 @@ def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoidi
     text = "OA: ArduPilot or PX4"
     assert until(lambda: text in avoiding.texts() or any(text.encode() in data for data in answers))
     assert until(avoiding.has_obstacles), avoiding.live.output()
-    avoiding.health.wait(lambda h: not any("contradict" in t for t in h.troubles), 20.0)
+    avoiding.health.wait(lambda h: not any("contradict" in t for t in h.troubles), PATIENCE_S)
 
 
 def test_a_second_companion_is_reported_and_obstacles_are_still_sent(avoiding: AvoidingService) -> None:
@@ -163,9 +163,9 @@ def test_a_second_companion_is_reported_and_obstacles_are_still_sent(avoiding: A
         avoiding.health.wait(
             lambda h: h.state == pb.Health.STATE_DEGRADED and any(text in t for t in h.troubles), PATIENCE_S
         )
-        assert until(lambda: "OA: component 197 sends obstacles to the autopilot" in avoiding.texts(), 30.0)
+        assert until(lambda: "OA: component 197 sends obstacles to the autopilot" in avoiding.texts())
         begun_ns = time.monotonic_ns()
-        assert until(lambda: len([t for t, _ in avoiding.messages() if t > begun_ns]) > 20, 30.0)
+        assert until(lambda: len([t for t, _ in avoiding.messages() if t > begun_ns]) > 20)
         assert until(avoiding.has_obstacles)
 
 
@@ -173,7 +173,7 @@ def test_the_age_of_sent_obstacles_is_measured_and_px4s_delay_checked_with_it(av
     def stage(h: pb.Health) -> pb.Latency | None:
         return next((x for x in h.latencies if x.stage == "exposure_to_autopilot"), None)
 
-    health = avoiding.health.wait(lambda h: stage(h) is not None, 30.0)
+    health = avoiding.health.wait(lambda h: stage(h) is not None, PATIENCE_S)
     latency = stage(health)
     assert latency is not None
     assert 1.0 < latency.p50_ms <= latency.p95_ms <= latency.p99_ms
@@ -181,7 +181,9 @@ def test_the_age_of_sent_obstacles_is_measured_and_px4s_delay_checked_with_it(av
     if avoiding.kind == PX4:
         avoiding.line.change(lambda a: a.parameters.update({"CP_DELAY": 0.0}))
         try:
-            avoiding.health.wait(lambda h: any("PX4 brakes too late: CP_DELAY = 0 s" in t for t in h.troubles), 30.0)
+            avoiding.health.wait(
+                lambda h: any("PX4 brakes too late: CP_DELAY = 0 s" in t for t in h.troubles), PATIENCE_S
+            )
         finally:
             avoiding.line.change(lambda a: a.parameters.update(PARAMETERS[PX4]))
 
@@ -189,7 +191,7 @@ def test_the_age_of_sent_obstacles_is_measured_and_px4s_delay_checked_with_it(av
 def test_forged_parameters_do_not_move_the_wall(avoiding: AvoidingService) -> None:
     """Nearer than CP_DIST or AVOID_MARGIN the vehicle would fly backwards."""
     assert until(avoiding.has_obstacles), avoiding.live.output()
-    assert until(avoiding.has_read_the_margin, 20.0)
+    assert until(avoiding.has_read_the_margin)
     name = b"CP_DIST" if avoiding.kind == PX4 else b"AVOID_MARGIN"
     values = [packed(dialect.MAVLink_param_value_message(name, v, 9, 1, 0)) for v in (20.0, 0.5)]
     with sending(avoiding, lambda k: values if k % 10 == 0 else []):
@@ -199,5 +201,5 @@ def test_forged_parameters_do_not_move_the_wall(avoiding: AvoidingService) -> No
         assert late
         assert {v for _, ahead in late for v in ahead} == ({302} if avoiding.kind == PX4 else {WALL_CM})
         if avoiding.kind == ARDUPILOT:
-            avoiding.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), 10.0)
+            avoiding.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), PATIENCE_S)
     assert until(avoiding.has_obstacles), avoiding.live.output()

@@ -21,7 +21,7 @@ from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .autopilot_parameters import PARAMETERS
-from .live import Live, flown, free_port, until
+from .live import PATIENCE_S, Live, flown, free_port, until
 from .test_service_avoids import CONFIG, AvoidingService
 
 pytestmark = pytest.mark.process
@@ -56,10 +56,10 @@ def sign(line: AutopilotLink, key: bytes | None) -> None:
 
 def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_reported(avoiding: AvoidingService) -> None:
     assert until(avoiding.has_obstacles)
-    avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
     assert avoiding.line.change(lambda a: a.dropped) == []
     sign(avoiding.line, None)
-    avoiding.health.wait(lambda h: any("does not sign and we have a key" in t for t in h.troubles), 15.0)
+    avoiding.health.wait(lambda h: any("does not sign and we have a key" in t for t in h.troubles), PATIENCE_S)
     assert until(lambda: "OA: the autopilot does not sign and we have a key" in avoiding.texts())
     silent_from = len(avoiding.messages())
     health = avoiding.health.wait(
@@ -68,9 +68,9 @@ def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_report
     assert health.autopilot.counts["unsigned"] > 0
     assert len(avoiding.messages()) == silent_from
     sign(avoiding.line, bytes(reversed(KEY)))
-    avoiding.health.wait(lambda h: any("signs with another key than ours" in t for t in h.troubles), 15.0)
+    avoiding.health.wait(lambda h: any("signs with another key than ours" in t for t in h.troubles), PATIENCE_S)
     sign(avoiding.line, KEY)
-    avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
     assert until(lambda: any(t.startswith("OA: cleared: the autopilot") for t in avoiding.texts()))
     assert until(lambda: len(avoiding.messages()) > silent_from)
 

@@ -73,7 +73,7 @@ class Receiver:
         session = MavlinkSession()
         link = MavlinkLink(parse_address(address), session, self.samples.extend)
         link.open()
-        end_s = time.monotonic() + 20.0
+        end_s = time.monotonic() + 60.0
         while time.monotonic() < end_s and not self._enough(session, samples):
             time.sleep(0.02)
         self.status = link.status()

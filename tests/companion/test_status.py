@@ -7,8 +7,8 @@ import os
 import socket
 import tempfile
 import threading
-import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -88,22 +88,26 @@ def test_a_report_as_text() -> None:
         assert part in text
 
 
-def published(folder: Path, health: pb.Health, seconds: float = 5.0) -> threading.Thread:
+@contextmanager
+def published(folder: Path, health: pb.Health) -> Iterator[None]:
     """Publishes a report again and again, as the service does."""
+    ended = threading.Event()
 
     def run() -> None:
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         publisher = Publisher(Stream("health", f"ipc://{folder}/health"), context)
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s:
+        while not ended.wait(0.02):
             publisher.publish(health)
-            time.sleep(0.02)
         publisher.close()
         context.term()
 
     thread = threading.Thread(target=run)
     thread.start()
-    return thread
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @pytest.fixture
@@ -119,11 +123,8 @@ def test_the_command_exits_with_what_it_saw(
 ) -> None:
     health = report()
     health.state = state
-    thread = published(run_folder, health, 1.0)
-    try:
-        assert main(["status", "--json"]) == status
-    finally:
-        thread.join()
+    with published(run_folder, health):
+        assert main(["status", "--json", "--timeout", "60"]) == status
     found = json.loads(capsys.readouterr().out)
     assert found["frames_used"] == "1200"
     assert found["state"] == {pb.Health.STATE_DEGRADED: "degraded", pb.Health.STATE_BLIND: "blind"}[state]

@@ -34,7 +34,7 @@ class Viewer:
     """A WebSocket client of Foxglove's protocol: heard has topic -> payloads."""
 
     def __init__(self, port: int) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", port), timeout=10.0)
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=60.0)
         key = base64.b64encode(os.urandom(16)).decode()
         self._socket.sendall(
             (

@@ -39,7 +39,7 @@ def test_the_live_world_is_mirrored_and_ends_with_the_service(tmp_path: Path, re
             assert (mirror.space.points(middle, 0.01) == Occupancy.OCCUPIED).all()
             health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
             assert live.stop() == 0
-            assert until(lambda: not mirror.update(0.05), 5.0)
+            assert until(lambda: not mirror.update(0.05))
             assert Occupancy.FREE not in mirror.space.points(middle)
     finally:
         live.close()

@@ -71,14 +71,14 @@ def test_two_vehicles_with_user_and_password(tmp_path: Path, password: str, arri
     two = ZenohLink("blue", second, lambda packet: None)
     one.open()
     try:
-        assert wait_until(lambda: not one.fault, 10.0), one.fault
+        assert wait_until(lambda: not one.fault, 60.0), one.fault
         two.open()
 
         def sent() -> bool:
             two.send([b"\x12packet"], 2)
             return bool(found)
 
-        assert wait_until(sent, 10.0 if arrives else 2.0) is arrives
+        assert wait_until(sent, 60.0 if arrives else 2.0) is arrives
         if arrives:
             assert (found[0].data, found[0].sender, found[0].transport) == (b"\x12packet", 2, "zenoh")
     finally:
