@@ -225,7 +225,7 @@ def test_a_blind_camera_is_published_as_such(setup: Setup) -> None:
         setup.scripted.blind("unplugged")
         setup.bridge.tick(time.monotonic_ns())
         newest = setup.reader.newest("/osape/markers", MARKER_ARRAY)
-        return any(m.text == "front: NO DATA: unplugged" for m in newest.markers)
+        return newest is not None and any(m.text == "front: NO DATA: unplugged" for m in newest.markers)
 
     assert until(reported)  # all frames published before have arrived
     clouds = setup.bridge.counts.published
