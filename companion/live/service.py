@@ -320,7 +320,7 @@ class Service:
             yaws = self.loop.mount_yaws
         found += [*self._template, *rate, *ground, *offset_warnings(self.config, views), *yaw_warnings(yaws)]
         if not self.started:
-            return [Diagnostic(DiagnosticCode.STARTING, "", f"starting: {self._start_text()}")]
+            return [Diagnostic(DiagnosticCode.STARTING, "", self._start_text())]
         return found
 
     def _autopilot_view(self, now_ns: int) -> AutopilotView | None:

@@ -41,7 +41,7 @@ class LiveTeam:
             self._thread.join(5.0)
 
     def update(self, after: int) -> dict[str, Any]:
-        """number: of this state; heard: whether the service ever published a team; silent: whether it has stopped; members: the
+        """number: of this state; received: whether the service ever published a team; silent: whether it has stopped; members: the
         vehicles, with text and age; planes: flat whole centimetres of ned, None where the page has them already; sender: the vehicle
         of each; age: tenths of a second since each was observed; movers: see `_mover`."""
         update = self._update
@@ -65,7 +65,7 @@ def team_data(found: NeighbourObstacles, most: int = MAX_PLANES) -> dict[str, An
     rows = np.argsort(found.age_s, kind="stable")[:most]
     oldest_s = {int(v): float(found.age_s[found.sender == v].max()) for v in np.unique(found.sender)}
     return {
-        "heard": True,
+        "received": True,
         "silent": False,
         "members": [_member(n, oldest_s.get(n.vehicle)) for n in found.neighbours],
         "planes": np.rint(100.0 * found.planes[rows].astype(np.float64)).astype(int).ravel().tolist(),
@@ -75,7 +75,7 @@ def team_data(found: NeighbourObstacles, most: int = MAX_PLANES) -> dict[str, An
 
 
 def _nothing(received: bool) -> dict[str, Any]:
-    return {"heard": received, "silent": received, "members": [], "planes": [], "sender": [], "movers": []}
+    return {"received": received, "silent": received, "members": [], "planes": [], "sender": [], "movers": []}
 
 
 def _member(n: Neighbour, oldest_s: float | None) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class LiveWorld:
         self._addresses, self._keys, self._vehicle = (address, requests), keys, vehicle
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="world", daemon=True)
-        self._update: dict[str, Any] = {"number": 0, "heard": False, "cause": "", "total": 0, "planes": []}
+        self._update: dict[str, Any] = {"number": 0, "received": False, "cause": "", "total": 0, "planes": []}
 
     def open(self) -> None:
         """Starts the thread if an address is given; the service may start later."""
@@ -40,7 +40,7 @@ class LiveWorld:
             self._thread.join(5.0)
 
     def update(self, after: int) -> dict[str, Any]:
-        """number: of this state; heard: whether the service publishes a world; cause: why it must not be used, empty:
+        """number: of this state; received: whether the service publishes a world; cause: why it must not be used, empty:
         it may be used; total: number of planes; planes: those drawn, flat whole centimetres of ned, None where the page
         has them already."""
         update = self._update
@@ -60,7 +60,7 @@ class LiveWorld:
         """An invalid world is not drawn: the age of a snapshot alone is not known."""
         snapshot = mirror.space.snapshot if usable else WorldSnapshot.empty()
         self._update = {
-            "number": self._update["number"] + 1, "heard": True, "cause": "" if usable else mirror.cause,
+            "number": self._update["number"] + 1, "received": True, "cause": "" if usable else mirror.cause,
             "total": len(snapshot.planes), "planes": nearest_cm(snapshot, self._vehicle()),
         }  # fmt: skip
 

@@ -295,10 +295,10 @@ def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
 
 def test_a_request_of_many_parts_and_a_listener_that_hangs_cost_nothing(speaker: Speaker) -> None:
     speaker.service.open()
-    rude, deaf = speaker.context.socket(zmq.REQ), speaker.context.socket(zmq.SUB)
+    rude, silent_reader = speaker.context.socket(zmq.REQ), speaker.context.socket(zmq.SUB)
     rude.connect(speaker.addresses[1])
-    deaf.setsockopt(zmq.SUBSCRIBE, b"")
-    deaf.connect(speaker.addresses[0])
+    silent_reader.setsockopt(zmq.SUBSCRIBE, b"")
+    silent_reader.connect(speaker.addresses[0])
     rude.send_multipart([b"a"] * 50)
     assert rude.poll(5000)
     assert pb.WorldUpdate.FromString(rude.recv()).snapshot
@@ -306,7 +306,7 @@ def test_a_request_of_many_parts_and_a_listener_that_hangs_cost_nothing(speaker:
     with WorldMirror(*speaker.addresses) as mirror:
         assert until(lambda: (look(speaker), mirror.update(0.1))[1], 60.0)
     rude.close(0)
-    deaf.close(0)
+    silent_reader.close(0)
 
 
 def test_frames_that_wait_too_long_are_dropped_the_oldest_first(speaker: Speaker) -> None:

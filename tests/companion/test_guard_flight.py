@@ -118,7 +118,7 @@ def test_the_pilot_takes_over_before_the_wall_and_is_left_alone() -> None:
     assert loop.flight.mode == COPTER_LOITER
 
 
-@pytest.mark.parametrize("fault", ["deaf", "stubborn"])
+@pytest.mark.parametrize("fault", ["ignores_commands", "stubborn"])
 def test_an_autopilot_that_does_not_obey_is_announced(fault: str) -> None:
     loop = loop_of("PX4", 12.0, 1.5)
     loop.run(3.0)

@@ -56,7 +56,7 @@ def test_a_world_is_drawn_while_it_may_be_used_and_taken_away_when_not(tmp_path:
     speaker = Speaker(tmp_path)
     world = LiveWorld(*speaker.addresses, None, lambda: None)
     try:
-        assert world.update(0) == {"number": 0, "heard": False, "cause": "", "total": 0, "planes": None}
+        assert world.update(0) == {"number": 0, "received": False, "cause": "", "total": 0, "planes": None}
         world.open()
         speaker.service.open()
 
@@ -66,7 +66,7 @@ def test_a_world_is_drawn_while_it_may_be_used_and_taken_away_when_not(tmp_path:
 
         assert until(drawn)
         update = world.update(0)
-        assert update["heard"]
+        assert update["received"]
         assert update["cause"] == ""
         assert len(update["planes"]) == 6 * update["total"]
         assert update["planes"][0] == 800

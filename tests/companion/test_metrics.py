@@ -89,9 +89,9 @@ def test_what_is_unknown_has_no_sample() -> None:
     found = samples(metrics_text(pb.Health(state=pb.Health.STATE_STARTING)))
     assert found['osape_state{state="starting"}'] == 1.0
     assert not any("autopilot" in name or "age" in name or "camera" in name for name in found)
-    unheard = pb.Health()
-    unheard.autopilot.line_open = True
-    assert {n for n in samples(metrics_text(unheard)) if "autopilot" in n or "clock" in n} == {
+    silent_link = pb.Health()
+    silent_link.autopilot.line_open = True
+    assert {n for n in samples(metrics_text(silent_link)) if "autopilot" in n or "clock" in n} == {
         "osape_autopilot_link_open",
         "osape_autopilot_line_open",
         "osape_autopilot_connected",

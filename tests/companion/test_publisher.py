@@ -112,7 +112,7 @@ def test_a_late_subscriber_gets_the_newest_only(tmp_path: Path, context: Context
             assert pb.PrismsFrame.FromString(late.recv()).sequence >= 200
             break
     else:
-        pytest.fail("the late subscriber heard nothing")
+        pytest.fail("the late subscriber received nothing")
     publisher.close()
 
 

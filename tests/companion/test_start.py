@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from companion.config.loader import config_of
+from companion.diagnostic import DiagnosticCode
 from companion.live.event_queue import MAX_ITEMS
 from companion.live.service import Service
 from companion.paths import Folders
@@ -104,7 +105,9 @@ def test_dropped_samples_are_reported(tmp_path: Path) -> None:
     try:
         service.event_queue.put(flood)
         service.tick()
-        assert service.diagnostic_texts[0].startswith("starting")  # nothing sees yet, nothing is lacking
+        assert [d.code for d in service.diagnostics] == [
+            DiagnosticCode.STARTING
+        ]  # nothing sees yet, nothing is lacking
         service.open()
         assert service.loop.begun.wait(10.0)
         service.tick()

@@ -204,11 +204,11 @@ def test_a_service_that_is_killed_is_reported_to_be_silent(page: Page, following
 def test_the_verdict_of_what_was_received(page: Page) -> None:
     """All that the band may say, from made-up answers; the worst wins, and unknown is never valid."""
     cases = [
-        ("waiting", {"heard_ms": None}),
+        ("waiting", {"answer_ms": None}),
         ("waiting", {"shown_s": None}),
         ("valid", {}),
-        ("cut", {"heard_ms": 1001}),
-        ("cut", {"heard_ms": 1001, "following": False}),
+        ("cut", {"answer_ms": 1001}),
+        ("cut", {"answer_ms": 1001, "following": False}),
         ("stale", {"since_s": 0.35}),
         ("stale", {"since_s": 0.35, "following": False}),
         ("stale", {"shown_s": 1.1}),
@@ -223,7 +223,7 @@ def test_the_verdict_of_what_was_received(page: Page) -> None:
         ),
     ]
     for state, change in cases:
-        well = {"heard_ms": 50, "since_s": 0.1, "shown_s": 0.2, "following": True, "trouble": ""}
+        well = {"answer_ms": 50, "since_s": 0.1, "shown_s": 0.2, "following": True, "trouble": ""}
         cameras = change.pop("cameras", [{"name": "a", "blind": "", "age_s": 0.1}])
         seen = well | change | {"news": {"cameras": cameras, "service": {"missing": []}}}
         page_state = page.ask(f"import('viewer/live').then(m => m.verdict({json.dumps(seen)}, 0.4))")

@@ -109,9 +109,9 @@ def test_change_speed() -> None:
 
 def test_an_autopilot_that_ignores_commands_or_does_not_follow_them() -> None:
     flight = fly(px4(), 5.0)
-    flight.deaf = True
+    flight.ignores_commands = True
     assert flight.command(commands.set_px4_hold(1)) is None
-    flight.deaf, flight.stubborn = False, True
+    flight.ignores_commands, flight.stubborn = False, True
     assert flight.command(commands.set_px4_hold(1)) == ACCEPTED
     assert flight.mode == PX4_MISSION
 

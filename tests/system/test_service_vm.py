@@ -26,7 +26,7 @@ def found(tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config)
     findings, console = run_machine(machine, TIMEOUT_S)
     assert findings, console[-3000:]
     failed = {key: value for key, value in findings.items() if key.endswith("_failed")}
-    assert failed == {}, f"{failed}\n{findings.get('journal', '')}\n{findings.get('install_said', '')}"
+    assert failed == {}, f"{failed}\n{findings.get('journal', '')}\n{findings.get('install_output', '')}"
     capture = pytestconfig.pluginmanager.getplugin("capturemanager")
     with capture.global_and_fixture_disabled():
         for name in ("install", "start_to_ready", "killed_to_ready", "hung_to_end", "hung_to_ready", "stop"):
@@ -45,7 +45,7 @@ def test_ready_without_camera_and_autopilot_and_saying_so(found: dict[str, Any])
     assert found["NRestarts"] == "0"
     assert found["status"] == 1  # it is blind
     for words in ("BLIND", "camera front is blind", "the link to the autopilot is not open"):
-        assert words in found["status_said"]
+        assert words in found["status_output"]
     assert "camera front is blind" in found["StatusText"]
 
 
@@ -74,7 +74,7 @@ def test_stopped_as_documented(found: dict[str, Any]) -> None:
 
 
 def test_depth_of_a_video_device_of_the_kernel(found: dict[str, Any]) -> None:
-    assert found.get("camera_frames") == 12, found["camera_said"]
+    assert found.get("camera_frames") == 12, found["camera_output"]
     assert found["camera_shape"] == [180, 320]
     assert found["camera_type"] == "uint16"
     assert found["camera_levels"] > 3  # a test picture, no empty buffer

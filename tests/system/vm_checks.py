@@ -124,7 +124,7 @@ def install() -> None:
     begun_us = now_us()
     done = ran(COMPANION, "install", "-c", str(config))
     tell(
-        install_status=done.returncode, install_said=done.stdout[-3000:] + done.stderr[-2000:],
+        install_status=done.returncode, install_output=done.stdout[-3000:] + done.stderr[-2000:],
         install_s=round((now_us() - begun_us) / 1e6, 1),
     )  # fmt: skip
     if done.returncode != 0:
@@ -141,7 +141,7 @@ def first_start() -> None:
     tell(uid=int(words["Uid"][0]), capabilities=words["CapBnd"][0], no_new_privileges=words["NoNewPrivs"][0])
     time.sleep(5.0)  # two watchdogs long: waiting for a camera and an autopilot is living
     report = ran(COMPANION, "status")
-    tell(status=report.returncode, status_said=report.stdout + report.stderr, **unit("NRestarts", "StatusText"))
+    tell(status=report.returncode, status_output=report.stdout + report.stderr, **unit("NRestarts", "StatusText"))
 
 
 def start_to_ready_s() -> float:
@@ -182,7 +182,7 @@ def camera() -> None:
     wait(lambda: Path("/dev/video0").exists())
     done = ran(str(HOME / "bin" / "python3"), "-c", CAMERA)
     lines = done.stdout.strip().splitlines()
-    tell(camera_said=done.stderr[-2000:], **(json.loads(lines[-1]) if lines else {}))
+    tell(camera_output=done.stderr[-2000:], **(json.loads(lines[-1]) if lines else {}))
 
 
 def uninstalled() -> None:
@@ -190,7 +190,7 @@ def uninstalled() -> None:
     logs.mkdir(exist_ok=True)
     (logs / "flight.mcap").write_text("a flight")
     done = ran(COMPANION, "uninstall")
-    tell(uninstall_status=done.returncode, uninstall_said=done.stdout[-2000:] + done.stderr[-2000:])
+    tell(uninstall_status=done.returncode, uninstall_output=done.stdout[-2000:] + done.stderr[-2000:])
     tell(unit_left=unit("LoadState")["LoadState"], logs_left=(logs / "flight.mcap").exists())
     purged = ran(COMPANION, "uninstall", "--purge")
     tell(purge_status=purged.returncode, purge_left=[str(p) for p in (logs, Path(f"/etc/{NAME}")) if p.exists()])

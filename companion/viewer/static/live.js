@@ -17,13 +17,13 @@ export function span(seconds) {
 }
 
 /** The state that the page shows: {state, word, text, age}. state: valid, blind, stale, cut, waiting or paused; word: large across
- *  the page, "" for none. seen: {heard_ms: since an answer came, null before the first; since_s: of its ages at most; news: it;
+ *  the page, "" for none. seen: {answer_ms: since an answer came, null before the first; since_s: of its ages at most; news: it;
  *  shown_s: how old the frame is that is drawn, null without; following: whether it is meant to be the newest}. */
 export function verdict(seen, stale_s) {
   const { news, since_s } = seen, none = "Do not treat any direction as free.";
-  if (seen.heard_ms === null) return { state: "waiting", word: "", text: seen.trouble ? `companion view does not answer: ${seen.trouble}` : "Waiting for the first answer of companion view…" };
-  if (seen.heard_ms > CUT_MS) {
-    return { state: "cut", word: "CUT OFF", text: `CUT OFF: companion view has not answered for ${span(seen.heard_ms / 1000)}`
+  if (seen.answer_ms === null) return { state: "waiting", word: "", text: seen.trouble ? `companion view does not answer: ${seen.trouble}` : "Waiting for the first answer of companion view…" };
+  if (seen.answer_ms > CUT_MS) {
+    return { state: "cut", word: "CUT OFF", text: `CUT OFF: companion view has not answered for ${span(seen.answer_ms / 1000)}`
       + ` (${seen.trouble || "no answer"}). What is shown is old. ${none}` };
   }
   if (!news.cameras.length) return { state: "blind", word: "BLIND", text: `BLIND: ${news.service.missing[0] || "no camera is known"}. ${none}` };
@@ -47,7 +47,7 @@ export function verdict(seen, stale_s) {
 export class Live {
   /** open: makes the app, called with the first frame. */
   constructor(data, open) {
-    Object.assign(this, { data, open, app: null, name: "", after: 0, world: 0, team: 0, news: null, heard: null, made: 0, trouble: "", broken: null });
+    Object.assign(this, { data, open, app: null, name: "", after: 0, world: 0, team: 0, news: null, answered: null, made: 0, trouble: "", broken: null });
     $("service").hidden = false;
     $("title").textContent = data.title;
     $("speed").hidden = true;
@@ -86,7 +86,7 @@ export class Live {
       this.name = news.name;
       this.app?.forget();
     }
-    Object.assign(this, { news, after: news.number, heard: performance.now(), made: asked + news.held_ms, trouble: "" });
+    Object.assign(this, { news, after: news.number, answered: performance.now(), made: asked + news.held_ms, trouble: "" });
     news.cameras.forEach((c, k) => { if (c.info) this.#meet(c.info, k); });
     for (const frame of news.frames) {
       if (this.app) this.app.append(frame);
@@ -103,8 +103,8 @@ export class Live {
     this.tell();
     this.#service(news.service);
     if (this.app) showPilot(news.service.autopilot, this.app.data.frames[this.app.at].heading);
-    $("merged").parentElement.hidden = !news.world.heard;
-    $("worldwords").textContent = !news.world.heard ? "" : news.world.cause ? `merged world: not usable, ${news.world.cause}`
+    $("merged").parentElement.hidden = !news.world.received;
+    $("worldwords").textContent = !news.world.received ? "" : news.world.cause ? `merged world: not usable, ${news.world.cause}`
       : `merged world: ${news.world.total} planes`;
   }
 
@@ -114,13 +114,13 @@ export class Live {
       this.team = team.number;
       this.app.team(team);
     }
-    $("team").parentElement.hidden = $("members").hidden = !team.heard;
+    $("team").parentElement.hidden = $("members").hidden = !team.received;
     const lines = team.members.map(({ vehicle, silent_s, text }) => {
       const line = Object.assign(document.createElement("div"), { textContent: `vehicle ${vehicle}, last packet ${span(silent_s)} ago: ${text}` });
       line.style.setProperty("--mark", `#${teamColor(vehicle).toString(16).padStart(6, "0")}`);
       return line;
     });
-    $("members").replaceChildren(...(lines.length ? lines : [team.silent ? "other vehicles: the service publishes no team any more" : "other vehicles: none heard"]));
+    $("members").replaceChildren(...(lines.length ? lines : [team.silent ? "other vehicles: the service publishes no team any more" : "other vehicles: none received"]));
   }
 
   #meet(info, k) {
@@ -137,7 +137,7 @@ export class Live {
     const since_s = (now - this.made) / 1000, last = shown && app.data.frames.findLast((f) => f.c === shown.c);
     const shown_s = typeof newest_s === "number" ? newest_s + since_s + (last.t - shown.t) : null;
     const v = this.broken ? { state: "cut", word: "BROKEN", text: `BROKEN: this page has failed (${this.broken.message}). What is shown is old; reload the page.` }
-      : verdict({ news: this.news, since_s, trouble: this.trouble, heard_ms: this.heard === null ? null : now - this.heard,
+      : verdict({ news: this.news, since_s, trouble: this.trouble, answer_ms: this.answered === null ? null : now - this.answered,
         shown_s, following: !app || app.playing }, this.data.live.stale_s);
     const mine = v.state === "blind" && shown && v.blind ? v.blind[shown.c] : v.word;
     $("banner").className = { valid: "valid", waiting: "empty", paused: "empty" }[v.state] || "blind";

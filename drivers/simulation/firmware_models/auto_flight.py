@@ -75,7 +75,7 @@ class AutoFlight(ABC):
     """`command` with each COMMAND_LONG, `step` flies. waypoints_m: (N, 2), flown in order.
 
     acceptance_m: the next waypoint counts from this distance on, and the vehicle flies through the corner; 0: it stops at each.
-    yaw: see Yaw. velocity_target_m_s: (2,) of Offboard or GUIDED. deaf: commands are not received; stubborn: they are
+    yaw: see Yaw. velocity_target_m_s: (2,) of Offboard or GUIDED. ignores_commands: commands are not received; stubborn: they are
     acknowledged and have no effect."""
 
     waypoints_m: Vector
@@ -89,7 +89,7 @@ class AutoFlight(ABC):
     yaw: Yaw = Yaw.FIRST
     acceptance_m: float = 0.0
     velocity_target_m_s: Vector = field(default_factory=lambda: np.zeros(2))
-    deaf: bool = False
+    ignores_commands: bool = False
     stubborn: bool = False
     next_waypoint: int = 0
     wind: Wind | None = None
@@ -127,7 +127,7 @@ class AutoFlight(ABC):
 
     def command(self, message: Any) -> int | None:
         """MAV_RESULT of a COMMAND_LONG; None: no answer, since it is not received or not one of these."""
-        if self.deaf:
+        if self.ignores_commands:
             return None
         if message.command == DO_SET_MODE:
             return ACCEPTED if self.stubborn else self._set_mode(message)
