@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical
+from core.params import Params
 from core.types import CameraInfo, FrameModel
 
 from ..config.avoidance import AvoidParams
@@ -290,7 +291,16 @@ def too_near_the_edge(cameras: Sequence[NDArray[np.uint8]], avoid: AvoidParams) 
     return out
 
 
+_DIRECTION_PARTS = math.ceil(Params().profile_step_deg * SECTORS * PARTS / 360.0)
+"""Width of a direction of the free profile, in parts."""
+
+
 def covered(cameras: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(72,) sectors of which these cameras (of looked_into) together see any part, and (72,) those they see all of."""
+    """(72,) sectors of which these cameras (of looked_into) together see any part, and (72,) those that they could find clear.
+
+    These are seen whole, and beside them as much as a direction of the free profile is wide: the outermost direction is
+    partly in the view only, and never free."""
     parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras])
-    return (parts > Look.NOTHING).any(axis=1), (parts == Look.WHOLE).all(axis=1)
+    whole = (parts == Look.WHOLE).ravel()
+    beside = [np.roll(whole, k) for k in range(-_DIRECTION_PARTS, _DIRECTION_PARTS + 1)]
+    return (parts > Look.NOTHING).any(axis=1), np.logical_and.reduce(beside).reshape(parts.shape).all(axis=1)

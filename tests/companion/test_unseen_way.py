@@ -31,7 +31,7 @@ from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.params import Params
-from core.types import CameraInfo, CameraMount, FrameModel
+from core.types import CameraInfo, CameraMount, FrameModel, Intrinsics
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.px4 import Px4Reader
 from drivers.simulation.scenes import Scene, SceneBuilder
@@ -71,11 +71,13 @@ def without_texture(width_m: float, distance_m: float, right_m: float = 0.0) -> 
     return np.asarray(np.abs(right * distance_m - right_m) < width_m / 2)
 
 
-def view_of(seen: Rendered, unmeasured: NDArray[np.bool_], transform: LevelTransform = HERE) -> View:
+def view_of(
+    seen: Rendered, unmeasured: NDArray[np.bool_], transform: LevelTransform = HERE, info: CameraInfo = INFO
+) -> View:
     depth_mm = seen.depth_mm.copy()
     depth_mm[unmeasured] = 0
-    found, _ = EXTRACTOR.extract(depth_mm, INFO, seen.R_level_optical)
-    return View(found, transform, INFO.intrinsics, np.asarray(seen.R_level_optical).T)
+    found, _ = EXTRACTOR.extract(depth_mm, info, seen.R_level_optical)
+    return View(found, transform, info.intrinsics, np.asarray(seen.R_level_optical).T)
 
 
 def looked_at(info: CameraInfo = INFO) -> NDArray[np.uint8]:
@@ -107,6 +109,26 @@ def test_a_column_that_was_not_measured_hides_the_wall_behind_it(wall_at_10_m: R
     assert (found.state[beside] == SectorState.OBSTACLE).all()
     nearest_edge = np.radians(5.0 * np.abs(beside) - 2.5)
     assert found.distance_m[beside] == pytest.approx(10.0 / np.cos(nearest_edge) - 0.4, abs=0.6)
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 1.3, -2.1, 8.0])
+@pytest.mark.parametrize(("width", "focal_px", "hidden_right"), [(320, 170.0, 0), (336, 175.0, 2), (320, 230.0, 7)])
+def test_where_all_is_measured_a_covered_sector_is_clear(
+    width: int, focal_px: float, hidden_right: int, yaw_deg: float
+) -> None:
+    """The outermost direction of the free profile is only partly in the image, and never free. A sector that needs it must
+    not count as covered: ArduPilot would be sent the artificial wall there for ever."""
+    avoid = replace(AVOID, max_distance_m=6.0)
+    intrinsics = Intrinsics(width, 240, focal_px, focal_px, (width - 1) / 2, 119.5)
+    info = replace(INFO, intrinsics=intrinsics, mount=CameraMount(yaw_rad=math.radians(yaw_deg)))
+    seen = render(wall_scene(10.0), info, position_ned_m=(0.0, 0.0, -2.0), sensor=SENSOR)
+    hidden = np.zeros(seen.depth_mm.shape, bool)
+    hidden[:, : width // 7] = True
+    hidden[:, width - hidden_right :] = True
+    view = view_of(seen, hidden, LevelTransform(math.radians(yaw_deg), (0.0, 0.0, 0.0)), info)
+    found = scan([replace(view, model=transform_model(view.model, view.transform))], avoid)
+    _, whole = covered([looked_into(info, avoid, hidden)])
+    assert whole.sum() >= 8
+    assert (found.state[whole] == SectorState.CLEAR).all()
 
 
 def farther_than(found: SectorScan, distance_m: float) -> NDArray[np.bool_]:
