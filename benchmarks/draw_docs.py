@@ -126,7 +126,7 @@ def draw_overview(seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None:
     R = rotation_from_euler(math.radians(roll), math.radians(pitch), math.radians(yaw))
     shown = ViewFrame(
         info=frame.info, sequence=0, t_ns=0, depth_mm=frame.depth_mm, R_ned_frd=R, model=model, position_ned_m=position
-    )  # fmt: skip
+    )
     path = FOLDER / f"{OVERVIEW}.png"
     save_frame(shown, path)
     shrink(path, path, 1100)

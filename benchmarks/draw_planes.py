@@ -212,10 +212,18 @@ def draw_prisms(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -
     ax.set_title(f"{len(model.planes)} planes cut into {len(model.prisms)} prisms", fontsize=9, loc="left")
 
 
-END_COLOR = {FreeEnd.OBSTACLE: "#c03030", FreeEnd.UNKNOWN: "#606060", FreeEnd.FIELD_OF_VIEW: "#3060c0",
-             FreeEnd.MAX_RANGE: "#30a050"}  # fmt: skip
-END_NAME = {FreeEnd.OBSTACLE: "an obstacle", FreeEnd.UNKNOWN: "unknown", FreeEnd.FIELD_OF_VIEW: "edge of view",
-            FreeEnd.MAX_RANGE: "maximum range"}  # fmt: skip
+END_COLOR = {
+    FreeEnd.OBSTACLE: "#c03030",
+    FreeEnd.UNKNOWN: "#606060",
+    FreeEnd.FIELD_OF_VIEW: "#3060c0",
+    FreeEnd.MAX_RANGE: "#30a050",
+}
+END_NAME = {
+    FreeEnd.OBSTACLE: "an obstacle",
+    FreeEnd.UNKNOWN: "unknown",
+    FreeEnd.FIELD_OF_VIEW: "edge of view",
+    FreeEnd.MAX_RANGE: "maximum range",
+}
 
 
 def draw_free(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:

@@ -89,9 +89,12 @@ def main() -> int:
         return 1
     reach = frame.info.max_range_m
     room = Room(
-        space=Space([PlacedModel(frame.model, (0.0, 0.0, 0.0))]), radius_m=args.radius, start=np.zeros(3),
-        been_m=args.been, unknown=Unknown(args.unknown),
-    )  # fmt: skip
+        space=Space([PlacedModel(frame.model, (0.0, 0.0, 0.0))]),
+        radius_m=args.radius,
+        start=np.zeros(3),
+        been_m=args.been,
+        unknown=Unknown(args.unknown),
+    )
     try:
         path = plan(room, args.goal, [[-1.0, -reach, -4.0], [reach, reach, 2.0]], planner=args.planner)
     except NoPath as error:

@@ -65,9 +65,16 @@ class GuardLoop:
     deviation of each component of the reported velocity, with the time constant NOISE_S."""
 
     def __init__(
-        self, scene: Scene, camera: CameraInfo, sensor: SensorModel, flight: AutoFlight, kind: str, seed: int,
-        guard: GuardParams | None = None, avoid: AvoidParams | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        scene: Scene,
+        camera: CameraInfo,
+        sensor: SensorModel,
+        flight: AutoFlight,
+        kind: str,
+        seed: int,
+        guard: GuardParams | None = None,
+        avoid: AvoidParams | None = None,
+    ) -> None:
         self.scene, self.camera, self.sensor, self.flight, self.kind, self.seed = (
             scene,
             camera,

@@ -72,9 +72,15 @@ def random_mission(number: int) -> Mission:
 
 
 def add_obstacle(
-    b: SceneBuilder, kind: str, a: Vector, e: Vector, along_m: float, aside_m: float, height_m: float,
+    b: SceneBuilder,
+    kind: str,
+    a: Vector,
+    e: Vector,
+    along_m: float,
+    aside_m: float,
+    height_m: float,
     rng: np.random.Generator,
-) -> None:  # fmt: skip
+) -> None:
     """Adds an obstacle at a distance along the leg a -> e and aside of it."""
     u = (e - a) / math.dist(a, e)
     v = np.array([-u[1], u[0]])

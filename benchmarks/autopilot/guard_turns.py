@@ -79,10 +79,16 @@ def turning_mission(number: int, course: Course) -> tuple[Mission, float, float]
     if not course.clear:
         add_obstacle(b, kind, first, second, behind_m, float(rng.uniform(-0.3, 0.3)), height_m, rng)
     mission = Mission(
-        number=number, scene=b.build(), waypoints_m=np.array([first, second]), height_m=height_m,
-        speed_m_s=float(rng.uniform(1.0, 8.0)), autopilot=str(rng.choice(["PX4", "ArduPilot"])), guided=False,
-        blocked=not course.clear, kinds=(kind,),
-    )  # fmt: skip
+        number=number,
+        scene=b.build(),
+        waypoints_m=np.array([first, second]),
+        height_m=height_m,
+        speed_m_s=float(rng.uniform(1.0, 8.0)),
+        autopilot=str(rng.choice(["PX4", "ArduPilot"])),
+        guided=False,
+        blocked=not course.clear,
+        kinds=(kind,),
+    )
     return mission, math.degrees(turn), behind_m
 
 

@@ -41,9 +41,16 @@ def health(t_ns: int, armed: bool, nearest_cm: int = 800) -> pb.Health:
 
 
 def write_parts(
-    folder: Path, name: str, events: Sequence[Event], camera: CameraInfo, *, parts: int = 1, armed: bool = True,
-    health_s: float = 1.0, busy: int = -1,
-) -> list[Path]:  # fmt: skip
+    folder: Path,
+    name: str,
+    events: Sequence[Event],
+    camera: CameraInfo,
+    *,
+    parts: int = 1,
+    armed: bool = True,
+    health_s: float = 1.0,
+    busy: int = -1,
+) -> list[Path]:
     """A flight as the service records it, in rotated files that begin with their state; returns the files.
 
     busy: number of a frame that a newer one replaced before it was handled; -1: none."""

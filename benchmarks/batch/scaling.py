@@ -96,12 +96,20 @@ def killed(inputs: Sequence[str], folder: Path, kills: int, every_s: float, seed
     thread.join()
     rows = _flight_rows(output)
     return {
-        "flights": report["flights"], "kills": count[0], "restarted": report["restarted"], "failed": report["failed"],
-        "rows": len(rows), "distinct": len({(r["vehicle"], r["flight"]) for r in rows}),
-        "frames": sum(r["frames"] for r in rows), "equal_to_onboard": sum(r["equals_onboard"] is True for r in rows),
-        "cpu_s": report["cpu_s"], "wall_s": round(time.monotonic() - begun_s, 1), "peak_mb": report["peak_mb"],
-        "digest": digest(output), "unfinished": len(list((output / ".unfinished").glob("*"))),
-    }  # fmt: skip
+        "flights": report["flights"],
+        "kills": count[0],
+        "restarted": report["restarted"],
+        "failed": report["failed"],
+        "rows": len(rows),
+        "distinct": len({(r["vehicle"], r["flight"]) for r in rows}),
+        "frames": sum(r["frames"] for r in rows),
+        "equal_to_onboard": sum(r["equals_onboard"] is True for r in rows),
+        "cpu_s": report["cpu_s"],
+        "wall_s": round(time.monotonic() - begun_s, 1),
+        "peak_mb": report["peak_mb"],
+        "digest": digest(output),
+        "unfinished": len(list((output / ".unfinished").glob("*"))),
+    }
 
 
 def _workers() -> list[int]:

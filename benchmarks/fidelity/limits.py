@@ -111,9 +111,12 @@ def height_table(data: Figures) -> str:
     """Missed and phantom rays over the height above ground."""
     columns = [f"{family} {name}" for family in FAMILIES for name in ("missed", "phantom")]
     lines = [
-        [f"{line['height_m']:g} m", *("-" if line[c] is None else f"{number(line[c][0])} ({number(line[c][1])})" for c in columns)]
+        [
+            f"{line['height_m']:g} m",
+            *("-" if line[c] is None else f"{number(line[c][0])} ({number(line[c][1])})" for c in columns),
+        ]
         for line in data["heights"]
-    ]  # fmt: skip
+    ]
     return table(["height", *columns], lines)
 
 

@@ -112,7 +112,7 @@ def fly(folder: Path, name: str, words: str, config_name: str, rounds: int) -> F
     before = {reach: [found_again(b, a, reach) for a, b in pairs] for reach in REACHES_M}
     return Flown(
         name=name, words=words, info=infos[0], results=results, times=clock.times(), again=again, before=before
-    )  # fmt: skip
+    )
 
 
 def _round(folder: Path, config: Config, clock: Clock) -> tuple[tuple[CameraInfo, ...], list[PrismsResult]]:
@@ -150,8 +150,11 @@ def seen_of(result: PrismsResult, info: CameraInfo) -> Seen | None:
         return None
     R = rotation_from_quaternion(result.attitude.q_ned_frd_wxyz) @ R_CAMFRD_OPTICAL
     return Seen(
-        planes=result.model.planes.astype(np.float64), info=info, R_ned_optical=R, position_m=np.array(result.transform.translation_m)
-    )  # fmt: skip
+        planes=result.model.planes.astype(np.float64),
+        info=info,
+        R_ned_optical=R,
+        position_m=np.array(result.transform.translation_m),
+    )
 
 
 def summary(flown: Sequence[Flown]) -> str:
@@ -218,10 +221,17 @@ def _figures(f: Flown) -> list[str]:
     seen = [m.ground.share for m in models if m.ground.seen]
     planes = f"{np.median(counts):.0f} ({min(counts)}..{max(counts)})" if counts else ""
     return [
-        f"{k.width}x{k.height}", str(len(f.results)), str(len(models)), f"{f.times.cpu():.2f}", f"{f.times.cpu(99):.2f}",
-        f"{f.times.wall():.2f}", planes, f"{np.median([len(m.prisms) for m in models]):.0f}" if models else "", str(len(seen)),
+        f"{k.width}x{k.height}",
+        str(len(f.results)),
+        str(len(models)),
+        f"{f.times.cpu():.2f}",
+        f"{f.times.cpu(99):.2f}",
+        f"{f.times.wall():.2f}",
+        planes,
+        f"{np.median([len(m.prisms) for m in models]):.0f}" if models else "",
+        str(len(seen)),
         f"{100 * np.median(seen):.0f} %" if seen else "",
-    ]  # fmt: skip
+    ]
 
 
 def _shares(found: Sequence[Found]) -> list[str]:

@@ -85,9 +85,11 @@ def turning(case: Case, t_ns: int) -> VehicleState:
     euler = (0.15, -0.1, rate * t_ns / NS)
     still = (0.0, 0.0, 0.0)
     return VehicleState(
-        position_ned_m=(0.0, 0.0, -2.0), velocity_ned_m_s=still, euler_rad=euler,
+        position_ned_m=(0.0, 0.0, -2.0),
+        velocity_ned_m_s=still,
+        euler_rad=euler,
         rates_frd_rad_s=body_rates(euler, (0.0, 0.0, rate)),
-    )  # fmt: skip
+    )
 
 
 def fly(case: Case) -> Errors:
@@ -130,9 +132,12 @@ def fly(case: Case) -> Errors:
                     dropped += 1
     bound_ns = session.clock.estimate.bound_ns
     return Errors(
-        clock_s=np.array(clock_s), angle_deg=np.array(angles), dropped=dropped, known_after_s=known_after_s,
+        clock_s=np.array(clock_s),
+        angle_deg=np.array(angles),
+        dropped=dropped,
+        known_after_s=known_after_s,
         bound_s=math.inf if bound_ns is None else bound_ns / NS,
-    )  # fmt: skip
+    )
 
 
 def _measured_ns(case: Case, sample: AttitudeSample) -> float:

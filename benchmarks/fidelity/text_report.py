@@ -27,9 +27,15 @@ def print_report(rows: list[Row]) -> None:
 def _line(row: Row) -> str:
     c, s = row.case, row.score
     shares = (
-        s.missed, s.missed_margin, s.missed_measured, row.false_free, s.phantom, s.phantom_open, s.open_stopped,
+        s.missed,
+        s.missed_margin,
+        s.missed_measured,
+        row.false_free,
+        s.phantom,
+        s.phantom_open,
+        s.open_stopped,
         s.open_stopped_early,
-    )  # fmt: skip
+    )
     return (
         f"{c.scene[:15]:<16}{f'{c.roll_deg:+.0f}/{c.pitch_deg:+.0f}':>10}{c.height_m:>5.1f}"
         f"{f'{c.ke_per_m:g} ({c.configured_ke_per_m:.2g})':>16}{c.faults[:7]:>8}{s.mean_m:>7.3f}{s.p95_m:>6.2f}"

@@ -86,9 +86,12 @@ def _make_material(out: Path, material: Path) -> None:
     folder = out / "material-demo"
     folder.mkdir()
     subprocess.run(
-        [BIN / "companion", "demo", "-o", "demo-out", "--seconds", "12"], cwd=folder, env=_environment(folder, cold=False),
-        check=True, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+        [BIN / "companion", "demo", "-o", "demo-out", "--seconds", "12"],
+        cwd=folder,
+        env=_environment(folder, cold=False),
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
     make(folder / "demo-out" / "prisms.mcap", material)
     shutil.rmtree(folder)
 

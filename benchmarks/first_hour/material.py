@@ -63,14 +63,24 @@ def _bag(path: Path, info: CameraInfo, frames: list[DepthFrame], attitudes: list
         t_ns = frame.t_exposure_ns + shift_ns
         head = header(t_ns, "front_optical")
         described = {
-            "header": head, "height": i.height, "width": i.width, "distortion_model": "plumb_bob", "d": [0.0] * 5,
-            "k": [i.fx, 0.0, i.cx, 0.0, i.fy, i.cy, 0.0, 0.0, 1.0], "r": [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0],
+            "header": head,
+            "height": i.height,
+            "width": i.width,
+            "distortion_model": "plumb_bob",
+            "d": [0.0] * 5,
+            "k": [i.fx, 0.0, i.cx, 0.0, i.fy, i.cy, 0.0, 0.0, 1.0],
+            "r": [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0],
             "p": [i.fx, 0.0, i.cx, 0.0, 0.0, i.fy, i.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-        }  # fmt: skip
+        }
         image = {
-            "header": head, "height": i.height, "width": i.width, "encoding": "16UC1", "is_bigendian": 0,
-            "step": 2 * i.width, "data": frame.depth_mm.astype("<u2").tobytes(),
-        }  # fmt: skip
+            "header": head,
+            "height": i.height,
+            "width": i.width,
+            "encoding": "16UC1",
+            "is_bigendian": 0,
+            "step": 2 * i.width,
+            "data": frame.depth_mm.astype("<u2").tobytes(),
+        }
         entries.append((t_ns + 30_000_000, "/camera/depth/camera_info", "sensor_msgs/msg/CameraInfo", described))
         entries.append((t_ns + 30_000_000, "/camera/depth/image_rect_raw", "sensor_msgs/msg/Image", image))
     for sample in attitudes:
@@ -90,10 +100,14 @@ def _odometry(t_ns: int, sample: AttitudeSample, poses: Any) -> dict[str, Any]:
     stabilized, base = vehicle_transforms(sample.q_ned_frd_wxyz, _place(sample.t_ns, poses))
     R = rotation_from_quaternion(stabilized.q_wxyz) @ rotation_from_quaternion(base.q_wxyz)
     return {
-        "header": header(t_ns, "map"), "child_frame_id": "base_link",
-        "pose": {"pose": {"position": vector(*stabilized.translation_m), "orientation": quaternion(R)}, "covariance": [0.0] * 36},
+        "header": header(t_ns, "map"),
+        "child_frame_id": "base_link",
+        "pose": {
+            "pose": {"position": vector(*stabilized.translation_m), "orientation": quaternion(R)},
+            "covariance": [0.0] * 36,
+        },
         "twist": {"twist": {"linear": vector(0, 0, 0), "angular": vector(0, 0, 0)}, "covariance": [0.0] * 36},
-    }  # fmt: skip
+    }
 
 
 def _tum(folder: Path, info: CameraInfo, frames: list[DepthFrame], attitudes: list[AttitudeSample], poses: Any) -> None:

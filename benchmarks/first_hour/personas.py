@@ -53,14 +53,18 @@ INTEGRATOR: Final = Persona(
         Step("companion check-config mine.toml", shows=("usable",)),
         Step("companion configs simulated"),
         Step(PX4, starts=True),
-        Step("companion doctor -c mine.toml", status=1, wait_s=2.0,
-             shows=("no OAK device", "udev", r"ok  autopilot: PX4")),
+        Step(
+            "companion doctor -c mine.toml",
+            status=1,
+            wait_s=2.0,
+            shows=("no OAK device", "udev", r"ok  autopilot: PX4"),
+        ),
         Step(stop=PX4),
         Step(OAK_RUN, starts=True),
         Step("companion status -c mine.toml", status=1, wait_s=15.0, shows=("BLIND", "no OAK device", "no heartbeat")),
         Step(stop=OAK_RUN, shows=("ready", "stopped")),
     ),
-)  # fmt: skip
+)
 
 PLANNER: Final = Persona(
     "planner developer",
@@ -77,10 +81,12 @@ PLANNER: Final = Persona(
         Step(stop=AUTOPILOT),
         Step("companion status -c simulated.toml", status=1, wait_s=3.0, shows=("BLIND",)),
         Step(stop=RUN, shows=("stopped",)),
-        Step(stop="companion ros2", wait_s=8.0, shows=("no Zenoh router", "the service is received", "companion status")),
+        Step(
+            stop="companion ros2", wait_s=8.0, shows=("no Zenoh router", "the service is received", "companion status")
+        ),
         Step(stop=CLIENT, shows=("nothing may be taken as free", "nearest")),
     ),
-)  # fmt: skip
+)
 
 DATA: Final = Persona(
     "data person",
@@ -107,14 +113,21 @@ STEREO: Final = Persona(
     (
         Step("companion configs v4l2 -o realsense.toml"),
         Step("companion check-config realsense.toml", status=1, shows=("intrinsics", "setup")),
-        Step(f"{SETUP} -o rs.toml --camera v4l2:/dev/v4l/by-id/none --no-doctor", status=1, shows=("rs-enumerate-devices", "needs fx_px")),
+        Step(
+            f"{SETUP} -o rs.toml --camera v4l2:/dev/v4l/by-id/none --no-doctor",
+            status=1,
+            shows=("rs-enumerate-devices", "needs fx_px"),
+        ),
         Step("companion configs zed -o zed.toml"),
         Step("companion check-config zed.toml", status=1, shows=("calibration",)),
-        Step(f"{SETUP} -o z.toml --camera zed:/dev/video0 --calibration SN12345678.conf --no-doctor", status=1,
-             shows=("SN12345678.conf",)),
+        Step(
+            f"{SETUP} -o z.toml --camera zed:/dev/video0 --calibration SN12345678.conf --no-doctor",
+            status=1,
+            shows=("SN12345678.conf",),
+        ),
         Step("companion doctor -c zed.toml --patience 3", status=1, shows=("calibration",)),
     ),
-)  # fmt: skip
+)
 
 RECORDINGS: Final = Persona(
     "owner of recordings",
@@ -128,11 +141,14 @@ RECORDINGS: Final = Persona(
         Step("companion import MATERIAL/tum -o tum.mcap", shows=("frames",)),
         Step("companion replay tum.mcap -o tum-prisms.mcap", shows=("valid",)),
         Step("companion view tum-prisms.mcap -o tum-pictures", shows=("flight.html",)),
-        Step("companion import MATERIAL/folder -o folder.mcap --mount=0,-20,0 --max-range-m 10", shows=("ulg|PX4|attitude",)),
+        Step(
+            "companion import MATERIAL/folder -o folder.mcap --mount=0,-20,0 --max-range-m 10",
+            shows=("ulg|PX4|attitude",),
+        ),
         Step("companion replay folder.mcap -o folder-prisms.mcap"),
         Step("companion import nowhere -o x.mcap", status=1, shows=("nowhere",)),
         Step("companion replay MATERIAL/bag.mcap -o x.mcap", status=1, shows=("companion import",)),
     ),
-)  # fmt: skip
+)
 
 PERSONAS: Final = (NEWCOMER, INTEGRATOR, PLANNER, DATA, STEREO, RECORDINGS)

@@ -60,9 +60,13 @@ class Session:
         with out.open("wb") as stream:
             process = subprocess.Popen(
                 ["bash", "-c", f"exec {step.text}" if step.starts else step.text],
-                cwd=self.folder, env=self.environment, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream,
+                cwd=self.folder,
+                env=self.environment,
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=stream,
                 start_new_session=True,
-            )  # fmt: skip
+            )
         if step.starts:
             self._running[step.text] = process, out, begun_s
             return None

@@ -40,13 +40,26 @@ class RandomCamera:
     seed: int
 
     def image(
-        self, scene: Scene, place_m: tuple[float, float, float], yaw_rad: float, pitch_deg: float, roll_deg: float, number: int
-    ) -> Rendered:  # fmt: skip
+        self,
+        scene: Scene,
+        place_m: tuple[float, float, float],
+        yaw_rad: float,
+        pitch_deg: float,
+        roll_deg: float,
+        number: int,
+    ) -> Rendered:
         """What it delivers of a scene at a place in ned; number: of the noise."""
         frame = render(
-            scene, self.measures, roll_rad=math.radians(roll_deg), pitch_rad=math.radians(pitch_deg), yaw_rad=yaw_rad,
-            position_ned_m=place_m, sensor=self.sensor, seed=self.seed, frame=number,
-        )  # fmt: skip
+            scene,
+            self.measures,
+            roll_rad=math.radians(roll_deg),
+            pitch_rad=math.radians(pitch_deg),
+            yaw_rad=yaw_rad,
+            position_ned_m=place_m,
+            sensor=self.sensor,
+            seed=self.seed,
+            frame=number,
+        )
         return replace(frame, info=self.info)
 
 

@@ -149,9 +149,18 @@ def first_solids(
     ground = np.array([float(drawn_ground), g.z_m, g.slope_x, g.slope_y])
     range_m, which = np.empty(len(begins)), np.empty(len(begins), np.int64)
     _first_solids(
-        scene.kinds, scene.rows, scene.halfspaces, np.ascontiguousarray(origins), np.ascontiguousarray(directions),
-        np.ascontiguousarray(begins), np.ascontiguousarray(ends), ground, least_m, range_m, which,
-    )  # fmt: skip
+        scene.kinds,
+        scene.rows,
+        scene.halfspaces,
+        np.ascontiguousarray(origins),
+        np.ascontiguousarray(directions),
+        np.ascontiguousarray(begins),
+        np.ascontiguousarray(ends),
+        ground,
+        least_m,
+        range_m,
+        which,
+    )
     return range_m, which
 
 
@@ -237,11 +246,19 @@ def cell_rays(frame: Rendered, model: FrameModel) -> CellRays | None:
     origins = np.tile(frame.position_ned_m, (len(z), 1))
     origins[:, 2] += z
     return CellRays(
-        cells=len(cells), cell=np.repeat(np.arange(len(cells)), each), direction=d, layer=layer, azimuth_rad=azimuth,
-        z_m=z, begins=f.free_from_m[d, layer].astype(np.float64), ends=f.free_to_m[d, layer].astype(np.float64), inside_to_m=inside_to_m,
-        origins=origins, directions=np.stack([np.cos(heading), np.sin(heading), np.zeros(len(z))], axis=1),
+        cells=len(cells),
+        cell=np.repeat(np.arange(len(cells)), each),
+        direction=d,
+        layer=layer,
+        azimuth_rad=azimuth,
+        z_m=z,
+        begins=f.free_from_m[d, layer].astype(np.float64),
+        ends=f.free_to_m[d, layer].astype(np.float64),
+        inside_to_m=inside_to_m,
+        origins=origins,
+        directions=np.stack([np.cos(heading), np.sin(heading), np.zeros(len(z))], axis=1),
         axis=frame.R_level_optical[:, 2],
-    )  # fmt: skip
+    )
 
 
 def wrong_cells(
@@ -271,9 +288,14 @@ def wrong_cells(
         label = int(frame.scene.label[which[i]]) if which[i] >= 0 else -1
         found.append(
             WrongCell(
-                direction=int(rays.direction[i]), layer=int(rays.layer[i]), azimuth_rad=float(rays.azimuth_rad[i]),
-                z_m=float(rays.z_m[i]), range_m=float(range_m[i]), free_to_m=float(rays.ends[i]),
-                deep_m=float(rays.ends[i] - range_m[i]), solid=label,
+                direction=int(rays.direction[i]),
+                layer=int(rays.layer[i]),
+                azimuth_rad=float(rays.azimuth_rad[i]),
+                z_m=float(rays.z_m[i]),
+                range_m=float(range_m[i]),
+                free_to_m=float(rays.ends[i]),
+                deep_m=float(rays.ends[i] - range_m[i]),
+                solid=label,
             )
-        )  # fmt: skip
+        )
     return found, rays.cells

@@ -53,8 +53,13 @@ def flight(seed: int, number: int, extractor: Extractor) -> tuple[list[Flown], f
     for k in range(FRAMES):
         pitch, roll = first.pitch_deg + rng.uniform(-12.0, 12.0), first.roll_deg + rng.uniform(-8.0, 8.0)
         frame = first.camera.image(
-            first.frame.scene, (x, y, z), float(rng.uniform(-0.5, 0.5)), max(-55.0, min(50.0, pitch)), roll, FRAMES * number + k
-        )  # fmt: skip
+            first.frame.scene,
+            (x, y, z),
+            float(rng.uniform(-0.5, 0.5)),
+            max(-55.0, min(50.0, pitch)),
+            roll,
+            FRAMES * number + k,
+        )
         model, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state)
         flown.append(Flown(frame, model))
         to = x + 0.4 * math.cos(ahead), y + 0.4 * math.sin(ahead)

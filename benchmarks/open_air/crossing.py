@@ -191,9 +191,7 @@ class CrossingLoop:
         y, z = (a.ravel() for a in np.meshgrid((-AVOID.radius_m, 0.0, AVOID.radius_m), (-0.2, 0.0, 0.2)))
         origins = np.column_stack([np.full(len(y), self._x_m), y, z - HEIGHT_M])
         ahead = np.tile([1.0, 0.0, 0.0], (len(y), 1))
-        ranges, _ = first_solids(
-            self.scene.scene, False, origins, ahead, np.zeros(len(y)), np.full(len(y), 20.0), 0.0
-        )  # fmt: skip
+        ranges, _ = first_solids(self.scene.scene, False, origins, ahead, np.zeros(len(y)), np.full(len(y), 20.0), 0.0)
         return float(ranges.min())
 
     def _expose(self) -> None:
@@ -205,9 +203,12 @@ class CrossingLoop:
 
         def arrive() -> None:
             frame = DepthFrame(
-                camera=self._info.camera, sequence=number, t_exposure_ns=t_ns, t_arrival_ns=self.now_ns,
+                camera=self._info.camera,
+                sequence=number,
+                t_exposure_ns=t_ns,
+                t_arrival_ns=self.now_ns,
                 depth_mm=depth_mm,
-            )  # fmt: skip
+            )
             for output in self._pipeline.handle(frame):
                 if isinstance(output, PrismsResult):
                     self._builder.result(output)
@@ -264,9 +265,16 @@ def row(name: str, autopilot: str, f: Flown) -> str:
     clearance = f"{f.clearance_m:.2f}" if math.isfinite(f.clearance_m) else ""
     share = 100.0 * f.open_frames / max(1, f.frames)
     cells = (
-        name, autopilot, f"{f.distance_m:.1f}", f"{f.seconds:.1f}", f"{f.fastest_m_s:.1f}", str(f.stops),
-        "" if math.isnan(f.first_stop_m) else f"{f.first_stop_m:.1f}", clearance, f"{share:.0f}",
-    )  # fmt: skip
+        name,
+        autopilot,
+        f"{f.distance_m:.1f}",
+        f"{f.seconds:.1f}",
+        f"{f.fastest_m_s:.1f}",
+        str(f.stops),
+        "" if math.isnan(f.first_stop_m) else f"{f.first_stop_m:.1f}",
+        clearance,
+        f"{share:.0f}",
+    )
     return "| " + " | ".join(cells) + " |"
 
 

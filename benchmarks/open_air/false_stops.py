@@ -128,11 +128,19 @@ def counts_of(seen: Seen) -> Counts:
 
 
 COLUMNS = {
-    "views": ("views", 0), "invalid": ("invalid", 0), "planes": ("planes", 1), "measured": ("measured %", 1),
-    "sky_near": ("sky < 10 m %", 2), "free": ("called free %", 1), "closed": ("closed %", 1),
-    "false_stops": ("false stops %", 2), "missed": ("missed %", 2), "missed_inside": ("missed inside %", 2),
-    "outline_px": ("outline px %", 1), "outline": ("outline %", 1),
-}  # fmt: skip
+    "views": ("views", 0),
+    "invalid": ("invalid", 0),
+    "planes": ("planes", 1),
+    "measured": ("measured %", 1),
+    "sky_near": ("sky < 10 m %", 2),
+    "free": ("called free %", 1),
+    "closed": ("closed %", 1),
+    "false_stops": ("false stops %", 2),
+    "missed": ("missed %", 2),
+    "missed_inside": ("missed inside %", 2),
+    "outline_px": ("outline px %", 1),
+    "outline": ("outline %", 1),
+}
 
 
 def table(rows: dict[str, dict[str, float]], first: str = "scene") -> str:

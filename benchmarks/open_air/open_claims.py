@@ -79,12 +79,15 @@ def claims_of(
     known = {(w.direction, w.layer) for w in wrong}
     names = frame.scene.names
     return Claims(
-        directions=int(free.sum()), free=called(model), opened=called(opened), wrong_free=len(wrong),
+        directions=int(free.sum()),
+        free=called(model),
+        opened=called(opened),
+        wrong_free=len(wrong),
         wrong_open=tuple(
             (w, names[w.solid] if w.solid >= 0 else "ground") for w in wrong_open if (w.direction, w.layer) not in known
         ),
         more_cells=open_cells - cells,
-    )  # fmt: skip
+    )
 
 
 @dataclass(slots=True)
@@ -127,9 +130,15 @@ class ClaimCounts:
 
         deepest = f"{self.deepest_m:.2f} ({self.deepest})" if self.wrong_open else ""
         return [
-            str(self.frames), str(self.invalid), percent(self.free), percent(self.opened), str(self.wrong_free),
-            str(self.wrong_open), deepest, str(self.more_cells),
-        ]  # fmt: skip
+            str(self.frames),
+            str(self.invalid),
+            percent(self.free),
+            percent(self.opened),
+            str(self.wrong_free),
+            str(self.wrong_open),
+            deepest,
+            str(self.more_cells),
+        ]
 
 
 COLUMNS = ("frames", "invalid", "free %", "free or open %", "wrong free", "wrong open", "deepest m", "cells more")

@@ -65,10 +65,13 @@ def outline_counts(seen: Seen, rays: Rays, stop_m: NDArray[np.float64]) -> list[
         kept = np.abs(np.where(np.isfinite(stop_m), stop_m, 1e9) - rays.range_m) <= slack
         found.append(
             OutlineCounts(
-                name=name, range_m=float(np.median(rays.range_m[outline])), pixels=int(outline.sum()),
-                measured=int((near & outline).sum()), kept=int((kept & outline).sum()),
+                name=name,
+                range_m=float(np.median(rays.range_m[outline])),
+                pixels=int(outline.sum()),
+                measured=int((near & outline).sum()),
+                kept=int((kept & outline).sum()),
             )
-        )  # fmt: skip
+        )
     return found
 
 

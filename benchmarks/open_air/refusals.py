@@ -44,8 +44,11 @@ _WALK = {
     FreeEnd.MAX_RANGE: "range of the camera",
 }
 REASONS = (
-    INVALID, *(r.name.lower().replace("_", " ") for r in Refusal if r is not Refusal.NONE), *_WALK.values(), PLANE
-)  # fmt: skip
+    INVALID,
+    *(r.name.lower().replace("_", " ") for r in Refusal if r is not Refusal.NONE),
+    *_WALK.values(),
+    PLANE,
+)
 
 
 def evidence(

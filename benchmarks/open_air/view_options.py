@@ -30,7 +30,12 @@ def views(a: argparse.Namespace, scene: str) -> list[View]:
     """The views of a scene. Indoors there is no sky and one height."""
     return [
         View(
-            scene=scene, profile=a.profile, sky=sky, height_m=float(height), pitch_deg=float(pitch), roll_deg=float(roll),
+            scene=scene,
+            profile=a.profile,
+            sky=sky,
+            height_m=float(height),
+            pitch_deg=float(pitch),
+            roll_deg=float(roll),
             seed=int(seed),
         )
         for sky in (a.skies[:1] if scene in INDOOR else a.skies)
@@ -38,4 +43,4 @@ def views(a: argparse.Namespace, scene: str) -> list[View]:
         for pitch in a.pitch
         for roll in a.roll
         for seed in a.seeds
-    ]  # fmt: skip
+    ]

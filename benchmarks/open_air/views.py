@@ -92,7 +92,12 @@ def see(view: View, noises: tuple[float, ...], camera: StereoCamera, extractor: 
             depth = camera.depth_of(pair)
             model, state = extractor.extract(depth, info, R_level, state=state)
         yield Seen(
-            view=view, noise_grey=noise, scene=scene, pair=pair, model=model,
-            unmatched_left_px=profile.unmatched_left_px, unmatched_right_px=profile.unmatched_right_px,
+            view=view,
+            noise_grey=noise,
+            scene=scene,
+            pair=pair,
+            model=model,
+            unmatched_left_px=profile.unmatched_left_px,
+            unmatched_right_px=profile.unmatched_right_px,
             frame=Rendered(scene.scene, info, depth, R, R_level, at, truth),
-        )  # fmt: skip
+        )

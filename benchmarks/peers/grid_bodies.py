@@ -37,8 +37,11 @@ def _through_lids(depth, camera, R, planes, first, least, ground_z, layer_m, box
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             a, b = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
-            dx, dy, dz = (R[0, 0] * a + R[0, 1] * b + R[0, 2], R[1, 0] * a + R[1, 1] * b + R[1, 2],
-                          R[2, 0] * a + R[2, 1] * b + R[2, 2])  # fmt: skip
+            dx, dy, dz = (
+                R[0, 0] * a + R[0, 1] * b + R[0, 2],
+                R[1, 0] * a + R[1, 1] * b + R[1, 2],
+                R[2, 0] * a + R[2, 1] * b + R[2, 2],
+            )
             for k in range(layers):
                 # going down a ray enters layer k through its top, going up through its bottom
                 lid = ground_z - (least + k + (1 if dz > 0.0 else 0)) * layer_m

@@ -13,8 +13,15 @@ from benchmarks.peers.participants import SAFE
 from benchmarks.peers.run import CLOUD, Figures, Timing
 from benchmarks.peers.tables import Pooled, groups, pooled
 
-COLORS = {"OSAPE, safe": "#1f77b4", "OSAPE, paper": "#d62728", "3DP": "#2ca02c", "OctoMap": "#9467bd",
-          "Open3D planar": "#8c564b", "Open3D Voxel": "#e67e22", CLOUD: "#7f7f7f"}  # fmt: skip
+COLORS = {
+    "OSAPE, safe": "#1f77b4",
+    "OSAPE, paper": "#d62728",
+    "3DP": "#2ca02c",
+    "OctoMap": "#9467bd",
+    "Open3D planar": "#8c564b",
+    "Open3D Voxel": "#e67e22",
+    CLOUD: "#7f7f7f",
+}
 
 
 def kind_of(peer: str) -> str:
@@ -51,8 +58,16 @@ def draw_scatter(
                         kinds.setdefault(kind_of(name), []).append((*at, _size_of(name)))
                 for kind, points in kinds.items():
                     face = COLORS[kind] if ke == noises[0] else "white"
-                    ax.plot([p[0] for p in points], [p[1] for p in points], "o-", color=COLORS[kind], linewidth=0.8,
-                            markersize=6, markerfacecolor=face, label=kind if ke == noises[0] else None)  # fmt: skip
+                    ax.plot(
+                        [p[0] for p in points],
+                        [p[1] for p in points],
+                        "o-",
+                        color=COLORS[kind],
+                        linewidth=0.8,
+                        markersize=6,
+                        markerfacecolor=face,
+                        label=kind if ke == noises[0] else None,
+                    )
                     for px, py, word in points:
                         ax.annotate(word, (px, py), textcoords="offset points", xytext=(5, 4), fontsize=6.5)
             for axis in (ax.xaxis, ax.yaxis):

@@ -95,9 +95,17 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 FIGURES_HEAD = (
-    "", "made of", "bytes", "distance, m", "95 %, m", "to the body, m", "missed, %", "phantom, %", "over the open, %",
+    "",
+    "made of",
+    "bytes",
+    "distance, m",
+    "95 %, m",
+    "to the body, m",
+    "missed, %",
+    "phantom, %",
+    "over the open, %",
     "open rays stopped, %",
-)  # fmt: skip
+)
 
 
 def figures_table(peers: dict[str, list[Figures]], absent: Sequence[tuple[str, str]]) -> str:
@@ -158,9 +166,15 @@ def storage_table(rows: Iterable[Figures]) -> str:
                 _ratio(ratios(peers, FINE_GRID, lambda r: r.mean_m, lambda r: r.mean_m), GOALS.get(family, math.inf)),
             ]
         )
-    head = ["", "planes / grid 0.8 m", "bytes / grid 0.8 m", "planes / its front sides", "planes / not simplified",
-            "planes / of all pixels",
-            "error / grid 0.1 m"]  # fmt: skip
+    head = [
+        "",
+        "planes / grid 0.8 m",
+        "bytes / grid 0.8 m",
+        "planes / its front sides",
+        "planes / not simplified",
+        "planes / of all pixels",
+        "error / grid 0.1 m",
+    ]
     return markdown(head, lines)
 
 

@@ -22,13 +22,23 @@ SETTLED = 10
 """Frames after which nothing may be called free that is not."""
 FRAMES = 15
 WRONG = (
-    Errors(pitch_deg=-5.0), Errors(pitch_deg=5.0), Errors(pitch_deg=-10.0), Errors(roll_deg=10.0), Errors(roll_deg=-5.0),
-    Errors(roll_deg=5.0, pitch_deg=-5.0), Errors(pitch_deg=-20.0),
-)  # fmt: skip
+    Errors(pitch_deg=-5.0),
+    Errors(pitch_deg=5.0),
+    Errors(pitch_deg=-10.0),
+    Errors(roll_deg=10.0),
+    Errors(roll_deg=-5.0),
+    Errors(roll_deg=5.0, pitch_deg=-5.0),
+    Errors(pitch_deg=-20.0),
+)
 SMALL = (
-    Errors(pitch_deg=1.0), Errors(pitch_deg=-1.0), Errors(roll_deg=1.0), Errors(pitch_deg=-2.0), Errors(roll_deg=-2.0),
-    Errors(pitch_deg=3.0), Errors(roll_deg=2.0, pitch_deg=-2.0),
-)  # fmt: skip
+    Errors(pitch_deg=1.0),
+    Errors(pitch_deg=-1.0),
+    Errors(roll_deg=1.0),
+    Errors(pitch_deg=-2.0),
+    Errors(roll_deg=-2.0),
+    Errors(pitch_deg=3.0),
+    Errors(roll_deg=2.0, pitch_deg=-2.0),
+)
 SMALL_SCENES = ("street", "trees", "open", "alley", "stones", "forest")
 SLOPES_DEG = (-10.0, -7.0, -5.0, -3.0, 3.0, 5.0, 7.0, 10.0)
 HEIGHT_M = 2.0
@@ -53,9 +63,14 @@ def wrong(scenes: tuple[str, ...], seed: int, ke_per_m: float, check: MountCheck
             flight = MountFlight(make_scene(name, seed), errors, seed=seed, ke_per_m=ke_per_m, check=check)
             late = flight.fly(hover(position, yaw, FRAMES))[SETTLED:]
             yield {
-                "part": "wrong", "scene": name, "errors": str(errors), "valid": sum(f.valid for f in late),
-                "false_free": max(f.false_free for f in late), "verdict": late[-1].verdict.name, "error_deg": late[-1].error_deg,
-            }  # fmt: skip
+                "part": "wrong",
+                "scene": name,
+                "errors": str(errors),
+                "valid": sum(f.valid for f in late),
+                "false_free": max(f.false_free for f in late),
+                "verdict": late[-1].verdict.name,
+                "error_deg": late[-1].error_deg,
+            }
 
 
 def right(scenes: tuple[str, ...], seed: int, ke_per_m: float) -> Iterator[Row]:
@@ -80,9 +95,13 @@ def slope(seed: int, ke_per_m: float) -> Iterator[Row]:
                 frames = flight.fly(poses, judge=False)
                 withheld = [f.t_s for f in frames if f.verdict is MountVerdict.UNVERIFIED_SLOPE]
                 yield {
-                    "part": "slope", "along_deg": along, "across_deg": across, "houses": houses, **alarms(frames),
+                    "part": "slope",
+                    "along_deg": along,
+                    "across_deg": across,
+                    "houses": houses,
+                    **alarms(frames),
                     "withheld_to_s": max(withheld, default=0.0),
-                }  # fmt: skip
+                }
 
 
 def small(seed: int, ke_per_m: float) -> Iterator[Row]:
@@ -94,18 +113,24 @@ def small(seed: int, ke_per_m: float) -> Iterator[Row]:
             frames = flight.fly(turning(position, yaw), judge=False)
             named = next((f for f in frames if f.verdict in (MountVerdict.DEGRADED, MountVerdict.ERROR)), None)
             yield {
-                "part": "small", "scene": name, "errors": str(errors), "named_s": named.t_s if named else None,
-                "verdict": frames[-1].verdict.name, "error_deg": frames[-1].error_deg,
-            }  # fmt: skip
+                "part": "small",
+                "scene": name,
+                "errors": str(errors),
+                "named_s": named.t_s if named else None,
+                "verdict": frames[-1].verdict.name,
+                "error_deg": frames[-1].error_deg,
+            }
 
 
 def alarms(frames: list[Frame]) -> Row:
     """How often a verdict stood that reports an error, or made frames invalid, and the largest error estimated."""
     return {
         "errors_reported": sum(f.verdict in (MountVerdict.DEGRADED, MountVerdict.ERROR) for f in frames),
-        "withheld": sum(f.verdict is MountVerdict.UNVERIFIED_SLOPE for f in frames), "frames": len(frames),
-        "verdict": frames[-1].verdict.name, "error_deg": frames[-1].error_deg,
-    }  # fmt: skip
+        "withheld": sum(f.verdict is MountVerdict.UNVERIFIED_SLOPE for f in frames),
+        "frames": len(frames),
+        "verdict": frames[-1].verdict.name,
+        "error_deg": frames[-1].error_deg,
+    }
 
 
 def bad(row: Row) -> bool:
@@ -133,9 +158,11 @@ def main() -> None:
     rows: list[Row] = []
     for part in args.parts:
         made = {
-            "wrong": lambda: wrong(scenes, args.seed, args.ke, MountCheckParams(enabled=not args.off)), "right": lambda: right(scenes, args.seed, args.ke),
-            "slope": lambda: slope(args.seed, args.ke), "small": lambda: small(args.seed, args.ke),
-        }[part]()  # fmt: skip
+            "wrong": lambda: wrong(scenes, args.seed, args.ke, MountCheckParams(enabled=not args.off)),
+            "right": lambda: right(scenes, args.seed, args.ke),
+            "slope": lambda: slope(args.seed, args.ke),
+            "small": lambda: small(args.seed, args.ke),
+        }[part]()
         count = missed = 0
         for row in made:
             rows.append(row)

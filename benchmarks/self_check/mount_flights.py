@@ -62,16 +62,25 @@ class MountFlight:
     """A camera in a scene with a wrongly configured mount. true: the mount used for rendering."""
 
     def __init__(
-        self, scene: Scene, errors: Errors, *, width: int = 320, true: CameraMount | None = None, ke_per_m: float = 0.0015,
-        seed: int = 0, frame_hz: float = 10.0, check: MountCheckParams | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        scene: Scene,
+        errors: Errors,
+        *,
+        width: int = 320,
+        true: CameraMount | None = None,
+        ke_per_m: float = 0.0015,
+        seed: int = 0,
+        frame_hz: float = 10.0,
+        check: MountCheckParams | None = None,
+    ) -> None:
         self._scene, self._seed, self._frame_hz = scene, seed, frame_hz
         info = camera_info(width, width * 3 // 4, ke_per_m=ke_per_m)
         self._true = true or CameraMount()
         configured = replace(
-            self._true, roll_rad=self._true.roll_rad + math.radians(errors.roll_deg),
+            self._true,
+            roll_rad=self._true.roll_rad + math.radians(errors.roll_deg),
             pitch_rad=self._true.pitch_rad + math.radians(errors.pitch_deg),
-        )  # fmt: skip
+        )
         self.info: CameraInfo = replace(info, mount=configured)
         self._sensor: SensorModel = replace(TYPICAL.scaled_to(width), ke_per_m=ke_per_m)
         self.pipeline = Pipeline((self.info,), lambda info: Extractor(), mount_check=check)
@@ -95,9 +104,13 @@ class MountFlight:
         error = tuple(math.degrees(v) for v in result.mount.error_rad)
         wrong = self._false_free(result, truth, pose) if judge and result.valid else 0.0
         return Frame(
-            t_s=i / self._frame_hz, valid=result.valid, cause=result.cause_text, verdict=result.mount.verdict,
-            error_deg=(error[0], error[1]), false_free=wrong,
-        )  # fmt: skip
+            t_s=i / self._frame_hz,
+            valid=result.valid,
+            cause=result.cause_text,
+            verdict=result.mount.verdict,
+            error_deg=(error[0], error[1]),
+            false_free=wrong,
+        )
 
     def _truth(self, pose: Pose) -> Truth:
         if self._looked is None or self._looked[0] != pose:  # a vehicle that stands still sees the same again
@@ -126,9 +139,14 @@ def hover(position_m: tuple[float, float, float], yaw_rad: float, frames: int) -
 
 
 def turning(
-    position_m: tuple[float, float, float], yaw_rad: float, *, turn_deg: float = 90.0, seconds: float = 10.0, hz: float = 10.0,
+    position_m: tuple[float, float, float],
+    yaw_rad: float,
+    *,
+    turn_deg: float = 90.0,
+    seconds: float = 10.0,
+    hz: float = 10.0,
     ground: Callable[[float, float], float] = lambda x, y: 0.0,
-) -> list[Pose]:  # fmt: skip
+) -> list[Pose]:
     """A slow flight that weaves by turn_deg to either side and sways by a few degrees. ground: height (z, down) under a place;
     the vehicle keeps its height above it."""
     poses = []

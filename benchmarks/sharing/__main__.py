@@ -30,9 +30,14 @@ class Case:
 
 
 CASES = (
-    Case("street", 2, (1, 2)), Case("street", 2, (1, 2), same_way=True), Case("street", 5, (1,)), Case("trees", 2, (1,)),
-    Case("trees", 2, (1,), same_way=True), Case("trees", 5, (1,)), Case("street", 2, (2,), processes=True),
-)  # fmt: skip
+    Case("street", 2, (1, 2)),
+    Case("street", 2, (1, 2), same_way=True),
+    Case("street", 5, (1,)),
+    Case("trees", 2, (1,)),
+    Case("trees", 2, (1,), same_way=True),
+    Case("trees", 5, (1,)),
+    Case("street", 2, (2,), processes=True),
+)
 CHANNEL = Channel()
 
 HEAD = f"""# Sharing measurements
@@ -54,9 +59,14 @@ def main() -> int:
     for case in CASES[1:2] if args.quick else CASES:
         for seed in case.seeds[:1] if args.quick else case.seeds:
             figures = run(
-                case.scene, case.vehicles, seed, BUDGETS[case.scene], CHANNEL, same_way=case.same_way,
+                case.scene,
+                case.vehicles,
+                seed,
+                BUDGETS[case.scene],
+                CHANNEL,
+                same_way=case.same_way,
                 processes=case.processes,
-            )  # fmt: skip
+            )
             print(figures, file=sys.stderr, flush=True)
             found.append(figures)
             write(args.out, found, begun, quick=args.quick)  # what is measured so far

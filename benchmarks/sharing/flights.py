@@ -149,10 +149,13 @@ def errors(vehicles: int, seed: int) -> list[FrameError]:
         off_m = 1.5 if vehicles > 2 else 3.0 * k
         found.append(
             FrameError(
-                x_m=rng.uniform(-40.0, 40.0), y_m=rng.uniform(-40.0, 40.0), yaw_rad=math.radians(rng.uniform(-2.0, 2.0)),
-                off_x_m=off_m * math.cos(angle), off_y_m=off_m * math.sin(angle),
+                x_m=rng.uniform(-40.0, 40.0),
+                y_m=rng.uniform(-40.0, 40.0),
+                yaw_rad=math.radians(rng.uniform(-2.0, 2.0)),
+                off_x_m=off_m * math.cos(angle),
+                off_y_m=off_m * math.sin(angle),
             )
-        )  # fmt: skip
+        )
     return found
 
 

@@ -123,9 +123,14 @@ def _play(
 
 
 def _figures(
-    scene: str, seed: int, parts: Sequence[Part], outcomes: Sequence[Outcome], traffic: Traffic, views: Sequence[Rendered],
+    scene: str,
+    seed: int,
+    parts: Sequence[Part],
+    outcomes: Sequence[Outcome],
+    traffic: Traffic,
+    views: Sequence[Rendered],
     begin_ns: int,
-) -> Figures:  # fmt: skip
+) -> Figures:
     rates = [_rates(sent, begin_ns) for sent in traffic.sent]
     delays, never = _latencies(outcomes, begin_ns + round(START_UP_S * NS))
     early, _ = _latencies(outcomes, 0)

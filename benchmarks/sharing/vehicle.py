@@ -61,14 +61,23 @@ def fly(task: Task, out: Connection) -> None:
     frames: tuple[Seen, ...] = pickle.loads(task.frames.read_bytes())
     lat, lon, alt = task.origin
     config = ShareConfig(
-        enabled=True, vehicle=task.number, origin=f"{lat:.9f}, {lon:.9f}, {alt}", tunnel_bytes_per_s=task.bytes_per_s,
+        enabled=True,
+        vehicle=task.number,
+        origin=f"{lat:.9f}, {lon:.9f}, {alt}",
+        tunnel_bytes_per_s=task.bytes_per_s,
         tunnel=f"udpout:127.0.0.1:{task.port}",
-    )  # fmt: skip
+    )
     signing = Signing(SigningKey(KEY), SigningClock())
     sharing = Sharing(
-        config, 0.4, lambda deliver: [TunnelLine(parse_address(config.tunnel), COMPONENT, deliver, signing)],
-        1_700_000_000, lambda: task.number, None, "", lambda key, message, t_ns: None,
-    )  # fmt: skip
+        config,
+        0.4,
+        lambda deliver: [TunnelLine(parse_address(config.tunnel), COMPONENT, deliver, signing)],
+        1_700_000_000,
+        lambda: task.number,
+        None,
+        "",
+        lambda key, message, t_ns: None,
+    )
     world, outcome = World(), Outcome(task.number)
     warm = World()
     for k, seen in enumerate(frames[:2]):
@@ -107,8 +116,16 @@ def _loop(
         flying = taken < len(frames)
         speed = velocity if flying and taken > 1 else (0.0, 0.0, 0.0)
         sharing.samples(
-            [PoseSample(t_ns=now_ns, t_arrival_ns=now_ns, position_ned_m=last, velocity_ned_m_s=(speed[0], speed[1], speed[2]), reset_counter=0)]
-        )  # fmt: skip
+            [
+                PoseSample(
+                    t_ns=now_ns,
+                    t_arrival_ns=now_ns,
+                    position_ned_m=last,
+                    velocity_ned_m_s=(speed[0], speed[1], speed[2]),
+                    reset_counter=0,
+                )
+            ]
+        )
         sharing.world(world, now_ns)
         obstacles = sharing.obstacles
         if obstacles.now_ns != newest_ns:

@@ -71,15 +71,17 @@ class VirtualVehicle:
     def __init__(self, number: int, part: Part, bytes_per_s: float, begin_ns: int, clock_ns: list[int]) -> None:
         lat, lon, alt = part.error.origin()
         config = ShareConfig(
-            enabled=True, vehicle=number, origin=f"{lat:.9f}, {lon:.9f}, {alt}", tunnel_bytes_per_s=bytes_per_s,
-        )  # fmt: skip
+            enabled=True, vehicle=number, origin=f"{lat:.9f}, {lon:.9f}, {alt}", tunnel_bytes_per_s=bytes_per_s
+        )
         self._config, self._frames, self._begin_ns = config, part.seen, begin_ns
         signing = Signing(SigningKey(KEY), SigningClock(wall_ns=lambda: UNIX_NS + clock_ns[0]))
         self.codec = TunnelCodec(COMPONENT, signing)
         budget = Budget(
-            bytes_per_s=bytes_per_s, overhead_bytes=self.codec.overhead_bytes, packet_bytes=PAYLOAD_BYTES,
+            bytes_per_s=bytes_per_s,
+            overhead_bytes=self.codec.overhead_bytes,
+            packet_bytes=PAYLOAD_BYTES,
             refresh_s=config.refresh_s,
-        )  # fmt: skip
+        )
         self.team = Team(config, number, 1_700_000_000, begin_ns, 0.4, {"tunnel": budget})
         self.world, self.outcome = World(), Outcome(number)
         self._taken = 0
@@ -121,9 +123,12 @@ class VirtualVehicle:
         flying = 0 < at < end
         velocity = [HZ * (b - a) if flying else 0.0 for a, b in zip(before, last, strict=True)]
         self.team.own.pose = PoseSample(
-            t_ns=now_ns, t_arrival_ns=now_ns, position_ned_m=last, velocity_ned_m_s=(velocity[0], velocity[1], velocity[2]),
+            t_ns=now_ns,
+            t_arrival_ns=now_ns,
+            position_ned_m=last,
+            velocity_ned_m_s=(velocity[0], velocity[1], velocity[2]),
             reset_counter=0,
-        )  # fmt: skip
+        )
 
     def _frame(self, seen: Seen, now_ns: int) -> None:
         self.world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=now_ns))

@@ -45,9 +45,17 @@ def instructions(file: Path, frames: int, environment: dict[str, str]) -> int:
     """Instructions of a whole process that extracts a number of frames. Raises RuntimeError with the last line of
     valgrind."""
     command = [
-        "valgrind", "--tool=cachegrind", "--cache-sim=no", "--smc-check=all-non-file", "--cachegrind-out-file=/dev/null",
-        sys.executable, "-c", CHILD, str(file), str(frames),
-    ]  # fmt: skip
+        "valgrind",
+        "--tool=cachegrind",
+        "--cache-sim=no",
+        "--smc-check=all-non-file",
+        "--cachegrind-out-file=/dev/null",
+        sys.executable,
+        "-c",
+        CHILD,
+        str(file),
+        str(frames),
+    ]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     found = REFERENCES.search(done.stderr)
     if done.returncode != 0 or found is None:

@@ -100,9 +100,17 @@ def scene_sequence(
     """Images of a scene of benchmarks.scenes.catalogue, made and seen as the held-out seed has it."""
     position, yaw = camera_pose(scene, SEED, HEIGHT_M)
     return render_sequence(
-        scene, make_scene(scene, SEED), size, roll_deg=roll_deg, pitch_deg=pitch_deg, yaw_rad=yaw,
-        position_ned_m=position, ke_per_m=ke_per_m, images=images, seed=SEED,
-    )  # fmt: skip
+        scene,
+        make_scene(scene, SEED),
+        size,
+        roll_deg=roll_deg,
+        pitch_deg=pitch_deg,
+        yaw_rad=yaw,
+        position_ned_m=position,
+        ke_per_m=ke_per_m,
+        images=images,
+        seed=SEED,
+    )
 
 
 def crowd(things: int, foliage: bool) -> Scene:

@@ -164,10 +164,13 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     config = folder / "live.toml"
     text = shipped(
         {
-            "flight": args.flight, "width_px": args.width, "fps": args.hz, "seed": args.seed,
+            "flight": args.flight,
+            "width_px": args.width,
+            "fps": args.hz,
+            "seed": args.seed,
             "address": f"udpin:127.0.0.1:{free_port()}",
         }
-    )  # fmt: skip
+    )
     config.write_text(text + ADDRESS_KEYS.format(folder=folder, record="off" if args.no_log else "always"))
     ear, stop, health = Ear(), threading.Event(), f"ipc://{folder}/health"
     with ExitStack() as stack:

@@ -68,25 +68,32 @@ def live_lines(found: dict[str, Any], *, held: bool) -> list[Line]:
     return [
         passed,
         Line(
-            f"{name}: exposure to subscriber", f"p50 {p50:.2f}, p99 {p99:.2f} ms",
-            f"<= {P99_MS:g} ms" if quick else "", p99 <= P99_MS if quick else None,
+            f"{name}: exposure to subscriber",
+            f"p50 {p50:.2f}, p99 {p99:.2f} ms",
+            f"<= {P99_MS:g} ms" if quick else "",
+            p99 <= P99_MS if quick else None,
         ),
         Line(
-            f"{name}: the service's processor", f"{cpu['service']:.1f} % (camera {cpu['camera']:.1f} %)",
-            f"<= {CPU_PERCENT:g} %" if light else "", cpu["service"] <= CPU_PERCENT if light else None,
+            f"{name}: the service's processor",
+            f"{cpu['service']:.1f} % (camera {cpu['camera']:.1f} %)",
+            f"<= {CPU_PERCENT:g} %" if light else "",
+            cpu["service"] <= CPU_PERCENT if light else None,
         ),
-        Line(f"{name}: waited for a processor", f"{waited:.1f} %{' (others had it: not at rest)' * (waited > BUSY_PERCENT)}"),
+        Line(
+            f"{name}: waited for a processor",
+            f"{waited:.1f} %{' (others had it: not at rest)' * (waited > BUSY_PERCENT)}",
+        ),
         Line(f"{name}: processors taken by the host", f"{stolen:.2f} %"),
-        Line(f"{name}: memory, first and last quarter", f"{before:.0f}, {after:.0f} MB", "flat", after <= GROWTH * before),
+        Line(
+            f"{name}: memory, first and last quarter", f"{before:.0f}, {after:.0f} MB", "flat", after <= GROWTH * before
+        ),
         Line(f"{name}: log", f"{found['log_mb_per_minute']:.0f} MB a minute"),
-    ]  # fmt: skip
+    ]
 
 
 def run_of(flight: str, hz: float, minutes: float) -> dict[str, Any]:
     """One run with its log on. Raises TimeoutError when it does not see."""
-    asked = Namespace(
-        flight=flight, hz=hz, minutes=minutes, width=640, seed=live.SEED, warm_up=WARM_UP_S, no_log=False,
-    )  # fmt: skip
+    asked = Namespace(flight=flight, hz=hz, minutes=minutes, width=640, seed=live.SEED, warm_up=WARM_UP_S, no_log=False)
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:
         return live.measure(asked, Path(folder))
 
@@ -103,9 +110,13 @@ def main() -> int:
     runs = []
     try:
         for flight, hz, minutes in (
-            ("street", 12.0, SHORT_MINUTES), ("trees", 12.0, SHORT_MINUTES), ("trees", 30.0, SHORT_MINUTES),
-            ("demo", 12.0, SHORT_MINUTES), ("demo", 30.0, SHORT_MINUTES), ("street", 30.0, args.minutes),
-        ):  # fmt: skip
+            ("street", 12.0, SHORT_MINUTES),
+            ("trees", 12.0, SHORT_MINUTES),
+            ("trees", 30.0, SHORT_MINUTES),
+            ("demo", 12.0, SHORT_MINUTES),
+            ("demo", 30.0, SHORT_MINUTES),
+            ("street", 30.0, args.minutes),
+        ):
             runs.append(run_of(flight, hz, minutes))
             lines += live_lines(runs[-1], held=flight == "street")
     except TimeoutError as error:

@@ -50,18 +50,32 @@ class Goal:
 
 
 GOALS: Final = (
-    Goal(name="structured, level", holds_for=lambda k: k.family == "structured" and k.level, must_ms=4.0, aim_ms=1.2, stretch_ms=0.8),
     Goal(
-        name="structured, tilted 20 degrees", holds_for=lambda k: k.family == "structured" and not k.level,
-        must_ms=4.0, aim_ms=1.6, stretch_ms=1.2,
+        name="structured, level",
+        holds_for=lambda k: k.family == "structured" and k.level,
+        must_ms=4.0,
+        aim_ms=1.2,
+        stretch_ms=0.8,
+    ),
+    Goal(
+        name="structured, tilted 20 degrees",
+        holds_for=lambda k: k.family == "structured" and not k.level,
+        must_ms=4.0,
+        aim_ms=1.6,
+        stretch_ms=1.2,
     ),
     Goal(name="foliage, level and tilted", holds_for=lambda k: k.family == "foliage", must_ms=8.0, aim_ms=3.0),
-)  # fmt: skip
+)
 TAIL_GOAL: Final = 2.0
 
 FLOORS_MS: Final = (
-    ("bins of the pixels", 0.02), ("transpose", 0.04), ("histograms", 0.125), ("kernel", 0.025), ("peaks", 0.03), ("windows", 0.024),
-)  # fmt: skip
+    ("bins of the pixels", 0.02),
+    ("transpose", 0.04),
+    ("histograms", 0.125),
+    ("kernel", 0.025),
+    ("peaks", 0.03),
+    ("windows", 0.024),
+)
 """C++ with AVX-512, each stage alone: what our stage of density, windows and strips is compared with."""
 FLOORED_STAGE: Final = "density, windows, strips, rest"
 

@@ -122,10 +122,17 @@ def moving(cases: tuple[movers.Case, ...]) -> str:
         for ke in KES:
             _say(f"mover {case.name} {ke:g}")
             f = movers.run(case, ke)
-            rows.append([
-                case.name, f"{ke:g}", f"{f.declared_s:.2f}", f"{f.velocity_m_s[0]:.2f} ({f.velocity_m_s[1]:.2f})",
-                f"{f.place_m[0]:.2f} ({f.place_m[1]:.2f})", f"{100 * f.share:.0f} of {f.frames}", str(f.others),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    case.name,
+                    f"{ke:g}",
+                    f"{f.declared_s:.2f}",
+                    f"{f.velocity_m_s[0]:.2f} ({f.velocity_m_s[1]:.2f})",
+                    f"{f.place_m[0]:.2f} ({f.place_m[1]:.2f})",
+                    f"{100 * f.share:.0f} of {f.frames}",
+                    str(f.others),
+                ]
+            )
     head = [
         "mover",
         "ke, 1/m",

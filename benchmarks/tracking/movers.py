@@ -109,9 +109,13 @@ def run(case: Case, ke_per_m: float, frames: int = 40) -> Found:
             place.append(math.hypot(o.centre_m[0] - at[0], o.centre_m[1] - at[1]))
     declared = math.nan if declared_ns is None or whole_ns is None else (declared_ns - whole_ns) / NS
     return Found(
-        declared_s=declared, velocity_m_s=_both(speed), place_m=_both(place), share=len(speed) / late if late else math.nan,
-        frames=late, others=others,
-    )  # fmt: skip
+        declared_s=declared,
+        velocity_m_s=_both(speed),
+        place_m=_both(place),
+        share=len(speed) / late if late else math.nan,
+        frames=late,
+        others=others,
+    )
 
 
 FALSE_POSES: dict[str, Pose] = {"true": true_pose, "drift 1 %": drifting(0.01)}

@@ -128,9 +128,16 @@ def exposures(plan: FlightPlan, frames: int, ke_per_m: float, seed: int = 1, wid
         model, state = extractor.extract(depth, info, R_level, state)
         scene = moved(plan.scene, (t_ns - flight.start_ns) / NS)
         yield Exposure(
-            k=k, t_ns=t_ns, info=info, model=model, heading_rad=heading_of(R), position_m=at, R_ned_optical=R,
-            truth=still, rendered=Rendered(scene, info, depth, R, R_level, at, still),
-        )  # fmt: skip
+            k=k,
+            t_ns=t_ns,
+            info=info,
+            model=model,
+            heading_rad=heading_of(R),
+            position_m=at,
+            R_ned_optical=R,
+            truth=still,
+            rendered=Rendered(scene, info, depth, R, R_level, at, still),
+        )
 
 
 def heading_of(R_ned_optical: Floats) -> float:

@@ -69,9 +69,13 @@ def cost_ms(planes: int, positioned: bool, model: FrameModel, frames: int = 60) 
         noisy = (rows + np.column_stack([shift, shift, np.zeros((planes, 2))]))[keep].astype(np.float32)
         n = len(noisy)
         frame = dataclasses.replace(
-            level, planes=noisy, margin_m=np.full(n, 0.1, np.float32), flags=np.zeros(n, np.uint8),
-            cluster=np.zeros(n, np.int32), support_px=np.full(n, 50, np.int32),
-        )  # fmt: skip
+            level,
+            planes=noisy,
+            margin_m=np.full(n, 0.1, np.float32),
+            flags=np.zeros(n, np.uint8),
+            cluster=np.zeros(n, np.int32),
+            support_px=np.full(n, 50, np.int32),
+        )
         given = TrackingFrame(model=frame, camera_m=(0.0, 0.0, 0.0), t_ns=round(k / HZ * 1e9), positioned=positioned)
         begun = time.thread_time_ns()
         s = tracker.observe(given)

@@ -80,14 +80,27 @@ def saved(planes: int, seed: int) -> SavedSection:
     along = length**2 / 12.0
     zero = np.zeros(planes)
     moments = np.column_stack(
-        [weight, zero, zero, weight * along * np.cos(turn) ** 2, weight * along * np.cos(turn) * np.sin(turn),
-         weight * along * np.sin(turn) ** 2]
-    )  # fmt: skip
+        [
+            weight,
+            zero,
+            zero,
+            weight * along * np.cos(turn) ** 2,
+            weight * along * np.cos(turn) * np.sin(turn),
+            weight * along * np.sin(turn) ** 2,
+        ]
+    )
     return SavedSection(
-        number=1, reset_counter=0, begun_ns=0, newest_ns=0, box=np.column_stack([xy - half, xy + half, top, zero]),
-        moments=moments, margin_m=np.full(planes, 0.1), flags=np.zeros(planes, np.uint8),
-        hits=np.full(planes, 40, np.int32), age_s=zero,
-    )  # fmt: skip
+        number=1,
+        reset_counter=0,
+        begun_ns=0,
+        newest_ns=0,
+        box=np.column_stack([xy - half, xy + half, top, zero]),
+        moments=moments,
+        margin_m=np.full(planes, 0.1),
+        flags=np.zeros(planes, np.uint8),
+        hits=np.full(planes, 40, np.int32),
+        age_s=zero,
+    )
 
 
 def costs(frames: Sequence[Observation], rounds: int, sizes: Sequence[int] = SIZES) -> list[Cost]:
@@ -119,10 +132,13 @@ def costs(frames: Sequence[Observation], rounds: int, sizes: Sequence[int] = SIZ
         a, c = a[len(frames) :], c[len(frames) :]  # the first round compiles, and makes the free blocks
         out.append(
             Cost(
-                planes=planes, add_ms=float(np.median(a)), p99_ms=float(np.percentile(a, 99)),
-                changes_ms=float(np.median(c)), memory_bytes=memory,
+                planes=planes,
+                add_ms=float(np.median(a)),
+                p99_ms=float(np.percentile(a, 99)),
+                changes_ms=float(np.median(c)),
+                memory_bytes=memory,
             )
-        )  # fmt: skip
+        )
     return out
 
 
@@ -137,10 +153,16 @@ def asked(radius_m: float, repeats: int = 5) -> Asked:
     masks = rng.integers(0, 2**63, (len(cells), 256), dtype=np.uint64)
     masks[rng.random(masks.shape) < 0.9] = np.uint64(0xFFFFFFFFFFFFFFFF)
     picture = WorldSnapshot(
-        section=1, slots=np.arange(PLANES, dtype=np.int32), planes=planes, margin_m=np.full(PLANES, 0.1, np.float32),
-        flags=np.zeros(PLANES, np.uint8), hits=np.ones(PLANES, np.int32), seen_ns=np.zeros(PLANES, np.int64),
-        blocks=cells, masks=masks,
-    )  # fmt: skip
+        section=1,
+        slots=np.arange(PLANES, dtype=np.int32),
+        planes=planes,
+        margin_m=np.full(PLANES, 0.1, np.float32),
+        flags=np.zeros(PLANES, np.uint8),
+        hits=np.ones(PLANES, np.int32),
+        seen_ns=np.zeros(PLANES, np.int64),
+        blocks=cells,
+        masks=masks,
+    )
     a = np.column_stack([rng.uniform(-38.0, 38.0, (WAYS, 2)), rng.uniform(-6.0, -1.0, WAYS)])
     b = a + rng.normal(0.0, 1.05, (WAYS, 3))
     times, answers = [], np.zeros(0, np.uint8)

@@ -101,10 +101,13 @@ def flown(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendered
         tilt = rotation_from_euler(*(math.radians(estimate.attitude_deg) * noise[:3]))
         R = tilt @ r.R_ned_optical
         yield Seen(
-            rendered=r, R_level_optical=rotation_level_cam_optical(R), heading_rad=horizontal_heading_rad(R),
-            place_m=r.position_ned_m + drift + estimate.position_m * noise[3:], drift_m=drift,
+            rendered=r,
+            R_level_optical=rotation_level_cam_optical(R),
+            heading_rad=horizontal_heading_rad(R),
+            place_m=r.position_ned_m + drift + estimate.position_m * noise[3:],
+            drift_m=drift,
             t_ns=round((k + 1) * 1e9 / HZ),
-        )  # fmt: skip
+        )
 
 
 def renderings(flight: Flight, condition: Condition, seed: int) -> list[Rendered]:
@@ -151,9 +154,13 @@ def _block(seed: int) -> Flight:
         return np.asarray((np.abs(p[:, :2]) <= half).all(axis=1) & (p[:, 2] <= 0.0) & (p[:, 2] >= -height))
 
     return Flight(
-        name="block", scene=s.build(), way=tuple(way), judged=tuple(_circle(0.0, 0.0, 15.0, -3.5, 8, 0.3)), inside=within,
+        name="block",
+        scene=s.build(),
+        way=tuple(way),
+        judged=tuple(_circle(0.0, 0.0, 15.0, -3.5, 8, 0.3)),
+        inside=within,
         around=(0.0, 0.0, length / 2),
-    )  # fmt: skip
+    )
 
 
 def _alley(seed: int) -> Flight:
@@ -198,7 +205,10 @@ def _shape(name: str, seed: int) -> Flight:
         return np.asarray((p @ scene.halfspaces[:, :3].T <= scene.halfspaces[:, 3] + 1e-9).all(axis=1))
 
     return Flight(
-        name=name, scene=scene, way=tuple(_circle(DISTANCE_M, 0.0, 7.0, -2.0, 72) + _circle(DISTANCE_M, 0.0, 7.0, -2.0, 24)),
-        judged=tuple(_circle(DISTANCE_M, 0.0, 5.5, -2.6, 6, 0.4)), inside=within,
+        name=name,
+        scene=scene,
+        way=tuple(_circle(DISTANCE_M, 0.0, 7.0, -2.0, 72) + _circle(DISTANCE_M, 0.0, 7.0, -2.0, 24)),
+        judged=tuple(_circle(DISTANCE_M, 0.0, 5.5, -2.6, 6, 0.4)),
+        inside=within,
         around=(DISTANCE_M, 0.0, float(half[:2].max())),
-    )  # fmt: skip
+    )

@@ -46,11 +46,16 @@ def measured(name: str, m: Merged, rendered: Sequence[Rendered]) -> Bytes:
     clouds = [to_ned(r, cloud_of(r, CONDITION.ke_per_m).points_m) for r in rendered]
     octomap = _octomap(clouds, rendered)
     return Bytes(
-        flight=name, frames=len(rendered), planes=m.steps[-1].planes, disk=len(bytes_of(m.world.saved())),
-        stream=m.steps[-1].stream_bytes, stream_planes=m.steps[-1].plane_bytes,
+        flight=name,
+        frames=len(rendered),
+        planes=m.steps[-1].planes,
+        disk=len(bytes_of(m.world.saved())),
+        stream=m.steps[-1].stream_bytes,
+        stream_planes=m.steps[-1].plane_bytes,
         grids={cell: grid_bytes(clouds, rendered, cell) for cell in CELLS_M},
-        octomap=None if octomap is None else octomap[0], octomap_free=None if octomap is None else octomap[1],
-    )  # fmt: skip
+        octomap=None if octomap is None else octomap[0],
+        octomap_free=None if octomap is None else octomap[1],
+    )
 
 
 def grid_bytes(clouds: Sequence[NDArray[np.float64]], rendered: Sequence[Rendered], cell_m: float) -> int:

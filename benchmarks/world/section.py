@@ -148,9 +148,16 @@ def bytes_table(sizes: Sequence[Bytes]) -> str:
     for b in sizes:
         peer = [f"{n:,}" if n is not None else "not installed" for n in (b.octomap, b.octomap_free)]
         cells = [
-            b.flight, str(b.frames), str(b.planes), f"{b.disk:,}", f"{b.stream:,}", f"{b.stream_planes:,}",
-            f"{b.stream / b.frames:,.0f}", *(f"{b.grids[cell]:,}" for cell in CELLS_M), *peer,
-        ]  # fmt: skip
+            b.flight,
+            str(b.frames),
+            str(b.planes),
+            f"{b.disk:,}",
+            f"{b.stream:,}",
+            f"{b.stream_planes:,}",
+            f"{b.stream / b.frames:,.0f}",
+            *(f"{b.grids[cell]:,}" for cell in CELLS_M),
+            *peer,
+        ]
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 

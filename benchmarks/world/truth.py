@@ -128,12 +128,21 @@ def verdict(
     off = np.concatenate([f["off"] for f in found])
     numbers = m.world.numbers()
     return Verdict(
-        flight=flight.name, estimate=estimate.name, frames=len(rendered), closed=_closed(flight, space, m.drift_m),
-        missed=_share(total["missed_seen"], total["seen"]), missed_all=_share(total["missed"], total["obstacle"]),
-        phantom=_share(total["phantom"], total["rays"]), mean_m=float(off.mean()) if len(off) else NAN,
-        p95_m=float(np.percentile(off, 95)) if len(off) else NAN, false_free=_share(total["false_free"], total["seen"]),
-        air=_share(total["air_free"], total["air"]), planes=len(planes), frame_planes=m.steps[-1].frame_planes, sections=numbers["sections"],
-    )  # fmt: skip
+        flight=flight.name,
+        estimate=estimate.name,
+        frames=len(rendered),
+        closed=_closed(flight, space, m.drift_m),
+        missed=_share(total["missed_seen"], total["seen"]),
+        missed_all=_share(total["missed"], total["obstacle"]),
+        phantom=_share(total["phantom"], total["rays"]),
+        mean_m=float(off.mean()) if len(off) else NAN,
+        p95_m=float(np.percentile(off, 95)) if len(off) else NAN,
+        false_free=_share(total["false_free"], total["seen"]),
+        air=_share(total["air_free"], total["air"]),
+        planes=len(planes),
+        frame_planes=m.steps[-1].frame_planes,
+        sections=numbers["sections"],
+    )
 
 
 def _view(
@@ -151,11 +160,17 @@ def _view(
     surface = space.points(ned[was_seen] + drift)
     air = half_way(view, rays)
     return {
-        "obstacle": int(rays.obstacle.sum()), "missed": int((v.missed & rays.obstacle).sum()), "seen": int(was_seen.sum()),
-        "missed_seen": int(v.missed[some][asked][was_seen].sum()), "phantom": int((v.phantom & (rays.obstacle | rays.open)).sum()),
-        "rays": int((rays.obstacle | rays.open).sum()), "off": off, "false_free": int((surface == Occupancy.FREE).sum()),
-        "air": len(air), "air_free": int((space.points(air + drift) == Occupancy.FREE).sum()),
-    }  # fmt: skip
+        "obstacle": int(rays.obstacle.sum()),
+        "missed": int((v.missed & rays.obstacle).sum()),
+        "seen": int(was_seen.sum()),
+        "missed_seen": int(v.missed[some][asked][was_seen].sum()),
+        "phantom": int((v.phantom & (rays.obstacle | rays.open)).sum()),
+        "rays": int((rays.obstacle | rays.open).sum()),
+        "off": off,
+        "false_free": int((surface == Occupancy.FREE).sum()),
+        "air": len(air),
+        "air_free": int((space.points(air + drift) == Occupancy.FREE).sum()),
+    }
 
 
 def _share(part: int, whole: int) -> float:

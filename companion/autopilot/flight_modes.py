@@ -40,14 +40,22 @@ _COPTER = {
 _PLANNED = ("AUTO", "GUIDED", "RTL")
 """In which a path planner (OA_TYPE) works."""
 _PX4 = {
-    1: ("Manual", Effect.NOTHING), 2: ("Altitude", Effect.NOTHING), 3: ("Position", Effect.BRAKES),
-    5: ("Acro", Effect.NOTHING), 6: ("Offboard", Effect.NOTHING), 7: ("Stabilized", Effect.NOTHING),
-}  # fmt: skip
+    1: ("Manual", Effect.NOTHING),
+    2: ("Altitude", Effect.NOTHING),
+    3: ("Position", Effect.BRAKES),
+    5: ("Acro", Effect.NOTHING),
+    6: ("Offboard", Effect.NOTHING),
+    7: ("Stabilized", Effect.NOTHING),
+}
 _PX4_AUTO = {
-    1: ("Ready", Effect.STANDS), 2: ("Takeoff", Effect.NOTHING), 3: ("Hold", Effect.STANDS),
-    4: ("Mission", Effect.NOTHING), 5: ("Return", Effect.NOTHING), 6: ("Land", Effect.NOTHING),
+    1: ("Ready", Effect.STANDS),
+    2: ("Takeoff", Effect.NOTHING),
+    3: ("Hold", Effect.STANDS),
+    4: ("Mission", Effect.NOTHING),
+    5: ("Return", Effect.NOTHING),
+    6: ("Land", Effect.NOTHING),
     8: ("Follow", Effect.NOTHING),
-}  # fmt: skip
+}
 _PX4_AUTO_MAIN = 4
 
 

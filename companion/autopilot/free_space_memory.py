@@ -57,9 +57,14 @@ class FreeMemory:
         self._seen_s[free] = np.maximum(self._seen_s[free], t_ns / NS)
 
     def free(
-        self, views: Sequence[View], here: Here, now_ns: int, x: NDArray[np.float64], y: NDArray[np.float64],
+        self,
+        views: Sequence[View],
+        here: Here,
+        now_ns: int,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
         z: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:  # fmt: skip
+    ) -> NDArray[np.bool_]:
         """(N,) whether places of level were seen free lately and lie in no view's image now. x, y, z: (N,) metres."""
         if here.position_ned_m is None or here.section != self._section:
             return np.zeros(len(x), bool)

@@ -315,9 +315,18 @@ def avoidance_of(
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     return Avoidance(
-        config.avoid, tuple(cameras), config.service.timeout_s, connected, link.post, frozen, silent, last,
-        config.extractor.profile_ring_m, observer, config.open_sky.presumes,
-    )  # fmt: skip
+        config.avoid,
+        tuple(cameras),
+        config.service.timeout_s,
+        connected,
+        link.post,
+        frozen,
+        silent,
+        last,
+        config.extractor.profile_ring_m,
+        observer,
+        config.open_sky.presumes,
+    )
 
 
 def _interval_request(system_id: int, message_id: int) -> Any:

@@ -75,7 +75,9 @@ def _px4_advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:
     v, far_m = facts.values, avoid.max_distance_m
     lines = []
     if v.get("CP_DIST", 1.0) <= 0.0:
-        lines.append(f"PX4 will not brake: CP_DIST = {v['CP_DIST']:g} switches collision prevention off; set it to the distance to keep, for example 3 m")  # fmt: skip
+        lines.append(
+            f"PX4 will not brake: CP_DIST = {v['CP_DIST']:g} switches collision prevention off; set it to the distance to keep, for example 3 m"
+        )
     elif v.get("CP_DIST", 0.0) >= far_m:
         lines.append(
             f"PX4 would never fly on: CP_DIST = {v['CP_DIST']:g} m is not less than [avoid] max_distance_m = {far_m:g} m"
@@ -93,7 +95,9 @@ def _ardupilot_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
     far_m = avoid.max_distance_m
     lines = []
     if v.get("PRX1_TYPE", 2.0) != 2.0:
-        lines.append(f"ArduPilot does not read obstacles: PRX1_TYPE = {v['PRX1_TYPE']:g}; set it to 2 (MAVLink) and restart the autopilot")  # fmt: skip
+        lines.append(
+            f"ArduPilot does not read obstacles: PRX1_TYPE = {v['PRX1_TYPE']:g}; set it to 2 (MAVLink) and restart the autopilot"
+        )
     if not int(v.get("AVOID_ENABLE", 7.0)) & 2:
         lines.append(
             f"ArduPilot will not brake: AVOID_ENABLE = {v['AVOID_ENABLE']:g} is without 2 (proximity sensors); set it to 7"
@@ -106,9 +110,13 @@ def _ardupilot_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
     if v.get("AVOID_BEHAVE", 1.0) == 0.0:
         lines.append("AVOID_BEHAVE = 0: in LOITER it slides along obstacles instead of stopping; set it to 1")
     if v.get("AVOID_BACKUP_SPD", 0.0) > 0.0:
-        lines.append(f"AVOID_BACKUP_SPD = {v['AVOID_BACKUP_SPD']:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover; 0 makes it stand")  # fmt: skip
+        lines.append(
+            f"AVOID_BACKUP_SPD = {v['AVOID_BACKUP_SPD']:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover; 0 makes it stand"
+        )
     if v.get("OA_TYPE", 0.0) > 0.0:
-        lines.append(f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round obstacles, and when blind round the wall into unobserved space; 0 switches it off")  # fmt: skip
+        lines.append(
+            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round obstacles, and when blind round the wall into unobserved space; 0 switches it off"
+        )
     return lines
 
 
@@ -133,7 +141,9 @@ def _proximity_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
         lines.append(f"ArduPilot does not brake below AVOID_ALT_MIN = {v['AVOID_ALT_MIN']:g} m; set it to 0")
     switches = [name for name in RC_OPTIONS if v.get(name) == RC_PROXIMITY_SWITCH]
     if switches:
-        lines.append(f"a switch of the transmitter turns proximity avoidance off: {', '.join(switches)} = {RC_PROXIMITY_SWITCH}; keep it on, or set the option to 0")  # fmt: skip
+        lines.append(
+            f"a switch of the transmitter turns proximity avoidance off: {', '.join(switches)} = {RC_PROXIMITY_SWITCH}; keep it on, or set the option to 0"
+        )
     return lines
 
 

@@ -280,9 +280,15 @@ class ObstacleReportBuilder:
         return Here(heading)
 
     def _surroundings(
-        self, seeing: list[str], views: list[View], recall: Recall | None, recalled: Remembered, causes: dict[str, str],
-        here: Here | None, now_ns: int,
-    ) -> Surroundings:  # fmt: skip
+        self,
+        seeing: list[str],
+        views: list[View],
+        recall: Recall | None,
+        recalled: Remembered,
+        causes: dict[str, str],
+        here: Here | None,
+        now_ns: int,
+    ) -> Surroundings:
         seeing = seeing if views else []
         return Surroundings(
             t_ns=now_ns,

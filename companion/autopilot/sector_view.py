@@ -40,10 +40,13 @@ class SectorView:
         """A message of the autopilot: PX4 echoes its map as OBSTACLE_DISTANCE, ArduPilot one DISTANCE_SENSOR per face."""
         if message.get_type() == "OBSTACLE_DISTANCE":
             echo = pb.ObstacleSectors(
-                cm=[int(v) for v in message.distances], t_ns=now_ns, clear_cm=int(message.max_distance) + 1,
-                first_deg=float(message.angle_offset), step_deg=float(message.increment_f or message.increment),
+                cm=[int(v) for v in message.distances],
+                t_ns=now_ns,
+                clear_cm=int(message.max_distance) + 1,
+                first_deg=float(message.angle_offset),
+                step_deg=float(message.increment_f or message.increment),
                 body_frame=message.frame == BODY_FRD,
-            )  # fmt: skip
+            )
             with self._lock:
                 self._map = echo
         elif message.get_type() == "DISTANCE_SENSOR" and 0 <= message.orientation < FACES:
@@ -63,6 +66,8 @@ class SectorView:
             elif faces:
                 echoed = pb.ObstacleSectors(
                     cm=[faces[k][1] if k in faces else UNKNOWN for k in range(FACES)],
-                    t_ns=max(t for t, _ in faces.values()), step_deg=360.0 / FACES, body_frame=True,
-                )  # fmt: skip
+                    t_ns=max(t for t, _ in faces.values()),
+                    step_deg=360.0 / FACES,
+                    body_frame=True,
+                )
                 health.obstacles_echoed.CopyFrom(echoed)

@@ -25,12 +25,16 @@ def params_of(config: Config) -> MavlinkParams:
     is_shared = share.enabled and share.tunnel == AUTOPILOT_LINE
     others = len(share.member_numbers()) or 1  # of an open team at least one
     return MavlinkParams(
-        system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz,
+        system_id=a.system_id,
+        component_id=a.component_id,
+        attitude_hz=a.attitude_hz,
+        position_hz=a.position_hz,
         obstacles_hz=config.avoid.rate_hz if config.avoid.send else 0.0,
         obstacle_points=min(MOST_POINTS, POINTS_A_CAMERA * len(config.cameras)) if config.avoid.points else 0,
         distance_sensors=config.avoid.upward + config.avoid.downward,
-        tunnel_bytes_per_s=share.tunnel_bytes_per_s if is_shared else 0.0, neighbours=others if is_shared else 0,
-    )  # fmt: skip
+        tunnel_bytes_per_s=share.tunnel_bytes_per_s if is_shared else 0.0,
+        neighbours=others if is_shared else 0,
+    )
 
 
 def signing_of(autopilot: AutopilotConfig, state: Path) -> Signing:

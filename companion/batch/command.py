@@ -63,11 +63,19 @@ class BatchReport:
     def as_json(self, output: str) -> dict[str, Any]:
         """The object of `--json`."""
         return {
-            "output": output, "flights": self.flights, "already_present": self.skipped,
-            "processed": self.flights - self.skipped - len(self.failed), "frames": self.frames, "damaged": self.damaged,
-            "failed": self.failed, "different_from_onboard": self.different, "restarted": self.restarted,
-            "cpu_s": round(self.cpu_s, 3), "wall_s": round(self.wall_s, 3), "peak_mb": round(self.peak_mb, 1),
-        }  # fmt: skip
+            "output": output,
+            "flights": self.flights,
+            "already_present": self.skipped,
+            "processed": self.flights - self.skipped - len(self.failed),
+            "frames": self.frames,
+            "damaged": self.damaged,
+            "failed": self.failed,
+            "different_from_onboard": self.different,
+            "restarted": self.restarted,
+            "cpu_s": round(self.cpu_s, 3),
+            "wall_s": round(self.wall_s, 3),
+            "peak_mb": round(self.peak_mb, 1),
+        }
 
 
 def make_engine(name: EngineName, address: str | None, workers: int | None, process: Process) -> Engine:
@@ -112,9 +120,12 @@ def _run_of(options: BatchOptions) -> dict[str, Any]:
     """What the results depend on."""
     config = options.config
     return {
-        "software": software(), "config_hash": None if config is None else text_hash(config_text(config)),
-        "near_m": options.near_m, "planes": options.planes, "logs": options.logs,
-    }  # fmt: skip
+        "software": software(),
+        "config_hash": None if config is None else text_hash(config_text(config)),
+        "near_m": options.near_m,
+        "planes": options.planes,
+        "logs": options.logs,
+    }
 
 
 @contextmanager

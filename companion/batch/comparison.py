@@ -21,8 +21,17 @@ FARTHER_SHARE: Final = 0.1
 SAME_PLACE_M: Final = 0.5
 """A plane has a counterpart where its middle is as near as this to a plane of the other dataset that overlaps in height."""
 _COLUMNS: Final = (
-    "file", "camera", "sequence", "t_exposure_ns", "valid", "cause", "armed", "planes", "nearest_m", "digest",
-)  # fmt: skip
+    "file",
+    "camera",
+    "sequence",
+    "t_exposure_ns",
+    "valid",
+    "cause",
+    "armed",
+    "planes",
+    "nearest_m",
+    "digest",
+)
 _PLANE_COLUMNS: Final = ("camera", "t_exposure_ns", "a_x_m", "a_y_m", "b_x_m", "b_y_m", "top_m", "bottom_m")
 
 Name = tuple[str, str]
@@ -131,9 +140,7 @@ class Dataset:
 
 def paired_frames(a: Dataset, b: Dataset, name: Name) -> tuple[PairedFrames, int, int]:
     """(frames that both have, number of those that only A has, and only B)."""
-    of_a, of_b = (
-        {(r["camera"], r["t_exposure_ns"]): r for r in d.rows("frames", name, _COLUMNS)} for d in (a, b)
-    )  # fmt: skip
+    of_a, of_b = ({(r["camera"], r["t_exposure_ns"]): r for r in d.rows("frames", name, _COLUMNS)} for d in (a, b))
     both = sorted(of_a.keys() & of_b.keys(), key=lambda key: (key[1], key[0]))
     pairs = [(of_a[key], of_b[key]) for key in both]
     frames = PairedFrames([p for p, _ in pairs], [q for _, q in pairs], [difference_kind(p, q) for p, q in pairs])

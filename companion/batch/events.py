@@ -57,10 +57,17 @@ class _Interval:
         f = self.first
         until_ns = self.last_ns if end_ns is None else end_ns
         return {
-            "file": f.file, "kind": str(kind), "camera": f.camera, "t_ns": f.t_ns, "end_ns": end_ns,
-            "duration_s": (until_ns - f.t_ns) / NS, "armed": f.armed,
-            "cause": f.cause if kind is EventKind.BLIND else "", "distance_m": self.least_m, "frames": self.frames,
-        }  # fmt: skip
+            "file": f.file,
+            "kind": str(kind),
+            "camera": f.camera,
+            "t_ns": f.t_ns,
+            "end_ns": end_ns,
+            "duration_s": (until_ns - f.t_ns) / NS,
+            "armed": f.armed,
+            "cause": f.cause if kind is EventKind.BLIND else "",
+            "distance_m": self.least_m,
+            "frames": self.frames,
+        }
 
 
 class FlightEvents:
@@ -129,10 +136,17 @@ class FlightEvents:
             return
         self._report_ns = sent.t_ns
         yield {
-            "file": file, "kind": str(EventKind.OBSTACLE_REPORT), "camera": "", "t_ns": sent.t_ns, "end_ns": sent.t_ns,
-            "duration_s": 0.0, "armed": report.autopilot.armed, "cause": "", "distance_m": nearest_sent_m(sent),
+            "file": file,
+            "kind": str(EventKind.OBSTACLE_REPORT),
+            "camera": "",
+            "t_ns": sent.t_ns,
+            "end_ns": sent.t_ns,
+            "duration_s": 0.0,
+            "armed": report.autopilot.armed,
+            "cause": "",
+            "distance_m": nearest_sent_m(sent),
             "frames": 0,
-        }  # fmt: skip
+        }
 
     def end(self) -> Iterator[dict[str, Any]]:
         """The events that last to the end of the log."""

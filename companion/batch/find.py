@@ -42,9 +42,14 @@ class Clip:
     def as_json(self) -> dict[str, Any]:
         """The object in `--json`."""
         return {
-            "clip": str(self.output), "vehicle": self.vehicle, "flight": self.flight, "log": self.location,
-            "begin_ns": self.begin_ns, "end_ns": self.end_ns, "flight_s": round(self.flight_s, 3),
-        }  # fmt: skip
+            "clip": str(self.output),
+            "vehicle": self.vehicle,
+            "flight": self.flight,
+            "log": self.location,
+            "begin_ns": self.begin_ns,
+            "end_ns": self.end_ns,
+            "flight_s": round(self.flight_s, 3),
+        }
 
 
 @dataclass(slots=True)
@@ -140,10 +145,13 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(
             {
-                "rows": len(hits), "clips": [clip.as_json() for clip in found.clips], "left_out": found.left_out,
-                "damaged": found.damaged, "failed": found.failed,
+                "rows": len(hits),
+                "clips": [clip.as_json() for clip in found.clips],
+                "left_out": found.left_out,
+                "damaged": found.damaged,
+                "failed": found.failed,
             }
-        )  # fmt: skip
+        )
     else:
         print_line(f"{len(hits)} rows, {len(found.clips)} clips")
         for clip in found.clips:

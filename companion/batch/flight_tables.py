@@ -88,9 +88,14 @@ class FlightTables:
         row = known | result_columns(output)
         self._count(row)
         summary = FrameSummary(
-            camera=output.camera, t_ns=output.t_exposure_ns, file=self._file, valid=output.valid,
-            cause=output.cause.value, armed=self._armed, distance_m=row.get("nearest_m"),
-        )  # fmt: skip
+            camera=output.camera,
+            t_ns=output.t_exposure_ns,
+            file=self._file,
+            valid=output.valid,
+            cause=output.cause.value,
+            armed=self._armed,
+            distance_m=row.get("nearest_m"),
+        )
         self._add("events", self._events.frame(summary))
         self._add("frames", self._rows.computed(output, row))
         if "planes" in self.files:

@@ -121,10 +121,17 @@ class FrameRows:
 def result_columns(result: PrismsResult) -> dict[str, Any]:
     """The columns of a frame that its result alone determines. Columns without a value are left out."""
     columns: dict[str, Any] = {
-        "camera": result.camera, "sequence": result.sequence, "t_exposure_ns": result.t_exposure_ns, "valid": result.valid,
-        "cause": result.cause.value, "frame": result.frame, "planes": 0, "prisms": 0, "attitude": "none",
+        "camera": result.camera,
+        "sequence": result.sequence,
+        "t_exposure_ns": result.t_exposure_ns,
+        "valid": result.valid,
+        "cause": result.cause.value,
+        "frame": result.frame,
+        "planes": 0,
+        "prisms": 0,
+        "attitude": "none",
         "camera_latency_ms": (result.t_arrival_ns - result.t_exposure_ns) / 1e6,
-    }  # fmt: skip
+    }
     if result.attitude is not None:
         columns["attitude"] = result.attitude.source.name.lower()
         columns["attitude_distance_ms"] = result.attitude.distance_ns / 1e6
@@ -139,10 +146,13 @@ def result_columns(result: PrismsResult) -> dict[str, Any]:
         return columns
     camera_m = np.zeros(3) if result.transform is None else np.asarray(result.transform.translation_m, np.float64)
     return columns | {
-        "planes": len(model.planes), "prisms": len(model.prisms), "nearest_m": nearest_plane_m(model, camera_m),
-        "free_share": free_share(model, float(camera_m[2]))[0], "ground_seen": model.ground.seen,
+        "planes": len(model.planes),
+        "prisms": len(model.prisms),
+        "nearest_m": nearest_plane_m(model, camera_m),
+        "free_share": free_share(model, float(camera_m[2]))[0],
+        "ground_seen": model.ground.seen,
         "ground_height_m": _finite(model.ground.height_m) if model.ground.seen else None,
-    }  # fmt: skip
+    }
 
 
 def _finite(value: float) -> float | None:

@@ -28,9 +28,14 @@ def arrow_schema(table: str) -> Any:
     """The pyarrow schema of a table, with the schema version in its metadata."""
     arrow = arrow_module()
     kinds = {
-        "string": arrow.string(), "strings": arrow.list_(arrow.string()), "bool": arrow.bool_(), "int32": arrow.int32(),
-        "int64": arrow.int64(), "float": arrow.float32(), "double": arrow.float64(),
-    }  # fmt: skip
+        "string": arrow.string(),
+        "strings": arrow.list_(arrow.string()),
+        "bool": arrow.bool_(),
+        "int32": arrow.int32(),
+        "int64": arrow.int64(),
+        "float": arrow.float32(),
+        "double": arrow.float64(),
+    }
     metadata = {"osape_batch_schema": str(SCHEMA_VERSION)}
     return arrow.schema([(column.name, kinds[column.kind]) for column in TABLES[table]], metadata=metadata)
 

@@ -111,5 +111,5 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         flags int32 bits as in the message
         cluster int32 obstacle it belongs to; -1: none
         """),
-}  # fmt: skip
+}
 """Table -> columns. vehicle and date are the partitions, and no columns of the files."""

@@ -62,10 +62,13 @@ def process_flight(task: FlightTask) -> Outcome:
         publish_flight(task.output, task.flight, folder)
     row = tables.flight_row()
     return Outcome(
-        frames=row["frames"], damage=row["damage"], equals_onboard=row["equals_onboard"],
-        cpu_s=time.process_time() - cpu_s, wall_s=time.monotonic() - begun_s,
+        frames=row["frames"],
+        damage=row["damage"],
+        equals_onboard=row["equals_onboard"],
+        cpu_s=time.process_time() - cpu_s,
+        wall_s=time.monotonic() - begun_s,
         peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-    )  # fmt: skip
+    )
 
 
 @functools.cache

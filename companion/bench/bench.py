@@ -73,9 +73,15 @@ def bench(params: Params, size: tuple[int, int], frames: int, hz: float, bar: Ca
         first_s = time.monotonic() - begun
         measured = tuple(_measured(view, extractor, frames, bar) for view in views)
     return Bench(
-        size=size, frames=frames, hz=hz, ready_s=ready_s, first_s=first_s, measured=measured, host_info=host_info(),
+        size=size,
+        frames=frames,
+        hz=hz,
+        ready_s=ready_s,
+        first_s=first_s,
+        measured=measured,
+        host_info=host_info(),
         versions=versions(),
-    )  # fmt: skip
+    )
 
 
 def _measured(view: FrameSequence, extractor: Extractor, frames: int, bar: Callable[[str], Any]) -> Measured:

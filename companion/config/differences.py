@@ -66,6 +66,11 @@ def _of_section(section: str, camera: str, values: Any) -> Iterator[Difference]:
         value = getattr(values, f.name)
         if f.default is not MISSING and value != f.default:
             yield Difference(
-                section=section, camera=camera, key=f.name, value=value, default=f.default,
-                unit=str(f.metadata["unit"]), safety=is_safety_key(f),
-            )  # fmt: skip
+                section=section,
+                camera=camera,
+                key=f.name,
+                value=value,
+                default=f.default,
+                unit=str(f.metadata["unit"]),
+                safety=is_safety_key(f),
+            )

@@ -87,9 +87,13 @@ class RecordParams:
     zstd_level: int = number(-1, -20, 9, "", "compression level; a lower level is faster and gives larger files")
     depth: bool = switch(True, "record depth images; without them a log cannot be replayed")
     depth_hz: float = number(
-        0.0, 0.0, 60.0, "Hz", "greatest rate of the recorded depth images of each camera; 0: every image. The images "
+        0.0,
+        0.0,
+        60.0,
+        "Hz",
+        "greatest rate of the recorded depth images of each camera; 0: every image. The images "
         "between cannot be computed again by `companion replay`",
-    )  # fmt: skip
+    )
     mavlink: bool = switch(True, "record the MAVLink messages of the autopilot")
 
     def __post_init__(self) -> None:

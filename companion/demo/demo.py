@@ -32,9 +32,8 @@ from .live import DemoError, LiveRun, fly
 OUTPUT = Path("demo-out")
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
 EMBEDDED = Config(
-    cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
-    record=RecordParams(record="off"),
-)  # fmt: skip
+    cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"), record=RecordParams(record="off")
+)
 """The embedded default, equal to configs/simulated.toml."""
 MAX_FPS = 15.0
 """Largest frame rate in the page, which limits its size."""
@@ -69,9 +68,7 @@ def demo_config(config: Config, options: DemoOptions) -> Config:
         raise ValueError(
             'the configuration has no camera of kind = "simulated"; use for example configs/simulated.toml'
         )
-    cameras = tuple(
-        replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MAX_FPS)) for c in simulated
-    )  # fmt: skip
+    cameras = tuple(replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MAX_FPS)) for c in simulated)
     return replace(config, cameras=cameras)
 
 

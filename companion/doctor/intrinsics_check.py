@@ -35,10 +35,12 @@ def _finding(camera: CameraConfig) -> Finding:
         return Finding(part, True, f"its intrinsics cannot be compared: {error}")
     k = device.intrinsics
     pairs = (
-        ("fx_px", camera.fx_px, k.fx, FOCAL_SHARE * k.fx), ("fy_px", camera.fy_px, k.fy, FOCAL_SHARE * k.fy),
-        ("cx_px", camera.cx_px, k.cx, CENTRE_PX), ("cy_px", camera.cy_px, k.cy, CENTRE_PX),
+        ("fx_px", camera.fx_px, k.fx, FOCAL_SHARE * k.fx),
+        ("fy_px", camera.fy_px, k.fy, FOCAL_SHARE * k.fy),
+        ("cx_px", camera.cx_px, k.cx, CENTRE_PX),
+        ("cy_px", camera.cy_px, k.cy, CENTRE_PX),
         ("depth_unit_mm", camera.depth_unit_mm, device.depth_unit_mm, UNIT_SHARE * device.depth_unit_mm),
-    )  # fmt: skip
+    )
     wrong = [
         f"{key} = {value:.4f}"
         for key, configured, value, near in pairs

@@ -126,9 +126,11 @@ class MountMeasurement:
         """The configuration lines."""
         roll, pitch, yaw = self.state.corrected(self.info.mount)
         lines = [
-            "[[camera]]", f'name = "{self.config.name}"', f"roll_deg = {math.degrees(roll):.1f}",
+            "[[camera]]",
+            f'name = "{self.config.name}"',
+            f"roll_deg = {math.degrees(roll):.1f}",
             f"pitch_deg = {math.degrees(pitch):.1f}",
-        ]  # fmt: skip
+        ]
         if self.info.mount.yaw_rad or abs(yaw) > math.radians(0.05):
             lines.append(f"yaw_deg = {math.degrees(yaw):.1f}")
         return lines

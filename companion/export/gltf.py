@@ -34,9 +34,11 @@ def glb(prisms: Sequence[Prism], trajectory_m: NDArray[np.float64], name: str) -
     if len(corners):
         indices = (4 * np.arange(len(corners) // 4, dtype=np.uint32)[:, None] + [0, 1, 2, 0, 2, 3]).astype(np.uint32)
         primitive = {
-            "attributes": {"POSITION": made.add(corners, _ARRAY)}, "indices": made.add(indices.ravel(), _INDICES),
-            "mode": _TRIANGLES, "material": 0,
-        }  # fmt: skip
+            "attributes": {"POSITION": made.add(corners, _ARRAY)},
+            "indices": made.add(indices.ravel(), _INDICES),
+            "mode": _TRIANGLES,
+            "material": 0,
+        }
         meshes.append({"name": f"obstacles of {name}", "primitives": [primitive]})
     if len(trajectory_m) > 1:
         line = {"attributes": {"POSITION": made.add(to_gltf(trajectory_m), _ARRAY)}, "mode": _LINE_STRIP, "material": 1}
@@ -89,9 +91,11 @@ class _Buffer:
         is_position = values.ndim == 2
         view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes, "target": target}
         accessor: dict[str, Any] = {
-            "bufferView": len(self._views), "componentType": _FLOAT if is_position else _UINT, "count": len(values),
+            "bufferView": len(self._views),
+            "componentType": _FLOAT if is_position else _UINT,
+            "count": len(values),
             "type": "VEC3" if is_position else "SCALAR",
-        }  # fmt: skip
+        }
         if is_position:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self._views.append(view)
@@ -101,9 +105,7 @@ class _Buffer:
 
     def described(self) -> dict[str, Any]:
         """The JSON of the buffer."""
-        return {
-            "buffers": [{"byteLength": len(self.data)}], "bufferViews": self._views, "accessors": self._accessors,
-        }  # fmt: skip
+        return {"buffers": [{"byteLength": len(self.data)}], "bufferViews": self._views, "accessors": self._accessors}
 
 
 def _packed(content: dict[str, Any], data: bytes) -> bytes:

@@ -108,9 +108,12 @@ def _euler(result: PrismsResult) -> tuple[float, float, float]:
 def _plane_rows(model: FrameModel) -> Iterator[tuple[Any, ...]]:
     for k in range(len(model.planes)):
         yield (
-            *model.planes[k].tolist(), float(model.margin_m[k]), int(model.support_px[k]), int(model.flags[k]),
+            *model.planes[k].tolist(),
+            float(model.margin_m[k]),
+            int(model.support_px[k]),
+            int(model.flags[k]),
             int(model.cluster[k]),
-        )  # fmt: skip
+        )
 
 
 def _prism_rows(model: FrameModel) -> Iterator[tuple[Any, ...]]:
@@ -125,6 +128,11 @@ def _free_rows(model: FrameModel) -> Iterator[tuple[Any, ...]]:
     for d in range(len(azimuth) - 1):
         for k in range(len(layers) - 1):
             yield (
-                azimuth[d], azimuth[d + 1], layers[k], layers[k + 1], float(free.free_from_m[d, k]),
-                float(free.free_to_m[d, k]), int(free.end[d, k]),
-            )  # fmt: skip
+                azimuth[d],
+                azimuth[d + 1],
+                layers[k],
+                layers[k + 1],
+                float(free.free_from_m[d, k]),
+                float(free.free_to_m[d, k]),
+                int(free.end[d, k]),
+            )

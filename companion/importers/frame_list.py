@@ -20,9 +20,14 @@ class FrameListSource:
     of time; frame_count: number of frames that the recording names."""
 
     def __init__(
-        self, images: DepthImages, rows: Sequence[FrameRow], samples: Samples, options: ImportOptions, report: Report,
+        self,
+        images: DepthImages,
+        rows: Sequence[FrameRow],
+        samples: Samples,
+        options: ImportOptions,
+        report: Report,
         frame_count: int,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._images, self._rows, self._options, self._report = images, rows, options, report
         self._attitudes, self._poses = samples
         self.frame_count = frame_count

@@ -49,10 +49,11 @@ def remedy() -> str:
     """The commands that install this software where the service can read it."""
     python = system_python()
     first = (
-        "" if python is not None
+        ""
+        if python is not None
         else "no Python 3.11 or newer with venv was found outside of home directories: install one first (Debian, Ubuntu: sudo "
         "apt install python3 python3-venv); then "
-    )  # fmt: skip
+    )
     return f"{first}create the environment elsewhere: {' && '.join(_commands(python or '/usr/bin/python3'))}"
 
 

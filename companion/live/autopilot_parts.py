@@ -44,9 +44,13 @@ class AutopilotParts:
 
 
 def make_autopilot(
-    config: Config, folders: Folders, cameras: Mapping[str, CameraSupervisor], signing: Signing, share: ShareService | None,
+    config: Config,
+    folders: Folders,
+    cameras: Mapping[str, CameraSupervisor],
+    signing: Signing,
+    share: ShareService | None,
     callbacks: LinkCallbacks,
-) -> AutopilotParts:  # fmt: skip
+) -> AutopilotParts:
     """The parts that the configuration asks for; none without `[autopilot] address`. Obstacle output and guard are imported
     only where they are enabled."""
     if not config.autopilot.address:
@@ -72,9 +76,14 @@ def make_autopilot(
 
         reads |= GUARD_READS
     session = MavlinkSession(
-        params, on_frame=callbacks.frame, signing=signing, reads=reads, on_message=callbacks.message,
-        expected=last.expected(), **foreign,
-    )  # fmt: skip
+        params,
+        on_frame=callbacks.frame,
+        signing=signing,
+        reads=reads,
+        on_message=callbacks.message,
+        expected=last.expected(),
+        **foreign,
+    )
     link = MavlinkLink(address, session, callbacks.samples)
     guard = None
     if config.guard.enabled:

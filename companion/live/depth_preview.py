@@ -80,14 +80,18 @@ class DepthPreviews:
         small = subsample(frame.depth_mm)
         publisher.publish(
             pb.DepthPreview(
-                schema_version=SCHEMA_VERSION, camera=frame.camera, sequence=frame.sequence,
-                t_exposure_ns=frame.t_exposure_ns, width_px=small.shape[1], height_px=small.shape[0],
+                schema_version=SCHEMA_VERSION,
+                camera=frame.camera,
+                sequence=frame.sequence,
+                t_exposure_ns=frame.t_exposure_ns,
+                width_px=small.shape[1],
+                height_px=small.shape[0],
                 depth_mm=small.astype("<u2", copy=False).tobytes(),
                 publication=pb.Publication(
                     boot_id=self._boot, number=publisher.published, age_ns=now_ns - frame.t_exposure_ns
                 ),
             )
-        )  # fmt: skip
+        )
 
     def _has_subscriber(self, publisher: Publisher) -> bool:
         """Whether a subscriber exists. ZeroMQ reports the first and the last subscription of each topic."""

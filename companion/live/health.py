@@ -68,9 +68,13 @@ class AutopilotView:
 def clock_message(clock: ClockEstimate, restarts: int) -> pb.ClockEstimate:
     """Message of the clock estimate."""
     message = pb.ClockEstimate(
-        source=CLOCK_SOURCES[clock.source], offset_ns=clock.offset_ns, drift=clock.drift,
-        at_boot_ns=clock.at_boot_ns, exchanges=clock.exchanges, restarts=restarts,
-    )  # fmt: skip
+        source=CLOCK_SOURCES[clock.source],
+        offset_ns=clock.offset_ns,
+        drift=clock.drift,
+        at_boot_ns=clock.at_boot_ns,
+        exchanges=clock.exchanges,
+        restarts=restarts,
+    )
     if clock.bound_ns is not None:
         message.bound_ns = clock.bound_ns
     if clock.rtt_ns is not None:
@@ -112,12 +116,19 @@ def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
     """Message of the autopilot and its link."""
     link, vehicle = view.link, view.link.vehicle
     message = pb.AutopilotHealth(
-        address=view.address, line_open=view.line.open, line_error=view.line.error, line_warning="; ".join(filter(None, (view.line.flood, view.line.warning))),
-        autopilot=vehicle.autopilot if vehicle else "", system_id=vehicle.system_id if vehicle else 0,
-        armed=vehicle.armed if vehicle else False, attitude_hz=link.attitude_hz, position_hz=link.position_hz,
-        clock=clock_message(link.clock, link.clock_restarts), counts=link.counts,
+        address=view.address,
+        line_open=view.line.open,
+        line_error=view.line.error,
+        line_warning="; ".join(filter(None, (view.line.flood, view.line.warning))),
+        autopilot=vehicle.autopilot if vehicle else "",
+        system_id=vehicle.system_id if vehicle else 0,
+        armed=vehicle.armed if vehicle else False,
+        attitude_hz=link.attitude_hz,
+        position_hz=link.position_hz,
+        clock=clock_message(link.clock, link.clock_restarts),
+        counts=link.counts,
         flight_mode=mode_name(vehicle) if vehicle and vehicle.heartbeat_ns else "",
-    )  # fmt: skip
+    )
     if view.attitude_age_ns is not None:
         message.attitude_age_ns = view.attitude_age_ns
     return message
@@ -138,9 +149,13 @@ def latency_message(stage: LatencyStage, p50_ms: float, p95_ms: float, p99_ms: f
 def recording_message(status: RecordStatus) -> pb.RecordingHealth:
     """Message of the recorder."""
     return pb.RecordingHealth(
-        recording=status.recording, file=status.file, bytes=status.bytes, dropped=status.dropped,
-        trouble=status.fault, repairing=status.repairing,
-    )  # fmt: skip
+        recording=status.recording,
+        file=status.file,
+        bytes=status.bytes,
+        dropped=status.dropped,
+        trouble=status.fault,
+        repairing=status.repairing,
+    )
 
 
 def diagnostics_of(

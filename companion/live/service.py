@@ -111,16 +111,28 @@ class Service:
         self.recorder = make_recorder(config, folders)
         self.metrics = make_metrics(config)
         self._pipeline = Pipeline(
-            (), lambda info: Extractor(config.extractor, config.open_sky), config.sync,
-            mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check, tracking=config.tracking,
-        )  # fmt: skip
+            (),
+            lambda info: Extractor(config.extractor, config.open_sky),
+            config.sync,
+            mask=lambda info: configured_mask(config.camera(info.camera), info),
+            mount_check=config.mount_check,
+            tracking=config.tracking,
+        )
         clock_callbacks = ClockCallbacks(clock=self._clock, armed=self._armed)
         self.loop = PipelineThread(
-            self._pipeline, self.event_queue, self._staleness, self._publish, self.recorder, config.record.record, clock_callbacks,
-            warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
+            self._pipeline,
+            self.event_queue,
+            self._staleness,
+            self._publish,
+            self.recorder,
+            config.record.record,
+            clock_callbacks,
+            warm_up,
+            self._previews.show,
+            ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
             MountYawMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
             self._publish_tracks,
-        )  # fmt: skip
+        )
         self._output = StreamOutput(config, self._boot, self._staleness, self.loop.lock)
         self._mounts = MountWatch(config.extractor.ground_max_slope)
         self._rates, self._losses = FrameRates(), RecentLosses()

@@ -206,6 +206,8 @@ def observation_of(result: PrismsResult) -> Observation | None:
     if result.frame != "ned" or result.model is None or result.pose is None or result.transform is None:
         return None
     return Observation(
-        model=result.model, place_m=result.transform.translation_m, t_ns=result.t_exposure_ns,
+        model=result.model,
+        place_m=result.transform.translation_m,
+        t_ns=result.t_exposure_ns,
         reset_counter=result.pose.reset_counter,
-    )  # fmt: skip
+    )

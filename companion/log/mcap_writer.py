@@ -162,10 +162,17 @@ class McapWriter:
         data = self._compressor.compress(content)
         self._write(
             _CHUNK.pack(
-                Opcode.CHUNK, _CHUNK.size - 9 + len(data), first_ns, last_ns, len(content), iso_hdlc(content),
-                4, b"zstd", len(data),
+                Opcode.CHUNK,
+                _CHUNK.size - 9 + len(data),
+                first_ns,
+                last_ns,
+                len(content),
+                iso_hdlc(content),
+                4,
+                b"zstd",
+                len(data),
             )
-        )  # fmt: skip
+        )
         self._write(data)
         places, after = b"", self._offset
         for channel_id, index in self._indexes.items():
@@ -188,11 +195,16 @@ class McapWriter:
 
     def _statistics(self) -> Statistics:
         return Statistics(
-            attachment_count=0, channel_count=len(self._channels), channel_message_counts=self._counts,
-            chunk_count=len(self._chunks), message_count=self._messages,
-            message_start_time=self._first_ns, message_end_time=self._last_ns, metadata_count=0,
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunks),
+            message_count=self._messages,
+            message_start_time=self._first_ns,
+            message_end_time=self._last_ns,
+            metadata_count=0,
             schema_count=len(self._schemas),
-        )  # fmt: skip
+        )
 
 
 def _record(record: Any) -> bytes:

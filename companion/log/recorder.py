@@ -305,10 +305,14 @@ class Recorder:
             if current.wants_successor and self._accepting:
                 self._start_wanted = True
             self._status = RecordStatus(
-                recording=current.path is not None, file=str(current.path or ""), files=current.files,
-                bytes=current.total_bytes, fault=fault, repairing=self._repairs.repairing,
+                recording=current.path is not None,
+                file=str(current.path or ""),
+                files=current.files,
+                bytes=current.total_bytes,
+                fault=fault,
+                repairing=self._repairs.repairing,
                 alive_ns=time.monotonic_ns(),
-            )  # fmt: skip
+            )
 
     def _next_items(self) -> list[Begin | _Item | None] | None:
         """The queued items, after a short wait; None at the end."""

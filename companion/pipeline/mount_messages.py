@@ -64,10 +64,16 @@ def mount_health(state: MountState, mount: CameraMount) -> pb.MountHealth:
     roll_sd, pitch_sd = (math.degrees(v) for v in state.error_sd_rad)
     to_roll, to_pitch, to_yaw = (math.degrees(v) for v in state.corrected(mount))
     return pb.MountHealth(
-        verdict=VERDICTS[state.verdict], roll_error_deg=roll, pitch_error_deg=pitch,
-        roll_sd_deg=roll_sd, pitch_sd_deg=pitch_sd, roll_deg=to_roll, pitch_deg=to_pitch, yaw_deg=to_yaw,
+        verdict=VERDICTS[state.verdict],
+        roll_error_deg=roll,
+        pitch_error_deg=pitch,
+        roll_sd_deg=roll_sd,
+        pitch_sd_deg=pitch_sd,
+        roll_deg=to_roll,
+        pitch_deg=to_pitch,
+        yaw_deg=to_yaw,
         slope_deg=math.degrees(state.slope_rad),
-    )  # fmt: skip
+    )
 
 
 def mount_lines(health: pb.MountHealth) -> str:

@@ -272,9 +272,15 @@ class Pipeline:
         )
 
     def _update_mount(
-        self, frame: DepthFrame, depth_mm: NDArray[np.uint16], info: CameraInfo, attitude: AttitudeAt,
-        R_level_optical: NDArray[np.float64], camera_rad: float, ke_per_m: float,
-    ) -> MountState:  # fmt: skip
+        self,
+        frame: DepthFrame,
+        depth_mm: NDArray[np.uint16],
+        info: CameraInfo,
+        attitude: AttitudeAt,
+        R_level_optical: NDArray[np.float64],
+        camera_rad: float,
+        ke_per_m: float,
+    ) -> MountState:
         """The state of the mount check after this frame. camera_rad: heading of the camera."""
         from core.self_check.mount_cues import cues_of
         from core.self_check.surfaces import (
@@ -283,9 +289,13 @@ class Pipeline:
 
         cues = cues_of(find_surfaces(depth_mm, info, R_level_optical, ke_per_m))
         return checked(
-            self._states[frame.camera].mount, frame.t_exposure_ns, cues,
-            rotation_from_quaternion(attitude.q_ned_frd_wxyz), camera_rad, self._mount_check,
-        )  # fmt: skip
+            self._states[frame.camera].mount,
+            frame.t_exposure_ns,
+            cues,
+            rotation_from_quaternion(attitude.q_ned_frd_wxyz),
+            camera_rad,
+            self._mount_check,
+        )
 
     def _mount_supports_open(self, camera: str, mount: MountState, attitude: AttitudeAt, camera_rad: float) -> bool:
         """Whether the mount is known well enough to presume open space: its error moves the horizon, which is the evidence.

@@ -16,9 +16,14 @@ SCHEMA_VERSION: Final = 1
 def tracks_message(result: TracksResult) -> pb.Tracks:
     """Encodes the tracks after a frame."""
     message = pb.Tracks(
-        schema_version=SCHEMA_VERSION, camera=result.camera, sequence=result.sequence,
-        t_exposure_ns=result.t_exposure_ns, frame=result.frame, valid=result.valid, cause=cause_message(result.cause),
-    )  # fmt: skip
+        schema_version=SCHEMA_VERSION,
+        camera=result.camera,
+        sequence=result.sequence,
+        t_exposure_ns=result.t_exposure_ns,
+        frame=result.frame,
+        valid=result.valid,
+        cause=cause_message(result.cause),
+    )
     t = result.tracks
     if t is None:
         return message
@@ -40,11 +45,18 @@ def tracks_message(result: TracksResult) -> pb.Tracks:
 def _object_message(o: MovingObject) -> pb.MovingObstacle:
     (x, y, z), (hx, hy, hz) = o.centre_m, o.half_size_m
     return pb.MovingObstacle(
-        id=o.id, centre_m=pb.Vector3(x=x, y=y, z=z), half_size_m=pb.Vector3(x=hx, y=hy, z=hz),
-        velocity_x_m_s=o.velocity_m_s[0], velocity_y_m_s=o.velocity_m_s[1], position_sigma_m=o.position_sigma_m,
-        velocity_sigma_m_s=o.velocity_sigma_m_s, covariance_m2_s=o.cov_m2_s, hits=o.hits, age_ns=o.age_ns,
+        id=o.id,
+        centre_m=pb.Vector3(x=x, y=y, z=z),
+        half_size_m=pb.Vector3(x=hx, y=hy, z=hz),
+        velocity_x_m_s=o.velocity_m_s[0],
+        velocity_y_m_s=o.velocity_m_s[1],
+        position_sigma_m=o.position_sigma_m,
+        velocity_sigma_m_s=o.velocity_sigma_m_s,
+        covariance_m2_s=o.cov_m2_s,
+        hits=o.hits,
+        age_ns=o.age_ns,
         unseen_ns=o.unseen_ns,
-    )  # fmt: skip
+    )
 
 
 def tracker_messages(states: NamedStates) -> list[pb.TrackerState]:
@@ -69,10 +81,19 @@ def trackers_from_message(message: pb.StateSnapshot) -> NamedStates:
         if m.format != STATE_VERSION:
             continue
         state = TrackerState(
-            next_id=m.next_id, next_object_id=m.next_object_id, last_ns=m.last_ns if m.HasField("last_ns") else None,
-            positioned=m.positioned, reset_counter=m.reset_counter,
-            origin_m=(m.origin_m.x, m.origin_m.y, m.origin_m.z), velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s),
-            slots=m.slots, tracks=m.tracks, cells=m.cells, objects=m.objects, history=m.history, views=tuple(m.views),
-        )  # fmt: skip
+            next_id=m.next_id,
+            next_object_id=m.next_object_id,
+            last_ns=m.last_ns if m.HasField("last_ns") else None,
+            positioned=m.positioned,
+            reset_counter=m.reset_counter,
+            origin_m=(m.origin_m.x, m.origin_m.y, m.origin_m.z),
+            velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s),
+            slots=m.slots,
+            tracks=m.tracks,
+            cells=m.cells,
+            objects=m.objects,
+            history=m.history,
+            views=tuple(m.views),
+        )
         found.append((m.camera, state))
     return tuple(found)

@@ -66,9 +66,15 @@ class CameraTracks:
                 self._trackers[result.camera] = self._new(None)
             tracks = rotated(self._trackers[result.camera].observe(frame), -heading_rad)
         return TracksResult(
-            camera=result.camera, sequence=result.sequence, t_exposure_ns=result.t_exposure_ns,
-            t_arrival_ns=result.t_arrival_ns, frame=result.frame, valid=result.valid, cause=result.cause, tracks=tracks,
-        )  # fmt: skip
+            camera=result.camera,
+            sequence=result.sequence,
+            t_exposure_ns=result.t_exposure_ns,
+            t_arrival_ns=result.t_arrival_ns,
+            frame=result.frame,
+            valid=result.valid,
+            cause=result.cause,
+            tracks=tracks,
+        )
 
     def forget(self, camera: str) -> None:
         """Ends the tracks of a camera, whose description has changed."""
@@ -90,9 +96,13 @@ def tracking_frame(result: PrismsResult) -> tuple[TrackingFrame | None, float]:
         return None, 0.0
     if result.frame == "ned" and result.pose is not None:
         frame = TrackingFrame(
-            model=result.model, camera_m=result.transform.translation_m, t_ns=result.t_exposure_ns, positioned=True,
-            origin_m=result.pose.position_ned_m, reset_counter=result.pose.reset_counter,
-        )  # fmt: skip
+            model=result.model,
+            camera_m=result.transform.translation_m,
+            t_ns=result.t_exposure_ns,
+            positioned=True,
+            origin_m=result.pose.position_ned_m,
+            reset_counter=result.pose.reset_counter,
+        )
         return frame, 0.0
     heading_rad = level_cam_at(result.attitude.q_ned_frd_wxyz, CameraMount())[2]
     c, s = math.cos(heading_rad), math.sin(heading_rad)

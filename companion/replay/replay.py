@@ -41,9 +41,14 @@ def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: Pipeline
     """The pipeline of a configuration, with its camera settings applied."""
     infos = effective_cameras(config, cameras)
     return Pipeline(
-        infos, lambda info: Extractor(config.extractor, config.open_sky), config.sync, state,
-        mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check, tracking=config.tracking,
-    )  # fmt: skip
+        infos,
+        lambda info: Extractor(config.extractor, config.open_sky),
+        config.sync,
+        state,
+        mask=lambda info: configured_mask(config.camera(info.camera), info),
+        mount_check=config.mount_check,
+        tracking=config.tracking,
+    )
 
 
 def effective_cameras(config: Config, cameras: Iterable[CameraInfo]) -> tuple[CameraInfo, ...]:

@@ -84,8 +84,10 @@ def run(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     os.nice(NICE)  # the service has precedence
-    print_line(f"topics {options.namespace}/markers, {options.namespace}/CAMERA/points, /diagnostics"
-               f"{', /tf' if options.transforms else ''} of domain {domain} (stop with Ctrl-C)")  # fmt: skip
+    print_line(
+        f"topics {options.namespace}/markers, {options.namespace}/CAMERA/points, /diagnostics"
+        f"{', /tf' if options.transforms else ''} of domain {domain} (stop with Ctrl-C)"
+    )
     sys.stdout.flush()
     try:
         subscriber.open()

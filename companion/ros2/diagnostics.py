@@ -55,8 +55,10 @@ def diagnostic_array(ros: RosMessages, prefix: str, parts: Sequence[Part], stamp
             name=f"{prefix}: {part.name}",
             message=part.text,
             hardware_id="osape-companion",
-            values=[ros.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in part.values.items()],
+            values=[
+                ros.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in part.values.items()
+            ],
         )
         for part in parts
-    ]  # fmt: skip
+    ]
     return ros.make(DIAGNOSTIC_ARRAY, header=ros.header(stamp_ns, ""), status=status)

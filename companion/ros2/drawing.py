@@ -52,10 +52,14 @@ class Drawing:
         outlines = _plane_outlines(planes)
         return self._array(
             [
-                self._list_marker(header, f"{result.camera}/prisms", "TRIANGLE_LIST", self._points(corners, result.frame), colours),
-                self._list_marker(header, f"{result.camera}/planes", "LINE_LIST", self._points(outlines, result.frame), None),
+                self._list_marker(
+                    header, f"{result.camera}/prisms", "TRIANGLE_LIST", self._points(corners, result.frame), colours
+                ),
+                self._list_marker(
+                    header, f"{result.camera}/planes", "LINE_LIST", self._points(outlines, result.frame), None
+                ),
             ]
-        )  # fmt: skip
+        )
 
     def unavailable(self, camera: str, text: str, frame: str, row: int) -> Any:
         """MarkerArray of a camera without a current frame: its drawings are deleted, and a red text above the vehicle names
@@ -63,23 +67,39 @@ class Drawing:
         header = self._ros.header(0, frame)
         gone = [self._marker(header, f"{camera}/{what}", "CUBE", "DELETE") for what in ("prisms", "planes")]
         label = self._marker(
-            header, f"{camera}/state", "TEXT_VIEW_FACING", "ADD", text=f"{camera}: NO DATA: {text}", colour=Red,
-            scale=(0.0, 0.0, TEXT_HEIGHT_M), at=(0.0, 0.0, 1.0 + row * 1.5 * TEXT_HEIGHT_M), lifetime_ns=TEXT_LIFETIME_NS,
-        )  # fmt: skip
+            header,
+            f"{camera}/state",
+            "TEXT_VIEW_FACING",
+            "ADD",
+            text=f"{camera}: NO DATA: {text}",
+            colour=Red,
+            scale=(0.0, 0.0, TEXT_HEIGHT_M),
+            at=(0.0, 0.0, 1.0 + row * 1.5 * TEXT_HEIGHT_M),
+            lifetime_ns=TEXT_LIFETIME_NS,
+        )
         return self._array([*gone, label])
 
     def cloud(self, points_m: NDArray[np.float64], frame: str, stamp_ns: int) -> Any:
         """PointCloud2 of (N, 3) points of the frame ned or level, float32 x, y, z. Raises ValueError for another frame."""
         data = np.ascontiguousarray(ros_points(points_m, frame), dtype="<f4")
         fields = [
-            self._ros.make(POINT_FIELD, name=name, offset=4 * k, datatype=self._ros.constant(POINT_FIELD, "FLOAT32"), count=1)
+            self._ros.make(
+                POINT_FIELD, name=name, offset=4 * k, datatype=self._ros.constant(POINT_FIELD, "FLOAT32"), count=1
+            )
             for k, name in enumerate("xyz")
-        ]  # fmt: skip
+        ]
         return self._ros.make(
-            POINT_CLOUD, header=self._ros.header(stamp_ns, frame_id(frame)), height=1, width=len(data), fields=fields,
-            is_bigendian=False, point_step=_POINT_BYTES, row_step=_POINT_BYTES * len(data),
-            data=data.reshape(-1).view(np.uint8), is_dense=True,
-        )  # fmt: skip
+            POINT_CLOUD,
+            header=self._ros.header(stamp_ns, frame_id(frame)),
+            height=1,
+            width=len(data),
+            fields=fields,
+            is_bigendian=False,
+            point_step=_POINT_BYTES,
+            row_step=_POINT_BYTES * len(data),
+            data=data.reshape(-1).view(np.uint8),
+            is_dense=True,
+        )
 
     def transforms(self, tree: Sequence[FrameTransform], stamp_ns: int) -> Any:
         """TFMessage of transforms at one time."""
@@ -116,7 +136,9 @@ class Drawing:
             if colours is None
             else [self._ros.make("std_msgs/msg/ColorRGBA", r=c[0], g=c[1], b=c[2], a=c[3]) for c in colours]
         )
-        return self._marker(header, name, kind, "ADD", points=points, colours=rgba, scale=scale, lifetime_ns=LIFETIME_NS)  # fmt: skip
+        return self._marker(
+            header, name, kind, "ADD", points=points, colours=rgba, scale=scale, lifetime_ns=LIFETIME_NS
+        )
 
     def _marker(
         self, header: Any, name: str, kind: str, action: str, *, points: Sequence[Any] = (), colours: Sequence[Any] = (),
@@ -176,7 +198,8 @@ def _plane_outlines(planes: NDArray[np.float32]) -> NDArray[np.float64]:
     """(8 N, 3) ends of the four sides of each of (N, 6) planes, in the frame of the planes."""
     a_x, a_y, b_x, b_y, top, bottom = planes.astype(np.float64).T
     corners = [
-        np.stack([x, y, z], axis=1) for x, y, z in ((a_x, a_y, top), (b_x, b_y, top), (b_x, b_y, bottom), (a_x, a_y, bottom))
-    ]  # fmt: skip
+        np.stack([x, y, z], axis=1)
+        for x, y, z in ((a_x, a_y, top), (b_x, b_y, top), (b_x, b_y, bottom), (a_x, a_y, bottom))
+    ]
     ends = [corners[k % 4] for k in (0, 1, 1, 2, 2, 3, 3, 4)]
     return np.stack(ends, axis=1).reshape(-1, 3)

@@ -230,9 +230,12 @@ class _Camera:
         sd_rad = math.hypot(SYSTEMATIC_RAD, 1.25 * spread * math.sqrt(CORRELATED_PAIRS / n))
         known = sd_rad <= MAX_SIGMA_RAD
         self.yaw = MountYaw(
-            camera=self.info.camera, yaw_rad=self.info.mount.yaw_rad, pairs=n,
-            error_rad=middle if known else None, sd_rad=sd_rad if known else None,
-        )  # fmt: skip
+            camera=self.info.camera,
+            yaw_rad=self.info.mount.yaw_rad,
+            pairs=n,
+            error_rad=middle if known else None,
+            sd_rad=sd_rad if known else None,
+        )
 
 
 def _straight(velocity: Floats) -> bool:

@@ -37,8 +37,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--pitch", type=float, metavar="DEG", help="camera mount, upwards is positive (0)")
     parser.add_argument("--yaw", type=float, metavar="DEG", help="camera mount, to the right is positive (0)")
     parser.add_argument(
-        "--position", type=float, nargs=3, metavar=("X", "Y", "Z"), help="of the camera from the autopilot, in metres: forward, right, down"
-    )  # fmt: skip
+        "--position",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="of the camera from the autopilot, in metres: forward, right, down",
+    )
     parser.add_argument("--width", type=float, metavar="M", help="width of the vehicle with rotors (1.0)")
     parser.add_argument("--height", type=float, metavar="M", help="height of the vehicle (0.5)")
     parser.add_argument("--calibration", metavar="FILE", default="", help="of a ZED: its SN<serial>.conf")
@@ -103,17 +107,27 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     pitch = ask.unless_given(args.pitch, "camera mount, pitch in degrees (a camera that looks down is negative)", 0.0)
     yaw = ask.unless_given(args.yaw, "camera mount, yaw in degrees (to the right is positive)", 0.0)
     x, y, z = args.position or (
-        ask.number(f"position of the camera from the autopilot in metres: {axis}", 0.0) for axis in ("forward", "right", "down")
-    )  # fmt: skip
+        ask.number(f"position of the camera from the autopilot in metres: {axis}", 0.0)
+        for axis in ("forward", "right", "down")
+    )
     width = ask.unless_given(args.width, "width of the vehicle with rotors, in metres", 1.0)
     height = ask.unless_given(args.height, "height of the vehicle, in metres", 0.5)
     if not (0.0 < width <= 10.0 and 0.0 < height <= 5.0):
         raise ValueError(f"a vehicle of {width:g} x {height:g} m: expected a width up to 10 m and a height up to 5 m")
     return Answers(
-        kind=camera.kind, device=camera.device, pitch_deg=pitch, yaw_deg=yaw, position_m=(x, y, z), width_m=width,
-        height_m=height, autopilot=_autopilot(args.autopilot, ask), send=args.send, record=args.record or ("off" if camera.kind == "simulated" else "always"),
-        calibration=_calibration(camera), calibration_file=_calibration_file(args.calibration),
-    )  # fmt: skip
+        kind=camera.kind,
+        device=camera.device,
+        pitch_deg=pitch,
+        yaw_deg=yaw,
+        position_m=(x, y, z),
+        width_m=width,
+        height_m=height,
+        autopilot=_autopilot(args.autopilot, ask),
+        send=args.send,
+        record=args.record or ("off" if camera.kind == "simulated" else "always"),
+        calibration=_calibration(camera),
+        calibration_file=_calibration_file(args.calibration),
+    )
 
 
 def _camera(given: str | None, ask: Questions) -> FoundCamera:

@@ -37,7 +37,10 @@ def own_planes(world: World, now_ns: int, least_hits: int, range_m: float, most:
     kept = kept[np.argsort(distance_m[kept], kind="stable")[:most]]
     rows = table[slots[kept]]
     planes = SharedPlanes(
-        ids=slots[kept].astype(np.uint16), box=box[kept], margin_m=rows["margin_m"].astype(np.float64),
-        flags=rows["plane_flags"].astype(np.uint8), age_s=np.maximum(0.0, (now_ns - rows["seen_ns"]) / NS),
-    )  # fmt: skip
+        ids=slots[kept].astype(np.uint16),
+        box=box[kept],
+        margin_m=rows["margin_m"].astype(np.float64),
+        flags=rows["plane_flags"].astype(np.uint8),
+        age_s=np.maximum(0.0, (now_ns - rows["seen_ns"]) / NS),
+    )
     return OwnPlanes(planes, section.number, section.newest_ns)

@@ -75,9 +75,15 @@ class ShareService:
             stream = Stream("neighbours", address.replace("{run}", str(self._folders.run)))
             publisher = Publisher(stream, context, keys)
         self.sharing = Sharing(
-            share, self._config.avoid.radius_m, self._links, time.time_ns() // NS, self._vehicle, publisher, self._boot,
+            share,
+            self._config.avoid.radius_m,
+            self._links,
+            time.time_ns() // NS,
+            self._vehicle,
+            publisher,
+            self._boot,
             self._log,
-        )  # fmt: skip
+        )
         self.sharing.open()
 
     def close(self) -> None:

@@ -95,12 +95,16 @@ class Sharing:
             return
         movers = tuple(
             SharedMover(
-                id=o.id & 0xFFFF, centre_m=o.centre_m, half_size_m=o.half_size_m, velocity_m_s=o.velocity_m_s,
-                sigma_m=o.position_sigma_m, sigma_m_s=o.velocity_sigma_m_s,
+                id=o.id & 0xFFFF,
+                centre_m=o.centre_m,
+                half_size_m=o.half_size_m,
+                velocity_m_s=o.velocity_m_s,
+                sigma_m=o.position_sigma_m,
+                sigma_m_s=o.velocity_sigma_m_s,
                 age_s=(max(0, now_ns - result.t_exposure_ns) + o.unseen_ns) / NS,
             )
             for o in result.tracks.objects
-        )  # fmt: skip
+        )
         self._movers = movers, now_ns
 
     def world(self, world: World, now_ns: int) -> None:
@@ -217,11 +221,13 @@ class Sharing:
         rates = {"tunnel": c.tunnel_bytes_per_s, "zenoh": c.zenoh_bytes_per_s}
         budgets = {
             link.name: Budget(
-                bytes_per_s=rates[link.name], overhead_bytes=link.overhead_bytes, packet_bytes=link.packet_bytes,
+                bytes_per_s=rates[link.name],
+                overhead_bytes=link.overhead_bytes,
+                packet_bytes=link.packet_bytes,
                 refresh_s=c.refresh_s,
             )
             for link in self.links
-        }  # fmt: skip
+        }
         self._team = Team(c, vehicle, self._stream, self._begun_ns, self._radius_m, budgets)
         return True
 
@@ -270,9 +276,11 @@ class Sharing:
     def _health_of(self, team: Team, now_ns: int) -> pb.TeamHealth:
         """The state of the team; rates are those of the last ten seconds."""
         health = pb.TeamHealth(
-            vehicle=team.vehicle, frame_known=team.frame is not None,
-            neighbours=neighbour_messages(self._obstacles.neighbours), received=dict(sorted((team.map.counts + self._rate.dropped).items())),
-        )  # fmt: skip
+            vehicle=team.vehicle,
+            frame_known=team.frame is not None,
+            neighbours=neighbour_messages(self._obstacles.neighbours),
+            received=dict(sorted((team.map.counts + self._rate.dropped).items())),
+        )
         sent = {name: queue.sent_bytes for name, queue in team.queues.items()}
         if not self._rates or now_ns - self._rates[-1][0] >= NS:
             self._rates.append((now_ns, sent))
@@ -282,8 +290,11 @@ class Sharing:
             rate = (sent[link.name] - before[link.name]) / seconds if seconds > 0.0 else 0.0
             health.links.append(
                 pb.TeamLinkHealth(
-                    name=link.name, fault=link.fault, sent_bytes=sent[link.name],
-                    sent_packets=team.queues[link.name].sent_packets, sent_bytes_per_s=rate,
+                    name=link.name,
+                    fault=link.fault,
+                    sent_bytes=sent[link.name],
+                    sent_packets=team.queues[link.name].sent_packets,
+                    sent_bytes_per_s=rate,
                 )
-            )  # fmt: skip
+            )
         return health

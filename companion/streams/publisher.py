@@ -35,9 +35,13 @@ class Publisher:
     bound, ValueError where other machines could connect without keys."""
 
     def __init__(
-        self, stream: Stream, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None, kind: int = zmq.PUB,
+        self,
+        stream: Stream,
+        context: zmq.Context[zmq.Socket[bytes]],
+        keys: ServerKeys | None = None,
+        kind: int = zmq.PUB,
         newest_only: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.stream = stream
         self.published = 0
         self._lock: IO[str] | None = None

@@ -29,6 +29,10 @@ def autopilot_data(health: pb.Health | None, t_ns: int) -> dict[str, Any] | None
 
 def _sectors(s: pb.ObstacleSectors, t_ns: int) -> dict[str, Any]:
     return {
-        "cm": [None if cm == UNKNOWN_CM else cm for cm in s.cm], "first": s.first_deg, "step": s.step_deg,
-        "clear": s.clear_cm, "body": s.body_frame, "age_s": round((t_ns - s.t_ns) / 1e9, 2),
-    }  # fmt: skip
+        "cm": [None if cm == UNKNOWN_CM else cm for cm in s.cm],
+        "first": s.first_deg,
+        "step": s.step_deg,
+        "clear": s.clear_cm,
+        "body": s.body_frame,
+        "age_s": round((t_ns - s.t_ns) / 1e9, 2),
+    }

@@ -61,9 +61,17 @@ def _stamp(ax: Any, text: str) -> None:
     """Draws a text across the image when it contains no plane, to distinguish it from an image without results."""
     box = {"facecolor": "#c62828" if text.startswith("BLIND") else "#b26a00", "edgecolor": "none", "pad": 8}
     ax.text(
-        0.5, 0.5, wrapped(text, 38), transform=ax.transAxes, ha="center", va="center",
-        fontsize=15, weight="bold", color="white", bbox=box,
-    )  # fmt: skip
+        0.5,
+        0.5,
+        wrapped(text, 38),
+        transform=ax.transAxes,
+        ha="center",
+        va="center",
+        fontsize=15,
+        weight="bold",
+        color="white",
+        bbox=box,
+    )
 
 
 def strip_segments_px(strips: StripTable, frame: ViewFrame) -> list[NDArray[np.float64]]:

@@ -86,10 +86,15 @@ def _depth(camera: str) -> dict[str, Any]:
 def _series(cameras: Sequence[str]) -> list[dict[str, Any]]:
     wanted = (("measured_share", "measured"), ("unknown_share", "unknown"))
     return [
-        {"value": f"{TOPICS['prisms'].of(name)}.stats.{key}", "label": f"{name}: {label}", "enabled": True,
-         "timestampMethod": "receiveTime"}
-        for name in cameras for key, label in wanted
-    ]  # fmt: skip
+        {
+            "value": f"{TOPICS['prisms'].of(name)}.stats.{key}",
+            "label": f"{name}: {label}",
+            "enabled": True,
+            "timestampMethod": "receiveTime",
+        }
+        for name in cameras
+        for key, label in wanted
+    ]
 
 
 def _column(panels: Sequence[str]) -> Any:

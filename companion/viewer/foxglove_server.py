@@ -92,9 +92,14 @@ class FoxgloveServer:
         if not any(wanted):
             return
         blind = PrismsResult(
-            camera=camera, sequence=message.sequence, t_exposure_ns=t_ns, t_arrival_ns=t_ns, frame=message.frame,
-            drop=DropCause.NONE, model=None,
-        )  # fmt: skip
+            camera=camera,
+            sequence=message.sequence,
+            t_exposure_ns=t_ns,
+            t_arrival_ns=t_ns,
+            frame=message.frame,
+            drop=DropCause.NONE,
+            model=None,
+        )
         try:
             result = prisms_from_message(message) if message.valid else blind
         except ValueError:
@@ -107,9 +112,12 @@ class FoxgloveServer:
         if len(p.depth_mm) == 2 * p.width_px * p.height_px > 0:
             depth_mm = np.frombuffer(p.depth_mm, "<u2").reshape(p.height_px, p.width_px)
             frame = DepthFrame(
-                camera=p.camera, sequence=p.sequence, t_exposure_ns=p.t_exposure_ns, t_arrival_ns=p.t_exposure_ns,
+                camera=p.camera,
+                sequence=p.sequence,
+                t_exposure_ns=p.t_exposure_ns,
+                t_arrival_ns=p.t_exposure_ns,
                 depth_mm=depth_mm.astype(np.uint16),
-            )  # fmt: skip
+            )
             self._send(TOPICS["depth"].of(p.camera), depth_message(frame), p.t_exposure_ns)
 
     def tick(self) -> None:

@@ -44,10 +44,14 @@ class LivePage:
         """The HTML page."""
         return live_page(
             {
-                "title": self._title, "note": "", "palette": palette().tobytes().hex(), "cameras": [], "frames": [],
+                "title": self._title,
+                "note": "",
+                "palette": palette().tobytes().hex(),
+                "cameras": [],
+                "frames": [],
                 "live": {"stale_s": self.subscriber.stale_s},
             }
-        )  # fmt: skip
+        )
 
     def answer(self, name: str, after: int, world: int = 0, team: int = 0) -> bytes:
         """A JSON response. name, after, world, team: of the newest response that the page has received; "" and 0: none."""
@@ -69,9 +73,15 @@ class LivePage:
             cameras = [camera_status(subscriber, name, s, decode_errors[name], now_ns) for name, s in shown.items()]
             service = service_status(subscriber, now_ns)
         response = {
-            "name": self._name, "number": number, "held_ms": (now_ns - began_ns) / 1e6, "service": service,
-            "cameras": cameras, "frames": frames, "world": subscriber.world.update(world), "team": subscriber.team.update(team),
-        }  # fmt: skip
+            "name": self._name,
+            "number": number,
+            "held_ms": (now_ns - began_ns) / 1e6,
+            "service": service,
+            "cameras": cameras,
+            "frames": frames,
+            "world": subscriber.world.update(world),
+            "team": subscriber.team.update(team),
+        }
         return json.dumps(response, separators=(",", ":"), allow_nan=False).encode()
 
     def _drawn(self, shown: Shown) -> dict[str, Any]:

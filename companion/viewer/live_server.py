@@ -138,9 +138,12 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             self.send_response(status)
             for name, value in {
-                "Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
-                "X-Content-Type-Options": "nosniff", "X-Frame-Options": "DENY",
-            }.items():  # fmt: skip
+                "Content-Type": kind,
+                "Content-Length": str(len(body)),
+                "Cache-Control": "no-store",
+                "X-Content-Type-Options": "nosniff",
+                "X-Frame-Options": "DENY",
+            }.items():
                 self.send_header(name, value)
             self.end_headers()
             self.wfile.write(body)

@@ -60,9 +60,12 @@ class LiveWorld:
         """An invalid world is not drawn: the age of a snapshot alone is not known."""
         snapshot = mirror.space.snapshot if usable else WorldSnapshot.empty()
         self._update = {
-            "number": self._update["number"] + 1, "received": True, "cause": "" if usable else mirror.cause,
-            "total": len(snapshot.planes), "planes": nearest_cm(snapshot, self._vehicle()),
-        }  # fmt: skip
+            "number": self._update["number"] + 1,
+            "received": True,
+            "cause": "" if usable else mirror.cause,
+            "total": len(snapshot.planes),
+            "planes": nearest_cm(snapshot, self._vehicle()),
+        }
 
 
 def nearest_cm(

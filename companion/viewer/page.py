@@ -168,9 +168,16 @@ def facts(model: FrameModel | None, max_range_m: float) -> list[tuple[str, str]]
 def _nothing() -> dict[str, Any]:
     """The model's part of an invalid frame."""
     return {
-        "planes": [], "margin": [], "flags": [], "cluster": [], "support": [], "prisms": [], "free": None, "ground": None,
+        "planes": [],
+        "margin": [],
+        "flags": [],
+        "cluster": [],
+        "support": [],
+        "prisms": [],
+        "free": None,
+        "ground": None,
         "groundMargin": None,
-    }  # fmt: skip
+    }
 
 
 def _model(model: FrameModel) -> dict[str, Any]:
@@ -191,9 +198,7 @@ def _model(model: FrameModel) -> dict[str, Any]:
 def _prism(prism: Prism) -> list[Any]:
     """[cluster, top, bottom, closed, margin, [x, y, ...], [plane, ...]]."""
     top, bottom, margin = (round(100 * v) for v in (prism.top_m, prism.bottom_m, prism.margin_m))
-    return [
-        prism.cluster, top, bottom, int(prism.closed), margin, _cm(prism.vertices_m), prism.plane.tolist(),
-    ]  # fmt: skip
+    return [prism.cluster, top, bottom, int(prism.closed), margin, _cm(prism.vertices_m), prism.plane.tolist()]
 
 
 def _free(free: FreeProfile) -> dict[str, list[int]]:
@@ -219,6 +224,13 @@ def camera_data(info: CameraInfo) -> dict[str, Any]:
     """The description of a camera for the page."""
     k = info.intrinsics
     return {
-        "name": info.camera, "width": k.width, "height": k.height, "fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy,
-        "min_m": info.min_range_m, "max_m": info.max_range_m,
-    }  # fmt: skip
+        "name": info.camera,
+        "width": k.width,
+        "height": k.height,
+        "fx": k.fx,
+        "fy": k.fy,
+        "cx": k.cx,
+        "cy": k.cy,
+        "min_m": info.min_range_m,
+        "max_m": info.max_range_m,
+    }

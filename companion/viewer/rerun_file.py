@@ -78,9 +78,12 @@ class RerunWriter:
         R_frd_optical = rotation_frd_optical(m)
         self._stream.log(entity, rr.Transform3D(translation=(m.x_m, m.y_m, m.z_m), mat3x3=R_frd_optical), static=True)
         pinhole = rr.Pinhole(
-            focal_length=(k.fx, k.fy), principal_point=(k.cx, k.cy), resolution=(k.width, k.height),
-            camera_xyz=rr.ViewCoordinates.RDF, image_plane_distance=1.0,
-        )  # fmt: skip
+            focal_length=(k.fx, k.fy),
+            principal_point=(k.cx, k.cy),
+            resolution=(k.width, k.height),
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=1.0,
+        )
         self._stream.log(f"{entity}/image", pinhole, static=True)
 
     def _planes(self, frame: ViewFrame) -> None:

@@ -120,14 +120,16 @@ def _planes(ax: Any, frame: ViewFrame) -> None:
         x0, x1 = sorted((p[k, 0], p[k, 2]))
         ax.add_patch(
             Rectangle(
-                (x0, -p[k, 5]), max(x1 - x0, 1e-3), p[k, 5] - p[k, 4],
+                (x0, -p[k, 5]),
+                max(x1 - x0, 1e-3),
+                p[k, 5] - p[k, 4],
                 facecolor=(*colors[k], 0.3 if ahead else 0.12),
                 edgecolor=(*colors[k], 1.0 if ahead else 0.75),
                 linewidth=2.4 if ahead else 1.0,
                 linestyle=(0, (3, 1.8)) if dashed[k] else "-",
                 zorder=5 if ahead else 4,
             )
-        )  # fmt: skip
+        )
 
 
 def _view_edges(ax: Any, frame: ViewFrame, forward: float) -> None:
@@ -161,6 +163,12 @@ def _legend(ax: Any, model: FrameModel) -> None:
             marks.append((Line2D([], [], color=GROUND_COLOR, linestyle=":"), "beyond: low obstacles unknown"))
     ax.legend(
         *zip(*marks, strict=True),
-        loc="upper left", bbox_to_anchor=(-0.06, -0.17), ncols=3, fontsize=8.5, frameon=False,
-        handlelength=1.8, columnspacing=1.2, borderaxespad=0.2,
-    )  # fmt: skip
+        loc="upper left",
+        bbox_to_anchor=(-0.06, -0.17),
+        ncols=3,
+        fontsize=8.5,
+        frameon=False,
+        handlelength=1.8,
+        columnspacing=1.2,
+        borderaxespad=0.2,
+    )

@@ -109,24 +109,42 @@ def _rings_and_view(ax: Any, frame: ViewFrame, forward: float) -> None:
             box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
             at = min(right + 0.09, 1.2)
             ax.text(
-                radius * math.sin(at), radius * math.cos(at), f"{radius:g} m",
-                fontsize=8, color="#424242", ha="center", va="center", bbox=box, zorder=7, clip_on=True,
-            )  # fmt: skip
+                radius * math.sin(at),
+                radius * math.cos(at),
+                f"{radius:g} m",
+                fontsize=8,
+                color="#424242",
+                ha="center",
+                va="center",
+                bbox=box,
+                zorder=7,
+                clip_on=True,
+            )
     ke = None if frame.model is None or not frame.model.valid else frame.model.ke_per_m
     found = 2 * obstacle_range_m(frame.info, ke)
     ax.add_patch(
         Arc(
-            (0, 0), found, found, theta1=90.0 - math.degrees(right), theta2=90.0 - math.degrees(left), color="#1565c0",
-            linewidth=1.1, zorder=3,
+            (0, 0),
+            found,
+            found,
+            theta1=90.0 - math.degrees(right),
+            theta2=90.0 - math.degrees(left),
+            color="#1565c0",
+            linewidth=1.1,
+            zorder=3,
         )
-    )  # fmt: skip
+    )
     if right - left < 2 * math.pi:
         reach = frame.info.max_range_m
         for azimuth in (left, right):
             ax.plot(
-                [0, reach * math.sin(azimuth)], [0, reach * math.cos(azimuth)],
-                color="#1565c0", linewidth=1.1, linestyle="-.", zorder=3,
-            )  # fmt: skip
+                [0, reach * math.sin(azimuth)],
+                [0, reach * math.cos(azimuth)],
+                color="#1565c0",
+                linewidth=1.1,
+                linestyle="-.",
+                zorder=3,
+            )
 
 
 def _planes(ax: Any, frame: ViewFrame, tick_m: float) -> None:
@@ -179,6 +197,12 @@ def _legend(ax: Any, model: FrameModel, layer: str) -> None:
         marks.append((Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 1.8))), "partly inferred"))
     ax.legend(
         *zip(*marks, strict=True),
-        loc="upper left", bbox_to_anchor=(-0.06, -0.05), ncols=3, fontsize=8.5, frameon=False,
-        handlelength=1.8, columnspacing=1.2, borderaxespad=0.2,
-    )  # fmt: skip
+        loc="upper left",
+        bbox_to_anchor=(-0.06, -0.05),
+        ncols=3,
+        fontsize=8.5,
+        frameon=False,
+        handlelength=1.8,
+        columnspacing=1.2,
+        borderaxespad=0.2,
+    )

@@ -116,9 +116,11 @@ def match_statistics(left: Gray, right: Gray, disparity: Image, window_px: int) 
     differing = ((0.5 * (var_left[s] + var_right[s]) - both[s]) * scale[s])[share[s] > 0.5]
     noise = float(np.percentile(differing, _NOISE_PERCENTILE)) if differing.size >= _LEAST_SAMPLES else 0.0
     return MatchStatistics(
-        correlation=correlation, variance=np.maximum(np.minimum(var_left, var_right) * scale, np.float32(1e-6)), matched=share,
+        correlation=correlation,
+        variance=np.maximum(np.minimum(var_left, var_right) * scale, np.float32(1e-6)),
+        matched=share,
         noise_variance=max(noise, _LEAST_NOISE_GREY**2),
-    )  # fmt: skip
+    )
 
 
 @functools.lru_cache(maxsize=2)

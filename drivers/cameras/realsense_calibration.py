@@ -46,8 +46,10 @@ def read_calibration(width_px: int, height_px: int, serial: str = "") -> DepthCa
             k = video.get_intrinsics()
             return DepthCalibration(
                 Intrinsics(k.width, k.height, k.fx, k.fy, k.ppx, k.ppy),
-                1000.0 * float(sensor.get_depth_scale()), _emitter(rs, sensor), found_serial,
-            )  # fmt: skip
+                1000.0 * float(sensor.get_depth_scale()),
+                _emitter(rs, sensor),
+                found_serial,
+            )
         sizes.append(f"{video.width()}x{video.height()}")
     raise DeviceNotFound(
         f"RealSense {found_serial}: no depth stream of {width_px}x{height_px}; it offers {', '.join(sorted(set(sizes)))}"

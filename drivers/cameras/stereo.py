@@ -123,11 +123,16 @@ class StereoMatcher:
 def confidence_limits(params: MatchParams) -> ConfidenceLimits:
     """The limits of the confidence rules."""
     return ConfidenceLimits(
-        window_px=params.window_px | 1, correlation=params.correlation,
-        strong_correlation=params.strong_correlation, texture=params.texture, period=params.period,
-        period_px=params.period_px, patch_px=params.patch_px, smear_px=params.smear_px,
+        window_px=params.window_px | 1,
+        correlation=params.correlation,
+        strong_correlation=params.strong_correlation,
+        texture=params.texture,
+        period=params.period,
+        period_px=params.period_px,
+        patch_px=params.patch_px,
+        smear_px=params.smear_px,
         smear_rows=params.smear_rows,
-    )  # fmt: skip
+    )
 
 
 def matcher(params: MatchParams) -> cv2.StereoSGBM:
@@ -138,10 +143,18 @@ def matcher(params: MatchParams) -> cv2.StereoSGBM:
     walls: median error 0.08-0.11 px instead of 0.17-0.23, nine tenths below 0.2 instead of 0.33, the same pixels found."""
     block = params.block_px | 1
     return cv2.StereoSGBM.create(
-        minDisparity=0, numDisparities=-(-params.disparities // 16) * 16, blockSize=block, P1=2 * block * block,
-        P2=16 * block * block, preFilterCap=63, disp12MaxDiff=params.check_px, uniquenessRatio=params.uniqueness,
-        speckleWindowSize=params.speckle_px, speckleRange=params.speckle_range, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-    )  # fmt: skip
+        minDisparity=0,
+        numDisparities=-(-params.disparities // 16) * 16,
+        blockSize=block,
+        P1=2 * block * block,
+        P2=16 * block * block,
+        preFilterCap=63,
+        disp12MaxDiff=params.check_px,
+        uniquenessRatio=params.uniqueness,
+        speckleWindowSize=params.speckle_px,
+        speckleRange=params.speckle_range,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
 
 
 def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:

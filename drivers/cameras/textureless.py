@@ -154,7 +154,7 @@ def continued(matched: Mask, even: Mask, left: Gray, limits: SmoothLimits) -> Ma
 
 def mark_unmeasured(
     depth_mm: NDArray[np.uint16], disparity: NDArray[np.float32], left: Gray, right: Gray, limits: SmoothLimits
-) -> NDArray[np.uint16]:  # fmt: skip
+) -> NDArray[np.uint16]:
     """The depth image (H, W) uint16 with marks for UNKNOWN_MM where the images say more: BEYOND_MM where there is a disparity,
     CONTINUED_MM and TEXTURELESS_MM where the images are smooth, TEXTURED_MM where the left one is not. Dark and saturated pixels, and
     smooth ones that differ between the images, stay UNKNOWN_MM. disparity: (H, W) float32 px, negative: none."""

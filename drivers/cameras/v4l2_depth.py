@@ -208,9 +208,12 @@ class LinuxpyCapture:
         frame = self._stream.buffer.raw_read()
         stamp = frame.buff.timestamp
         return RawBuffer(
-            bytes(frame.data), self._line, int(frame.frame_nb), stamp.secs * 1_000_000_000 + stamp.usecs * 1000,
+            bytes(frame.data),
+            self._line,
+            int(frame.frame_nb),
+            stamp.secs * 1_000_000_000 + stamp.usecs * 1000,
             bool(self._flag_error in frame.flags),
-        )  # fmt: skip
+        )
 
     def close(self) -> None:
         """Stops the stream. May be called twice; an unplugged device cannot be stopped."""

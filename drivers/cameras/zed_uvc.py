@@ -109,9 +109,11 @@ class ZedSource:
                 )
             if s.device.startswith("/dev/"):
                 for prop, value in (
-                    (cv2.CAP_PROP_FRAME_WIDTH, 2.0 * s.width), (cv2.CAP_PROP_FRAME_HEIGHT, float(s.height)),
-                    (cv2.CAP_PROP_FPS, s.fps), (cv2.CAP_PROP_BUFFERSIZE, 1.0),
-                ):  # fmt: skip
+                    (cv2.CAP_PROP_FRAME_WIDTH, 2.0 * s.width),
+                    (cv2.CAP_PROP_FRAME_HEIGHT, float(s.height)),
+                    (cv2.CAP_PROP_FPS, s.fps),
+                    (cv2.CAP_PROP_BUFFERSIZE, 1.0),
+                ):
                     self._video.set(prop, value)
             self._first, self._first_ns = self._image()
             self._check(self._first)

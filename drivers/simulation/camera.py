@@ -24,8 +24,16 @@ AHEAD_NS = 1_000_000
 it: not after its arrival, which would count as latency."""
 _SEQUENCES = 1 << 32
 _RENDERERS = (
-    "flight", "flight_path", "flights", "movers", "ray_caster", "scene_library", "scenes", "sensor_model", "source"
-)  # fmt: skip
+    "flight",
+    "flight_path",
+    "flights",
+    "movers",
+    "ray_caster",
+    "scene_library",
+    "scenes",
+    "sensor_model",
+    "source",
+)
 """The modules that decide what a frame looks like: after a change in one of them frames are rendered again."""
 
 

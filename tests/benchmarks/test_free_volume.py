@@ -37,9 +37,12 @@ def claiming(
     start, to = np.zeros((24, 3), np.float32), np.zeros((24, 3), np.float32)
     start[:, layers], to[:, layers] = 1.0, free_to_m
     free = FreeProfile(
-        azimuth_edges_rad=EDGES, layer_edges_m=edges_m, free_from_m=start, free_to_m=to,
+        azimuth_edges_rad=EDGES,
+        layer_edges_m=edges_m,
+        free_from_m=start,
+        free_to_m=to,
         end=np.full((24, 3), int(FreeEnd.MAX_RANGE), np.uint8),
-    )  # fmt: skip
+    )
     return replace(blind_model(INFO, InvalidCause.NONE, Params()), valid=True, free=free, ground=ground, ke_per_m=KE)
 
 
@@ -150,7 +153,7 @@ def test_the_model_s_ground_bounds_a_ray_as_the_profile_does() -> None:
         azimuth, z = rng.uniform(-0.8, 0.8), rng.uniform(-3.0, 5.0)
         (lo,), (hi,) = above_ground(
             ground, np.array([azimuth]), np.array([z]), np.array([1.0]), np.array([12.0]), KE, p
-        )  # fmt: skip
+        )
         w = walk_settings(g, ground, 12.0, KE, p)[0]
         for r in rng.uniform(1.0, 12.0, 20):
             above = z < lowest_clear(math.tan(azimuth), r * math.cos(azimuth), w)

@@ -17,9 +17,14 @@ from benchmarks.peers.install import install, peers
 
 MADE = "No figure here is real.\n\nWhat words mean.\n\n## A table\n\n| a |\n|---|\n| 1 |\n"
 STAMP = Stamp(
-    date="2026-11-21", commit="abc1234", command="python -m benchmarks", host_info="a processor, 2 cores",
-    versions="python 3.11, numpy 2", minutes=12.2, quick=False,
-)  # fmt: skip
+    date="2026-11-21",
+    commit="abc1234",
+    command="python -m benchmarks",
+    host_info="a processor, 2 cores",
+    versions="python 3.11, numpy 2",
+    minutes=12.2,
+    quick=False,
+)
 
 
 def test_a_page_states_date_commit_and_command_before_its_text() -> None:

@@ -43,9 +43,14 @@ def test_a_blank_bridge_is_not_open() -> None:
 def test_a_claim_into_the_ground_is_found(field: Seen) -> None:
     f = field.model.free
     everything = FreeProfile(
-        azimuth_edges_rad=f.azimuth_edges_rad, layer_edges_m=f.layer_edges_m, free_from_m=f.free_from_m,
-        free_to_m=f.free_to_m, end=f.end, open_from_dm=np.zeros_like(f.open_from_dm), open_to_dm=np.full_like(f.open_to_dm, 90),
-    )  # fmt: skip
+        azimuth_edges_rad=f.azimuth_edges_rad,
+        layer_edges_m=f.layer_edges_m,
+        free_from_m=f.free_from_m,
+        free_to_m=f.free_to_m,
+        end=f.end,
+        open_from_dm=np.zeros_like(f.open_from_dm),
+        open_to_dm=np.full_like(f.open_to_dm, 90),
+    )
     # without a ground of its own the model says that it judged all heights
     model = replace(field.model, free=everything, ground=replace(field.model.ground, seen=False))
     wrong = claims_of(field.frame, model, field.unmatched_left_px, Params()).wrong_open
@@ -57,10 +62,13 @@ def test_a_profile_without_open_ranges_claims_what_is_free(field: Seen) -> None:
     plain = replace(
         field.model,
         free=FreeProfile(
-            azimuth_edges_rad=f.azimuth_edges_rad, layer_edges_m=f.layer_edges_m, free_from_m=f.free_from_m,
-            free_to_m=f.free_to_m, end=f.end,
+            azimuth_edges_rad=f.azimuth_edges_rad,
+            layer_edges_m=f.layer_edges_m,
+            free_from_m=f.free_from_m,
+            free_to_m=f.free_to_m,
+            end=f.end,
         ),
-    )  # fmt: skip
+    )
     assert as_free(plain) is plain
 
 

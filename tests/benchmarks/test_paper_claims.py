@@ -30,9 +30,18 @@ from benchmarks.paper.time import TimeRow
 from benchmarks.peers.grid_prisms import CELLS_M
 
 FRAME = Figures(
-    scene="a", family="structured", condition="camera", seed=1, method="safe", planes=10, bytes=80, mean_m=0.1,
-    missed=0.0, phantom=0.0, open_stopped=0.0,
-)  # fmt: skip
+    scene="a",
+    family="structured",
+    condition="camera",
+    seed=1,
+    method="safe",
+    planes=10,
+    bytes=80,
+    mean_m=0.1,
+    missed=0.0,
+    phantom=0.0,
+    open_stopped=0.0,
+)
 
 
 def cell_of(claims: list[Claim], start: str, mode: str, condition: str) -> str:
@@ -54,10 +63,13 @@ def test_a_verdict_needs_the_worst_too() -> None:
 
 def test_ratios_are_taken_frame_by_frame() -> None:
     rows = [
-        replace(FRAME, planes=5), replace(FRAME, method="grid 0.8 m", planes=10),
-        replace(FRAME, scene="b", planes=6), replace(FRAME, scene="b", method="grid 0.8 m", planes=4),
-        replace(FRAME, scene="c", planes=6), replace(FRAME, scene="c", method="grid 0.8 m", planes=0),
-    ]  # fmt: skip
+        replace(FRAME, planes=5),
+        replace(FRAME, method="grid 0.8 m", planes=10),
+        replace(FRAME, scene="b", planes=6),
+        replace(FRAME, scene="b", method="grid 0.8 m", planes=4),
+        replace(FRAME, scene="c", planes=6),
+        replace(FRAME, scene="c", method="grid 0.8 m", planes=0),
+    ]
     assert ratios(rows, "structured", "camera", "safe", "grid 0.8 m", "planes") == [0.5, 1.5]
     assert len(of(rows, "structured", "camera", "safe")) == 3
     assert of(rows, "structured", "exact", "safe") == []
@@ -125,10 +137,16 @@ def test_the_claims_of_interval_and_noise() -> None:
     rows = [
         IntervalRow(step=s, ke_per_m=ke, columns="pooled", thin=math.nan, figures=replace(FRAME, method=m, mean_m=e))
         for m, s, ke, e in (
-            ("safe", 1, 0.0, 0.1), ("safe", 8, 0.0, 0.2), ("safe", 1, 0.01, 0.3), ("safe", 8, 0.01, 0.4),
-            ("paper", 1, 0.0, 0.5), ("paper", 8, 0.0, 0.2), ("paper", 1, 0.01, 0.1), ("paper", 8, 0.01, 0.3),
+            ("safe", 1, 0.0, 0.1),
+            ("safe", 8, 0.0, 0.2),
+            ("safe", 1, 0.01, 0.3),
+            ("safe", 8, 0.01, 0.4),
+            ("paper", 1, 0.0, 0.5),
+            ("paper", 8, 0.0, 0.2),
+            ("paper", 1, 0.01, 0.1),
+            ("paper", 8, 0.01, 0.3),
         )
-    ]  # fmt: skip
+    ]
     found = interval_claims(rows)
     assert (
         cell_of(found, "Fig. 13c: a greater", "safe", "camera")
@@ -143,10 +161,16 @@ def test_an_opening_must_not_come_out_larger_than_it_is() -> None:
     def rows(width: float, height: float) -> list[OpeningRow]:
         return [
             OpeningRow(
-                opening="window", condition="exact", method="safe", distance_m=6.0, seed=1, width_m=width,
-                height_m=height, free_share=0.9,
+                opening="window",
+                condition="exact",
+                method="safe",
+                distance_m=6.0,
+                seed=1,
+                width_m=width,
+                height_m=height,
+                free_share=0.9,
             )
-        ]  # fmt: skip
+        ]
 
     assert cell_of(opening_claims(rows(2.75, 2.05)), "Fig. 8: the window", "safe", "exact").endswith("**yes**")
     assert cell_of(opening_claims(rows(2.75, 1.9)), "Fig. 8: the window", "safe", "exact").endswith("**no**")

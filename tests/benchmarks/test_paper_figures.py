@@ -51,9 +51,18 @@ from core.params import Params
 from drivers.simulation.source import Rendered
 
 FRAME = Figures(
-    scene="a", family="structured", condition="camera", seed=1, method="safe", planes=10, bytes=80, mean_m=0.1,
-    missed=0.01, phantom=0.0, open_stopped=0.2,
-)  # fmt: skip
+    scene="a",
+    family="structured",
+    condition="camera",
+    seed=1,
+    method="safe",
+    planes=10,
+    bytes=80,
+    mean_m=0.1,
+    missed=0.01,
+    phantom=0.0,
+    open_stopped=0.2,
+)
 
 
 def test_figures_of_tables() -> None:
@@ -67,8 +76,9 @@ def test_figures_of_tables() -> None:
 
 def facade(opening: str, holes_closed: bool, condition: Any = EXACT) -> tuple[Rendered, np.ndarray]:
     """A frame before the opening and the planes of a perfect model of its facade, in level_cam."""
-    frame = frames_of(opening_scene(opening, 6.0, 3), condition, 3, position_ned_m=(0.0, 0.0, -1.5), count=1,
-                      info=zed_info(0.0015))[0]  # fmt: skip
+    frame = frames_of(
+        opening_scene(opening, 6.0, 3), condition, 3, position_ned_m=(0.0, 0.0, -1.5), count=1, info=zed_info(0.0015)
+    )[0]
     o = frame.scene.openings[0]
     along = (np.array(o.b_m) - o.a_m) / math.dist(o.a_m, o.b_m)
     far_left, far_right = np.array(o.a_m) - 5.0 * along, np.array(o.b_m) + 5.0 * along
@@ -165,9 +175,16 @@ def test_runs_are_interleaved_after_warm_up() -> None:
 
 def timed(method: str, step: int, kind: str) -> TimeRow:
     return TimeRow(
-        kind=kind, method=method, step=step, size="640x480", cpu_ms=10.0 / step, cpu_sd_ms=1.0, cpu_p99_ms=12.0,
-        wall_ms=11.0, runs=7,
-    )  # fmt: skip
+        kind=kind,
+        method=method,
+        step=step,
+        size="640x480",
+        cpu_ms=10.0 / step,
+        cpu_sd_ms=1.0,
+        cpu_p99_ms=12.0,
+        wall_ms=11.0,
+        runs=7,
+    )
 
 
 def test_tables_show_the_printed_figures_beside_ours() -> None:
@@ -179,9 +196,15 @@ def test_tables_show_the_printed_figures_beside_ours() -> None:
     assert "| structured | ours (safe) | 640x480 | 10.0 | 1.0 | 12.0 | 11.0 |" in text
     assert "| 4 | 2.5 | 2.5 | 2.5 | 2.5 |" in text
     opening = OpeningRow(
-        opening="window", condition="exact", method="safe", distance_m=6.0, seed=1, width_m=2.5, height_m=2.0,
+        opening="window",
+        condition="exact",
+        method="safe",
+        distance_m=6.0,
+        seed=1,
+        width_m=2.5,
+        height_m=2.0,
         free_share=0.8,
-    )  # fmt: skip
+    )
     shown = paper_openings.tables([opening, replace(opening, width_m=2.7)])
     assert "| window | printed | its drone | 2.7 | 2 | - |" in shown
     assert "2.50 / 2.60 / 2.70" in shown
@@ -192,12 +215,20 @@ def test_every_figure_is_drawn(tmp_path: Path) -> None:
     times = [timed(m, s, k) for m in ("safe", "grid 0.1 m") for s in (1, 4) for k in ("structured", "foliage")]
     tilts = [
         TiltRow(axis=axis, angle_deg=a, figures=replace(FRAME, method=m, condition=CAMERA.name))
-        for axis in ("roll", "pitch") for a in (-30.0, 0.0) for m in ("safe", "paper", "grid 0.1 m")
-    ]  # fmt: skip
+        for axis in ("roll", "pitch")
+        for a in (-30.0, 0.0)
+        for m in ("safe", "paper", "grid 0.1 m")
+    ]
     opening = OpeningRow(
-        opening="corridor", condition="exact", method="safe", distance_m=6.0, seed=1, width_m=2.5, height_m=2.0,
+        opening="corridor",
+        condition="exact",
+        method="safe",
+        distance_m=6.0,
+        seed=1,
+        width_m=2.5,
+        height_m=2.0,
         free_share=0.8,
-    )  # fmt: skip
+    )
     paper_time.draw(times, tmp_path / "time.png")
     paper_tilt.draw(tilts, tmp_path / "tilt.png")
     paper_storage.draw([FRAME], tmp_path / "storage.png", "planes", "planes", log=True)

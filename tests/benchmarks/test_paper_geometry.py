@@ -27,9 +27,16 @@ def strips(rows: list[tuple[int, float, float, float, float, int]]) -> StripTabl
     zero = np.zeros(len(u), np.int32)
     f = np.float32
     return StripTable(
-        u=u.astype(np.int32), row_top=zero, row_bottom=zero, x_m=x.astype(f), y_m=y.astype(f), top_m=top.astype(f),
-        bottom_m=bottom.astype(f), support_px=zero, cluster=cluster.astype(np.int32),
-    )  # fmt: skip
+        u=u.astype(np.int32),
+        row_top=zero,
+        row_bottom=zero,
+        x_m=x.astype(f),
+        y_m=y.astype(f),
+        top_m=top.astype(f),
+        bottom_m=bottom.astype(f),
+        support_px=zero,
+        cluster=cluster.astype(np.int32),
+    )
 
 
 def test_lemma_1_holds_nose_down_positive_and_columns_drift() -> None:

@@ -51,8 +51,17 @@ def judged(name: str, frame: Rendered) -> Figures:
     return figures(p, CASE, frame, rays_of(frame, KE), p.model(p.build(frame, cloud)), True)
 
 
-NAMES = [SAFE, "3DP grid 0.1 m", "3DP grid 0.8 m", "3DP grid 0.8 m, not simplified", "OctoMap 0.1 m", "OctoMap 0.4 m",
-         "Open3D planar patches", "Open3D VoxelGrid 0.1 m", "Open3D VoxelGrid 0.4 m"]  # fmt: skip
+NAMES = [
+    SAFE,
+    "3DP grid 0.1 m",
+    "3DP grid 0.8 m",
+    "3DP grid 0.8 m, not simplified",
+    "OctoMap 0.1 m",
+    "OctoMap 0.4 m",
+    "Open3D planar patches",
+    "Open3D VoxelGrid 0.1 m",
+    "Open3D VoxelGrid 0.4 m",
+]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -114,9 +114,16 @@ def result(frame: str = "ned", drop: DropCause = DropCause.NONE) -> PrismsResult
     model, _ = Extractor().extract(depth, CAMERA, R_CAMFRD_OPTICAL)
     attitude = AttitudeAt(quaternion_from_euler(0.0, 0.0, 0.3), Source.EXACT, 0)
     return PrismsResult(
-        camera="front", sequence=0, t_exposure_ns=0, t_arrival_ns=0, frame=frame, drop=drop,
-        model=model if drop is DropCause.NONE else None, attitude=attitude, transform=LevelTransform(0.3, (1.0, 2.0, -3.0)),
-    )  # fmt: skip
+        camera="front",
+        sequence=0,
+        t_exposure_ns=0,
+        t_arrival_ns=0,
+        frame=frame,
+        drop=drop,
+        model=model if drop is DropCause.NONE else None,
+        attitude=attitude,
+        transform=LevelTransform(0.3, (1.0, 2.0, -3.0)),
+    )
 
 
 def test_frames_without_a_position_or_a_model_are_not_compared() -> None:

@@ -16,11 +16,20 @@ from companion.config.loader import config_of
 from companion.demo.demo import EMBEDDED
 
 FOUND: dict[str, Any] = {
-    "flight": "street", "hz": 30.0, "minutes": 10.0, "frames": 18000, "dropped_by_the_service": {}, "log_dropped": 0,
-    "samples_lost": 0, "exposure_to_subscriber_ms": {"p50": 5.0, "p99": 7.5}, "cpu_percent": {"service": 9.5, "camera": 3.0},
-    "waited_for_a_processor_percent": {"service": 0.4, "camera": 0.1}, "service_mb": [180.0, 181.0],
-    "log_mb_per_minute": 633.0, "stolen_by_the_host_percent": 0.31,
-}  # fmt: skip
+    "flight": "street",
+    "hz": 30.0,
+    "minutes": 10.0,
+    "frames": 18000,
+    "dropped_by_the_service": {},
+    "log_dropped": 0,
+    "samples_lost": 0,
+    "exposure_to_subscriber_ms": {"p50": 5.0, "p99": 7.5},
+    "cpu_percent": {"service": 9.5, "camera": 3.0},
+    "waited_for_a_processor_percent": {"service": 0.4, "camera": 0.1},
+    "service_mb": [180.0, 181.0],
+    "log_mb_per_minute": 633.0,
+    "stolen_by_the_host_percent": 0.31,
+}
 
 
 def judged(**changes: Any) -> dict[str, bool | None]:

@@ -32,9 +32,7 @@ TILTED = Kind(name="street, rolled", family="structured", roll_deg=20.0)
 TREES = Kind(name="trees", family="foliage")
 BROKEN = Kind(name="noise", family="broken")
 SLOW = Kind(name="blocks", family="broken")
-TINY = Effort(
-    runs=3, watched=1, images=1, budget_s=5.0, too_slow_ms=1e4, scenes=1, widths=(160,), crowds=(0, 2)
-)  # fmt: skip
+TINY = Effort(runs=3, watched=1, images=1, budget_s=5.0, too_slow_ms=1e4, scenes=1, widths=(160,), crowds=(0, 2))
 
 
 def measured(name: str, cpu_ms: list[float], wall_ms: list[float] | None = None, valid: bool = True) -> Measured:
@@ -57,9 +55,10 @@ def test_goals_are_compared_with_the_slowest_kind() -> None:
     rows = rows_of(
         goals_table(
             [timed(LEVEL, [0.7]), timed(TILTED, [3.0]), timed(TREES, [9.0, 9.0, 20.0]), timed(BROKEN, [9.5])],
-            [LEVEL, TILTED, TREES, BROKEN, SLOW], 1000.0,
+            [LEVEL, TILTED, TREES, BROKEN, SLOW],
+            1000.0,
         )
-    )  # fmt: skip
+    )
     assert rows["structured, level"] == ["4", "1.2", "0.8", "0.70", "stretch"]
     assert rows["structured, tilted 20 degrees"] == ["4", "1.6", "1.2", "3.00", "must"]
     assert rows["foliage, level and tilted"] == ["8", "3", "", "9.00", "**missed**"]

@@ -137,7 +137,14 @@ def test_tables_show_the_worst_value_and_missing_ones() -> None:
     ]
     assert "| 10,000 | 0.400 | 1.00 | 2.00 | 0.100 | 160 |" in cost_table(cost)
     size = Bytes(
-        flight="alley", frames=10, planes=7, disk=400, stream=9000, stream_planes=3000,
-        grids={0.1: 4, 0.2: 3, 0.4: 2, 0.8: 1}, octomap=None, octomap_free=None,
-    )  # fmt: skip
+        flight="alley",
+        frames=10,
+        planes=7,
+        disk=400,
+        stream=9000,
+        stream_planes=3000,
+        grids={0.1: 4, 0.2: 3, 0.4: 2, 0.8: 1},
+        octomap=None,
+        octomap_free=None,
+    )
     assert "| 900 | 4 | 3 | 2 | 1 | not installed | not installed |" in bytes_table([size])

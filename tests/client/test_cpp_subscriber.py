@@ -74,13 +74,16 @@ def test_planes_and_the_nearest_of_them(program: Path, publisher: zmq.Socket[byt
     ("message", "why"),
     [
         (frame(publication=pb.Publication(age_ns=900_000_000)).SerializeToString(), "0.9 s old"),
-        (pb.PrismsFrame(schema_version=1, cause_text="camera front is silent").SerializeToString(), "camera front is silent"),
+        (
+            pb.PrismsFrame(schema_version=1, cause_text="camera front is silent").SerializeToString(),
+            "camera front is silent",
+        ),
         (b"\xff" * 40, "not a PrismsFrame of schema version 1"),
         (pb.PrismsFrame(schema_version=2, valid=True).SerializeToString(), "not a PrismsFrame of schema version 1"),
         (None, "no message"),
     ],
     ids=["stale", "blind", "foreign", "of another version", "silent"],
-)  # fmt: skip
+)
 def test_invalid_frames_free_nothing(
     program: Path, publisher: zmq.Socket[bytes], message: bytes | None, why: str
 ) -> None:
@@ -100,17 +103,27 @@ def over_ground(rng: np.random.Generator, camera: tuple[float, float, float]) ->
     made.planes.cluster.extend([0, 0])
     made.free.CopyFrom(
         pb.FreeProfile(
-            azimuth_edges_rad=edges, layer_edges_m=camera[2] + np.array([-4.0, -2.0, 0.0, 2.0, 4.0]),
-            free_from_m=rng.uniform(0.0, 3.0, size), free_to_m=rng.choice([0.0, 6.0, 12.0], size), end=bytes(size),
-            open_from_dm=bytes(rng.integers(0, 30, size).tolist()), open_to_dm=bytes(rng.choice([0, 90, 140], size).tolist()),
+            azimuth_edges_rad=edges,
+            layer_edges_m=camera[2] + np.array([-4.0, -2.0, 0.0, 2.0, 4.0]),
+            free_from_m=rng.uniform(0.0, 3.0, size),
+            free_to_m=rng.choice([0.0, 6.0, 12.0], size),
+            end=bytes(size),
+            open_from_dm=bytes(rng.integers(0, 30, size).tolist()),
+            open_to_dm=bytes(rng.choice([0, 90, 140], size).tolist()),
         )
-    )  # fmt: skip
+    )
     made.ground.CopyFrom(
         pb.Ground(
-            seen=True, height_m=2.0, slope_x=rng.uniform(-0.1, 0.1), slope_y=rng.uniform(-0.1, 0.1), tolerance_m=0.25,
-            noise_per_m=0.03, seen_from_m=rng.uniform(0.0, 3.0, directions), seen_to_m=rng.choice([0.0, 5.0, 9.0], directions),
+            seen=True,
+            height_m=2.0,
+            slope_x=rng.uniform(-0.1, 0.1),
+            slope_y=rng.uniform(-0.1, 0.1),
+            tolerance_m=0.25,
+            noise_per_m=0.03,
+            seen_from_m=rng.uniform(0.0, 3.0, directions),
+            seen_to_m=rng.choice([0.0, 5.0, 9.0], directions),
         )
-    )  # fmt: skip
+    )
     t = made.transform.translation_m
     t.x, t.y, t.z = camera
     return made
@@ -157,9 +170,14 @@ def test_the_tracks_are_those_of_python(program: Path) -> None:
         flags=[2], object_id=[3],
     )  # fmt: skip
     message.objects.add(
-        id=3, centre_m=pb.Vector3(x=5.0, y=0.5), velocity_x_m_s=1.0, velocity_y_m_s=-2.0, position_sigma_m=0.1,
-        velocity_sigma_m_s=0.2, covariance_m2_s=0.01,
-    )  # fmt: skip
+        id=3,
+        centre_m=pb.Vector3(x=5.0, y=0.5),
+        velocity_x_m_s=1.0,
+        velocity_y_m_s=-2.0,
+        position_sigma_m=0.1,
+        velocity_sigma_m_s=0.2,
+        covariance_m2_s=0.01,
+    )
     expected = tracks_from_message(message)
     (x, y, _), sigma = expected.objects[0].predicted(0.5)
     tracks = program.with_name("tracks")

@@ -107,9 +107,12 @@ def test_the_wheel_needs_three_distributions_and_receives_frames(interpreter: Pa
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COV"))}
     message = a_frame()
     with subprocess.Popen(
-        [interpreter, "-I", "-c", SUBSCRIBE, publisher.stream.address], env=environment, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    ) as child:  # fmt: skip
+        [interpreter, "-I", "-c", SUBSCRIBE, publisher.stream.address],
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as child:
         while child.poll() is None:
             message.publication.number += 1
             message.publication.age_ns = 20 * MS

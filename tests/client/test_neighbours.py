@@ -19,10 +19,16 @@ WALL = (5.0, -3.0, 5.0, 3.0, -4.0, 0.0)
 def shared(*planes: tuple[float, ...], movers: tuple[SharedMovingObstacle, ...] = ()) -> NeighbourObstacles:
     n = len(planes)
     obstacles = SharedObstacles(
-        now_ns=7, sender=np.full(n, 2, np.uint8), ids=np.arange(n, dtype=np.uint16),
-        planes=np.array(planes, np.float32).reshape(n, 6), margin_m=np.full(n, 0.5, np.float32),
-        age_s=np.full(n, 1.5, np.float32), flags=np.zeros(n, np.uint8), aligned=np.ones(n, np.uint8), movers=movers,
-    )  # fmt: skip
+        now_ns=7,
+        sender=np.full(n, 2, np.uint8),
+        ids=np.arange(n, dtype=np.uint16),
+        planes=np.array(planes, np.float32).reshape(n, 6),
+        margin_m=np.full(n, 0.5, np.float32),
+        age_s=np.full(n, 1.5, np.float32),
+        flags=np.zeros(n, np.uint8),
+        aligned=np.ones(n, np.uint8),
+        movers=movers,
+    )
     return NeighbourObstacles(pb.NeighbourObstacles.FromString(obstacles_message(obstacles, 3).SerializeToString()))
 
 
@@ -37,9 +43,15 @@ def test_a_way_through_a_reported_wall_is_occupied() -> None:
 
 def test_a_reported_vehicle_is_occupied() -> None:
     mover = SharedMovingObstacle(
-        sender=2, id=9, kind=MoverKind.VEHICLE, centre_m=(8.0, 0.0, -2.0), half_size_m=(0.4, 0.4, 0.4),
-        velocity_m_s=(0.0, 0.0), margin_m=0.3, age_s=0.1,
-    )  # fmt: skip
+        sender=2,
+        id=9,
+        kind=MoverKind.VEHICLE,
+        centre_m=(8.0, 0.0, -2.0),
+        half_size_m=(0.4, 0.4, 0.4),
+        velocity_m_s=(0.0, 0.0),
+        margin_m=0.3,
+        age_s=0.1,
+    )
     found = shared(movers=(mover,))
     own = np.full(3, Occupancy.FREE, np.uint8)
     answers = found.added_to_points(own, [[8, 0.6, -2], [8.6, 0.6, -2], [8, 3, -2]])

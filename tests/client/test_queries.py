@@ -24,20 +24,26 @@ HERE = (0.0, 0.0, 0.0)
 def profile(free_from: float, free_to: float, view_deg: float = 80.0, around_deg: float = 0.0) -> FreeProfile:
     edges = np.radians(np.linspace(around_deg - view_deg / 2, around_deg + view_deg / 2, 17)).astype(np.float32)
     return FreeProfile(
-        azimuth_edges_rad=edges, layer_edges_m=np.array([-3.0, -1.0, 1.0, 3.0], np.float32),
-        free_from_m=np.full((16, 3), free_from, np.float32), free_to_m=np.full((16, 3), free_to, np.float32),
+        azimuth_edges_rad=edges,
+        layer_edges_m=np.array([-3.0, -1.0, 1.0, 3.0], np.float32),
+        free_from_m=np.full((16, 3), free_from, np.float32),
+        free_to_m=np.full((16, 3), free_to, np.float32),
         end=np.full((16, 3), FreeEnd.MAX_RANGE, np.uint8),
-    )  # fmt: skip
+    )
 
 
 def model(*planes: tuple[float, ...], margin: float = 0.0, free: FreeProfile | None = None) -> FrameModel:
     n = len(planes)
     return replace(
-        blind_model(INFO, InvalidCause.NONE, Params()), valid=True,
-        planes=np.array(planes, np.float32).reshape(-1, 6), support_px=np.ones(n, np.int32),
-        margin_m=np.full(n, margin, np.float32), flags=np.zeros(n, np.uint8), cluster=np.zeros(n, np.int32),
+        blind_model(INFO, InvalidCause.NONE, Params()),
+        valid=True,
+        planes=np.array(planes, np.float32).reshape(-1, 6),
+        support_px=np.ones(n, np.int32),
+        margin_m=np.full(n, margin, np.float32),
+        flags=np.zeros(n, np.uint8),
+        cluster=np.zeros(n, np.int32),
         free=profile(0.0, 0.0) if free is None else free,
-    )  # fmt: skip
+    )
 
 
 def some_planes(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -130,8 +136,12 @@ def test_a_wall_the_free_space_before_it_and_the_unknown_behind() -> None:
     wall = (8.0, -6.0, 8.0, 6.0, -3.0, 3.0)
     space = Space([PlacedModel(model(wall, margin=0.2, free=profile(1.0, 7.5)), HERE)])
     assert space.points([[5, 0, 0], [7.9, 0, 0], [9, 0, 0], [0.5, 0, 0], [0, 5, 0]]).tolist() == [
-        Occupancy.FREE, Occupancy.OCCUPIED, Occupancy.UNKNOWN, Occupancy.UNKNOWN, Occupancy.UNKNOWN,
-    ]  # fmt: skip
+        Occupancy.FREE,
+        Occupancy.OCCUPIED,
+        Occupancy.UNKNOWN,
+        Occupancy.UNKNOWN,
+        Occupancy.UNKNOWN,
+    ]
     assert space.points([[7.0, 0, 0]], 0.4).tolist() == [Occupancy.FREE]
     assert space.points([[7.0, 0, 0]], 0.6).tolist() == [Occupancy.UNKNOWN]
     assert space.points([[7.0, 0, 0]], 0.8).tolist() == [Occupancy.OCCUPIED]

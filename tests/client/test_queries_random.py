@@ -31,14 +31,22 @@ def random_model(rng: np.random.Generator) -> FrameModel:
     begins = rng.uniform(0.0, 3.0, shape).astype(np.float32)
     ends = np.where(rng.random(shape) < 0.25, 0.0, rng.uniform(4.0, 12.0, shape)).astype(np.float32)
     ground = Ground(
-        seen=bool(rng.random() < 0.8), height_m=rng.uniform(0.3, 4.0), slope_x=rng.uniform(-0.3, 0.3),
-        slope_y=rng.uniform(-0.3, 0.3), tolerance_m=rng.uniform(0.0, 0.5), noise_per_m=rng.uniform(0.0, 0.1),
-        seen_from_m=tuple(rng.uniform(0.0, 3.0, directions)), seen_to_m=tuple(rng.choice([0.0, 5.0, 9.0], directions)),
-    )  # fmt: skip
+        seen=bool(rng.random() < 0.8),
+        height_m=rng.uniform(0.3, 4.0),
+        slope_x=rng.uniform(-0.3, 0.3),
+        slope_y=rng.uniform(-0.3, 0.3),
+        tolerance_m=rng.uniform(0.0, 0.5),
+        noise_per_m=rng.uniform(0.0, 0.1),
+        seen_from_m=tuple(rng.uniform(0.0, 3.0, directions)),
+        seen_to_m=tuple(rng.choice([0.0, 5.0, 9.0], directions)),
+    )
     free = FreeProfile(
-        azimuth_edges_rad=edges.astype(np.float32), layer_edges_m=LAYERS, free_from_m=begins, free_to_m=ends,
+        azimuth_edges_rad=edges.astype(np.float32),
+        layer_edges_m=LAYERS,
+        free_from_m=begins,
+        free_to_m=ends,
         end=np.zeros(shape, np.uint8),
-    )  # fmt: skip
+    )
     return replace(seen(np.zeros((0, 6)), (0.0, 0.0), 0.0, 0).model, free=free, ground=ground)
 
 

@@ -35,9 +35,14 @@ def street(*, slope_x: float = 0.0, slope_y: float = 0.0) -> SceneBuilder:
 
 
 def model_of(
-    scene: Scene | SceneBuilder, height_m: float = 2.0, pitch_rad: float = PITCH_20, sensor: SensorModel = CLEAN,
-    yaw_rad: float = 0.0, seed: int = 0, place_m: tuple[float, float] = (0.0, 0.0),
-) -> FrameModel:  # fmt: skip
+    scene: Scene | SceneBuilder,
+    height_m: float = 2.0,
+    pitch_rad: float = PITCH_20,
+    sensor: SensorModel = CLEAN,
+    yaw_rad: float = 0.0,
+    seed: int = 0,
+    place_m: tuple[float, float] = (0.0, 0.0),
+) -> FrameModel:
     """The model of a frame from above a place."""
     at = (*place_m, -height_m)
     shot = seen(scene, position_ned_m=at, pitch_rad=pitch_rad, yaw_rad=yaw_rad, sensor=sensor, seed=seed)

@@ -80,9 +80,16 @@ def followed(speaker: Speaker, mirror: WorldMirror) -> bool:
 def result(observation: Observation, frame: str = "ned") -> PrismsResult:
     pose = PoseAt(observation.place_m, Source.EXACT, 0, observation.reset_counter)
     return PrismsResult(
-        camera="front", sequence=0, t_exposure_ns=observation.t_ns, t_arrival_ns=observation.t_ns, frame=frame, drop=DropCause.NONE,
-        model=observation.model, pose=pose if frame == "ned" else None, transform=LevelTransform(0.0, observation.place_m),
-    )  # fmt: skip
+        camera="front",
+        sequence=0,
+        t_exposure_ns=observation.t_ns,
+        t_arrival_ns=observation.t_ns,
+        frame=frame,
+        drop=DropCause.NONE,
+        model=observation.model,
+        pose=pose if frame == "ned" else None,
+        transform=LevelTransform(0.0, observation.place_m),
+    )
 
 
 def look(

@@ -27,10 +27,16 @@ def picture(rng: np.random.Generator, planes: int = 12, free_share: float = 0.97
     bits = rng.random((8, 256, 64)) < free_share
     masks = np.packbits(bits, axis=-1, bitorder="little").view(np.uint64)[..., 0]
     return WorldSnapshot(
-        section=1, slots=np.arange(planes, dtype=np.int32), planes=rows,
-        margin_m=rng.uniform(0, 0.3, planes).astype(np.float32), flags=np.zeros(planes, np.uint8),
-        hits=np.ones(planes, np.int32), seen_ns=np.zeros(planes, np.int64), blocks=blocks, masks=masks,
-    )  # fmt: skip
+        section=1,
+        slots=np.arange(planes, dtype=np.int32),
+        planes=rows,
+        margin_m=rng.uniform(0, 0.3, planes).astype(np.float32),
+        flags=np.zeros(planes, np.uint8),
+        hits=np.ones(planes, np.int32),
+        seen_ns=np.zeros(planes, np.int64),
+        blocks=blocks,
+        masks=masks,
+    )
 
 
 def cell_free(p: WorldSnapshot, index: tuple[int, int, int]) -> bool:

@@ -10,14 +10,25 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4
 DEFAULTS: dict[str, dict[str, float]] = {
     PX4: {},
     ARDUPILOT: {
-        "PRX1_MIN": 0.0, "PRX1_MAX": 0.0, "PRX1_ORIENT": 0.0, "PRX1_YAW_CORR": 0.0, "AVOID_ALT_MIN": 0.0, "AVOID_ACCEL_MAX": 3.0,
+        "PRX1_MIN": 0.0,
+        "PRX1_MAX": 0.0,
+        "PRX1_ORIENT": 0.0,
+        "PRX1_YAW_CORR": 0.0,
+        "AVOID_ALT_MIN": 0.0,
+        "AVOID_ACCEL_MAX": 3.0,
         **dict.fromkeys(RC_OPTIONS, 0.0),
     },
-}  # fmt: skip
+}
 PARAMETERS: dict[str, dict[str, float]] = {
     # CP_DELAY: more than what a busy machine adds to the age of obstacles, which would be a diagnostic
     PX4: {"CP_DIST": 3.0, "CP_DELAY": 1.0, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
-    ARDUPILOT: DEFAULTS[ARDUPILOT] | {
-        "PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0, "OA_TYPE": 0,
+    ARDUPILOT: DEFAULTS[ARDUPILOT]
+    | {
+        "PRX1_TYPE": 2,
+        "AVOID_ENABLE": 7,
+        "AVOID_MARGIN": 2.5,
+        "AVOID_BEHAVE": 1,
+        "AVOID_BACKUP_SPD": 0,
+        "OA_TYPE": 0,
     },
-}  # fmt: skip
+}

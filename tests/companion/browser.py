@@ -45,9 +45,13 @@ class Browser:
         command = ["bash", "-c", f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}', found_browser(), *FLAGS]
         with (profile.parent / "browser.txt").open("wb") as output:
             self.process = subprocess.Popen(
-                [*command, f"--user-data-dir={profile}", f"--window-size={size}"], pass_fds=(theirs_in, theirs_out),
-                stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True,
-            )  # fmt: skip
+                [*command, f"--user-data-dir={profile}", f"--window-size={size}"],
+                pass_fds=(theirs_in, theirs_out),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+            )
         os.close(theirs_in)
         os.close(theirs_out)
         self._in, self._out, self._rest, self._number = ours_in, ours_out, b"", 0

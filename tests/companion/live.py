@@ -134,8 +134,12 @@ class Live:
         with (self.folder / "output.txt").open("a") as output:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "companion", "run", "-c", str(self.config)],
-                cwd=ROOT, env=self.environment, stdout=output, stderr=output, text=True,
-            )  # fmt: skip
+                cwd=ROOT,
+                env=self.environment,
+                stdout=output,
+                stderr=output,
+                text=True,
+            )
 
     def output(self) -> str:
         """What the service printed."""
@@ -144,9 +148,14 @@ class Live:
     def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Runs another command with the same environment."""
         return subprocess.run(
-            [sys.executable, "-m", "companion", *arguments], cwd=ROOT, env=self.environment, capture_output=True, text=True,
-            check=False, timeout=PATIENCE_S,
-        )  # fmt: skip
+            [sys.executable, "-m", "companion", *arguments],
+            cwd=ROOT,
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE_S,
+        )
 
     def subscribe(self, stream: str, kind: type[Any]) -> Subscription:
         """A subscriber of a stream."""

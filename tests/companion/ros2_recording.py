@@ -257,10 +257,15 @@ class RosFlight:
             return "/fmu/out/vehicle_attitude", "px4_msgs/msg/VehicleAttitude", message
         rates = R_FRD_FLU @ np.array(RATES_FLU)
         message |= {
-            "pose_frame": 1, "position": [float(v) for v in R_NED_ENU @ np.array(POSITION_ENU)], "velocity_frame": 3,
-            "velocity": [1.0, -0.5, 0.25], "angular_velocity": [float(v) for v in rates], "reset_counter": 0,
-            "quality": 0, **{f"{name}_variance": [0.0] * 3 for name in ("position", "orientation", "velocity")},
-        }  # fmt: skip
+            "pose_frame": 1,
+            "position": [float(v) for v in R_NED_ENU @ np.array(POSITION_ENU)],
+            "velocity_frame": 3,
+            "velocity": [1.0, -0.5, 0.25],
+            "angular_velocity": [float(v) for v in rates],
+            "reset_counter": 0,
+            "quality": 0,
+            **{f"{name}_variance": [0.0] * 3 for name in ("position", "orientation", "velocity")},
+        }
         return "/fmu/out/vehicle_odometry", "px4_msgs/msg/VehicleOdometry", message
 
     def moved(self, kind: str, t_ns: int) -> tuple[str, str, dict[str, Any]]:

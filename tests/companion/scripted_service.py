@@ -58,9 +58,16 @@ class ScriptedService:
         yaw, at = level_from_level_cam(rotation_from_quaternion(q), INFO.mount)
         step = LevelTransform(yaw, (float(at[0]), float(at[1]), float(at[2])))
         result = PrismsResult(
-            camera="front", sequence=self.sequence, t_exposure_ns=t_ns, t_arrival_ns=t_ns, frame="level",
-            model=transform_model(model([WALL]), step), attitude=AttitudeAt(q, Source.EXACT, 0), transform=step, drop=DropCause.NONE,
-        )  # fmt: skip
+            camera="front",
+            sequence=self.sequence,
+            t_exposure_ns=t_ns,
+            t_arrival_ns=t_ns,
+            frame="level",
+            model=transform_model(model([WALL]), step),
+            attitude=AttitudeAt(q, Source.EXACT, 0),
+            transform=step,
+            drop=DropCause.NONE,
+        )
         message = prisms_message(result)
         message.publication.boot_id, message.publication.age_ns = boot_id(), age_ns
         return message

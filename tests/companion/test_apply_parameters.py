@@ -30,15 +30,25 @@ pytestmark = pytest.mark.process
 BAD = {
     PX4: {"CP_DIST": -1.0, "CP_DELAY": 0.0, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": 1},
     ARDUPILOT: {
-        "PRX1_TYPE": 0, "AVOID_ENABLE": 1, "AVOID_MARGIN": 15.0, "AVOID_BEHAVE": 0, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 1,
+        "PRX1_TYPE": 0,
+        "AVOID_ENABLE": 1,
+        "AVOID_MARGIN": 15.0,
+        "AVOID_BEHAVE": 0,
+        "AVOID_BACKUP_SPD": 0.75,
+        "OA_TYPE": 1,
     },
-}  # fmt: skip
+}
 GOOD = {
     PX4: {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
     ARDUPILOT: {
-        "PRX1_TYPE": 2, "AVOID_ENABLE": 3, "AVOID_MARGIN": 2.0, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.0, "OA_TYPE": 1,
+        "PRX1_TYPE": 2,
+        "AVOID_ENABLE": 3,
+        "AVOID_MARGIN": 2.0,
+        "AVOID_BEHAVE": 1,
+        "AVOID_BACKUP_SPD": 0.0,
+        "OA_TYPE": 1,
     },
-}  # fmt: skip
+}
 """OA_TYPE is not changed: the kind of path planning is the user's choice."""
 
 

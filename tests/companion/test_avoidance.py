@@ -339,9 +339,15 @@ def test_a_camera_that_never_opens_is_reported() -> None:
 
 @pytest.mark.parametrize(
     "cause",
-    ["x" * 200, "the newest attitude is too old to be carried forward", "zu heiss " * 9, "a " + "b" * 60, "aaaa " * 20,
-     "the distances cannot be computed (ValueError: operands could not be broadcast)"],
-)  # fmt: skip
+    [
+        "x" * 200,
+        "the newest attitude is too old to be carried forward",
+        "zu heiss " * 9,
+        "a " + "b" * 60,
+        "aaaa " * 20,
+        "the distances cannot be computed (ValueError: operands could not be broadcast)",
+    ],
+)
 def test_texts_fit_their_field_and_are_never_cut_inside_a_word(cause: str) -> None:
     full = f"OA: front blind: {cause}"
     text = shortened(full)

@@ -99,9 +99,14 @@ def test_a_vehicle_s_name_is_safe_as_a_folder(tmp_path: Path) -> None:
 
 def summary(t_s: float, valid: bool = True, distance_m: float | None = None) -> FrameSummary:
     return FrameSummary(
-        camera="front", t_ns=round(t_s * NS), file=0, valid=valid, cause="" if valid else "no_measurement", armed=True,
+        camera="front",
+        t_ns=round(t_s * NS),
+        file=0,
+        valid=valid,
+        cause="" if valid else "no_measurement",
+        armed=True,
         distance_m=distance_m,
-    )  # fmt: skip
+    )
 
 
 def events_of(frames: list[FrameSummary], gap_s: float = 0.3) -> list[tuple[Any, ...]]:
@@ -160,8 +165,10 @@ def test_every_documented_column_is_written(dataset: Path) -> None:
 def test_the_flights_have_one_row_each(dataset: Path) -> None:
     flights = flight_rows(dataset)
     assert [(row["vehicle"], row["date"]) for row in flights.values()] == [
-        ("alpha", "2026-11-01"), ("beta", "2026-11-02"), ("beta", "2026-11-03")
-    ]  # fmt: skip
+        ("alpha", "2026-11-01"),
+        ("beta", "2026-11-02"),
+        ("beta", "2026-11-03"),
+    ]
     rotated, blind, cut = flights.values()
     assert [row["equals_onboard"] for row in flights.values()] == [True, True, True]
     assert (rotated["frames"], rotated["compared"], len(rotated["files"]), rotated["blind_s"]) == (11, 11, 2, 0.0)

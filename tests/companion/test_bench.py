@@ -30,10 +30,15 @@ def bench_of(street_ms: list[float], trees_ms: list[float], share: float = 1.0, 
     """Measured times of the wall, of which the processor worked a share."""
     measured = tuple(
         Measured(
-            name=name, times=Times(np.array(ms), share * np.array(ms)), stages_ms={"level": 1.0}, valid=True, planes=1, strips=2
+            name=name,
+            times=Times(np.array(ms), share * np.array(ms)),
+            stages_ms={"level": 1.0},
+            valid=True,
+            planes=1,
+            strips=2,
         )
         for name, ms in (("street", street_ms), ("trees", trees_ms))
-    )  # fmt: skip
+    )
     return Bench(
         size=(640, 480), frames=3, hz=hz, ready_s=1.0, first_s=0.1, measured=measured, host_info=BOARD, versions={}
     )

@@ -107,9 +107,15 @@ class Flight:
     def _see(self, n: int, position: tuple[float, float, float]) -> None:
         roll_rad, pitch_rad = self.lean_rad
         seen = render(
-            self.scene, CAMERA, roll_rad=roll_rad, pitch_rad=pitch_rad, position_ned_m=position, sensor=SENSOR, seed=7,
+            self.scene,
+            CAMERA,
+            roll_rad=roll_rad,
+            pitch_rad=pitch_rad,
+            position_ned_m=position,
+            sensor=SENSOR,
+            seed=7,
             frame=n,
-        )  # fmt: skip
+        )
         depth_mm = seen.depth_mm.copy()
         if self.textureless in self.scene.names:
             depth_mm[seen.truth.label(self.scene) == self.scene.names.index(self.textureless)] = 0

@@ -69,9 +69,11 @@ class Vehicle:
             self.x_m += self.speed_m_s * step_ns / NS
         self.fastest_m_s, self.farthest_m = max(self.fastest_m_s, self.speed_m_s), max(self.farthest_m, self.x_m)
         return VehicleState(
-            position_ned_m=(self.x_m, 0.0, -1.5), velocity_ned_m_s=(self.speed_m_s, 0.0, 0.0), euler_rad=(0.0, 0.0, 0.0),
+            position_ned_m=(self.x_m, 0.0, -1.5),
+            velocity_ned_m_s=(self.speed_m_s, 0.0, 0.0),
+            euler_rad=(0.0, 0.0, 0.0),
             rates_frd_rad_s=(0.0, 0.0, 0.0),
-        )  # fmt: skip
+        )
 
 
 class Companion:
@@ -99,9 +101,7 @@ class Companion:
     def see(self, scene: Scene, state: VehicleState, t_ns: int) -> None:
         """A frame that was exposed at t_ns."""
         self.frames += 1
-        seen = render(
-            scene, CAMERA, position_ned_m=state.position_ned_m, sensor=SENSOR, seed=7, frame=self.frames
-        )  # fmt: skip
+        seen = render(scene, CAMERA, position_ned_m=state.position_ned_m, sensor=SENSOR, seed=7, frame=self.frames)
         while self.waiting:
             self._pipeline.handle(self.waiting.popleft())
         frame = DepthFrame(

@@ -111,8 +111,11 @@ def test_json_holds_every_difference_with_its_mark(tmp_path: Path, capsys: pytes
     printed = json.loads(capsys.readouterr().out)
     assert printed["changes"]["avoid"]["clear_share"] == {"value": 0.5, "default": 0.8, "unit": "", "safety": True}
     assert printed["changes"]["camera front"]["pitch_deg"] == {
-        "value": -10.0, "default": None, "unit": "deg", "safety": False,
-    }  # fmt: skip
+        "value": -10.0,
+        "default": None,
+        "unit": "deg",
+        "safety": False,
+    }
     assert set(printed["changes"]) == {
         "extractor", "expert", "sync", "output", "avoid", "autopilot", "publish", "world", "record", "supervision", "service",
         "camera front",

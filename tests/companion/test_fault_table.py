@@ -53,10 +53,14 @@ class Flown:
         session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
         self.link = MavlinkLink(parse_address(address), session, self._samples)
         self.avoidance = Avoidance(
-            AVOID, ("front",), 0.3, lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
-            self.link.post, lambda camera: self.cause,
+            AVOID,
+            ("front",),
+            0.3,
+            lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
+            self.link.post,
+            lambda camera: self.cause,
             lambda: session.vehicle if session.fell_silent(time.monotonic_ns()) else None,
-        )  # fmt: skip
+        )
         self.avoidance.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Sees(CLEAR))
         self._frozen_detector = FrozenFrameDetector(4)

@@ -58,10 +58,19 @@ def test_both_requests_are_tried_and_not_without_end() -> None:
 @pytest.mark.parametrize(
     ("version", "mode", "to"),
     [
-        (V1_14, 0, None), (V1_14, 3, None), (V1_14, 4, 0), (V1_15, 0, None), (V1_15, 4, 0), (V1_15, 1, 0),
-        (V1_16, 4, None), (V1_16, 0, 4), (V1_16, 3, 4), (V1_17, 4, None), (V1_17, 0, 4),
+        (V1_14, 0, None),
+        (V1_14, 3, None),
+        (V1_14, 4, 0),
+        (V1_15, 0, None),
+        (V1_15, 4, 0),
+        (V1_15, 1, 0),
+        (V1_16, 4, None),
+        (V1_16, 0, 4),
+        (V1_16, 3, 4),
+        (V1_17, 4, None),
+        (V1_17, 0, 4),
     ],
-)  # fmt: skip
+)
 def test_the_version_decides_which_position_mode_brakes(version: FirmwareVersion, mode: int, to: int | None) -> None:
     facts = AutopilotFacts(
         kind=PX4, values={"CP_DIST": 3.0, "CP_DELAY": 0.4, "MPC_POS_MODE": float(mode)}, version=version

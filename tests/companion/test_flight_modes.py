@@ -19,13 +19,29 @@ NS = 1_000_000_000
 AVOID = AvoidParams(max_distance_m=12.0, avoid_margin_m=2.0)
 INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), CameraMount())
 COPTER = {
-    "STABILIZE": 0, "ALT_HOLD": 2, "AUTO": 3, "GUIDED": 4, "LOITER": 5, "RTL": 6, "LAND": 9, "POSHOLD": 16, "BRAKE": 17,
-    "SMART_RTL": 21, "mode 99": 99,
-}  # fmt: skip
+    "STABILIZE": 0,
+    "ALT_HOLD": 2,
+    "AUTO": 3,
+    "GUIDED": 4,
+    "LOITER": 5,
+    "RTL": 6,
+    "LAND": 9,
+    "POSHOLD": 16,
+    "BRAKE": 17,
+    "SMART_RTL": 21,
+    "mode 99": 99,
+}
 PX4 = {
-    "Manual": 1 << 16, "Altitude": 2 << 16, "Position": 3 << 16, "Mission": 4 << 16 | 4 << 24, "Return": 4 << 16 | 5 << 24,
-    "Land": 4 << 16 | 6 << 24, "Hold": 4 << 16 | 3 << 24, "Offboard": 6 << 16, "mode 4.77": 4 << 16 | 77 << 24,
-}  # fmt: skip
+    "Manual": 1 << 16,
+    "Altitude": 2 << 16,
+    "Position": 3 << 16,
+    "Mission": 4 << 16 | 4 << 24,
+    "Return": 4 << 16 | 5 << 24,
+    "Land": 4 << 16 | 6 << 24,
+    "Hold": 4 << 16 | 3 << 24,
+    "Offboard": 6 << 16,
+    "mode 4.77": 4 << 16 | 77 << 24,
+}
 ALL = [("ArduPilot", name, number) for name, number in COPTER.items()] + [
     ("PX4", name, number) for name, number in PX4.items()
 ]

@@ -24,9 +24,15 @@ from tests.client.test_solid_ground import ahead, model_of, street
 
 def result(camera: str, model: FrameModel, transform: LevelTransform) -> PrismsResult:
     return PrismsResult(
-        camera=camera, sequence=1, t_exposure_ns=10, t_arrival_ns=11, frame="level", drop=DropCause.NONE,
-        model=transform_model(model, transform), transform=transform,
-    )  # fmt: skip
+        camera=camera,
+        sequence=1,
+        t_exposure_ns=10,
+        t_arrival_ns=11,
+        frame="level",
+        drop=DropCause.NONE,
+        model=transform_model(model, transform),
+        transform=transform,
+    )
 
 
 def space_of(*results: PrismsResult) -> Space:

@@ -26,8 +26,14 @@ NS = 1_000_000_000
 NOW = 100 * NS
 COPTER = Vehicle(7, "ArduPilot", 2, True, 3, NOW)
 LINK = LinkStatus(
-    vehicle=COPTER, clock=ClockEstimate(ClockSource.NONE), clock_restarts=0, attitude_hz=50.0, position_hz=30.0, received=0, counts={}
-)  # fmt: skip
+    vehicle=COPTER,
+    clock=ClockEstimate(ClockSource.NONE),
+    clock_restarts=0,
+    attitude_hz=50.0,
+    position_hz=30.0,
+    received=0,
+    counts={},
+)
 
 
 def ack(command: int, result: int, system: int = 7, component: int = 196) -> Any:

@@ -33,9 +33,16 @@ def walled(at_m: float = 16.0) -> Scene:
 
 def mission(autopilot: str, speed_m_s: float = 3.0, at_m: float = 16.0, guided: bool = False) -> Mission:
     return Mission(
-        number=1, scene=walled(at_m), waypoints_m=np.array([[24.0, 0.0]]), height_m=2.5, speed_m_s=speed_m_s, autopilot=autopilot,
-        guided=guided, blocked=at_m > 0.0, kinds=("wall",),
-    )  # fmt: skip
+        number=1,
+        scene=walled(at_m),
+        waypoints_m=np.array([[24.0, 0.0]]),
+        height_m=2.5,
+        speed_m_s=speed_m_s,
+        autopilot=autopilot,
+        guided=guided,
+        blocked=at_m > 0.0,
+        kinds=("wall",),
+    )
 
 
 def flown(autopilot: str, guard: GuardParams = GUARD, **changes: object) -> Flown:

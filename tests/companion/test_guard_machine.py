@@ -44,8 +44,15 @@ FREE = Verdict(
     cause="",
 )
 BLOCKED = replace(
-    FREE, action=Action.STOP, allowed_m_s=0.0, room_m=3.0, obstacle=True, cause="obstacle 3.0 m ahead", obstacle_stop=True, firm_stop=True
-)  # fmt: skip
+    FREE,
+    action=Action.STOP,
+    allowed_m_s=0.0,
+    room_m=3.0,
+    obstacle=True,
+    cause="obstacle 3.0 m ahead",
+    obstacle_stop=True,
+    firm_stop=True,
+)
 WEAK = replace(BLOCKED, firm_stop=False)
 NARROW = replace(FREE, action=Action.SLOW, allowed_m_s=2.2, room_m=8.0, cause="obstacle 8.0 m ahead", obstacle=True)
 BLIND = replace(WEAK, room_m=0.0, obstacle=False, obstacle_stop=False, sees=False, cause="front: no frame")
@@ -264,8 +271,9 @@ def test_announces_a_stop_without_effect_once_and_goes_on() -> None:
     assert texts(out) == ["guard: STOP NOT CONFIRMED, take over"]
     assert len(commands(out)) > FAILED_AFTER
     assert {c.method for c in commands(out) if isinstance(c, StopCommand)} == {
-        StopMethod.COPTER_BRAKE, StopMethod.COPTER_LOITER,
-    }  # fmt: skip
+        StopMethod.COPTER_BRAKE,
+        StopMethod.COPTER_LOITER,
+    }
 
 
 def test_next_command_when_the_vehicle_does_not_brake_in_the_stop_mode() -> None:

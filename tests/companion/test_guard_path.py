@@ -38,9 +38,13 @@ def plane(x: float, y0: float, y1: float, top: float = -2.0, bottom: float = 2.0
 
 
 def seen(
-    found: FrameModel | None, velocity: tuple[float, float, float] = (5.0, 0.0, 0.0), heading: float = 0.0,
-    recalled: Remembered | None = None, weak_px: float = 0.0, turn_deg_s: float = 0.0,
-) -> PathSight:  # fmt: skip
+    found: FrameModel | None,
+    velocity: tuple[float, float, float] = (5.0, 0.0, 0.0),
+    heading: float = 0.0,
+    recalled: Remembered | None = None,
+    weak_px: float = 0.0,
+    turn_deg_s: float = 0.0,
+) -> PathSight:
     views = () if found is None else (View(found, LevelTransform(0.0, (0.0, 0.0, 0.0))),)
     s = Surroundings(
         t_ns=T_NS,
@@ -88,10 +92,14 @@ def test_only_what_stands_in_the_width_of_the_hull_counts(y: float, hit: bool) -
 @pytest.mark.parametrize(
     ("vertical_m_s", "top", "bottom", "hit"),
     [
-        (0.0, 1.0, 2.0, False), (0.0, 0.7, 2.0, True), (2.5, 3.0, 5.0, True), (-2.5, 3.0, 5.0, False), (0.0, -2.0, -0.9, False),
+        (0.0, 1.0, 2.0, False),
+        (0.0, 0.7, 2.0, True),
+        (2.5, 3.0, 5.0, True),
+        (-2.5, 3.0, 5.0, False),
+        (0.0, -2.0, -0.9, False),
         (-2.5, -6.0, -4.0, True),
     ],
-)  # fmt: skip
+)
 def test_the_height_of_the_path(vertical_m_s: float, top: float, bottom: float, hit: bool) -> None:
     found = model(plane(8.0, -2.0, 2.0, top, bottom), free_to_m=20.0)
     assert math.isfinite(seen(found, velocity=(5.0, 0.0, vertical_m_s)).obstacle_m) is hit
@@ -150,12 +158,18 @@ def at(range_m: float, bearing_deg: float) -> FrameModel:
     ("range_m", "bearing_deg", "turn_deg_s", "hit"),
     [
         # at 3 m/s and 30 degrees per second the arc has a radius of 5.7 m: 6 m ahead it lies 30 degrees beside the tangent
-        (6.0, 20.0, 30.0, True), (6.0, 30.0, 30.0, True), (6.0, -20.0, -30.0, True),
-        (6.0, 20.0, 0.0, False), (6.0, 20.0, -30.0, False), (6.0, 20.0, 1.0, False),
-        (3.0, 45.0, 30.0, False), (5.0, 60.0, 30.0, False),  # on the inner side of the arc
-        (9.0, 45.0, 30.0, True), (6.0, 0.0, 30.0, True),
+        (6.0, 20.0, 30.0, True),
+        (6.0, 30.0, 30.0, True),
+        (6.0, -20.0, -30.0, True),
+        (6.0, 20.0, 0.0, False),
+        (6.0, 20.0, -30.0, False),
+        (6.0, 20.0, 1.0, False),
+        (3.0, 45.0, 30.0, False),
+        (5.0, 60.0, 30.0, False),  # on the inner side of the arc
+        (9.0, 45.0, 30.0, True),
+        (6.0, 0.0, 30.0, True),
     ],
-)  # fmt: skip
+)
 def test_in_a_turn_the_obstacles_between_the_tangent_and_the_arc_count(
     range_m: float, bearing_deg: float, turn_deg_s: float, hit: bool
 ) -> None:
@@ -202,9 +216,16 @@ def turning(rate_deg_s: float, speed_m_s: float = 3.0, hz: float = 15.0, frames:
     for n in range(frames):
         course = math.radians(175.0 + rate_deg_s * n / hz)
         s = Surroundings(
-            t_ns=T_NS + round(n * NS / hz), views=(), weak_px=(), exposed_ns=None, recall=None, recalled=nothing_remembered(),
-            blind={}, here=HERE, velocity_ned_m_s=(speed_m_s * math.cos(course), speed_m_s * math.sin(course), 0.0),
-        )  # fmt: skip
+            t_ns=T_NS + round(n * NS / hz),
+            views=(),
+            weak_px=(),
+            exposed_ns=None,
+            recall=None,
+            recalled=nothing_remembered(),
+            blind={},
+            here=HERE,
+            velocity_ned_m_s=(speed_m_s * math.cos(course), speed_m_s * math.sin(course), 0.0),
+        )
         out = course_rate.take(s)
     return math.degrees(out)
 
@@ -227,9 +248,16 @@ def starting(course_deg: float, drift_m_s: float, accelerates_m_s2: float, until
         north = along * math.cos(course) + drift * math.cos(side)
         east = along * math.sin(course) + drift * math.sin(side)
         s = Surroundings(
-            t_ns=T_NS + round(t * NS), views=(), weak_px=(), exposed_ns=None, recall=None, recalled=nothing_remembered(),
-            blind={}, here=HERE, velocity_ned_m_s=(north, east, 0.0),
-        )  # fmt: skip
+            t_ns=T_NS + round(t * NS),
+            views=(),
+            weak_px=(),
+            exposed_ns=None,
+            recall=None,
+            recalled=nothing_remembered(),
+            blind={},
+            here=HERE,
+            velocity_ned_m_s=(north, east, 0.0),
+        )
         out = course_rate.take(s)
     return math.degrees(out), math.degrees(math.atan2(east, north))
 
@@ -274,10 +302,17 @@ def test_a_missing_or_frozen_velocity_holds_the_last_rate() -> None:
     def take(t: float, stamp: float | None) -> float:
         angle = math.radians(30.0) * (0.0 if stamp is None else stamp)
         s = Surroundings(
-            t_ns=T_NS + round(t * NS), views=(), weak_px=(), exposed_ns=None, recall=None, recalled=nothing_remembered(),
-            blind={}, here=HERE, velocity_ned_m_s=None if stamp is None else (3 * math.cos(angle), 3 * math.sin(angle), 0.0),
+            t_ns=T_NS + round(t * NS),
+            views=(),
+            weak_px=(),
+            exposed_ns=None,
+            recall=None,
+            recalled=nothing_remembered(),
+            blind={},
+            here=HERE,
+            velocity_ned_m_s=None if stamp is None else (3 * math.cos(angle), 3 * math.sin(angle), 0.0),
             velocity_ns=None if stamp is None else T_NS + round(stamp * NS),
-        )  # fmt: skip
+        )
         return math.degrees(course_rate.take(s))
 
     for n in range(11):
@@ -311,9 +346,16 @@ def test_what_covers_little_on_the_object_is_weak(at_m: float, support_px: int, 
         found, LevelTransform(0.0, (0.0, 0.0, 0.0)), Intrinsics(320, 240, 225.0, 225.0, 159.5, 119.5), np.eye(3)
     )
     s = Surroundings(
-        t_ns=T_NS, views=(view,), weak_px=(8.0,), exposed_ns=T_NS, recall=None, recalled=nothing_remembered(), blind={}, here=HERE,
+        t_ns=T_NS,
+        views=(view,),
+        weak_px=(8.0,),
+        exposed_ns=T_NS,
+        recall=None,
+        recalled=nothing_remembered(),
+        blind={},
+        here=HERE,
         velocity_ned_m_s=(5.0, 0.0, 0.0),
-    )  # fmt: skip
+    )
     sight = path_sight(s, AVOID, GUARD)
     assert math.isfinite(sight.weak_obstacle_m) is weak
     assert math.isfinite(sight.obstacle_m) is not weak
@@ -323,9 +365,15 @@ def test_what_covers_little_on_the_object_is_weak(at_m: float, support_px: int, 
 
 BRAKING = braking_of(GUARD, AVOID)
 SIGHT = PathSight(
-    t_ns=T_NS, exposed_ns=T_NS - 50 * MS, speed_m_s=5.0, course_rad=0.0, free_m=20.0, obstacle_m=math.inf,
-    weak_obstacle_m=math.inf, position_ned_m=(0.0, 0.0, -3.0),
-)  # fmt: skip
+    t_ns=T_NS,
+    exposed_ns=T_NS - 50 * MS,
+    speed_m_s=5.0,
+    course_rad=0.0,
+    free_m=20.0,
+    obstacle_m=math.inf,
+    weak_obstacle_m=math.inf,
+    position_ned_m=(0.0, 0.0, -3.0),
+)
 
 
 def later(ms: int, **changes: object) -> PathSight:
@@ -478,9 +526,15 @@ def test_slowly_into_the_unseen_but_not_into_an_obstacle() -> None:
 
 @pytest.mark.parametrize(
     ("changes", "sees"),
-    [({}, True), ({"free_m": 0.0}, False), ({"free_m": 0.0, "obstacle_m": 4.0}, True), ({"cause": "front: no frame"}, False),
-     ({"exposed_ns": T_NS - STALE_NS - 1}, False), ({"exposed_ns": None}, False)],
-)  # fmt: skip
+    [
+        ({}, True),
+        ({"free_m": 0.0}, False),
+        ({"free_m": 0.0, "obstacle_m": 4.0}, True),
+        ({"cause": "front: no frame"}, False),
+        ({"exposed_ns": T_NS - STALE_NS - 1}, False),
+        ({"exposed_ns": None}, False),
+    ],
+)
 def test_whether_the_path_is_seen(changes: dict[str, object], sees: bool) -> None:
     """Also a direction to which no camera looks is not seen."""
     assessor = PathAssessor(GUARD, BRAKING, AVOID)

@@ -42,9 +42,14 @@ class Flight:
         self.wall_m = 19.0
         self.velocity: tuple[float, float, float] | None = (3.0, 0.0, 0.0)
         self.guard = Guard(
-            GuardParams(enabled=True, limit_speed=False), AvoidParams(radius_m=0.4), 196, self._vehicle, lambda: LINK,
-            self.sent.append, folder,
-        )  # fmt: skip
+            GuardParams(enabled=True, limit_speed=False),
+            AvoidParams(radius_m=0.4),
+            196,
+            self._vehicle,
+            lambda: LINK,
+            self.sent.append,
+            folder,
+        )
 
     def _vehicle(self) -> Vehicle:
         return replace(COPTER, heartbeat_ns=self.now_ns)
@@ -57,10 +62,17 @@ class Flight:
             )
             self.guard.observe(
                 Surroundings(
-                    t_ns=self.now_ns, views=(view,), weak_px=(0.0,), exposed_ns=self.now_ns, recall=None,
-                    recalled=nothing_remembered(), blind={}, here=HERE, velocity_ned_m_s=self.velocity,
+                    t_ns=self.now_ns,
+                    views=(view,),
+                    weak_px=(0.0,),
+                    exposed_ns=self.now_ns,
+                    recall=None,
+                    recalled=nothing_remembered(),
+                    blind={},
+                    here=HERE,
+                    velocity_ned_m_s=self.velocity,
                 )
-            )  # fmt: skip
+            )
             self.guard.step(self.now_ns)
             if self.now_ns == START_NS + STEP_NS:
                 self.guard.message(dialect.MAVLink_command_ack_message(511, 0, 0, 0, 7, 196), self.now_ns)

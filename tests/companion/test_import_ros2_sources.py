@@ -135,8 +135,11 @@ def ros_message(store: Any, kind: str, content: Any) -> Any:
 
 def full(entries: list[Any]) -> list[Any]:
     """With the fields that the tests' own CameraInfo leaves out."""
-    rest = {"binning_x": 0, "binning_y": 0,
-            "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}}  # fmt: skip
+    rest = {
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
     return [
         (t, topic, kind, message | rest if kind.endswith("CameraInfo") else message)
         for t, topic, kind, message in entries

@@ -356,8 +356,12 @@ def python_without_privileges(code: str, cache: Path, temporary: Path) -> subpro
     bound = ["setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override"] if os.geteuid() == 0 else []
     return subprocess.run(
         [*bound, sys.executable, "-B", "-c", code],
-        env=environment, cwd=jit_cache.ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        env=environment,
+        cwd=jit_cache.ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def set_mode(folder: Path, mode: int) -> None:

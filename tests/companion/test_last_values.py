@@ -74,10 +74,16 @@ GOOD = b'{"autopilot": "PX4", "system_id": 1, "version": [1, 16, 0], "parameters
 @pytest.mark.parametrize(
     "content",
     [
-        b"", b"{", b"[" * 900, b"3", b"\xff\xfe", GOOD.replace(b"1, \"v", b"1e999, \"v"), GOOD.replace(b"[1, 16, 0]", b"16"),
+        b"",
+        b"{",
+        b"[" * 900,
+        b"3",
+        b"\xff\xfe",
+        GOOD.replace(b'1, "v', b'1e999, "v'),
+        GOOD.replace(b"[1, 16, 0]", b"16"),
         GOOD.replace(b'{"CP_DIST": 3}', b"3"),
     ],
-)  # fmt: skip
+)
 def test_a_file_of_another_origin_is_ignored(tmp_path: Path, content: bytes) -> None:
     (tmp_path / NAME).write_bytes(content)
     assert LastValuesFile(tmp_path).of("PX4", 1) == LastValues("PX4", 1)

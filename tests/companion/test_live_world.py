@@ -25,10 +25,16 @@ def picture(n: int) -> WorldSnapshot:
     x = 4.0 * np.arange(n)
     planes = np.stack([x, np.full(n, 50.0), x + 4.0, np.full(n, 50.0), np.full(n, -5.0), np.zeros(n)], axis=1)
     return WorldSnapshot(
-        section=1, slots=np.arange(n, dtype=np.int32), planes=planes.astype(np.float32),
-        margin_m=np.full(n, 0.1, np.float32), flags=np.zeros(n, np.uint8), hits=np.full(n, 3, np.int32),
-        seen_ns=np.arange(n, dtype=np.int64), blocks=np.zeros((0, 3), np.int32), masks=np.zeros((0, 256), np.uint64),
-    )  # fmt: skip
+        section=1,
+        slots=np.arange(n, dtype=np.int32),
+        planes=planes.astype(np.float32),
+        margin_m=np.full(n, 0.1, np.float32),
+        flags=np.zeros(n, np.uint8),
+        hits=np.full(n, 3, np.int32),
+        seen_ns=np.arange(n, dtype=np.int64),
+        blocks=np.zeros((0, 3), np.int32),
+        masks=np.zeros((0, 256), np.uint64),
+    )
 
 
 def test_all_planes_of_a_small_world_are_drawn_in_centimetres() -> None:

@@ -66,11 +66,21 @@ def records(data: bytes) -> list[McapRecord]:
 def placeless(record: McapRecord) -> object:
     """A record without what the level of compression changes: sizes and places."""
     if isinstance(record, Chunk):
-        return ("chunk", record.message_start_time, record.message_end_time, record.uncompressed_crc,
-                record.uncompressed_size)  # fmt: skip
+        return (
+            "chunk",
+            record.message_start_time,
+            record.message_end_time,
+            record.uncompressed_crc,
+            record.uncompressed_size,
+        )
     if isinstance(record, ChunkIndex):
-        return ("index", record.message_start_time, record.message_end_time, record.message_index_length,
-                sorted(record.message_index_offsets))  # fmt: skip
+        return (
+            "index",
+            record.message_start_time,
+            record.message_end_time,
+            record.message_index_length,
+            sorted(record.message_index_offsets),
+        )
     return type(record).__name__ if isinstance(record, SummaryOffset | Footer) else record
 
 

@@ -25,8 +25,10 @@ TRUE = CameraMount(roll_rad=math.radians(1.0), pitch_rad=math.radians(-12.0))
 def by_hand(turn_deg: float, scene: str = "stones", pitch_deg: float = -8.0, seconds: float = 8.0) -> FlightPlan:
     """The vehicle is held 1.2 m above the ground, turned to both sides and tilted."""
     a, p = math.radians(turn_deg) / 2.0, math.radians(pitch_deg)
-    rows = [[t * seconds, 0.0, 0.0, -1.2, 0.1 * s, p * c, a * s] for t, s, c in
-            ((0.0, 0.0, 0.0), (0.25, 1.0, 1.0), (0.5, 0.0, 0.0), (0.75, -1.0, 1.0), (1.0, 0.0, 0.0))]  # fmt: skip
+    rows = [
+        [t * seconds, 0.0, 0.0, -1.2, 0.1 * s, p * c, a * s]
+        for t, s, c in ((0.0, 0.0, 0.0), (0.25, 1.0, 1.0), (0.5, 0.0, 0.0), (0.75, -1.0, 1.0), (1.0, 0.0, 0.0))
+    ]
     return FlightPlan(name="by hand", scene=make_scene(scene, 2), path=FlightPath(rows), sensor=TYPICAL)
 
 

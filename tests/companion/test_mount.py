@@ -148,10 +148,13 @@ def test_the_health_names_the_error_and_the_value_to_set() -> None:
 @pytest.mark.parametrize(
     ("verdict", "code"),
     [
-        (MountVerdict.UNKNOWN, ""), (MountVerdict.VERIFIED, ""), (MountVerdict.DEGRADED, "mount_degraded"),
-        (MountVerdict.UNVERIFIED_SLOPE, "mount_unverified"), (MountVerdict.ERROR, "mount_error"),
+        (MountVerdict.UNKNOWN, ""),
+        (MountVerdict.VERIFIED, ""),
+        (MountVerdict.DEGRADED, "mount_degraded"),
+        (MountVerdict.UNVERIFIED_SLOPE, "mount_unverified"),
+        (MountVerdict.ERROR, "mount_error"),
     ],
-)  # fmt: skip
+)
 def test_each_verdict_has_its_code(verdict: MountVerdict, code: str) -> None:
     health = mount_health(known(0.0, 2.0, verdict), CameraMount())
     found = mount_diagnostic("front", health)

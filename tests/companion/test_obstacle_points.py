@@ -54,12 +54,16 @@ def test_the_middle_layer_equals_obstacle_distance(cm: list[int], at_once: bool)
 @given(
     st.lists(
         st.tuples(
-            *[st.floats(-9.0, 9.0)] * 4, st.floats(-7.0, 6.0), st.floats(0.05, 5.0), st.floats(0.0, 0.3),
+            *[st.floats(-9.0, 9.0)] * 4,
+            st.floats(-7.0, 6.0),
+            st.floats(0.05, 5.0),
+            st.floats(0.0, 0.3),
         ),
-        min_size=1, max_size=4,
+        min_size=1,
+        max_size=4,
     ),
     st.sampled_from([0.0, 0.4]),
-)  # fmt: skip
+)
 def test_nothing_above_or_below_is_lost(
     walls: list[tuple[float, float, float, float, float, float, float]], radius_m: float
 ) -> None:

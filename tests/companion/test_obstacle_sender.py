@@ -43,9 +43,14 @@ class Sees:
         self.found = found
 
     def extract(
-        self, depth: np.ndarray, info: CameraInfo, R_level_optical: np.ndarray, state: ExtractorState | None = None,
-        *, keep_strips: bool = False,
-    ) -> tuple[FrameModel, ExtractorState]:  # fmt: skip
+        self,
+        depth: np.ndarray,
+        info: CameraInfo,
+        R_level_optical: np.ndarray,
+        state: ExtractorState | None = None,
+        *,
+        keep_strips: bool = False,
+    ) -> tuple[FrameModel, ExtractorState]:
         return self.found, state or ExtractorState()
 
 

@@ -24,9 +24,14 @@ def with_open(model: FrameModel) -> FrameModel:
     f = model.free
     to_dm = np.arange(f.free_to_m.size, dtype=np.uint8).reshape(f.free_to_m.shape) + np.uint8(40)
     opened = FreeProfile(
-        azimuth_edges_rad=f.azimuth_edges_rad, layer_edges_m=f.layer_edges_m, free_from_m=f.free_from_m,
-        free_to_m=f.free_to_m, end=f.end, open_from_dm=np.full_like(to_dm, 3), open_to_dm=to_dm,
-    )  # fmt: skip
+        azimuth_edges_rad=f.azimuth_edges_rad,
+        layer_edges_m=f.layer_edges_m,
+        free_from_m=f.free_from_m,
+        free_to_m=f.free_to_m,
+        end=f.end,
+        open_from_dm=np.full_like(to_dm, 3),
+        open_to_dm=to_dm,
+    )
     return dataclasses.replace(model, free=opened)
 
 
@@ -86,7 +91,11 @@ def test_an_open_range_shorter_than_its_profile_is_refused() -> None:
     f = easy_model(5.0, 2.0).free
     with pytest.raises(ValueError, match="open_to_dm"):
         FreeProfile(
-            azimuth_edges_rad=f.azimuth_edges_rad, layer_edges_m=f.layer_edges_m, free_from_m=f.free_from_m,
-            free_to_m=f.free_to_m, end=f.end, open_from_dm=np.ones(f.end.shape, np.uint8),
+            azimuth_edges_rad=f.azimuth_edges_rad,
+            layer_edges_m=f.layer_edges_m,
+            free_from_m=f.free_from_m,
+            free_to_m=f.free_to_m,
+            end=f.end,
+            open_from_dm=np.ones(f.end.shape, np.uint8),
             open_to_dm=np.ones((1, 1), np.uint8),
-        )  # fmt: skip
+        )

@@ -58,9 +58,15 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
 
     event_queue = EventQueue()
     loop = PipelineThread(
-        Pipeline((), lambda info: Extractor()), event_queue, StalenessMonitor(("front",), 0.3), publish, None, "off",
-        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
-    )  # fmt: skip
+        Pipeline((), lambda info: Extractor()),
+        event_queue,
+        StalenessMonitor(("front",), 0.3),
+        publish,
+        None,
+        "off",
+        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
+        lambda: None,
+    )
     gc.callbacks.append(seen)
     try:
         loop.open()
@@ -70,10 +76,13 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
             now_ns = time.monotonic_ns()
             event_queue.put_frame(
                 DepthFrame(
-                    camera="front", sequence=k, t_exposure_ns=now_ns, t_arrival_ns=now_ns,
+                    camera="front",
+                    sequence=k,
+                    t_exposure_ns=now_ns,
+                    t_arrival_ns=now_ns,
                     depth_mm=np.zeros((120, 160), np.uint16),
                 )
-            )  # fmt: skip
+            )
             assert published.wait(10.0)
             assert loop.wait_idle(10.0)
             if k < 3:  # modules are imported in the first
@@ -125,9 +134,15 @@ def two_frames(folder: Path, calls: list[str], fault: Callable[[], None]) -> Pip
     """A loop that handles two frames; `fault` is called in the second. calls: the results and records, in order."""
     recorder, event_queue = CallRecorder(folder, calls), EventQueue()
     loop = PipelineThread(
-        Breaks(fault), event_queue, StalenessMonitor(("front",), 0.3), lambda result, prisms: calls.append(f"sent {result.sequence}"),
-        recorder, "always", ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
-    )  # fmt: skip
+        Breaks(fault),
+        event_queue,
+        StalenessMonitor(("front",), 0.3),
+        lambda result, prisms: calls.append(f"sent {result.sequence}"),
+        recorder,
+        "always",
+        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
+        lambda: None,
+    )
     event_queue.put([camera_info(160, 120)])
     loop.open()
     for k in range(2):

@@ -147,10 +147,16 @@ def test_a_folder_that_is_missing_and_a_port_that_is_taken(tmp_path: Path, conte
 @pytest.mark.parametrize(
     ("address", "beyond"),
     [
-        ("ipc:///run/x", False), ("tcp://127.0.0.1:5601", False), ("tcp://localhost:1", False), ("tcp://[::1]:5", False),
-        ("tcp://*:5601", True), ("tcp://0.0.0.0:5601", True), ("tcp://eth0:5601", True), ("tcp://192.168.1.2:5", True),
+        ("ipc:///run/x", False),
+        ("tcp://127.0.0.1:5601", False),
+        ("tcp://localhost:1", False),
+        ("tcp://[::1]:5", False),
+        ("tcp://*:5601", True),
+        ("tcp://0.0.0.0:5601", True),
+        ("tcp://eth0:5601", True),
+        ("tcp://192.168.1.2:5", True),
     ],
-)  # fmt: skip
+)
 def test_which_addresses_other_machines_can_reach(address: str, beyond: bool) -> None:
     assert beyond_loopback(address) is beyond
 

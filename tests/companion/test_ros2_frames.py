@@ -37,8 +37,10 @@ def at(transform: FrameTransform, point: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("ned", "enu"), [((1, 0, 0), (0, 1, 0)), ((0, 1, 0), (1, 0, 0)), ((0, 0, 1), (0, 0, -1))], ids=["north", "east", "down"]
-)  # fmt: skip
+    ("ned", "enu"),
+    [((1, 0, 0), (0, 1, 0)), ((0, 1, 0), (1, 0, 0)), ((0, 0, 1), (0, 0, -1))],
+    ids=["north", "east", "down"],
+)
 def test_map_has_the_axes_east_north_up(ned: tuple[float, ...], enu: tuple[float, ...]) -> None:
     assert np.array_equal(ros_points(np.array([ned], np.float32), "ned"), [enu])
 
@@ -56,8 +58,11 @@ def test_a_vehicle_that_flies_east_level_has_no_rotation_in_map() -> None:
     """REP 103: yaw 0 in map is east."""
     stabilized, base = vehicle_transforms(quaternion_from_euler(0.0, 0.0, math.pi / 2), (1.0, 2.0, -3.0))
     assert (stabilized.parent, stabilized.child, base.parent, base.child) == (
-        MAP, BASE_STABILIZED, BASE_STABILIZED, BASE_LINK,
-    )  # fmt: skip
+        MAP,
+        BASE_STABILIZED,
+        BASE_STABILIZED,
+        BASE_LINK,
+    )
     assert stabilized.translation_m == (2.0, 1.0, 3.0)
     assert np.allclose(rotation_from_quaternion(stabilized.q_wxyz), np.eye(3), atol=1e-12)
     assert np.allclose(rotation_from_quaternion(base.q_wxyz), np.eye(3), atol=1e-12)

@@ -40,9 +40,15 @@ def ros() -> RosMessages:
 
 def result(planes: list[list[float]] | None = None) -> PrismsResult:
     return PrismsResult(
-        camera="front", sequence=1, t_exposure_ns=1, t_arrival_ns=1, frame="level", drop=DropCause.NONE,
-        model=model([WALL] if planes is None else planes), transform=LevelTransform(0.0, (0.0, 0.0, 0.0)),
-    )  # fmt: skip
+        camera="front",
+        sequence=1,
+        t_exposure_ns=1,
+        t_arrival_ns=1,
+        frame="level",
+        drop=DropCause.NONE,
+        model=model([WALL] if planes is None else planes),
+        transform=LevelTransform(0.0, (0.0, 0.0, 0.0)),
+    )
 
 
 def read(ros: RosMessages, message: Any, name: str) -> Any:

@@ -53,9 +53,13 @@ def compiling(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], dict[int,
     }
     (tmp_path / "kernels").mkdir()
     process = subprocess.Popen(
-        [sys.executable, "-m", "companion", "run", "-c", str(config)], cwd=ROOT, env=environment,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
+        [sys.executable, "-m", "companion", "run", "-c", str(config)],
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
     children_of_it: dict[int, str] = {}
 
     def compiles_and_films() -> bool:
@@ -110,8 +114,12 @@ def test_systemd_is_asked_for_more_time_before_what_takes_long(tmp_path: Path) -
         notifications.setblocking(False)
         done = subprocess.run(
             [sys.executable, "-m", "companion", "run", "-c", str(tmp_path / "live.toml")],
-            cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
-        )  # fmt: skip
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 1
         assert "RUNTIME_DIRECTORY" in done.stderr
         assert notifications.recv(4096) == b"EXTEND_TIMEOUT_USEC=180000000"

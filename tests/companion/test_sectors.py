@@ -347,9 +347,12 @@ def test_the_nearest_point_of_a_sector_has_its_own_direction() -> None:
 
 
 @given(
-    st.floats(0.0, 360.0, exclude_max=True), st.floats(0.31, 12.2), st.sampled_from([0.02, 0.12, 2.0]), st.booleans(),
+    st.floats(0.0, 360.0, exclude_max=True),
+    st.floats(0.31, 12.2),
+    st.sampled_from([0.02, 0.12, 2.0]),
     st.booleans(),
-)  # fmt: skip
+    st.booleans(),
+)
 def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
     angle_deg: float, distance_m: float, width_m: float, clear: bool, known: bool
 ) -> None:

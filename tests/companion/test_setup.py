@@ -46,9 +46,13 @@ def video(folder: Path, *names: str) -> Path:
 
 def test_cameras_are_found_by_their_makers(tmp_path: Path) -> None:
     devices = usb(
-        tmp_path, ("03e7", "Movidius MyriadX", "1944"), ("2b03", "ZED 2i", "77"),
-        ("8086", "Intel(R) RealSense(TM) Depth Camera 435", "88"), ("8086", "a hub", "1"), ("1d6b", "xHCI", "0"),
-    )  # fmt: skip
+        tmp_path,
+        ("03e7", "Movidius MyriadX", "1944"),
+        ("2b03", "ZED 2i", "77"),
+        ("8086", "Intel(R) RealSense(TM) Depth Camera 435", "88"),
+        ("8086", "a hub", "1"),
+        ("1d6b", "xHCI", "0"),
+    )
     nodes = video(tmp_path, "usb-STEREOLABS_ZED_2i_OV0001-video-index0", D435, D435.replace("index0", "index1"))
     assert [(c.kind, c.device) for c in find_cameras(devices, nodes)] == [
         ("oak", ""),
@@ -85,10 +89,17 @@ def test_an_adapter_is_tried_at_several_speeds_and_an_autopilot_at_one() -> None
 @pytest.mark.parametrize("kind", list(SIZES))
 def test_the_written_configuration_is_usable(kind: str, tmp_path: Path) -> None:
     answers = Answers(
-        kind=kind, device="/dev/v4l/by-id/x" if kind in ("zed", "v4l2") else "", pitch_deg=-12.5, position_m=(0.1, 0.0, -0.05),
-        width_m=0.6, height_m=0.3, autopilot="serial:/dev/ttyAMA0:921600", send=True, calibration=CALIBRATION,
+        kind=kind,
+        device="/dev/v4l/by-id/x" if kind in ("zed", "v4l2") else "",
+        pitch_deg=-12.5,
+        position_m=(0.1, 0.0, -0.05),
+        width_m=0.6,
+        height_m=0.3,
+        autopilot="serial:/dev/ttyAMA0:921600",
+        send=True,
+        calibration=CALIBRATION,
         calibration_file="/etc/osape-companion/SN1.conf",
-    )  # fmt: skip
+    )
     (tmp_path / "a.toml").write_text(configuration_text(answers))
     config = load_config(tmp_path / "a.toml")
     (camera,) = config.cameras
@@ -220,16 +231,20 @@ def library(*serials: str) -> types.ModuleType:
     """A pyrealsense2 with these devices, each with two depth streams."""
     sensor = SimpleNamespace(
         get_stream_profiles=lambda: [Profile((640, 480), "color"), Profile((848, 480)), Profile((640, 480))],
-        get_depth_scale=lambda: 0.001, supports=lambda option: True, get_option=lambda option: 1.0,
-    )  # fmt: skip
+        get_depth_scale=lambda: 0.001,
+        supports=lambda option: True,
+        get_option=lambda option: 1.0,
+    )
     devices = [SimpleNamespace(get_info=lambda _, s=s: s, first_depth_sensor=lambda: sensor) for s in serials]
     module = types.ModuleType("pyrealsense2")
     module.__spec__ = SimpleNamespace(name="pyrealsense2")  # type: ignore[assignment]
     for name, value in {
         "context": lambda: SimpleNamespace(query_devices=lambda: devices),
-        "camera_info": SimpleNamespace(serial_number="serial_number"), "stream": SimpleNamespace(depth="depth"),
-        "format": SimpleNamespace(z16="z16"), "option": SimpleNamespace(emitter_enabled="emitter_enabled"),
-    }.items():  # fmt: skip
+        "camera_info": SimpleNamespace(serial_number="serial_number"),
+        "stream": SimpleNamespace(depth="depth"),
+        "format": SimpleNamespace(z16="z16"),
+        "option": SimpleNamespace(emitter_enabled="emitter_enabled"),
+    }.items():
         setattr(module, name, value)
     return module
 
@@ -257,9 +272,15 @@ def test_of_several_devices_none_is_guessed(monkeypatch: pytest.MonkeyPatch) -> 
 
 def camera(fx_px: float, unit_mm: float = 1.0) -> CameraConfig:
     return CameraConfig(
-        name="front", kind="v4l2", device=f"/dev/v4l/by-id/{D435}", fx_px=fx_px, fy_px=391.3, cx_px=322.1, cy_px=238.7,
+        name="front",
+        kind="v4l2",
+        device=f"/dev/v4l/by-id/{D435}",
+        fx_px=fx_px,
+        fy_px=391.3,
+        cx_px=322.1,
+        cy_px=238.7,
         depth_unit_mm=unit_mm,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.usefixtures("one_device")

@@ -46,9 +46,12 @@ def street() -> SharedPlanes:
             x += length + rng.uniform(1.5, 3.0)
     n = len(rows)
     return SharedPlanes(
-        ids=np.arange(n, dtype=np.uint16), box=np.array(rows), margin_m=np.full(n, 0.1), flags=np.zeros(n, np.uint8),
+        ids=np.arange(n, dtype=np.uint16),
+        box=np.array(rows),
+        margin_m=np.full(n, 0.1),
+        flags=np.zeros(n, np.uint8),
         age_s=np.full(n, 0.1),
-    )  # fmt: skip
+    )
 
 
 def pose(x_m: float, t_ns: int) -> PoseSample:
@@ -111,9 +114,14 @@ def test_nothing_is_sent_or_placed_without_a_position() -> None:
 def test_movers_are_shared_with_their_age_and_end() -> None:
     teams = pair()
     mover = SharedMover(
-        id=4, centre_m=(15.0, 2.0, -1.0), half_size_m=(1.0, 0.5, 0.8), velocity_m_s=(2.0, 0.0), sigma_m=0.1, sigma_m_s=0.1,
+        id=4,
+        centre_m=(15.0, 2.0, -1.0),
+        half_size_m=(1.0, 0.5, 0.8),
+        velocity_m_s=(2.0, 0.0),
+        sigma_m=0.1,
+        sigma_m_s=0.1,
         age_s=0.0,
-    )  # fmt: skip
+    )
     teams[1].own.movers, teams[1].own.movers_ns = (mover,), 0
     flown(teams, 1.0, [0.0, 30.0])
     (got,) = (m for m in teams[0].obstacles(NS).movers if m.id == 4)
@@ -133,9 +141,14 @@ def test_a_world_that_is_not_updated_is_not_sent() -> None:
 def test_a_mover_that_cannot_be_sent_does_not_stop_the_others() -> None:
     teams = pair()
     good = SharedMover(
-        id=4, centre_m=(15.0, 2.0, -1.0), half_size_m=(1.0, 0.5, 0.8), velocity_m_s=(2.0, 0.0), sigma_m=0.1, sigma_m_s=0.1,
+        id=4,
+        centre_m=(15.0, 2.0, -1.0),
+        half_size_m=(1.0, 0.5, 0.8),
+        velocity_m_s=(2.0, 0.0),
+        sigma_m=0.1,
+        sigma_m_s=0.1,
         age_s=0.0,
-    )  # fmt: skip
+    )
     odd = [replace(good, id=5, velocity_m_s=(40.0, 0.0)), replace(good, id=6, sigma_m=math.nan)]
     many = [replace(good, id=10 + k, centre_m=(15.0 + 3 * k, 2.0, -1.0)) for k in range(9)]
     teams[1].own.movers, teams[1].own.movers_ns = (*odd, good, *many), 0

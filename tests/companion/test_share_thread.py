@@ -13,9 +13,11 @@ from drivers.sharing.link import ReceivedPacket
 
 NS = 1_000_000_000
 STATE = VehicleState(
-    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0), position_m=(0.0, 0.0, -3.0),
-    velocity_m_s=(0.0, 0.0, 0.0), radius_m=0.4,
-)  # fmt: skip
+    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0),
+    position_m=(0.0, 0.0, -3.0),
+    velocity_m_s=(0.0, 0.0, 0.0),
+    radius_m=0.4,
+)
 
 
 class MemoryLink:
@@ -53,9 +55,15 @@ class Made:
             return links
 
         self.sharing = Sharing(
-            ShareConfig(vehicle=1, origin="47.0, 8.0, 400"), 0.4, make, 1_700_000_000, lambda: 1, None, "boot",
+            ShareConfig(vehicle=1, origin="47.0, 8.0, 400"),
+            0.4,
+            make,
+            1_700_000_000,
+            lambda: 1,
+            None,
+            "boot",
             lambda *record: self.recorded.append(record),
-        )  # fmt: skip
+        )
         (self.link,) = links
 
     def deliver(self, sent_ms: int, arrival_ns: int, vehicle: int = 2) -> bytes:

@@ -128,9 +128,14 @@ def test_a_key_that_others_can_read_stops_the_start(tmp_path: Path, renders: Pat
     ],
 )
 def test_the_doctor_reports_the_state_of_signing(
-    ours: bytes | None, theirs: bytes | None, good: bool, text: str,
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    ours: bytes | None,
+    theirs: bytes | None,
+    good: bool,
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     signing = ""
     if ours is not None:
         key = tmp_path / "signing.key"

@@ -112,9 +112,13 @@ def test_the_message_holds_the_tracks(events):
 def test_a_moving_obstacle_is_predicted_with_its_error():
     message = pb.Tracks(schema_version=1, frame="ned", valid=True)
     message.objects.add(
-        id=3, centre_m=pb.Vector3(x=5.0, y=1.0, z=-1.0), velocity_x_m_s=1.0, velocity_y_m_s=-2.0,
-        position_sigma_m=0.1, velocity_sigma_m_s=0.2,
-    )  # fmt: skip
+        id=3,
+        centre_m=pb.Vector3(x=5.0, y=1.0, z=-1.0),
+        velocity_x_m_s=1.0,
+        velocity_y_m_s=-2.0,
+        position_sigma_m=0.1,
+        velocity_sigma_m_s=0.2,
+    )
     obstacle = tracks_from_message(message).objects[0]
     centre, sigma = obstacle.predicted(0.5)
     assert centre == pytest.approx((5.5, 0.0, -1.0))
@@ -243,9 +247,7 @@ def rewrite(source: Path, target: Path) -> None:
 
 
 def test_the_stream_exists_only_where_tracking_is_enabled(events, tmp_path):
-    addresses = PublishConfig(
-        prisms="", health="", surround="", depth="", tracks=f"ipc://{tmp_path}/tracks", keys=""
-    )  # fmt: skip
+    addresses = PublishConfig(prisms="", health="", surround="", depth="", tracks=f"ipc://{tmp_path}/tracks", keys="")
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     try:
         for enabled in (False, True):

@@ -110,6 +110,7 @@ def test_a_column_that_was_not_measured_hides_the_wall_behind_it(wall_at_10_m: R
     nearest_edge = np.radians(5.0 * np.abs(beside) - 2.5)
     assert found.distance_m[beside] == pytest.approx(10.0 / np.cos(nearest_edge) - 0.4, abs=0.6)
 
+
 @pytest.mark.parametrize("yaw_deg", [0.0, 1.3, -2.1, 8.0])
 @pytest.mark.parametrize(("width", "focal_px", "hidden_right"), [(320, 170.0, 0), (336, 175.0, 2), (320, 230.0, 7)])
 def test_where_all_is_measured_a_covered_sector_is_clear(
@@ -185,9 +186,12 @@ def test_a_wall_seen_in_full_stays_where_it_stands(wall_at_10_m: Rendered) -> No
     for distance_m in (2.0, 3.0, 4.0, 5.0, 7.0, 10.0):
         for pitch_deg in (-15.0, 0.0, 15.0):
             seen = render(
-                wall_scene(distance_m), INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=SENSOR,
+                wall_scene(distance_m),
+                INFO,
+                position_ned_m=(0.0, 0.0, -2.0),
+                sensor=SENSOR,
                 pitch_rad=math.radians(pitch_deg),
-            )  # fmt: skip
+            )
             view = view_of(seen, nothing)
             found = scan([view], AVOID)
             # pitched by 15 degrees, the sides of the image cut the band of height within the outermost sectors
@@ -215,9 +219,7 @@ def test_a_plane_seen_from_aside_does_not_vouch_for_the_way_of_a_blind_camera() 
     """The camera in front is blind. The other stands 3 m to the right and looks 5 degrees to the left: it sees the wall
     that stands ahead of the vehicle, and nothing of the first metres on the way there."""
     yaw_rad = math.radians(-5.0)
-    aside = render(
-        wall_scene(8.0), INFO, yaw_rad=yaw_rad, position_ned_m=(0.0, 3.0, -2.0), sensor=SENSOR
-    )  # fmt: skip
+    aside = render(wall_scene(8.0), INFO, yaw_rad=yaw_rad, position_ned_m=(0.0, 3.0, -2.0), sensor=SENSOR)
     nothing = np.zeros((INFO.intrinsics.height, INFO.intrinsics.width), bool)
     place = LevelTransform(yaw_rad, (0.0, 3.0, 0.0))
     plain = view_of(aside, nothing)
@@ -272,8 +274,11 @@ def test_where_unknown_means_clear_the_plane_is_better_than_nothing() -> None:
     border = ObstacleView(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
     inside = replace(border, whole=everywhere)
     for sight, policy, expected in (
-        (border, STOP, 500), (border, NOT_KNOWN, UNKNOWN), (inside, STOP, 212), (inside, NOT_KNOWN, UNKNOWN),
-    ):  # fmt: skip
+        (border, STOP, 500),
+        (border, NOT_KNOWN, UNKNOWN),
+        (inside, STOP, 212),
+        (inside, NOT_KNOWN, UNKNOWN),
+    ):
         values = BlindPolicy(AVOID).values(sight, policy, 0)
         assert values is not None
         assert values[0] == expected
@@ -420,9 +425,12 @@ def test_a_surface_within_the_band_is_never_called_clear(
     b.box("wall", 30.0, 0.0, 0.3, 90.0, 6.0)
     info = replace(INFO, ke_per_m=ke_per_m)
     seen = render(
-        b.build(), info, pitch_rad=tilt_rad, position_ned_m=(0.0, 0.0, -height_m),
+        b.build(),
+        info,
+        pitch_rad=tilt_rad,
+        position_ned_m=(0.0, 0.0, -height_m),
         sensor=SensorModel(ke_per_m=ke_per_m, sky_is_far=True),
-    )  # fmt: skip
+    )
     found, _ = EXTRACTOR.extract(seen.depth_mm, info, seen.R_level_optical)
     sectors = scan([View(found, HERE, info.intrinsics, np.asarray(seen.R_level_optical).T)], avoid)
     if height_m < band_below_m - 0.03:
@@ -486,9 +494,11 @@ def test_the_floor_before_take_off_is_no_wall(height_m: float) -> None:
     info = camera_info(640, 480, ke_per_m=ke_per_m)
     for wall_m in (4.0, 30.0):
         seen = render(
-            wall_scene(wall_m), info, position_ned_m=(0.0, 0.0, -height_m),
+            wall_scene(wall_m),
+            info,
+            position_ned_m=(0.0, 0.0, -height_m),
             sensor=SensorModel(ke_per_m=ke_per_m, sky_is_far=True),
-        )  # fmt: skip
+        )
         found, _ = EXTRACTOR.extract(seen.depth_mm, info, seen.R_level_optical)
         if height_m <= 0.05 and not found.valid:
             # the steep gradient of the floor is taken for flying pixels: the camera counts as blind, which arms as well

@@ -30,8 +30,11 @@ def with_full_disk(code: str, *arguments: str) -> subprocess.CompletedProcess[st
     would end pytest's worker at its next write."""
     return subprocess.run(
         [sys.executable, "-B", "-c", FULL_DISK + code, *arguments],
-        capture_output=True, text=True, check=False, timeout=60.0,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+    )
 
 
 def companion_with_full_disk(*arguments: str) -> subprocess.CompletedProcess[str]:

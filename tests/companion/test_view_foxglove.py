@@ -121,9 +121,13 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(
 ) -> None:
     viewer = Viewer(server.port)
     wanted = {
-        "/health": pb.Health, "/camera/front/prisms": pb.PrismsFrame, "/camera/front/scene": SceneUpdate,
-        "/tf": FrameTransform, "/camera/front/depth": RawImage, "/status": Log,
-    }  # fmt: skip
+        "/health": pb.Health,
+        "/camera/front/prisms": pb.PrismsFrame,
+        "/camera/front/scene": SceneUpdate,
+        "/tf": FrameTransform,
+        "/camera/front/depth": RawImage,
+        "/status": Log,
+    }
 
     def all_received() -> bool:
         scripted.health()

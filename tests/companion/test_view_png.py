@@ -88,10 +88,16 @@ def test_strips_are_drawn_into_the_image(tmp_path: Path) -> None:
     n = len(columns)
     zeros = np.zeros(n, np.int32)
     strips = StripTable(
-        u=zeros, row_top=zeros, row_bottom=zeros, support_px=zeros, cluster=zeros,
-        x_m=np.full(n, 5, np.float32), y_m=columns.astype(np.float32),
-        top_m=np.full(n, -1, np.float32), bottom_m=np.full(n, 1, np.float32),
-    )  # fmt: skip
+        u=zeros,
+        row_top=zeros,
+        row_bottom=zeros,
+        support_px=zeros,
+        cluster=zeros,
+        x_m=np.full(n, 5, np.float32),
+        y_m=columns.astype(np.float32),
+        top_m=np.full(n, -1, np.float32),
+        bottom_m=np.full(n, 1, np.float32),
+    )
     plain = frame(model=model([]))
     with_strips = frame(model=replace(model([]), strips=strips))
     before, scale = panel(drawn(plain, tmp_path), plain)

@@ -35,8 +35,13 @@ def ring(shift_cm: int) -> dict[str, Any]:
 
 
 PILOT: dict[str, Any] = {
-    "kind": "PX4", "mode": "Position", "armed": True, "age_s": 0.4, "sent": ring(0), "echoed": ring(20)
-}  # fmt: skip
+    "kind": "PX4",
+    "mode": "Position",
+    "armed": True,
+    "age_s": 0.4,
+    "sent": ring(0),
+    "echoed": ring(20),
+}
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,17 @@ def section(n: int) -> SavedSection:
     xy = np.round(rng.uniform(-50, 50, (n, 2)), 2)
     box = np.column_stack([xy, xy + 2.0, np.full(n, -3.0), np.full(n, 1.0)])
     return SavedSection(
-        number=1, reset_counter=2, begun_ns=3, newest_ns=4, box=box, moments=np.ones((n, 6)), margin_m=np.full(n, 0.1),
-        flags=np.zeros(n, np.uint8), hits=np.ones(n, np.int32), age_s=np.zeros(n),
-    )  # fmt: skip
+        number=1,
+        reset_counter=2,
+        begun_ns=3,
+        newest_ns=4,
+        box=box,
+        moments=np.ones((n, 6)),
+        margin_m=np.full(n, 0.1),
+        flags=np.zeros(n, np.uint8),
+        hits=np.ones(n, np.int32),
+        age_s=np.zeros(n),
+    )
 
 
 def test_written_whole_and_read_back(tmp_path: Path) -> None:

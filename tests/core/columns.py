@@ -23,9 +23,17 @@ def view(rows: int = ROWS, cols: int = 1, f: float = F) -> ViewGeometry:
     cu, cv = (cols - 1) / 2, (rows - 1) / 2
     edges = ((np.arange(rows + 1) - 0.5 - cv) / f).astype(np.float32)
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f, cu=cu, cv=cv, lsb_per_px=QUANTUM, tan_edge=edges, tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]),
-        lateral=np.ones(rows, np.float32), H=np.eye(3),
-    )  # fmt: skip
+        cols=cols,
+        rows=rows,
+        f_px=f,
+        cu=cu,
+        cv=cv,
+        lsb_per_px=QUANTUM,
+        tan_edge=edges,
+        tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]),
+        lateral=np.ones(rows, np.float32),
+        H=np.eye(3),
+    )
 
 
 def code(x_m: np.ndarray | float) -> np.ndarray:

@@ -133,9 +133,13 @@ def some_prisms(count: int) -> list[Prism]:
         edges, closed = int(rng.integers(1, 7)), bool(rng.integers(0, 2))
         made.append(
             Prism(
-                cluster=int(rng.integers(0, 300)), top_m=float(-rng.uniform(1.0, 9.0)), bottom_m=float(rng.uniform(-0.5, 2.0)),
-                closed=closed, margin_m=float(rng.uniform(0.0, 0.5)), plane=rng.integers(0, 200, edges, np.int32),
+                cluster=int(rng.integers(0, 300)),
+                top_m=float(-rng.uniform(1.0, 9.0)),
+                bottom_m=float(rng.uniform(-0.5, 2.0)),
+                closed=closed,
+                margin_m=float(rng.uniform(0.0, 0.5)),
+                plane=rng.integers(0, 200, edges, np.int32),
                 vertices_m=rng.uniform(-20.0, 20.0, (edges + (not closed), 2)).astype(np.float32),
             )
-        )  # fmt: skip
+        )
     return made

@@ -46,9 +46,16 @@ def test_a_turn_is_measured_whether_the_camera_moves_or_not(
     first = render("street", INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=white, seed=1)
     x, y, z = moved_m
     second = render(
-        "street", INFO, roll_rad=turn_rad[0], pitch_rad=turn_rad[1], yaw_rad=turn_rad[2],
-        position_ned_m=(x, y, z - 2.0), sensor=white, seed=1, frame=1,
-    )  # fmt: skip
+        "street",
+        INFO,
+        roll_rad=turn_rad[0],
+        pitch_rad=turn_rad[1],
+        yaw_rad=turn_rad[2],
+        position_ned_m=(x, y, z - 2.0),
+        sensor=white,
+        seed=1,
+        frame=1,
+    )
     guess = (rotation_from_euler(*(0.8 * a for a in turn_rad)) @ R_CAMFRD_OPTICAL).T @ R_CAMFRD_OPTICAL
     found = rotation_between(inverse_depth_grid(first.depth_mm, INFO), inverse_depth_grid(second.depth_mm, INFO), guess)
     assert found is not None

@@ -282,11 +282,20 @@ def test_what_stands_out_of_the_grounds_noise_against_its_definition(height: flo
         strip.kind == strip_table.MERGED
         or 4 * ke * height * g.f_px / float(strip.disparity_px) <= 0.9 * 0.6
         or naive.stands_out(
-            codes[strip.column], strip.top_row, strip.bottom_row, float(strip.disparity_px), tan_mid,
-            shift[strip.column], (height, slope), ke, g.f_px, g.lsb_per_px, P,
+            codes[strip.column],
+            strip.top_row,
+            strip.bottom_row,
+            float(strip.disparity_px),
+            tan_mid,
+            shift[strip.column],
+            (height, slope),
+            ke,
+            g.f_px,
+            g.lsb_per_px,
+            P,
         )
         for strip in strips
-    ]  # fmt: skip
+    ]
     kept = strips[want].copy()
     test = ground_noise_test(ground, g, ke, P)[0]
     n = drop_ground_noise(strips, 40, codes, tan_mid, shift, test, np.zeros(40, np.uint8))

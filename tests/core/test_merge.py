@@ -154,9 +154,10 @@ def test_merging_never_moves_a_plane_farther_than_allowed(seed: int, n: int) -> 
         middle = 0.5 * (ay / ax + by / bx)
         x = 1.0 / np.dot(line_through((ax, ay), (bx, by)), (1.0, middle))
         own = [
-            p for p in got
+            p
+            for p in got
             if p.t0 <= ay / ax + 1e-9 and p.t1 >= by / bx - 1e-9 and p.top_m <= top and p.bottom_m >= bottom
-        ]  # fmt: skip
+        ]
         assert min(abs(pl.distance_at(p, middle) - x) for p in own) < 3 * (0.3 + 0.02)
 
 

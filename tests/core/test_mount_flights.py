@@ -148,9 +148,13 @@ def test_an_attitude_in_error_makes_no_frame_invalid(in_ned: bool, slope_deg: fl
     errors = attitude_errors(60.0, 0.5, 1.0, seed, in_ned)
     mount = list(MOUNTS.values())[seed]
     flight = Flight(
-        mount=mount, attitude_error_rad=errors, seconds=60.0, seed=seed, pitch_deg=-10.0,
+        mount=mount,
+        attitude_error_rad=errors,
+        seconds=60.0,
+        seed=seed,
+        pitch_deg=-10.0,
         terrain_rad=lambda t_s: (slope_deg * DEG, 0.0),
-    )  # fmt: skip
+    )
     invalid = [s.verdict for s in flight.states() if s.verdict.invalid]
     if slope_deg:  # 3 degrees and 1 degree of bias are 4: may be withheld until the vehicle has turned
         assert MountVerdict.ERROR not in invalid

@@ -33,9 +33,12 @@ def header(sent_ms: int, *, vehicle: int = 2, stream: int = STREAM, section: int
 
 def wall(number: int = 0, x_m: float = 10.0) -> SharedPlanes:
     return SharedPlanes(
-        ids=np.array([number], np.uint16), box=np.array([[x_m, -4.0, x_m, 4.0, -6.0, 0.0]]), margin_m=np.array([0.1]),
-        flags=np.zeros(1, np.uint8), age_s=np.array([0.1]),
-    )  # fmt: skip
+        ids=np.array([number], np.uint16),
+        box=np.array([[x_m, -4.0, x_m, 4.0, -6.0, 0.0]]),
+        margin_m=np.array([0.1]),
+        flags=np.zeros(1, np.uint8),
+        age_s=np.array([0.1]),
+    )
 
 
 def state(x_m: float = 30.0, frame: LocalFrame = FRAME) -> VehicleState:
@@ -52,9 +55,14 @@ def state_at(sent_ms: int, **of: int) -> bytes:
 
 def mover(x_m: float, y_m: float = 0.0) -> SharedMover:
     return SharedMover(
-        id=4, centre_m=(x_m, y_m, -3.0), half_size_m=(0.4, 0.4, 0.3), velocity_m_s=(1.0, 0.0), sigma_m=0.1, sigma_m_s=0.1,
+        id=4,
+        centre_m=(x_m, y_m, -3.0),
+        half_size_m=(0.4, 0.4, 0.3),
+        velocity_m_s=(1.0, 0.0),
+        sigma_m=0.1,
+        sigma_m_s=0.1,
         age_s=0.0,
-    )  # fmt: skip
+    )
 
 
 def filled_map() -> NeighbourMap:
@@ -134,9 +142,12 @@ def test_a_vehicle_with_the_own_number_is_refused_by_another_code_than_an_echo()
 
 def test_a_packet_that_is_longer_than_any_link_sends_is_refused_undecoded() -> None:
     walls = SharedPlanes(
-        ids=np.arange(300, dtype=np.uint16), box=np.tile(wall().box, (300, 1)), margin_m=np.full(300, 0.1),
-        flags=np.zeros(300, np.uint8), age_s=np.full(300, 0.1),
-    )  # fmt: skip
+        ids=np.arange(300, dtype=np.uint16),
+        box=np.tile(wall().box, (300, 1)),
+        margin_m=np.full(300, 0.1),
+        flags=np.zeros(300, np.uint8),
+        age_s=np.full(300, 0.1),
+    )
     data = planes_packet(header(5), walls, (0.0, 0.0, 0.0))
     assert len(data) > MOST_BYTES
     assert NeighbourMap(1).receive(data, NS) == "bad_length"
@@ -216,9 +227,12 @@ def test_a_vehicle_that_the_own_sensors_observe_is_not_reported_again() -> None:
 
 def test_a_plane_at_the_own_body_is_hidden_while_it_is_there() -> None:
     small = SharedPlanes(
-        ids=np.array([5], np.uint16), box=np.array([[0.3, -0.3, 0.3, 0.3, -3.3, -2.8]]), margin_m=np.array([0.1]),
-        flags=np.zeros(1, np.uint8), age_s=np.array([0.1]),
-    )  # fmt: skip
+        ids=np.array([5], np.uint16),
+        box=np.array([[0.3, -0.3, 0.3, 0.3, -3.3, -2.8]]),
+        margin_m=np.array([0.1]),
+        flags=np.zeros(1, np.uint8),
+        age_s=np.array([0.1]),
+    )
     found = filled_map()
     found.receive(planes_packet(header(9), small, (0.0, 0.0, 0.0)), 2 * NS)
     assert found.obstacles(OWN, 2 * NS).ids.tolist() == [0]
@@ -250,9 +264,13 @@ def test_messages_of_neighbours_contain_no_free_space() -> None:
 
 packets = st.one_of(
     st.binary(max_size=140),
-    st.builds(wall_packet, st.integers(0, 60_000), st.integers(0, 65_535), vehicle=st.integers(1, 5), stream=st.integers(0, 9)),
-    st.builds(state_at, st.integers(0, 60_000), vehicle=st.integers(1, 5), stream=st.integers(0, 9), section=st.integers(0, 3)),
-)  # fmt: skip
+    st.builds(
+        wall_packet, st.integers(0, 60_000), st.integers(0, 65_535), vehicle=st.integers(1, 5), stream=st.integers(0, 9)
+    ),
+    st.builds(
+        state_at, st.integers(0, 60_000), vehicle=st.integers(1, 5), stream=st.integers(0, 9), section=st.integers(0, 3)
+    ),
+)
 
 
 @given(st.lists(st.tuples(packets, st.integers(0, 70 * NS)), max_size=30))

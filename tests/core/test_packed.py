@@ -74,10 +74,15 @@ def odd_prisms() -> list[Prism]:
         Prism(cluster=0, top_m=-1.0, bottom_m=0.0, closed=False, margin_m=0.0, vertices_m=square, plane=planes[:0]),
         Prism(cluster=-1, top_m=0.0, bottom_m=1e-3, closed=True, margin_m=0.5, vertices_m=square, plane=planes[:1]),
         Prism(
-            cluster=2**31 - 1, top_m=-2.5, bottom_m=-0.0, closed=False, margin_m=0.25, vertices_m=long,
+            cluster=2**31 - 1,
+            top_m=-2.5,
+            bottom_m=-0.0,
+            closed=False,
+            margin_m=0.25,
+            vertices_m=long,
             plane=np.resize(planes, 299),
         ),
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.nojit

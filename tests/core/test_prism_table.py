@@ -10,9 +10,14 @@ from core.types import Prism
 def prism(edges: int, closed: bool, seed: int) -> Prism:
     rng = np.random.default_rng(seed)
     return Prism(
-        cluster=seed, top_m=-1.5 - seed, bottom_m=0.25, closed=closed, margin_m=0.5 * seed,
-        vertices_m=rng.random((edges + (not closed), 2), np.float32), plane=rng.integers(0, 9, edges, np.int32),
-    )  # fmt: skip
+        cluster=seed,
+        top_m=-1.5 - seed,
+        bottom_m=0.25,
+        closed=closed,
+        margin_m=0.5 * seed,
+        vertices_m=rng.random((edges + (not closed), 2), np.float32),
+        plane=rng.integers(0, 9, edges, np.int32),
+    )
 
 
 PRISMS = (prism(1, False, 0), prism(4, True, 1), prism(3, False, 2))

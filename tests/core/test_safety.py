@@ -242,9 +242,12 @@ def test_noise_of_full_width_stays_within_its_buffers() -> None:
     rng = np.random.default_rng(5)
     info = camera_info(640, 64, focal_px=450.0)
     model = extract(
-        rng.integers(300, 20000, (64, 640)).astype(np.uint16), info, max_flying_share=1.0, max_noisy_share=1.0,
+        rng.integers(300, 20000, (64, 640)).astype(np.uint16),
+        info,
+        max_flying_share=1.0,
+        max_noisy_share=1.0,
         max_strips_per_column=1024.0,
-    )  # fmt: skip
+    )
     assert len(model.planes) > 0
     sound(model, info)
 

@@ -14,9 +14,11 @@ from core.types import PlaneFlags
 
 THIN = Budget(bytes_per_s=300.0, overhead_bytes=30, packet_bytes=128)
 STATE = VehicleState(
-    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0), position_m=(0.0, 0.0, -3.0),
-    velocity_m_s=(0.0, 0.0, 0.0), radius_m=0.4,
-)  # fmt: skip
+    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0),
+    position_m=(0.0, 0.0, -3.0),
+    velocity_m_s=(0.0, 0.0, 0.0),
+    radius_m=0.4,
+)
 STEP_NS = NS // 10
 
 
@@ -24,9 +26,12 @@ def walls(count: int, *, begin: int = 0, flags: int = 0) -> SharedPlanes:
     x = 2.0 * np.arange(begin, begin + count)
     box = np.column_stack([x, 0 * x, x + 1.5, 0 * x, 0 * x - 6.0, 0 * x])
     return SharedPlanes(
-        ids=np.arange(begin, begin + count, dtype=np.uint16), box=box, margin_m=np.full(count, 0.1),
-        flags=np.full(count, flags, np.uint8), age_s=np.full(count, 0.1),
-    )  # fmt: skip
+        ids=np.arange(begin, begin + count, dtype=np.uint16),
+        box=box,
+        margin_m=np.full(count, 0.1),
+        flags=np.full(count, flags, np.uint8),
+        age_s=np.full(count, 0.1),
+    )
 
 
 def offer(planes: SharedPlanes, *, section: int = 1, others: tuple[Body, ...] = ()) -> Offer:

@@ -25,8 +25,9 @@ def moved_north_east(frame: LocalFrame, north_m: float, east_m: float, up_m: flo
     return LocalFrame(
         latitude_deg=frame.latitude_deg + math.degrees(north_m / (meridian + frame.altitude_m)),
         longitude_deg=frame.longitude_deg + math.degrees(east_m / ((normal + frame.altitude_m) * math.cos(lat))),
-        altitude_m=frame.altitude_m + up_m, yaw_rad=yaw_rad,
-    )  # fmt: skip
+        altitude_m=frame.altitude_m + up_m,
+        yaw_rad=yaw_rad,
+    )
 
 
 def test_frames_by_their_origins() -> None:
@@ -75,9 +76,13 @@ def other_of(true: Placement, box: Floats) -> Floats:
 
 def placed(x: float, y: float, z: float, yaw_rad: float, **sigma: float) -> Placement:
     return Placement(
-        yaw_rad=yaw_rad, pivot_m=(30.0, 5.0, -3.0), at_m=(x, y, z), sigma_m=sigma.get("m", 2.1),
-        sigma_z_m=sigma.get("z", 2.8), sigma_yaw_rad=sigma.get("yaw", 0.05),
-    )  # fmt: skip
+        yaw_rad=yaw_rad,
+        pivot_m=(30.0, 5.0, -3.0),
+        at_m=(x, y, z),
+        sigma_m=sigma.get("m", 2.1),
+        sigma_z_m=sigma.get("z", 2.8),
+        sigma_yaw_rad=sigma.get("yaw", 0.05),
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))

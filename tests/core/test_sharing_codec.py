@@ -31,9 +31,12 @@ HEADER = Header(vehicle=7, stream=1_700_000_000, sent_ms=123_456, section=3)
 def planes(*rows: tuple[float, ...], margin_m: float = 0.1, flags: int = 0, age_s: float = 0.2) -> SharedPlanes:
     n = len(rows)
     return SharedPlanes(
-        ids=np.arange(n, dtype=np.uint16), box=np.array(rows, np.float64).reshape(n, 6), margin_m=np.full(n, margin_m),
-        flags=np.full(n, flags, np.uint8), age_s=np.full(n, age_s),
-    )  # fmt: skip
+        ids=np.arange(n, dtype=np.uint16),
+        box=np.array(rows, np.float64).reshape(n, 6),
+        margin_m=np.full(n, margin_m),
+        flags=np.full(n, flags, np.uint8),
+        age_s=np.full(n, age_s),
+    )
 
 
 near = st.floats(-300.0, 300.0)
@@ -106,16 +109,30 @@ coordinate = st.floats(-600.0, 600.0)
 
 
 @given(
-    st.tuples(coordinate, coordinate, coordinate), st.tuples(*[st.floats(0.0, 25.0)] * 3),
-    st.tuples(*[st.floats(-31.0, 31.0)] * 2), st.floats(0.0, 12.0), st.floats(0.0, 25.0), st.floats(0.0, 12.0),
-)  # fmt: skip
+    st.tuples(coordinate, coordinate, coordinate),
+    st.tuples(*[st.floats(0.0, 25.0)] * 3),
+    st.tuples(*[st.floats(-31.0, 31.0)] * 2),
+    st.floats(0.0, 12.0),
+    st.floats(0.0, 25.0),
+    st.floats(0.0, 12.0),
+)
 def test_a_decoded_mover_contains_the_encoded_one(
-    centre: tuple[float, float, float], half: tuple[float, float, float], velocity: tuple[float, float], sigma: float,
-    speed_sigma: float, age_s: float,
-) -> None:  # fmt: skip
+    centre: tuple[float, float, float],
+    half: tuple[float, float, float],
+    velocity: tuple[float, float],
+    sigma: float,
+    speed_sigma: float,
+    age_s: float,
+) -> None:
     sent = SharedMover(
-        id=9, centre_m=centre, half_size_m=half, velocity_m_s=velocity, sigma_m=sigma, sigma_m_s=speed_sigma, age_s=age_s
-    )  # fmt: skip
+        id=9,
+        centre_m=centre,
+        half_size_m=half,
+        velocity_m_s=velocity,
+        sigma_m=sigma,
+        sigma_m_s=speed_sigma,
+        age_s=age_s,
+    )
     (got,) = decoded(movers_packet(HEADER, (sent,), (0.0, 0.0, 0.0))).content  # type: ignore[misc]
     for c, h, d, e in zip(centre, half, got.centre_m, got.half_size_m, strict=True):
         assert d - e <= c - h + 1e-6
@@ -129,9 +146,14 @@ def test_a_decoded_mover_contains_the_encoded_one(
 
 def test_a_state_survives() -> None:
     frame = LocalFrame(
-        latitude_deg=47.3977419, longitude_deg=-8.5455938, altitude_m=488.0, yaw_rad=-0.31, sigma_m=1.5, sigma_z_m=2.0,
+        latitude_deg=47.3977419,
+        longitude_deg=-8.5455938,
+        altitude_m=488.0,
+        yaw_rad=-0.31,
+        sigma_m=1.5,
+        sigma_z_m=2.0,
         sigma_yaw_rad=0.04,
-    )  # fmt: skip
+    )
     sent = VehicleState(frame=frame, position_m=(1234.56, -77.0, -20.5), velocity_m_s=(3.0, -1.0, 0.5), radius_m=0.35)
     data = state_packet(HEADER, sent)
     got = decoded(data).content

@@ -57,11 +57,15 @@ def settings(t: Strips, sigma_d: float, p: Params) -> np.ndarray:
 def test_small_strips_stay_only_with_company(seed: int, n: int, least: int, reach: int) -> None:
     rng = np.random.default_rng(seed)
     p = Params(
-        min_support_px=least, support_columns=reach, min_support_m=float(rng.choice([0.0, 0.05, 0.2])),
-        support_rows=int(rng.choice([0, 2, 5])), support_sigmas=float(rng.choice([2.0, 4.0])),
-        support_relative=float(rng.choice([0.0, 0.05, 0.1])), support_large=int(rng.choice([1, 4])),
+        min_support_px=least,
+        support_columns=reach,
+        min_support_m=float(rng.choice([0.0, 0.05, 0.2])),
+        support_rows=int(rng.choice([0, 2, 5])),
+        support_sigmas=float(rng.choice([2.0, 4.0])),
+        support_relative=float(rng.choice([0.0, 0.05, 0.1])),
+        support_large=int(rng.choice([1, 4])),
         support_tail_sigmas=float(rng.choice([1.0, 4.5])),
-    )  # fmt: skip
+    )
     t = random_strips(rng, n)
     rows = [
         (int(r["column"]), int(r["top_row"]), int(r["bottom_row"]), int(r["support"]), float(r["disparity_px"]))

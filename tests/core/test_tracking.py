@@ -23,9 +23,16 @@ SMALL = TrackingParams(most_tracks=256)
 
 
 def frame(
-    walls: list[list[float]], k: int, *, at: tuple[float, float] = (0.0, 0.0), heading: float = 0.0,
-    rng: np.random.Generator | None = None, sigma_m: float = 0.03, reset_counter: int = 0, view_deg: float = 80.0,
-) -> TrackingFrame:  # fmt: skip
+    walls: list[list[float]],
+    k: int,
+    *,
+    at: tuple[float, float] = (0.0, 0.0),
+    heading: float = 0.0,
+    rng: np.random.Generator | None = None,
+    sigma_m: float = 0.03,
+    reset_counter: int = 0,
+    view_deg: float = 80.0,
+) -> TrackingFrame:
     """Frame k, ten a second, of walls seen from a place in ned."""
     rows = np.array(walls, float).reshape(-1, 6)
     o = seen(rows, at, heading, k * STEP, noise=rng, sigma_m=sigma_m, view_deg=view_deg)
@@ -310,9 +317,13 @@ def test_more_planes_than_slots_are_counted() -> None:
     planes = np.array(walls, np.float32)
     n = len(planes)
     model = dataclasses.replace(
-        f.model, planes=planes, support_px=np.ones(n, np.int32), margin_m=np.full(n, 0.05, np.float32),
-        flags=np.zeros(n, np.uint8), cluster=np.zeros(n, np.int32),
-    )  # fmt: skip
+        f.model,
+        planes=planes,
+        support_px=np.ones(n, np.int32),
+        margin_m=np.full(n, 0.05, np.float32),
+        flags=np.zeros(n, np.uint8),
+        cluster=np.zeros(n, np.int32),
+    )
     s = tracker.observe(dataclasses.replace(f, model=model))
     assert len(s.ids) == 64
     assert tracker.counts["detections_left_out"] == 6

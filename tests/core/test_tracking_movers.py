@@ -111,9 +111,11 @@ def test_a_gap_in_time_ends_objects() -> None:
     tracker, s = follow(lambda t: [face(6.0, -1.5 + 1.5 * t)], 12)
     assert len(s.objects) == 1
     late = frame([face(6.0, 2.0), BACK], 12)
-    s = tracker.observe(TrackingFrame(
-        model=late.model, camera_m=late.camera_m, t_ns=12 * STEP + NS, positioned=True, origin_m=late.origin_m
-    ))  # fmt: skip
+    s = tracker.observe(
+        TrackingFrame(
+            model=late.model, camera_m=late.camera_m, t_ns=12 * STEP + NS, positioned=True, origin_m=late.origin_m
+        )
+    )
     assert s.objects == ()
 
 

@@ -34,10 +34,13 @@ def test_overlapping_boxes() -> None:
         find_near(one, boxes, 0.5, near)
         for n in range(60):
             apart = (
-                x[0, n] > max(one["ax_m"], one["bx_m"]) + 0.5 or x[1, n] < min(one["ax_m"], one["bx_m"]) - 0.5
-                or y[0, n] > max(one["ay_m"], one["by_m"]) + 0.5 or y[1, n] < min(one["ay_m"], one["by_m"]) - 0.5
-                or boxes[4, n] >= one["bottom_m"] or boxes[5, n] <= one["top_m"]
-            )  # fmt: skip
+                x[0, n] > max(one["ax_m"], one["bx_m"]) + 0.5
+                or x[1, n] < min(one["ax_m"], one["bx_m"]) - 0.5
+                or y[0, n] > max(one["ay_m"], one["by_m"]) + 0.5
+                or y[1, n] < min(one["ay_m"], one["by_m"]) - 0.5
+                or boxes[4, n] >= one["bottom_m"]
+                or boxes[5, n] <= one["top_m"]
+            )
             assert near[n] != apart
             found += near[n]
     assert 20 < found < 2000

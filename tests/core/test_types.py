@@ -159,10 +159,19 @@ def test_a_prism_has_an_edge_less_than_vertices_unless_it_is_closed() -> None:
 def model(planes: np.ndarray, margin: np.ndarray) -> FrameModel:
     n = len(planes)
     return FrameModel(
-        valid=True, cause=InvalidCause.NONE, planes=planes, support_px=np.ones(n, np.int32), margin_m=margin,
-        flags=np.zeros(n, np.uint8), cluster=np.zeros(n, np.int32), prisms=(), free=profile(), ground=Ground(seen=False),
-        stats=FrameStats(), ke_per_m=0.001,
-    )  # fmt: skip
+        valid=True,
+        cause=InvalidCause.NONE,
+        planes=planes,
+        support_px=np.ones(n, np.int32),
+        margin_m=margin,
+        flags=np.zeros(n, np.uint8),
+        cluster=np.zeros(n, np.int32),
+        prisms=(),
+        free=profile(),
+        ground=Ground(seen=False),
+        stats=FrameStats(),
+        ke_per_m=0.001,
+    )
 
 
 def test_a_model_refuses_planes_upside_down_and_fields_of_other_lengths() -> None:

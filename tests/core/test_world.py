@@ -277,9 +277,13 @@ def test_planes_that_are_no_numbers_are_counted_and_left_out() -> None:
     rows = np.repeat(observation.model.planes, 3, axis=0)
     rows[1, 0], rows[2, 2:4] = np.nan, rows[2, 0:2]
     model = replace(
-        observation.model, planes=rows, support_px=np.ones(3, np.int32), margin_m=np.zeros(3, np.float32),
-        flags=np.zeros(3, np.uint8), cluster=np.zeros(3, np.int32),
-    )  # fmt: skip
+        observation.model,
+        planes=rows,
+        support_px=np.ones(3, np.int32),
+        margin_m=np.zeros(3, np.float32),
+        flags=np.zeros(3, np.uint8),
+        cluster=np.zeros(3, np.int32),
+    )
     world = World()
     world.add(replace(observation, model=model))
     assert len(world.picture(0).planes) == 1

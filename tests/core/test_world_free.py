@@ -27,8 +27,9 @@ def profile(rng: np.random.Generator) -> FreeProfile:
         azimuth_edges_rad=edges.astype(np.float32),
         layer_edges_m=(rng.uniform(-40, 40) + 2.0 * np.arange(layers + 1)).astype(np.float32),
         free_from_m=rng.uniform(0, 2, (d, layers)).astype(np.float32),
-        free_to_m=rng.choice([0.0, 4.0, 8.0, 9.5], (d, layers)).astype(np.float32), end=np.zeros((d, layers), np.uint8),
-    )  # fmt: skip
+        free_to_m=rng.choice([0.0, 4.0, 8.0, 9.5], (d, layers)).astype(np.float32),
+        end=np.zeros((d, layers), np.uint8),
+    )
 
 
 def look(free, p: FreeProfile, x: float, y: float) -> None:

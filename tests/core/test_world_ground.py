@@ -31,9 +31,14 @@ STEP = NS // 15
 
 def flat(height_m: float, *, seen_to_m: float = 12.0, noise_per_m: float = 0.01, slope_x: float = 0.0) -> Ground:
     return Ground(
-        seen=True, height_m=height_m, slope_x=slope_x, tolerance_m=0.25, noise_per_m=noise_per_m,
-        seen_from_m=(1.0,) * DIRECTIONS, seen_to_m=(seen_to_m,) * DIRECTIONS,
-    )  # fmt: skip
+        seen=True,
+        height_m=height_m,
+        slope_x=slope_x,
+        tolerance_m=0.25,
+        noise_per_m=noise_per_m,
+        seen_from_m=(1.0,) * DIRECTIONS,
+        seen_to_m=(seen_to_m,) * DIRECTIONS,
+    )
 
 
 def look(
@@ -217,7 +222,7 @@ def test_balls_of_any_size_and_points_that_are_no_number() -> None:
     ("ground", "stays"),
     [(None, False), (flat(2.8), False), (flat(1.5), True), (flat(2.3, noise_per_m=0.15), True), (flat(math.nan), True)],
     ids=["no ground", "ground below it", "below the ground", "within the noise of the ground", "no number"],
-)  # fmt: skip
+)
 def test_what_stands_below_the_ground_or_in_its_noise_is_not_seen_through(ground: Ground | None, stays: bool) -> None:
     """A layer that the ground cuts is free as a whole, and was judged above the ground only: a low thing that was seen from
     near, or from the street below a roof, is not gone."""

@@ -48,16 +48,23 @@ def seen(
     n = len(planes)
     end = np.where(reach < RANGE_M, int(FreeEnd.OBSTACLE), int(FreeEnd.MAX_RANGE)).astype(np.uint8)
     profile = FreeProfile(
-        azimuth_edges_rad=edges.astype(np.float32), layer_edges_m=LAYERS + np.float32(z),
+        azimuth_edges_rad=edges.astype(np.float32),
+        layer_edges_m=LAYERS + np.float32(z),
         free_from_m=np.full((DIRECTIONS, 3), 0.5, np.float32),
-        free_to_m=np.repeat((reach - 0.05)[:, None], 3, axis=1).astype(np.float32), end=np.repeat(end[:, None], 3, axis=1),
-    )  # fmt: skip
+        free_to_m=np.repeat((reach - 0.05)[:, None], 3, axis=1).astype(np.float32),
+        end=np.repeat(end[:, None], 3, axis=1),
+    )
     model = replace(
-        blind_model(INFO, InvalidCause.NONE, Params()), valid=True,
-        planes=np.array(planes, np.float32).reshape(-1, 6), support_px=np.full(n, 50, np.int32),
-        margin_m=np.full(n, 0.05, np.float32), flags=np.full(n, flags, np.uint8), cluster=np.zeros(n, np.int32),
-        free=profile, ke_per_m=ke,
-    )  # fmt: skip
+        blind_model(INFO, InvalidCause.NONE, Params()),
+        valid=True,
+        planes=np.array(planes, np.float32).reshape(-1, 6),
+        support_px=np.full(n, 50, np.int32),
+        margin_m=np.full(n, 0.05, np.float32),
+        flags=np.full(n, flags, np.uint8),
+        cluster=np.zeros(n, np.int32),
+        free=profile,
+        ke_per_m=ke,
+    )
     return Observation(model=model, place_m=(at[0], at[1], z), t_ns=t_ns, reset_counter=reset_counter)
 
 

@@ -26,10 +26,17 @@ def reader_of(
 @pytest.mark.parametrize(
     ("wall_m", "least", "most"),
     [
-        (0.6, -0.78, -0.5), (1.5, -0.78, -0.4), (2.5, -0.78, -0.3), (3.0, -0.77, -0.2), (3.05, -0.3, -0.02), (3.1, -0.2, -0.02),
-        (3.2, -0.02, 0.03), (3.35, 0.08, 0.13), (3.5, 0.18, 0.24),
+        (0.6, -0.78, -0.5),
+        (1.5, -0.78, -0.4),
+        (2.5, -0.78, -0.3),
+        (3.0, -0.77, -0.2),
+        (3.05, -0.3, -0.02),
+        (3.1, -0.2, -0.02),
+        (3.2, -0.02, 0.03),
+        (3.35, 0.08, 0.13),
+        (3.5, 0.18, 0.24),
     ],
-)  # fmt: skip
+)
 def test_constant_walls_ahead_as_they_were_measured(wall_m: float, least: float, most: float) -> None:
     """AVOID_MARGIN 3 m, stick forward."""
     reader = reader_of(dict.fromkeys(FRONT, wall_m), margin_m=3.0)

@@ -47,10 +47,12 @@ def depth_at(position_ned_m: tuple[float, float, float], yaw_deg: float = 0.0, m
     now_ns = [5 * NS]
     camera = FollowingDepthSource(walled(), info, FollowSettings(address="udpin:127.0.0.1:1"), lambda: now_ns[0])
     q = quaternion_from_euler(0.0, 0.0, math.radians(yaw_deg))
-    camera.deliver([
-        PoseSample(5 * NS - NS // 10, 5 * NS, position_ned_m, (1.0, 0.0, 0.0)),
-        AttitudeSample(5 * NS, 5 * NS, q, (0.0, 0.0, 0.0)),
-    ])  # fmt: skip
+    camera.deliver(
+        [
+            PoseSample(5 * NS - NS // 10, 5 * NS, position_ned_m, (1.0, 0.0, 0.0)),
+            AttitudeSample(5 * NS, 5 * NS, q, (0.0, 0.0, 0.0)),
+        ]
+    )
     frame = camera.read(0.0)
     assert frame is not None
     assert frame.t_exposure_ns == 5 * NS
@@ -82,9 +84,11 @@ def test_it_follows_an_autopilot_over_udp() -> None:
         still = (0.0, 0.0, 0.0)
         north_m = max(0.0, (now_ns - begun_ns) / NS)
         return VehicleState(
-            position_ned_m=(north_m % 6.0, 0.0, -5.0), velocity_ned_m_s=(1.0, 0.0, 0.0), euler_rad=still,
+            position_ned_m=(north_m % 6.0, 0.0, -5.0),
+            velocity_ned_m_s=(1.0, 0.0, 0.0),
+            euler_rad=still,
             rates_frd_rad_s=still,
-        )  # fmt: skip
+        )
 
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, motion=motion, boot_at_ns=begun_ns - 30 * NS))
     settings = FollowSettings(address=f"udpin:127.0.0.1:{port}", fps=20.0)

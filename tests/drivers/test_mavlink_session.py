@@ -348,11 +348,12 @@ def test_a_message_without_a_reader_is_logged_and_counts_as_received() -> None:
 def test_a_reader_receives_the_messages_it_requested_and_no_motion() -> None:
     encoder = dialect.MAVLink(None, 1, 1)
     messages = [
-        dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), dialect.MAVLink_vfr_hud_message(1.0, 2.0, 3, 4, 5.0, 6.0),
+        dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3),
+        dialect.MAVLink_vfr_hud_message(1.0, 2.0, 3, 4, 5.0, 6.0),
         dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_param_value_message(b"CP_DIST", 2.0, 9, 1, 0),
-    ]  # fmt: skip
+    ]
     for reads, expected in ((None, ["HEARTBEAT", "VFR_HUD", "PARAM_VALUE"]), (frozenset({22}), ["PARAM_VALUE"])):
         received_kinds: list[Any] = []
         session = MavlinkSession(

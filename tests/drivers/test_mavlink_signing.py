@@ -171,8 +171,9 @@ def test_one_forged_packet_with_a_far_timestamp_does_not_lock_out_the_true_strea
     library.signing.secret_key = KEY
     library.signing.timestamp = NOW
     accepted = [
-        library.check_signature(message(key, t).get_msgbuf(), 1, 1) for key, t in ((KEY, NOW), (OTHER, LAST_TICK), (KEY, NOW + 1))
-    ]  # fmt: skip
+        library.check_signature(message(key, t).get_msgbuf(), 1, 1)
+        for key, t in ((KEY, NOW), (OTHER, LAST_TICK), (KEY, NOW + 1))
+    ]
     assert accepted == [True, False, False]
 
 
@@ -333,8 +334,12 @@ def test_keys_of_files(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "mode", "text"),
-    [(b"ab" * 32, 0o640, "others can read it"), (b"ab" * 31, 0o600, "neither 64"), (b"00" * 32, 0o600, "not all of them 0")],
-)  # fmt: skip
+    [
+        (b"ab" * 32, 0o640, "others can read it"),
+        (b"ab" * 31, 0o600, "neither 64"),
+        (b"00" * 32, 0o600, "not all of them 0"),
+    ],
+)
 def test_files_that_are_no_keys_name_the_cause_and_show_nothing(
     tmp_path: Path, content: bytes, mode: int, text: str
 ) -> None:

@@ -62,9 +62,12 @@ def test_two_vehicles_with_user_and_password(tmp_path: Path, password: str, arri
         tmp_path, "one", listen={"endpoints": [f"tcp/127.0.0.1:{port}"]}, transport=users(tmp_path, "one", "secret")
     )
     second = settings(
-        tmp_path, "two", listen={"endpoints": []}, connect={"endpoints": [f"tcp/127.0.0.1:{port}"], "exit_on_failure": False},
+        tmp_path,
+        "two",
+        listen={"endpoints": []},
+        connect={"endpoints": [f"tcp/127.0.0.1:{port}"], "exit_on_failure": False},
         transport=users(tmp_path, "two", password),
-    )  # fmt: skip
+    )
     assert is_authenticated(first)
     found: list[ReceivedPacket] = []
     one = ZenohLink("blue", first, found.append)

@@ -30,10 +30,16 @@ BOOT_MODULES = ("virtio_pci", "9pnet_virtio", "9p", "overlay")
 DEVICE_MODULES = ("vivid",)
 PLAIN_PROCESSOR = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
 MASKED = (
-    "systemd-tmpfiles-setup.service", "systemd-tmpfiles-setup-dev.service", "systemd-binfmt.service",
-    "proc-sys-fs-binfmt_misc.automount", "systemd-update-utmp.service", "tmp.mount", "e2scrub_reap.service",
-    "postgresql.service", "systemd-timesyncd.service",
-)  # fmt: skip
+    "systemd-tmpfiles-setup.service",
+    "systemd-tmpfiles-setup-dev.service",
+    "systemd-binfmt.service",
+    "proc-sys-fs-binfmt_misc.automount",
+    "systemd-update-utmp.service",
+    "tmp.mount",
+    "e2scrub_reap.service",
+    "postgresql.service",
+    "systemd-timesyncd.service",
+)
 """Slow over 9p, or of no use."""
 
 INIT = """#!/bin/busybox sh
@@ -150,9 +156,14 @@ def write_initramfs(folder: Path, stage: Path, modules: Path, checks: Path) -> N
     (tree / "units" / "vmtest.service").write_text(CHECKS.format(home=HOME))
     shutil.copy2(checks, tree / "vm_checks.py")
     init = INIT.format(
-        boot=" ".join(Path(m).name for m in boot), home=HOME, stage=stage, deps=sysconfig.get_path("purelib"),
-        python=sys.base_prefix, units="/units/*", masked=" ".join(MASKED),
-    )  # fmt: skip
+        boot=" ".join(Path(m).name for m in boot),
+        home=HOME,
+        stage=stage,
+        deps=sysconfig.get_path("purelib"),
+        python=sys.base_prefix,
+        units="/units/*",
+        masked=" ".join(MASKED),
+    )
     (tree / "init").write_text(init)
     (tree / "init").chmod(0o755)
     names = "\n".join(str(p.relative_to(tree)) for p in sorted(tree.rglob("*")))

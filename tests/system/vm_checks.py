@@ -124,9 +124,10 @@ def install() -> None:
     begun_us = now_us()
     done = ran(COMPANION, "install", "-c", str(config))
     tell(
-        install_status=done.returncode, install_output=done.stdout[-3000:] + done.stderr[-2000:],
+        install_status=done.returncode,
+        install_output=done.stdout[-3000:] + done.stderr[-2000:],
         install_s=round((now_us() - begun_us) / 1e6, 1),
-    )  # fmt: skip
+    )
     if done.returncode != 0:
         raise ValueError("not installed")
     again = ran(COMPANION, "install", "--dry-run")

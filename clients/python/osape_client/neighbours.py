@@ -99,16 +99,29 @@ class NeighbourObstacles:
 
 def _mover(m: pb.NeighbourMover) -> NeighbourMover:
     return NeighbourMover(
-        sender=m.sender, id=m.id, is_vehicle=m.kind == pb.NeighbourMover.KIND_VEHICLE, centre_m=_xyz(m.centre_m),
-        half_size_m=_xyz(m.half_size_m), velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s), margin_m=m.margin_m, age_s=m.age_s,
-    )  # fmt: skip
+        sender=m.sender,
+        id=m.id,
+        is_vehicle=m.kind == pb.NeighbourMover.KIND_VEHICLE,
+        centre_m=_xyz(m.centre_m),
+        half_size_m=_xyz(m.half_size_m),
+        velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s),
+        margin_m=m.margin_m,
+        age_s=m.age_s,
+    )
 
 
 def _neighbour(n: pb.NeighbourHealth) -> Neighbour:
     return Neighbour(
-        vehicle=n.vehicle, silent_s=n.silent_s, placement=n.placement, fit=n.fit, sigma_m=n.sigma_m, planes=n.planes,
-        movers=n.movers, withheld=n.withheld, position_m=_xyz(n.position_m) if n.HasField("position_m") else None,
-    )  # fmt: skip
+        vehicle=n.vehicle,
+        silent_s=n.silent_s,
+        placement=n.placement,
+        fit=n.fit,
+        sigma_m=n.sigma_m,
+        planes=n.planes,
+        movers=n.movers,
+        withheld=n.withheld,
+        position_m=_xyz(n.position_m) if n.HasField("position_m") else None,
+    )
 
 
 def _xyz(v: pb.Vector3) -> tuple[float, float, float]:

@@ -123,9 +123,14 @@ def _paths(cost: NDArray[np.uint8], p1: int, p2: int, columns_too: bool, total: 
 
 @kernel
 def _choose(
-    total: NDArray[np.uint16], cost: NDArray[np.uint8], margin: float, most_bits: float, check_px: float,
-    left_d: NDArray[np.float32], right_d: NDArray[np.int32],
-) -> None:  # fmt: skip
+    total: NDArray[np.uint16],
+    cost: NDArray[np.uint8],
+    margin: float,
+    most_bits: float,
+    check_px: float,
+    left_d: NDArray[np.float32],
+    right_d: NDArray[np.int32],
+) -> None:
     """Disparity (H, W) float32 px, -1 where the match is not sure or the right image disagrees; right_d: scratch."""
     height, width, disparities = total.shape
     for v in range(height):

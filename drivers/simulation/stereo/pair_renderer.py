@@ -100,9 +100,13 @@ class PairBrightness:
 
 
 def pair_brightness(
-    surfaces: Surfaces, panes: tuple[GlassPane, ...], view: StereoView, R_ned_optical: Floats, position_ned_m: Floats,
+    surfaces: Surfaces,
+    panes: tuple[GlassPane, ...],
+    view: StereoView,
+    R_ned_optical: Floats,
+    position_ned_m: Floats,
     light: Light,
-) -> PairBrightness:  # fmt: skip
+) -> PairBrightness:
     """Both views from a left camera at a position (ned, metres) with a rotation."""
     left_at = np.array(position_ned_m, np.float64)
     across = np.asarray(R_ned_optical)[:, 0]

@@ -177,16 +177,30 @@ class Surfaces:
         """The same without some of the solids; gone: (S,)."""
         keep, s = ~gone, self.scene
         scene = Scene(
-            name=s.name, kinds=s.kinds[keep], rows=s.rows[keep], corners=s.corners[keep], halfspaces=s.halfspaces,
-            label=s.label[keep], names=s.names, ground=s.ground, openings=s.openings, structured=s.structured,
-        )  # fmt: skip
+            name=s.name,
+            kinds=s.kinds[keep],
+            rows=s.rows[keep],
+            corners=s.corners[keep],
+            halfspaces=s.halfspaces,
+            label=s.label[keep],
+            names=s.names,
+            ground=s.ground,
+            openings=s.openings,
+            structured=s.structured,
+        )
         return Surfaces(scene=scene, material_of=self.material_of[keep], materials=self.materials)
 
 
 def radiance(
-    surfaces: Surfaces, intrinsics: Intrinsics, R_ned_optical: Floats, position_ned_m: Floats, light: Light,
-    projector_ned_m: Floats | None = None, *, glare: bool = True,
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:  # fmt: skip
+    surfaces: Surfaces,
+    intrinsics: Intrinsics,
+    R_ned_optical: Floats,
+    position_ned_m: Floats,
+    light: Light,
+    projector_ned_m: Floats | None = None,
+    *,
+    glare: bool = True,
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """(brightness (H, W) float32, index of the solid (H, W) int32 or -1) of the view of a camera.
 
     R_ned_optical may be a rotation with a reflection. projector_ned_m: (3,) where the light's projector is."""

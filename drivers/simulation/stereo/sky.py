@@ -46,9 +46,7 @@ HAZY = Sky(horizon=0.95, zenith=0.85, ambient=0.7)
 CLOUDED = Sky(cloud_contrast=0.35, cloud_cover=0.55, ambient=0.55)
 FAINT_CLOUDS = Sky(horizon=0.9, zenith=0.75, cloud_contrast=0.04, cloud_cover=0.6, ambient=0.7)
 LOW_SUN = Sky(sun_azimuth_rad=0.25, sun_elevation_rad=0.3, glare=0.9)
-SKIES: dict[str, Sky] = {
-    "clear": CLEAR, "hazy": HAZY, "clouds": CLOUDED, "faint_clouds": FAINT_CLOUDS, "sun": LOW_SUN
-}  # fmt: skip
+SKIES: dict[str, Sky] = {"clear": CLEAR, "hazy": HAZY, "clouds": CLOUDED, "faint_clouds": FAINT_CLOUDS, "sun": LOW_SUN}
 _HORIZON_SCALE = 0.25
 
 

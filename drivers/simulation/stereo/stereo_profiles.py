@@ -46,9 +46,14 @@ class StereoProfile:
         """The description that the driver of such a camera gives."""
         ke = self.disparity_sigma_px / (self.view.intrinsics.fx * self.view.baseline_m)
         return CameraInfo(
-            camera, self.view.intrinsics, mount or CameraMount(), min_range_m=self.min_range_m, max_range_m=self.max_range_m,
-            ke_per_m=min(max(ke, 1e-4), 0.05), marks_smooth=self.match.mark_smooth,
-        )  # fmt: skip
+            camera,
+            self.view.intrinsics,
+            mount or CameraMount(),
+            min_range_m=self.min_range_m,
+            max_range_m=self.max_range_m,
+            ke_per_m=min(max(ke, 1e-4), 0.05),
+            marks_smooth=self.match.mark_smooth,
+        )
 
     @property
     def unmatched_left_px(self) -> int:
@@ -83,9 +88,12 @@ LONG = StereoProfile(
 )
 """A wide baseline: a range of 20 m."""
 OAK = StereoProfile(
-    name="oak", view=_view(640, 400, 441.0, 0.075), census=CensusParams(subpixel_bits=5, threshold_grey=1, least_margin=0.15, most_cost=0.25), min_range_m=0.4,
+    name="oak",
+    view=_view(640, 400, 441.0, 0.075),
+    census=CensusParams(subpixel_bits=5, threshold_grey=1, least_margin=0.15, most_cost=0.25),
+    min_range_m=0.4,
     disparity_sigma_px=0.25,
-)  # fmt: skip
+)
 OAK_CHECKED = replace(OAK, name="oak_checked", host_check=True)
 """An OAK whose rectified images are sent too and checked on the host as those of a ZED are."""
 D400 = StereoProfile(
@@ -110,14 +118,14 @@ class StereoCamera:
 
     def brightness(
         self, scene: StereoScene, R_ned_optical: Floats, position_ned_m: Floats, seed: int = 0
-    ) -> PairBrightness:  # fmt: skip
+    ) -> PairBrightness:
         """Both views from a left camera at a position with a rotation, before exposure; seed: of the textures."""
         light = Light(sky=scene.sky, fog_per_m=scene.fog_per_m, seed=seed, projector=self.profile.projector)
         return pair_brightness(scene.surfaces, scene.panes, self.profile.view, R_ned_optical, position_ned_m, light)
 
     def pair(
         self, scene: StereoScene, R_ned_optical: Floats, position_ned_m: Floats, seed: int, frame: int = 0
-    ) -> StereoPair:  # fmt: skip
+    ) -> StereoPair:
         """Both images; the same arguments give the same images. seed: of the noise; textures are those of seed 0."""
         bright = self.brightness(scene, R_ned_optical, position_ned_m)
         return expose_pair(bright, self.profile.view.exposure, seed, frame)

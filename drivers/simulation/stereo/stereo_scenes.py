@@ -32,7 +32,7 @@ from .textures import (
     WHITE_PAINT,
     WOOD,
     Material,
-)  # fmt: skip
+)
 
 _BY_WORD: tuple[tuple[str, Material], ...] = (
     ("tree", LEAVES), ("bush", LEAVES), ("hedge", LEAVES), ("wood", LEAVES), ("hill", GRASS), ("meadow", GRASS),
@@ -67,9 +67,7 @@ def surfaces_of(scene: Scene, ground: Material | None = None) -> Surfaces:
     names = [(int(k), scene.names[i] if i >= 0 else "") for k, i in zip(scene.kinds, scene.label, strict=True)]
     each = [material_named(name, kind) if name else below for kind, name in names]
     table = list(dict.fromkeys(each))
-    return Surfaces(
-        scene=scene, material_of=np.array([table.index(m) for m in each], np.int32), materials=tuple(table)
-    )  # fmt: skip
+    return Surfaces(scene=scene, material_of=np.array([table.index(m) for m in each], np.int32), materials=tuple(table))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -258,9 +256,7 @@ def _glass_front(rng: np.random.Generator) -> StereoScene:
     s.box("table", x + 3.0, 1.0, 1.0, 1.5, 9.0)
     s.wall("back wall", (x + 6.0, -8.0), (x + 6.0, 8.0), 14.0)
     _trees(s, rng, ((-8.0, -5.0), (-10.0, 4.0)))
-    pane = GlassPane(
-        name="glass", normal_ned=(-1.0, 0.0, 0.0), point_ned_m=(x, 0.0, 0.0), outside=("tree 0", "tree 1")
-    )  # fmt: skip
+    pane = GlassPane(name="glass", normal_ned=(-1.0, 0.0, 0.0), point_ned_m=(x, 0.0, 0.0), outside=("tree 0", "tree 1"))
     return d.done(panes=(pane,))
 
 

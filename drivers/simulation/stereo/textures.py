@@ -71,19 +71,32 @@ class Material:
         first = self.contrast / (_NOISE_STD * math.sqrt(powers))
         return np.array(
             [
-                self.albedo, first, self.coarse_m, float(octaves), self.persistence, float(self.pattern), *self.period_m,
-                self.width_m, self.line_albedo,
+                self.albedo,
+                first,
+                self.coarse_m,
+                float(octaves),
+                self.persistence,
+                float(self.pattern),
+                *self.period_m,
+                self.width_m,
+                self.line_albedo,
             ]
-        )  # fmt: skip
+        )
 
 
 _NOISE_STD = 0.31
 """Standard deviation of one octave: uniform lattice values in -1..1 after smooth interpolation in three dimensions."""
 
 BRICK = Material(
-    albedo=0.32, contrast=0.18, coarse_m=0.3, fine_m=0.01, pattern=Pattern.BRICK, period_m=(0.25, 0.083), width_m=0.012,
+    albedo=0.32,
+    contrast=0.18,
+    coarse_m=0.3,
+    fine_m=0.01,
+    pattern=Pattern.BRICK,
+    period_m=(0.25, 0.083),
+    width_m=0.012,
     line_albedo=0.6,
-)  # fmt: skip
+)
 PLASTER = Material(albedo=0.6, contrast=0.07, coarse_m=1.0, fine_m=0.008, persistence=0.95)
 GRASS = Material(albedo=0.2, contrast=0.35, coarse_m=1.6, fine_m=0.0125, persistence=0.9)
 GRAVEL = Material(albedo=0.35, contrast=0.3, coarse_m=0.1, fine_m=0.0125, persistence=0.9)
@@ -96,9 +109,7 @@ WHITE_PAINT = Material(albedo=0.85)
 METAL = Material(albedo=0.3, contrast=0.05, coarse_m=0.5, fine_m=0.03)
 SKIN = Material(albedo=0.45, contrast=0.08, coarse_m=0.04, fine_m=0.0025, persistence=0.9)
 WOOD = Material(albedo=0.3, contrast=0.2, coarse_m=0.4, fine_m=0.0125)
-BLINDS = Material(
-    albedo=0.7, pattern=Pattern.VERTICAL_BARS, period_m=(0.127, 1.0), width_m=0.02, line_albedo=0.25
-)  # fmt: skip
+BLINDS = Material(albedo=0.7, pattern=Pattern.VERTICAL_BARS, period_m=(0.127, 1.0), width_m=0.02, line_albedo=0.25)
 
 
 @kernel

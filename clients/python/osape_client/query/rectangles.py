@@ -109,9 +109,13 @@ def rectangles(planes: Floats, margin_m: Floats) -> Rectangles:
     low = np.column_stack([np.minimum(a, b), top]) - grown
     high = np.column_stack([np.maximum(a, b), bottom]) + grown
     return Rectangles(
-        np.column_stack([a, top]), b - a, bottom - top, margin_m,
-        np.nextafter(low.astype(np.float32), np.float32(-np.inf)), np.nextafter(high.astype(np.float32), np.float32(np.inf)),
-    )  # fmt: skip
+        np.column_stack([a, top]),
+        b - a,
+        bottom - top,
+        margin_m,
+        np.nextafter(low.astype(np.float32), np.float32(-np.inf)),
+        np.nextafter(high.astype(np.float32), np.float32(np.inf)),
+    )
 
 
 def between_segments(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:

@@ -167,6 +167,9 @@ def solid_ground(ground: Ground, free: FreeProfile, place_m: tuple[float, float,
     fits = ground.seen and len(ground.seen_from_m) == len(ground.seen_to_m) == count
     nothing = (0.0,) * count
     return SolidGround(
-        ground, place_m, free.azimuth_edges_rad.astype(np.float64),
-        np.array(ground.seen_from_m if fits else nothing), np.array(ground.seen_to_m if fits else nothing),
-    )  # fmt: skip
+        ground,
+        place_m,
+        free.azimuth_edges_rad.astype(np.float64),
+        np.array(ground.seen_from_m if fits else nothing),
+        np.array(ground.seen_to_m if fits else nothing),
+    )

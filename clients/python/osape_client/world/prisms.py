@@ -87,9 +87,15 @@ def _runs(on: NDArray[np.bool_], ring: bool) -> list[tuple[bool, list[int]]]:
 
 
 def _layer(
-    number: int, top: float, bottom: float, runs: list[tuple[bool, list[int]]], members: NDArray[np.int64],
-    planes: Floats, corner: Floats, margin_m: NDArray[np.float32],
-) -> list[Prism]:  # fmt: skip
+    number: int,
+    top: float,
+    bottom: float,
+    runs: list[tuple[bool, list[int]]],
+    members: NDArray[np.int64],
+    planes: Floats,
+    corner: Floats,
+    margin_m: NDArray[np.float32],
+) -> list[Prism]:
     out = []
     for ring, places in runs:
         mine = members[places]
@@ -99,11 +105,15 @@ def _layer(
         vertices = np.concatenate([begin, corner[mine[:-1]], last])
         out.append(
             Prism(
-                cluster=number, top_m=top, bottom_m=bottom, closed=closed, margin_m=float(margin_m[mine].max()),
+                cluster=number,
+                top_m=top,
+                bottom_m=bottom,
+                closed=closed,
+                margin_m=float(margin_m[mine].max()),
                 vertices_m=(vertices[1:] if closed else vertices).astype(np.float32),
                 plane=(np.roll(mine, -1) if closed else mine).astype(np.int32),
             )
-        )  # fmt: skip
+        )
     return out
 
 
