@@ -230,9 +230,12 @@ class Motion:
 
 
 def motion_between(
-    first: InverseDepthGrid, second: InverseDepthGrid, R_second_first: Floats, t_second_first_m: Floats | None = None,
+    first: InverseDepthGrid,
+    second: InverseDepthGrid,
+    R_second_first: Floats,
+    t_second_first_m: Floats | None = None,
     rounds: int = 1,
-) -> Motion | None:  # fmt: skip
+) -> Motion | None:
     """Rigid motion between two images; None where too little is measured in both. R_second_first (3, 3), t_second_first_m (3,): the
     guess, None: no translation; rounds: of all steps, each from the result before. The translation's prior is 0 with a
     standard deviation of TRANSLATION_PRIOR_M, whatever the guess: where the scene does not determine it, it is too short."""
@@ -255,9 +258,11 @@ def motion_between(
     given_forward = t_forward + _translation_change(information[0], forward @ R_second_first.T)
     given_backward = t_backward + _translation_change(information[1], backward @ R_second_first)
     return Motion(
-        rotation, np.sqrt(variances.max(axis=0)), 0.5 * (t_forward - forward @ t_backward),
+        rotation,
+        np.sqrt(variances.max(axis=0)),
+        0.5 * (t_forward - forward @ t_backward),
         0.5 * (given_forward - R_second_first @ given_backward),
-    )  # fmt: skip
+    )
 
 
 def _translation_change(H: Floats, R_estimate_guess: Floats) -> Floats:

@@ -143,9 +143,14 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
     covariance = np.linalg.inv(solution.info)
     z_m, sigma_z_m = _height(other, own, samples.plane[matched], solution.nearest[matched], prior)
     placement = replace(
-        prior, yaw_rad=yaw, at_m=(x, y, z_m), sigma_m=max(LEAST_SIGMA_M, math.sqrt(max(covariance[0, 0], covariance[1, 1]))),
-        sigma_z_m=sigma_z_m, sigma_yaw_rad=max(LEAST_SIGMA_YAW_RAD, math.sqrt(covariance[2, 2])), refined=True,
-    )  # fmt: skip
+        prior,
+        yaw_rad=yaw,
+        at_m=(x, y, z_m),
+        sigma_m=max(LEAST_SIGMA_M, math.sqrt(max(covariance[0, 0], covariance[1, 1]))),
+        sigma_z_m=sigma_z_m,
+        sigma_yaw_rad=max(LEAST_SIGMA_YAW_RAD, math.sqrt(covariance[2, 2])),
+        refined=True,
+    )
     return Fit(FitResult.ACCEPTED, placement, matched_m, rms_m)
 
 

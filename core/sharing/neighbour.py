@@ -85,9 +85,13 @@ class Neighbour:
     def first(cls, header: Header, arrival_ns: int) -> Neighbour:
         """A neighbour by the header of its first packet, which is not counted yet."""
         return cls(
-            vehicle=header.vehicle, stream=header.stream, section=header.section, sent_ms=-1, received_ns=arrival_ns,
+            vehicle=header.vehicle,
+            stream=header.stream,
+            section=header.section,
+            sent_ms=-1,
+            received_ns=arrival_ns,
             least_offset_ms=arrival_ns / 1e6 - header.sent_ms,
-        )  # fmt: skip
+        )
 
     def refusal(self, header: Header, arrival_ns: int, params: SharingParams) -> str:
         """Why a packet must not count, as a code; empty: it may. Changes nothing."""

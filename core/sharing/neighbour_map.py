@@ -135,11 +135,18 @@ class NeighbourMap:
         placement = self._placement(neighbour, own)
         state = _state_of(placement, self.params.max_sigma_m)
         status = NeighbourStatus(
-            vehicle=neighbour.vehicle, silent_s=(now_ns - neighbour.received_ns) / NS, placement=state,
+            vehicle=neighbour.vehicle,
+            silent_s=(now_ns - neighbour.received_ns) / NS,
+            placement=state,
             fit="" if neighbour.last_fit is None else str(neighbour.last_fit.result.value),
-            sigma_m=math.inf if placement is None else placement.sigma_m, planes=0, movers=0, withheld=len(neighbour.planes),
-            packets=neighbour.packets, refused=neighbour.refused, vehicle_m=None,
-        )  # fmt: skip
+            sigma_m=math.inf if placement is None else placement.sigma_m,
+            planes=0,
+            movers=0,
+            withheld=len(neighbour.planes),
+            packets=neighbour.packets,
+            refused=neighbour.refused,
+            vehicle_m=None,
+        )
         parts = [
             self._planes_of(neighbour.vehicle, planes, place, bodies, now_ns)
             for planes, place in self._frames_of(neighbour, placement, own)
@@ -207,9 +214,14 @@ class NeighbourMap:
             return None
         r = state.radius_m
         mover = SharedMover(
-            id=VEHICLE_ID, centre_m=state.position_m, half_size_m=(r, r, r),
-            velocity_m_s=(state.velocity_m_s[0], state.velocity_m_s[1]), sigma_m=0.1, sigma_m_s=0.5, age_s=0.0,
-        )  # fmt: skip
+            id=VEHICLE_ID,
+            centre_m=state.position_m,
+            half_size_m=(r, r, r),
+            velocity_m_s=(state.velocity_m_s[0], state.velocity_m_s[1]),
+            sigma_m=0.1,
+            sigma_m_s=0.5,
+            age_s=0.0,
+        )
         return replace(_placed_mover(neighbour.vehicle, VEHICLE_ID, mover, placement, age_s), kind=MoverKind.VEHICLE)
 
     def _placement(self, neighbour: Neighbour, own: OwnState) -> Placement | None:
@@ -238,9 +250,13 @@ class NeighbourMap:
 def own_frame(params: SharingParams, latitude_deg: float, longitude_deg: float, altitude_m: float) -> LocalFrame:
     """The own frame with the configured errors: axes north, east, down."""
     return LocalFrame(
-        latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m, sigma_m=params.position_sigma_m,
-        sigma_z_m=params.height_sigma_m, sigma_yaw_rad=math.radians(params.heading_sigma_deg),
-    )  # fmt: skip
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        altitude_m=altitude_m,
+        sigma_m=params.position_sigma_m,
+        sigma_z_m=params.height_sigma_m,
+        sigma_yaw_rad=math.radians(params.heading_sigma_deg),
+    )
 
 
 def _state_of(placement: Placement | None, max_sigma_m: float) -> PlacementState:
@@ -263,10 +279,15 @@ def _placed_mover(
     c, s = abs(math.cos(placement.yaw_rad)), abs(math.sin(placement.yaw_rad))
     half = (c * hx + s * hy, s * hx + c * hy, hz + 2.0 * placement.sigma_z_m)
     return SharedMovingObstacle(
-        sender=vehicle, id=number, kind=MoverKind.OBSTACLE,
+        sender=vehicle,
+        id=number,
+        kind=MoverKind.OBSTACLE,
         centre_m=(float(centre[0] + velocity[0] * age_s), float(centre[1] + velocity[1] * age_s), float(centre[2])),
-        half_size_m=half, velocity_m_s=velocity, margin_m=2.0 * math.hypot(mover.sigma_m, sigma_m) + moved_m, age_s=age_s,
-    )  # fmt: skip
+        half_size_m=half,
+        velocity_m_s=velocity,
+        margin_m=2.0 * math.hypot(mover.sigma_m, sigma_m) + moved_m,
+        age_s=age_s,
+    )
 
 
 def _joined(

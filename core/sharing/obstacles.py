@@ -88,9 +88,13 @@ class SharedObstacles:
     def __post_init__(self) -> None:
         n, put = len(self.sender), object.__setattr__
         for name, dtype in (
-            ("sender", np.uint8), ("ids", np.uint16), ("margin_m", np.float32), ("age_s", np.float32), ("flags", np.uint8),
+            ("sender", np.uint8),
+            ("ids", np.uint16),
+            ("margin_m", np.float32),
+            ("age_s", np.float32),
+            ("flags", np.uint8),
             ("aligned", np.uint8),
-        ):  # fmt: skip
+        ):
             put(self, name, readonly(getattr(self, name), dtype, (n,), name))
         put(self, "planes", readonly(self.planes, np.float32, (n, 6), "planes"))
 
@@ -99,9 +103,15 @@ class SharedObstacles:
         """No neighbour."""
         none, one = np.zeros(0, np.float32), np.zeros(0, np.uint8)
         return cls(
-            now_ns=now_ns, sender=one, ids=np.zeros(0, np.uint16), planes=np.zeros((0, 6), np.float32), margin_m=none, age_s=none,
-            flags=one, aligned=one,
-        )  # fmt: skip
+            now_ns=now_ns,
+            sender=one,
+            ids=np.zeros(0, np.uint16),
+            planes=np.zeros((0, 6), np.float32),
+            margin_m=none,
+            age_s=none,
+            flags=one,
+            aligned=one,
+        )
 
 
 def placed_planes(

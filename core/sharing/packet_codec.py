@@ -51,11 +51,19 @@ def state_packet(header: Header, state: VehicleState) -> bytes:
     f = state.frame
     try:
         body = _STATE.pack(
-            round(f.latitude_deg * 1e7), round(f.longitude_deg * 1e7), round(f.altitude_m * 1e3),
-            round(math.remainder(f.yaw_rad, math.tau) * 1e4), _up(f.sigma_m, 0.01), _up(f.sigma_z_m, 0.01),
-            _up(f.sigma_yaw_rad, 1e-4), round(state.position_m[0] * 1e2), round(state.position_m[1] * 1e2),
-            round(state.position_m[2] * 1e1), *(round(v * 1e2) for v in state.velocity_m_s), _up(state.radius_m, 0.1),
-        )  # fmt: skip
+            round(f.latitude_deg * 1e7),
+            round(f.longitude_deg * 1e7),
+            round(f.altitude_m * 1e3),
+            round(math.remainder(f.yaw_rad, math.tau) * 1e4),
+            _up(f.sigma_m, 0.01),
+            _up(f.sigma_z_m, 0.01),
+            _up(f.sigma_yaw_rad, 1e-4),
+            round(state.position_m[0] * 1e2),
+            round(state.position_m[1] * 1e2),
+            round(state.position_m[2] * 1e1),
+            *(round(v * 1e2) for v in state.velocity_m_s),
+            _up(state.radius_m, 0.1),
+        )
     except (struct.error, ValueError, OverflowError) as error:
         raise PacketError("state_unencodable", f"the state of the vehicle is out of range: {error}") from error
     return _head(header, STATE_KIND) + body
@@ -130,12 +138,15 @@ def _movers_from(body: bytes, anchor_m: Anchor) -> tuple[SharedMover, ...]:
         centre_m = tuple(a + _MOVER_STEP_M * v for a, v in zip(anchor_m, (x, y, z), strict=True))
         found.append(
             SharedMover(
-                id=number, centre_m=(centre_m[0], centre_m[1], centre_m[2]),
+                id=number,
+                centre_m=(centre_m[0], centre_m[1], centre_m[2]),
                 half_size_m=(_SIZE_STEP_M * hx, _SIZE_STEP_M * hy, _SIZE_STEP_M * hz),
-                velocity_m_s=(_SPEED_STEP_M_S * vx, _SPEED_STEP_M_S * vy), sigma_m=_SIGMA_STEP_M * sigma,
-                sigma_m_s=_SIGMA_STEP_M_S * speed_sigma, age_s=_AGE_STEP_S * age,
+                velocity_m_s=(_SPEED_STEP_M_S * vx, _SPEED_STEP_M_S * vy),
+                sigma_m=_SIGMA_STEP_M * sigma,
+                sigma_m_s=_SIGMA_STEP_M_S * speed_sigma,
+                age_s=_AGE_STEP_S * age,
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
@@ -146,9 +157,17 @@ def _state_from(body: bytes) -> VehicleState:
     if abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000:
         raise PacketError("bad_place", f"latitude {lat / 1e7:g}, longitude {lon / 1e7:g} are no place on Earth")
     frame = LocalFrame(
-        latitude_deg=lat / 1e7, longitude_deg=lon / 1e7, altitude_m=alt / 1e3, yaw_rad=yaw / 1e4, sigma_m=sigma / 1e2,
-        sigma_z_m=sigma_z / 1e2, sigma_yaw_rad=sigma_yaw / 1e4,
-    )  # fmt: skip
+        latitude_deg=lat / 1e7,
+        longitude_deg=lon / 1e7,
+        altitude_m=alt / 1e3,
+        yaw_rad=yaw / 1e4,
+        sigma_m=sigma / 1e2,
+        sigma_z_m=sigma_z / 1e2,
+        sigma_yaw_rad=sigma_yaw / 1e4,
+    )
     return VehicleState(
-        frame=frame, position_m=(x / 1e2, y / 1e2, z / 1e1), velocity_m_s=(vx / 1e2, vy / 1e2, vz / 1e2), radius_m=radius / 10
-    )  # fmt: skip
+        frame=frame,
+        position_m=(x / 1e2, y / 1e2, z / 1e1),
+        velocity_m_s=(vx / 1e2, vy / 1e2, vz / 1e2),
+        radius_m=radius / 10,
+    )

@@ -62,15 +62,22 @@ def placement_by_position(own: LocalFrame, other: LocalFrame, pivot_m: tuple[flo
     origin = np.array([c * north + s * east, c * east - s * north, down])
     yaw = math.remainder(other.yaw_rad - own.yaw_rad, math.tau)
     at_origin = Placement(
-        yaw_rad=yaw, pivot_m=(0.0, 0.0, 0.0), at_m=(float(origin[0]), float(origin[1]), float(origin[2])), sigma_m=0.0,
-        sigma_z_m=0.0, sigma_yaw_rad=0.0,
-    )  # fmt: skip
+        yaw_rad=yaw,
+        pivot_m=(0.0, 0.0, 0.0),
+        at_m=(float(origin[0]), float(origin[1]), float(origin[2])),
+        sigma_m=0.0,
+        sigma_z_m=0.0,
+        sigma_yaw_rad=0.0,
+    )
     x, y, z = at_origin.points(np.array([pivot_m]))[0].tolist()
     return Placement(
-        yaw_rad=yaw, pivot_m=pivot_m, at_m=(x, y, z), sigma_m=math.hypot(own.sigma_m, other.sigma_m),
+        yaw_rad=yaw,
+        pivot_m=pivot_m,
+        at_m=(x, y, z),
+        sigma_m=math.hypot(own.sigma_m, other.sigma_m),
         sigma_z_m=math.hypot(own.sigma_z_m, other.sigma_z_m),
         sigma_yaw_rad=math.hypot(own.sigma_yaw_rad, other.sigma_yaw_rad),
-    )  # fmt: skip
+    )
 
 
 def _ecef(frame: LocalFrame) -> Floats:

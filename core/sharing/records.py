@@ -46,8 +46,12 @@ class SharedPlanes:
     def part(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> SharedPlanes:
         """Some of the planes."""
         return SharedPlanes(
-            ids=self.ids[rows], box=self.box[rows], margin_m=self.margin_m[rows], flags=self.flags[rows], age_s=self.age_s[rows]
-        )  # fmt: skip
+            ids=self.ids[rows],
+            box=self.box[rows],
+            margin_m=self.margin_m[rows],
+            flags=self.flags[rows],
+            age_s=self.age_s[rows],
+        )
 
     @classmethod
     def empty(cls) -> SharedPlanes:

@@ -205,9 +205,7 @@ def agreeing_tiles(tiles, value, within):
 
 
 @kernel
-def noise_of_tiles(
-    marks, focal_px, least_mm, step, row_step, min_samples, share, min_tiles, within, tiles
-):  # fmt: skip
+def noise_of_tiles(marks, focal_px, least_mm, step, row_step, min_samples, share, min_tiles, within, tiles):
     """(`quantile_of_tiles`, `agreeing_tiles` with it) of the noise of disparity in each tile. tiles: (tiles down, tiles across)
     float32 out, `tile_roughness` as noise, px; negative: not known."""
     tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, tiles)
@@ -228,9 +226,17 @@ def noise_tiles(
     tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
     step = max(round((step_px or p.noise_step_px) * marks.shape[1] / 640), 1)
     sigma_px, agree = noise_of_tiles(
-        marks, focal_px, 1000.0 * p.noise_min_depth_m, step, p.noise_row_step, p.noise_min_samples,
-        p.noise_quantile, p.noise_min_tiles, p.noise_agree_ratio, tiles,
-    )  # fmt: skip
+        marks,
+        focal_px,
+        1000.0 * p.noise_min_depth_m,
+        step,
+        p.noise_row_step,
+        p.noise_min_samples,
+        p.noise_quantile,
+        p.noise_min_tiles,
+        p.noise_agree_ratio,
+        tiles,
+    )
     return tiles, sigma_px, agree
 
 

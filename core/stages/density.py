@@ -69,10 +69,13 @@ def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params)
     weights = np.rint(ONE_PX * np.exp(-0.5 * (taps / params.kernel_sigma_bins) ** 2)).astype(np.int32)
     threshold = np.maximum(params.density_share * params.min_obstacle_height_m * centre, params.density_min_px)
     return BinTable(
-        bin_of_code=bins.astype(np.uint16), disparity_px=centre.astype(np.float32), width_px=width.astype(np.float32),
-        threshold=np.minimum(ONE_PX * threshold, 2.0**30).astype(np.int32), weights=weights,
+        bin_of_code=bins.astype(np.uint16),
+        disparity_px=centre.astype(np.float32),
+        width_px=width.astype(np.float32),
+        threshold=np.minimum(ONE_PX * threshold, 2.0**30).astype(np.int32),
+        weights=weights,
         first_code=np.searchsorted(bins, np.arange(count + 3)).astype(np.int32),
-    )  # fmt: skip
+    )
 
 
 @inner_inline

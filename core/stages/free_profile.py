@@ -66,9 +66,12 @@ def empty_profile(params: Params) -> FreeProfile:
     layers = layer_edges(params)
     zero = np.zeros((1, len(layers) - 1), np.float32)
     return FreeProfile(
-        azimuth_edges_rad=np.array([-math.pi, math.pi], np.float32), layer_edges_m=layers, free_from_m=zero,
-        free_to_m=zero, end=np.full(zero.shape, _NOT_SEEN, np.uint8),
-    )  # fmt: skip
+        azimuth_edges_rad=np.array([-math.pi, math.pi], np.float32),
+        layer_edges_m=layers,
+        free_from_m=zero,
+        free_to_m=zero,
+        end=np.full(zero.shape, _NOT_SEEN, np.uint8),
+    )
 
 
 @inner
@@ -101,9 +104,14 @@ def free_profile(
         (NOTHING_OPEN, NOTHING_OPEN) if opened is None else _beyond_free(seen, opened, open_max_range_m)
     )
     return FreeProfile.from_trusted(
-        azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
-        free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end, open_from_dm=open_from, open_to_dm=open_to,
-    )  # fmt: skip
+        azimuth_edges_rad=seen.edges_rad.astype(np.float32),
+        layer_edges_m=seen.layers_m,
+        free_from_m=seen.free_from_m,
+        free_to_m=seen.free_to_m,
+        end=seen.end,
+        open_from_dm=open_from,
+        open_to_dm=open_to,
+    )
 
 
 def _beyond_free(

@@ -30,8 +30,12 @@ from .view_geometry import Q_FAR, ViewGeometry
 _MAX_RINGS = 250
 """Rings are counted in one byte; beyond so many nothing is called free."""
 _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
-    int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN), int(FreeEnd.FIELD_OF_VIEW), int(FreeEnd.MAX_RANGE),
-)  # fmt: skip
+    int(FreeEnd.NOT_SEEN),
+    int(FreeEnd.OBSTACLE),
+    int(FreeEnd.UNKNOWN),
+    int(FreeEnd.FIELD_OF_VIEW),
+    int(FreeEnd.MAX_RANGE),
+)
 WALK_SETTINGS = record(
     ("f_px", np.float64),
     ("horizon_row", np.float64),

@@ -261,9 +261,14 @@ def search_ground(marks, R, k, ke, seed_height, column_step, row_step, settings,
 
 
 def find_ground(
-    marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, ke: float, seed_height_m: float,
-    params: Params, points: NDArray[Any],
-) -> Ground:  # fmt: skip
+    marks: NDArray[np.uint16],
+    info: CameraInfo,
+    R_level_optical: Rotation,
+    ke: float,
+    seed_height_m: float,
+    params: Params,
+    points: NDArray[Any],
+) -> Ground:
     """The ground of one frame, or NO_GROUND.
 
     seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
@@ -274,16 +279,30 @@ def find_ground(
     # as coarse as it takes for the whole picture to find room: a part of it would say nothing of what lies below
     step = max(1, math.ceil(math.sqrt((k.width // across + 1) * (k.height // down + 1) / len(points))))
     seen, height, slope_x, slope_y, share = search_ground(
-        marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, seed_height_m,
-        across * step, down * step, ground_settings(k.height, p), np.zeros(height_bins(p), np.int32), points,
-    )  # fmt: skip
+        marks,
+        np.ascontiguousarray(R_level_optical),
+        np.array([k.fx, k.fy, k.cx, k.cy]),
+        ke,
+        seed_height_m,
+        across * step,
+        down * step,
+        ground_settings(k.height, p),
+        np.zeros(height_bins(p), np.int32),
+        points,
+    )
     if not seen:
         return NO_GROUND
     noise_per_m = p.ground_sigmas * ke * height
     return Ground(
-        seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y, share=share,
-        blind_beyond_m=p.min_obstacle_height_m / noise_per_m, tolerance_m=p.ground_tolerance_m, noise_per_m=noise_per_m,
-    )  # fmt: skip
+        seen=True,
+        height_m=height,
+        slope_x=slope_x,
+        slope_y=slope_y,
+        share=share,
+        blind_beyond_m=p.min_obstacle_height_m / noise_per_m,
+        tolerance_m=p.ground_tolerance_m,
+        noise_per_m=noise_per_m,
+    )
 
 
 @kernel
@@ -324,7 +343,15 @@ def with_ranges(ground: Ground, points: NDArray[Any], edges_t: NDArray[np.float6
         return ground
     seen_from, seen_to = np.empty((2, len(edges_t) - 1), np.float32)
     ground_ranges(
-        points, ground.height_m, ground.slope_x, ground.slope_y, float(ground.tolerance_m), ground.noise_per_m,
-        ground.blind_beyond_m, edges_t, seen_from, seen_to,
-    )  # fmt: skip
+        points,
+        ground.height_m,
+        ground.slope_x,
+        ground.slope_y,
+        float(ground.tolerance_m),
+        ground.noise_per_m,
+        ground.blind_beyond_m,
+        edges_t,
+        seen_from,
+        seen_to,
+    )
     return replace(ground, seen_from_m=tuple(seen_from.tolist()), seen_to_m=tuple(seen_to.tolist()))

@@ -52,14 +52,21 @@ class Refusal(IntEnum):
 
 
 _NONE, _NO_SKY, _LOW_SKY, _WIDE_EDGE, _SMOOTH_STRIP, _NOT_MEASURED = (
-    int(Refusal.NONE), int(Refusal.NO_SKY), int(Refusal.LOW_SKY), int(Refusal.WIDE_EDGE), int(Refusal.SMOOTH_STRIP),
+    int(Refusal.NONE),
+    int(Refusal.NO_SKY),
+    int(Refusal.LOW_SKY),
+    int(Refusal.WIDE_EDGE),
+    int(Refusal.SMOOTH_STRIP),
     int(Refusal.NOT_MEASURED),
-)  # fmt: skip
+)
 _EDGE_ABOVE, _EDGE_BELOW = int(Refusal.EDGE_ABOVE_HORIZON), int(Refusal.EDGE_BELOW_HORIZON)
 _NEAR_BASE, _NEAR_ABOVE, _NEAR_BASE_BESIDE, _NO_EVIDENCE_BESIDE, _FLOATING = (
-    int(Refusal.NEAR_BASE), int(Refusal.NEAR_ABOVE), int(Refusal.NEAR_BASE_BESIDE), int(Refusal.NO_EVIDENCE_BESIDE),
+    int(Refusal.NEAR_BASE),
+    int(Refusal.NEAR_ABOVE),
+    int(Refusal.NEAR_BASE_BESIDE),
+    int(Refusal.NO_EVIDENCE_BESIDE),
     int(Refusal.FLOATING),
-)  # fmt: skip
+)
 
 OPEN_SETTINGS = record(
     ("f_px", np.float64),

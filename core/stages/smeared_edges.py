@@ -279,9 +279,18 @@ def drop_smeared_edges(
     down, keep_m = ground_line(info, R_level_optical, ground, params)
     seen_to = buffer("seen_to", marks.shape, np.uint16)
     measured, far = drop_ramps(
-        depth_mm, inverse, limits.span_px, reach, limits.step_per_m, limits.relative, limits.straight, down, keep_m, marks,
+        depth_mm,
+        inverse,
+        limits.span_px,
+        reach,
+        limits.step_per_m,
+        limits.relative,
+        limits.straight,
+        down,
+        keep_m,
+        marks,
         seen_to,
-    )  # fmt: skip
+    )
     return seen_to, int(measured), int(far)
 
 

@@ -131,9 +131,17 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
         np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio
     )
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, lsb_per_px=disparity_lsb_per_px(info, f_px), tan_edge=edges, tan_mid=middles,
-        lateral=lateral, H=H,
-    )  # fmt: skip
+        cols=cols,
+        rows=rows,
+        f_px=f_px,
+        cu=cu,
+        cv=cv,
+        lsb_per_px=disparity_lsb_per_px(info, f_px),
+        tan_edge=edges,
+        tan_mid=middles,
+        lateral=lateral,
+        H=H,
+    )
 
 
 @kernel
@@ -208,6 +216,8 @@ def pooled_geometry(g: ViewGeometry, step: int) -> ViewGeometry:
     """The geometry of `pool_columns`: a group's strip stands in its middle."""
     to_full = np.array([[step, 0.0, 0.5 * (step - 1)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     return g._replace(
-        cols=-(-g.cols // step), cu=(g.cu - 0.5 * (step - 1)) / step,
-        lateral=(g.lateral * np.float32(step)), H=g.H @ to_full,
-    )  # fmt: skip
+        cols=-(-g.cols // step),
+        cu=(g.cu - 0.5 * (step - 1)) / step,
+        lateral=(g.lateral * np.float32(step)),
+        H=g.H @ to_full,
+    )

@@ -31,14 +31,30 @@ def free_view(model: FrameModel, camera_m: tuple[float, float, float]) -> FreeVi
     near, far = np.array(near, np.float32, order="C"), np.array(far, np.float32, order="C")
     floats = [float(v) for v in plane]
     return FreeView(
-        float(camera_m[0]), float(camera_m[1]), float(model.ke_per_m), edges, layers, near, far,
-        np.array(end, np.uint8, order="C"), *floats,
-    )  # fmt: skip
+        float(camera_m[0]),
+        float(camera_m[1]),
+        float(model.ke_per_m),
+        edges,
+        layers,
+        near,
+        far,
+        np.array(end, np.uint8, order="C"),
+        *floats,
+    )
 
 
 def view_bytes(view: FreeView, t_ns: int) -> bytes:
     """The bytes of a view."""
-    numbers = (view.x_m, view.y_m, view.ke_per_m, view.ground_z_m, view.slope_x, view.slope_y, view.tolerance_m, view.noise_per_m)  # fmt: skip
+    numbers = (
+        view.x_m,
+        view.y_m,
+        view.ke_per_m,
+        view.ground_z_m,
+        view.slope_x,
+        view.slope_y,
+        view.tolerance_m,
+        view.noise_per_m,
+    )
     head = _HEAD.pack(t_ns, *numbers, *view.near_m.shape)
     arrays = (view.edges_rad, view.layers_m, view.near_m, view.far_m, view.end)
     return head + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)

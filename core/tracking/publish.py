@@ -44,10 +44,18 @@ def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m
     share of frames in view that observed the track, and at most 1 - 0.5^hits."""
     n = int(np.count_nonzero(tracks["hits"]))
     columns = Columns(
-        np.empty(n, np.int64), np.empty((n, 6), np.float32), np.empty(n, np.float32), np.empty(n, np.float32),
-        np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int64),
-        np.empty(n, np.int64), np.empty(n, np.uint8), np.empty(n, np.int64),
-    )  # fmt: skip
+        np.empty(n, np.int64),
+        np.empty((n, 6), np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.int32),
+        np.empty(n, np.int32),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n, np.uint8),
+        np.empty(n, np.int64),
+    )
     fill_columns(tracks, t_ns, growth_m_s, columns)
     return TrackSnapshot(**columns._asdict(), objects=moving_objects(objects, t_ns))
 
@@ -86,12 +94,16 @@ def moving_objects(objects: NDArray[Any], t_ns: int) -> tuple[MovingObject, ...]
         variance, covariance, speed_variance = (float(max(o["r" + k], o["t" + k])) for k in ("00", "01", "11"))
         found.append(
             MovingObject(
-                id=int(o["id"]), centre_m=(0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), 0.5 * (low[2] + high[2])),
+                id=int(o["id"]),
+                centre_m=(0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), 0.5 * (low[2] + high[2])),
                 half_size_m=(0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2])),
                 velocity_m_s=(float(o["vx_m_s"]), float(o["vy_m_s"])),
-                position_sigma_m=variance**0.5, velocity_sigma_m_s=speed_variance**0.5,
-                cov_m2_s=covariance, hits=int(o["hits"]), age_ns=t_ns - int(o["first_ns"]),
+                position_sigma_m=variance**0.5,
+                velocity_sigma_m_s=speed_variance**0.5,
+                cov_m2_s=covariance,
+                hits=int(o["hits"]),
+                age_ns=t_ns - int(o["first_ns"]),
                 unseen_ns=t_ns - int(o["seen_ns"]),
             )
-        )  # fmt: skip
+        )
     return tuple(found)

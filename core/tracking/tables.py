@@ -115,9 +115,12 @@ def empty_table(most: int) -> TrackTable:
 
 
 def detections_of(
-    planes: NDArray[np.float32], margin_m: NDArray[np.float32], flags: NDArray[np.uint8], cluster: NDArray[np.int32],
+    planes: NDArray[np.float32],
+    margin_m: NDArray[np.float32],
+    flags: NDArray[np.uint8],
+    cluster: NDArray[np.int32],
     pose_sigma_m: float,
-) -> NDArray[Any]:  # fmt: skip
+) -> NDArray[Any]:
     """(N,) DETECTION of the planes (P, 6) of a frame, by their least x. Planes that are not finite, or shorter than 1 mm, are
     left out."""
     rows = np.ascontiguousarray(planes, np.float32)
@@ -131,7 +134,12 @@ def fill_detections(planes, margin_m, flags, cluster, order, pose_sigma_m, out):
     """Fills out (P,) DETECTION with the planes in this order; returns how many are valid."""
     count = 0
     for p in order:
-        ax, ay, bx, by = (np.float64(planes[p, 0]), np.float64(planes[p, 1]), np.float64(planes[p, 2]), np.float64(planes[p, 3]))  # fmt: skip
+        ax, ay, bx, by = (
+            np.float64(planes[p, 0]),
+            np.float64(planes[p, 1]),
+            np.float64(planes[p, 2]),
+            np.float64(planes[p, 3]),
+        )
         top, bottom, margin = np.float64(planes[p, 4]), np.float64(planes[p, 5]), np.float64(margin_m[p])
         length = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
         if not (length >= 1e-3 and bottom > top and math.isfinite(length + bottom - top + margin)):

@@ -48,9 +48,13 @@ _VIEWS, _VIEW_STEP_NS = 9, NS // 5
 def rules_of(p: TrackingParams) -> NDArray[Any]:
     """(1,) RULES of the parameters."""
     return record_of(
-        RULES, p, turn_rad=math.radians(p.turn_deg), behind_m=p.free_evidence_behind_m,
-        free_sigmas=p.free_evidence_sigmas, free_frames=p.free_evidence_frames,
-    )  # fmt: skip
+        RULES,
+        p,
+        turn_rad=math.radians(p.turn_deg),
+        behind_m=p.free_evidence_behind_m,
+        free_sigmas=p.free_evidence_sigmas,
+        free_frames=p.free_evidence_frames,
+    )
 
 
 class Tracker:
@@ -62,9 +66,13 @@ class Tracker:
         self._wide = self._rules.copy()
         self._wide["gate_max_m"], self._wide["gate_min_m"] = _WIDE * p.gate_max_m, p.gate_max_m
         self._mover_rules = record_of(
-            MOVER_RULES, p, min_speed_m_s=p.mover_min_speed_m_s, max_speed_m_s=p.mover_max_speed_m_s,
-            sigmas=p.mover_sigmas, max_size_m=p.mover_max_size_m,
-        )  # fmt: skip
+            MOVER_RULES,
+            p,
+            min_speed_m_s=p.mover_min_speed_m_s,
+            max_speed_m_s=p.mover_max_speed_m_s,
+            sigmas=p.mover_sigmas,
+            max_size_m=p.mover_max_size_m,
+        )
         self.counts = {"tracks_evicted": 0, "detections_left_out": 0, "pairs_left_out": 0}
         self._pairs, self._scores = np.zeros((_LEAST_PAIRS, 3), np.int32), np.zeros(_LEAST_PAIRS)
         self._no_detections = np.zeros(0, DETECTION)
@@ -106,9 +114,13 @@ class Tracker:
         next_id, _, evicted = split_tracks(self._table, self._state.next_id, frame.t_ns)
         self.counts["tracks_evicted"] += evicted
         self._state = replace(
-            self._state, next_id=int(next_id), last_ns=frame.t_ns, positioned=frame.positioned,
-            reset_counter=frame.reset_counter, origin_m=frame.origin_m,
-        )  # fmt: skip
+            self._state,
+            next_id=int(next_id),
+            last_ns=frame.t_ns,
+            positioned=frame.positioned,
+            reset_counter=frame.reset_counter,
+            origin_m=frame.origin_m,
+        )
         self._keep_view(view, frame)
         growth_m_s = 0.0 if frame.positioned else self.params.speed_error_m_s
         return snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s)
@@ -230,10 +242,14 @@ class Tracker:
         tracks, cells = self._all
         slots = np.flatnonzero(tracks["hits"] > 0).astype("<i4")
         return replace(
-            self._state, slots=slots.tobytes(), tracks=tracks[slots].tobytes(), cells=cells[slots].tobytes(),
-            objects=self._objects.tobytes(), history=self._history.tobytes(),
+            self._state,
+            slots=slots.tobytes(),
+            tracks=tracks[slots].tobytes(),
+            cells=cells[slots].tobytes(),
+            objects=self._objects.tobytes(),
+            history=self._history.tobytes(),
             views=tuple(view_bytes(view, t_ns) for t_ns, view in self._views),
-        )  # fmt: skip
+        )
 
     def _resume(self, state: TrackerState) -> None:
         """Raises ValueError for a state whose parts do not fit together, or that has more tracks than the table."""

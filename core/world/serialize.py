@@ -24,9 +24,16 @@ _MOST_PLANES = 4096
 _PART = struct.Struct("<4sII")
 _SECTION = struct.Struct("<IIqq")
 _PLACE = [
-    ("x_cm", "<i4"), ("y_cm", "<i4"), ("ends_cm", "<i2", (4,)), ("top_cm", "<i4"), ("height_cm", "<u2"),
-    ("margin_mm", "<u2"), ("flags", "u1"), ("hits", "<u2"), ("age_s", "<u4"),
-]  # fmt: skip
+    ("x_cm", "<i4"),
+    ("y_cm", "<i4"),
+    ("ends_cm", "<i2", (4,)),
+    ("top_cm", "<i4"),
+    ("height_cm", "<u2"),
+    ("margin_mm", "<u2"),
+    ("flags", "u1"),
+    ("hits", "<u2"),
+    ("age_s", "<u4"),
+]
 ON_DISK = np.dtype([*_PLACE, ("moments", "<f4", (6,))])
 
 
@@ -135,10 +142,17 @@ def _section(head: tuple[int, int, int, int], parts: list[NDArray[np.void]]) -> 
     records = np.concatenate([np.zeros(0, ON_DISK), *parts])
     number, reset_counter, begun_ns, newest_ns = head
     return SavedSection(
-        number=number, reset_counter=reset_counter, begun_ns=begun_ns, newest_ns=newest_ns, box=box_of_records(records),
-        moments=records["moments"].astype(np.float64), margin_m=records["margin_mm"] / 1000.0, flags=records["flags"],
-        hits=records["hits"].astype(np.int32), age_s=records["age_s"].astype(np.float64),
-    )  # fmt: skip
+        number=number,
+        reset_counter=reset_counter,
+        begun_ns=begun_ns,
+        newest_ns=newest_ns,
+        box=box_of_records(records),
+        moments=records["moments"].astype(np.float64),
+        margin_m=records["margin_mm"] / 1000.0,
+        flags=records["flags"],
+        hits=records["hits"].astype(np.int32),
+        age_s=records["age_s"].astype(np.float64),
+    )
 
 
 def moved(section: SavedSection, yaw_rad: float, translation_m: tuple[float, float, float]) -> SavedSection:
@@ -149,16 +163,35 @@ def moved(section: SavedSection, yaw_rad: float, translation_m: tuple[float, flo
     tx, ty, tz = translation_m
     b, m = section.box, section.moments
     box = np.column_stack(
-        [c * b[:, 0] - s * b[:, 1] + tx, s * b[:, 0] + c * b[:, 1] + ty, c * b[:, 2] - s * b[:, 3] + tx,
-         s * b[:, 2] + c * b[:, 3] + ty, b[:, 4] + tz, b[:, 5] + tz]
-    )  # fmt: skip
+        [
+            c * b[:, 0] - s * b[:, 1] + tx,
+            s * b[:, 0] + c * b[:, 1] + ty,
+            c * b[:, 2] - s * b[:, 3] + tx,
+            s * b[:, 2] + c * b[:, 3] + ty,
+            b[:, 4] + tz,
+            b[:, 5] + tz,
+        ]
+    )
     xx, xy, yy = m[:, 3], m[:, 4], m[:, 5]
     moments = np.column_stack(
-        [m[:, 0], c * m[:, 1] - s * m[:, 2], s * m[:, 1] + c * m[:, 2], c * c * xx - 2 * c * s * xy + s * s * yy,
-         c * s * (xx - yy) + (c * c - s * s) * xy, s * s * xx + 2 * c * s * xy + c * c * yy]
-    )  # fmt: skip
+        [
+            m[:, 0],
+            c * m[:, 1] - s * m[:, 2],
+            s * m[:, 1] + c * m[:, 2],
+            c * c * xx - 2 * c * s * xy + s * s * yy,
+            c * s * (xx - yy) + (c * c - s * s) * xy,
+            s * s * xx + 2 * c * s * xy + c * c * yy,
+        ]
+    )
     return SavedSection(
-        number=section.number, reset_counter=section.reset_counter, begun_ns=section.begun_ns,
-        newest_ns=section.newest_ns, box=box, moments=moments, margin_m=section.margin_m, flags=section.flags,
-        hits=section.hits, age_s=section.age_s,
-    )  # fmt: skip
+        number=section.number,
+        reset_counter=section.reset_counter,
+        begun_ns=section.begun_ns,
+        newest_ns=section.newest_ns,
+        box=box,
+        moments=moments,
+        margin_m=section.margin_m,
+        flags=section.flags,
+        hits=section.hits,
+        age_s=section.age_s,
+    )

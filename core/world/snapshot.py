@@ -49,7 +49,13 @@ class WorldSnapshot:
     def empty(cls) -> WorldSnapshot:
         """Nothing is known."""
         return cls(
-            section=0, slots=np.zeros(0, np.int32), planes=np.zeros((0, 6), np.float32), margin_m=np.zeros(0, np.float32),
-            flags=np.zeros(0, np.uint8), hits=np.zeros(0, np.int32), seen_ns=np.zeros(0, np.int64),
-            blocks=np.zeros((0, 3), np.int32), masks=np.zeros((0, 256), np.uint64),
-        )  # fmt: skip
+            section=0,
+            slots=np.zeros(0, np.int32),
+            planes=np.zeros((0, 6), np.float32),
+            margin_m=np.zeros(0, np.float32),
+            flags=np.zeros(0, np.uint8),
+            hits=np.zeros(0, np.int32),
+            seen_ns=np.zeros(0, np.int64),
+            blocks=np.zeros((0, 3), np.int32),
+            masks=np.zeros((0, 256), np.uint64),
+        )

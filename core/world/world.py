@@ -193,16 +193,23 @@ class World:
     def numbers(self) -> dict[str, int]:
         """Counts for the log and the health report."""
         found = {
-            "frames": self.counts.frames, "blind": self.counts.blind, "bad_planes": self.counts.bad_planes,
-            "sections": self.counts.sections, "sections_dropped": self.counts.sections_dropped,
-        }  # fmt: skip
+            "frames": self.counts.frames,
+            "blind": self.counts.blind,
+            "bad_planes": self.counts.bad_planes,
+            "sections": self.counts.sections,
+            "sections_dropped": self.counts.sections_dropped,
+        }
         if self.section is not None:
             state, free = self.section.tables.state[0], self.section.free.state[0]
             found |= {
-                "planes": int(state.live), "dropped": int(state.dropped), "cleared": int(state.cleared),
-                "joined": int(state.joined), "overflow": int(state.overflow), "free_blocks": int(free.blocks),
+                "planes": int(state.live),
+                "dropped": int(state.dropped),
+                "cleared": int(state.cleared),
+                "joined": int(state.joined),
+                "overflow": int(state.overflow),
+                "free_blocks": int(free.blocks),
                 "free_blocks_dropped": int(free.dropped),
-            }  # fmt: skip
+            }
         return found
 
     def _section_for(self, observation: Observation) -> Section:
@@ -228,10 +235,14 @@ class World:
         self.counts.sections += 1
         self.counts.why[why] = self.counts.why.get(why, 0) + 1
         self.section = Section(
-            number=self.counts.sections, tables=empty_tables(self.params.most_planes),
-            free=empty_free(self.params.most_free_blocks), begun_ns=t_ns, reset_counter=reset_counter, newest_ns=t_ns,
+            number=self.counts.sections,
+            tables=empty_tables(self.params.most_planes),
+            free=empty_free(self.params.most_free_blocks),
+            begun_ns=t_ns,
+            reset_counter=reset_counter,
+            newest_ns=t_ns,
             place_m=place_m,
-        )  # fmt: skip
+        )
         return self.section
 
     def _jump(self, section: Section, observation: Observation) -> str:
