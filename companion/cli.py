@@ -8,39 +8,10 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Final
 
-COMMANDS: Final[dict[str, tuple[str, str]]] = {
-    "run": ("live.run", "run the live service: cameras and autopilot in, obstacles out"),
-    "status": ("live.status", "show the state of the running service"),
-    "simulate-autopilot": (
-        "autopilot.simulate_autopilot",
-        "simulate an autopilot, for `run` without hardware",
-    ),
-    "doctor": ("doctor.doctor", "check all parts before a flight and name the remedies"),
-    "keys": ("streams.keys", "make keys for the network streams and for MAVLink signatures"),
-    "demo": ("demo.demo", "fly a simulated scene without hardware and draw the result"),
-    "import": ("importers.command", "convert depth images or a ROS 2 recording into a log"),
-    "replay": ("replay.replay", "run a log through the pipeline; optionally compare with the recorded result"),
-    "batch": ("batch.command", "process many flights again into tables, and compare two results"),
-    "find": ("batch.find", "cut the times that fulfil a condition out of the logs of a fleet"),
-    "view": (
-        "viewer.view",
-        "draw a log as pictures and a 3-D page; --live: follow the running service",
-    ),
-    "ros2": ("ros2.command", "publish the results of the running service to ROS 2 (rmw_zenoh)"),
-    "export": ("export.command", "write the results of a log as CSV, NPZ, Parquet or glTF"),
-    "info": ("log.info", "show the content of a log: topics, rates, gaps, damage"),
-    "recover": ("log.recover", "repair a damaged or unfinished log"),
-    "setup": ("setup.setup", "find cameras and autopilot, and write a configuration"),
-    "configs": ("install.configs", "list the shipped configurations, or copy one"),
-    "check-config": ("config.check_config", "check a configuration file"),
-    "install": ("install.install", "install the service on this computer (needs root)"),
-    "uninstall": ("install.uninstall", "remove the service from this computer (needs root)"),
-    "warmup": ("kernels.warmup", "compile all kernels"),
-    "bench": ("bench.bench", "measure the frame rate that this computer reaches"),
-}
-"""Command -> its module in this package (with add_parser and run) and its help text."""
+from .command_list import COMMANDS, GROUPS
 
 _INTERRUPTED: Final = 130
 
@@ -88,23 +59,46 @@ def _parser(command: str) -> argparse.ArgumentParser:
     """The parser with the options of one command and the names of the others."""
     parser = argparse.ArgumentParser(
         prog="companion",
-        description="Obstacle perception for multirotors.",
-        epilog="`companion COMMAND --help` lists the options of a command; start with `companion demo`.",
+        usage="companion COMMAND [OPTIONS]",
+        description=_command_table(),
+        epilog="`companion COMMAND --help` lists the options of a command. Start with `companion demo`.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="store_true", help="print the version")
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND")
-    for name, (_, words) in COMMANDS.items():
+    subparsers = parser.add_subparsers(prog="companion", dest="command", help=argparse.SUPPRESS)
+    for name in COMMANDS:
         if name == command:
             _module(name).add_parser(subparsers)
-            subparsers.choices[name].description = words[0].upper() + words[1:] + "."
+            _add_texts(subparsers.choices[name], name)
         else:
-            subparsers.add_parser(name, help=words)
+            subparsers.add_parser(name)
     return parser
+
+
+def _command_table() -> str:
+    """All commands with their purpose, by group, in the order of use."""
+    lines = ["Obstacle perception for multirotors."]
+    for title, commands in GROUPS.items():
+        lines += ["", f"{title}:"]
+        for name, command in commands.items():
+            gap = " " * 22
+            lines.append(fill(command.purpose, 79, initial_indent=f"  {name:<20}", subsequent_indent=gap))
+    return "\n".join(lines)
+
+
+def _add_texts(parser: argparse.ArgumentParser, name: str) -> None:
+    """The description and the examples of a command in its help."""
+    command = COMMANDS[name]
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = fill(f"{command.purpose[0].upper()}{command.purpose[1:]}.", 79)
+    parts = ["\n".join(["examples:", *(f"  {line}" for line in command.examples)])] if command.examples else []
+    parts += [fill(parser.epilog, 79)] if parser.epilog else []
+    parser.epilog = "\n\n".join(parts) or None
 
 
 def _module(command: str) -> Any:
     """The module of a command."""
-    return importlib.import_module(f".{COMMANDS[command][0]}", __package__)
+    return importlib.import_module(f".{COMMANDS[command].module}", __package__)
 
 
 def _expected_errors() -> tuple[type[Exception], ...]:

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from companion.cli import COMMANDS, main
+from companion.cli import main
+from companion.command_list import COMMANDS
 
 from .conftest import CHECKOUT
 

@@ -14,7 +14,8 @@ import pytest
 
 import companion
 import drivers
-from companion.cli import COMMANDS, _parser
+from companion.cli import _parser
+from companion.command_list import COMMANDS
 from companion.config.loader import SECTIONS, fields_of
 from companion.diagnostic import DiagnosticCode
 from companion.pipeline.latency import LatencyStage

@@ -75,22 +75,35 @@ def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion simulate-autopilot`."""
-    parser = subparsers.add_parser("simulate-autopilot", help="simulate an autopilot, for `run` without hardware")
+    parser = subparsers.add_parser("simulate-autopilot")
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", required=True, help="configuration of `companion run`"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        required=True,
+        help="configuration of `companion run`, with a simulated camera",
     )
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--px4", action="store_const", dest="kind", const=PX4, default=PX4, help="simulate PX4 (default)")
     kind.add_argument("--ardupilot", action="store_const", dest="kind", const=ARDUPILOT, help="simulate ArduPilot")
     parser.add_argument(
-        "--address", metavar="LINE", help="udpout:HOST:PORT, pty or pty:LINK; default: the address of the service"
+        "--address",
+        metavar="LINE",
+        help="udpout:HOST:PORT, pty or pty:LINK (default: the counterpart of [autopilot] address)",
     )
     parser.add_argument("--armed", action="store_true", help="report an armed vehicle")
-    parser.add_argument("--drift-ppm", type=float, default=0.0, metavar="X", help="clock drift in ppm (default 0)")
     parser.add_argument(
-        "--jitter-ms", type=float, default=0.0, metavar="X", help="delay messages by 0..X ms (default 0)"
+        "--drift-ppm", type=float, default=0.0, metavar="X", help="drift of its clock in ppm (default: 0)"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object, then fly")
+    parser.add_argument(
+        "--jitter-ms",
+        type=float,
+        default=0.0,
+        metavar="X",
+        help="delay each message by a random time of 0 to X ms (default: 0)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object, then run")
 
 
 def run(args: argparse.Namespace) -> int:

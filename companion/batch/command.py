@@ -147,35 +147,51 @@ def _locked(output: str) -> Iterator[None]:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion batch`."""
-    parser = subparsers.add_parser("batch", help="process many flights again, and compare results")
+    parser = subparsers.add_parser("batch")
     parser.add_argument("inputs", nargs="*", metavar="INPUT", help="logs: files, folders, patterns, s3:// addresses")
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder or address of the dataset")
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="use this configuration in place of those in the logs"
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUT",
+        help="folder or address for the tables, or for the report of --compare",
     )
     parser.add_argument(
-        "--compare", nargs=2, metavar=("OUT_A", "OUT_B"), help="compare two results; the report is written to OUT"
+        "-c", "--config", type=Path, metavar="FILE", help="use this configuration instead of the recorded ones"
     )
-    parser.add_argument("--no-pictures", action="store_true", help="with --compare: no pictures")
+    parser.add_argument(
+        "--compare",
+        nargs=2,
+        metavar=("OUT_A", "OUT_B"),
+        help="compare two results of `companion batch` and write a report to OUT",
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="with --compare: draw no pictures")
     parser.add_argument(
         "--engine",
         choices=list(EngineName),
         default=EngineName.LOCAL,
         type=EngineName,
-        help="what runs the flights (local)",
+        help="where the flights are processed: on this computer or on a cluster (default: local)",
     )
-    parser.add_argument("--address", metavar="ADDRESS", help="of the Dask scheduler or the Ray cluster")
+    parser.add_argument("--address", metavar="ADDRESS", help="address of the Dask scheduler or of the Ray cluster")
     parser.add_argument(
-        "--workers", type=number_in(int, 1, 1024), metavar="N", help="processes of the local engine (one per core)"
+        "--workers",
+        type=number_in(int, 1, 1024),
+        metavar="N",
+        help="processes on this computer (default: one per core)",
     )
     parser.add_argument(
-        "--vehicle", metavar="NAME", help="vehicle of all flights (default: the name of each log's folder)"
+        "--vehicle", metavar="NAME", help="name of the vehicle of all logs (default: the name of each log's folder)"
     )
     parser.add_argument(
-        "--near", type=number_in(float, 0.0, 1000.0), default=2.0, metavar="M", help="distance of a near pass (2 m)"
+        "--near",
+        type=number_in(float, 0.0, 1000.0),
+        default=2.0,
+        metavar="M",
+        help="planes nearer than this are near passes (default: 2 m)",
     )
-    parser.add_argument("--planes", action="store_true", help="write the table of all planes")
-    parser.add_argument("--logs", action="store_true", help="write the replayed logs too, without depth images")
+    parser.add_argument("--planes", action="store_true", help="also write the table of all planes")
+    parser.add_argument("--logs", action="store_true", help="also write the replayed logs, without depth images")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -106,26 +106,30 @@ def cut_clips(clips: list[Clip], found: Found) -> None:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion find`."""
     names = "; ".join(f"{name}: {condition.doc}" for name, condition in NAMED.items())
-    parser = subparsers.add_parser("find", help="cut clips out of logs", epilog=f"Named conditions: {names}.")
-    parser.add_argument("dataset", metavar="DATASET", help="output of `companion batch`")
+    parser = subparsers.add_parser("find", epilog=f"Named conditions: {names}.")
+    parser.add_argument("dataset", metavar="DATASET", help="folder or address written by `companion batch`")
     parser.add_argument(
         "condition",
         metavar="CONDITION",
-        help="a name, a filter [[COLUMN, OPERATOR, VALUE], ...], or a Parquet file of rows",
+        help="a named condition (below), a filter [[COLUMN, OPERATOR, VALUE], ...], or a Parquet file of rows",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the clips")
-    parser.add_argument("--table", choices=SEARCHED, default="frames", help="table of the filter (frames)")
+    parser.add_argument(
+        "--table", choices=SEARCHED, default="frames", help="table that a filter is applied to (default: frames)"
+    )
     seconds = number_in(float, 0.0, 600.0)
-    parser.add_argument("--before", type=seconds, default=2.0, metavar="S", help="seconds before (2)")
-    parser.add_argument("--after", type=seconds, default=2.0, metavar="S", help="seconds after (2)")
+    parser.add_argument(
+        "--before", type=seconds, default=2.0, metavar="S", help="seconds before each time (default: 2)"
+    )
+    parser.add_argument("--after", type=seconds, default=2.0, metavar="S", help="seconds after each time (default: 2)")
     parser.add_argument(
         "--limit",
         type=number_in(int, 1, 100_000),
         default=LIMIT,
         metavar="N",
-        help=f"largest number of clips ({LIMIT})",
+        help=f"largest number of clips (default: {LIMIT})",
     )
-    parser.add_argument("--list", action="store_true", help="only list what would be cut")
+    parser.add_argument("--list", action="store_true", help="list the clips without writing them")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

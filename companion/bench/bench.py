@@ -91,16 +91,30 @@ def _measured(view: FrameSequence, extractor: Extractor, frames: int, bar: Calla
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion bench`."""
-    parser = subparsers.add_parser("bench", help="measure the frame rate that this computer reaches")
+    parser = subparsers.add_parser("bench")
     parser.add_argument(
-        "--frames", type=number_in(int, 10, 100_000), default=FRAMES, metavar="N", help=f"frames per view ({FRAMES})"
+        "--frames",
+        type=number_in(int, 10, 100_000),
+        default=FRAMES,
+        metavar="N",
+        help=f"frames of each scene (default: {FRAMES})",
     )
-    parser.add_argument("--size", type=_size, default=SIZE, metavar="WxH", help="size of the depth image (640x480)")
     parser.add_argument(
-        "--hz", type=number_in(float, 0.1, 1000.0), default=HZ, metavar="N", help=f"frame rate of the camera ({HZ:g})"
+        "--size", type=_size, default=SIZE, metavar="WxH", help="size of the depth image in pixels (default: 640x480)"
     )
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="configuration whose [extractor] section is used"
+        "--hz",
+        type=number_in(float, 0.1, 1000.0),
+        default=HZ,
+        metavar="N",
+        help=f"frame rate of the camera to compare with, in Hz (default: {HZ:g})",
+    )
+    parser.add_argument(
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration whose [extractor] and [expert] sections are used",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

@@ -18,8 +18,8 @@ from .template_intrinsics import template_texts
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion check-config`."""
-    parser = subparsers.add_parser("check-config", help="check a configuration file")
-    parser.add_argument("file", type=Path, metavar="FILE", help="a configuration (TOML)")
+    parser = subparsers.add_parser("check-config")
+    parser.add_argument("file", type=Path, metavar="FILE", help="configuration (TOML)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -117,14 +117,30 @@ def demo_problems(done: Demo) -> list[str]:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion demo`."""
-    parser = subparsers.add_parser("demo", help="fly the live service in a simulation, without hardware")
-    parser.add_argument("-o", "--output", type=Path, default=OUTPUT, metavar="DIR", help=f"folder ({OUTPUT})")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="a configuration with a simulated camera")
+    parser = subparsers.add_parser("demo")
     parser.add_argument(
-        "--seconds", type=number_in(float, 1.0, 600.0), metavar="S", help=f"duration of the flight ({SECONDS:g} s)"
+        "-o",
+        "--output",
+        type=Path,
+        default=OUTPUT,
+        metavar="DIR",
+        help=f"folder for log, pictures and page (default: {OUTPUT})",
     )
     parser.add_argument(
-        "--fast", action="store_true", help=f"{FAST_SECONDS:g} s with images {FAST_WIDTH_PX} pixels wide"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration with a simulated camera (default: the demo flight)",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=number_in(float, 1.0, 600.0),
+        metavar="S",
+        help=f"duration of the flight (default: {SECONDS:g} s)",
+    )
+    parser.add_argument(
+        "--fast", action="store_true", help=f"fly {FAST_SECONDS:g} s with images {FAST_WIDTH_PX} pixels wide"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

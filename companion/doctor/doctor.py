@@ -108,21 +108,31 @@ def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion doctor`."""
-    parser = subparsers.add_parser("doctor", help="check all parts before a flight")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help=f"configuration of the service ({INSTALLED})")
+    parser = subparsers.add_parser("doctor")
     parser.add_argument(
-        "--patience", type=float, default=25.0, metavar="S", help="time limit for each camera and the autopilot (25 s)"
+        "-c", "--config", type=Path, metavar="FILE", help=f"configuration of the service (default: {INSTALLED})"
     )
     parser.add_argument(
-        "--apply", action="store_true", help="write the autopilot's parameters after a list and a typed yes"
+        "--patience",
+        type=float,
+        default=25.0,
+        metavar="S",
+        help="time limit for each camera and for the autopilot (default: 25 s)",
     )
     parser.add_argument(
-        "--mount", action="store_true", help="measure the cameras' mounts while the vehicle is turned by hand"
+        "--apply",
+        action="store_true",
+        help="write the parameters that keep the autopilot from braking, after a list and a typed yes; needs a stopped service and a disarmed vehicle",
     )
     parser.add_argument(
-        "--seconds", type=float, default=60.0, metavar="S", help="with --mount: longest measurement (60 s)"
+        "--mount",
+        action="store_true",
+        help="measure roll and pitch of each camera while you turn the vehicle by hand; needs a stopped service",
     )
-    parser.add_argument("--yes", action="store_true", help="with --apply: confirm beforehand")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, metavar="S", help="with --mount: longest measurement (default: 60 s)"
+    )
+    parser.add_argument("--yes", action="store_true", help="with --apply: write without asking")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

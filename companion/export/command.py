@@ -150,14 +150,14 @@ def _arrow_type(arrow: Any, values: Any) -> Any:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion export`."""
-    parser = subparsers.add_parser("export", help="write the results of a log as CSV, NPZ, Parquet or glTF")
+    parser = subparsers.add_parser("export")
     parser.add_argument("input", type=Path, metavar="FILE.mcap", help="a log with prisms")
     parser.add_argument(
-        "-f", "--format", choices=FORMATS, required=True, help="csv, parquet: a directory; npz, gltf: a file"
+        "-f", "--format", choices=FORMATS, required=True, help="csv and parquet write a directory, npz and gltf a file"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="directory or file to write")
     parser.add_argument(
-        "--frame", type=int, metavar="N", help="gltf: number of the frame (default: that with most planes)"
+        "--frame", type=int, metavar="N", help="with gltf: number of the frame (default: the one with most planes)"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, DeviceNotFound, Event
@@ -112,6 +112,15 @@ def open_recording(path: Path, options: ImportOptions, report: Report) -> FrameL
     return Ros2Source(path, options, report)
 
 
+TOPICS: Final = {
+    "depth": "topic of the depth images",
+    "info": "topic of their CameraInfo (default: camera_info beside the depth topic)",
+    "attitude": "topic of the attitude",
+    "pose": "topic of the position (default: that of the attitude)",
+}
+"""Options --NAME-topic with their help."""
+
+
 class _Counted:
     """Passes the events of a source on and counts them."""
 
@@ -145,12 +154,12 @@ class _Counted:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion import`."""
-    parser = subparsers.add_parser("import", help="convert a recording into a log")
+    parser = subparsers.add_parser("import")
     parser.add_argument(
         "source",
         type=Path,
         metavar="DIR|FILE",
-        help="directory with depth PNGs or stereo pairs, TUM directory, ROS 2 .mcap, .db3 or bag",
+        help="directory of depth PNGs or stereo pairs, TUM RGB-D directory, or ROS 2 recording (.mcap, .db3 or bag directory)",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="the log to write")
     parser.add_argument(
@@ -158,26 +167,40 @@ def add_parser(subparsers: Any) -> None:
         "--config",
         type=Path,
         metavar="FILE",
-        help="configuration whose [[camera]] section gives mount and ranges",
+        help="configuration whose [[camera]] section gives mount, ranges and noise",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     camera = parser.add_argument_group("camera (overrides the configuration and the recording)")
-    camera.add_argument("--camera", metavar="NAME", help="name in the log (default: front)")
+    camera.add_argument("--camera", metavar="NAME", help="name of the camera in the log (default: front)")
     camera.add_argument(
         "--mount",
         type=_three,
         metavar="R,P,Y",
-        help="roll,pitch,yaw of the mount in degrees; 20 degrees down: --mount=0,-20,0",
+        help="roll, pitch and yaw of the mount in degrees; a camera that looks 20 degrees down: --mount=0,-20,0",
     )
     camera.add_argument(
-        "--lever-arm", type=_three, metavar="X,Y,Z", help="position on the vehicle: forward,right,down in metres"
+        "--lever-arm",
+        type=_three,
+        metavar="X,Y,Z",
+        help="position relative to the autopilot in metres: forward, right, down",
     )
-    camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer depth is no measurement")
-    camera.add_argument("--max-range-m", type=float, metavar="M", help="farther depth is no measurement")
-    camera.add_argument("--ke", type=float, metavar="1/M", help="depth noise: sigma_Z = ke * Z^2")
-    folder = parser.add_argument_group("a folder, and the log of the flight (.tlog, PX4 .ulg, ArduPilot .bin)")
+    camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer depth counts as not measured, in metres")
+    camera.add_argument(
+        "--max-range-m",
+        type=float,
+        metavar="M",
+        help="range of the camera in metres; what measures farther counts as free up to it",
+    )
+    camera.add_argument("--ke", type=float, metavar="1/M", help="depth noise: standard deviation = ke * depth^2")
+    folder = parser.add_argument_group(
+        "timing, and attitude from a log of the flight (.tlog, PX4 .ulg, ArduPilot .bin)"
+    )
     folder.add_argument(
-        "--frame-latency-ms", type=_latency, default=50.0, metavar="MS", help="delay from exposure to arrival (50 ms)"
+        "--frame-latency-ms",
+        type=_latency,
+        default=50.0,
+        metavar="MS",
+        help="of a directory: delay from exposure to arrival (default: 50 ms)",
     )
     log = folder.add_mutually_exclusive_group()
     log.add_argument(
@@ -185,21 +208,25 @@ def add_parser(subparsers: Any) -> None:
         "--attitude-log",
         type=Path,
         metavar="FILE",
-        help="take the attitude from this log (default: the one in the directory)",
+        help="take attitude and position from this log (default: the one in the directory)",
     )
-    log.add_argument("--no-tlog", action="store_true", help="take the attitude from frames.csv even if there is a log")
+    log.add_argument(
+        "--no-tlog", action="store_true", help="take attitude and position from frames.csv although there is a log"
+    )
     folder.add_argument(
         "--tlog-epoch",
         type=_epoch_us,
         metavar="UNIX_S",
-        help="time of t_ns 0 in the log, unix seconds (seconds since its start where it has no GPS)",
+        help="time of t_ns 0 in the log: Unix time in seconds, or seconds since the autopilot's start if the log has no GPS time (default: found automatically)",
     )
-    folder.add_argument("--system-id", type=int, metavar="ID", help="system id of the vehicle, if the log has several")
-    ros = parser.add_argument_group("ROS 2 recording (needed where several topics fit)")
-    for name in ("depth", "info", "attitude", "pose"):
-        ros.add_argument(f"--{name}-topic", metavar="TOPIC")
+    folder.add_argument(
+        "--system-id", type=int, metavar="ID", help="MAVLink system id of the vehicle, if the log has several"
+    )
+    ros = parser.add_argument_group("topics of a ROS 2 recording (needed only where several fit)")
+    for name, what in TOPICS.items():
+        ros.add_argument(f"--{name}-topic", metavar="TOPIC", help=what)
     ros.add_argument(
-        "--base-frame", default="base_link", metavar="FRAME", help="frame of the vehicle's body (base_link)"
+        "--base-frame", default="base_link", metavar="FRAME", help="frame of the vehicle's body (default: base_link)"
     )
 
 

@@ -13,9 +13,13 @@ from .steps import packaged_file
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion configs`."""
-    parser = subparsers.add_parser("configs", help="list the shipped configurations, or copy one")
-    parser.add_argument("name", nargs="?", metavar="NAME", help="configuration to copy, such as oak")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="the copy (NAME.toml in this directory)")
+    parser = subparsers.add_parser("configs")
+    parser.add_argument(
+        "name", nargs="?", metavar="NAME", help="configuration to copy, such as oak; without it they are listed"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="the copy (default: NAME.toml in this directory)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

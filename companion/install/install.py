@@ -33,16 +33,26 @@ WARMUP_TIMEOUT_S = 3600.0
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion install`."""
-    parser = subparsers.add_parser("install", help="install the service on this computer (needs root)")
+    parser = subparsers.add_parser("install")
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="configuration, such as configs/oak.toml; copied to /etc"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration to copy to /etc/osape-companion/config.toml (default: the one that is there)",
     )
-    parser.add_argument("--replace-config", action="store_true", help="replace an existing configuration")
-    parser.add_argument("--no-start", action="store_true", help="do not start the service before the next boot")
+    parser.add_argument("--replace-config", action="store_true", help="replace the configuration that is there")
+    parser.add_argument("--no-start", action="store_true", help="do not start the service now, but at the next boot")
     parser.add_argument(
-        "--root", type=Path, default=Path("/"), metavar="DIR", help="install files into the root directory of an image"
+        "--root",
+        type=Path,
+        default=Path("/"),
+        metavar="DIR",
+        help="install into the root directory of an image (default: /)",
     )
-    parser.add_argument("--dry-run", action="store_true", help="print the steps without running them")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the steps and what is missing for them, and change nothing"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -16,10 +16,16 @@ from .steps import UNIT, InstallPaths, Step, command_step, folder_size_mb, insta
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion uninstall`."""
-    parser = subparsers.add_parser("uninstall", help="remove the service from this computer (needs root)")
+    parser = subparsers.add_parser("uninstall")
     parser.add_argument("--purge", action="store_true", help="also delete configuration, keys, logs and the user")
-    parser.add_argument("--root", type=Path, default=Path("/"), metavar="DIR", help="root directory of an image")
-    parser.add_argument("--dry-run", action="store_true", help="print the steps without running them")
+    parser.add_argument(
+        "--root",
+        type=Path,
+        default=Path("/"),
+        metavar="DIR",
+        help="remove from the root directory of an image (default: /)",
+    )
+    parser.add_argument("--dry-run", action="store_true", help="print the steps and change nothing")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

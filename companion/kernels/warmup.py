@@ -55,7 +55,7 @@ class Warmup:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion warmup`."""
-    parser = subparsers.add_parser("warmup", help="compile all kernels now, and repair those that are damaged")
+    parser = subparsers.add_parser("warmup")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -112,8 +112,8 @@ def _without_digits(line: str) -> str:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion run`."""
-    parser = subparsers.add_parser("run", help="run the live service: cameras and autopilot in, obstacles out")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help=f"configuration file ({INSTALLED})")
+    parser = subparsers.add_parser("run")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help=f"configuration (default: {INSTALLED})")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -168,11 +168,17 @@ def _span(ns: int) -> str:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion status`."""
-    parser = subparsers.add_parser("status", help="show the state of the running service")
+    parser = subparsers.add_parser("status")
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="configuration of the service, where it publishes elsewhere"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration of the service; needed only if its [publish] addresses are changed",
     )
-    parser.add_argument("--timeout", type=float, default=3.0, metavar="S", help="time limit for a report (3 s)")
+    parser.add_argument(
+        "--timeout", type=float, default=3.0, metavar="S", help="time limit for a report (default: 3 s)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -254,7 +254,7 @@ def _print_anomalies(topic: TopicInfo, start_ns: int) -> None:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion info`."""
-    parser = subparsers.add_parser("info", help="show the content of a log: topics, rates, gaps, damage")
+    parser = subparsers.add_parser("info")
     parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file of any origin")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

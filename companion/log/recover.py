@@ -121,14 +121,14 @@ class _Copy:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion recover`."""
-    parser = subparsers.add_parser("recover", help="repair a damaged or unfinished log")
+    parser = subparsers.add_parser("recover")
     parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file of any origin; it is not changed")
     parser.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="OUT.mcap",
-        help="default: FILE.recovered.mcap; FILE.mcap of FILE.mcap.active",
+        help="the complete log (default: FILE.recovered.mcap, or FILE.mcap for FILE.mcap.active)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

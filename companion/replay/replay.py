@@ -301,19 +301,23 @@ def skipped_live(path: Path) -> frozenset[Key]:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion replay`."""
-    parser = subparsers.add_parser("replay", help="run a log through the pipeline")
-    parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth and attitude")
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with prisms")
+    parser = subparsers.add_parser("replay")
+    parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth images and attitude")
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with the obstacles (prisms)")
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="use this configuration in place of that in the log"
+        "-c", "--config", type=Path, metavar="FILE", help="use this configuration instead of the recorded one"
     )
-    parser.add_argument("--check", action="store_true", help="compare with the prisms in the log")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="compare the result with the prisms in the log, bit by bit; status 1 if they differ",
+    )
     parser.add_argument(
         "--tolerance",
         type=number_in(float, 0.0, 1.0),
         default=0.0,
         metavar="X",
-        help="allowed relative difference for --check on another processor type",
+        help="with --check: allowed relative difference, for another type of processor (default: 0)",
     )
     parser.add_argument("--no-depth", action="store_true", help="leave the depth images out of OUT.mcap")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -33,34 +33,52 @@ NODE: Final = "companion"
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion ros2`."""
-    parser = subparsers.add_parser("ros2", help="publish the results of the running service to ROS 2")
+    parser = subparsers.add_parser("ros2")
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="configuration of the service, where it publishes elsewhere"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration of the service; needed only if its [publish] addresses are changed",
     )
     parser.add_argument(
-        "--keys", type=Path, metavar="DIR", help="directory of the client keys, for streams of another computer"
+        "--keys", type=Path, metavar="DIR", help="directory of the client's keys, for a service on another computer"
     )
     parser.add_argument(
-        "--router", default="tcp/localhost:7447", metavar="ENDPOINT", help="Zenoh router (tcp/localhost:7447)"
+        "--router",
+        default="tcp/localhost:7447",
+        metavar="ENDPOINT",
+        help="address of the Zenoh router (default: tcp/localhost:7447)",
     )
     parser.add_argument(
         "--domain",
         type=number_in(int, 0, 232),
         metavar="N",
-        help="ROS domain (the environment variable ROS_DOMAIN_ID, otherwise 0)",
+        help="ROS domain (default: the environment variable ROS_DOMAIN_ID, otherwise 0)",
     )
-    parser.add_argument("--namespace", default="/osape", metavar="NAME", help="namespace of the topics (/osape)")
     parser.add_argument(
-        "--hz", type=number_in(float, 0.1, 60.0), default=10.0, metavar="N", help="largest rate of each camera (10)"
+        "--namespace",
+        default="/osape",
+        metavar="NAME",
+        help="namespace of topics and node; give each vehicle its own (default: /osape)",
+    )
+    parser.add_argument(
+        "--hz",
+        type=number_in(float, 0.1, 60.0),
+        default=10.0,
+        metavar="N",
+        help="largest rate of each camera in Hz (default: 10)",
     )
     parser.add_argument(
         "--spacing",
         type=number_in(float, 0.02, 5.0),
         default=0.2,
         metavar="M",
-        help="distance of the points of a cloud (0.2 m)",
+        help="largest distance of neighbouring points of a cloud (default: 0.2 m)",
     )
-    parser.add_argument("--no-tf", action="store_true", help="do not publish /tf, where another node does")
+    parser.add_argument(
+        "--no-tf", action="store_true", help="do not publish /tf; for systems in which another node does"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

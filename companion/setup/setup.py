@@ -26,31 +26,62 @@ PATIENCE_S = 25.0
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion setup`."""
-    parser = subparsers.add_parser("setup", help="find the devices and write a configuration")
-    parser.add_argument("-o", "--output", type=Path, default=OUTPUT, metavar="FILE", help=f"configuration ({OUTPUT})")
+    parser = subparsers.add_parser("setup")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=OUTPUT,
+        metavar="FILE",
+        help=f"the configuration to write (default: {OUTPUT})",
+    )
     parser.add_argument("--replace", action="store_true", help="replace an existing file")
     parser.add_argument(
-        "--yes", action="store_true", help="ask nothing: take the flags, the found devices and defaults"
+        "--yes", action="store_true", help="ask nothing: use the options, the devices that are found, and defaults"
     )
-    parser.add_argument("--camera", metavar="KIND[:DEVICE]", help=f"one of {', '.join(SIZES)}, with its device")
-    parser.add_argument("--autopilot", metavar="ADDRESS", help="as in [autopilot]; `none`: no autopilot")
-    parser.add_argument("--pitch", type=float, metavar="DEG", help="camera mount, upwards is positive (0)")
-    parser.add_argument("--yaw", type=float, metavar="DEG", help="camera mount, to the right is positive (0)")
+    parser.add_argument(
+        "--camera",
+        metavar="KIND[:DEVICE]",
+        help=f"kind of the camera ({', '.join(SIZES)}) and its device (default: the one that is found)",
+    )
+    parser.add_argument(
+        "--autopilot",
+        metavar="ADDRESS",
+        help="address as in [autopilot] address (default: searched for); none: no autopilot",
+    )
+    parser.add_argument(
+        "--pitch",
+        type=float,
+        metavar="DEG",
+        help="pitch of the camera mount in degrees, upwards is positive (default: 0)",
+    )
+    parser.add_argument(
+        "--yaw",
+        type=float,
+        metavar="DEG",
+        help="yaw of the camera mount in degrees, to the right is positive (default: 0)",
+    )
     parser.add_argument(
         "--position",
         type=float,
         nargs=3,
         metavar=("X", "Y", "Z"),
-        help="of the camera from the autopilot, in metres: forward, right, down",
+        help="position of the camera relative to the autopilot in metres: forward, right, down (default: 0 0 0)",
     )
-    parser.add_argument("--width", type=float, metavar="M", help="width of the vehicle with rotors (1.0)")
-    parser.add_argument("--height", type=float, metavar="M", help="height of the vehicle (0.5)")
-    parser.add_argument("--calibration", metavar="FILE", default="", help="of a ZED: its SN<serial>.conf")
-    parser.add_argument("--send", action="store_true", help="send obstacles to the autopilot")
     parser.add_argument(
-        "--record", choices=("always", "armed", "off"), help="when to record (always; of a simulated camera off)"
+        "--width", type=float, metavar="M", help="width of the vehicle with rotors in metres (default: 1.0)"
     )
-    parser.add_argument("--no-doctor", action="store_true", help="do not run the doctor at the end")
+    parser.add_argument("--height", type=float, metavar="M", help="height of the vehicle in metres (default: 0.5)")
+    parser.add_argument(
+        "--calibration", metavar="FILE", default="", help="of a ZED: its calibration file SN<serial>.conf"
+    )
+    parser.add_argument("--send", action="store_true", help="send obstacles to the autopilot (default: off)")
+    parser.add_argument(
+        "--record",
+        choices=("always", "armed", "off"),
+        help="when to record a log (default: always; with a simulated camera off)",
+    )
+    parser.add_argument("--no-doctor", action="store_true", help="do not check all parts at the end")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,16 +16,20 @@ from .curve_auth import make_keys
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion keys`."""
-    parser = subparsers.add_parser("keys", help="make keys for the network streams and for MAVLink signatures")
+    parser = subparsers.add_parser("keys")
     parser.add_argument(
         "folder",
         type=Path,
         nargs="?",
         metavar="FOLDER",
-        help="directory of the keys, such as /etc/osape-companion/keys",
+        help="directory for the keys of network streams, such as /etc/osape-companion/keys",
     )
-    parser.add_argument("--client", default="planner", metavar="NAME", help="name of the client (planner)")
-    parser.add_argument("--signing", type=Path, metavar="FILE", help="make a key for MAVLink 2 signatures instead")
+    parser.add_argument(
+        "--client", default="planner", metavar="NAME", help="name of the client that gets a key (default: planner)"
+    )
+    parser.add_argument(
+        "--signing", type=Path, metavar="FILE", help="write a key for MAVLink 2 signatures to FILE instead"
+    )
     parser.add_argument(
         "--passphrase",
         action="store_true",

@@ -199,38 +199,62 @@ def _params(source: McapRecording, views: Views) -> Params:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion view`."""
-    parser = subparsers.add_parser("view", help="draw a log as pictures and a 3-D page")
+    parser = subparsers.add_parser("view")
     parser.add_argument(
-        "input", type=Path, nargs="?", metavar="FILE.mcap", help="a log, usually written by companion replay"
+        "input",
+        type=Path,
+        nargs="?",
+        metavar="FILE.mcap",
+        help="a log with prisms, written by the service, `companion demo` or `companion replay -o`",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="output directory")
-    parser.add_argument("--live", action="store_true", help="serve a page that follows the running service instead")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="directory for the pictures and the page; needed without --live",
+    )
+    parser.add_argument(
+        "--live", action="store_true", help="serve a page that follows the running service; Ctrl-C ends it"
+    )
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--every", type=_positive, metavar="N", help="draw every N-th frame")
     which.add_argument(
-        "--frame", type=int, action="append", default=[], metavar="N", help="draw frame number N (repeatable)"
+        "--every",
+        type=_positive,
+        metavar="N",
+        help="draw a picture of every N-th frame (default: about seven of the log)",
+    )
+    which.add_argument(
+        "--frame", type=int, action="append", default=[], metavar="N", help="draw a picture of frame N; may be repeated"
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--no-png", action="store_true", help="write the page only")
     what.add_argument("--no-page", action="store_true", help="write the pictures only")
-    parser.add_argument("--rerun", action="store_true", help=f"also write {RERUN_NAME} for Rerun (extra rerun)")
+    parser.add_argument("--rerun", action="store_true", help=f"also write {RERUN_NAME} for Rerun (needs rerun-sdk)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     live = parser.add_argument_group("with --live")
     live.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="configuration of the service, where it publishes elsewhere"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration of the service; needed only if its [publish] addresses are changed",
     )
     live.add_argument(
-        "--keys", type=Path, metavar="DIR", help="directory of the client keys, for streams of another computer"
+        "--keys", type=Path, metavar="DIR", help="directory of the client's keys, for a service on another computer"
     )
     live.add_argument(
         "--port",
         type=number_in(int, 0, 65535),
         default=8760,
         metavar="N",
-        help="port of the page (8760); 0: any free port",
+        help="port of the page (default: 8760); 0: any free port",
     )
     live.add_argument(
-        "--listen", default="127.0.0.1", metavar="HOST", help="address to serve (127.0.0.1); 0.0.0.0: the network"
+        "--listen",
+        default="127.0.0.1",
+        metavar="HOST",
+        help="address to serve at (default: 127.0.0.1, this computer only); 0.0.0.0: the whole network, without encryption",
     )
     live.add_argument(
         "--foxglove",
@@ -238,9 +262,11 @@ def add_parser(subparsers: Any) -> None:
         nargs="?",
         const=8765,
         metavar="N",
-        help="also serve a WebSocket for Foxglove's viewer (port 8765)",
+        help="also serve a WebSocket for the Foxglove viewer (default port: 8765)",
     )
-    live.add_argument("--no-depth", action="store_true", help="do not request depth images")
+    live.add_argument(
+        "--no-depth", action="store_true", help="request no depth images, which saves the service their computation"
+    )
 
 
 def _positive(text: str) -> int:

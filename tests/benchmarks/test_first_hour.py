@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.first_hour.personas import PERSONAS
 from benchmarks.first_hour.steps import Session, Step
-from companion.cli import COMMANDS
+from companion.command_list import COMMANDS
 
 pytestmark = pytest.mark.process
 

@@ -1,0 +1,52 @@
+"""The help of `companion`: every command and option is described, and every example is a command line that the parser accepts."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+
+import pytest
+
+from companion.cli import _parser
+from companion.command_list import COMMANDS
+
+EXAMPLES = [(name, line) for name, command in COMMANDS.items() for line in command.examples]
+
+
+def subparser(command: str) -> argparse.ArgumentParser:
+    (found,) = (a for a in _parser(command)._actions if a.dest == "command")
+    assert isinstance(found.choices, dict)
+    parser = found.choices[command]
+    assert isinstance(parser, argparse.ArgumentParser)
+    return parser
+
+
+@pytest.mark.parametrize(("command", "line"), EXAMPLES, ids=[line for _, line in EXAMPLES])
+def test_each_example_is_a_command_line_of_its_command(command: str, line: str) -> None:
+    words = shlex.split(line.removeprefix("sudo "))
+    assert words[:2] == ["companion", command]
+    assert _parser(command).parse_args(words[1:]).command == command
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_option_has_a_help_text_and_examples_are_printed(command: str) -> None:
+    parser = subparser(command)
+    assert [a.option_strings or a.dest for a in parser._actions if not a.help] == []
+    text = parser.format_help()
+    assert all(line in text for line in COMMANDS[command].examples)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_options_with_a_number_name_their_default(command: str) -> None:
+    numbers = [
+        a
+        for a in subparser(command)._actions
+        if isinstance(a.default, (int, float)) and not isinstance(a.default, bool)
+    ]
+    assert [a.option_strings for a in numbers if "default: " not in str(a.help)] == []
+
+
+def test_the_list_of_commands_fits_a_terminal_and_names_each_command() -> None:
+    text = _parser("").format_help()
+    assert [line for line in text.splitlines() if len(line) > 90] == []
+    assert all(f"\n  {name} " in text for name in COMMANDS)
