@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from benchmarks.trace import Calls
 from companion.viewer.colors import depth_rgb
 from core.extractor import Extractor
-from core.stages.classify import noise_tiles
 from core.stages.density import MAX_PEAKS, find_peaks
+from core.stages.spatial_noise import noise_tiles
 from core.stages.strips import HORIZONTAL, IRREGULAR, MERGED, ROUGH, SMOOTH
 from core.types import FAR_MM, UNKNOWN_MM
 from drivers.simulation.source import Rendered

@@ -1,9 +1,10 @@
-"""Disparity noise measured over time: how depth samples of a camera that stands still differ between two frames.
+"""Noise of disparity over time: differences between two frames of a camera that stands still.
 
-Noise of stereo is correlated over neighbouring pixels, so that differences within one image underestimate it. It is not
-correlated from frame to frame: the difference of two frames of one scene has a standard deviation of sqrt(2) sigma,
-whatever the correlation in space.
-"""
+Input: sampled pixels of this frame and of an earlier one, in `ExtractorState`. Output: ke in 1/m and the next state.
+
+Noise of stereo matching is correlated between neighbouring pixels, so that differences within one image underestimate
+it. It is not correlated from frame to frame: the difference of two frames of a static scene has a standard deviation
+of sqrt(2) sigma, whatever the correlation within the image. The paper takes ke as known."""
 
 from __future__ import annotations
 
@@ -16,23 +17,31 @@ from numpy.typing import NDArray
 from ..jit import kernel
 from ..params import Params
 from ..types import GREATEST_MARK_MM, UNKNOWN_MM, CameraInfo, ExtractorState
-from .classify import estimate_ke, measured_mm, noise_tiles
+from .classify import measured_mm
+from .spatial_noise import estimate_ke, noise_tiles
 
 SAMPLE_ROWS, SAMPLE_COLS = 24, 32
-"""Grid of the sampled pixels: 20 px apart at 640x480, farther than the noise of a D435 is correlated."""
+"""Size of the grid of sampled pixels. At 640 x 480 they are 20 px apart, farther than the noise of a D435 is
+correlated."""
 TILE_ROWS, TILE_COLS = 3, 4
-"""Tiles of 8 x 8 samples. In each of them the median difference, which is motion, is taken off."""
+"""Number of tiles of the grid, each with 8 x 8 samples. The median difference of a tile is attributed to motion and
+subtracted."""
 _KEPT_SHARE = 0.8
-"""Share of the deviations, from the least, whose mean is taken: edges of things and mismatches are among the rest."""
+"""Share of the deviations, in ascending order, that enter the mean. The others may come from edges of objects and
+mismatches."""
 _MEAN_OF_KEPT = 0.5587
-"""Mean magnitude of a normal deviate below the 0.8 quantile of its magnitude: sqrt(2/pi) (1 - exp(-1.2816^2 / 2)) / 0.8.
-A mean and not a median, because the differences of a real sensor are whole numbers of disparity steps."""
+"""Mean magnitude of a normal deviate (sigma = 1) below the 0.8 quantile of its magnitude: sqrt(2/pi) (1 -
+exp(-1.2816^2 / 2)) / 0.8. The mean is used instead of the median because the differences of a real sensor are
+whole numbers of disparity steps."""
 _MEDIAN_ERROR = 1.2533
-"""Standard error of a median of n normal deviates, times sqrt(n) / sigma."""
+"""Standard error of the median of n normal deviates, times sqrt(n) / sigma."""
 
 
 def depth_samples(depth_mm: NDArray[np.uint16]) -> bytes:
-    """SAMPLE_ROWS x SAMPLE_COLS pixels of a depth image (H, W), little-endian uint16 millimetres; marks are UNKNOWN_MM."""
+    """Returns the sampled pixels of a depth image as bytes: SAMPLE_ROWS x SAMPLE_COLS little-endian uint16
+    millimetres.
+
+    depth_mm: (H, W) uint16. Values that are marks become UNKNOWN_MM."""
     rows, cols = depth_mm.shape
     v = (2 * np.arange(SAMPLE_ROWS) + 1) * rows // (2 * SAMPLE_ROWS)
     u = (2 * np.arange(SAMPLE_COLS) + 1) * cols // (2 * SAMPLE_COLS)
@@ -43,11 +52,21 @@ def depth_samples(depth_mm: NDArray[np.uint16]) -> bytes:
 
 @kernel
 def tile_differences(before, now, least_mm, greatest_mm, min_samples, differences, tiles):
-    """Difference over time of 1/Z in each tile; returns how many tiles have one.
+    """Computes motion and noise of each tile from the difference of 1/Z over time; returns the number of tiles with a
+    result.
 
-    before, now: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, of which least_mm..greatest_mm are measured. differences: (samples of
-    a tile,) float64 scratch. tiles: (n, 2) float64 out: median difference over its standard error, and sigma of 1/Z of one frame,
-    1/m. Tiles with fewer than min_samples, or in which nothing differs (a frame delivered twice), are left out."""
+    Tiles with too few samples are left out, and so are those in which nothing differs (a frame that was delivered
+    twice).
+
+    Args:
+        before: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame.
+        now: the same of this frame.
+        least_mm: least depth that counts as measured.
+        greatest_mm: greatest depth that counts as measured.
+        min_samples: least number of samples that are measured in both frames.
+        differences: (samples of a tile,) float64 scratch.
+        tiles: (n, 2) float64 out: the median difference over its standard error, and the sigma of 1/Z of one frame in
+            1/m."""
     count = 0
     high, wide = before.shape[0] // TILE_ROWS, before.shape[1] // TILE_COLS
     for tv in range(TILE_ROWS):
@@ -75,10 +94,16 @@ def tile_differences(before, now, least_mm, greatest_mm, min_samples, difference
 def still_sigma(
     before: NDArray[np.uint16], now: NDArray[np.uint16], measured_mm: tuple[int, int], params: Params
 ) -> float:
-    """Noise of 1/Z (1/m) by two sets of samples (SAMPLE_ROWS, SAMPLE_COLS); nan where the camera moved between them, or too
-    few tiles are measured.
+    """Returns the noise of 1/Z in 1/m from two sets of samples; nan if the camera moved or too few tiles are
+    measured.
 
-    It stood still where most tiles differ, in the median, by no more than their noise explains."""
+    The camera stood still if the median difference of most tiles is explained by their noise.
+
+    Args:
+        before: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame.
+        now: the same of this frame.
+        measured_mm: least and greatest depth that count as measured.
+        params: parameters."""
     p = params
     tiles = np.empty((TILE_ROWS * TILE_COLS, 2))
     scratch = np.empty(before.size // len(tiles))
@@ -102,11 +127,19 @@ def observe(
     measured_mm: tuple[int, int],
     params: Params,
 ) -> ExtractorState:
-    """The state after a frame: `still_ke_per_m` updated by this frame, and the samples that a later one is compared with.
+    """Returns the state after a frame, with `still_ke_per_m` and the samples that a later frame is compared with.
 
-    depth_mm, marks: (H, W) uint16, as measured and of `classify`. measured_mm: (least, greatest) that count as measured. Motion
-    adds more to differences over time than noise hides from a short step within the image. The samples are `noise_time_frames` old when they are
-    compared, because filters in a camera may mix successive frames."""
+    The samples are compared when they are `noise_time_frames` old, because filters in a camera may mix successive
+    frames. A result that exceeds the noise within the image by more than `noise_still_ratio` is discarded: motion
+    adds more to the differences over time than correlation hides within the image.
+
+    Args:
+        state: the state before the frame.
+        depth_mm: (H, W) uint16 as delivered.
+        marks: (H, W) uint16 of `classify`.
+        focal_px: focal length.
+        measured_mm: least and greatest depth that count as measured.
+        params: parameters."""
     p = params
     if not p.estimate_noise:
         return state
@@ -132,7 +165,15 @@ def estimate_noise(
     ke_per_m: float,
     params: Params,
 ) -> tuple[float, ExtractorState]:
-    """(noise constant ke of this frame, 1/m; the state after it) by `observe` and `estimate_ke`. ke_per_m: used so far."""
+    """Returns the noise coefficient ke of this frame in 1/m and the state after it, by `observe` and `estimate_ke`.
+
+    Args:
+        state: the state before the frame.
+        depth_mm: (H, W) uint16 as delivered.
+        marks: (H, W) uint16 of `classify`.
+        info: description of the camera.
+        ke_per_m: noise coefficient in use so far.
+        params: parameters."""
     focal_px = info.intrinsics.fx
     after = observe(state, depth_mm, marks, focal_px, measured_mm(info, ke_per_m, params), params)
     # the first measurement over time replaces all estimates before it

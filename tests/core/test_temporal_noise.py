@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from core.params import Params
-from core.stages.classify import classify, estimate_ke, measured_mm
+from core.stages.classify import classify, measured_mm
+from core.stages.spatial_noise import estimate_ke
 from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, depth_samples, observe
 from core.types import CameraInfo, ExtractorState
 from drivers.simulation.sensor_model import SensorModel, measure

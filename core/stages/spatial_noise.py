@@ -1,0 +1,207 @@
+"""Noise of disparity within one depth image, and the noise coefficient ke that a frame uses.
+
+Input: `marks` of `classify` and the estimates so far. Output: ke in 1/m, where the standard deviation of depth is
+sigma_Z = ke Z^2 (the noise model of the paper's Eq. 8).
+
+The paper takes ke as a known constant. A value that is too small turns noise into false planes, so ke is estimated
+here from the second difference of disparity along image rows, in tiles. On a flat surface disparity is a linear
+function of the pixel coordinates, and the second difference is noise alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import kernel, kernel_ieee
+from ..params import Params
+from ..types import FAR_MM
+from .classify import inverse_of_row
+
+_NOISE_BINS, _NOISE_BIN_PX = 512, 0.05
+"""Number and width of the bins of the histogram of second differences. The median is interpolated within a bin."""
+_ROUGHNESS_OF_NOISE = np.float32(0.6745 * math.sqrt(6.0))
+"""Median magnitude of the second difference of three normal deviates with sigma = 1: 0.6745 is the median magnitude
+of one normal deviate, sqrt(1 + 4 + 1) the growth of sigma."""
+
+
+@kernel_ieee
+def tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, out):
+    """Computes the median magnitude of the second difference of disparity in each tile of the image, in pixels.
+
+    The step must be longer than the correlation length of the noise: a matcher smooths over neighbouring pixels, so
+    that a short step underestimates the noise (a D435 shows 0.4 px with a step of 2 px and 1.1 px with one of 8 px).
+
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        focal_px: focal length, which converts 1/Z to disparity.
+        least_mm: pixels whose middle sample is closer are not used.
+        step: distance in pixels between the samples of a difference.
+        row_step: every row_step-th row is used.
+        min_samples: tiles with fewer samples are -1.
+        out: (tiles down, tiles across) float32."""
+    rows, cols = marks.shape
+    down, across = out.shape
+    out[:] = -1.0
+    n = cols - 2 * step
+    if n <= 0:
+        return
+    inverse, bin_of = np.empty(cols, np.float32), np.empty(n, np.uint16)
+    hist = np.empty((across, _NOISE_BINS + 1), np.int32)  # the last bin holds the samples that are not used
+    zero, scale, last = np.float32(0.0), np.float32(focal_px / _NOISE_BIN_PX), np.float32(_NOISE_BINS - 1)
+    nearest = np.float32(1000.0 / least_mm) if least_mm > 0.0 else np.float32(np.inf)
+    for tv in range(down):
+        hist[:] = 0
+        for v in range(tv * rows // down, (tv + 1) * rows // down, row_step):
+            inverse_of_row(marks[v], np.uint16(1), np.uint16(FAR_MM - 1), inverse)
+            a, b, c = inverse[:n], inverse[step : n + step], inverse[2 * step :]
+            for u in range(n):
+                bend = np.uint16(min(abs(a[u] - np.float32(2.0) * b[u] + c[u]) * scale, last))
+                good = (min(a[u], c[u]) > zero) & (b[u] > zero) & (b[u] < nearest)
+                bin_of[u] = bend if good else np.uint16(_NOISE_BINS)
+            for tu in range(across):
+                counts = hist[tu]
+                for u in range(tu * cols // across, (tu + 1) * cols // across - 2 * step):
+                    counts[bin_of[u]] += 1
+        for tu in range(across):
+            total = hist[tu, :_NOISE_BINS].sum()
+            if total >= min_samples:
+                below = 0
+                for i in range(_NOISE_BINS):
+                    if 2 * (below + hist[tu, i]) >= total:
+                        out[tv, tu] = _NOISE_BIN_PX * (i + (0.5 * total - below) / hist[tu, i])
+                        break
+                    below += hist[tu, i]
+
+
+@kernel
+def quantile_of_tiles(tiles, share, least):
+    """Returns a quantile of the tiles that are not negative, linearly interpolated; -1 if fewer than `least` tiles
+    are."""
+    known = np.sort(tiles.ravel()[tiles.ravel() >= 0.0])
+    if len(known) < max(least, 1):
+        return -1.0
+    at = share * (len(known) - 1)
+    below = int(at)
+    above = min(below + 1, len(known) - 1)
+    return known[below] + (at - below) * (known[above] - known[below])
+
+
+@kernel
+def agreeing_tiles(tiles, value, within):
+    """Returns the number of tiles that differ from `value` by a factor of at most `within`."""
+    return ((tiles >= value / within) & (tiles <= value * within)).sum()
+
+
+@kernel
+def noise_of_tiles(marks, focal_px, least_mm, step, row_step, min_samples, share, min_tiles, within, tiles):
+    """Computes the noise of disparity of each tile and of the image.
+
+    Args:
+        marks, focal_px, least_mm, step, row_step, min_samples: see `tile_roughness`.
+        share: the quantile of the tiles that is the noise of the image.
+        min_tiles: least number of tiles with a result.
+        within: factor within which a tile agrees with the noise of the image.
+        tiles: (tiles down, tiles across) float32 out, sigma in px; negative where it is not known.
+
+    Returns:
+        The noise of the image in px, -1 if it is not known, and the number of tiles that agree with it."""
+    tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, tiles)
+    for tv in range(tiles.shape[0]):
+        for tu in range(tiles.shape[1]):
+            tiles[tv, tu] /= _ROUGHNESS_OF_NOISE
+    sigma_px = quantile_of_tiles(tiles, share, min_tiles)
+    return sigma_px, agreeing_tiles(tiles, sigma_px, within)
+
+
+def noise_tiles(
+    marks: NDArray[np.uint16], focal_px: float, params: Params, step_px: int | None = None
+) -> tuple[NDArray[np.float32], float, int]:
+    """Returns the noise of disparity of each tile, that of the image, and the number of tiles that agree with it.
+
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        focal_px: focal length.
+        params: parameters; the tiles and steps are those named `noise_`.
+        step_px: step of the differences for an image of 640 columns; default `noise_step_px`.
+
+    Returns:
+        (noise_tiles_down, noise_tiles_across) float32 sigma in px, negative where it is not known; the noise of the
+            image in px, -1 if it is not known; the number of agreeing tiles."""
+    p = params
+    tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
+    step = max(round((step_px or p.noise_step_px) * marks.shape[1] / 640), 1)
+    sigma_px, agree = noise_of_tiles(
+        marks,
+        focal_px,
+        1000.0 * p.noise_min_depth_m,
+        step,
+        p.noise_row_step,
+        p.noise_min_samples,
+        p.noise_quantile,
+        p.noise_min_tiles,
+        p.noise_agree_ratio,
+        tiles,
+    )
+    return tiles, sigma_px, agree
+
+
+def measured_ke(
+    marks: NDArray[np.uint16], focal_px: float, prior: float, seed: float, still: float, params: Params
+) -> float:
+    """Returns the noise coefficient of one frame in 1/m, limited to prior / noise_prior_span .. prior *
+    noise_prior_span.
+
+    If the noise was measured over time, that value is used, or the value of the image where it is greater and the
+    tiles agree. Without a measurement over time the image alone may lower ke to noise_prior_share of the prior at
+    most, because noise that is correlated over more pixels than the step does not show in the image.
+
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        focal_px: focal length.
+        prior: ke of the camera's description, 1/m.
+        seed: ke in use before this frame, 1/m.
+        still: ke measured over time, 1/m; nan if there is none.
+        params: parameters."""
+    p = params
+    tiles, sigma_px, agree = noise_tiles(marks, focal_px, p)
+    by_image = sigma_px / focal_px if sigma_px >= 0.0 else math.nan
+    agreed = agree >= p.noise_agree_share * tiles.size
+    if math.isfinite(still):
+        ke = max(still, by_image) if agreed and math.isfinite(by_image) else still
+        least = prior / p.noise_prior_span
+    else:
+        ke = by_image if by_image <= seed or (agreed and math.isfinite(by_image)) else seed
+        least = prior * max(p.noise_prior_share, 1.0 / p.noise_prior_span)
+    return min(max(ke, p.min_sigma_px / focal_px, least), prior * p.noise_prior_span)
+
+
+def estimate_ke(
+    marks: NDArray[np.uint16], focal_px: float, prior: float, last: float, still: float, params: Params
+) -> float:
+    """Returns the noise coefficient ke of a frame in 1/m, blended with the last estimate.
+
+    The noise of the image is the lower quartile of its tiles, those of the smoothest surfaces, since foliage and
+    edges only add to it. It raises ke only where the tiles agree: tiles of smooth surfaces do, tiles of foliage do
+    not. The result changes in steps of `noise_grid`, so that tables that depend on it are seldom computed again.
+
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        focal_px: focal length.
+        prior: ke of the camera's description, 1/m.
+        last: estimate of the last frame; nan before the first frame.
+        still: `ExtractorState.still_ke_per_m`.
+        params: parameters. With `estimate_noise` off the result is the prior."""
+    if not params.estimate_noise:
+        return prior
+    seed = last if math.isfinite(last) else prior
+    measured = measured_ke(marks, focal_px, prior, seed, still, params)
+    if measured == seed:
+        return seed
+    memory = params.noise_memory if math.isfinite(last) else 0.0
+    blended = math.exp(memory * math.log(seed) + (1.0 - memory) * math.log(measured))
+    step = math.log(1.0 + params.noise_grid)
+    if math.isfinite(last) and abs(math.log(blended / last)) < params.noise_hold * step:
+        return last
+    return math.exp(step * round(math.log(blended) / step))
