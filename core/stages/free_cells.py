@@ -1,4 +1,7 @@
-"""The cells of a levelled view that the free-range profile samples, laid side by side so that they are counted fast."""
+"""Samples of the levelled view for the free-range profile, in an order in which they are counted fast.
+
+Input: quantised disparity of the exact view. Output: the samples of one direction, block by block of rows, and the
+number of unknown samples and columns. Used by free_space.py."""
 
 from __future__ import annotations
 
@@ -8,17 +11,17 @@ from ..jit import inner
 from .view_geometry import Q_UNKNOWN
 
 DARK_ROWS = 4
-"""Not tuning: rows of a block that is dark where more than half of it is unknown."""
+"""Rows of a block that counts as unknown if more than half of its cells are. It is not a tuning parameter."""
 _COUNTED = 32768
-"""Cells that are counted in one go: as many as 16 bits hold with room to spare."""
+"""Cells that are counted with 16-bit numbers before the sum is widened."""
 
 
 @inner
 def looked_at(rows, looked):
-    """looked: (2, rows) uint16 out: how often a row is looked at in columns of even and of odd number.
+    """Computes how often each row is sampled: looked, (2, rows) uint16 out, for columns of even and of odd index.
 
-    Every second pair of rows, the other ones in the next column: half of the cells, and no line, column or chequers of
-    single cells that would be seen only or never. An odd last row counts twice."""
+    Every second pair of rows is sampled, alternating between neighbouring columns. This is half of the cells, and no
+    row, column or pattern of single cells is sampled only or never. The last row of an odd number counts twice."""
     for v in range(rows):
         turn = (v >> 1) & 1
         looked[turn, v] = 2 if v == rows - 1 and v % 2 == 0 else 1
@@ -27,11 +30,17 @@ def looked_at(rows, looked):
 
 @inner
 def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
-    """Lays the cells of columns u0..u1 - 1 that are looked at side by side, block by block of rows.
+    """Copies the sampled cells of the columns u0..u1 - 1 to `cells`, block by block of rows.
 
-    codes: (cols, rows) uint16; block: rows of a block, even; looked: see `looked_at`. unknown: (rows,) uint16 scratch.
-    cells: uint16 out, room for one for each row of each column and two more. begin: (B + 1,) int64 out, the cells of
-    block b are cells[begin[b]:begin[b + 1]]. dark: (B + 1,) int64 out, the unknown ones of all blocks before b."""
+    Args:
+        codes: (cols, rows) uint16.
+        u0, u1: first column and end.
+        block: rows of a block, an even number.
+        looked: (2, rows) uint16 of `looked_at`.
+        unknown: (rows,) uint16 scratch.
+        cells: uint16 out, with room for one cell per row and column and two more.
+        begin: (B + 1,) int64 out. The cells of block b are cells[begin[b]:begin[b + 1]].
+        dark: (B + 1,) int64 out, the number of unknown cells in all blocks before b."""
     rows = codes.shape[1]
     one, four, wide = np.uint64(1), np.uint64(4), np.uint64(2 * (u1 - u0))
     even = ((u1 + 1) >> 1) - ((u0 + 1) >> 1)
@@ -40,7 +49,7 @@ def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
         odd = u & 1
         column, counted = codes[u], looked[odd]
         for v in range(rows):
-            count = counted[v]  # read in any case, see `kernels`
+            count = counted[v]  # read unconditionally, see core/jit.py
             unknown[v] += count if column[v] == Q_UNKNOWN else np.uint16(0)
         to, at = np.uint64(2 * ((u - u0) >> 1) + 2 * even * odd), np.uint64(2 * odd)
         for _ in range((rows + 2 - 2 * odd) >> 2):
@@ -60,10 +69,14 @@ def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
 
 @inner
 def count_dark_blocks(codes, u0, u1, dark_blocks):
-    """How many of the columns u0..u1 - 1 have dark blocks: DARK_ROWS rows of which more than half are unknown.
+    """Counts blocks of DARK_ROWS rows of which more than half are unknown; returns the number of columns that have
+    any.
 
-    codes: (cols, rows) uint16. dark_blocks: (cols, rows // DARK_ROWS + 1) int16 out, for each of these columns how many of
-    the blocks before b are dark."""
+    Args:
+        codes: (cols, rows) uint16.
+        u0, u1: first column and end.
+        dark_blocks: (cols, rows // DARK_ROWS + 1) int16 out. Line k is the k-th of these columns; element b is the
+            number of such blocks before block b."""
     one, two, three, step = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(DARK_ROWS)
     found = 0
     for u in range(u0, u1):
@@ -82,9 +95,9 @@ def count_dark_blocks(codes, u0, u1, dark_blocks):
 
 @inner
 def count_codes(cells, first, end, least, most):
-    """How many of cells[first..end - 1] have a code of least..most.
+    """Returns how many of cells[first..end - 1] have a code of least..most.
 
-    Counted in numbers as narrow as the codes, so that many are done at a time; in parts that these can hold."""
+    The counts are as narrow as the codes, so that more cells are processed per instruction."""
     least, most, count, last = np.uint16(least), np.uint16(most), np.int64(0), np.uint64(end)
     for begin in range(first, end, _COUNTED):
         part, at = np.uint16(0), np.uint64(begin)

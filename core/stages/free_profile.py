@@ -1,4 +1,6 @@
-"""The free-range profile of a frame: the free ranges of `observe_free`, shortened by the planes, as horizontal ranges."""
+"""Free-range profile of a frame: the free ranges of `observe_free`, limited by the planes, as horizontal ranges.
+
+Input: `FreeObservation` and the planes. Output: `FreeProfile` of the model. Not in the paper."""
 
 from __future__ import annotations
 
@@ -19,10 +21,15 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN = int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), i
 
 @inner
 def hidden_from(x, top, bottom, above, below):
-    """Forward distance from which a plane at x hides a part of the layer z = above..below that it does not stand in; inf:
-    nowhere. top, bottom: of the plane.
+    """Returns the forward distance from which a plane hides part of a layer that it does not reach into; inf if it
+    does not.
 
-    The plane hides what lies behind it between the lines of sight over its top and under its bottom."""
+    The plane hides the space between the lines of sight over its top and under its bottom.
+
+    Args:
+        x: forward distance of the plane, m.
+        top, bottom: heights of the plane, z down, m.
+        above, below: heights of the layer."""
     if below <= top:
         return x * below / top if top < 0.0 else math.inf
     return x * above / bottom if bottom > 0.0 else math.inf
@@ -30,12 +37,22 @@ def hidden_from(x, top, bottom, above, below):
 
 @inner
 def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_to, end):
-    """No free range passes a plane, or reaches into what it hides: shortens free_to to the nearest plane of the direction and
-    layer less its margin, and to where a layer comes behind a plane that stands above or below it.
+    """Shortens free_to where a plane stops or hides a direction and layer.
 
-    pixel_t: tangent of a column, row_t: of a row. The edges of a plane are known to a pixel, whose measurement may be
-    missing: each plane stops a pixel more to the left, to the right, above and below. Its line is followed through that pixel:
-    of a plane seen edge-on one pixel spans metres."""
+    A plane that reaches into the layer ends the free range at its distance minus its margin. A plane above or below
+    the layer ends it where the layer comes behind it. The edges of a plane are known to one pixel, so each plane is
+    extended by one pixel on all sides. Its line is followed through that pixel, because one pixel of a plane that is
+    seen edge-on spans metres.
+
+    Args:
+        count: number of planes.
+        planes: (N,) PLANE.
+        margin: (N,) m.
+        pixel_t, row_t: tangents of a column and of a row.
+        edges_t: (D + 1,) tangents of the directions.
+        layers: (L + 1,) heights.
+        free_to: (D, L) float32 forward distance, in and out.
+        end: (D, L) uint8 FreeEnd, in and out."""
     for k in range(count):
         p = planes[k]
         if p.support < 0:
@@ -62,7 +79,7 @@ def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_
 
 
 def empty_profile(params: Params) -> FreeProfile:
-    """The profile of an invalid frame: one direction all around, no free range."""
+    """Returns the profile of an invalid frame: one direction all around without a free range."""
     layers = layer_edges(params)
     zero = np.zeros((1, len(layers) - 1), np.float32)
     return FreeProfile(
@@ -76,8 +93,10 @@ def empty_profile(params: Params) -> FreeProfile:
 
 @inner
 def as_ranges(edges_t, free_from, free_to):
-    """Forward distances (D, L) to horizontal ranges, in place: by the shorter of both edges of a direction for what is
-    free, by the longer for where that begins."""
+    """Converts forward distances (D, L) to horizontal ranges, in place.
+
+    The conservative edge of a direction is used: the shorter one for the end of the free range, the longer one for
+    its begin."""
     for d in range(free_to.shape[0]):
         a, b = abs(edges_t[d]), abs(edges_t[d + 1])
         near = 0.0 if edges_t[d] * edges_t[d + 1] < 0.0 else min(a, b)
@@ -94,9 +113,15 @@ def free_profile(
     opened: FreeObservation | None = None,
     open_max_range_m: float = math.inf,
 ) -> FreeProfile:
-    """The free-range profile of a frame; see FreeProfile. planes: the first `count` of PLANE, margin: (N,) m. opened: what is
-    free or open (`open_space.observe_open`); nothing is open beyond the horizontal range open_max_range_m. Uses up `seen` and
-    `opened`."""
+    """Returns the free-range profile of a frame. `seen` and `opened` are modified.
+
+    Args:
+        seen: free ranges of `observe_free`.
+        count: number of planes.
+        planes: (N,) PLANE.
+        margin: (N,) m.
+        opened: free or open ranges of `observe_open`; None: nothing is open.
+        open_max_range_m: horizontal range beyond which nothing is open."""
     for s in (seen,) if opened is None else (seen, opened):
         stop_at_planes(count, planes, margin, s.pixel_t, s.row_t, s.edges_t, s.layers_m, s.free_to_m, s.end)
         as_ranges(s.edges_t, s.free_from_m, s.free_to_m)
@@ -117,7 +142,7 @@ def free_profile(
 def _beyond_free(
     seen: FreeObservation, opened: FreeObservation, most_m: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """(open_from_dm, open_to_dm) of FreeProfile, up to the horizontal range most_m."""
+    """Returns (open_from_dm, open_to_dm) of FreeProfile, up to the horizontal range most_m."""
     to_m = np.minimum(opened.free_to_m, min(most_m, 25.5))
     first, last = np.ceil(10.0 * opened.free_from_m), np.floor(10.0 * to_m)
     farther = (last > first) & (0.1 * last > seen.free_to_m)

@@ -1,14 +1,17 @@
-"""The free-range profile: which space in front of the camera was observed to be free, and why each free range ends.
+"""Observed free space: for each direction and layer of height, the range that was measured to be free, and why it
+ends.
 
-Planes alone cannot answer "is it free?": the space between a pole and the wall behind it is unknown. For each direction
-and layer of height the profile walks outward in rings; a ring is free when `free_share` of the cells that look at the
-layer there see farther. Unknown pixels, cells outside the source and ground that comes too early never count as seen. No
-column may be unknown over most of the layer: pixels that drop out here and there hide nothing, a column of them hides a
-pole or the end of a wall.
+Input: quantised disparity of the exact view, without pooling, and the ground. Output: `FreeObservation`, which
+free_profile.py limits by the planes. The paper has no free space: its rectangles have a free side, but the space
+between a pole and the wall behind it is unknown.
 
-The camera's range is an optical depth Z, while rings are forward distances X in the level frame. A ring is free only where
-the whole of its layer lies within the range, so that a tilted camera calls nothing free that it cannot measure.
-"""
+The search walks outward in rings of equal forward distance. A ring is free if `free_share` of the cells that cover
+the layer there measure a greater distance. Unknown cells, cells outside of the source and ground that is too near are
+not free. No column may be unknown over most of the layer: single missing pixels hide nothing, a column of them may
+hide a pole or the end of a wall.
+
+The range of the camera is an optical depth Z, while rings are forward distances X in level_cam. A ring is free only
+if its whole layer lies within the range."""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ from .level import seen_rows
 from .view_geometry import Q_FAR, ViewGeometry
 
 _MAX_RINGS = 250
-"""Rings are counted in one byte; beyond so many nothing is called free."""
+"""Greatest number of rings; their index fits one byte. Space beyond them is not free."""
 _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.NOT_SEEN),
     int(FreeEnd.OBSTACLE),
@@ -40,36 +43,37 @@ WALK_SETTINGS = record(
     ("f_px", np.float64),
     ("horizon_row", np.float64),
     ("rows", np.int64),
-    ("block_rows", np.int64),
-    ("height_m", np.float64),
+    ("block_rows", np.int64),  # rows that are counted together, an even number
+    ("height_m", np.float64),  # of the ground; infinite if there is none
     ("slope_x", np.float64),
     ("slope_y", np.float64),
-    ("tolerance_m", np.float64),
-    ("spread", np.float64),
-    ("blind_beyond_m", np.float64),
-    ("free_share", np.float64),
-    ("least_m", np.float64),
-    ("ahead", np.float64),
+    ("tolerance_m", np.float64),  # of the ground
+    ("spread", np.float64),  # noise of the ground's height per metre of distance
+    ("blind_beyond_m", np.float64),  # beyond it low obstacles cannot be distinguished from the ground
+    ("free_share", np.float64),  # share of the cells that makes a ring free
+    ("least_m", np.float64),  # least height of a layer above the ground
+    ("ahead", np.float64),  # the optical depth of a point of level_cam is ahead x + right y + down z
     ("right", np.float64),
     ("down", np.float64),
-    ("clear_m", np.float64),
-    ("gain", np.float64),
-    ("ring_noise", np.float64),
-    ("ring_noise_cap", np.float64),
-    ("ring_m", np.float64),
-    ("step_rad", np.float64),
+    ("clear_m", np.float64),  # greatest optical depth that counts as measured
+    ("gain", np.float64),  # f_px * lsb_per_px
+    ("ring_noise", np.float64),  # noise of distance over the square of the distance, 1/m
+    ("ring_noise_cap", np.float64),  # its greatest share of the distance
+    ("ring_m", np.float64),  # step of range
+    ("step_rad", np.float64),  # step of direction
 )
-"""f_px, horizon_row, rows: of the view; block_rows: rows that are counted together, even. height_m to blind_beyond_m: the
-ground, its tolerance and the noise of its height over range; without a ground its height is infinite. free_share,
-least_m: what counts as free, and the least height of a layer above the ground. The optical depth of a point of level_cam is
-ahead x + right y + down z; clear_m: up to where it counts as measured. gain: f_px * lsb_per_px. ring_noise: noise of
-distance over its square, ring_noise_cap: its greatest share of the distance. ring_m, step_rad: steps of range and
-direction."""
+"""Settings of the walk for one view and ground."""
 
 
 class Sampled(NamedTuple):
-    """The cells of one direction: cells, begin and unknown of `look_at`, the rows (first, last) of `rows_in_source`, and
-    dark_blocks of `count_dark_blocks`, of the columns that have any."""
+    """Samples of one direction.
+
+    Attributes:
+        cells: (N,) uint16 of `look_at`.
+        begin: (B + 1,) int64 of `look_at`.
+        unknown: (B + 1,) int64, `dark` of `look_at`.
+        in_source: (first, last) row, see `rows_in_source`.
+        dark_blocks: (K, blocks + 1) int16 of `count_dark_blocks`, the columns that have any."""
 
     cells: Any
     begin: Any
@@ -79,7 +83,12 @@ class Sampled(NamedTuple):
 
 
 class FreeRanges(NamedTuple):
-    """D directions and L layers: free_from, free_to (D, L) float32 forward distances, end (D, L) uint8."""
+    """Free ranges of D directions and L layers.
+
+    Attributes:
+        free_from: (D, L) float32 forward distance, m.
+        free_to: (D, L) float32 forward distance, m.
+        end: (D, L) uint8 FreeEnd."""
 
     free_from: Any
     free_to: Any
@@ -87,7 +96,7 @@ class FreeRanges(NamedTuple):
 
 
 def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke_per_m: float, p: Params) -> NDArray[Any]:
-    """(1,) WALK_SETTINGS of a view and the ground found in it."""
+    """Returns (1,) WALK_SETTINGS of a view and the ground found in it."""
     out = np.zeros(1, WALK_SETTINGS)
     right, down = float(g.H[2, 0]) * g.f_px / float(g.lateral[0]), float(g.H[2, 1]) * g.f_px
     out[0] = (
@@ -118,19 +127,31 @@ def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke_per_m: flo
 
 @inner
 def optical_depth(x, t0, t1, top, bottom, w):
-    """Greatest optical depth Z at forward distance x between the directions t0, t1 (y/x) and the heights z = top, bottom.
+    """Returns the greatest optical depth Z at forward distance x between two directions and two heights.
 
-    Z is linear in the place: the greatest is that of a corner. w: a record of WALK_SETTINGS."""
+    Z is a linear function of the place, so its maximum is at a corner.
+
+    Args:
+        x: forward distance, m.
+        t0, t1: tangents y/x of the directions.
+        top, bottom: heights z, m.
+        w: a record of WALK_SETTINGS."""
     return x * (w.ahead + max(w.right * t0, w.right * t1)) + max(w.down * top, w.down * bottom)
 
 
 @inner
 def code_behind(gain, spread, cap, x):
-    """The least code that does not see through distance x: it measures no more than x when it is brought nearer by its
-    noise, min(spread X, cap) X. 2..65536.
+    """Returns the least code whose pixel may lie at or before distance x, 2..65536.
 
-    gain: f_px * lsb_per_px. Distance less noise rises with distance (cap <= 0.5), so there is one such code. Unknown sees
-    through nothing; what is far sees through all within the range, which `walk_rings` keeps to."""
+    The measured distance X is reduced by its noise, min(spread X, cap) X. The reduced distance increases with X
+    because cap <= 0.5, so there is one such code. Far pixels are behind all rings, which `walk_rings` limits to the
+    range.
+
+    Args:
+        gain: f_px * lsb_per_px.
+        spread: noise of distance over the square of the distance, 1/m.
+        cap: greatest noise as a share of the distance.
+        x: forward distance, m."""
     first, last = Q_FAR + 1, 65536
     for _ in range(17):
         if first >= last:
@@ -146,32 +167,38 @@ def code_behind(gain, spread, cap, x):
 
 @inner
 def codes_behind(ring_m, edges_t, layers, w, behind):
-    """behind: (L, R) int32 out, `code_behind` of each layer at each ring.
+    """Computes `code_behind` of each layer at each ring: behind, (L, R) int32 out.
 
-    ring_noise holds where a ray's optical depth is its forward distance; elsewhere it is Z/X times as much, since
-    sigma_X = ke Z X. The greatest of the layer is taken. ring_m: (R,) float32. w: a record of WALK_SETTINGS."""
+    The noise of forward distance is sigma_X = ke Z X: ring_noise is multiplied by the greatest Z/X of the layer.
+
+    Args:
+        ring_m: (R,) float32 forward distances.
+        edges_t: (D + 1,) tangents of the directions.
+        layers: (L + 1,) heights.
+        w: a record of WALK_SETTINGS.
+        behind: (L, R) int32 out."""
     last = len(edges_t) - 1
     for layer in range(len(layers) - 1):
         for r in range(len(ring_m)):
-            x = np.float64(ring_m[r])  # else a comparison without the JIT is in float32
+            x = np.float64(ring_m[r])  # without the JIT the comparison would be in float32
             per_forward = optical_depth(x, edges_t[0], edges_t[last], layers[layer], layers[layer + 1], w) / x
             behind[layer, r] = code_behind(w.gain, w.ring_noise * max(per_forward, 0.0), w.ring_noise_cap, x)
 
 
 @inner
 def lowest_clear(t, x, w):
-    """z down to which free space can be distinguished from ground in direction t (y/x) at distance x. w: a record of WALK_SETTINGS.
+    """Returns the z down to which free space can be distinguished from the ground, in direction t (y/x) at distance
+    x.
 
-    What is lower than the ground's tolerance or its noise at that distance was taken for ground: nothing is known
-    about it."""
+    Pixels within the tolerance of the ground, or within its noise at that distance, were taken for ground. w: a
+    record of WALK_SETTINGS."""
     return w.height_m + (w.slope_x + w.slope_y * t) * x - max(w.tolerance_m, w.spread * x)
 
 
 @inner_inline
 def rows_between(x, top, lower, w):
-    """(first, last) of the rows from z = top down to lower at distance x; -1, -1 where the view does not hold all of them.
-
-    w: a record of WALK_SETTINGS."""
+    """Returns (first, last) of the rows from z = top down to lower at distance x; (-1, -1) if the view does not
+    contain all of them."""
     v0, v1 = math.floor(w.horizon_row + w.f_px * top / x + 0.5), math.ceil(w.horizon_row + w.f_px * lower / x - 0.5)
     if v0 < 0 or v1 >= w.rows:
         return -1, -1
@@ -180,7 +207,8 @@ def rows_between(x, top, lower, w):
 
 @inner
 def rows_of_rings(ring_m, layers, w, rows):
-    """rows: (L, R, 2) int64 out, `rows_between` of each whole layer at each ring: the same in all directions."""
+    """Computes `rows_between` of each whole layer at each ring: rows, (L, R, 2) int64 out. It is the same in all
+    directions."""
     for layer in range(len(layers) - 1):
         for r in range(len(ring_m)):
             first, last = rows_between(ring_m[r], layers[layer], layers[layer + 1], w)
@@ -189,9 +217,10 @@ def rows_of_rings(ring_m, layers, w, rows):
 
 @inner
 def rows_in_source(H, u0, u1, src_cols, src_rows, rows):
-    """(first, last) of the rows that lie in the source image in each of the columns u0..u1 - 1; first > last: none.
+    """Returns (first, last) of the rows that lie in the source in all columns u0..u1 - 1; first > last if there are
+    none.
 
-    What lies outside is unknown in one piece and would hide a thing there, unlike pixels that drop out here and there."""
+    Cells outside of the source are unknown in one piece, which may hide an obstacle, unlike single missing pixels."""
     first, last = 0, rows - 1
     for u in range(u0, u1):
         begin, end = seen_rows(H, u, src_cols, src_rows, rows)
@@ -201,8 +230,9 @@ def rows_in_source(H, u0, u1, src_cols, src_rows, rows):
 
 @inner
 def hides_column(dark_blocks, v0, v1):
-    """Whether a column is dark in more than half of the blocks in the rows v0..v1, rounded outwards. dark_blocks: of
-    `count_dark_blocks`."""
+    """True if a column is unknown in more than half of its blocks in the rows v0..v1, rounded outward.
+
+    dark_blocks: see `Sampled`."""
     b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
     most = 0
     for u in range(dark_blocks.shape[0]):
@@ -212,10 +242,20 @@ def hides_column(dark_blocks, v0, v1):
 
 @inner
 def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
-    """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
+    """Walks outward through one direction and layer; returns (first, last, end) of the free rings, (-1, -1, end) if
+    there are none.
 
-    sampled: Sampled of the direction between t0 and t1; behind: (R,) of `codes_behind`; rows: (R, 2) of `rows_of_rings`. The layer reaches from z = top down to bottom, or to `lowest_clear`; where that may
-    hide an obstacle of the least height, none of it is free. Nothing is free beyond the range. w: a record of WALK_SETTINGS."""
+    The layer reaches from z = top down to bottom, or to `lowest_clear` if that is higher. If the part below may hide
+    an obstacle of the least height, no part of it is free. Nothing is free beyond the range.
+
+    Args:
+        sampled: Sampled of the direction.
+        t0, t1: tangents of its edges.
+        ring_m: (R,) float32.
+        behind: (R,) int32 of `codes_behind`.
+        rows: (R, 2) int64 of `rows_of_rings`.
+        top, bottom: heights of the layer.
+        w: a record of WALK_SETTINGS."""
     t, block = 0.5 * (t0 + t1), w.block_rows
     begin, unknown, in_source = sampled.begin, sampled.unknown, sampled.in_source
     first, last, why = -1, -1, _NOT_SEEN
@@ -246,7 +286,7 @@ def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
         total, dark = to_cell - from_cell, unknown[b1] - unknown[b0]
         known, enough, near_enough = total - dark, w.free_share * total, (1.0 - w.free_share) * total
         if first < 0 and known < enough and known <= near_enough:
-            why = _UNKNOWN  # whatever these cells measure, they neither make the ring free nor end the walk
+            why = _UNKNOWN  # too few known cells to make the ring free or to end the walk
             continue
         seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, behind[r] - 1)
         if total > 0 and seen >= enough and not hides_column(sampled.dark_blocks, v0, v1):
@@ -265,10 +305,18 @@ def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
 
 @kernel
 def walk_view(codes, view, image, edges_t, behind, ring_m, layers, w, out):
-    """Every direction and layer of a levelled view.
+    """Computes the free ranges of every direction and layer of a levelled view.
 
-    codes: (cols, rows) uint16 of the view, not pooled. image: a record of SOURCE. edges_t: (D + 1,) float64; behind: (L, R) of
-    `codes_behind`. out: FreeRanges."""
+    Args:
+        codes: (cols, rows) uint16 of the view without pooling.
+        view: ViewGeometry.
+        image: a record of SOURCE.
+        edges_t: (D + 1,) float64.
+        behind: (L, R) int32 of `codes_behind`.
+        ring_m: (R,) float32.
+        layers: (L + 1,) float32.
+        w: a record of WALK_SETTINGS.
+        out: FreeRanges."""
     cols, rows = codes.shape
     block, cu, f_u = w.block_rows, view.cu, view.f_px / np.float64(view.lateral[0])
     cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
@@ -305,10 +353,10 @@ def walk_view(codes, view, image, edges_t, behind, ring_m, layers, w, out):
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:
-    """(L + 1,) float32 edges of the profile's layers in z, metres, increasing; read-only.
+    """Returns the edges of the profile's layers, (L + 1,) float32 z in metres, increasing, read-only.
 
-    Inner layers lie around the height of the camera, outer ones above and below them up to profile_reach_m. There are no
-    outer layers where the inner ones reach as far."""
+    Inner layers are centred on the height of the camera. Outer layers extend above and below them to profile_reach_m,
+    if that is farther than the inner layers reach."""
     p = params
     return _layer_edges(p.profile_layers, p.profile_layer_m, p.profile_outer_layers, p.profile_reach_m)
 
@@ -326,8 +374,17 @@ def _layer_edges(inner: int, inner_m: float, outer: int, reach_m: float) -> NDAr
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FreeObservation:
-    """Free ranges by pixels alone, before any plane: forward distances. edges_rad, edges_t: (D + 1,) float64 azimuths and
-    their tangents; pixel_t, row_t: tangent of a column and of a row of the view; layers_m: (L + 1,) float32; free_from_m, free_to_m: (D, L) float32; end: (D, L) uint8."""
+    """Free ranges by pixels alone, before they are limited by planes. Ranges are forward distances.
+
+    Attributes:
+        edges_rad: (D + 1,) float64, azimuths of the edges of the directions.
+        edges_t: (D + 1,) float64, their tangents.
+        pixel_t: tangent of a column of the view.
+        row_t: tangent of a row of the view.
+        layers_m: (L + 1,) float32, edges of the layers, z down.
+        free_from_m: (D, L) float32.
+        free_to_m: (D, L) float32.
+        end: (D, L) uint8 FreeEnd."""
 
     edges_rad: NDArray[np.float64]
     edges_t: NDArray[np.float64]
@@ -342,7 +399,15 @@ class FreeObservation:
 def observe_free(
     codes: NDArray[np.uint16], view: ViewGeometry, source: NDArray[Any], ground: Ground, ke_per_m: float, params: Params
 ) -> FreeObservation:
-    """Free ranges by the pixels of a levelled view that is not pooled. source: (1,) SOURCE."""
+    """Returns the free ranges by the pixels of a levelled view without pooling.
+
+    Args:
+        codes: (cols, rows) uint16.
+        view: geometry of `codes`.
+        source: (1,) SOURCE.
+        ground: ground of the frame.
+        ke_per_m: noise coefficient.
+        params: parameters."""
     layers = layer_edges(params)
     settings = walk_settings(view, ground, float(source["clear_m"][0]), ke_per_m, params)
     edges, edges_t, free_from, free_to, end = see_free(codes, view, source, layers, settings)
@@ -360,10 +425,14 @@ def observe_free(
 
 @kernel
 def see_free(codes, view, source, layers, settings):
-    """(edges_rad, edges_t, free_from_m, free_to_m, end) of FreeObservation by `codes_behind` and `walk_view`.
+    """Returns (edges_rad, edges_t, free_from_m, free_to_m, end) of FreeObservation.
 
-    Directions are step_rad wide but for the last one; rings of ring_m up to clear_m. layers: `layer_edges`; settings: (1,)
-    WALK_SETTINGS."""
+    Directions are step_rad wide, except for the last one. Rings are ring_m apart, up to clear_m.
+
+    Args:
+        codes, view, source: see `observe_free`.
+        layers: of `layer_edges`.
+        settings: (1,) WALK_SETTINGS."""
     w, image = settings[0], source[0]
     cu, f_u, step_rad, ring, clear_m = view.cu, view.f_px / np.float64(view.lateral[0]), w.step_rad, w.ring_m, w.clear_m
     first, last = math.atan((-0.5 - cu) / f_u), math.atan((codes.shape[0] - 0.5 - cu) / f_u)

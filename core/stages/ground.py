@@ -1,9 +1,13 @@
-"""The horizontal surface under the camera, found once per frame before any density is counted.
+"""Finds the horizontal surface below the camera, once per frame before the density is computed.
 
-Flat ground fills about as many pixels per kernel width at any range while the obstacle threshold falls with range, so
-left in it becomes an obstacle far away. Here: votes of pixel pairs without a steep surface for a height, a check that little
-lies below, a bounded plane fit. Where none is found none is assumed.
-"""
+Input: the marks of `classify` and the attitude. Output: `Ground`: height, slopes, and the ranges at which it was
+measured, or NO_GROUND.
+
+The paper identifies horizontal surfaces per column, among the pixels that remain (Section 4.3, Eq. 10-14). That is
+too late for the ground: flat ground fills about the same number of pixels per kernel width at any range, while the
+obstacle threshold (Eq. 6) decreases with range, so that distant ground becomes an obstacle. Here pairs of pixels that
+are not on a steep surface vote for a height, the height is accepted if few pixels lie below it, and a plane with
+bounded slopes is fitted. If no height is accepted, no ground is assumed."""
 
 from __future__ import annotations
 
@@ -22,16 +26,17 @@ from ..types import FAR_MM, CameraInfo, Ground
 
 NO_GROUND = Ground(seen=False)
 _STEPS_FROM_M = 0.12
-"""Steps of height are counted from here, whatever the least height considered is: it does not shift them."""
+"""Height at which the steps of height begin. It does not depend on the least height considered, so that that
+parameter does not shift the steps."""
 _FAR = np.uint16(FAR_MM)
 _CLIMB_MOST = 2.0 / 3.0
-"""Of the camera's height: a pair of pixels reaches no farther up. A few centimetres above the ground the least climb of a
-pair would reach over the horizon, and no pair of the ground would vote."""
+"""Greatest climb of a pair as a share of the camera's height. At a height of a few centimetres the least climb would
+otherwise reach over the horizon, and no pair on the ground would vote."""
 GROUND_SETTINGS = record(
-    ("pair_rows_min", np.float64),
+    ("pair_rows_min", np.float64),  # rows between the two pixels of a pair
     ("pair_rows_max", np.float64),
-    ("tolerance_m", np.float64),
-    ("cap_m", np.float64),
+    ("tolerance_m", np.float64),  # `ground_tolerance_m`, at most cap_m
+    ("cap_m", np.float64),  # greatest tolerance
     ("min_height_m", np.float64),
     ("max_height_m", np.float64),
     ("height_step", np.float64),
@@ -60,25 +65,24 @@ GROUND_SETTINGS = record(
     ("tries", np.int64),
     ("fit_rounds", np.int64),
 )
-"""pair_rows_min and pair_rows_max: rows between the pixels of a pair; cap_m: most that the tolerance is, tolerance_m: at most
-that. All others are the parameters of these names with `ground_` before them."""
+"""Settings of the ground search. Fields without a comment are the parameters of these names with the prefix
+`ground_`."""
 _named_parameters = attrgetter(*(f"ground_{name}" for name in (GROUND_SETTINGS.names or ())[4:]))
 
 POINT = record(
-    ("x", np.float32),
+    ("x", np.float32),  # place in level_cam, m
     ("y", np.float32),
     ("z", np.float32),
-    ("per_height", np.float32),
-    ("level", np.float32),
-    ("tangent_step", np.float32),
-    ("inverse_step", np.float32),
+    ("per_height", np.float32),  # a point of ground at height h has a sigma of height of h / per_height
+    ("level", np.float32),  # 1 if the pixel voted, else 0
+    ("tangent_step", np.float32),  # difference of z/x to the other pixel of its pair, 0 if there is none
+    ("inverse_step", np.float32),  # difference of 1/x
 )
-"""A sampled pixel: its place in level_cam, m; 1/sigma_h per metre of height; 1 where it voted, else 0; by how much its z/x and
-its 1/x exceed those of the pixel it is paired with, 0 where there is none."""
+"""A sampled pixel."""
 
 
 def ground_settings(rows: int, p: Params) -> NDArray[Any]:
-    """(1,) GROUND_SETTINGS for pictures of so many rows."""
+    """Returns (1,) GROUND_SETTINGS for images of this number of rows."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
     derived = p.ground_pair_min_px, rows // p.ground_pair_parts, min(p.ground_tolerance_m, cap), cap
     out = np.zeros(1, GROUND_SETTINGS)
@@ -87,25 +91,34 @@ def ground_settings(rows: int, p: Params) -> NDArray[Any]:
 
 
 def height_bins(p: Params) -> int:
-    """How many steps of height are counted: a few beyond the greatest height considered."""
+    """Returns the number of steps of height, a few more than the greatest height considered needs."""
     return 4 + math.ceil(math.log(max(p.ground_max_height_m / p.ground_min_height_m, 1.0)) / p.ground_height_step)
 
 
 @inner
 def step_of(height_m, bin_step):
-    """The step of height that holds a height > 0, over log height; below 0 under _STEPS_FROM_M."""
+    """Returns the index of the step that holds a height > 0. Steps are uniform in log(height), negative below
+    _STEPS_FROM_M."""
     return int(math.floor(math.log(height_m / _STEPS_FROM_M) / bin_step))
 
 
 @inner
 def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
-    """Votes for the height of horizontal surfaces; returns (points written, pixels sampled).
+    """Votes for the heights of horizontal surfaces; returns (points written, pixels sampled).
 
-    marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: a record of GROUND_SETTINGS. votes: (bins,)
-    int32 over log height. points: (N,) POINT out.
+    Two pixels of one source column form a pair. It votes for its mean height if the height changes between them by
+    only a small part of what a wall would show over the same rows.
 
-    A pair of pixels in one source column votes when what lies between them climbs
-    little of what a wall would show over the same rows."""
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        R: (3, 3) R_level_optical.
+        k: (4,) fx, fy, cx, cy.
+        ke: noise coefficient, 1/m.
+        column_step: every column_step-th column is sampled.
+        row_step: every row_step-th row is sampled.
+        tuning: a record of GROUND_SETTINGS.
+        votes: (bins,) int32 out, votes per step of height.
+        points: (N,) POINT out. Further samples vote but are not written."""
     rows, cols = marks.shape
     least, bin_step = tuning.min_height_m, tuning.height_step
     bins, lowest = len(votes), step_of(least, bin_step)
@@ -131,7 +144,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
                 n += 1
             if z < least or x <= 0.0:
                 continue
-            # what a wall would climb over the rows that are looked at
+            # the height that a wall covers over the rows of the pair
             climb_min = min(tuning.pair_climb_min_m, _CLIMB_MOST * z)
             climb = min(max(tuning.pair_climb * z, climb_min), tuning.pair_climb_max_m)
             v2 = v - int(max(tuning.pair_rows_min, min(tuning.pair_rows_max, climb * k[1] * d)))
@@ -158,11 +171,18 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
 
 @inner
 def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
-    """(slope_x, slope_y): weighted least squares of z over (x, y) with an intercept, shrunk to 0 where the data do not
-    carry them, no steeper than limit.
+    """Returns the slopes (x, y) of a weighted least-squares plane with an intercept, not steeper than `limit`.
 
-    sums: w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr over the pixels, r their height off a plane of slopes slope_x, slope_y
-    that lies height_off too low."""
+    The plane is z = h + slope_x x + slope_y y (ours). A prior pulls the slopes to 0 where the points do not determine
+    them.
+
+    Args:
+        sums: (w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr), weighted sums over the points, where r is the height of a
+            point above a plane with the slopes slope_x, slope_y that lies `height_off` too low.
+        height_off: see `sums`, m.
+        slope_x, slope_y: see `sums`.
+        prior: standard deviation of a slope.
+        limit: greatest magnitude of the slope."""
     w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = sums
     r0 = wr + slope_x * wx + slope_y * wy - height_off * w
     rx = wxr + slope_x * wxx + slope_y * wxy - height_off * wx - r0 * wx / w
@@ -176,16 +196,26 @@ def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
 
 @inner
 def fit_cap(sigma, tuning):
-    """Most that a point of the ground lies off it: what cuts deeper into its noise holds a fit where it began."""
+    """Returns the greatest distance of a point of the ground from the plane that is fitted, in metres.
+
+    A smaller one would cut into the noise of the points, and the fit could not move from where it starts."""
     return max(tuning.cap_m, tuning.fit_sigmas * sigma)
 
 
 @inner
 def fit_ground(points, height, tuning):
-    """(seen, height, slope_x, slope_y, share): z = h + sx x + sy y through the points near a height, slopes bounded.
+    """Fits the plane z = h + slope_x x + slope_y y to the points near a height, with bounded slopes.
 
-    points: (N,) POINT of `vote`. Not seen: too few lie on it, or too much below it, or those on it do not recede from row to
-    row as it would. share: of the points that lie on it."""
+    The plane is refused if too few points lie on it, too many below it, or if its points do not recede from row to
+    row as on a horizontal surface.
+
+    Args:
+        points: (N,) POINT of `vote`.
+        height: height to begin with, m below the camera.
+        tuning: a record of GROUND_SETTINGS.
+
+    Returns:
+        (accepted, height, slope_x, slope_y, share of the points that lie on the plane)."""
     n = len(points)
     slope_x, slope_y, tolerance_at = 0.0, 0.0, height
     for _ in range(tuning.fit_rounds):
@@ -193,7 +223,7 @@ def fit_ground(points, height, tuning):
         w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         tolerance_at = height
         for i in range(n):
-            if points[i].level == 0.0:  # the foot of a wall is near the ground and not level
+            if points[i].level == 0.0:  # such as the foot of a wall
                 continue
             x, y = np.float64(points[i].x), np.float64(points[i].y)
             sigma = height / points[i].per_height
@@ -220,9 +250,9 @@ def fit_ground(points, height, tuning):
         below += r > tolerance + slack
         if abs(r) < tolerance:
             on += 1
-            # 1/x = (z/x - slopes) / height on the ground, the same in all rows of a wall
+            # On the ground 1/x = (z/x - slopes) / height; on a wall 1/x is the same in all rows.
             rows, rise = np.float64(points[i].tangent_step), np.float64(points[i].inverse_step)
-            if sigma < tuning.recede_noise * abs(rows) * points[i].x:  # the vote of such a pair is sure
+            if sigma < tuning.recede_noise * abs(rows) * points[i].x:  # noise cannot have caused the vote of this pair
                 rows *= points[i].level
                 rise = rows / height
             recedes, recede = recedes + rows * rise, recede + rows * rows
@@ -233,10 +263,15 @@ def fit_ground(points, height, tuning):
 
 @kernel
 def search_ground(marks, R, k, ke, seed_height, column_step, row_step, settings, votes, points):
-    """`fit_ground` at the first height that holds, from the most voted on; arguments as for `vote`."""
+    """Returns the first accepted result of `fit_ground`, trying heights in the order of their votes.
+
+    Args:
+        marks, R, k, ke, column_step, row_step, votes, points: see `vote`.
+        seed_height: height of the last ground, m; it and its neighbours get more weight. nan: none.
+        settings: (1,) GROUND_SETTINGS."""
     tuning = settings[0]
     n, sampled = vote(marks, R, k, ke, column_step, row_step, tuning, votes, points)
-    for i in range(n, len(points)):  # rows of an earlier frame
+    for i in range(n, len(points)):  # points of an earlier frame
         points[i].level = 0.0
     bins = len(votes)
     score = np.zeros(bins, np.float64)
@@ -252,7 +287,7 @@ def search_ground(marks, R, k, ke, seed_height, column_step, row_step, settings,
         if score[best] < tuning.min_share * sampled:
             break
         height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning.height_step)
-        score[max(0, best - 2) : best + 3] = 0.0  # all sums of three that share a bin with this one
+        score[max(0, best - 2) : best + 3] = 0.0  # all scores that contain votes for this step
         if height <= tuning.max_height_m:
             found = fit_ground(points[:n], height, tuning)
             if found[0]:
@@ -269,14 +304,19 @@ def find_ground(
     params: Params,
     points: NDArray[Any],
 ) -> Ground:
-    """The ground of one frame, or NO_GROUND.
+    """Returns the ground of one frame, or NO_GROUND.
 
-    seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
-    points: (ground_max_samples,) POINT scratch, left for `with_ranges`. The heights are tried from the most voted on; one is taken when
-    enough pixels lie on it and few below."""
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        info: description of the camera.
+        R_level_optical: (3, 3) rotation.
+        ke: noise coefficient, 1/m.
+        seed_height_m: height of the last frame's ground, which gets more weight; nan: none.
+        params: parameters.
+        points: (ground_max_samples,) POINT out, for `with_ranges`."""
     k, p = info.intrinsics, params
     across, down = p.ground_column_step, p.ground_row_step
-    # as coarse as it takes for the whole picture to find room: a part of it would say nothing of what lies below
+    # The samples must cover the whole image: points below the ground can be anywhere in it.
     step = max(1, math.ceil(math.sqrt((k.width // across + 1) * (k.height // down + 1) / len(points))))
     seen, height, slope_x, slope_y, share = search_ground(
         marks,
@@ -307,11 +347,19 @@ def find_ground(
 
 @kernel
 def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edges_t, seen_from, seen_to):
-    """Nearest and farthest horizontal range at which the ground was measured, for each direction.
+    """Computes the nearest and farthest horizontal range at which the ground was measured in each direction.
 
-    points: (N,) POINT of `vote`: the level ones that lie within tolerance + noise x of the plane, no farther than blind.
-    edges_t: (D + 1,) float64 tangents of the directions' edges. seen_from, seen_to: (D,) float32 out, 0: none. A
-    direction without a sample between two that have some gets what both have."""
+    A direction without a sample between two that have some gets the part of the range that both share.
+
+    Args:
+        points: (N,) POINT of `vote`. Those that voted count if they lie within max(tolerance, noise x) of the plane.
+        height, slope_x, slope_y: the plane.
+        tolerance: m.
+        noise: m per metre of forward distance.
+        blind: greatest forward distance, m.
+        edges_t: (D + 1,) float64, tangents of the edges of the directions.
+        seen_from: (D,) float32 out, m; 0: none.
+        seen_to: (D,) float32 out, m; 0: none."""
     directions = len(edges_t) - 1
     seen_from[:] = 0.0
     seen_to[:] = 0.0
@@ -337,8 +385,12 @@ def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edg
 
 
 def with_ranges(ground: Ground, points: NDArray[Any], edges_t: NDArray[np.float64]) -> Ground:
-    """The ground with the ranges at which it was measured. points: as `find_ground` left them; edges_t: (D + 1,) tangents
-    of the directions of the frame's free-range profile."""
+    """Returns the ground with the ranges at which it was measured.
+
+    Args:
+        ground: of `find_ground`.
+        points: (N,) POINT as `find_ground` left them.
+        edges_t: (D + 1,) float64, tangents of the edges of the directions of the free-range profile."""
     if not ground.seen:
         return ground
     seen_from, seen_to = np.empty((2, len(edges_t) - 1), np.float32)

@@ -1,4 +1,8 @@
-"""Which cells of the levelled view, and which strips, are ground or its noise: the threshold that follows from `find_ground`."""
+"""Classifies cells and strips as ground: the threshold that follows from the ground plane of the frame.
+
+Input: `Ground` and the levelled view. Output: `GroundThreshold`, by which cells are removed before the density is
+computed, and `drop_ground_noise`, which removes strips that are noise of the ground. Not in the paper; see ground.py.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +21,13 @@ from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
 
 
 class GroundThreshold(NamedTuple):
-    """Which cells of the levelled view are ground or below it: a cell of quantised disparity q at row tangent m in column u
-    is, when m - shift[u] > limit[q].
+    """Decides which cells of the levelled view are ground or below it.
 
-    limit: (65536,) float32, infinite where no ground was found; shift: (cols,) float32."""
+    A cell of quantised disparity q in column u, at the row tangent m, is ground if m - shift[u] > limit[q].
+
+    Attributes:
+        limit: (65536,) float32, infinite if no ground was found.
+        shift: (cols,) float32."""
 
     limit: NDArray[np.float32]
     shift: NDArray[np.float32]
@@ -28,9 +35,11 @@ class GroundThreshold(NamedTuple):
 
 @inner_ieee
 def fill_threshold(view, height, slope_x, slope_y, tolerance, limit, shift):
-    """Fills GroundThreshold from z = X m against h + sx X + sy y - tolerance(X), over X = f lsb_per_px / q.
+    """Fills limit and shift of GroundThreshold.
 
-    tolerance: (spread, least, cap): spread X between least and cap, m."""
+    A cell z = X m is ground if it is lower than h + slope_x X + slope_y y - tolerance(X), with X = f lsb_per_px / q.
+
+    tolerance: (spread, least, cap); the tolerance at X is spread X, limited to least..cap metres."""
     spread, least, cap = tolerance
     gain, cu, lateral, f_px = view.f_px * view.lsb_per_px, view.cu, np.float64(view.lateral[0]), view.f_px
     for q in range(len(limit)):
@@ -43,7 +52,7 @@ def fill_threshold(view, height, slope_x, slope_y, tolerance, limit, shift):
 def ground_threshold(
     ground: Ground, view: ViewGeometry, ke_per_m: float, params: Params, limit: NDArray[np.float32]
 ) -> GroundThreshold:
-    """The threshold that separates obstacles from the ground of a frame. limit: (65536,) float32 out."""
+    """Returns the threshold that separates obstacles from the ground of a frame. limit: (65536,) float32 out."""
     if not ground.seen:
         limit[:] = np.inf
         return GroundThreshold(limit, np.zeros(view.cols, np.float32))
@@ -58,24 +67,22 @@ def ground_threshold(
 
 
 GROUND_NOISE_TEST = record(
-    ("applies", np.int64),
+    ("applies", np.int64),  # 0 if no ground was found
     ("f_px", np.float64),
     ("lsb_per_px", np.float64),
-    ("sigma_px", np.float64),
-    ("height_m", np.float64),
+    ("sigma_px", np.float64),  # noise of disparity
+    ("height_m", np.float64),  # of the ground
     ("slope_x", np.float64),
-    ("near_px", np.float64),
-    ("slack", np.float64),
-    ("need_px", np.float64),
-    ("tail_px", np.float64),
+    ("near_px", np.float64),  # strips of at least this disparity are not tested
+    ("slack", np.float64),  # error of the height, as a share of it
+    ("need_px", np.float64),  # least excess of disparity over the ground for a strip of one row
+    ("tail_px", np.float64),  # cells nearer than the strip by more than this are not used
 )
-"""Settings of `drop_ground_noise`. applies: 0 where no ground was found. sigma_px: noise of disparity. near_px: strips of at
-least this disparity are not tested. slack: error of the height as a share of it. need_px: least excess of one row over
-the ground. tail_px: what is nearer than the strip by more does not count."""
+"""Settings of `drop_ground_noise`."""
 
 
 def ground_noise_test(ground: Ground, view: ViewGeometry, ke_per_m: float, p: Params) -> NDArray[Any]:
-    """(1,) GROUND_NOISE_TEST of a frame."""
+    """Returns (1,) GROUND_NOISE_TEST of a frame."""
     out = np.zeros(1, GROUND_NOISE_TEST)
     if not ground.seen:
         return out
@@ -99,15 +106,23 @@ def ground_noise_test(ground: Ground, view: ViewGeometry, ke_per_m: float, p: Pa
 
 @inner
 def drop_ground_noise(strips, n, codes, tan_mid, shift, test, keep):
-    """Removes strips that are no more than the noise of the ground: unknown, neither obstacle nor free; returns how many stay.
+    """Removes strips that may be noise of the ground; returns the number of the others. Removed strips are unknown
+    space.
 
-    Beyond the range where the noise of height exceeds the cap on the ground's half-thickness, the ground's own pixels stick
-    out above it. What stands there shows in the rows of a strip by the sum of all of them: flat ground, whose noisy half is
-    in the strip, has the other half in the same rows. So the mean disparity of the rows, over what the ground would have
-    there, must be need_px / sqrt(rows) after ground_stand_m, an error of the fit, is taken off. What is nearer than the
-    strip by its noise does not count; a cell beyond the range clip counts as one sigma behind the ground.
-    strips: (N,) STRIP. codes: (cols, rows) uint16; tan_mid: (rows,) float32; shift: of GroundThreshold; test: a record of
-    GROUND_NOISE_TEST; keep: (N,) uint8 scratch."""
+    Where the noise of height exceeds the greatest tolerance of the ground, pixels of the ground itself lie above it
+    and form strips. The sum over all rows of a strip distinguishes them from obstacles: on flat ground the pixels
+    above and below the plane lie in the same rows and cancel. The mean disparity of all cells of these rows must
+    exceed that of the ground by need_px / sqrt(number of cells), after subtracting the error of the fit. Cells beyond
+    the range count as one sigma behind the ground.
+
+    Args:
+        strips: (N,) STRIP.
+        n: number of strips.
+        codes: (cols, rows) uint16 of the levelled view.
+        tan_mid: (rows,) float32 of the view.
+        shift: (cols,) float32 of GroundThreshold.
+        test: a record of GROUND_NOISE_TEST.
+        keep: (N,) uint8 scratch."""
     f, quantum, sigma, height = test.f_px, test.lsb_per_px, test.sigma_px, test.height_m
     dropped = 0
     for i in range(n):

@@ -1,8 +1,10 @@
-"""Section 4.1, Lemma 1 in exact form: the frame as a gravity-aligned camera would have measured it.
+"""Levelled view (Section 4.1, Lemma 1): the frame as a gravity-aligned camera would have measured it.
 
-A pure rotation has no parallax, so every pixel keeps its own measurement and only changes its place: columns become
-truly vertical for any roll and pitch, and Eq. 15 holds as it stands.
-"""
+Input: the marks of `classify` and the attitude. Output: `LevelledView`, quantised disparity per cell of the view.
+
+The paper corrects pitch by Eq. 3 and rotates the image by the roll angle. Here the same is done exactly, for any roll
+and pitch: a pure rotation has no parallax, so that each pixel keeps its measurement and only changes its place.
+Columns become vertical, and Eq. 15 applies unchanged. Depth is never interpolated."""
 
 from __future__ import annotations
 
@@ -23,18 +25,25 @@ from .pooling import level_pool, pool_columns
 from .view_geometry import Q_FAR, Q_MIN, Q_UNKNOWN, ViewGeometry, pooled_geometry
 
 _TILE_COLS, _TILE_HIGH, _TILE_ROWS, _TILE_WIDE = 32, 128, 64, 128
-"""Cells that are worked on together: their part of the source fits the nearest cache. Those of a column are written in
-one go, so that memory is asked for lines that follow each other. Places are rounded from the first of _TILE_ROWS cells
-on: the few that lie within 2e-4 px of two pixels may take the other with other tiles."""
+"""Cells that are processed together; their part of the source fits the L1 cache. The cells of a column are written in
+one go, so that memory is accessed in order. Positions are computed in float32 relative to the first of _TILE_ROWS
+cells: cells that lie within 2e-4 px of the border between two pixels may take the other pixel if these sizes
+change."""
 _SAME = 1e-9
-"""Not tuning: how far numbers of a homography may differ by rounding."""
+"""Greatest rounding error of an element of a homography. It is not a tuning parameter."""
 _LITTLE_ENDIAN = sys.byteorder == "little"
 _FAR = np.uint16(FAR_MM)
 
 
 class FetchTile(NamedTuple):
-    """Scratch of `fetch_nearest`: seen (_TILE_COLS, 2) int64; at, forward, mark (_TILE_ROWS,) uint32, float32, uint16;
-    four_marks: the same memory as mark, (_TILE_ROWS / 4,) uint64."""
+    """Scratch memory of `fetch_nearest`.
+
+    Attributes:
+        seen: (_TILE_COLS, 2) int64, first and end row of each column that lie in the source.
+        at: (_TILE_ROWS,) uint32, indices of source pixels.
+        forward: (_TILE_ROWS,) float32, Z_optical / X.
+        four_marks: (_TILE_ROWS / 4,) uint64, the memory of `mark`.
+        mark: (_TILE_ROWS,) uint16, marks of the pixels."""
 
     seen: Any
     at: Any
@@ -45,8 +54,8 @@ class FetchTile(NamedTuple):
 
 @inner
 def _rows_inside(a, b, first, last):
-    """The part of rows first..last in which a + b*v >= 0."""
-    # bounded before it becomes an integer: with a slope of rounding errors the crossing lies beyond any integer
+    """Returns the part (first, last) of the rows first..last in which a + b v >= 0."""
+    # limited before the conversion: if b is a rounding error, the crossing exceeds any integer
     if b > 0.0:
         first = max(first, int(math.ceil(min(max(-a / b, -1.0), 1e6))))
     elif b < 0.0:
@@ -58,7 +67,8 @@ def _rows_inside(a, b, first, last):
 
 @inner
 def seen_rows(H, u, src_cols, src_rows, rows):
-    """(first, end) of the rows of column u of the view whose nearest pixel lies in the source; first = end: none."""
+    """Returns (first, end) of the rows of column u whose nearest pixel lies in the source; first == end if there is
+    none."""
     a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
     a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
     a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
@@ -72,7 +82,13 @@ def seen_rows(H, u, src_cols, src_rows, rows):
 
 @inline_ieee
 def codes_of(marks, forward, gain, out):
-    """Codes of pixels: disparity of marks (N,) uint16 times forward (N,) float32, Z_optical / X, in quanta."""
+    """Computes the quantised disparity of pixels.
+
+    Args:
+        marks: (N,) uint16.
+        forward: (N,) float32, Z_optical / X of the cells, which turns 1/Z into 1/X.
+        gain: f_px * lsb_per_px.
+        out: (N,) uint16."""
     for i in range(len(out)):
         mark = marks[i]
         d = np.float32(1000.0) / np.float32(mark)
@@ -87,13 +103,19 @@ def codes_of(marks, forward, gain, out):
 
 @inline_ieee
 def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
-    """The nearest source pixel of cells (u, first), (u, first + 1), ...: its index in the flat image and Z_optical / X.
+    """Computes the nearest source pixel of the cells (u, first), (u, first + 1), ...
 
-    forward: (N,) float32, at: (N,) uint32, outputs. Pixels are clamped to the image: for cells of `seen_rows` only."""
+    Pixels are clamped to the image; the cells must be those of `seen_rows`.
+
+    Args:
+        H, u, first: see ViewGeometry.
+        src_cols, src_rows: size of the source.
+        forward: (N,) float32 out, Z_optical / X.
+        at: (N,) uint32 out, index of the pixel in the flat image."""
     a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
     a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
     a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
-    # in float32 from the first of the cells on: within 2e-4 px of the exact place
+    # float32 relative to the first cell: within 2e-4 px of the exact position
     x0, y0, w0 = np.float32(a0 + b0 * first), np.float32(a1 + b1 * first), np.float32(a2 + b2 * first)
     dx, dy, dw = np.float32(b0), np.float32(b1), np.float32(b2)
     right, bottom, stride = np.int32(src_cols - 1), np.int32(src_rows - 1), np.int32(src_cols)
@@ -110,11 +132,16 @@ def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
 
 @kernel
 def level_nearest(marks, H, gain, out, picked):
-    """Each cell of the levelled view takes its nearest source pixel. Depth is never interpolated.
+    """Assigns the nearest source pixel to each cell of the view. Cells outside of the source are unknown.
 
-    marks: (H, W) uint16 of `classify`. gain: f_px * lsb_per_px. out: (cols, rows) uint16 codes, one line per column. picked:
-    (H * W,) uint8 out, which source pixels were taken. A cell outside the source is unknown. In tiles, whose part of the
-    source stays in the nearest cache; arithmetic apart from fetching, so that it is done for many cells at once."""
+    Positions are computed apart from the access to pixels, so that this part is vectorised.
+
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        H: (3, 3) of ViewGeometry.
+        gain: f_px * lsb_per_px.
+        out: (cols, rows) uint16 quantised disparity out, one line per column of the view.
+        picked: (H * W,) uint8 out, 1 for each source pixel that a cell took."""
     picked[:] = 0
     seen, at = np.empty((_TILE_COLS, 2), np.int64), np.empty(_TILE_ROWS, np.uint32)
     forward, mark = np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS // 4, np.uint64)
@@ -124,7 +151,7 @@ def level_nearest(marks, H, gain, out, picked):
 
 @inner
 def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, tile):
-    """`level_nearest` of a flat image. tile: FetchTile, scratch."""
+    """Does the work of `level_nearest` for a flat image. tile: FetchTile, scratch."""
     cols, rows = out.shape
     seen, at, forward, four_marks, mark = tile.seen, tile.at, tile.forward, tile.four_marks, tile.mark
     for u0 in range(0, cols, _TILE_COLS):
@@ -147,9 +174,9 @@ def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, tile):
 
 @inner_inline
 def fetch_pixels(flat, at, n, four_marks, mark, picked):
-    """The marks of the pixels at[:n] of the flat image, which are now picked. mark, four_marks: see `fetch_nearest`.
+    """Copies the marks of the pixels at[:n] of the flat image to tile.mark and sets their flags in `picked`.
 
-    Four at a time: what they wait for is places to store to, of which one store for four marks saves three of eight."""
+    Four marks are written by one store: the loop is limited by the number of stores."""
     fours = np.uint64(n) >> np.uint64(2) if _LITTLE_ENDIAN else np.uint64(0)
     for j in range(fours):
         i = np.uint64(4) * j
@@ -167,10 +194,10 @@ def fetch_pixels(flat, at, n, four_marks, mark, picked):
 
 @kernel
 def level_as_it_is(marks, gain, out):
-    """`level_nearest` for a camera that is level: cells are pixels, lines become columns.
+    """`level_nearest` for a level camera, whose cells are its pixels: transposes the image.
 
-    out: (cols, rows / 4) uint64, four codes each, the upper row in the lowest bits: four rows at a time are packed side
-    by side, so that turning the image over is one store for four cells."""
+    out: (cols, rows / 4) uint64, four codes each, the upper row in the lowest bits, so that one store writes four
+    cells."""
     cols, fours = out.shape
     codes, ones = np.empty((4, _TILE_WIDE), np.uint16), np.ones(_TILE_WIDE, np.float32)
     packed = np.empty(_TILE_WIDE, np.uint64)
@@ -190,7 +217,8 @@ def level_as_it_is(marks, gain, out):
 
 @kernel
 def level_into(marks, R, k, view, out, picked):
-    """`level_nearest` and `level_pool` together, or `level_as_it_is`. k: (4,) fx, fy, cx, cy."""
+    """Fills `out` by `level_nearest` and `level_pool`, or by `level_as_it_is` if the camera is level. k: (4,) fx, fy,
+    cx, cy."""
     cols, rows = out.shape
     gain = view.f_px * view.lsb_per_px
     if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_as_it_is(view.H):
@@ -202,7 +230,7 @@ def level_into(marks, R, k, view, out, picked):
 
 @inner
 def is_as_it_is(H):
-    """Whether the cells of the view are the pixels of the source. H: (3, 3)."""
+    """True if the cells of the view are the pixels of the source: H (3, 3) is the unit matrix."""
     most = 0.0
     for i in range(3):
         for j in range(3):
@@ -218,7 +246,8 @@ def fill_level(
     out: NDArray[np.uint16],
     picked: NDArray[np.uint8],
 ) -> None:
-    """Fills `out` (cols, rows) uint16 with the quantised disparity of a levelled view. picked: (H * W,) uint8 scratch."""
+    """Fills `out` (cols, rows) uint16 with the quantised disparity of a levelled view. picked: (H * W,) uint8
+    scratch."""
     k = info.intrinsics
     level_into(marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), view, out, picked)
 
@@ -227,9 +256,11 @@ def fill_level(
 class LevelledView:
     """A frame as a gravity-aligned camera would have measured it.
 
-    codes: (cols, rows) uint16 quantised disparity, or Q_UNKNOWN, Q_FAR, columns pooled by the sampling interval; view: their
-    geometry. exact_codes, exact_view: the same without pooling, by which free space is judged, since pooled columns would
-    hide what is unknown."""
+    Attributes:
+        codes: (cols, rows) uint16, quantised disparity, Q_UNKNOWN or Q_FAR. Columns are pooled by `column_step`.
+        view: geometry of `codes`.
+        exact_codes: the same without pooling. Free space is judged by it, because pooling would hide unknown columns.
+        exact_view: geometry of `exact_codes`."""
 
     codes: NDArray[np.uint16]
     view: ViewGeometry
@@ -246,7 +277,16 @@ def level_view(
     params: Params,
     buffers: Buffers,
 ) -> LevelledView:
-    """The levelled view of an image (H, W) of `classify`; its arrays lie in `buffers`. view: of `view_geometry`."""
+    """Returns the levelled view of an image of marks. Its arrays lie in `buffers` and are valid until the next frame.
+
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        info: description of the camera.
+        R_level_optical: (3, 3) rotation.
+        view: of `view_geometry`.
+        ke_per_m: noise coefficient, which determines what columns are pooled.
+        params: parameters.
+        buffers: scratch memory."""
     codes = buffers("codes", (view.cols, view.rows), np.uint16)
     fill_level(marks, info, R_level_optical, view, codes, buffers("picked", (marks.size,), np.uint8))
     step = params.column_step

@@ -1,9 +1,10 @@
-"""Noise in a part of the picture: where the pixels of many tiles have nothing to do with their neighbours.
+"""Refuses a frame whose image, or a part of it, is noise.
 
-A pixel that measures a surface, however small, has a neighbour on the same surface; pixels of noise agree by chance only. So
-the share of pixels that are alone distinguishes noise from leaves and reeds, whose outlines are flying pixels but whose
-stems continue.
-"""
+Input: the depth image and the counts of `classify`. Output: True if the frame must be reported as NO_MEASUREMENT.
+
+A pixel on a surface, however small, has a neighbour at a similar depth. Pixels of noise have one by chance only. The
+share of pixels without a similar neighbour therefore distinguishes noise from foliage, whose outlines are flying
+pixels but whose stems continue. The paper has no such check."""
 
 from __future__ import annotations
 
@@ -16,24 +17,31 @@ from ..types import CameraInfo
 from .classify import measured_mm, read_ahead
 
 _FEWEST_NEIGHBOURS = 3
-"""Not tuning: of the four neighbours of a pixel so many must be measured before it is called alone."""
+"""Least number of measured neighbours, of four, for a pixel to be judged. It is not a tuning parameter."""
 
 
 @kernel
 def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alone):
-    """judged, alone (N, M) int32 out: pixels of each tile with at least three measured neighbours, and those like none.
+    """Counts in each tile the pixels that can be judged and those that have no similar neighbour.
 
-    depth_mm: (H, W) uint16; least_mm..greatest_mm are measured. Alike: 1/Z within relative of the pixel's own and
-    absolute (1/m). Tiles divide rows and columns evenly."""
+    Args:
+        depth_mm: (H, W) uint16.
+        least_mm: least depth that counts as measured.
+        greatest_mm: greatest depth that counts as measured.
+        relative: two pixels are similar if their 1/Z differ by at most `absolute` and this share of 1/Z.
+        absolute: 1/m, see `relative`.
+        judged: (N, M) int32 out, measured pixels of each tile with at least _FEWEST_NEIGHBOURS measured neighbours.
+            The tiles divide rows and columns evenly.
+        alone: (N, M) int32 out, those of them that are similar to no neighbour."""
     rows, cols = depth_mm.shape
     down, across = judged.shape
     judged[:] = 0
     alone[:] = 0
     least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
-    inverse = np.zeros((3, cols + 2), np.float32)  # of the row before, this and the next; unknown beyond the border
+    inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
     read_ahead(depth_mm, 0, least, greatest, inverse)
-    kind = np.empty(cols, np.int32)  # 1 where judged, and 2**16 where alone as well
+    kind = np.empty(cols, np.int32)  # per pixel: 1 if it is judged, plus 2**16 if it is alone
     for v in range(rows):
         read_ahead(depth_mm, v + 1, least, greatest, inverse)
         here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
@@ -42,14 +50,14 @@ def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alo
             d = middle[u]
             step = absolute + relative * d
             a, b, c, e = left[u], right[u], before[u], after[u]
-            # without a branch, so that many pixels are looked at side by side
+            # no branch, so that the loop is vectorised
             known = np.int32(a > zero) + np.int32(b > zero) + np.int32(c > zero) + np.int32(e > zero)
             alike = (a > zero) & (abs(a - d) <= step)
             alike |= (b > zero) & (abs(b - d) <= step)
             alike |= (c > zero) & (abs(c - d) <= step)
             alike |= (e > zero) & (abs(e - d) <= step)
-            looked = (d > zero) & (known >= np.int32(_FEWEST_NEIGHBOURS))
-            kind[u] = np.int32(looked) + (np.int32(looked & (not alike)) << np.int32(16))
+            is_judged = (d > zero) & (known >= np.int32(_FEWEST_NEIGHBOURS))
+            kind[u] = np.int32(is_judged) + (np.int32(is_judged & (not alike)) << np.int32(16))
         tv = v * down // rows
         for tu in range(across):
             both = np.int32(0)
@@ -61,16 +69,22 @@ def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alo
 
 @kernel
 def flying_off_ramps(depth_mm, least_mm, greatest_mm, relative, absolute):
-    """Number of flying pixels that lie on no ramp.
+    """Returns the number of flying pixels that do not lie on a ramp.
 
-    depth_mm: (H, W) uint16; least_mm..greatest_mm are measured. A pixel flies as in `classify`, with a step of relative
-    of its own 1/Z and absolute (1/m). It lies on a ramp where 1/Z is linear within that step along the row and along the
-    column, as on a plane: ground seen from 0.1 m above changes by more than a step from row to row. Where a neighbour
-    is not measured its axis is no objection."""
+    A flying pixel is defined as in `classify`. It lies on a ramp if 1/Z is linear along its row and its column,
+    within the same step, as on a plane: ground seen from a height of 0.1 m changes by more than a step from row to
+    row. An axis along which a neighbour is not measured does not count.
+
+    Args:
+        depth_mm: (H, W) uint16.
+        least_mm: least depth that counts as measured.
+        greatest_mm: greatest depth that counts as measured.
+        relative: the part of the step that is proportional to the pixel's own 1/Z.
+        absolute: the constant part of the step, 1/m."""
     rows, cols = depth_mm.shape
     least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
-    inverse = np.zeros((3, cols + 2), np.float32)  # of the row before, this and the next; unknown beyond the border
+    inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
     read_ahead(depth_mm, 0, least, greatest, inverse)
     count = np.int64(0)
     for v in range(rows):
@@ -90,7 +104,14 @@ def flying_off_ramps(depth_mm, least_mm, greatest_mm, relative, absolute):
 
 
 def noisy_share(depth_mm: NDArray[np.uint16], least_mm: int, greatest_mm: int, ke: float, params: Params) -> float:
-    """Share of the picture's tiles whose pixels are noise; depth_mm: (H, W), least_mm..greatest_mm are measured."""
+    """Returns the share of the tiles of an image whose pixels are noise.
+
+    Args:
+        depth_mm: (H, W) uint16.
+        least_mm: least depth that counts as measured.
+        greatest_mm: greatest depth that counts as measured.
+        ke: noise coefficient, 1/m.
+        params: parameters."""
     p = params
     shape = (min(p.noisy_tiles, depth_mm.shape[0]), min(p.noisy_tiles, depth_mm.shape[1]))
     judged, alone = np.empty(shape, np.int32), np.empty(shape, np.int32)
@@ -102,11 +123,18 @@ def noisy_share(depth_mm: NDArray[np.uint16], least_mm: int, greatest_mm: int, k
 def is_no_measurement(
     depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float, counts: tuple[int, int, int], params: Params
 ) -> bool:
-    """Whether too few pixels are measured or far, or so many are flying that the rest is no measurement either.
+    """True if too few pixels are measured or far, or so many are flying that the others cannot be used either.
 
-    depth_mm: (H, W); counts: (measured, far, flying) of `classify`. Pure noise has 27 % flying pixels, foliage 0.2 %; flying
-    pixels on ramps are ground close below the camera and do not count. Without this check the merge of such an image would
-    take minutes."""
+    An image of pure noise has 27 % flying pixels, foliage has 0.2 %. Flying pixels on ramps are not counted: they
+    belong to the ground close below the camera. Without this check the plane merge of an image of noise would take
+    minutes.
+
+    Args:
+        depth_mm: (H, W) uint16.
+        info: description of the camera.
+        ke_per_m: noise coefficient.
+        counts: numbers of measured, far and flying pixels of `classify`.
+        params: parameters."""
     p, (measured, far, flying) = params, counts
     if (measured - flying) / depth_mm.size + far / depth_mm.size < p.min_measured_share:
         return True

@@ -1,4 +1,8 @@
-"""Pooling of the levelled view: source pixels that no cell picked, and neighbouring columns. The nearest thing wins."""
+"""Pooling in the levelled view: source pixels that no cell took, and neighbouring columns.
+
+Input: the marks, and the view as `level_nearest` filled it. Output: the view with the nearest pixel in each cell, and
+with fewer columns where `column_step` is greater than 1. The paper does not pool; without it a thin pole could
+disappear where the view has fewer cells than the source has pixels."""
 
 from __future__ import annotations
 
@@ -11,13 +15,19 @@ from ..types import FAR_MM
 from .view_geometry import Q_MIN
 
 _TILE_WIDE = 128
-"""Pixels of a row that are worked on together: their tables fit the nearest cache."""
+"""Pixels of a row that are processed together; their tables fit the L1 cache."""
 _FAR = np.uint16(FAR_MM)
 
 
 class PoolTile(NamedTuple):
-    """Scratch of `pool_left_over`, (_TILE_WIDE,) each: want uint8, found int32 (one more), mark uint16, cell uint32, code
-    int32."""
+    """Scratch memory of `pool_left_over`.
+
+    Attributes:
+        want: (_TILE_WIDE,) uint8, 1 for each pixel to transfer.
+        found: (_TILE_WIDE + 1,) int32, positions of these pixels in the tile.
+        mark: (_TILE_WIDE,) uint16, their marks.
+        cell: (_TILE_WIDE,) uint32, index of their cells.
+        code: (_TILE_WIDE,) int32, their quantised disparity."""
 
     want: Any
     found: Any
@@ -28,10 +38,16 @@ class PoolTile(NamedTuple):
 
 @inner_inline
 def left_over(marks, picked, want, found):
-    """Measured pixels that were not picked: writes their places to found, returns how many.
+    """Writes the positions of the measured pixels that were not picked to `found`; returns their number.
 
-    marks: (N,) uint16, picked: (N,) uint8. want: (M,) uint8 scratch, M a multiple of 8, zero beyond N. found: (M,) int32.
-    Eight flags are looked at as one number, most often all zero; where not, each place is written and kept if it counts."""
+    Eight flags are tested as one number, which is mostly zero. Otherwise each of the eight positions is written, and
+    kept if its flag is set.
+
+    Args:
+        marks: (N,) uint16.
+        picked: (N,) uint8 of `level_nearest`.
+        want: (M,) uint8 scratch, M a multiple of 8, zero beyond N.
+        found: (M + 1,) int32 out."""
     for u in range(len(marks)):
         want[u] = np.uint8((picked[u] == 0) & (marks[u] != 0) & (marks[u] != _FAR))
     n = np.uint64(0)
@@ -47,11 +63,18 @@ def left_over(marks, picked, want, found):
 
 @kernel
 def level_pool(marks, picked, R, k, window, out):
-    """Source pixels that no cell picked reach theirs all the same, the nearest thing winning: no pole is lost
-    where the view minifies, and nothing grows where it does not.
+    """Transfers the measured source pixels that no cell took to their cells, where the nearest pixel is kept.
 
-    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. window: (f_px, cu, cv, gain). Adds to `out` of level_nearest.
-    Far never overrules a neighbour of which nothing is known: it would call the cell free."""
+    Thin objects stay where the view has fewer cells than the source has pixels. Where it has more, nothing is
+    enlarged, since every pixel was taken. Far pixels are not transferred: they must not make an unknown cell free.
+
+    Args:
+        marks: (H, W) uint16 of `classify`.
+        picked: (H * W,) uint8 of `level_nearest`.
+        R: (3, 3) R_level_optical.
+        k: (4,) fx, fy, cx, cy.
+        window: (f_px, cu, cv, gain) of the view.
+        out: (cols, rows) uint16 of `level_nearest`, in and out."""
     want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
     mark = np.empty(_TILE_WIDE, np.uint16)
     cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
@@ -61,7 +84,7 @@ def level_pool(marks, picked, R, k, window, out):
 
 @inner_ieee
 def pool_left_over(marks, picked, R, k, window, flat, shape, tile):
-    """`level_pool` on flat codes of shape (cols, rows). tile: PoolTile, scratch."""
+    """Does the work of `level_pool` for flat codes of shape (cols, rows). tile: PoolTile, scratch."""
     cols, rows = shape
     want, found, mark, cell, code = tile.want, tile.found, tile.mark, tile.cell, tile.code
     src_rows, src_cols = marks.shape
@@ -90,7 +113,7 @@ def pool_left_over(marks, picked, R, k, window, flat, shape, tile):
                 inside = (forward >= np.float32(1e-3)) & (iu >= 0) & (iu < right) & (iv >= 0) & (iv < bottom)
                 disparity = np.float32(1000.0) / np.float32(mark[i]) * r * gain + half
                 disparity = max(min(disparity, np.float32(65535.0)), np.float32(Q_MIN))
-                # what looks outside adds nothing to the first cell
+                # pixels outside of the view change nothing: code 0 in the first cell
                 at = np.int32(iu) * high + np.int32(iv)
                 cell[i] = np.uint32(at if inside else 0)
                 code[i] = np.int32(disparity) if inside else np.int32(0)
@@ -100,17 +123,24 @@ def pool_left_over(marks, picked, R, k, window, flat, shape, tile):
 
 @kernel
 def pool_columns(codes, step, apart, out):
-    """One column for each `step` neighbouring ones: the mean of those that agree with the nearest of them. None is skipped.
+    """Replaces each group of `step` neighbouring columns by one: the mean of the pixels that agree with the nearest
+    one.
 
-    codes: (cols, rows) uint16. apart: what differs by no more agrees. out: (ceil(cols / step), rows) uint16. The nearest of
-    several noisy pixels of one wall is too near, their mean is not; a pole does not agree with the wall behind it."""
+    The nearest of several noisy pixels of one wall is too near, their mean is not. A pole does not agree with the
+    wall behind it and is kept.
+
+    Args:
+        codes: (cols, rows) uint16.
+        step: columns of a group.
+        apart: greatest difference of quantised disparity to the nearest pixel of a group that agrees.
+        out: (ceil(cols / step), rows) uint16."""
     rows = codes.shape[1]
     pool_groups(codes, step, np.int32(apart), np.empty(rows, np.int32), np.empty(rows, np.int32), out)
 
 
 @inner_ieee
 def pool_groups(codes, step, apart, total, count, out):
-    """`pool_columns`. Scratch: total, count (rows,) int32."""
+    """Does the work of `pool_columns`. total, count: (rows,) int32 scratch."""
     cols, rows = codes.shape
     for j in range(len(out)):
         line, end = out[j], min(cols, (j + 1) * step)

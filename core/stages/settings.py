@@ -1,7 +1,7 @@
-"""What the kernels from density to the model read of parameters, noise and view, as records with named fields.
+"""Settings of the kernels from density to planes, as records with named fields.
 
-They depend on the parameters, the noise and the view's scale, which seldom change from frame to frame.
-"""
+Input: the parameters, the noise and the levelled view. Output: `Settings`. They change only with the noise and the
+scale of the view, and are reused from frame to frame."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from .strips import PX
 from .view_geometry import ViewGeometry
 
 STRIP_SETTINGS = record(
-    ("sigma_d_px", np.float64),
-    ("f_px", np.float64),
-    ("horizon_row", np.float64),
-    ("lsb_per_px", np.float64),
-    ("depth_noise_coeff", np.float64),
+    ("sigma_d_px", np.float64),  # noise of disparity, 1 sigma
+    ("f_px", np.float64),  # focal length of the view
+    ("horizon_row", np.float64),  # row of its principal point
+    ("lsb_per_px", np.float64),  # quantised disparity per pixel of disparity
+    ("depth_noise_coeff", np.float64),  # ke, 1/m
     ("noise_alike_px", np.float64),
-    ("support_per_px", np.float64),
-    ("most_per_column", np.float64),
+    ("support_per_px", np.float64),  # least support in 1/PX source pixels, per pixel of disparity
+    ("most_per_column", np.float64),  # `max_strips_per_column`
     ("passable_height_m", np.float64),
     ("passable_width_m", np.float64),
     ("safe_distance_m", np.float64),
@@ -69,17 +69,21 @@ STRIP_SETTINGS = record(
     ("max_column_strips", np.int64),
     ("link_gap_px", np.int64),
 )
-"""Settings of the strip stages. sigma_d_px: noise of disparity; f_px: focal length of the view; horizon_row: its
-principal row; lsb_per_px: quantised disparity per pixel of disparity; depth_noise_coeff: ke, 1/m; support_per_px: least
-support over disparity; most_per_column: `max_strips_per_column`. All others are the parameters of the same names."""
+"""Settings of the strip stages. Fields without a comment are the parameters of the same names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Settings:
-    """What the kernels of one view need to know.
+    """Settings of all kernels for one view.
 
-    valid_for: what it was made of. strips: (1,) STRIP_SETTINGS. bins: of disparity. planes: (1,) PLANE_SETTINGS. merge: (1,)
-    MERGE_RULES. openings: (1,) OPENING_SETTINGS. publish: (1,) PUBLISH_SETTINGS, whose ground and borders are of the frame."""
+    Attributes:
+        valid_for: the values from which the settings were computed.
+        strips: (1,) STRIP_SETTINGS.
+        bins: bins of disparity.
+        planes: (1,) PLANE_SETTINGS.
+        merge: (1,) MERGE_RULES.
+        openings: (1,) OPENING_SETTINGS.
+        publish: (1,) PUBLISH_SETTINGS. Its ground and borders are set for each frame."""
 
     valid_for: tuple[float, ...]
     strips: NDArray[Any]
@@ -93,8 +97,14 @@ class Settings:
 def settings_of(
     view: ViewGeometry, ke_per_m: float, p: Params, last: Settings | None, smeared: bool = False
 ) -> Settings:
-    """The settings of a view; `last` where they are the same, with only the horizon changed. smeared: whether the camera smears
-    its edges."""
+    """Returns the settings of a view. If `last` is valid for it, returns that with the horizon updated.
+
+    Args:
+        view: geometry of the levelled view, with pooled columns.
+        ke_per_m: noise coefficient.
+        p: parameters.
+        last: settings of an earlier frame.
+        smeared: True if the camera smears its edges and ramps were removed (smeared_edges.py)."""
     column_px = float(view.lateral[0])
     key = (view.f_px, view.lsb_per_px, column_px, ke_per_m, float(smeared))
     if last is not None and last.valid_for == key:
@@ -113,7 +123,7 @@ def settings_of(
 
 
 def strip_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[Any]:
-    """(1,) STRIP_SETTINGS. sigma_d_px: noise of disparity."""
+    """Returns (1,) STRIP_SETTINGS. sigma_d_px: noise of disparity."""
     return record_of(
         STRIP_SETTINGS,
         p,

@@ -1,15 +1,19 @@
-"""Edges that the camera smears: ramps of disparity between a near and a far surface where there is no surface.
+"""Removes smeared edges: ramps of disparity between a near and a far surface where there is no surface.
 
-A stereo matcher compares windows of pixels. Where a window holds two surfaces, many cameras (all those that smooth their
-depth image) deliver a disparity between both, so that a step of the scene becomes a ramp 10 to 40 px wide. Each pixel of
-it is plausible by itself and the same from frame to frame, but nothing stands there. Such pixels become unknown.
+Input: the depth image, the marks of `classify` and the counts of edges in `ExtractorState`. Output: the marks with
+ramps made unknown, an image for the free space, and the next state. The paper has no such stage.
 
-Three conditions separate a ramp from a surface seen at a slant. It is so steep that a surface which continued it would pass
-close by the camera. It is narrow: the depth beyond its near end is known and does not continue the slope of 1/Z. Where that
-depth is unknown (a hole, the border of the image), the pixel is kept and is no evidence. And a camera that smears has hardly
-any edge without a ramp. The last is judged first, from the edges of several frames, or of one frame where they are many and
-nearly all are ramps. Until then, and for a camera whose edges are judged to be sharp, all pixels stay.
-"""
+A stereo matcher compares windows of pixels. Where a window contains two surfaces, many cameras deliver a disparity
+between both, so that a step of the scene becomes a ramp 10 to 40 px wide. Each pixel of a ramp is plausible by itself
+and stable from frame to frame.
+
+Three conditions distinguish a ramp from a slanted surface:
+
+- It is so steep that a surface that continued it would pass close to the camera.
+- It is narrow: beyond its near end the depth is known and does not continue the slope of 1/Z. Where that depth is
+  unknown (a hole, the border of the image), the pixel is kept and does not count as evidence.
+- Nearly all edges of the image are ramps. This is judged from the edges of several frames, or of one frame if it has
+  many edges and nearly all are ramps. Until then, and for cameras with sharp edges, all pixels are kept."""
 
 from __future__ import annotations
 
@@ -28,18 +32,25 @@ from ..types import FAR_MM, GREATEST_MARK_MM, SATURATED_MM, CameraInfo, Extracto
 _SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
 _GREATEST_MARK = np.uint16(GREATEST_MARK_MM)
 _ROW_STEP = 4
-"""Rows from one to the next in which edges are counted."""
+"""Edges are counted in every _ROW_STEP-th row."""
 _NEVER_M = 1e9
 _LEVEL_SHARE = np.float32(0.4)
-"""Not tuning: how much the slope of a horizontal surface may be off, seen through a window of some pixels."""
+"""Relative error of the slope of a horizontal surface that is measured over a few pixels. It is not a tuning
+parameter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RampLimits:
-    """What makes a ramp. span_px, reach_px: from a pixel to those it is compared with. step_per_m: least step of 1/Z, 1/m, to
-    each of the pixels span_px away; judged_per_m: the same for edges by which the camera is judged, which no noise makes;
-    relative: least step as a share of the pixel's own 1/Z. straight: greatest change of 1/Z over reach_px towards the near
-    side, over that over span_px."""
+    """Limits that define a ramp.
+
+    Attributes:
+        span_px: distance from a pixel to the two pixels it is compared with.
+        reach_px: distance from a pixel to the pixel beyond the near end of a ramp.
+        step_per_m: least step of 1/Z to each of the pixels span_px away, 1/m.
+        judged_per_m: the same for the edges by which the camera is judged, 1/m. It is so large that noise does not
+            reach it.
+        relative: least step as a share of the pixel's own 1/Z.
+        straight: greatest change of 1/Z over reach_px towards the near side, relative to the change over span_px."""
 
     span_px: int
     reach_px: int
@@ -50,7 +61,7 @@ class RampLimits:
 
 
 def ramp_limits(info: CameraInfo, ke_per_m: float, params: Params) -> RampLimits:
-    """The limits for a camera and the noise in use."""
+    """Returns the limits for a camera and the noise coefficient in use."""
     p, k = params, info.intrinsics
     span = max(round(p.smear_span_px * k.width / 640), 1)
     reach = max(round(p.smear_reach_px * k.width / 640), span + 1)
@@ -67,9 +78,14 @@ def ramp_limits(info: CameraInfo, ke_per_m: float, params: Params) -> RampLimits
 
 @inner_inline
 def on_ramp(left, middle, right, far_left, far_right, least, relative, straight):
-    """Whether the middle of five values of 1/Z (1/m; 0: far, negative: unknown) lies on a ramp; see `RampLimits`.
+    """True if the middle of five values of 1/Z along a line lies on a ramp.
 
-    Where 1/Z beyond the near end is unknown, a surface at a slant looks the same: that is no ramp."""
+    If 1/Z beyond the near end is unknown, a slanted surface looks the same, and the result is False.
+
+    Args:
+        left, middle, right: 1/Z in 1/m, span_px apart; 0: far, negative: unknown.
+        far_left, far_right: 1/Z reach_px from the middle.
+        least, relative, straight: step_per_m, relative and straight of `RampLimits`."""
     low, high = min(left, right), max(left, right)
     step = max(least, relative * middle)
     beyond = far_left if left > right else far_right
@@ -84,7 +100,7 @@ def on_ramp(left, middle, right, far_left, far_right, least, relative, straight)
 
 @inner_ieee
 def signed_inverse(mm, out):
-    """1/Z of one row in 1/m, float32: 0 where the sensor reports far, -1 where it reports nothing, and at marks."""
+    """Computes 1/Z in 1/m of one row: 0 where the sensor reports far, -1 where it reports nothing. out: float32."""
     for u in range(len(mm)):
         z = mm[u]
         d = np.float32(1000.0) / np.float32(z)
@@ -97,10 +113,11 @@ def signed_inverse(mm, out):
 
 @kernel
 def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
-    """(ramps, steps) along every row_step-th row of depth_mm (H, W) uint16.
+    """Returns (ramps, steps) along every row_step-th row of depth_mm, (H, W) uint16.
 
-    A ramp is a run of pixels `on_ramp`. A step is a change from one pixel to the next that is as large as that of the least
-    ramp from end to end; one of both may be far."""
+    A ramp is a run of pixels for which `on_ramp` is True. A step is a change from one pixel to the next that is as
+    large as the least ramp from end to end. One of its two pixels may be far. The other arguments are those of
+    `RampLimits`."""
     rows, cols = depth_mm.shape
     line = np.full(cols + 2 * reach, np.float32(-1.0), np.float32)
     on = np.zeros(cols + 1, np.uint8)
@@ -128,18 +145,24 @@ def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
 
 @inner_inline
 def is_level(change, middle, height, more):
-    """Whether 1/Z changes as on a horizontal surface through the pixel, within _LEVEL_SHARE.
+    """True if 1/Z changes along the image as on a horizontal surface, within _LEVEL_SHARE.
 
-    change: of 1/Z over some pixels, middle: in their middle, 1/m; height: of the pixel below the camera per metre of depth,
-    and `more`: by how much that changes over these pixels. On a horizontal surface 1/Z is proportional to it."""
+    On a horizontal surface 1/Z is proportional to the height of the pixel below the camera per metre of depth.
+
+    Args:
+        change: difference of 1/Z between two pixels, 1/m.
+        middle: 1/Z in the middle between them, 1/m.
+        height: height below the camera per metre of depth, in the middle.
+        more: change of that height between the two pixels."""
     expected = middle * more
     return abs(change * height - expected) <= _LEVEL_SHARE * abs(expected)
 
 
 @inner
 def near_end(inverse, row, column, span, reach, middle):
-    """1/Z of the near surface beside the ramp that holds inverse[row, column]: the greatest within half of reach along its
-    row and its column, in steps of span."""
+    """Returns 1/Z of the near surface beside the ramp at inverse[row, column].
+
+    It is the greatest 1/Z within half of `reach` along its row and its column, in steps of `span`."""
     near = middle
     for k in range(1, reach // (2 * span) + 1):
         off = k * span
@@ -150,14 +173,22 @@ def near_end(inverse, row, column, span, reach, middle):
 
 @kernel
 def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, keep_m, marks, seen_to):
-    """Makes pixels on a ramp along their row or their column unknown; returns how many measured and how many far ones.
+    """Makes the pixels of ramps along rows or columns unknown; returns how many of them were measured and how many
+    far.
 
-    depth_mm: (H, W) uint16 as delivered, so that a ramp may end beyond the range. inverse: (H + 2 reach, W + 2 reach) float32
-    scratch. down: (3,) float64, how far a point at the pixel (u, v) is below the camera, along the normal of the ground, per
-    metre of depth: down[0] u + down[1] v + down[2]. A pixel more than keep_m below the camera is part of the ground and stays, and
-    so do horizontal surfaces at any height. marks: (H, W)
-    uint16 of `classify`, in and out. seen_to: (H, W) uint16 out, marks as they were, with the depth of its near end at each
-    pixel of a ramp, which is measured up to there."""
+    A pixel more than keep_m below the camera is part of the ground and is kept, and so are horizontal surfaces at any
+    height.
+
+    Args:
+        depth_mm: (H, W) uint16 as delivered, so that the far end of a ramp may lie beyond the clear range.
+        inverse: (H + 2 reach, W + 2 reach) float32 scratch.
+        span, reach, least, relative, straight: see `RampLimits`.
+        down: (3,) float64. A point at pixel (u, v) lies down[0] u + down[1] v + down[2] below the camera per metre of
+            depth, along the normal of the ground.
+        keep_m: height below the camera.
+        marks: (H, W) uint16 of `classify`, in and out.
+        seen_to: (H, W) uint16 out: the marks before the removal, with the depth of the near end at each pixel of a
+            ramp. The ray is measured up to that depth."""
     rows, cols = depth_mm.shape
     nothing = np.float32(-1.0)
     inverse[:reach] = nothing
@@ -206,7 +237,8 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
 
 @dataclass(frozen=True, slots=True)
 class EdgeCounts:
-    """Edges of one frame, in every fourth row: ramps and steps (see `count_edges`), and the rows of the image."""
+    """Edges of one frame in every _ROW_STEP-th row: ramps and steps of `count_edges`, and the number of rows of the
+    image."""
 
     ramps: int
     steps: int
@@ -214,16 +246,16 @@ class EdgeCounts:
 
     @property
     def total(self) -> int:
-        """Ramps and steps."""
+        """Number of ramps and steps."""
         return self.ramps + self.steps
 
     def at_least(self, edges: float) -> bool:
-        """Whether there are so many, at 480 rows."""
+        """True if an image of 480 rows would have at least this number of edges."""
         return self.total >= edges * self.rows / 480
 
 
 def edges_of(depth_mm: NDArray[np.uint16], limits: RampLimits) -> EdgeCounts:
-    """The edges of a depth image (H, W) uint16, of those that no noise makes."""
+    """Returns the edges of a depth image (H, W) uint16 that are too large to be noise."""
     ramps, steps = count_edges(
         depth_mm, _ROW_STEP, limits.span_px, limits.reach_px, limits.judged_per_m, limits.relative, limits.straight
     )
@@ -231,10 +263,11 @@ def edges_of(depth_mm: NDArray[np.uint16], limits: RampLimits) -> EdgeCounts:
 
 
 def observe_edges(state: ExtractorState, edges: EdgeCounts, params: Params) -> ExtractorState:
-    """The state after a frame: `edge_ramps` and `edge_steps`, the shares of ramps and of steps among the edges of each frame,
-    summed up with weights that fall by smear_memory from a frame to the one before.
+    """Returns the state after a frame, with the weighted shares of ramps and steps updated.
 
-    After n frames both together are 1 - smear_memory ** n. A frame with few edges is no evidence and changes nothing."""
+    `edge_ramps` and `edge_steps` are sums over frames of the shares of ramps and of steps among the edges of each
+    frame. The weight of a frame decreases by smear_memory with each later one, and both sums together are 1 -
+    smear_memory^n after n frames. A frame with too few edges changes nothing."""
     if not edges.at_least(params.smear_min_edges):
         return state
     memory, weight = params.smear_memory, (1.0 - params.smear_memory) / edges.total
@@ -246,12 +279,18 @@ def observe_edges(state: ExtractorState, edges: EdgeCounts, params: Params) -> E
 
 
 def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
-    """Whether the camera smears its edges. state: after this frame; edges: of this frame.
+    """True if the camera smears its edges.
 
-    From smear_min_frames frames on their mean share of ramps decides. Before that the frame needs smear_clear_edges edges and
-    the mean must exceed smear_clear_share, which no view of a camera with sharp edges comes near."""
+    From smear_min_frames frames on, the mean share of ramps decides. Before that, the frame must have
+    smear_clear_edges edges and the share must exceed smear_clear_share, which no measured view of a camera with sharp
+    edges reaches.
+
+    Args:
+        state: the state after this frame.
+        edges: edges of this frame.
+        params: parameters."""
     p, weight = params, state.edge_ramps + state.edge_steps
-    # The half frame keeps rounding out of the comparison.
+    # half a frame less, so that rounding does not affect the comparison
     if weight > 1.0 - p.smear_memory ** (p.smear_min_frames - 0.5):
         return state.edge_ramps > p.smear_min_share * weight
     return (
@@ -269,10 +308,13 @@ def drop_smeared_edges(
     params: Params,
     buffer: Buffers,
 ) -> tuple[NDArray[np.uint16], int, int]:
-    """Makes the ramps of a camera that smears unknown in marks (H, W) uint16; returns an image for the free space (see
-    `drop_ramps`), how many of their pixels were measured, and how many were far.
+    """Makes the ramps in `marks` (H, W) uint16 unknown, except on the ground.
 
-    The ground stays: seen at a grazing angle it is as steep as a ramp."""
+    The ground is kept because it is as steep as a ramp at a grazing angle.
+
+    Returns:
+        The image for the free space (`seen_to` of `drop_ramps`); the number of measured pixels and of far pixels
+            removed."""
     rows, cols = depth_mm.shape
     reach = limits.reach_px
     inverse = buffer("inverse", (rows + 2 * reach, cols + 2 * reach), np.float32)
@@ -296,10 +338,14 @@ def drop_smeared_edges(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SmearedEdges:
-    """What `remove_smeared_edges` did. active: whether the camera smears its edges, so that ramps were taken out.
+    """Result of `remove_smeared_edges`.
 
-    state: the next one, with the counts of edges. free_marks: (H, W) uint16, the image by which free space is judged, see
-    `drop_ramps`. measured, far: pixels taken out that were measured and that were far."""
+    Attributes:
+        active: True if the camera smears its edges, so that ramps were removed.
+        state: the next state, with the shares of ramps and steps.
+        free_marks: (H, W) uint16, the marks for the free space, see `drop_ramps`.
+        measured: number of removed pixels that were measured.
+        far: number of removed pixels that were far."""
 
     active: bool
     state: ExtractorState
@@ -309,11 +355,11 @@ class SmearedEdges:
 
     @property
     def pixels(self) -> int:
-        """All pixels taken out."""
+        """Number of removed pixels."""
         return self.measured + self.far
 
     def remaining(self, counts: tuple[int, int, int]) -> tuple[int, int, int]:
-        """Counts (measured, far, flying) of `classify` without the pixels taken out."""
+        """Returns the counts (measured, far, flying) of `classify` without the removed pixels."""
         measured, far, flying = counts
         return measured - self.measured, far - self.far, flying
 
@@ -329,8 +375,18 @@ def remove_smeared_edges(
     params: Params,
     buffers: Buffers,
 ) -> SmearedEdges:
-    """Judges the camera by the edges of this frame and the frames before, and takes ramps out of marks (H, W) uint16 where it
-    smears its edges."""
+    """Decides from this frame and earlier ones if the camera smears its edges, and then removes ramps from `marks`.
+
+    Args:
+        state: the state before the frame.
+        depth_mm: (H, W) uint16 as delivered.
+        marks: (H, W) uint16 of `classify`, in and out.
+        info: description of the camera.
+        R_level_optical: (3, 3) rotation.
+        ground: ground of this frame.
+        ke_per_m: noise coefficient.
+        params: parameters.
+        buffers: scratch memory."""
     limits = ramp_limits(info, ke_per_m, params)
     edges = edges_of(depth_mm, limits)
     after = observe_edges(state, edges, params)
@@ -343,7 +399,8 @@ def remove_smeared_edges(
 def ground_line(
     info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params
 ) -> tuple[NDArray[np.float64], float]:
-    """(down, keep_m) of `drop_ramps`; without a ground, down is vertical and no pixel is part of it."""
+    """Returns (down, keep_m) of `drop_ramps`. Without a ground, `down` is vertical and keep_m so large that no pixel
+    is kept."""
     k = info.intrinsics
     x, y, z = R_level_optical
     slope_x, slope_y = (ground.slope_x, ground.slope_y) if ground.seen else (0.0, 0.0)

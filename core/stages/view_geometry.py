@@ -1,7 +1,7 @@
-"""The levelled view as geometry: the virtual camera that looks along level_cam x, and where its cells lie in the source.
+"""Geometry of the levelled view: a virtual camera that looks along level_cam x, and its mapping to the source image.
 
-The pixels are brought there by level.py.
-"""
+Input: intrinsics and attitude of a frame. Output: `ViewGeometry`, and `SOURCE`, the source image as seen from the
+view. level.py transfers the pixels."""
 
 from __future__ import annotations
 
@@ -17,47 +17,57 @@ from ..params import Params
 from ..types import CameraInfo
 
 Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
-"""Quantised disparity: no measurement, free up to the maximum range, and the least measured value."""
+"""Values of quantised disparity: not measured; free up to the maximum range; the least measured value."""
 _MOST_LSB_PER_PX, _MAX_CODE = 64.0, 60000.0
-"""Resolution of quantised disparity: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
+"""Greatest resolution of quantised disparity per pixel, and the greatest code. The resolution is lower where half of
+the least range would exceed that code."""
 _MIN_CELLS = 2
-"""Along each axis: the distance between two rows is asked for."""
+"""Least number of columns and rows: the distance between two rows must be defined."""
 _BORDER_POINTS = 32
-"""Parts of each side of the image whose ends are looked at for the extent of the view."""
+"""Number of parts of each side of the image; the extent of the view is determined from their ends."""
 
 
 def disparity_lsb_per_px(info: CameraInfo, f_px: float) -> float:
-    """Quantised disparity per pixel of disparity in a view of focal length f_px."""
+    """Returns the steps of quantised disparity per pixel of disparity in a view of focal length f_px."""
     return min(_MOST_LSB_PER_PX, _MAX_CODE * 0.5 * info.min_range_m / f_px)
 
 
 SOURCE = record(
     ("width_px", np.int64),
     ("height_px", np.int64),
-    ("axis_x", np.float64),
+    ("axis_x", np.float64),  # x and z of the optical axis in level_cam
     ("axis_z", np.float64),
-    ("clear_m", np.float64),
-    ("max_range_m", np.float64),
+    ("clear_m", np.float64),  # greatest depth that counts as measured, see `clear_range_m`
+    ("max_range_m", np.float64),  # maximum range of the camera
 )
-"""The source image of a view: its size; x and z of the optical axis in level_cam; the greatest depth that counts as
-measured (`clear_range_m`), and the camera's maximum."""
+"""The source image of a view. One pixel of it may be repeated in the view, or several may fall into one cell."""
 
 
 def source_of(info: CameraInfo, R_level_optical: Rotation, clear_m: float) -> NDArray[Any]:
-    """(1,) SOURCE of a frame."""
+    """Returns SOURCE of a frame, an array of shape (1,)."""
     k, out = info.intrinsics, np.zeros(1, SOURCE)
     out[0] = k.width, k.height, R_level_optical[0, 2], R_level_optical[2, 2], clear_m, info.max_range_m
     return out
 
 
 class ViewGeometry(NamedTuple):
-    """The levelled view: a virtual camera looking along level_cam x.
+    """The levelled view: a virtual camera that looks along level_cam x.
 
-    cols, rows: its size; f_px: focal length; cu, cv: principal point. A cell (u, v) at forward distance X lies at
-    y = X * (u - cu)/f_px * lateral[v] and z = X * tan_edge between its edges tan_edge[v], tan_edge[v + 1] (down).
-    tan_mid: (rows,) float32, the tangents in the middle of rows. lsb_per_px: quantised disparity q per pixel of
-    disparity, q = f_px/X * lsb_per_px. H: (3, 3) float64, H (u, v, 1) is the cell's ray in the source's pixels (homogeneous, third
-    component: Z_optical / X)."""
+    A cell (u, v) at forward distance X lies at y = X (u - cu)/f_px lateral[v], and between z = X tan_edge[v] and z =
+    X tan_edge[v + 1] (z is down).
+
+    Attributes:
+        cols: number of columns.
+        rows: number of rows.
+        f_px: focal length.
+        cu: column of the principal point.
+        cv: row of the principal point, which is that of the horizon.
+        lsb_per_px: quantised disparity q per pixel of disparity, q = f_px / X lsb_per_px.
+        tan_edge: (rows + 1,) float32, tangents of elevation at the edges of the rows, positive down.
+        tan_mid: (rows,) float32, the same in the middle of the rows.
+        lateral: (rows,) float32, width of a column in pixels of f_px: 1, or the step of pooled columns.
+        H: (3, 3) float64. H (u, v, 1) is the ray of a cell in homogeneous pixels of the source; its third component
+            is Z_optical / X."""
 
     cols: int
     rows: int
@@ -72,16 +82,22 @@ class ViewGeometry(NamedTuple):
 
     @property
     def is_empty(self) -> bool:
-        """Whether (nearly) all rays of the source are steeper than the view reaches: there is nothing to work on."""
+        """True if all or nearly all rays of the source are steeper than the view reaches."""
         return min(self.cols, self.rows) < _MIN_CELLS
 
 
 @inner
 def window_of_border(R, k, width, height, limit):
-    """(least, greatest) y/x and (least, greatest) z/x in level_cam of the outer edge of the image, each within limit.
+    """Returns the least and greatest y/x, and the least and greatest z/x, of the border of the image in level_cam.
 
-    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. The edge lies half a pixel beyond the outermost centres; what looks
-    backwards counts as steep as may be."""
+    The border lies half a pixel beyond the outermost pixel centres. A ray that points backwards counts as +-limit.
+
+    Args:
+        R: (3, 3) R_level_optical.
+        k: (4,) fx, fy, cx, cy.
+        width: columns of the image.
+        height: rows of the image.
+        limit: greatest magnitude of the results."""
     low_y, high_y, low_z, high_z = limit, -limit, limit, -limit
     for i in range(_BORDER_POINTS + 1):
         along_u = -0.5 + width * (i / _BORDER_POINTS)
@@ -102,12 +118,13 @@ def window_of_border(R, k, width, height, limit):
 
 @inner
 def is_rotation(R, tolerance):
-    """Whether R (3, 3) is finite, each element of R R^T within tolerance of the unit matrix, and no reflection."""
+    """True if R (3, 3) is finite and a rotation: R R^T is the unit matrix within `tolerance` per element, and det(R)
+    > 0."""
     for i in range(3):
         for j in range(3):
             dot = R[i, 0] * R[j, 0] + R[i, 1] * R[j, 1] + R[i, 2] * R[j, 2]
-            if not abs(dot - (1.0 if i == j else 0.0)) <= tolerance:  # nor is what is not a number
-                return False
+            if not abs(dot - (1.0 if i == j else 0.0)) <= tolerance:
+                return False  # nan included
     a = R[0, 0] * (R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1])
     b = R[0, 1] * (R[1, 0] * R[2, 2] - R[1, 2] * R[2, 0])
     c = R[0, 2] * (R[1, 0] * R[2, 1] - R[1, 1] * R[2, 0])
@@ -115,15 +132,16 @@ def is_rotation(R, tolerance):
 
 
 def tilt_rad(R_level_optical: Rotation) -> float:
-    """Angle between the optical axis and the horizontal, >= 0."""
+    """Returns the angle between the optical axis and the horizontal plane, >= 0."""
     return math.asin(min(1.0, abs(float(R_level_optical[2, 2]))))
 
 
 def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -> ViewGeometry:
-    """The virtual camera whose window covers every source pixel not steeper than `max_elevation_deg`.
+    """Returns the virtual camera whose window covers every source pixel that is not steeper than `max_elevation_deg`.
 
-    Keeps the source's focal length unless the window would exceed `max_view_ratio` cells per source pixel. The view
-    `is_empty` where no pixel is left, as with a principal point outside of the image and a steep camera."""
+    The focal length is that of the source, unless the view would have more than `max_view_ratio` cells per source
+    pixel. The view `is_empty` if no pixel is left, for example for a steep camera with a principal point outside of
+    the image."""
     k = info.intrinsics
     limit = math.tan(math.radians(params.max_elevation_deg))
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
@@ -146,7 +164,15 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
 
 @kernel
 def level_view(R, k, width, height, limit, ratio):
-    """(cols, rows, f_px, cu, cv, tan_edge, tan_mid, lateral, H) of ViewGeometry. R, k, width, height, limit: see `window_of_border`."""
+    """Returns (cols, rows, f_px, cu, cv, tan_edge, tan_mid, lateral, H) of ViewGeometry.
+
+    Args:
+        R: (3, 3) R_level_optical.
+        k: (4,) fx, fy, cx, cy of the source.
+        width: columns of the source.
+        height: rows of the source.
+        limit: tangent of the greatest elevation and azimuth.
+        ratio: greatest number of cells per source pixel."""
     left, right, up, down = window_of_border(R, k, width, height, limit)
     f_px = min(k[0], k[1])
     cells = (right - left) * (down - up) * f_px * f_px
@@ -161,9 +187,10 @@ def level_view(R, k, width, height, limit, ratio):
 
 @inner
 def fill_view(R, k, f_px, cu, cv, edges, middles, H):
-    """Row edges (rows + 1,) and their middles (rows,) float32 as tangents and the homography H (3, 3) of ViewGeometry.
+    """Fills edges (rows + 1,), middles (rows,) and H (3, 3) of ViewGeometry.
 
-    A cell's ray is (1, (u - cu)/f, (v - cv)/f) in level_cam; R_level_optical, transposed, turns it into optical."""
+    The ray of a cell is (1, (u - cu)/f, (v - cv)/f) in level_cam. The transpose of R_level_optical turns it to the
+    optical frame, the intrinsics k (4,) project it into the source."""
     for v in range(len(edges)):
         edges[v] = (v - 0.5 - cv) / f_px
     for v in range(len(middles)):
@@ -178,9 +205,11 @@ def fill_view(R, k, f_px, cu, cv, edges, middles, H):
 
 @inner
 def _axis(low_px, high_px, source_centre):
-    """(principal point, cells) of one axis that reaches from low_px to high_px around it.
+    """Returns (principal point, number of cells) of one axis that reaches from low_px to high_px around the principal
+    point.
 
-    The principal point has the source's own fraction of a pixel, so that a level camera's cells are its pixels."""
+    The principal point has the same fraction of a pixel as that of the source, so that the cells of a level camera
+    are its pixels."""
     fraction = source_centre - math.floor(source_centre)
     centre = math.ceil(-low_px - 0.5 - fraction - 1e-6) + fraction
     return centre, math.ceil(high_px - 0.5 + centre - 1e-6) + 1
@@ -188,9 +217,9 @@ def _axis(low_px, high_px, source_centre):
 
 @inner
 def source_px_per_cell(H, u, v):
-    """Area of a cell of the levelled view in source pixels at (u, v): below 1 cells repeat pixels.
+    """Returns the area of the cell (u, v) in source pixels, the Jacobian det(H) / w^3 of the homography.
 
-    The Jacobian of the homography, det(H) / w^3."""
+    Below 1, neighbouring cells repeat a pixel."""
     w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
     if w <= 1e-6:
         return 0.0
@@ -202,18 +231,18 @@ def source_px_per_cell(H, u, v):
 
 @inner
 def outside_source(H, u, v, cols, rows):
-    """Whether cell (u, v) of the levelled view looks past the edge of the source image (cols x rows)."""
+    """True if cell (u, v) of the view lies outside of the source image of cols x rows pixels."""
     w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
     if w <= 1e-6:
         return True
     x = (H[0, 0] * u + H[0, 1] * v + H[0, 2]) / w
     y = (H[1, 0] * u + H[1, 1] * v + H[1, 2]) / w
-    # a thousandth of a pixel: the outermost pixels themselves are inside, whatever their rounding
+    # a tolerance of a thousandth of a pixel, so that the outermost pixels are inside in spite of rounding
     return x < -1e-3 or y < -1e-3 or x > cols - 1.0 + 1e-3 or y > rows - 1.0 + 1e-3
 
 
 def pooled_geometry(g: ViewGeometry, step: int) -> ViewGeometry:
-    """The geometry of `pool_columns`: a group's strip stands in its middle."""
+    """Returns the geometry of a view after `pool_columns`: a pooled column stands in the middle of its group."""
     to_full = np.array([[step, 0.0, 0.5 * (step - 1)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     return g._replace(
         cols=-(-g.cols // step),
