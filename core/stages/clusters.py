@@ -1,8 +1,10 @@
-"""Section 4.4: which strips belong together because the vehicle cannot pass between them.
+"""Clusters of strips between which the vehicle cannot pass (Section 4.4, Algorithm 1).
 
-Algorithm 1 with its distance made whole: horizontal gap below Ws and vertical gap below Hs, to any strip of a cluster
-instead of its last one; clusters that meet later join.
-"""
+Input: the table of strips with their places. Output: the cluster of each strip.
+
+Algorithm 1 compares a strip with the last strip of each cluster. Here two strips belong to one cluster if their
+horizontal gap is less than Ws and their vertical gap less than Hs, whichever strips of the cluster they are, and
+clusters that meet are joined. The result does not depend on the order of the strips."""
 
 from __future__ import annotations
 
@@ -15,33 +17,38 @@ from numpy.typing import NDArray
 from ..jit import inner, record
 
 GROUP = record(
-    ("ix", np.int32),
+    ("ix", np.int32),  # the cell
     ("iy", np.int32),
-    ("next", np.int32),
-    ("first", np.int32),
+    ("next", np.int32),  # next group of the bucket; later the number of the cluster
+    ("first", np.int32),  # first and last strip of the chain
     ("last", np.int32),
-    ("x0", np.float32),
+    ("x0", np.float32),  # box around the strips, m
     ("x1", np.float32),
     ("y0", np.float32),
     ("y1", np.float32),
     ("top", np.float32),
     ("bottom", np.float32),
 )
-"""Strips of one cell that are one cluster by their heights. ix, iy: the cell; next: the next group of the bucket, later the
-number of the cluster; first, last: strips of the chain; x0 to bottom: the box around them, m."""
+"""Strips of one cell of the horizontal grid whose heights make them one cluster."""
 
 CELL_PER_WS = 0.7
-"""Side of a cell over Ws: below 1/sqrt(2), so that two strips of one cell are always closer than Ws. No tuning: it
-changes the work, never the clusters."""
+"""Side of a cell over Ws. It is less than 1/sqrt(2), so that two strips of one cell are always closer than Ws. It
+affects the time only, not the clusters."""
 CELL_REACH = 2
-"""Cells to either side that hold strips closer than Ws: the next integer above 1/CELL_PER_WS."""
+"""Number of cells to each side that may hold strips closer than Ws: the next integer above 1/CELL_PER_WS."""
 BUCKETS = 4096
-"""Chains into which cells are spread, a power of two: it changes the work, never the clusters."""
+"""Number of hash buckets of the cells, a power of two. It affects the time only."""
 
 
 class ClusterBuffers(NamedTuple):
-    """Scratch of `join_near` for N strips: following, group_of, parent (N,) int32; groups (N,) GROUP; buckets (BUCKETS,)
-    int32."""
+    """Scratch memory of `join_near` for N strips.
+
+    Attributes:
+        following: (N,) int32, next strip of the same group.
+        group_of: (N,) int32, group of a strip.
+        parent: (N,) int32, union-find forest of the groups.
+        groups: (N,) GROUP.
+        buckets: (BUCKETS,) int32, first group of a bucket."""
 
     following: NDArray[np.int32]
     group_of: NDArray[np.int32]
@@ -51,7 +58,7 @@ class ClusterBuffers(NamedTuple):
 
 
 def cluster_buffers(strips: int) -> ClusterBuffers:
-    """Scratch for so many strips."""
+    """Allocates scratch memory for this number of strips."""
     return ClusterBuffers(
         np.zeros(strips, np.int32),
         np.zeros(strips, np.int32),
@@ -63,7 +70,7 @@ def cluster_buffers(strips: int) -> ClusterBuffers:
 
 @inner
 def place_strips(strips, n, view):
-    """Writes the place of each strip in level_cam (Eq. 15)."""
+    """Computes the place of each strip in level_cam (Eq. 15)."""
     f, cu = view.f_px, view.cu
     for i in range(n):
         s = strips[i]
@@ -76,7 +83,7 @@ def place_strips(strips, n, view):
 
 @inner
 def root_of(parent, i):
-    """Root of i in the union-find forest, halving the path."""
+    """Returns the root of i in the union-find forest, and halves the path."""
     for _ in range(i + 1):  # parents have lower numbers
         if parent[i] == i:
             break
@@ -87,14 +94,19 @@ def root_of(parent, i):
 
 @inner
 def join_near(strips, n, ws, hs, buffers):
-    """Writes `cluster` (numbered from 0 in order of first appearance); returns the number of clusters.
+    """Sets `cluster` of each strip, numbered from 0 in the order of first appearance; returns the number of clusters.
 
-    strips: (N,) STRIP with places. ws, hs: horizontal and vertical gap, m, from which on the vehicle passes. buffers:
-    ClusterBuffers.
+    The clusters are the connected components of the graph of all pairs of strips closer than ws horizontally and hs
+    vertically. Not all pairs are tested: two strips of one cell are always closer than ws, so that their heights
+    alone form groups. Groups of cells within reach of each other are joined if one pair of their strips is close
+    enough.
 
-    The components of the graph of all pairs of strips closer than Ws across and Hs in height, without looking at all
-    pairs: strips of one cell are closer than Ws anyhow, so that heights alone make groups of them; groups of cells in
-    reach of each other are joined where a pair of their strips is close enough."""
+    Args:
+        strips: (N,) STRIP with places.
+        n: number of strips.
+        ws: horizontal gap that the vehicle can pass, m.
+        hs: vertical gap that the vehicle can pass, m.
+        buffers: ClusterBuffers."""
     count = _group_cells(strips, n, CELL_PER_WS * ws, hs, buffers)
     for g in range(count):
         if buffers.groups[g].first >= 0:
@@ -104,15 +116,16 @@ def join_near(strips, n, ws, hs, buffers):
 
 @inner
 def _bucket(ix, iy):
-    """Where the chain of groups of a cell begins."""
+    """Returns the hash bucket of a cell."""
     return (ix + 61 * iy) & (BUCKETS - 1)
 
 
 @inner
 def _group_cells(strips, n, cell_m, hs, buffers):
-    """Groups the strips of each cell by their heights: no step of Hs or more inside a group; returns how many it made.
+    """Groups the strips of each cell so that no vertical gap within a group is hs or more; returns the number of
+    groups.
 
-    A group that a later strip joins to another one of its cell has no strips left (first = -1) and a parent."""
+    A group that is absorbed by another one of its cell has no strips left (first = -1) and a parent."""
     following, groups, buckets = buffers.following, buffers.groups, buffers.buckets
     buckets[:] = -1
     count = 0
@@ -135,7 +148,7 @@ def _group_cells(strips, n, cell_m, hs, buffers):
                 following[group.last] = i
                 group.last = i
                 _widen(group, s.x_m, s.x_m, s.y_m, s.y_m, s.top_m, s.bottom_m)
-            else:  # the strip lies between two groups of its cell
+            else:  # the strip connects two groups of its cell
                 groups[before].next = after
                 _absorb(mine, g, buffers)
             g = after
@@ -155,7 +168,7 @@ def _group_cells(strips, n, cell_m, hs, buffers):
 
 @inner
 def _widen(group, x0, x1, y0, y1, top, bottom):
-    """Takes a box into that of a group."""
+    """Extends the box of a group by another box."""
     group.x0, group.x1 = min(group.x0, x0), max(group.x1, x1)
     group.y0, group.y1 = min(group.y0, y0), max(group.y1, y1)
     group.top, group.bottom = min(group.top, top), max(group.bottom, bottom)
@@ -163,7 +176,7 @@ def _widen(group, x0, x1, y0, y1, top, bottom):
 
 @inner
 def _absorb(g, h, buffers):
-    """Takes the strips of group h into group g of the same cell."""
+    """Moves the strips of group h into group g of the same cell."""
     a, b = buffers.groups[g], buffers.groups[h]
     _unite(buffers.parent, g, h)
     buffers.following[a.last] = b.first
@@ -174,13 +187,16 @@ def _absorb(g, h, buffers):
 
 @inner
 def _unite(parent, g, h):
+    """Joins the components of two groups. The root is the group of the lower number."""
     a, b = root_of(parent, g), root_of(parent, h)
     parent[max(a, b)] = min(a, b)
 
 
 @inner
 def _join_neighbours(strips, g, ws, hs, buffers):
-    """Joins group g with those of the half of the cells around it that come after it, where strips are close enough."""
+    """Joins group g with groups of neighbouring cells that have a strip close enough.
+
+    Only the half of the cells that comes after the cell of g is searched; the other half is searched from there."""
     groups, parent = buffers.groups, buffers.parent
     for dx in range(CELL_REACH + 1):
         for dy in range(-CELL_REACH if dx > 0 else 1, CELL_REACH + 1):
@@ -197,7 +213,7 @@ def _join_neighbours(strips, g, ws, hs, buffers):
 
 @inner
 def _touch(strips, g, h, ws, hs, following):
-    """Whether a strip of group g and one of group h are closer than Ws across and Hs in height."""
+    """True if a strip of group g and one of group h are closer than ws horizontally and hs vertically."""
     zero = np.float32(0.0)
     dx, dy = max(g.x0 - h.x1, h.x0 - g.x1, zero), max(g.y0 - h.y1, h.y0 - g.y1, zero)
     if max(g.top - h.bottom, h.top - g.bottom) >= hs or dx * dx + dy * dy >= ws * ws:
@@ -225,7 +241,7 @@ def _touch(strips, g, h, ws, hs, following):
 
 @inner
 def _number_clusters(strips, n, count, buffers):
-    """Numbers the clusters 0, 1, ... in order of their first strip; returns how many there are."""
+    """Numbers the clusters 0, 1, ... in the order of their first strip; returns their number."""
     groups = buffers.groups
     for g in range(count):
         groups[g].next = -1  # from here on the number of the cluster

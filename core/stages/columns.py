@@ -1,4 +1,6 @@
-"""Sections 4.1-4.3 for a whole levelled view: column by column density, peaks, windows, and the irregular rest."""
+"""Strips of a levelled view, column by column (Sections 4.1-4.3): density, peaks, windows and the irregular rest.
+
+Input: quantised disparity and the threshold of the ground. Output: the table of strips, in the order of columns."""
 
 from __future__ import annotations
 
@@ -14,10 +16,16 @@ from .windows import Peak, WindowBuffers, slide_windows
 
 @kernel
 def extract_strips(codes, ground, view, bins, settings, strips):
-    """All strips of a levelled view, column by column: (their number, ground pixels, strips merged for want of room).
+    """Extracts all strips of a levelled view; returns (strips, ground cells, strips merged because their column was
+    full).
 
-    codes: (cols, rows) uint16 quantised disparity. ground: GroundThreshold. view: ViewGeometry. bins: BinTable. settings:
-    (1,) STRIP_SETTINGS. strips: out, STRIP with room for max_column_strips of each column."""
+    Args:
+        codes: (cols, rows) uint16 quantised disparity.
+        ground: GroundThreshold.
+        view: ViewGeometry.
+        bins: BinTable.
+        settings: (1,) STRIP_SETTINGS.
+        strips: (N,) STRIP out, with room for max_column_strips per column."""
     p = settings[0]
     cols, rows = codes.shape
     n_bins, half = bins.disparity_px.shape[0], bins.weights.shape[0] // 2
@@ -77,7 +85,9 @@ def extract_strips(codes, ground, view, bins, settings, strips):
 
 @inner_inline
 def peak_of(label, low, high, top, bins, settings):
-    """The Peak with this label that reaches over the bins low..high with its greatest count in bin `top`."""
+    """Returns the Peak with this label that covers the bins low..high and has its greatest count in bin `top`.
+
+    It is rough if its width exceeds the noise e(x) of Eq. 9, sigma_d + 2 alpha h, by rough_factor."""
     bin_px, width_px = bins.disparity_px, bins.width_px
     spread = bin_px[high] - bin_px[low] + width_px[top]
     noise = settings.sigma_d_px + 2.0 * settings.peak_alpha * bins.weights.shape[0] * width_px[top]

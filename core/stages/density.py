@@ -1,9 +1,12 @@
-"""Section 4.1: how many pixels of a column lie near each disparity, and where that has its peaks.
+"""Density of the disparity of a column and its peaks (Section 4.1, Eq. 4-6).
 
-Bins follow the noise, which stereo has constant in disparity; near the camera, where a bin would be thinner than any
-obstacle is flat, they have a least depth instead. The soft count of a bin is sum K((x - D)/h)/K(0) with a Gaussian
-over a few bins, in 1/64 of a pixel, to be compared with the pixels an obstacle of the least height fills: Hm * x / C.
-"""
+Input: the pixels of a column. Output: intervals of disparity bins, one for each peak that exceeds the threshold of
+Eq. 6.
+
+The density is a histogram smoothed by the Gaussian kernel: the soft count of a bin is sum K((x - D)/h) / K(0), in
+1/64 of a pixel. It is compared with the number of pixels that an obstacle of the least height fills, Hm x / C. Bins
+are uniform in disparity, as stereo noise is, until they would be thinner than bin_depth_m; nearer than that they are
+uniform in depth."""
 
 from __future__ import annotations
 
@@ -18,20 +21,27 @@ from ..params import Params
 from .row_mask import CODE
 
 ONE_PX = 64
-"""Soft counts are in this fraction of a pixel: their resolution."""
+"""Soft count of one pixel."""
 MAX_PEAKS = 24
-"""Room for the peaks of one column: what no peak takes, the irregular rest does."""
+"""Greatest number of peaks of a column. Pixels of further peaks are left to the irregular rest."""
 LANES = 4
-"""Histograms that take turns: rows of one wall fall into one bin, and would wait for each other."""
+"""Number of histograms that are used in turns: consecutive rows of a wall fall into one bin, and each addition would
+wait for the one before."""
 _MAX_BINS = 4096
-"""Room for the bins: finer ones than fit are widened. Three quarters are for those uniform in disparity."""
+"""Greatest number of bins. Bins that are too fine are widened; those uniform in disparity use three quarters of the
+table."""
 
 
 class BinTable(NamedTuple):
-    """bin_of_code: (65536,) uint16, the bin of a code of the levelled view, counted from 1 (0: no measurement).
-    disparity_px: (B + 2,) float32 at bin centres, rising with the bin. threshold: (B + 2,) int32, least soft count of
-    a peak in 1/64 px. weights: (2 kernel_half_bins + 1,) int32. width_px: (B + 2,) float32 width of a bin.
-    first_code: (B + 3,) int32, the least code of a bin or of a greater one. All indexed by bin."""
+    """Bins of disparity for one focal length and noise level, indexed from 1; bin 0: no measurement.
+
+    Attributes:
+        bin_of_code: (65536,) uint16, the bin of a code of the levelled view.
+        disparity_px: (B + 2,) float32, centre of a bin, increasing.
+        width_px: (B + 2,) float32, width of a bin.
+        threshold: (B + 2,) int32, least soft count of a peak in 1/ONE_PX px (Eq. 6).
+        weights: (2 kernel_half_bins + 1,) int32, the kernel of Eq. 5.
+        first_code: (B + 3,) int32, the least code that falls into a bin or a greater one."""
 
     bin_of_code: NDArray[np.uint16]
     disparity_px: NDArray[np.float32]
@@ -42,9 +52,10 @@ class BinTable(NamedTuple):
 
 
 def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params) -> BinTable:
-    """The bins for one focal length and noise level.
+    """Returns the bins for one focal length and noise level.
 
-    Uniform with sigma_d / bin_per_sigma up to where that is bin_depth_m deep, then uniform in depth."""
+    Their width is sigma_d / bin_per_sigma up to the disparity at which that is bin_depth_m deep, then uniform in
+    depth."""
     uniform = sigma_d_px / params.bin_per_sigma
     top = 65535.0 / lsb_per_px
     depth = params.bin_depth_m
@@ -80,11 +91,15 @@ def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params)
 
 @inner_inline
 def count_bins(px, n, bin_of_code, lanes):
-    """How many of the first n pixels of px are in each bin; returns the least and the greatest bin with any.
+    """Counts the first n pixels of px by bin; returns the least and the greatest bin with any.
 
-    lanes: (LANES, B + 2) int32, zero before; the count of a bin is the sum over the lanes. n: at least 1."""
+    Args:
+        px: (2, V) int32 of `gather_rows`.
+        n: number of pixels, at least 1.
+        bin_of_code: of BinTable.
+        lanes: (LANES, B + 2) int32, zero before. The count of a bin is the sum over the lanes."""
     for i in range(n):
-        b = bin_of_code[np.uint32(px[CODE, i])]  # without a sign: no look whether it counts from the end
+        b = bin_of_code[np.uint32(px[CODE, i])]  # an unsigned index needs no test for negative values
         lanes[i & (LANES - 1), b] += 1
     least, most = px[CODE, 0], px[CODE, 0]
     for i in range(n):
@@ -94,19 +109,26 @@ def count_bins(px, n, bin_of_code, lanes):
 
 @inner_inline
 def soft_counts(lanes, first, last, weights, hist, counts):
-    """counts[b] = sum_k weights[k] hist[b + k - half] for the bins with pixels (first..last) and around them.
+    """Computes counts[b] = sum_k weights[k] hist[b + k - half] for the bins first..last and those within the kernel
+    (Eq. 4).
 
-    lanes: (LANES, B + 2) int32 as of `count_bins`, zero again afterwards. weights: (2 half + 1,) int32, symmetric.
-    hist: (B + 2 + 2 half,) int32 scratch, zero before and after. counts: (B + 2,) int32 out, only the returned range:
-    (least, greatest bin that a kernel reaches), with one bin without counts before it."""
+    Args:
+        lanes: (LANES, B + 2) int32 of `count_bins`, zero afterwards.
+        first, last: least and greatest bin with pixels.
+        weights: (2 half + 1,) int32, symmetric.
+        hist: (B + 2 + 2 half,) int32 scratch, zero before and after.
+        counts: (B + 2,) int32 out, valid in the returned range.
+
+    Returns:
+        The least and greatest bin that the kernel reaches, and one empty bin before them."""
     half = weights.shape[0] // 2
     begin, end = max(0, first - half - 1), min(counts.shape[0] - 1, last + half)
-    h = np.uint64(half)  # indices without a sign: the loops below are then done many bins at a time
+    h = np.uint64(half)  # unsigned indices, so that the loops below are vectorised
     for b in range(np.uint64(first), np.uint64(last + 1)):
         hist[b + h] = lanes[0, b] + lanes[1, b] + lanes[2, b] + lanes[3, b]
         lanes[0, b], lanes[1, b], lanes[2, b], lanes[3, b] = 0, 0, 0, 0
     u_begin, u_end = np.uint64(begin), np.uint64(end + 1)
-    if half == 3:  # the usual kernel in one pass
+    if half == 3:  # the default kernel, in one pass
         w0, w1, w2, w3 = weights[3], weights[4], weights[5], weights[6]
         for b in range(u_begin, u_end):
             at = b + h
@@ -129,9 +151,10 @@ def soft_counts(lanes, first, last, weights, hist, counts):
 
 @inner_inline
 def peaks_of_column(counts, begin, end, threshold, valley_share, alpha, low, high, top):
-    """Peaks of counts[begin..end] over `threshold`, from near to far, as `find_peaks` over all bins would give them.
+    """Finds the peaks of counts[begin..end], from near to far, and returns their number.
 
-    What is parted by bins without any count can be looked at by itself, and most of it is nowhere over its threshold."""
+    The result is that of `find_peaks` over all bins. Only ranges between empty bins that contain a bin over its
+    threshold are searched. The arguments are those of `find_peaks`."""
     found = 0
     for _ in range(end - begin + 1):
         b = last_over(counts, threshold, begin, end)
@@ -153,7 +176,7 @@ def peaks_of_column(counts, begin, end, threshold, valley_share, alpha, low, hig
 
 @inner_inline
 def last_over(counts, threshold, begin, end):
-    """The greatest bin of begin..end whose count is not below its threshold and not zero, or -1."""
+    """Returns the greatest bin of begin..end whose count is not zero and not below its threshold, or -1."""
     none = np.int32(-1)
     last = none
     for b in range(np.uint64(begin), np.uint64(end + 1)):
@@ -164,12 +187,22 @@ def last_over(counts, threshold, begin, end):
 
 @inner_inline
 def find_peaks(counts, threshold, first, last, valley_share, alpha, found, low, high, top):
-    """Adds the peaks of counts[first..last] over `threshold`, from near (high bins) to far, to the `found` ones;
-    returns how many there are then (at most MAX_PEAKS).
+    """Appends the peaks of counts[first..last] over their threshold, from near (high bins) to far; returns the number
+    of peaks.
 
-    low, high: (MAX_PEAKS,) int32 intervals, where the count stays at or above alpha of the peak, never past the valley
-    to the next peak; top: (MAX_PEAKS,) int32 bins. A valley above valley_share of the smaller peak joins both; a plateau
-    is one peak. Beyond MAX_PEAKS the farthest are left to the irregular rest, which takes every pixel that is over."""
+    The interval of a peak is where the count stays at or above alpha times the peak, but never past the valley to the
+    next peak. A valley above valley_share of the smaller of two peaks does not separate them. A plateau is one peak.
+    Beyond MAX_PEAKS the farthest are left to the irregular rest, which uses every remaining pixel.
+
+    Args:
+        counts: soft counts.
+        threshold: of BinTable.
+        first, last: range of bins.
+        valley_share: see above.
+        alpha: see above; the paper's alpha.
+        found: number of peaks so far.
+        low, high: (MAX_PEAKS,) int32 out, first and last bin of each peak.
+        top: (MAX_PEAKS,) int32 out, bin of the greatest count."""
     start = last
     best, best_at = 0, last
     valley, valley_at = 0, last
@@ -195,7 +228,7 @@ def find_peaks(counts, threshold, first, last, valley_share, alpha, found, low, 
 
 @inner_inline
 def peak_interval(counts, top, first, last, least):
-    """The bins around `top`, within first..last, whose counts are not below `least`: (first, last)."""
+    """Returns the first and last bin around `top`, within first..last, up to which all counts are at least `least`."""
     low, high = top, top
     for b in range(top + 1, last + 1):
         if counts[b] < least:

@@ -1,9 +1,9 @@
-"""Section 5.1: gaps between strips of one column that the vehicle cannot pass are filled.
+"""Vertical gap filling (Section 5.1): closes gaps between strips of one column that the vehicle cannot pass.
 
-A gap lower than Hs is filled. A gap of Hs or more is kept only where it is open over a width of Ws or more, or opens to a
-side; a slit between solid sides is filled. Filling joins neighbours only, never the space under a whole bridge,
-and rows that were filled without a measurement are counted, so that their plane is marked INFERRED.
-"""
+Input and output: the table of strips. A gap lower than Hs is filled. A gap of Hs or more is kept if it is open over a
+width of Ws or more, or at one of its sides; a slit between closed sides is filled. The paper extends all strips of a
+cluster to its full height; here only strips next to a gap are extended, so that the space below a bridge stays open.
+Filled rows that were not measured are counted, and their plane is marked INFERRED."""
 
 from __future__ import annotations
 
@@ -16,22 +16,26 @@ from numpy.typing import NDArray
 from ..jit import inner, record
 
 MAX_RUNS = 32
-"""Room for the runs of gaps that are open at one time: what does not fit stays open, which is never wrong."""
+"""Greatest number of runs at one time. Gaps beyond it stay open."""
 
 RUN = record(
-    ("first", np.int32),
+    ("first", np.int32),  # first and last column
     ("last", np.int32),
     ("cluster", np.int32),
-    ("top_m", np.float32),
+    ("top_m", np.float32),  # heights that all gaps share
     ("bottom_m", np.float32),
-    ("x_m", np.float32),
+    ("x_m", np.float32),  # greatest distance of the strips at the gaps
 )
-"""A row of neighbouring columns first..last whose gaps share at least Hs of height: what they share, and the farthest
-distance of their strips."""
+"""A run of neighbouring columns whose gaps share at least Hs of height."""
 
 
 class GapBuffers(NamedTuple):
-    """Scratch of `fill_columns` for N strips: open_of (clusters,) and lower (N,) int32, runs (MAX_RUNS,) RUN."""
+    """Scratch memory of `fill_columns` for N strips.
+
+    Attributes:
+        open_of: (clusters,) int32, the strip of a cluster that reaches lowest so far.
+        lower: (N,) int32, the strip below the gap that begins at a strip, -1: none.
+        runs: (MAX_RUNS,) RUN."""
 
     open_of: NDArray[np.int32]
     lower: NDArray[np.int32]
@@ -39,13 +43,15 @@ class GapBuffers(NamedTuple):
 
 
 def gap_buffers(strips: int) -> GapBuffers:
-    """Scratch for so many strips."""
+    """Allocates scratch memory for this number of strips."""
     return GapBuffers(np.zeros(strips, np.int32), np.zeros(strips, np.int32), np.zeros(MAX_RUNS, RUN))
 
 
 @inner
 def fill_gap(strips, i, j, settings):
-    """Closes the gap between strip i and strip j below it: one strip where they lie on one surface, else the farther grows."""
+    """Closes the gap between strip i and strip j below it; returns True if both became one strip.
+
+    They do if they lie on one surface. Otherwise the farther one is extended."""
     a, b = strips[i], strips[j]
     rows = b.top_row - a.bottom_row - 1
     d = min(a.disparity_px, b.disparity_px)
@@ -71,12 +77,19 @@ def fill_gap(strips, i, j, settings):
 
 @inner
 def fill_columns(strips, clusters, view, first_of_column, settings, buffers):
-    """Fills gaps lower than Hs, and slits: gaps open over less than Ws and closed on both sides; returns how many slits.
+    """Fills gaps lower than Hs, and slits: gaps open over less than Ws and closed on both sides; returns the number
+    of slits.
 
-    strips: (N,) STRIP of so many clusters, in order of columns and, within one, from top to bottom; where two become one
-    the support of the lower one is 0. first_of_column: (cols + 1,) int32. settings: a record of STRIP_SETTINGS; buffers:
-    GapBuffers. A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below
-    it."""
+    A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below it. Where
+    two strips become one, the support of the lower one is 0.
+
+    Args:
+        strips: (N,) STRIP in the order of `sort_columns`, in and out.
+        clusters: number of clusters.
+        view: ViewGeometry.
+        first_of_column: (cols + 1,) int32.
+        settings: a record of STRIP_SETTINGS.
+        buffers: GapBuffers."""
     open_of, lower = buffers.open_of, buffers.lower
     open_of[:clusters] = -1
     hs, cols = settings.passable_height_m, view.cols
@@ -115,7 +128,8 @@ def fill_columns(strips, clusters, view, first_of_column, settings, buffers):
 
 @inner
 def _close_runs(strips, cols, first_of_column, column_m_per_x, settings, u, buffers, open_runs):
-    """Takes out the runs that column u no longer goes on with, slits being filled; returns (runs left, gaps filled)."""
+    """Removes the runs that do not continue in column u and fills those that are slits; returns (runs left, gaps
+    filled)."""
     runs, ws = buffers.runs, settings.passable_width_m
     kept, filled = 0, 0
     for r in range(open_runs):
@@ -133,8 +147,8 @@ def _close_runs(strips, cols, first_of_column, column_m_per_x, settings, u, buff
 
 @inner
 def closed_at(strips, first, last, run, ws):
-    """Whether a strip among first..last-1 of the run's cluster stands in the middle of its height, less than Ws from its
-    distance."""
+    """True if a strip of first..last - 1 closes a run: same cluster, at the middle of its height, less than ws from
+    its distance."""
     z = 0.5 * (run.top_m + run.bottom_m)
     for j in range(first, last):
         s = strips[j]
@@ -145,7 +159,9 @@ def closed_at(strips, first, last, run, ws):
 
 @inner
 def _join_run(strips, i, j, u, hs, runs, open_runs):
-    """Adds the gap i-j of column u to the run whose opening it shares, or opens a run; returns the number of runs."""
+    """Adds the gap between strips i and j in column u to the run with which it shares hs of height, or begins a run.
+
+    Returns the number of runs."""
     above, below = strips[i], strips[j]
     top, bottom = above.bottom_m, below.top_m
     for r in range(open_runs):
@@ -167,7 +183,7 @@ def _join_run(strips, i, j, u, hs, runs, open_runs):
 
 @inner
 def _bounded(strips, first_of_column, cols, run, settings):
-    """Whether both sides of a run are closed within `link_gap_px` columns at the middle of its height."""
+    """True if both sides of a run are closed within `link_gap_px` columns, at the middle of its height."""
     left = False
     right = False
     ws = settings.passable_width_m
@@ -182,7 +198,7 @@ def _bounded(strips, first_of_column, cols, run, settings):
 
 @inner
 def _fill_run(strips, first_of_column, run, lower, settings):
-    """Fills the gaps of one run; returns how many."""
+    """Fills the gaps of one run; returns their number."""
     filled = 0
     for u in range(run.first, run.last + 1):
         for i in range(first_of_column[u], first_of_column[u + 1]):

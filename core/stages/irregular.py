@@ -1,4 +1,7 @@
-"""Section 4.3 for one column: what no window took, in segments; and which of it is a horizontal surface."""
+"""Irregular objects (Section 4.3): divides the pixels of a column that no window took into segments, each a strip.
+
+Input: the list of the remaining pixels of a column. Output: strips of the kinds IRREGULAR and HORIZONTAL. The paper
+divides them at constant height intervals Hd; here a segment also ends at gaps and depth jumps."""
 
 from __future__ import annotations
 
@@ -13,9 +16,10 @@ from .strips import HORIZONTAL, IRREGULAR, Pixels, emit
 
 @inner
 def is_horizontal(px, first, last, settings):
-    """Eq. 12-14: do disparity and row of the pixels first..last - 1 correlate, and does their line meet the horizon?
+    """True if the pixels first..last - 1 lie on a horizontal surface (Eq. 12-14).
 
-    In the levelled view the vanishing row is the horizon whatever the pitch. settings: a record of STRIP_SETTINGS."""
+    Disparity and row must correlate, and their line must meet the horizon at disparity 0. In the levelled view the
+    horizon is the row of the principal point for any pitch. settings: a record of STRIP_SETTINGS."""
     n = last - first
     sd, sv, sdd, svv, sdv = np.int64(0), np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     for i in range(np.uint64(first), np.uint64(last)):
@@ -32,11 +36,18 @@ def is_horizontal(px, first, last, settings):
 
 @inner_inline
 def irregular_rest(px, n, column, settings, buffer, out):
-    """Section 4.3: the first n pixels of px, which no window took, in segments.
+    """Divides the first n pixels of px, which no window took, into segments and makes a strip of each (Section 4.3).
 
-    A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
-    than irregular_depth_m. px: see row_mask.py; settings: a record of STRIP_SETTINGS; buffer: (V,) int32 scratch; out:
-    StripOutput."""
+    A segment ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or when it is deeper than
+    irregular_depth_m.
+
+    Args:
+        px: list of pixels, see row_mask.py.
+        n: number of pixels.
+        column: Column.
+        settings: a record of STRIP_SETTINGS.
+        buffer: (V,) int32 scratch.
+        out: StripOutput."""
     if n == 0:
         return
     gap, hd = settings.irregular_gap_px, settings.segment_height_m
@@ -51,7 +62,7 @@ def irregular_rest(px, n, column, settings, buffer, out):
         close = px[ROW, i] - px[ROW, i - 1] > gap
         tall = px[ROW, i] - px[ROW, first] + 1
         close |= (abs(d - before) > max(noise, settings.irregular_jump * d)) | (tall > hd * hi)
-        # f / lo - f / hi > depth + noise * f / lo^2, without its divisions
+        # f / lo - f / hi > depth + noise * f / lo^2, without the divisions
         close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
         if close:
             close_irregular(px, first, i, total, column, settings, buffer, out)
@@ -64,7 +75,7 @@ def irregular_rest(px, n, column, settings, buffer, out):
 
 @inner_inline
 def close_irregular(px, first, last, total, column, settings, buffer, out):
-    """Ends one irregular segment: a strip at its near side."""
+    """Makes a strip of one irregular segment, at its near side."""
     count = last - first
     horizontal = count >= settings.horizontal_min_px and is_horizontal(px, first, last, settings)
     kind = HORIZONTAL if horizontal else IRREGULAR

@@ -1,8 +1,8 @@
-"""Which rows of a column count: those with a measurement that is neither ground nor below it.
+"""Selects the rows of a column that may belong to an obstacle: those measured above the ground.
 
-A column has two representations: row by row, with a mark for each row, where many rows are done at a time; and as a
-list of the pixels that are open, px: (2, V + 8) int32 with a line for each of ROW and CODE, from top to bottom.
-"""
+Input: quantised disparity of one column and the threshold of the ground. Output: the column in two representations. A
+mask or label per row is used where many rows are processed per instruction. A list of the open pixels from top to
+bottom, px (2, V + 8) int32 with the lines ROW and CODE, is used elsewhere."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ import numpy as np
 from ..jit import inner, inner_inline, kernel
 
 ROW, CODE = range(2)
-"""Lines of a list of pixels: their row and their code."""
+"""Lines of a list of pixels: row, and quantised disparity."""
 NO_PEAK, TAKEN, CLOSED = 253, 254, 255
-"""Marks of a row besides the number of the peak that it belongs to: of none; in a strip; not measured, far or ground. Up
-to NO_PEAK a row is open: measured, and in no strip yet. The greater of two marks is the one that stays."""
+"""Labels of a row, besides the index of the peak to which it belongs: NO_PEAK, measured and in no peak; TAKEN, in a
+strip; CLOSED, not measured, far or ground. Rows with labels up to NO_PEAK are open: measured and in no strip yet.
+Of two labels the greater one is kept."""
 
 MAX_TILES = 16
-"""Parts of the view that have limits of their own (resolution of a look-up; no result depends on it)."""
+"""Greatest number of groups of columns that share limits. It affects the time only, not the result."""
 
 
 @inner
 def gate_rises(gate):
-    """Whether the ground's gate rises with the code, as it does unless the camera is lower than the tolerance."""
+    """True if the threshold of the ground increases with the code. It does not if the camera is lower than the
+    tolerance."""
     greater, less = gate[3:], gate[2:-1]
     falls = 0
     for i in range(less.shape[0]):
@@ -34,20 +36,26 @@ def gate_rises(gate):
 
 @inner
 def ground_limits(gate, tan_mid, shift, last_ground):
-    """last_ground[v]: the greatest code that is ground in row v of a column with this shift, 1 where none is.
+    """Computes the greatest code that is ground in each row of a column with this shift; 1 if none is.
 
-    gate: (65536,) float32, rising; tan_mid: (V,) float32, rising: one walk along both serves all rows. last_ground: (V,)
-    uint16 out. A code is ground where tan_mid - shift > gate[code]."""
+    A code is ground where tan_mid - shift > gate[code]. Both tables increase, so that one pass along both serves all
+    rows.
+
+    Args:
+        gate: (65536,) float32, `limit` of GroundThreshold.
+        tan_mid: (V,) float32 of the view.
+        shift: of the column, see GroundThreshold.
+        last_ground: (V,) uint16 out."""
     codes = gate.shape[0]
     high = 2
     for v in range(tan_mid.shape[0]):
         t = tan_mid[v] - shift
         low, step = high - 1, 1
-        for _ in range(20):  # ever longer steps up to a code that is not ground
+        for _ in range(20):  # growing steps up to a code that is not ground
             if high >= codes or not t > gate[high]:
                 break
             low, high, step = high, min(codes, high + step), 2 * step
-        for _ in range(20):  # and halves back to the first of them
+        for _ in range(20):  # bisection back to the first such code
             if high - low <= 1:
                 break
             middle = (low + high) // 2
@@ -60,7 +68,7 @@ def ground_limits(gate, tan_mid, shift, last_ground):
 
 @kernel
 def tile_columns(tan_mid, shift):
-    """How many columns may share limits: those whose shifts differ by less than a row."""
+    """Returns the number of neighbouring columns that share limits: their shifts differ by less than a row."""
     spread = np.float64(shift.max() - shift.min())
     pitch = np.float64(tan_mid[-1] - tan_mid[0]) / (tan_mid.shape[0] - 1)
     tiles = int(math.ceil(min(max(spread / max(pitch, 1e-9), 1.0), 1.0 * MAX_TILES)))
@@ -69,8 +77,16 @@ def tile_columns(tan_mid, shift):
 
 @kernel
 def tile_limits(gate, rises, tan_mid, shifts, below, above):
-    """Limits of all columns with these shifts: codes up to below[v] are ground in each of them, codes over above[v] in
-    none. below, above: (V,) uint16 out. Returns whether codes between must be looked at one by one."""
+    """Computes limits of the ground for all columns with these shifts; returns True if codes between them must be
+    tested.
+
+    Args:
+        gate: (65536,) float32, `limit` of GroundThreshold.
+        rises: of `gate_rises`.
+        tan_mid: (V,) float32 of the view.
+        shifts: (columns,) float32.
+        below: (V,) uint16 out. Codes up to it are ground in all of these columns.
+        above: (V,) uint16 out. Codes greater than it are ground in none of them."""
     if not rises:
         below[:] = 1
         above[:] = 65535
@@ -86,10 +102,17 @@ def tile_limits(gate, rises, tan_mid, shifts, below, above):
 
 @inner_inline
 def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, measured):
-    """mask[v] = 1 where row v of a column is measured and not ground, else 0.
+    """Sets mask[v] to 1 where row v of a column is measured and not ground, else to 0.
 
-    line: (V,) uint16 codes. below, above, between: see `tile_limits`. mask: (V rounded up to 8,) uint8 out; doubt: the
-    same, scratch; both zero beyond V. measured: (V,) uint16, plus 1 where the row has a measurement."""
+    Args:
+        line: (V,) uint16 codes.
+        gate: (65536,) float32, `limit` of GroundThreshold.
+        shift: of the column.
+        tan_mid: (V,) float32 of the view.
+        below, above, between: of `tile_limits`.
+        mask: (V rounded up to 8,) uint8 out, zero beyond V.
+        doubt: scratch like mask, the rows that must be tested.
+        measured: (V,) uint16, increased by 1 where the row has a measurement."""
     rows = line.shape[0]
     for v in range(rows):
         mask[v] = line[v] > below[v]
@@ -108,9 +131,10 @@ def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, me
 
 @inner_inline
 def gather_rows(line, mask, px):
-    """ROW and CODE of the rows with mask = 1, from top to bottom; returns their number.
+    """Writes ROW and CODE of the rows with mask = 1 to px, from top to bottom; returns their number.
 
-    mask: (V rounded up to 8,) uint8, zero beyond V. Eight rows at a time, since most of a view is sky or ground."""
+    mask: (V rounded up to 8,) uint8, zero beyond V. Eight rows are tested at a time, since most of a view is sky or
+    ground."""
     n = np.uint64(0)
     one, eight = np.uint64(1), np.uint64(8)
     words = mask.view(np.uint64)
@@ -135,14 +159,21 @@ def gather_rows(line, mask, px):
 
 @inner_inline
 def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
-    """mark[v] for the rows first..last: the peak whose bins hold its code, NO_PEAK or CLOSED.
+    """Labels the rows first..last by the peak whose bins contain their code, else by NO_PEAK or CLOSED.
 
-    low, high: bins of the peaks. first_code: see BinTable. mark: (V rounded up to 8,) uint8 out."""
+    Args:
+        line: (V,) uint16 codes.
+        mask: (V rounded up to 8,) uint8 of `open_rows`.
+        first, last: rows.
+        peaks: number of peaks.
+        low, high: (peaks,) bins.
+        first_code: of BinTable.
+        mark: (V rounded up to 8,) uint8 out, the labels."""
     begin, end = np.uint64(first), np.uint64(last + 1)
     for v in range(begin, end):
         mark[v] = CLOSED - (mask[v] << 1)
     for p in range(peaks):
-        # as narrow as the codes: more rows are then done at a time
+        # as narrow as the codes, so that more rows are processed per instruction
         least, most = np.uint16(min(first_code[low[p]], 65535)), np.uint16(max(first_code[high[p] + 1] - 1, 0))
         for v in range(begin, end):
             inside, so_far = mask[v] & (line[v] >= least) & (line[v] <= most), mark[v]
@@ -151,14 +182,14 @@ def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
 
 @inner_inline
 def free_rows(mark, first, last, mask):
-    """mask[v] = 1 where row v of first..last is open."""
+    """Sets mask[v] to 1 where row v of first..last is open, else to 0."""
     for v in range(np.uint64(first), np.uint64(last + 1)):
         mask[v] = mark[v] <= NO_PEAK
 
 
 @inner_inline
 def ends_of(mark, label, first, last):
-    """(first, last) row of first..last with this mark; first > last where there is none."""
+    """Returns the first and last row of first..last with this label; first > last if there is none."""
     label = np.uint8(label)
     for _ in range(last + 1 - first):
         if mark[np.uint64(first)] == label:

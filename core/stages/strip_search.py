@@ -1,8 +1,10 @@
-"""Sections 4.1-4.4 and 5.1: strips of a levelled view that stay, their clusters and the gaps between them.
+"""Vertical strips of a levelled view (Sections 4.1-4.4 and 5.1): extraction, support, clusters and filled gaps.
 
-`settle_strips` is one kernel, because a call from Python costs some microseconds whatever it does. Its stages can still be
-watched one by one: `settle_strips.py_func` is the same in Python (see companion/bench/stage_trace.py).
-"""
+Input: the levelled view, the ground and the settings. Output: `Strips`, in the order of their columns, with cluster
+and place.
+
+`settle_strips` is one kernel because a call from Python costs some microseconds. Its stages can be traced one by one:
+`settle_strips.py_func` is the same function in Python (see companion/bench/stage_trace.py)."""
 
 from __future__ import annotations
 
@@ -27,11 +29,18 @@ from .support import drop_unsupported, index_columns, mark_cuts, smooth_near, so
 from .truncation import shift_back
 
 _MORE_COLUMNS = 32
-"""Tables are made for a multiple of so many columns: seldom anew, and hardly larger than the largest frame needs."""
+"""Tables are allocated for a multiple of this number of columns, so that they are seldom allocated again."""
 
 
 class StripBuffers(NamedTuple):
-    """Scratch of `settle_strips` for N strips: keep (N,) uint8, lowest (N,) int32, raw (N,) float32."""
+    """Scratch memory of `settle_strips` for N strips.
+
+    Attributes:
+        keep: (N,) uint8.
+        lowest: (N,) int32.
+        raw: (N,) float32.
+        clusters: scratch of `join_near`.
+        gaps: scratch of `fill_columns`."""
 
     keep: NDArray[np.uint8]
     lowest: NDArray[np.int32]
@@ -41,7 +50,7 @@ class StripBuffers(NamedTuple):
 
 
 def strip_buffers(strips: int) -> StripBuffers:
-    """Scratch for so many strips."""
+    """Allocates scratch memory for this number of strips."""
     return StripBuffers(
         np.zeros(strips, np.uint8),
         np.zeros(strips, np.int32),
@@ -53,11 +62,22 @@ def strip_buffers(strips: int) -> StripBuffers:
 
 @kernel
 def settle_strips(found, codes, view, source, ground, noise_test, settings, strips, first_of_column, buffers):
-    """(strips that stay, strips there were without the ground's noise); with more than most_per_column of these in each
-    column nothing is done.
+    """Selects the strips that have enough support, clusters them and fills their gaps.
 
-    codes, view, ground, settings: as for `extract_strips`, which wrote the first `found` of strips (N,) STRIP. source:
-    (1,) SOURCE. noise_test: (1,) GROUND_NOISE_TEST. first_of_column: (cols + 1,) int32 out. buffers: StripBuffers."""
+    Args:
+        found: number of strips in the table.
+        codes, view, settings: as for `extract_strips`.
+        source: (1,) SOURCE.
+        ground: GroundThreshold.
+        noise_test: (1,) GROUND_NOISE_TEST.
+        strips: (N,) STRIP of `extract_strips`, in and out.
+        first_of_column: (cols + 1,) int32 out. The strips of column u are first_of_column[u]..first_of_column[u + 1]
+            - 1.
+        buffers: StripBuffers.
+
+    Returns:
+        The number of strips that are kept, and their number after the removal of ground noise. If the latter exceeds
+            most_per_column per column, nothing else is done and the former is 0."""
     p, image, test = settings[0], source[0], noise_test[0]
     cols = view.cols
     if test.applies != 0:
@@ -79,9 +99,15 @@ def settle_strips(found, codes, view, source, ground, noise_test, settings, stri
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Strips:
-    """The strips of a frame. table: STRIP, of which the first `count` stay; first_of_column: (cols + 1,) int32.
+    """Strips of a frame.
 
-    found: without the ground's noise; ground_px: cells that are ground; merged: strips merged for want of room."""
+    Attributes:
+        table: (N,) STRIP, of which the first `count` are used.
+        count: number of strips.
+        first_of_column: (cols + 1,) int32, index of the first strip of each column.
+        found: number of strips before unsupported ones were removed, without ground noise.
+        ground_px: number of cells that are ground.
+        merged: number of strips that were merged because their column was full."""
 
     table: NDArray[Any]
     count: int
@@ -92,7 +118,7 @@ class Strips:
 
 
 class StripSearch:
-    """Searches levelled views for strips. Holds tables and scratch, nothing that outlives a frame."""
+    """Searches levelled views for strips. It holds tables and scratch memory, no state between frames."""
 
     def __init__(self, params: Params, buffers: Buffers) -> None:
         self._params, self._buffers = params, buffers
@@ -106,7 +132,7 @@ class StripSearch:
     def search(
         self, levelled: LevelledView, source: NDArray[Any], ground: Ground, ke_per_m: float, settings: Settings
     ) -> Strips:
-        """Sections 4.1-4.4 and 5.1: strips in clusters, gaps filled; valid until the next call. source: (1,) SOURCE."""
+        """Returns the strips of a frame, valid until the next call. source: (1,) SOURCE."""
         view, p = levelled.view, self._params
         threshold = ground_threshold(ground, view, ke_per_m, p, self._buffers("threshold", (65536,), np.float32))
         noise_test = ground_noise_test(ground, view, ke_per_m, p)
@@ -138,7 +164,8 @@ class StripSearch:
         )
 
     def is_noise(self, strips: Strips, levelled: LevelledView) -> bool:
-        """Whether there are more strips than any scene has: noise whose pixels come in blocks, so that none is flying.
+        """True if there are more strips than in any scene: noise in blocks of pixels, in which no pixel is flying.
 
-        The merge of it would take half a second. Blocks of 8 px give 27 to 55 strips a column, foliage at most 15."""
+        Blocks of 8 px give 27 to 55 strips per column, foliage at most 15. The plane merge of such a frame would take
+        half a second."""
         return strips.found > self._params.max_strips_per_column * levelled.view.cols

@@ -1,8 +1,7 @@
-"""Strips: the table, and how one strip is made from the pixels of a column (Section 4.2).
+"""Table of strips, and how one strip is made from pixels of a column (Section 4.2, Eq. 9).
 
-A strip is a vertical run of pixels of one column of the levelled view at one distance: a record of STRIP. The stages from
-`windows` to `gap_filling` fill and change one table of them, (N,) STRIP in order of columns.
-"""
+A strip is a vertical run of pixels of one column of the levelled view at one distance, a record of STRIP. The stages
+from windows.py to gap_filling.py fill and change one table, (N,) STRIP in the order of columns."""
 
 from __future__ import annotations
 
@@ -14,44 +13,48 @@ import numpy as np
 from ..jit import inner, inner_inline, record
 
 PX = 16
-"""Support is counted in sixteenths of a source pixel: where the view magnifies, a cell is less than one."""
+"""Support is counted in sixteenths of a source pixel: where the view magnifies, a cell is less than one pixel."""
 
 STRIP = record(
     ("column", np.int32),
-    ("top_row", np.int32),
-    ("bottom_row", np.int32),
-    ("support", np.int32),
-    ("kind", np.int32),
-    ("cluster", np.int32),
-    ("track", np.int32),
-    ("filled_rows", np.int32),
-    ("cut", np.int32),
+    ("top_row", np.int32),  # first row
+    ("bottom_row", np.int32),  # last row, inclusive
+    ("support", np.int32),  # distinct source pixels in 1/PX; 0: the strip was joined to another one
+    ("kind", np.int32),  # SMOOTH to MERGED
+    ("cluster", np.int32),  # -1 before it is known
+    ("track", np.int32),  # -1 before it is known
+    ("filled_rows", np.int32),  # rows without a measurement
+    ("cut", np.int32),  # CUT_TOP, CUT_BOTTOM
     ("disparity_px", np.float32),
-    ("near_px", np.float32),
-    ("sigma_px", np.float32),
-    ("x_m", np.float32),
+    ("near_px", np.float32),  # disparity of the near edge, a lower confidence bound
+    ("sigma_px", np.float32),  # standard deviation of disparity_px
+    ("x_m", np.float32),  # forward, right and down in level_cam, see `clusters.place_strips`
     ("y_m", np.float32),
     ("top_m", np.float32),
     ("bottom_m", np.float32),
 )
-"""column; first and last row, inclusive; support: distinct source pixels in 1/16 (0: the strip was joined to another);
-kind: see SMOOTH; cluster and track: -1 before they are known; filled_rows: rows without a measurement; cut: CUT_TOP and
-CUT_BOTTOM. disparity_px; near_px: disparity of the robust near edge, a lower bound; sigma_px: 1 sigma of disparity_px.
-x_m forward, y_m right, top_m and bottom_m down: the place in level_cam (`clusters.place_strips`)."""
+"""A strip."""
 
 SMOOTH, ROUGH, IRREGULAR, HORIZONTAL, MERGED = range(5)
-"""Kinds of strips: within the noise of one distance; wider than that; of what no window took; of that a horizontal
-surface; several strips of a column for which there was no room."""
+"""Kinds of strips: the depth varies by noise only; it varies by more; made of pixels outside of all windows; the
+same, on a horizontal surface; several strips of a full column."""
 CUT_TOP, CUT_BOTTOM = 1, 2
-"""Bits of `cut`: the image border cut the strip there."""
+"""Bits of `cut`: the border of the image cuts the strip there."""
 
 COUNTS = record(("strips", np.int64), ("in_columns_before", np.int64), ("merged", np.int64))
-"""Strips so far, those of the columns before this one, and strips that were merged for want of room."""
+"""Number of strips so far, their number before this column, and the number of strips that were merged in full
+columns."""
 
 
 class Column(NamedTuple):
-    """One column of the levelled view: its index, quantised disparity (V,) uint16, labels (V rounded up to 8,) uint8 of
-    `row_mask`, the homography H (3, 3) of the view and `homography_area` of that."""
+    """One column of the levelled view.
+
+    Attributes:
+        u: index.
+        line: (V,) uint16 quantised disparity.
+        label: (V rounded up to 8,) uint8 labels of `row_mask`.
+        H: (3, 3) homography of the view.
+        area: `homography_area` of H."""
 
     u: Any
     line: Any
@@ -61,15 +64,28 @@ class Column(NamedTuple):
 
 
 class StripOutput(NamedTuple):
-    """Where strips are added: strips (N,) STRIP, and counts, a record of COUNTS."""
+    """Output of the strip stages.
+
+    Attributes:
+        strips: (N,) STRIP.
+        counts: a record of COUNTS."""
 
     strips: Any
     counts: Any
 
 
 class Pixels(NamedTuple):
-    """Pixels codes[first..last - 1] of one strip: their number and sum, the rows top..bottom that they span (inclusive),
-    and how many of these rows were filled. Zeros among the codes are not counted."""
+    """Pixels codes[first..last - 1] of one strip. Zeros among the codes are not counted.
+
+    Attributes:
+        codes: (V,) int32 quantised disparity.
+        first: index of the first pixel.
+        last: end of the pixels.
+        count: number of pixels.
+        total: sum of their codes.
+        top: first row that they span.
+        bottom: last row that they span, inclusive.
+        filled: number of these rows that were not measured at this distance."""
 
     codes: Any
     first: Any
@@ -83,7 +99,7 @@ class Pixels(NamedTuple):
 
 @inner
 def kth_largest(values, n, k):
-    """The k-th largest of values[:n], k counted from 1; reorders values."""
+    """Returns the k-th largest of values[:n], k counted from 1, by quickselect. The order of the values is changed."""
     left, right, want = 0, n - 1, k - 1
     for _ in range(2 * n + 2):
         if left >= right:
@@ -116,8 +132,10 @@ def kth_largest(values, n, k):
 
 @inner_inline
 def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_px):
-    """Appends a strip. A column that has `room` strips extends its last one instead: from end to end, at the nearer of
-    both distances. Nothing is dropped, and counts.merged counts how often that was."""
+    """Appends a strip. In a column that already has `room` strips it extends the last one instead.
+
+    The extended strip spans both and has the nearer of both distances, so that nothing is lost; counts.merged is
+    increased."""
     n = out.counts.strips
     top, bottom, filled = pixels.top, pixels.bottom, pixels.filled
     if n - out.counts.in_columns_before < room:
@@ -141,7 +159,8 @@ def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_
 
 @inner
 def homography_area(H):
-    """|det(H)|: over w^3 it is the area of a cell of the levelled view in source pixels (its Jacobian)."""
+    """Returns |det(H)|. Divided by w^3 it is the area of a cell of the levelled view in source pixels (the Jacobian
+    of H)."""
     a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
     b = H[0, 1] * (H[1, 0] * H[2, 2] - H[1, 2] * H[2, 0])
     c = H[0, 2] * (H[1, 0] * H[2, 1] - H[1, 1] * H[2, 0])
@@ -150,7 +169,9 @@ def homography_area(H):
 
 @inner_inline
 def support_of(column, top, bottom, count):
-    """Distinct source pixels, in 1/16, of `count` cells of a column: fewer than cells where these repeat pixels."""
+    """Returns the number of distinct source pixels, in 1/PX, of `count` cells of a column.
+
+    It is less than the number of cells where the view repeats pixels."""
     H = column.H
     w = H[2, 0] * column.u + H[2, 1] * (0.5 * (top + bottom)) + H[2, 2]
     share = 0.0
@@ -161,7 +182,7 @@ def support_of(column, top, bottom, count):
 
 @inner_inline
 def kth_closest(codes, first, last, k, buffer):
-    """The k-th largest of codes[first..last - 1], k counted from 1. buffer: scratch, at least as long."""
+    """Returns the k-th largest of codes[first..last - 1], k counted from 1. buffer: scratch of the same length."""
     if k <= 3:
         a, b, c = np.int32(-1), np.int32(-1), np.int32(-1)
         for i in range(np.uint64(first), np.uint64(last)):
@@ -175,17 +196,29 @@ def kth_closest(codes, first, last, k, buffer):
 
 @inner
 def mean_noise(sigma, count, alike_px):
-    """Noise of the mean of `count` neighbouring pixels of noise sigma, of which runs of alike_px share theirs (1: none)."""
+    """Returns the standard deviation of the mean of `count` neighbouring pixels of standard deviation `sigma`.
+
+    Runs of alike_px pixels share their noise; 1: independent pixels."""
     return sigma * math.sqrt(alike_px / (count + alike_px - 1.0))
 
 
 @inner_inline
 def emit(pixels, rough, kind, column, settings, buffer, out):
-    """Adds one strip of some pixels.
+    """Appends one strip made of some pixels (Eq. 9).
 
-    A smooth one stands at their mean. The near edge of a rough one is the k-th closest less near_sigmas of noise, never
-    behind the mean; k is at most half of them. It stands at most safe_distance behind that edge (Eq. 9 with a
-    k-th largest for its one-pixel maximum). settings: a record of STRIP_SETTINGS; buffer: scratch of `kth_closest`."""
+    The disparity of a smooth strip is the mean of its pixels. Eq. 9 uses the greatest disparity for a rough one; a
+    single wrong pixel would move it. Here its near edge is the k-th largest disparity less near_sigmas of noise,
+    where k is at most half of the pixels, and not behind the mean. The strip itself stands at most safe_distance_m
+    behind that edge.
+
+    Args:
+        pixels: Pixels.
+        rough: True if the depth varies by more than noise.
+        kind: kind of the strip.
+        column: Column.
+        settings: a record of STRIP_SETTINGS.
+        buffer: scratch of `kth_closest`.
+        out: StripOutput."""
     count, sigma_d = pixels.count, settings.sigma_d_px
     mean = np.float32(pixels.total / (settings.lsb_per_px * count))
     d, near = mean, mean
@@ -194,9 +227,8 @@ def emit(pixels, rough, kind, column, settings, buffer, out):
         closest = np.float32(kth_closest(pixels.codes, pixels.first, pixels.last, k, buffer) / settings.lsb_per_px)
         near = max(closest - np.float32(settings.near_sigmas * sigma_d), mean)
         d = max(mean, np.float32(settings.f_px * near / (settings.f_px + settings.safe_distance_m * near)))
-    # leaves scatter by more than noise: the mean of a rough strip is no more certain for many pixels
     sigma = mean_noise(sigma_d, count, settings.noise_alike_px if kind == SMOOTH else 1.0)
-    # a lower confidence bound: a few stray pixels in front of a wall move no plane
+    # a lower confidence bound, so that a few stray pixels in front of a wall do not move its plane
     near = np.float32(max(settings.near_edge_share * d, near - settings.band_sigmas * sigma))
     support = support_of(column, pixels.top, pixels.bottom, count)
     add_strip(out, settings.max_column_strips, column.u, pixels, support, kind, d, near, np.float32(sigma))

@@ -1,4 +1,8 @@
-"""Which strips stay: a thing needs enough source pixels, its own or its neighbours'; and where the image cut it."""
+"""Removes strips without enough support, sorts strips, and marks those that the border of the image cuts (not in the
+paper).
+
+Input and output: the table of strips. A strip needs a least number of source pixels, its own or those of similar
+strips beside it, because a mismatch of stereo matching also forms a small strip."""
 
 from __future__ import annotations
 
@@ -9,20 +13,27 @@ from .strips import CUT_BOTTOM, CUT_TOP, MERGED, PX, STRIP
 from .view_geometry import outside_source
 
 _BAND = 16
-"""Not tuning: rows of a column among which a strip is looked for one by one."""
+"""Rows of a column in which strips are searched one by one. It is not a tuning parameter."""
 
 
 @kernel
 def drop_unsupported(strips, n, cols, settings, first_of_column, lowest, keep):
-    """Removes strips that too few pixels stand for; returns how many stay, moved to the front in order.
+    """Removes strips with too few pixels; returns the number of the others, which are moved to the front in order.
 
-    A strip needs min_support_px source pixels, near ones min_support_m's worth. With fewer it is kept when other small
-    strips, within support_columns, support_rows and support_sigmas (or support_relative) of disparity, bring it to
-    that: a pole has it in its own column, a wire along its row; a mismatch of two by two pixels has it nowhere. What
-    lies within support_tail_sigmas of a large strip beside it is that strip's noise, and counts there. Strips merged for
-    want of room carry all that they touch.
-    Strips in order of `sort_columns`. settings: a record of STRIP_SETTINGS. first_of_column: (cols + 1,) int32, see
-    `index_columns`, in and out. lowest: (N,) int32, keep: (N,) uint8, both scratch."""
+    A strip needs min_support_px source pixels, a near one as many as min_support_m contains. A smaller one is kept if
+    other small strips bring it to that number: those within support_columns, support_rows and support_sigmas (or
+    support_relative) of disparity. A pole has them in its own column, a wire along its row; a mismatch of two by two
+    pixels has none. A small strip within support_tail_sigmas of a large one beside it is noise of that one and is
+    removed. Strips of the kind MERGED support all strips that they touch.
+
+    Args:
+        strips: (N,) STRIP in the order of `sort_columns`, in and out.
+        n: number of strips.
+        cols: number of columns.
+        settings: a record of STRIP_SETTINGS.
+        first_of_column: (cols + 1,) int32 of `index_columns`, in and out.
+        lowest: (N,) int32 scratch.
+        keep: (N,) uint8 scratch."""
     lowest_rows(strips, cols, first_of_column, lowest)
     deepest = 0
     for i in range(n):
@@ -42,8 +53,9 @@ def drop_unsupported(strips, n, cols, settings, first_of_column, lowest, keep):
 
 @inner
 def lowest_rows(strips, cols, first_of_column, lowest):
-    """lowest[i]: the greatest BOTTOM of the strips up to i in its column. Strips that end above a row can so be passed
-    over, as those that begin below one can."""
+    """Computes lowest[i], the greatest bottom_row of the strips up to i in its column.
+
+    By it a search skips the strips that end above a row."""
     for u in range(cols):
         least = np.int32(-1)
         for i in range(first_of_column[u], first_of_column[u + 1]):
@@ -53,8 +65,9 @@ def lowest_rows(strips, cols, first_of_column, lowest):
 
 @inner
 def index_rows(cols, first_of_column, lowest, first_below):
-    """first_below[u, b] (cols, B) int32 out: the first strip of column u that may reach row b * _BAND or a lower one; what
-    follows the column where none does. lowest: of `lowest_rows`."""
+    """Computes first_below[u, b], (cols, B) int32: the first strip of column u that may reach row b * _BAND or lower.
+
+    It is the end of the column if there is none. lowest: of `lowest_rows`."""
     for u in range(cols):
         at, last = first_of_column[u], first_of_column[u + 1]
         for b in range(first_below.shape[1]):
@@ -67,10 +80,10 @@ def index_rows(cols, first_of_column, lowest, first_below):
 
 @inner_inline
 def _carried(strips, i, cols, least, settings, first_of_column, lowest, first_below):
-    """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0.
+    """Returns 1 if strip i is supported by small neighbours and is not noise of a large strip, else 0.
 
-    A large one lies beside it when it touches its rows in its own column or the next; so these columns come first.
-    first_below: of `index_rows`."""
+    A large strip counts if it touches the rows of strip i in its own column or the next ones, so these are searched
+    first. first_below: of `index_rows`."""
     total = strips[i].support
     u, top, bottom, d = strips[i].column, strips[i].top_row, strips[i].bottom_row, strips[i].disparity_px
     reach, rows = settings.support_columns, settings.support_rows
@@ -95,7 +108,7 @@ def _carried(strips, i, cols, least, settings, first_of_column, lowest, first_be
             apart = abs(strips[j].disparity_px - d)
             if top - strips[j].bottom_row > rows + off:
                 continue
-            if strips[j].kind == MERGED:  # whatever carried this one may be in it
+            if strips[j].kind == MERGED:  # it may contain the strips that supported this one
                 return 1
             if j == i or apart > near:
                 continue
@@ -110,7 +123,9 @@ def _carried(strips, i, cols, least, settings, first_of_column, lowest, first_be
 
 @inner
 def index_columns(strips, n, cols, first_of_column):
-    """first_of_column[u]..first_of_column[u + 1]: the strips of column u (strips are in column order)."""
+    """Computes first_of_column: the strips of column u are first_of_column[u]..first_of_column[u + 1] - 1.
+
+    The strips must be in the order of columns."""
     i = 0
     for u in range(cols + 1):
         for _ in range(n - i):
@@ -134,7 +149,8 @@ def compact(strips, n, keep):
 
 @kernel
 def sort_columns(strips, cols, first_of_column):
-    """Orders the strips of every column by top row, then from near to far (by insertion: they are few and nearly so)."""
+    """Sorts the strips of every column by top row, then from near to far. Insertion sort: they are few and nearly
+    sorted."""
     held = np.zeros(1, STRIP)
     for u in range(cols):
         first = first_of_column[u]
@@ -155,7 +171,8 @@ def sort_columns(strips, cols, first_of_column):
 
 @inner
 def mark_cuts(strips, n, H, cols, rows, cut_rows):
-    """Sets `cut` where the cell cut_rows above or below a strip is outside the source image (cols x rows)."""
+    """Sets `cut` where the cell cut_rows above or below a strip lies outside of the source image of cols x rows
+    pixels."""
     for i in range(n):
         cut = 0
         if outside_source(H, strips[i].column, strips[i].top_row - cut_rows, cols, rows):
@@ -167,12 +184,21 @@ def mark_cuts(strips, n, H, cols, rows, cut_rows):
 
 @inner
 def smooth_near(strips, n, cols, settings, first_of_column, lowest, raw):
-    """Near edge as the median over three columns of touching strips, so that one column alone moves no plane.
+    """Replaces the near edge of a strip by the median over three columns, so that a single column does not move a
+    plane.
 
-    No edge comes nearer by it: what stands beside a strip is the edge of other strips, and moves their plane. Strips in
-    order of `sort_columns`. lowest: (N,) int32, raw: (N,) float32, both scratch. A strip without both neighbours keeps its
-    own. Thin things keep theirs: a neighbour farther off than smooth_relative of the disparity and
-    smooth_sigmas of noise is another thing."""
+    The edge never becomes nearer, since a nearer neighbour has its own strip. A strip without a neighbour on both
+    sides keeps its edge. Neighbours whose disparity differs by more than smooth_relative of it and smooth_sigmas of
+    noise belong to another object, so that thin objects keep their edge.
+
+    Args:
+        strips: (N,) STRIP in the order of `sort_columns`, in and out.
+        n: number of strips.
+        cols: number of columns.
+        settings: a record of STRIP_SETTINGS.
+        first_of_column: (cols + 1,) int32 out.
+        lowest: (N,) int32 scratch.
+        raw: (N,) float32 scratch, the edges before."""
     index_columns(strips, n, cols, first_of_column)
     lowest_rows(strips, cols, first_of_column, lowest)
     for i in range(n):
@@ -182,7 +208,7 @@ def smooth_near(strips, n, cols, settings, first_of_column, lowest, raw):
         for i in range(first_of_column[u], first_of_column[u + 1]):
             left, a = _touching(strips, i, settings, a, first_of_column[u], lowest)
             if left < 0 or raw[left] >= raw[i]:
-                continue  # the median of three would be no farther than its own, which it keeps
+                continue  # the median would not be farther than its own edge
             right, b = _touching(strips, i, settings, b, first_of_column[u + 2], lowest)
             if right >= 0:
                 strips[i].near_px = min(raw[i], max(raw[left], raw[right]))
@@ -190,8 +216,9 @@ def smooth_near(strips, n, cols, settings, first_of_column, lowest, raw):
 
 @inner_inline
 def _touching(strips, i, settings, first, last, lowest):
-    """(The strip among first..last-1 that overlaps strip i in rows and lies nearest to it in disparity, or -1; the
-    first that may overlap this one or a lower one)."""
+    """Returns the strip of first..last - 1 that overlaps strip i in rows and is nearest to it in disparity, or -1.
+
+    The second value is the first strip that may overlap strip i or a lower one, where the next search may begin."""
     best, found = settings.smooth_relative * strips[i].disparity_px + settings.smooth_sigmas * strips[i].sigma_px, -1
     top, bottom, d = strips[i].top_row, strips[i].bottom_row, strips[i].disparity_px
     for _ in range(last - first):

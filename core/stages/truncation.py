@@ -1,9 +1,10 @@
-"""Correction of the range clip: the mean of the pixels left of a surface just before the clip is too near (not in the paper).
+"""Corrects the distance of strips just before the clear range, where the noise of their pixels is truncated (not in
+the paper).
 
-Pixels beyond `clear_range_m` are far, not measured (classify.py). Of a surface less than about two sigma before that only
-the nearer part of its noise is left. In disparity that noise is normal and of known size, so what is left is a normal
-distribution cut off at the clip's disparity, and its mean determines the mean of the whole.
-"""
+Input and output: the table of strips. Pixels beyond `clear_range_m` are far, not measured (classify.py). If a surface
+lies less than about two sigma before that range, only the nearer part of its noise is measured, and its mean is too
+near. In disparity this noise is normal with a known sigma, so that the pixels left are a truncated normal
+distribution, whose mean determines the mean of the whole one."""
 
 from __future__ import annotations
 
@@ -16,11 +17,13 @@ from ..jit import inner
 from .strips import SMOOTH
 
 _LEAST, _MOST, _STEPS = -1.0, 3.5, 90
-"""Not tuning: range and steps of the table, means of whole distributions in sigma above where they are cut off."""
+"""Range and number of steps of the table: the mean of the whole distribution in sigma above the truncation. Not
+tuning parameters."""
 
 
 def _means_left() -> NDArray[np.float64]:
-    """(_STEPS + 1,) mean of what is left of a normal distribution cut off below 0, by its own mean: mu + phi(mu) / Phi(mu)."""
+    """Returns (_STEPS + 1,) means of a normal distribution truncated below 0, for whole means mu: mu + phi(mu) /
+    Phi(mu)."""
     whole = np.linspace(_LEAST, _MOST, _STEPS + 1)
     left = [mu + math.exp(-0.5 * mu * mu) / math.sqrt(0.5 * math.pi) / math.erfc(-mu / math.sqrt(2.0)) for mu in whole]
     return np.array(left)
@@ -31,9 +34,18 @@ MEANS_LEFT = _means_left()
 
 @inner
 def shift_back(strips, n, view, source, ke_per_m):
-    """Moves smooth strips, disparity and near edge alike, to where they stood before the clip, never beyond it.
+    """Moves smooth strips, disparity and near edge alike, to where they were before the truncation, not beyond the
+    clear range.
 
-    source: a record of SOURCE: the clip is one of depth along the optical axis. A strip is as its middle row."""
+    The clear range is a depth along the optical axis; it is converted to a forward distance for the middle row of a
+    strip.
+
+    Args:
+        strips: (N,) STRIP, in and out.
+        n: number of strips.
+        view: ViewGeometry.
+        source: a record of SOURCE.
+        ke_per_m: noise coefficient."""
     f, tan_edge = view.f_px, view.tan_edge
     for i in range(n):
         if strips[i].kind != SMOOTH:
@@ -52,7 +64,7 @@ def shift_back(strips, n, view, source, ke_per_m):
 
 @inner
 def whole_mean(mean, left):
-    """Mean of a normal distribution of which that above 0 has this mean, all in sigma; at least _LEAST."""
+    """Returns the mean of a normal distribution whose part above 0 has this mean, all in sigma; at least _LEAST."""
     if mean <= left[0]:
         return _LEAST
     low, high = 0, _STEPS

@@ -1,4 +1,7 @@
-"""Section 4.2 for one peak of one column: windows are accepted, join to segments, and segments become strips."""
+"""Sliding windows (Section 4.2, Eq. 7 and 8): finds the rows of one peak of one column and makes strips of them.
+
+Input: the labels of a column and a peak of its density. Output: strips, appended to the table. Accepted windows join
+to segments. A segment is split where its depth steps, and each part is a strip."""
 
 from __future__ import annotations
 
@@ -13,8 +16,14 @@ from .strips import ROUGH, SMOOTH, Pixels, emit
 
 
 class Peak(NamedTuple):
-    """A peak of the density: its label in the column, disparity in px, the quantised disparities that it reaches from and
-    to, and whether it is wider than noise and kernel."""
+    """A peak of the density of a column.
+
+    Attributes:
+        label: index of the peak, which is the label of its rows.
+        disparity_px: disparity at the greatest count.
+        low_code: least quantised disparity of its interval.
+        high_code: greatest quantised disparity of its interval.
+        rough: True if the interval is wider than noise and kernel."""
 
     label: Any
     disparity_px: Any
@@ -24,8 +33,13 @@ class Peak(NamedTuple):
 
 
 class WindowBuffers(NamedTuple):
-    """Scratch of `slide_windows` for columns of V rows: sums_open, sums_own (V + 1,) int64, see `running_sums`;
-    codes (2, V) int32; parts (3, more than V / band_rows) int64, see `split_bands`."""
+    """Scratch memory of `slide_windows` for columns of V rows.
+
+    Attributes:
+        sums_open: (V + 1,) int64, see `running_sums`.
+        sums_own: (V + 1,) int64, see `running_sums`.
+        codes: (2, V) int32.
+        parts: (3, more than V / band_rows) int64, see `split_bands`."""
 
     sums_open: Any
     sums_own: Any
@@ -35,14 +49,15 @@ class WindowBuffers(NamedTuple):
 
 @inner_inline
 def rows_missed(labels, label, top, bottom, count, gap):
-    """Rows top..bottom that lie in gaps of more than `gap` rows without one of the `count` pixels that have this label:
-    they were not measured at this distance."""
+    """Returns the number of rows of top..bottom that lie in gaps of more than `gap` rows without this label.
+
+    These rows were not measured at this distance. count: the number of rows with this label in top..bottom."""
     if bottom - top + 1 - count <= gap:
         return 0
     missed = 0
     at = top
     for _ in range(bottom - top):
-        at += gap + 1  # no gap is passed over
+        at += gap + 1  # a gap of more than `gap` rows contains one of these rows
         if at >= bottom:
             break
         if labels[at] != label:
@@ -62,9 +77,18 @@ def rows_missed(labels, label, top, bottom, count, gap):
 
 @inner_inline
 def running_sums(line, labels, label, first, last, sums_open, sums_own):
-    """Sums over the rows of first..last before a row, (V + 1,) int64: of the open rows in `sums_open`, of those with this
-    label in `sums_own`. Each holds the number of pixels, times 2^32, and the sum of their quantised disparity: the
-    difference of two is that of the rows between."""
+    """Computes sums over the rows first..v - 1 for each row v, of the open rows and of those with this label.
+
+    An element holds the number of pixels, times 2^32, plus the sum of their codes. The difference of two elements
+    gives the number and sum of the rows between.
+
+    Args:
+        line: (V,) uint16 codes.
+        labels: (V,) uint8.
+        label: label of the peak.
+        first, last: rows.
+        sums_open: (V + 1,) int64 out, of the open rows.
+        sums_own: (V + 1,) int64 out, of the rows with this label."""
     label = np.uint8(label)
     open_sum, own_sum = np.int64(0), np.int64(0)
     for v in range(np.uint64(first), np.uint64(last + 1)):
@@ -77,14 +101,20 @@ def running_sums(line, labels, label, first, last, sums_open, sums_own):
 
 @inner_inline
 def split_bands(sums_own, top, bottom, least, settings, parts):
-    """Where a run of pixels steps in depth: returns the number of its parts. sums_own: see `running_sums`. parts:
-    (3, > rows / band_rows) int64 out: first row, number of pixels, sum of their quantised disparity.
+    """Splits a run of rows where its depth steps; returns the number of parts (not in the paper).
 
-    Means of short bands are compared with the mean of the part so far; two bands in a row must be off, by the
-    greater of band_step_m and the noise of both means, for a new part to begin. least: no pixel has a lesser code."""
+    Means of short bands are compared with the mean of the part so far. A new part begins where two bands in a row
+    differ by more than band_step_m and the noise of both means.
+
+    Args:
+        sums_own: (V + 1,) int64 of `running_sums`.
+        top, bottom: first and last row of the run.
+        least: no pixel of the run has a lesser code.
+        settings: a record of STRIP_SETTINGS.
+        parts: (3, more than rows / band_rows) int64 out: first row, number of pixels, sum of their codes."""
     high = settings.band_rows
     q = settings.lsb_per_px
-    # what is below this bound needs no closer look: the step at the farthest pixel, the noise of a full band
+    # lower bound of band_tolerance, by the farthest pixel and a full band: smaller differences need no exact test
     far = least / q
     alike = max(
         settings.band_step_m * far * far / settings.f_px,
@@ -122,7 +152,8 @@ def split_bands(sums_own, top, bottom, least, settings, parts):
 
 @inner
 def band_tolerance(part_sum, part_n, c, settings):
-    """How far the mean of a band of c pixels may be off that of the part so far, as |s part_n - part_sum c| in codes."""
+    """Returns the greatest |s part_n - part_sum c| at which a band of c pixels with the sum s agrees with the part so
+    far."""
     mean = part_sum / (settings.lsb_per_px * part_n)
     noise = settings.band_sigmas * settings.sigma_d_px * math.sqrt(1.0 / c + 1.0 / part_n)
     return max(settings.band_step_m * mean * mean / settings.f_px, noise) * settings.lsb_per_px * (c * part_n)
@@ -130,9 +161,10 @@ def band_tolerance(part_sum, part_n, c, settings):
 
 @inner_inline
 def window_half_rows(disparity_px, settings, rows):
-    """Half the window's length (Eq. 7, 8): Hs * g(x) px with Z_near = max(Z/2, Z - ke Z^2), in [least, V].
+    """Returns half of the length of a window in rows (Eq. 7 and 8).
 
-    Z - ke Z^2 turns around at Z = 1/(2 ke), where it is Z/2."""
+    The length is Hs f / Z_near with Z_near = max(Z/2, Z - ke Z^2), limited to window_min_px .. rows. Z - ke Z^2 of
+    Eq. 8 has its maximum at Z = 1/(2 ke), where it is Z/2; beyond that Z/2 is used (ours)."""
     z = settings.f_px / disparity_px
     z_near = max(0.5 * z, z - settings.depth_noise_coeff * z * z)
     length = min(max(settings.passable_height_m * settings.f_px / z_near, settings.window_min_px), rows)
@@ -141,12 +173,19 @@ def window_half_rows(disparity_px, settings, rows):
 
 @inner_inline
 def slide_windows(column, peak, first, last, settings, buffers, out):
-    """Section 4.2 for one peak, among the rows first..last: accepted windows become segments, segments strips.
+    """Finds the segments of one peak among the rows first..last and makes strips of them (Section 4.2).
 
-    A window is accepted when most of its valid pixels belong to the peak and their mean lies in its interval. A segment
-    ends at its first and last members. The scan goes on after an end, so a peak can give several segments (the lintel
-    over a window). What a segment covers and is not nearer than the peak is taken with it. Windows are half a window
-    apart. settings: a record of STRIP_SETTINGS; buffers: WindowBuffers; out: StripOutput."""
+    A window is accepted if most of its open pixels belong to the peak and their mean lies in its interval. Windows
+    are half a window apart. Consecutive accepted windows form a segment, which ends at its first and last row of the
+    peak. The search continues after a segment, so that one peak can give several (such as the lintel above a window).
+
+    Args:
+        column: Column.
+        peak: Peak.
+        first, last: rows.
+        settings: a record of STRIP_SETTINGS.
+        buffers: WindowBuffers.
+        out: StripOutput."""
     label = peak.label
     first, last = ends_of(column.label, label, first, last)
     if first > last:
@@ -173,7 +212,9 @@ def slide_windows(column, peak, first, last, settings, buffers, out):
 
 @inner_inline
 def finish_segment(column, peak, top, bottom, settings, buffers, out):
-    """Strips of one accepted run of rows top..bottom, split where it steps; its pixels are taken."""
+    """Makes strips of the rows top..bottom of one segment, split by `split_bands`.
+
+    Its open rows that are not nearer than the peak are labelled TAKEN, those of other peaks included."""
     line, labels, parts = column.line, column.label, buffers.parts
     top, bottom = ends_of(labels, peak.label, top, bottom)
     if top > bottom:
