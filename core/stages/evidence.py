@@ -1,8 +1,8 @@
-"""What a joined plane may cover: cells of the view that hold no evidence, and how large a hole among them may be.
+"""Evidence for a merged plane: which cells of the view it may cover, and how large an empty area in it may be.
 
-Evidence is the nearest strip in each cell of the levelled view. At a distance x a cell is blocked when something stands
-there nearer than x or a little behind it; what is not blocked was seen to be open or never seen at all.
-"""
+Input: the table of strips. Output: the nearest strip in each cell of the levelled view. At a distance x a cell is
+blocked if a strip is nearer than x or a little behind it. All other cells were observed to be open, or were not
+measured. Not in the paper, whose merge does not test what it covers."""
 
 from __future__ import annotations
 
@@ -14,8 +14,14 @@ from .openings import is_open
 
 
 class Evidence(NamedTuple):
-    """The nearest strip in each cell of the levelled view: nearest (C, R) float32, 1/x, 0: none; across, down: cells per unit
-    of tangent; cu, cv: cell of the optical axis of the view."""
+    """The nearest strip in each cell of the levelled view.
+
+    Attributes:
+        nearest: (C, R) float32, 1/x in 1/m; 0: no strip.
+        across: columns of cells per unit of tangent of azimuth.
+        down: rows of cells per unit of tangent of elevation.
+        cu: column of the optical axis of the view, in cells.
+        cv: row of the optical axis of the view, in cells."""
 
     nearest: Any
     across: Any
@@ -25,7 +31,11 @@ class Evidence(NamedTuple):
 
 
 class Rectangle(NamedTuple):
-    """Part of a plane: tangents of azimuth t0, t1, heights top_m, bottom_m."""
+    """A rectangle on a plane.
+
+    Attributes:
+        t0, t1: tangents of azimuth.
+        top_m, bottom_m: heights."""
 
     t0: Any
     t1: Any
@@ -34,12 +44,12 @@ class Rectangle(NamedTuple):
 
 
 _OUTSIDE = 1e6
-"""Stands for a cell outside the source image: nearer than anything, in 1/x."""
+"""1/x of a cell outside of the source image, greater than that of any obstacle."""
 
 
 @inner
 def mark_nearest(strips, n, f, cell, grid):
-    """grid (C, R) float32 out: 1/x of the nearest strip that crosses each cell, 0 where there is none."""
+    """Computes 1/x of the nearest strip that crosses each cell: grid, (C, R) float32 out, 0 where there is none."""
     grid[:] = 0.0
     for k in range(n):
         strip = strips[k]
@@ -54,7 +64,8 @@ def mark_nearest(strips, n, f, cell, grid):
 
 @inner
 def mark_outside(H, width, height, cell, grid):
-    """Blocks the cells of grid whose centres lie outside the source image: nothing was measured there, so nothing is empty."""
+    """Blocks the cells of grid whose centres lie outside of the source image: they were not measured, so they are not
+    empty."""
     cols, rows = grid.shape
     for i in range(cols):
         u = (i + 0.5) * cell - 0.5
@@ -68,27 +79,41 @@ def mark_outside(H, width, height, cell, grid):
 
 @inner
 def find_evidence(strips, n, view, image, cell, grid):
-    """Evidence of the first n of strips (N,) STRIP, in grid (ceil(cols / cell), ceil(rows / cell)) float32.
+    """Computes the cells of Evidence.
 
-    image: a record of SOURCE: cells that look past the source image are blocked at any distance."""
+    Args:
+        strips: (N,) STRIP.
+        n: number of strips.
+        view: ViewGeometry.
+        image: a record of SOURCE.
+        cell: side of a cell in columns and rows of the view.
+        grid: (ceil(cols / cell), ceil(rows / cell)) float32 out."""
     mark_nearest(strips, n, view.f_px, cell, grid)
     mark_outside(view.H, image.width_px, image.height_px, cell, grid)
 
 
 @inner
 def first_cell(value):
-    """Index of the first cell whose centre is not before `value`, in cells."""
+    """Returns the index of the first cell whose centre is at or after `value`, in cells."""
     return int(math.ceil(value - 0.5))
 
 
 @inner_inline
 def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
-    """Share of a joined rectangle's cells that are not blocked, 2 where it must not be at all.
+    """Returns the share of the cells of a joined rectangle that are not blocked; 2 if it must not be made.
 
-    joined: Rectangle on the line s = a + b*t. It must not be where a square of gap_m a side inside it is empty, or where it
-    takes in an open cell (openings.py) that lies more than slack_m inside its border and in neither of the two rectangles
-    p and q, whose heights are metres at the joined line. A cell is blocked by what lies less than behind_m and `sigmas` of
-    noise (of 1/x) behind the line. rules: a record of MERGE_RULES. run: (R + 2,) int32 scratch."""
+    It must not be made if it contains an empty square with a side of gap_m, or an open cell (openings.py) that lies
+    more than slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is less than
+    behind_m, and `sigmas` of noise of 1/x, behind the line.
+
+    Args:
+        joined: Rectangle on the line.
+        a, b: line s = a + b t.
+        p, q: Rectangles of the two planes, with heights at the joined line.
+        rules: a record of MERGE_RULES.
+        evidence: Evidence.
+        openings: OpeningMasks.
+        run: (R + 2,) int32 scratch."""
     grid, noise_s = evidence.nearest, rules.sigmas * rules.sigma_s
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))
     i1 = min(grid.shape[0], first_cell(joined.t1 * evidence.across + evidence.cu))
@@ -129,4 +154,5 @@ def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
 
 @inner
 def _inside(rectangle, t, z):
+    """True if a rectangle contains the point at tangent t and height z."""
     return rectangle.t0 <= t <= rectangle.t1 and rectangle.top_m <= z <= rectangle.bottom_m

@@ -1,14 +1,14 @@
-"""A vertical plane as a line, by full moments that can be added (Eq. 17, with the term the paper leaves out).
+"""A vertical plane as a line, fitted from moments that can be added (Eq. 17, with the mean square that the paper
+omits).
 
-The line is a*x + b*y = 1 in level_cam, that is s = a + b*t with t = y/x (tangent of azimuth) and s = 1/x (inverse
-forward distance). Stereo noise is constant in s, so least squares in (t, s) is the maximum-likelihood fit; in metres it
-is the total-least-squares fit of the same points with weights 1/x^4, normalised by the plane's distance instead of its
-normal, which takes away TLS's pull towards the camera. Only a plane through the camera itself cannot be written so,
-and no camera sees that.
+The line is a x + b y = 1 in level_cam. With t = y/x (tangent of azimuth) and s = 1/x (inverse forward distance) it is
+s = a + b t. The noise of stereo is constant in s, so that least squares in (t, s) is the maximum-likelihood fit
+(ours; the paper fits in metres). It equals a total least-squares fit in metres with the weights 1/x^4 that is
+normalised by the distance of the plane, without the bias of total least squares towards the camera. A plane through
+the camera cannot be represented; no camera sees one.
 
-Moments are the float64 fields sum_w, sum_t, sum_s, sum_tt, sum_ts and sum_ss of a record (TRACK, PLANE), each a sum over
-weights 1/sigma_s^2.
-"""
+Moments are the float64 fields sum_w, sum_t, sum_s, sum_tt, sum_ts and sum_ss of a record (TRACK, PLANE): sums over
+the strips, weighted by 1/sigma_s^2."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def clear_moments(m):
 
 @inner
 def add_point(m, t, s, weight):
-    """Adds one strip at (t, s) with weight 1/sigma_s^2 to the moments of a record."""
+    """Adds a strip at (t, s) to the moments of a record. weight: 1/sigma_s^2."""
     m.sum_w += weight
     m.sum_t += weight * t
     m.sum_s += weight * s
@@ -48,16 +48,17 @@ def add_moments(m, other):
 
 @inner
 def copy_moments(m, other):
-    """Sets the moments of a record to those of another."""
+    """Copies the moments of another record."""
     m.sum_w, m.sum_t, m.sum_s = other.sum_w, other.sum_t, other.sum_s
     m.sum_tt, m.sum_ts, m.sum_ss = other.sum_tt, other.sum_ts, other.sum_ss
 
 
 @inner
 def fit_line(m, slope_prior):
-    """(a, b, t_mean, t_scatter) of s = a + b*t; slope_prior: weight (1/variance) of a slope of 0.
+    """Returns (a, b, t_mean, t_scatter) of the line s = a + b t.
 
-    The prior only counts where the points are too few or too close to carry a slope. t_scatter is without it."""
+    slope_prior is the weight (1/variance) of a slope of 0. It matters only if the points are too few or too close to
+    determine the slope. t_scatter, the weighted sum of squares of t - t_mean, does not contain it."""
     w = m.sum_w
     t_mean, s_mean = m.sum_t / w, m.sum_s / w
     scatter = max(0.0, m.sum_tt - w * t_mean * t_mean)
@@ -67,11 +68,11 @@ def fit_line(m, slope_prior):
 
 @inline_ieee
 def misfit(w, t, s, tt, ts, ss, a, b):
-    """Weighted mean square of s - a - b*t over what these moments stand for, in 1/x squared."""
+    """Returns the weighted mean square of s - a - b t, in 1/m^2. w, t, s, tt, ts, ss: moments."""
     return max(0.0, ss - 2.0 * a * s - 2.0 * b * ts + a * a * w + 2.0 * a * b * t + b * b * tt) / w
 
 
 @inner
 def incidence_cosine(a, b, length, t):
-    """Cosine between the ray (1, t) and the normal (a, b) of the line a*x + b*y = 1; length: hypot(a, b)."""
+    """Returns the cosine between the ray (1, t) and the normal (a, b) of the line a x + b y = 1. length: hypot(a, b)."""
     return abs(a + b * t) / (length * math.sqrt(1.0 + t * t))

@@ -1,8 +1,11 @@
-"""Section 5.3, the merge: pieces that one plane can stand for become one, cheapest pair first (Eq. 17).
+"""Plane merge (Section 5.3): planes that one plane can replace are joined, the cheapest pair first.
 
-All pairs of neighbouring pieces are in a priority queue. A pair whose cost is outdated, because one of the two has grown
-since, is scored again and put back; so each pair is scored a few times at most. Moments are added, never summed again.
-"""
+Input and output: the table of planes. The paper merges two neighbours if their angle and gap are small; here a cost
+decides (merge_cost.py), and the empty space that the joined rectangle would cover (evidence.py).
+
+All pairs of neighbouring planes are in a priority queue. If one plane of a pair has grown since the pair was scored,
+it is scored again and put back, so that each pair is scored a few times at most. Moments are added (Eq. 17), so that
+strips are not read again."""
 
 from __future__ import annotations
 
@@ -30,20 +33,28 @@ from .planes import distance_at
 from .priority_queue import Queue, clear_queue, pop, push, queue_buffers
 
 _SAME = 1e-9
-"""Not tuning: costs that differ by less are one cost, but for rounding."""
+"""Costs that differ by less are equal except for rounding. It is not a tuning parameter."""
 _WINDOW = 1.25
-"""Not tuning: gaps are measured at the mean distance of both planes, the window at that of one."""
+"""Factor on the search window: gaps are measured at the mean distance of both planes, the window at that of one. It
+is not a tuning parameter."""
 _MORE_THAN_T = 1000.0
-"""Not tuning: no tangent of azimuth is so large."""
+"""A number greater than any tangent of azimuth."""
 _SLOTS = 4096
-"""Not tuning: room for pairs just scored; a pair whose slot another one took is scored once more, with the same result."""
+"""Size of the hash table of pairs scored last. A pair whose slot was taken is scored again, with the same result."""
 _MOST_TRIES = 64
-"""Not tuning: a bound on tries per pair that no frame has come near."""
+"""Greatest number of queue entries per pair, which no frame has reached. It limits the time."""
 
 
 class MergeBuffers(NamedTuple):
-    """Scratch of `join_planes` for N planes: traits (N, TRAITS) float64, order and age (N,) int32; tiles, next_cost: see
-    `costs_of_next`; queue: with merge_partners entries for each plane."""
+    """Scratch memory of `join_planes` for N planes.
+
+    Attributes:
+        traits: (N, TRAITS) float64, see `score_piece`.
+        order: (N,) int32, planes by cluster and first tangent.
+        age: (N,) int32, number of merges of a plane.
+        tiles: see `costs_of_next`.
+        next_cost: see `costs_of_next`.
+        queue: queue with merge_partners entries per plane."""
 
     traits: NDArray[np.float64]
     order: NDArray[np.int32]
@@ -54,7 +65,7 @@ class MergeBuffers(NamedTuple):
 
 
 def merge_buffers(planes: int, partners: int) -> MergeBuffers:
-    """Scratch for so many planes with so many partners each."""
+    """Allocates scratch memory for this number of planes with this number of partners each."""
     return MergeBuffers(
         np.zeros((planes, TRAITS)),
         np.zeros(planes, np.int32),
@@ -67,7 +78,8 @@ def merge_buffers(planes: int, partners: int) -> MergeBuffers:
 
 @inner_inline
 def cover_cost(p, q, a, b, rules, evidence, openings, run):
-    """What the joined rectangle of planes p and q on the line s = a + b*t costs for the empty cells that it takes in."""
+    """Returns the cost of the empty cells that the joined rectangle of planes p and q on the line s = a + b t would
+    cover."""
     one, other = Rectangle(p.t0, p.t1, p.top_m, p.bottom_m), Rectangle(q.t0, q.t1, q.top_m, q.bottom_m)
     joined = Rectangle(min(p.t0, q.t0), max(p.t1, q.t1), min(p.top_m, q.top_m), max(p.bottom_m, q.bottom_m))
     share = uncovered_share(joined, a, b, one, other, rules, evidence, openings, run)
@@ -76,10 +88,10 @@ def cover_cost(p, q, a, b, rules, evidence, openings, run):
 
 @kernel
 def propose_pairs(count, planes, rules, settings, buffers):
-    """Pairs of planes of one cluster that may be one: fills the entries of the queue, returns how many.
+    """Writes pairs of planes of one cluster that may be one to the entries of the queue; returns their number.
 
-    buffers.order: (count,) planes by cluster and first tangent. Each plane is scored with at most merge_candidates of the
-    next in that order; the cheapest merge_partners of them become pairs."""
+    Each plane is scored with at most merge_candidates of the next planes in buffers.order. The cheapest
+    merge_partners of them become pairs."""
     order, age, entries = buffers.order, buffers.age, buffers.queue.entries
     most, partners = settings.merge_candidates, settings.merge_partners
     best_cost, best = np.empty(partners), np.empty(partners, np.int32)
@@ -128,13 +140,22 @@ def propose_pairs(count, planes, rules, settings, buffers):
 
 @kernel
 def join_planes(count, room, planes, parent, rules, settings, evidence, openings, buffers):
-    """Joins planes of one cluster, cheapest pair first, until none fits; those joined to another get a negative support.
+    """Joins planes of one cluster, the cheapest pair first, until no pair fits. Joined planes get a negative support.
 
-    planes: (N,) PLANE, of which `count` exist; room: `plane_room` of the frame. parent: (N,) int32, the plane that took each one over, itself at first. rules,
-    settings: records of MERGE_RULES and PLANE_SETTINGS. evidence: Evidence; openings: OpeningMasks; buffers: MergeBuffers.
-    A merged plane has the neighbours of its parts; each of at most merge_rounds rounds looks for new ones.
-    `version` of a queue entry: the sum of both planes' ages where its cost is whole, -2 less that where the cost of what
-    the join covers is missing."""
+    A merged plane has the neighbours of its parts; each of at most merge_rounds rounds searches new ones. The
+    `version` of a queue entry is the sum of the ages of both planes if its cost is complete, and -2 minus that sum if
+    the cost of covered cells is missing.
+
+    Args:
+        count: number of planes.
+        room: `plane_room` of the frame.
+        planes: (N,) PLANE, in and out.
+        parent: (N,) int32, the plane into which each one was merged, at first itself.
+        rules: a record of MERGE_RULES.
+        settings: a record of PLANE_SETTINGS.
+        evidence: Evidence.
+        openings: OpeningMasks.
+        buffers: MergeBuffers."""
     traits, order, age, queue = buffers.traits, buffers.order, buffers.age, buffers.queue
     entries = queue.entries
     run = np.zeros(evidence.nearest.shape[1] + 2, np.int32)
@@ -191,9 +212,9 @@ def join_planes(count, room, planes, parent, rules, settings, evidence, openings
 
 @inner_inline
 def was_scored(scored, i, j, version):
-    """Whether planes i and j have been scored at this version: they were refused, or wait in the queue. Notes them if not.
+    """True if the pair (i, j) was scored at this version; otherwise records it.
 
-    scored: (_SLOTS, 3) int64, the pairs scored last."""
+    Such a pair was refused or is in the queue. scored: (_SLOTS, 3) int64, the pairs scored last."""
     slot = (i * 7919 + j) % scored.shape[0]
     if scored[slot, 0] == i and scored[slot, 1] == j and scored[slot, 2] == version:
         return True
@@ -203,7 +224,7 @@ def was_scored(scored, i, j, version):
 
 @inner
 def root_of(parent, k):
-    """The plane that stands for plane k by now, halving the path."""
+    """Returns the plane into which plane k was merged, and halves the path."""
     for _ in range(parent.shape[0]):
         if parent[k] == k:
             break
@@ -214,7 +235,7 @@ def root_of(parent, k):
 
 @inner_inline
 def absorb(planes, traits, i, j, a, b):
-    """Makes plane i, on the line s = a + b*t, stand for j too; j gets a negative support."""
+    """Merges plane j into plane i, on the line s = a + b t. Plane j gets a negative support."""
     p, q = planes[i], planes[j]
     p.front_m = max(front_on(of_piece(traits, i), a, b), front_on(of_piece(traits, j), a, b))
     p.a, p.b = a, b

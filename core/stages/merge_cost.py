@@ -1,7 +1,7 @@
-"""What it costs to make one plane of two pieces, from what is kept of each (Eq. 17): no strip is needed.
+"""Cost of replacing two planes by one (Section 5.3), from the moments of each (Eq. 17); strips are not read.
 
-A piece is a `Piece` of its traits, so that the same formula serves one pair, and many side by side in one instruction.
-"""
+A plane is represented by a `Piece` of its traits, so that one formula serves a single pair and, vectorised, many
+pairs."""
 
 from __future__ import annotations
 
@@ -18,34 +18,38 @@ from .planes import LEAST_S
 from .view_geometry import ViewGeometry
 
 MERGE_RULES = record(
-    ("tolerance_m", np.float64),
-    ("sigmas", np.float64),
-    ("noise_cap", np.float64),
-    ("slope_prior", np.float64),
-    ("turn", np.float64),
-    ("long_m", np.float64),
-    ("spread_m", np.float64),
-    ("sigma_s", np.float64),
-    ("empty_weight", np.float64),
-    ("most_empty", np.float64),
-    ("gap_m", np.float64),
-    ("behind_m", np.float64),
-    ("slack_m", np.float64),
-    ("shift_m", np.float64),
-    ("smear_s", np.float64),
+    ("tolerance_m", np.float64),  # distance between a new line and the strips of a piece, without noise
+    ("sigmas", np.float64),  # noise allowed in addition
+    ("noise_cap", np.float64),  # greatest noise allowed, over tolerance_m
+    ("slope_prior", np.float64),  # weight of a slope of 0
+    ("turn", np.float64),  # tangent of the greatest angle between two long pieces
+    ("long_m", np.float64),  # length of a long piece
+    ("spread_m", np.float64),  # distance of strips from the new line, root mean square
+    ("sigma_s", np.float64),  # noise of 1/x of a strip with the least support, 1/m
+    ("empty_weight", np.float64),  # cost of covered empty cells, over their share
+    ("most_empty", np.float64),  # greatest share of covered empty cells
+    ("gap_m", np.float64),  # greatest gap between two pieces
+    ("behind_m", np.float64),  # evidence counts up to this distance behind the plane
+    ("slack_m", np.float64),  # width of an opening's border that may be covered
+    ("shift_m", np.float64),  # shift towards the camera
+    ("smear_s", np.float64),  # error of 1/x that all pixels of a surface share, for a camera that smears edges, 1/m
 )
-"""Rules of the merge. tolerance_m: how far a line may leave the strips of a piece; sigmas: of noise beyond that, up to
-noise_cap times it; slope_prior: weight of a slope of 0; turn: tangent of the angle within which pieces longer than long_m
-agree; spread_m: how far strips may lie from the line; sigma_s: noise of 1/x of a strip of the fewest pixels;
-empty_weight, most_empty: cost and limit of empty cells covered; gap_m: gap between pieces; behind_m: evidence so far
-behind the plane counts; slack_m: how far an opening may be covered; shift_m: shift towards the camera; smear_s: error of 1/x that all pixels of a
-surface have in common, of a camera that smears its edges."""
+"""Rules of the merge. Fields without a comment are parameters, see `merge_rules`."""
 
 
 class Piece(NamedTuple):
-    """Properties of a piece for the merge, all float64: its line s = a + b*t, tangents, heights and misfit in front; the moments of
-    its strips; mean and variance of their tangents; one over what a new line may be off them, in 1/x, and that itself;
-    distances at both ends."""
+    """Traits of a plane for the merge, all float64.
+
+    Attributes:
+        a, b: line s = a + b t.
+        t0, t1: tangents of azimuth of its ends.
+        top_m, bottom_m: heights.
+        front_m: of PLANE.
+        w, t, s, tt, ts, ss: moments of its strips.
+        mean_t, variance_t: mean and variance of the tangents of its strips.
+        scale: 1 / allowed.
+        allowed: greatest distance of a new line from its strips, in 1/x.
+        x0, x1: forward distance of its ends."""
 
     a: Any
     b: Any
@@ -70,18 +74,20 @@ class Piece(NamedTuple):
 
 TRAITS = len(Piece._fields)
 TILE = 64
-"""Not tuning: pieces whose traits lie side by side."""
+"""Number of pieces whose traits are stored side by side. It is not a tuning parameter."""
 _SURELY = 2.0
-"""Not tuning: how much more than what both allow lets `surely_apart` answer without a fit."""
+"""Factor on the allowed deviation, beyond which `surely_apart` refuses a pair without a fit. It is not a tuning
+parameter."""
 REFUSED = 2.0
-"""Cost of what may not be: anything from 1 up is too much."""
+"""Cost of a pair that must not be merged. Any cost of 1 or more is too great."""
 
 
 @inner
 def score_piece(plane, traits, k, rules):
-    """Writes the traits of a plane as row k of traits (N, TRAITS) float64. rules: a record of MERGE_RULES.
+    """Writes the traits of a plane to row k of traits, (N, TRAITS) float64. rules: a record of MERGE_RULES.
 
-    Noise of the plane, `sigmas` of it, allows for more than tolerance_m, but for at most noise_cap times that."""
+    The allowed deviation is tolerance_m and `sigmas` of the plane's noise; the latter is limited to noise_cap *
+    tolerance_m."""
     a, b, t0, t1 = plane.a, plane.b, plane.t0, plane.t1
     w = plane.sum_w
     mean = plane.sum_t / w
@@ -117,7 +123,7 @@ def score_piece(plane, traits, k, rules):
 
 @inner
 def of_piece(traits, k):
-    """The Piece of row k of traits (N, TRAITS)."""
+    """Returns the Piece of row k of traits, (N, TRAITS)."""
     row = traits[k]
     return Piece(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9],
@@ -127,9 +133,9 @@ def of_piece(traits, k):
 
 @inline_ieee
 def deviation_squared(p, a, b):
-    """Square of how far a new line leaves the strips of p, root mean square, over what is allowed.
+    """Returns the square of the deviation of a new line from the strips of p, root mean square, over what is allowed.
 
-    The distance is along the ray, so that walls seen edge-on are judged as strictly as others."""
+    The deviation is measured along the ray, so that walls seen edge-on are judged as strictly as others."""
     turn = b - p.b
     off = a - p.a + turn * p.mean_t
     return p.scale * p.scale * (off * off + turn * turn * p.variance_t)
@@ -137,7 +143,7 @@ def deviation_squared(p, a, b):
 
 @inner
 def apart(p, q, gap_m):
-    """Whether two planes are too far from each other, across or down, to be one."""
+    """True if the horizontal or vertical gap between two planes exceeds gap_m."""
     if max(p.top_m, q.top_m) - min(p.bottom_m, q.bottom_m) > gap_m:
         return True
     aside = max(p.t0, q.t0) - min(p.t1, q.t1)
@@ -146,8 +152,10 @@ def apart(p, q, gap_m):
 
 @inline_ieee
 def surely_apart(p, q, gap_m):
-    """Whether two pieces are more than gap_m apart in height, or share tangents and are so far apart in depth there that no
-    line would serve both: a quick answer beside `pair_cost`."""
+    """True if two pieces cannot be merged, by a test that is faster than `pair_cost`.
+
+    Either the vertical gap exceeds gap_m, or they share tangents of azimuth at which their distances differ too much
+    for one line."""
     t0, t1 = max(p.t0, q.t0), min(p.t1, q.t1)
     off = abs(p.a - q.a + (p.b - q.b) * 0.5 * (t0 + t1))
     in_depth = (t0 < t1) & (off > _SURELY * (p.allowed + q.allowed))
@@ -156,7 +164,7 @@ def surely_apart(p, q, gap_m):
 
 @inline_ieee
 def front_on(p, a, b):
-    """How far the near side of p's strips stands out in front of the line s = a + b*t, at most: FRONT of p there."""
+    """Returns an upper bound of front_m of p for the line s = a + b t."""
     first = 1.0 / (a + b * p.t0) - p.x0
     last = 1.0 / (a + b * p.t1) - p.x1
     return p.front_m + max(first, last)
@@ -164,11 +172,13 @@ def front_on(p, a, b):
 
 @inline_ieee
 def pair_cost(p, q, rules):
-    """(cost, a, b) of one plane for both p and q, what it would cover apart: REFUSED where one line cannot serve both.
+    """Returns (cost, a, b) of one plane for both p and q, without the cost of covered cells; REFUSED if one line
+    cannot serve both.
 
-    The line is that of `fit_line` for both together. The cost is the worst of: how far it leaves the strips of either
-    (`deviation_squared`), how far all strips lie from it, and how far it would shift the weightier one towards the
-    camera; each over what is allowed. Without any branch, so that a processor may do several pairs at a time."""
+    The line is that of `fit_line` for the moments of both (Eq. 17). The cost is the maximum of three quotients over
+    what is allowed (ours): the deviation from the strips of either piece, the distance of all strips from the line,
+    and the shift of the piece of greater weight towards the camera. There is no branch, so that several pairs are
+    computed per instruction."""
     w, t, s = p.w + q.w, p.t + q.t, p.s + q.s
     tt, ts, ss = p.tt + q.tt, p.ts + q.ts, p.ss + q.ss
     each = 1.0 / w
@@ -179,13 +189,13 @@ def pair_cost(p, q, rules):
     at = a + b * t_mean
     left, right = a + b * min(p.t0, q.t0), a + b * max(p.t1, q.t1)
     refused = (worst >= 1.0) | (left < 0.5 * at) | (right < 0.5 * at)
-    # distances of all four ends on the line; the gap between those that face each other
+    # distances of all four ends on the line, and the gap between the two facing ends
     p0, p1, q0, q1 = 1.0 / (a + b * p.t0), 1.0 / (a + b * p.t1), 1.0 / (a + b * q.t0), 1.0 / (a + b * q.t1)
     t0, t1 = min(p.t1, q.t1), max(p.t0, q.t0)
     x0, x1 = p1 if p.t1 < q.t1 else q1, q0 if p.t0 < q.t0 else p0
     ahead, aside = x0 - x1, t0 * x0 - t1 * x1
     refused |= (t0 < t1) & (ahead * ahead + aside * aside > rules.gap_m * rules.gap_m)
-    # long ones must agree in direction
+    # long pieces must agree in direction
     cross = p.a * q.b - q.a * p.b
     dot = p.a * q.a + p.b * q.b
     both_long = min(p.t1 - p.t0, q.t1 - q.t0) > rules.long_m * at
@@ -202,8 +212,10 @@ def pair_cost(p, q, rules):
 
 @inner
 def fill_tiles(order, count, traits, tiles):
-    """tiles (ceil(count / TILE) * TRAITS * TILE,) float64 out: for each TILE pieces in `order` all of one trait, then of the
-    next. What lies at a known distance may be fetched for many pieces at a time."""
+    """Copies the traits of the planes in `order` to tiles, (ceil(count / TILE) * TRAITS * TILE,) float64.
+
+    A tile holds one trait of TILE pieces, then the next trait, and so on, so that the traits of several pieces are
+    loaded by one instruction."""
     for k in range(count):
         at = k // TILE * TRAITS * TILE + k % TILE
         for c in range(TRAITS):
@@ -212,7 +224,8 @@ def fill_tiles(order, count, traits, tiles):
 
 @inline_ieee
 def of_tile(tiles, at):
-    """The Piece whose first trait is tiles[at]. at: uint64: an unsigned index needs no test whether it counts from the end."""
+    """Returns the Piece whose first trait is tiles[at]. at: uint64, because an unsigned index needs no test for
+    negative values."""
     return Piece(
         tiles[at], tiles[at + np.uint64(1 * TILE)], tiles[at + np.uint64(2 * TILE)], tiles[at + np.uint64(3 * TILE)],
         tiles[at + np.uint64(4 * TILE)], tiles[at + np.uint64(5 * TILE)], tiles[at + np.uint64(6 * TILE)], tiles[at + np.uint64(7 * TILE)],
@@ -224,7 +237,14 @@ def of_tile(tiles, at):
 
 @inner_ieee
 def costs_of_next(tiles, k, end, rules, costs):
-    """costs[m] of `pair_cost` for piece k with each of the pieces k + 1 <= m < end, REFUSED where `surely_apart`."""
+    """Computes `pair_cost` of piece k with each of the pieces k + 1..end - 1; REFUSED where `surely_apart`.
+
+    Args:
+        tiles: of `fill_tiles`.
+        k: a piece, by its position in the order.
+        end: end of the pieces.
+        rules: a record of MERGE_RULES.
+        costs: (N,) float64 out."""
     p = of_tile(tiles, np.uint64(k // TILE * TRAITS * TILE + k % TILE))
     gap = rules.gap_m
     for tile in range((k + 1) // TILE, (end - 1) // TILE + 1):
@@ -236,7 +256,7 @@ def costs_of_next(tiles, k, end, rules, costs):
 
 
 def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = False) -> NDArray[Any]:
-    """(1,) MERGE_RULES of a view and its noise. smeared: whether the camera smears its edges."""
+    """Returns (1,) MERGE_RULES of a view and its noise. smeared: True if the camera smears its edges."""
     gap_m = p.smear_join_gap_m if smeared else p.join_gap_m
     return record_of(
         MERGE_RULES,

@@ -1,4 +1,7 @@
-"""The result of one frame: tables of the stages as parts of a FrameModel."""
+"""The result of one frame: converts the tables of the stages to parts of a FrameModel.
+
+Input: planes, ground and view. Output: `PublishedPlanes`, the statistics of the pixels, and the model of an invalid
+frame."""
 
 from __future__ import annotations
 
@@ -18,21 +21,22 @@ from .strips import CUT_BOTTOM, CUT_TOP, IRREGULAR, PX
 from .view_geometry import ViewGeometry
 
 _OUTWARD = 1e-6
-"""Not tuning: tangent by which outlines grow, so that rounding to float32 takes no ray that runs along an edge."""
+"""Tangent by which outlines are extended, so that rounding to float32 does not open a ray along an edge. It is not a
+tuning parameter."""
 _LEAST_HEIGHT_M = 1e-3
-"""Not tuning: a plane's top must differ from its bottom in float32."""
+"""Least height of a plane, so that top and bottom differ in float32. It is not a tuning parameter."""
 _INFERRED, _UNKNOWN_BEHIND = int(PlaneFlags.INFERRED), int(PlaneFlags.UNKNOWN_BEHIND)
 _CUT_LEFT, _CUT_RIGHT = int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT)
 _CUT_TOP, _CUT_BOTTOM, _IRREGULAR = int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM), int(PlaneFlags.IRREGULAR)
 """The flags as numbers for the kernels."""
 
 PUBLISH_SETTINGS = record(
-    ("ground_seen", np.int64),
+    ("ground_seen", np.int64),  # ground of the frame
     ("height_m", np.float64),
     ("slope_x", np.float64),
     ("slope_y", np.float64),
-    ("column_t", np.float64),
-    ("left_t", np.float64),
+    ("column_t", np.float64),  # tangent of a column
+    ("left_t", np.float64),  # tangents beyond which a plane is cut by the left and right border
     ("right_t", np.float64),
     ("ground_tolerance_m", np.float64),
     ("min_plane_height_m", np.float64),
@@ -42,13 +46,18 @@ PUBLISH_SETTINGS = record(
     ("inferred_share", np.float64),
     ("inferred_columns", np.float64),
 )
-"""The ground of the frame; tangents: of a column, and beyond which a plane counts as cut at the left and at the right; and
-parameters by their names."""
+"""Settings of `published_planes`. Fields without a comment are the parameters of the same names."""
 
 
 class PublishedPlanes(NamedTuple):
-    """Planes as a FrameModel holds them, N of each: rows (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom, m; margin_m float32;
-    flags uint8 PlaneFlags; support_px, cluster int32."""
+    """Planes as a FrameModel contains them.
+
+    Attributes:
+        rows: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in m. From a to b the camera is on the right.
+        margin_m: (N,) float32.
+        flags: (N,) uint8 PlaneFlags.
+        support_px: (N,) int32.
+        cluster: (N,) int32."""
 
     rows: NDArray[np.float32]
     margin_m: NDArray[np.float32]
@@ -58,7 +67,7 @@ class PublishedPlanes(NamedTuple):
 
 
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:
-    """The invalid model of a frame: nothing in it may be taken as free."""
+    """Returns the invalid model of a frame, in which nothing is free."""
     return FrameModel(
         valid=False,
         cause=cause,
@@ -76,7 +85,8 @@ def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: Fr
 
 
 def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameStats:
-    """Shares of the pixels of one frame from the counts (measured, far, flying) of `classify`, and other counts."""
+    """Returns the statistics of the pixels of a frame from the counts (measured, far, flying) of `classify`. more:
+    other counts."""
     measured, far, flying = counts
     return FrameStats(
         measured_share=(measured - flying) / size,
@@ -88,7 +98,8 @@ def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameSt
 
 
 def publish_settings(column_t: float, params: Params) -> NDArray[Any]:
-    """(1,) PUBLISH_SETTINGS without the ground and the borders of a frame. column_t: tangent of a column."""
+    """Returns (1,) PUBLISH_SETTINGS without ground and borders, which are set for each frame. column_t: tangent of a
+    column."""
     frame = dict.fromkeys(("ground_seen", "height_m", "slope_x", "slope_y", "left_t", "right_t"), 0.0)
     return record_of(PUBLISH_SETTINGS, params, column_t=column_t, **frame)
 
@@ -96,12 +107,20 @@ def publish_settings(column_t: float, params: Params) -> NDArray[Any]:
 def published_planes(
     count: int, planes: NDArray[Any], ground: Ground, view: ViewGeometry, params: Params, settings: NDArray[Any]
 ) -> PublishedPlanes | None:
-    """The planes to publish; None where one of them is not finite: its place, and what it hides, is not known.
+    """Returns the planes to publish; None if a number of one of them is not finite, since its place is then not
+    known.
 
-    planes: the first `count` of PLANE; those that exist move to the front, and end at the ground at their feet, where they
-    keep min_plane_height_m. settings: of `publish_settings`; completed here. a is the left end: from a to b the camera,
-    and so free space, is on the right. The margin is what the near edge still stands out (up to safe_distance_m) and
-    margin_sigmas of the plane's own distance noise, which neighbouring columns share."""
+    Planes end at the ground below them, but keep min_plane_height_m. The margin contains the distance of the near
+    edge in front of the plane (up to safe_distance_m) and margin_sigmas of the noise of the plane's distance.
+    Neighbouring columns share this noise.
+
+    Args:
+        count: number of planes.
+        planes: (N,) PLANE. Planes that exist are moved to the front.
+        ground: ground of the frame.
+        view: geometry of the levelled view.
+        params: parameters.
+        settings: (1,) of `publish_settings`; ground and borders are written."""
     column_t = float(view.lateral[0]) / view.f_px
     settings["ground_seen"], settings["height_m"] = ground.seen, ground.height_m
     settings["slope_x"], settings["slope_y"] = ground.slope_x, ground.slope_y
@@ -122,7 +141,7 @@ def published_planes(
 
 @inner
 def write_planes(count, planes, settings, out):
-    """See `published_planes`; returns how many planes exist, -1 where one is not finite, or its top not above its bottom."""
+    """Writes the planes that exist to `out` (PublishedPlanes); returns their number, -1 if a number is not finite."""
     p = settings[0]
     n = 0
     for k in range(count):
@@ -140,8 +159,9 @@ def write_planes(count, planes, settings, out):
 
 @inner
 def _all_finite(count, planes, rows, margin):
-    """Whether planes and what is published of them are finite, each top above its bottom. Both, since the maximum of a number
-    and of one that is not finite may be finite."""
+    """True if planes and published rows are finite and each top is above its bottom.
+
+    Both are tested, because the maximum of a finite number and nan may be finite."""
     for k in range(count):
         p, good = planes[k], rows[k, 4] < rows[k, 5] and math.isfinite(margin[k])
         for c in range(6):
@@ -155,7 +175,7 @@ def _all_finite(count, planes, rows, margin):
 
 @inner
 def _cut_at_ground(count, planes, settings):
-    """A strip's rows reach below the ground where noise puts the strip too far away."""
+    """Ends each plane at the ground. Where noise makes a strip too distant, its rows extend below the ground."""
     for k in range(count):
         p = planes[k]
         middle = 0.5 * (p.t0 + p.t1)
@@ -166,6 +186,7 @@ def _cut_at_ground(count, planes, settings):
 
 @inner
 def _write_rows(count, planes, settings, rows, margin):
+    """Writes rows and margins of PublishedPlanes."""
     safe_m, alike_px = settings.safe_distance_m, settings.noise_alike_px
     for k in range(count):
         p, row = planes[k], rows[k]
@@ -175,7 +196,7 @@ def _write_rows(count, planes, settings, rows, margin):
         row[0], row[1], row[2], row[3] = x0, x0 * t0, x1, x1 * t1
         row[4], row[5] = p.top_m - _OUTWARD * x0, p.bottom_m + _OUTWARD * x0
         row[5] = max(row[5], row[4] + np.float32(_LEAST_HEIGHT_M))
-        # moments take columns for independent; a run of alike_px of them has the noise of one
+        # The moments assume independent columns; a run of alike_px columns has the noise of one.
         columns = max((p.t1 - p.t0) / settings.column_t, 1.0)
         correlated = alike_px * columns / (columns + alike_px - 1.0)
         noise = max(x0, x1) ** 2 * math.sqrt(correlated / max(p.sum_w, 1e-9))
@@ -184,7 +205,7 @@ def _write_rows(count, planes, settings, rows, margin):
 
 @inner
 def _write_flags(count, planes, settings, flags):
-    """(N,) uint8 PlaneFlags."""
+    """Writes the flags of PublishedPlanes."""
     share = settings.inferred_share
     for k in range(count):
         p = planes[k]
@@ -203,7 +224,7 @@ def _write_flags(count, planes, settings, flags):
 
 
 def strip_table(strips: NDArray[Any], n: int) -> StripTable:
-    """A copy of the first n of STRIP, for drawing and tests."""
+    """Returns a copy of the first n strips for drawing and tests."""
     on = strips[:n][strips["support"][:n] > 0]
     names = ("column", "top_row", "bottom_row", "x_m", "y_m", "top_m", "bottom_m", "cluster")
     u, row_top, row_bottom, x, y, top, bottom, cluster = (np.ascontiguousarray(on[name]) for name in names)

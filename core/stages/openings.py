@@ -1,8 +1,9 @@
-"""Section 5.1's rule for every later stage: what the vehicle could fly through is never covered.
+"""Openings: space through which the vehicle could fly, which no later stage may cover (extends Section 5.1).
 
-At a distance x a cell is open when it belongs to a box of Ws by Hs of cells that were all seen to be free to beyond
-x + Ws. Merging and filling may cover what lies close to evidence, but no open cell.
-"""
+Input: the levelled view and the table of strips. Output: one mask of cells per distance. A cell is open at distance x
+if it belongs to a box of Ws by Hs, all cells of which were observed to be free to beyond x + Ws. A niche that is
+shallower than the vehicle is wide is therefore no opening. Merge and filling may cover space close to obstacles, but
+no open cell."""
 
 from __future__ import annotations
 
@@ -25,14 +26,19 @@ OPENING_SETTINGS = record(
     ("passable_width_m", np.float64),
     ("passable_height_m", np.float64),
 )
-"""The parameters of the same names."""
+"""Settings of the openings: the parameters of the same names."""
 
 
 class OpeningMasks(NamedTuple):
-    """Where the vehicle could fly through, for each of L distances.
+    """Open cells of the view for L distances.
 
-    masks: (L, C, R) uint8, 1: open; steps_m: (L - 1,) float64, distances at which the next layer begins; across, down: cells
-    per unit of tangent; cu, cv: cell of the optical axis of the view."""
+    Attributes:
+        masks: (L, C, R) uint8, 1: open.
+        steps_m: (L - 1,) float64, distances at which the next layer begins.
+        across: columns of cells per unit of tangent of azimuth.
+        down: rows of cells per unit of tangent of elevation.
+        cu: column of the optical axis of the view, in cells.
+        cv: row of the optical axis of the view, in cells."""
 
     masks: NDArray[np.uint8]
     steps_m: NDArray[np.float64]
@@ -43,23 +49,31 @@ class OpeningMasks(NamedTuple):
 
 
 ROUNDING = 1e-9
-"""Cells: a box that fills a whole number of them but for the last digit of a float is not made one wider."""
+"""Tolerance in cells: a box that is a whole number of cells wide, except for rounding, gets no additional cell."""
 
 
 @inner_inline
 def second_nearest(a, b, c, d):
-    """The second largest of four codes; 0 where two or more of them are unknown, which is the least code."""
+    """Returns the second largest of four codes; 0 if two or more of them are unknown. Q_UNKNOWN is the least code."""
     one, other = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))  # the two in the middle
     return max(one, other) if min(one, other) != Q_UNKNOWN else np.uint16(0)
 
 
 @inner
 def nearest_codes(codes, cell, strips, n, lsb_per_px, boxes, nearest):
-    """The nearest thing in each cell as a code; 0 where half of it or more is unknown.
+    """Computes the code of the nearest obstacle in each cell; 0 if half of its corners or more are unknown.
 
-    codes: (cols, rows) uint16. nearest: (C, R) uint16 out: the second nearest of the cell's four corners, which a
-    mismatch of two by two pixels cannot be, or the nearest strip that crosses the cell: thin things are strips.
-    boxes: (rows,) uint16 scratch: the same for a cell that begins at any row, many of which are done at a time."""
+    It is the second nearest of the four corners of the cell, which a mismatch of two by two pixels cannot be, or the
+    nearest strip that crosses the cell, so that thin objects count.
+
+    Args:
+        codes: (cols, rows) uint16.
+        cell: side of a cell.
+        strips: (N,) STRIP.
+        n: number of strips.
+        lsb_per_px: of the view.
+        boxes: (rows,) uint16 scratch, the second nearest corner for a cell that begins at each row.
+        nearest: (C, R) uint16 out."""
     cols, rows = codes.shape
     side, whole = np.uint32(cell), rows // cell
     for i in range(nearest.shape[0]):
@@ -71,7 +85,7 @@ def nearest_codes(codes, cell, strips, n, lsb_per_px, boxes, nearest):
         for j in range(whole):
             line[j] = boxes[at]
             at += np.uint64(cell)
-        if whole < line.shape[0]:  # a last cell that is not as high
+        if whole < line.shape[0]:  # the last cell has fewer rows
             v = whole * cell
             line[whole] = second_nearest(left[v], right[v], left[rows - 1], right[rows - 1])
     for k in range(n):
@@ -86,7 +100,8 @@ def nearest_codes(codes, cell, strips, n, lsb_per_px, boxes, nearest):
 
 @inner
 def count_unknown(nearest, total):
-    """total[i, j]: unknown cells among the first i columns and j rows. total: (C + 1, R + 1) int32 out."""
+    """Computes total[i, j], the number of unknown cells in the first i columns and j rows. total: (C + 1, R + 1)
+    int32 out."""
     total[0] = 0
     for i in range(nearest.shape[0]):
         line, before, after = nearest[i], total[i], total[i + 1]
@@ -99,10 +114,10 @@ def count_unknown(nearest, total):
 
 @kernel
 def any_ahead(cells, other, length):
-    """Whether any of `length` cells from each one on is set; returns (result, the spare array), both overwritten.
+    """Tests for each cell if any of the `length` cells from it on is set; returns (result, the other array).
 
-    cells, other: flat uint8. By windows of twice the width at a time. Where a window reaches past the end of its column,
-    the result means nothing."""
+    Windows of doubling width are combined. The result is undefined where a window crosses the end of its column.
+    cells, other: flat uint8, both overwritten."""
     width = 1
     for _ in range(32):
         if width >= length:
@@ -118,7 +133,7 @@ def any_ahead(cells, other, length):
 
 @kernel
 def any_behind(cells, other, length):
-    """Whether any of the `length` cells up to each one is set; otherwise as `any_ahead`."""
+    """Tests for each cell if any of the `length` cells up to it is set; otherwise like `any_ahead`."""
     width = 1
     for _ in range(32):
         if width >= length:
@@ -135,11 +150,20 @@ def any_behind(cells, other, length):
 
 @kernel
 def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, mask):
-    """mask[i, j] = 1 where a free box of wide x high cells covers the cell.
+    """Sets mask[i, j] to 1 where a free box of wide x high cells contains the cell, else to 0.
 
-    A box is free when no cell's code reaches limit and at most unknown_share of its cells is unknown (dropped pixels).
-    nearest: (C, R) uint16; total: see count_unknown; mask: (C, R) uint8 out. Scratch: spare (2, C * R) uint8,
-    column (R,) uint16. Down the columns by doubled windows, across them by sums that slide along."""
+    A box is free if no code in it reaches the limit and at most unknown_share of its cells are unknown. Columns are
+    searched by doubling windows, rows by sliding sums.
+
+    Args:
+        nearest: (C, R) uint16 of `nearest_codes`.
+        limit: code of the greatest distance that blocks.
+        wide, high: cells of the box.
+        unknown_share: see above.
+        total: (C + 1, R + 1) int32 of `count_unknown`.
+        spare: (2, C * R) uint8 scratch.
+        column: (R,) uint16 scratch.
+        mask: (C, R) uint8 out."""
     cols, rows = nearest.shape
     mask[:] = 0
     if wide > cols or high > rows:
@@ -185,7 +209,8 @@ def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, m
 
 @inner
 def is_open(openings, t, m, x):
-    """Whether the ray of tangents (t, m) is open at distance x. openings: OpeningMasks."""
+    """True if the ray with the tangents (t, m) of azimuth and elevation is open at distance x. openings:
+    OpeningMasks."""
     masks = openings.masks
     i = int(math.floor(t * openings.across + openings.cu))
     j = int(math.floor(m * openings.down + openings.cv))
@@ -196,13 +221,13 @@ def is_open(openings, t, m, x):
 
 @inner
 def cell_of(tan, per_tan, centre, cells):
-    """The cell across or down of a tangent, that at the border where it lies outside."""
+    """Returns the column or row of the cell of a tangent; the nearest one if the tangent is outside of the view."""
     return min(max(int(math.floor(tan * per_tan + centre)), 0), cells - 1)
 
 
 @inner
 def layer_of(x, steps_m):
-    """Index of the layer of masks for distance x."""
+    """Returns the index of the mask for distance x."""
     layer = 0
     for k in range(steps_m.shape[0]):
         if x < steps_m[k]:
@@ -213,10 +238,17 @@ def layer_of(x, steps_m):
 
 @kernel
 def open_masks(codes, strips, n, view, settings, max_range_m, spare, masks, steps_m):
-    """`nearest_codes`, and of these `open_mask` at the distances opening_first_m * opening_ratio^k.
+    """Computes `open_mask` at the distances opening_first_m * opening_ratio^k.
 
-    codes: (cols, rows) uint16; strips: the first n of STRIP; settings: (1,) OPENING_SETTINGS; spare: see `open_mask`. Out:
-    masks and steps_m of OpeningMasks."""
+    Args:
+        codes: (cols, rows) uint16.
+        strips: (N,) STRIP.
+        n: number of strips.
+        view: ViewGeometry.
+        settings: (1,) OPENING_SETTINGS.
+        max_range_m: maximum range of the camera.
+        spare: see `open_mask`.
+        masks, steps_m: of OpeningMasks, out."""
     p = settings[0]
     cell, f, step = p.opening_cell_px, view.f_px, np.float64(view.lateral[0])
     first_m, ratio, ws, hs = p.opening_first_m, p.opening_ratio, p.passable_width_m, p.passable_height_m
@@ -245,10 +277,16 @@ def find_openings(
     settings: NDArray[Any],
     buffers: Buffers,
 ) -> OpeningMasks:
-    """What the vehicle could fly through, one mask per distance step, up to the maximum range; the masks lie in `buffers`.
+    """Returns the openings of a frame, one mask per distance up to the maximum range. The masks lie in `buffers`.
 
-    codes: (cols, rows) uint16 of the view; strips: the first n of STRIP; settings: (1,) OPENING_SETTINGS. A cell passes at x when nothing in it is nearer than
-    x + Ws; so a niche shallower than the vehicle is wide is no opening."""
+    Args:
+        codes: (cols, rows) uint16 of the view.
+        strips: (N,) STRIP.
+        n: number of strips.
+        view: geometry of `codes`.
+        max_range_m: maximum range of the camera.
+        settings: (1,) OPENING_SETTINGS.
+        buffers: scratch memory."""
     p = settings[0]
     cell = int(p.opening_cell_px)
     shape = -(-view.cols // cell), -(-view.rows // cell)

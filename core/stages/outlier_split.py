@@ -1,10 +1,9 @@
-"""Strips that stand out in front of a plane, and are too few to be its surface, become a plane of their own.
+"""Splits off the strips of a plane that are far in front of it and too few to be its surface (not in the paper).
 
-`shift_to_near_side` moves a whole plane in front of the nearest edge among its strips. That is right where near edges scatter,
-as those of leaves do. One leaf or stray pixel that grew into the piece of a wall would bring the whole wall to its own
-distance. So the few strips that stand out farthest are split off, where that spares the rest much more of a shift than
-its strips scatter. Nothing is lost: each becomes a strip of another plane, which is shifted to its near side as all are.
-"""
+Input and output: the tables of planes and strips. `shift_to_near_side` moves a plane in front of the nearest edge of
+its strips. That is correct where the near edges scatter, as in foliage. A single leaf or stray pixel that became part
+of a wall would move the whole wall to its own distance. So the few strips that are farthest in front become planes of
+their own, if the rest is then moved much less, compared with the scatter of its strips. No strip is lost."""
 
 from __future__ import annotations
 
@@ -20,18 +19,23 @@ from .planes import distance_at, near_excess_m
 from .segments import is_jump, strip_variance, tangent
 
 STEPS, _STEP_M = 32, 0.05
-"""Not tuning: excesses are counted in so many steps; a greater one counts in the last."""
+"""Number and size of the steps in which excesses are counted; greater ones count in the last step. Not tuning
+parameters."""
 _LOOK_BACK = 32
-"""Not tuning: new planes, the latest first, that a strip may go on with."""
+"""Number of new planes, the latest first, to which a strip may be added. It is not a tuning parameter."""
 
 NEW_PLANE = record(("plane", np.int32), ("last_strip", np.int32))
-"""The plane that a new one was split off, and the last strip of the new one."""
+"""The plane from which a new one was split off, and the last strip of the new one."""
 
 
 class OutlierBuffers(NamedTuple):
-    """Scratch for n strips and N planes: excess_m (n,) float32, of each strip; above (N, STEPS) float64: support of the
-    strips of a plane by the step of their excess; least_m (N,) float64: excess from which strips are split off; new (N,)
-    NEW_PLANE."""
+    """Scratch memory for n strips and N planes.
+
+    Attributes:
+        excess_m: (n,) float32, `near_excess_m` of each strip.
+        above: (N, STEPS) float64, support of the strips of a plane by step of their excess.
+        least_m: (N,) float64, excess from which strips of a plane are split off.
+        new: (N,) NEW_PLANE."""
 
     excess_m: NDArray[np.float32]
     above: NDArray[np.float64]
@@ -40,7 +44,7 @@ class OutlierBuffers(NamedTuple):
 
 
 def outlier_buffers(strips: int, planes: int) -> OutlierBuffers:
-    """Scratch for so many strips and planes."""
+    """Allocates scratch memory for this number of strips and planes."""
     return OutlierBuffers(
         np.zeros(strips + 1, np.float32),
         np.zeros((planes, STEPS)),
@@ -51,10 +55,10 @@ def outlier_buffers(strips: int, planes: int) -> OutlierBuffers:
 
 @kernel
 def measure_excess(strips, n, view, settings, count, plane_of, planes, excess_m, above):
-    """excess_m (n,) out: `near_excess_m` of each strip over its plane. above (count, STEPS) out: support of the strips of a
-    plane by the step of their excess; a strip without any counts nowhere.
+    """Computes `near_excess_m` of each strip, and the support of the strips of each plane by step of their excess.
 
-    Tables as `measure_planes` left them."""
+    Strips without an excess are not counted. Planes and strips are those that `measure_planes` measured; excess_m and
+    above are outputs, see `OutlierBuffers`."""
     above[:count] = 0.0
     length = np.empty(count)
     for k in range(count):
@@ -73,10 +77,10 @@ def measure_excess(strips, n, view, settings, count, plane_of, planes, excess_m,
 
 @inner
 def outlier_limits(count, planes, settings, above, least_m):
-    """least_m (count,) out: excess from which strips are split off their plane, infinite where none is.
+    """Computes the excess from which strips are split off each plane: least_m, (count,) out, infinite if none are.
 
-    They hold at most stand_out_share of its support, and the rest is spared a shift by stand_out_m and by
-    stand_out_spreads times how far its strips lie from its line, root mean square."""
+    Those strips have at most stand_out_share of the support of the plane. Without them the plane is moved less, by at
+    least stand_out_m and at least stand_out_spreads times the root mean square distance of its strips from its line."""
     for k in range(count):
         p = planes[k]
         least_m[k] = math.inf
@@ -97,12 +101,22 @@ def outlier_limits(count, planes, settings, above, least_m):
 
 @inner
 def split_outliers(strips, n, view, settings, count, tracks, plane_of, planes, buffers):
-    """Makes planes of the strips whose excess is at least that of their plane; returns the number of all planes.
+    """Makes planes of the strips whose excess is at least the limit of their plane; returns the number of all planes.
 
-    A strip goes on with the latest new plane split off its own that it touches in rows and meets in depth (`is_jump`), at
-    most link_gap_px columns on. buffers: OutlierBuffers, filled by `measure_excess` and `outlier_limits`. There must be
-    room for one more plane and track a strip, the new tracks from `tracks` on. Lines and ends of the new planes are
-    written; all else, and the heights of the old ones, must be measured anew."""
+    A strip is added to the latest new plane of the same origin whose last strip it touches in rows, without a depth
+    jump (`is_jump`), and which is at most link_gap_px columns away. Line and ends of the new planes are written; all
+    else must be measured again, also the heights of the old planes.
+
+    Args:
+        strips: (N,) STRIP, in and out.
+        n: number of strips.
+        view: ViewGeometry.
+        settings: a record of PLANE_SETTINGS.
+        count: number of planes.
+        tracks: number of tracks. New tracks are numbered from there on.
+        plane_of: (N,) int32, in and out, with room for one more track per strip.
+        planes: (N,) PLANE, in and out, with room for one more plane per strip.
+        buffers: OutlierBuffers, filled by `measure_excess` and `outlier_limits`."""
     new, excess_m, half = buffers.new, buffers.excess_m, settings.half_column_t
     slope_weight = 1.0 / (settings.link_slope_px * settings.link_slope_px)
     total = count

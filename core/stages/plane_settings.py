@@ -1,4 +1,4 @@
-"""The parameters from tracks to planes as a record for the kernels."""
+"""Settings of the kernels from tracks to planes, as a record with named fields."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..jit import record, record_of
 from ..params import Params
 
 PLANE_SETTINGS = record(
-    ("half_column_t", np.float64),
-    ("footprint_t", np.float64),
-    ("cut_footprint_t", np.float64),
+    ("half_column_t", np.float64),  # tangent by which a plane extends beyond the middle of its last column
+    ("footprint_t", np.float64),  # tangent by which a strip extends beyond its rows
+    ("cut_footprint_t", np.float64),  # the same where the border of the image cuts it
     ("height_step_m", np.float64),
     ("line_tolerance_m", np.float64),
     ("line_sigmas", np.float64),
@@ -30,16 +30,16 @@ PLANE_SETTINGS = record(
     ("stand_out_share", np.float64),
     ("stand_out_m", np.float64),
     ("stand_out_spreads", np.float64),
-    ("reach_m", np.float64),
-    ("reach_t", np.float64),
+    ("reach_m", np.float64),  # `meet_share` of Ws
+    ("reach_t", np.float64),  # tangent of `meet_columns`
     ("meet_slack_m", np.float64),
     ("passable_width_m", np.float64),
-    ("concavity_gap_t", np.float64),
+    ("concavity_gap_t", np.float64),  # tangent of `pocket_min_columns`
     ("ground_tolerance_m", np.float64),
     ("pocket_behind_m", np.float64),
-    ("hidden_depth_m", np.float64),
-    ("hidden_t", np.float64),
-    ("smear_t", np.float64),
+    ("hidden_depth_m", np.float64),  # `covered_depth_m`, at most Ws
+    ("hidden_t", np.float64),  # tangent of `covered_px`
+    ("smear_t", np.float64),  # tangent by which planes are extended if ramps were removed (smeared_edges.py), else 0
     ("link_gap_px", np.int64),
     ("evidence_cell_px", np.int64),
     ("merge_rounds", np.int64),
@@ -47,16 +47,17 @@ PLANE_SETTINGS = record(
     ("merge_partners", np.int64),
     ("pocket_points", np.int64),
 )
-"""Settings of the plane stages. Tangents: half_column_t: how far a plane goes beyond the middle of its last column;
-footprint_t, cut_footprint_t: how far rows go beyond their edges, and where the border of the image cuts them; reach_t,
-concavity_gap_t, hidden_t: meet_columns, pocket_min_columns and covered_px; smear_t: by how much planes are extended where ramps
-at the edges of things have been taken out, else 0. reach_m: meet_share; hidden_depth_m:
-covered_depth_m, at most Ws. All others are the parameters of the same names."""
+"""Settings of the plane stages. Fields without a comment are the parameters of the same names."""
 
 
 def plane_settings(f_px: float, column_px: float, p: Params, smeared: bool = False) -> NDArray[Any]:
-    """(1,) PLANE_SETTINGS for a view of this focal length, whose columns are column_px of its pixels wide. smeared: whether the
-    ramps at the edges of things have been taken out."""
+    """Returns (1,) PLANE_SETTINGS for a view.
+
+    Args:
+        f_px: focal length of the view.
+        column_px: width of a column in pixels of that focal length.
+        p: parameters.
+        smeared: True if ramps were removed (smeared_edges.py)."""
     column_t = column_px / f_px
     return record_of(
         PLANE_SETTINGS,

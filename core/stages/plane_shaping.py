@@ -1,8 +1,11 @@
-"""Sections 5.2 and 5.3: from strips to planes, stage by stage.
+"""From strips to planes (Sections 5.2 and 5.3): tracks, merge, outliers, near side, corners, concavities, hidden
+parts.
 
-`shape_planes` is one kernel, because a call from Python costs some microseconds whatever it does. Its stages can still be
-watched one by one: `shape_planes.py_func` is the same in Python (see companion/bench/stage_trace.py).
-"""
+Input: the table of strips and the settings. Output: `Planes`, vertical rectangles, each in front of the strips for
+which it stands.
+
+`shape_planes` is one kernel because a call from Python costs some microseconds. Its stages can be traced one by one:
+`shape_planes.py_func` is the same function in Python (see companion/bench/stage_trace.py)."""
 
 from __future__ import annotations
 
@@ -27,20 +30,29 @@ from .settings import Settings
 from .strip_search import Strips
 
 _MORE_STRIPS = 512
-"""Tables are made for a multiple of so many strips: seldom anew, and hardly larger than the largest frame needs."""
+"""Tables are allocated for a multiple of this number of strips, so that they are seldom allocated again."""
 
 
 @inner
 def plane_room(strips):
-    """How many planes so many strips may become, with those of outliers and of concavities. Bounds must be this and not
-    what the tables have grown to: a frame must not depend on those before it."""
+    """Returns the greatest number of planes of a frame with this number of strips, outliers and concavities included.
+
+    Loops are limited by this number, not by the size of the tables: the result of a frame must not depend on earlier
+    frames."""
     return 2 * max(strips, 1) + 16
 
 
 class PlaneBuffers(NamedTuple):
-    """Tables and scratch of `shape_planes` for n strips, with N = plane_room(n).
+    """Tables and scratch memory of `shape_planes` for n strips, with N = plane_room(n).
 
-    planes: (N,) PLANE; plane_of: (N,) int32, the plane of a track; parent: (N,) int32; tracks: (n + 1,) TRACK."""
+    Attributes:
+        planes: (N,) PLANE.
+        plane_of: (N,) int32, the plane of a track.
+        parent: (N,) int32, the plane into which a plane was merged.
+        tracks: (n + 1,) TRACK.
+        front: scratch of `grow`.
+        merge: scratch of `join_planes`.
+        outliers: scratch of `split_outliers`."""
 
     planes: NDArray[Any]
     plane_of: NDArray[np.int32]
@@ -52,7 +64,7 @@ class PlaneBuffers(NamedTuple):
 
 
 def plane_buffers(strips: int, partners: int) -> PlaneBuffers:
-    """Tables and scratch for so many strips; partners: merge_partners."""
+    """Allocates tables for this number of strips. partners: merge_partners."""
     room = plane_room(strips)
     return PlaneBuffers(
         np.zeros(room, PLANE),
@@ -67,10 +79,19 @@ def plane_buffers(strips: int, partners: int) -> PlaneBuffers:
 
 @kernel
 def shape_planes(strips, n, first_of_column, view, source, settings, rules, openings, cells, buffers):
-    """Number of planes, in buffers.planes; those that were hidden have a negative support.
+    """Makes planes of the strips; returns their number, hidden ones included. The planes are in buffers.planes.
 
-    strips: the first n of STRIP, with places, by column; first_of_column: (cols + 1,) int32. source: (1,) SOURCE; settings:
-    (1,) PLANE_SETTINGS; rules: (1,) MERGE_RULES; openings: OpeningMasks. cells: float32 scratch, the cells of Evidence."""
+    Args:
+        strips: (N,) STRIP with places, in the order of columns.
+        n: number of strips.
+        first_of_column: (cols + 1,) int32.
+        view: ViewGeometry.
+        source: (1,) SOURCE.
+        settings: (1,) PLANE_SETTINGS.
+        rules: (1,) MERGE_RULES.
+        openings: OpeningMasks.
+        cells: (C, R) float32 scratch, the cells of Evidence.
+        buffers: PlaneBuffers. Planes with a negative support do not exist any more."""
     p, merge = settings[0], rules[0]
     planes, plane_of, parent = buffers.planes, buffers.plane_of, buffers.parent
     room, cell = plane_room(n), p.evidence_cell_px
@@ -104,14 +125,18 @@ def shape_planes(strips, n, first_of_column, view, source, settings, rules, open
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Planes:
-    """The planes of a frame: table PLANE, of which the first `count` are in use; a negative support: hidden."""
+    """Planes of a frame.
+
+    Attributes:
+        table: (N,) PLANE, of which the first `count` are used. A negative support: the plane is hidden.
+        count: number of planes."""
 
     table: NDArray[Any]
     count: int
 
 
 class PlaneShaper:
-    """Shapes planes from strips. Holds tables and scratch, nothing that outlives a frame."""
+    """Makes planes of strips. It holds tables and scratch memory, no state between frames."""
 
     def __init__(self, params: Params, buffers: Buffers) -> None:
         self._params, self._buffers = params, buffers
@@ -121,7 +146,7 @@ class PlaneShaper:
         self._room, self._scratch = strips, plane_buffers(strips, self._params.merge_partners)
 
     def shape(self, levelled: LevelledView, strips: Strips, source: NDArray[Any], settings: Settings) -> Planes:
-        """Sections 5.2 and 5.3; the planes are valid until the next call. source: (1,) SOURCE."""
+        """Returns the planes of a frame, valid until the next call. source: (1,) SOURCE."""
         view, p = levelled.view, self._params
         if strips.count > self._room:
             self._make_room(-(-strips.count // _MORE_STRIPS) * _MORE_STRIPS)

@@ -1,9 +1,8 @@
-"""Section 5.2: straight pieces become planes, and planes move to the near side of what they stand for.
+"""Table of planes (Section 5.2): tracks become planes, which are measured and moved in front of their strips.
 
-A plane is a line a*x + b*y = 1 (see line_fit.py) between two tangents of azimuth and two heights: a record of PLANE. No plane
-may lie more than `safe_distance_m` behind the robust near edge of the strips it stands for: what exceeds that shifts it
-towards the camera, what remains is published as its margin.
-"""
+A plane is a line a x + b y = 1 (line_fit.py) between two tangents of azimuth and two heights, a record of PLANE. A
+fitted plane passes through the middle of noise and foliage. It is therefore moved towards the camera until the near
+edge of no strip is more than safe_distance_m in front of it; what remains is part of the published margin."""
 
 from __future__ import annotations
 
@@ -17,51 +16,47 @@ from .segments import tangent
 from .strips import CUT_BOTTOM, CUT_TOP, SMOOTH
 
 PLANE = record(
-    ("a", np.float64),
+    ("a", np.float64),  # line s = a + b t
     ("b", np.float64),
-    ("t0", np.float64),
+    ("t0", np.float64),  # tangents of azimuth of the left and right end
     ("t1", np.float64),
-    ("top_m", np.float64),
+    ("top_m", np.float64),  # heights, z down
     ("bottom_m", np.float64),
-    ("front_m", np.float64),
-    ("middle_m", np.float64),
-    ("sum_w", np.float64),
+    ("front_m", np.float64),  # distance of the nearest strip edge in front of the plane, less safe_distance_m
+    ("middle_m", np.float64),  # forward distance in the middle
+    ("sum_w", np.float64),  # moments, see line_fit.py
     ("sum_t", np.float64),
     ("sum_s", np.float64),
     ("sum_tt", np.float64),
     ("sum_ts", np.float64),
     ("sum_ss", np.float64),
     ("cluster", np.int32),
-    ("support", np.int32),
-    ("filled_rows", np.int32),
-    ("cut", np.int32),
-    ("kind", np.int32),
-    ("inferred", np.int32),
-    ("rows", np.int32),
-    ("columns", np.int32),
-    ("last_column", np.int32),
+    ("support", np.int32),  # of its strips, in 1/PX source pixels; negative: the plane does not exist any more
+    ("filled_rows", np.int32),  # rows of its strips that were not measured
+    ("cut", np.int32),  # CUT_TOP, CUT_BOTTOM, see strips.py
+    ("kind", np.int32),  # greatest kind of its strips
+    ("inferred", np.int32),  # 1 if no part of it was measured
+    ("rows", np.int32),  # rows of its strips
+    ("columns", np.int32),  # columns that have a strip
+    ("last_column", np.int32),  # of the strips counted so far
 )
-"""a, b: the line s = a + b*t; t0, t1: first and last tangent of azimuth; top_m, bottom_m: heights, z down; front_m: how far
-the near edge of its strips stands out in front of it beyond safe_distance_m; middle_m: forward distance in the middle.
-sum_w to sum_ss: moments, see line_fit.py. support: as of its strips, negative: the plane does not exist any more. kind: the
-greatest of its strips; inferred: 1 where it was never measured; rows, filled_rows: of its strips; columns: that have a
-strip; cut: see strips.py; last_column: of the strips counted so far."""
+"""A plane."""
 
 MOST_M = 1e9
-"""Stands for no distance at all, as do lines that cross a ray beyond 1/LEAST_S metres."""
+"""Distance of a line that does not cross a ray, or crosses it beyond 1/LEAST_S metres."""
 LEAST_S = 1e-6
 
 
 @inner
 def distance_at(plane, t):
-    """Forward distance x of a plane at tangent t; MOST_M where its line never crosses that ray."""
+    """Returns the forward distance x of a plane at tangent t; MOST_M if its line does not cross that ray."""
     s = plane.a + plane.b * t
     return 1.0 / s if s > LEAST_S else MOST_M
 
 
 @inner
 def planes_from_tracks(count, tracks, settings, planes, plane_of, parent):
-    """A plane of each track, its own parent: line, moments and ends; heights and support come from `measure_planes`."""
+    """Makes a plane of each track, with line, moments and ends. `measure_planes` computes heights and support."""
     slope, half = settings.link_slope_px, settings.half_column_t
     for k in range(count):
         track, plane = tracks[k], planes[k]
@@ -75,11 +70,16 @@ def planes_from_tracks(count, tracks, settings, planes, plane_of, parent):
 
 @kernel
 def measure_planes(strips, n, view, settings, count, plane_of, planes):
-    """Heights, support, filled rows, measured columns, cuts, clusters and the misfit in front, of every plane, from its strips.
+    """Computes heights, support, rows, columns, cuts, cluster and front_m of every plane from its strips.
 
-    strips: the first n of (N,) STRIP. settings: a record of PLANE_SETTINGS. plane_of: (tracks,) int32, the plane of a track.
-    planes: (N,) PLANE, of which `count` exist. front_m is the largest excess of the robust near edge over
-    safe_distance_m, perpendicular to the plane, and at least what keeps safe_along_m along the viewing ray."""
+    Args:
+        strips: (N,) STRIP.
+        n: number of strips.
+        view: ViewGeometry.
+        settings: a record of PLANE_SETTINGS.
+        count: number of planes.
+        plane_of: (tracks,) int32, the plane of a track.
+        planes: (N,) PLANE, in and out. front_m is the greatest `near_excess_m` of the strips."""
     length = np.empty(count)
     for k in range(count):
         p = planes[k]
@@ -109,7 +109,7 @@ def measure_planes(strips, n, view, settings, count, plane_of, planes):
         p.support += strip.support
         p.filled_rows += strip.filled_rows
         p.rows += strip.bottom_row - strip.top_row + 1
-        if strip.column != p.last_column:  # strips come in order of their columns
+        if strip.column != p.last_column:  # the strips are in the order of columns
             p.columns += 1
             p.last_column = strip.column
         p.kind = max(p.kind, strip.kind)
@@ -119,11 +119,20 @@ def measure_planes(strips, n, view, settings, count, plane_of, planes):
 
 @inner
 def near_excess_m(strip, x, t, plane, length, f_px, settings):
-    """How far the near edge of a strip stands out in front of its plane, at x along its tangent t, beyond safe_distance_m:
-    perpendicular to the plane, and at least what keeps safe_along_m along the ray.
+    """Returns the distance of the near edge of a strip in front of its plane, beyond what is allowed, in metres.
 
-    length: hypot(a, b) of the plane. The edge of a rough strip lies no farther than rough_near_sigmas of its noise behind
-    the strip itself, whatever its neighbours have."""
+    It is measured perpendicular to the plane and exceeds safe_distance_m there, or safe_along_m along the ray, by the
+    result. The edge of a rough strip is not farther than rough_near_sigmas of noise behind the strip, whatever
+    `smooth_near` found.
+
+    Args:
+        strip: a record of STRIP.
+        x: forward distance of the plane at the tangent of the strip.
+        t: tangent of the strip.
+        plane: a record of PLANE.
+        length: hypot(a, b) of the plane.
+        f_px: focal length of the view.
+        settings: a record of PLANE_SETTINGS."""
     near = strip.near_px
     if strip.kind != SMOOTH:
         near = max(near, strip.disparity_px - settings.rough_near_sigmas * strip.sigma_px)
@@ -134,10 +143,10 @@ def near_excess_m(strip, x, t, plane, length, f_px, settings):
 
 @inner
 def shift_to_near_side(count, planes, least_m):
-    """Moves each plane towards the camera by front_m where that is positive, but to no nearer than least_m; front_m becomes
-    0 there.
+    """Moves each plane towards the camera by front_m if that is positive, but not nearer than least_m. front_m
+    becomes 0.
 
-    Tops below the camera and bottoms above it come along on their rays, so that none of what the plane stopped passes."""
+    Tops below the camera and bottoms above it move along their rays, so that the plane still blocks the same rays."""
     for k in range(count):
         p = planes[k]
         if p.front_m > 0.0:
@@ -151,7 +160,7 @@ def shift_to_near_side(count, planes, least_m):
 
 @inner
 def widen_planes(count, planes, tangent_more):
-    """Extends each plane by a tangent at its four borders: by what was taken away from the outlines of things."""
+    """Extends each plane by a tangent on all four sides, which compensates for the removal of ramps at outlines."""
     for k in range(count):
         p = planes[k]
         p.t0 -= tangent_more
@@ -162,12 +171,12 @@ def widen_planes(count, planes, tangent_more):
 
 @inner
 def compact_planes(count, planes, parent, plane_of, tracks):
-    """Moves the planes that exist to the front and points every track at its plane; returns how many there are."""
+    """Moves the planes that exist to the front and assigns each track its plane; returns the number of planes."""
     alive = 0
     for k in range(count):
         if planes[k].support >= 0:
             planes[alive] = planes[k]
-            parent[k] = -1 - alive  # negative: the new number
+            parent[k] = -1 - alive  # negative: the new index
             alive += 1
     for t in range(tracks):
         k = plane_of[t]

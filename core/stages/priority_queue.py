@@ -1,8 +1,8 @@
-"""A priority queue: the entry of least cost comes next; of equal costs that of the lower `first`, then of the lower `second`.
+"""A priority queue of pairs of planes: the least cost first; of equal costs the lower `first`, then the lower
+`second`.
 
-Costs lie in [0, 1), and an entry never costs less than the one that was taken out last. Entries are kept in STEPS lists by
-their cost, in no order; only those of the list that is being emptied are in a heap, which is therefore small.
-"""
+Costs lie in [0, 1), and no entry costs less than the one taken last. Entries are kept in STEPS lists by their cost,
+not sorted. Only the entries of the list that is being emptied are in a heap, which is therefore small."""
 
 from __future__ import annotations
 
@@ -14,21 +14,29 @@ from numpy.typing import NDArray
 from ..jit import inner, inner_inline, record
 
 STEPS = 1024
-"""Not tuning: lists of costs, so many that few entries share one."""
+"""Number of lists, so large that few entries share one. It is not a tuning parameter."""
 
 ENTRY = record(
-    ("cost", np.float64), ("first", np.int32), ("second", np.int32), ("version", np.int32), ("after", np.int32)
+    ("cost", np.float64),  # in [0, 1)
+    ("first", np.int32),  # the two planes of the pair
+    ("second", np.int32),
+    ("version", np.int32),  # state of the cost, see merge.py
+    ("after", np.int32),  # next entry of its list, -1: none
 )
-"""cost in [0, 1); first, second: the two planes of a pair; version: what is known about the cost, see merge.py; after: the
-next entry of its list, -1: none."""
+"""An entry of the queue."""
 
 QUEUE_STATE = record(("list", np.int64), ("waiting", np.int64))
-"""The list that is being emptied, and how many entries are in the heap."""
+"""The list that is being emptied, and the number of entries in the heap."""
 
 
 class Queue(NamedTuple):
-    """entries (M,) ENTRY, which stay where they are; lists (STEPS,) int32: the first entry of each list or -1; heap (M,)
-    int32 entries; state (1,) QUEUE_STATE."""
+    """A queue of M entries.
+
+    Attributes:
+        entries: (M,) ENTRY, whose positions do not change.
+        lists: (STEPS,) int32, first entry of each list, -1: none.
+        heap: (M,) int32, indices of entries.
+        state: (1,) QUEUE_STATE."""
 
     entries: NDArray[Any]
     lists: NDArray[np.int32]
@@ -37,7 +45,7 @@ class Queue(NamedTuple):
 
 
 def queue_buffers(entries: int) -> Queue:
-    """A queue with room for so many entries; `clear_queue` makes it usable."""
+    """Allocates a queue for this number of entries. `clear_queue` must be called before use."""
     return Queue(
         np.zeros(entries, ENTRY),
         np.zeros(STEPS, np.int32),
@@ -56,7 +64,7 @@ def clear_queue(queue):
 
 @inner_inline
 def push(queue, k):
-    """Puts entry k in. Its cost is below 1 and not below that of the last one taken."""
+    """Inserts entry k. Its cost must be below 1 and not below that of the entry taken last."""
     entries, heap, state = queue.entries, queue.heap, queue.state[0]
     step = np.int64(entries[k].cost * STEPS)
     if step > state.list:
@@ -75,7 +83,7 @@ def push(queue, k):
 
 @inner_inline
 def pop(queue):
-    """Takes the entry of least cost out; -1 where there is none."""
+    """Removes the entry of least cost and returns its index; -1 if the queue is empty."""
     entries, heap, lists, state = queue.entries, queue.heap, queue.lists, queue.state[0]
     if state.waiting == 0:
         for _ in range(STEPS - 1 - state.list):
@@ -111,6 +119,7 @@ def pop(queue):
 
 @inner
 def _before(a, b):
+    """True if entry a comes before entry b."""
     if a.cost != b.cost:
         return a.cost < b.cost
     return a.first < b.first or (a.first == b.first and a.second < b.second)

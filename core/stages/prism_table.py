@@ -1,8 +1,7 @@
-"""All prisms of a frame in tables; a `Prism` is made on access.
+"""All prisms of a frame as tables. A `Prism` is made on access.
 
-A frame has 50 to 80 prisms, and an object of each takes longer than to find them all. Transforms, counts and
-encoders use the tables.
-"""
+A frame has 50 to 80 prisms, and creating an object of each takes longer than finding them. Transforms, counts and
+encoders use the tables."""
 
 from __future__ import annotations
 
@@ -16,15 +15,20 @@ from ..types import Prism, readonly
 
 
 class PrismTable(Sequence[Prism]):
-    """A read-only sequence of prisms.
+    """A read-only sequence of prisms; see `Prism` for the meaning of the fields.
 
-    cluster: (N,) int32; heights_m: (N, 2) float32 top and bottom, z down; closed: (N,) bool; margin_m: (N,) float32;
-    vertex_begin, edge_begin: (N + 1,) int32, the first vertex and edge of each prism, and the ends; vertices_m: (V, 2) float32;
-    plane: (E,) int32, the plane of each edge. What they mean: see `Prism`.
+    Attributes:
+        cluster: (N,) int32.
+        heights_m: (N, 2) float32, top and bottom, z down.
+        closed: (N,) bool.
+        margin_m: (N,) float32.
+        vertex_begin: (N + 1,) int32, first vertex of each prism, and the end.
+        edge_begin: (N + 1,) int32, first edge of each prism, and the end.
+        vertices_m: (V, 2) float32.
+        plane: (E,) int32, plane of each edge.
 
     Raises:
-        ValueError: a table has the wrong type or size, or a prism's top is not above its bottom.
-    """
+        ValueError: a table has the wrong type or size, or a prism's top is not above its bottom."""
 
     __slots__ = ("closed", "cluster", "edge_begin", "heights_m", "margin_m", "plane", "vertex_begin", "vertices_m")
 
@@ -65,7 +69,7 @@ class PrismTable(Sequence[Prism]):
         vertices_m: NDArray[np.float32],
         plane: NDArray[np.int32],
     ) -> PrismTable:
-        """A table without checks, of arrays that a kernel has just written; they become read-only."""
+        """Returns a table without checks, from arrays that a kernel has just written. The arrays become read-only."""
         table = object.__new__(cls)
         table.cluster, table.heights_m, table.closed, table.margin_m = cluster, heights_m, closed, margin_m
         table.vertex_begin, table.edge_begin = vertex_begin, edge_begin
@@ -75,8 +79,7 @@ class PrismTable(Sequence[Prism]):
         return table
 
     def moved(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> PrismTable:
-        """The same prisms in another place, without checks, of arrays that a kernel has just written; they become
-        read-only."""
+        """Returns the same prisms with other heights and vertices, without checks. The arrays become read-only."""
         table = object.__new__(PrismTable)
         table.cluster, table.closed, table.margin_m, table.plane = self.cluster, self.closed, self.margin_m, self.plane
         table.vertex_begin, table.edge_begin = self.vertex_begin, self.edge_begin
@@ -112,7 +115,7 @@ class PrismTable(Sequence[Prism]):
 
 
 def prism_table(prisms: Iterable[Prism]) -> PrismTable:
-    """The tables of these prisms; those of a `PrismTable` are its own."""
+    """Returns the table of these prisms; a `PrismTable` itself."""
     if isinstance(prisms, PrismTable):
         return prisms
     every = tuple(prisms)

@@ -1,8 +1,8 @@
-"""Section 3, Figure 2: connected planes cut into layers, each layer a side profile of polygons.
+"""Multi-layer prisms (Section 3, Figure 2): connected planes cut into layers of height, each with polygonal profiles.
 
-One view sees front faces only, so profiles are open sheets (`closed = False`); they close as views come together. Where
-layers would take more room than the planes' own heights, each run of planes with the same heights is a prism.
-"""
+Input: the published planes. Output: `PrismTable`. One view contains front faces only, so that profiles are open
+(`closed = False`). Where layers would need more vertices and prisms than the planes with their own heights, each run
+of planes of the same heights is a prism."""
 
 from __future__ import annotations
 
@@ -16,12 +16,17 @@ from ..jit import inner, kernel
 from .prism_table import NO_PRISMS, PrismTable
 
 AX, AY, BX, BY, TOP, BOTTOM = range(6)
-"""Columns of the planes of a FrameModel, which are a plain float32 table."""
+"""Columns of the planes of a FrameModel, a float32 table."""
 
 
 class Group(NamedTuple):
-    """A connected group of planes: members in order from left to right, the cuts between layers, index of each one's top and
-    bottom among the cuts."""
+    """A connected group of K planes.
+
+    Attributes:
+        members: (K,) planes from left to right.
+        cuts: heights at which the layers are separated.
+        first: (K,) index of the top of each plane in `cuts`.
+        last: (K,) index of the bottom of each plane in `cuts`."""
 
     members: Any
     cuts: Any
@@ -30,8 +35,12 @@ class Group(NamedTuple):
 
 
 class Profiles(NamedTuple):
-    """Tables of prisms, out: heights (M, 2) float32 top and bottom, starts (M,) int32 first edge, plane_of (E,) int32 the
-    plane of each edge. Nothing is written where they are full."""
+    """Output tables of M prisms with E edges. Nothing is written beyond their size.
+
+    Attributes:
+        heights: (M, 2) float32 top and bottom.
+        starts: (M,) int32 first edge of a prism.
+        plane_of: (E,) int32 plane of an edge."""
 
     heights: Any
     starts: Any
@@ -39,8 +48,13 @@ class Profiles(NamedTuple):
 
 
 class Outlines(NamedTuple):
-    """Tables of the same prisms, out: vertices (V, 2) float32, greatest margin (M,) float32, cluster (M,) and first vertex
-    (M + 1,) int32."""
+    """Further output tables of the same prisms.
+
+    Attributes:
+        vertices: (V, 2) float32.
+        margins: (M,) float32 greatest margin of the planes of a prism.
+        clusters: (M,) int32.
+        begins: (M + 1,) int32 first vertex of a prism, and the end."""
 
     vertices: Any
     margins: Any
@@ -50,7 +64,7 @@ class Outlines(NamedTuple):
 
 @kernel
 def join_heights(heights, join_m, out):
-    """out: each height replaced by the least of its group, a group spanning at most join_m from its least member up."""
+    """Replaces each height by the least one of its group: out. A group spans at most join_m."""
     least = -np.inf
     for k in np.argsort(heights, kind="mergesort"):
         if heights[k] - least > join_m:
@@ -60,15 +74,21 @@ def join_heights(heights, join_m, out):
 
 @inner
 def meet(p, q, end_m):
-    """Whether the right end of plane p is the left end of plane q."""
+    """True if the right end of plane p is the left end of plane q."""
     return abs(p[BX] - q[AX]) < end_m and abs(p[BY] - q[AY]) < end_m
 
 
 @kernel
 def connect(planes, end_m, component):
-    """component (N,) int64 out: the least number of the planes connected with each: ends meet and heights overlap.
+    """Computes the connected groups of planes: those whose ends meet and whose heights overlap.
 
-    Only such planes share a profile; cutting one at another's height would add edges and say nothing."""
+    Only such planes share a profile. Cutting a plane at the height of another one would add edges without
+    information.
+
+    Args:
+        planes: (N, 6) float32.
+        end_m: ends closer than this meet.
+        component: (N,) int64 out, the least index of the planes connected with each."""
     n = planes.shape[0]
     left = np.empty(n, np.float64)
     for k in range(n):
@@ -94,6 +114,7 @@ def connect(planes, end_m, component):
 
 @inner
 def _root(component, k):
+    """Returns the root of plane k in the union-find forest, and halves the path."""
     for _ in range(component.shape[0]):
         if component[k] == k:
             break
@@ -104,7 +125,7 @@ def _root(component, k):
 
 @inner
 def same_planes(first, last, a, b):
-    """Whether layers a and b of a group are reached by the same planes."""
+    """True if the same planes of a group extend into the layers a and b."""
     others = 0
     for k in range(first.shape[0]):
         others += (first[k] <= a < last[k]) != (first[k] <= b < last[k])
@@ -113,9 +134,9 @@ def same_planes(first, last, a, b):
 
 @inner
 def write_layers(planes, group, end_m, size, edges, out):
-    """Adds the profiles of each layer of a connected group to the tables; returns (prisms, edges).
+    """Appends the profiles of each layer of a group to the tables; returns (prisms, edges).
 
-    Neighbouring layers with the same planes are one. group: Group; out: Profiles."""
+    Neighbouring layers with the same planes are joined. group: Group; out: Profiles."""
     members, cuts, first, last = group.members, group.cuts, group.first, group.last
     begin = 0
     for layer in range(cuts.shape[0] - 1):
@@ -135,7 +156,8 @@ def write_layers(planes, group, end_m, size, edges, out):
 
 @inner
 def write_runs(planes, group, end_m, size, edges, out):
-    """Adds runs of meeting planes of the same heights to the tables; returns (prisms, edges). group: Group; out: Profiles."""
+    """Appends runs of meeting planes of the same heights to the tables; returns (prisms, edges). group: Group; out:
+    Profiles."""
     members, cuts, first, last = group.members, group.cuts, group.first, group.last
     before = -1
     for k in range(members.shape[0]):
@@ -149,6 +171,7 @@ def write_runs(planes, group, end_m, size, edges, out):
 
 @inner
 def _begin(size, edges, top, bottom, out):
+    """Appends a prism; returns the number of prisms."""
     if size < out.heights.shape[0]:
         out.heights[size, 0], out.heights[size, 1], out.starts[size] = top, bottom, edges
     return size + 1
@@ -156,6 +179,7 @@ def _begin(size, edges, top, bottom, out):
 
 @inner
 def _add(edges, plane, out):
+    """Appends an edge; returns the number of edges."""
     if edges < out.plane_of.shape[0]:
         out.plane_of[edges] = plane
     return edges + 1
@@ -163,11 +187,11 @@ def _add(edges, plane, out):
 
 @kernel
 def cut_into_prisms(planes, join_m, end_m, out):
-    """(prisms, edges) of planes (N, 6) float32. out: Profiles.
+    """Makes prisms of planes, (N, 6) float32; returns (prisms, edges). out: Profiles.
 
-    Tops closer than join_m become the highest of them, bottoms the lowest: z is down, so both only ever grow a plane. A
-    group is written as layers or as runs, whichever takes fewer vertices and prisms; a group of n planes never takes
-    more than n prisms and n edges."""
+    Tops closer than join_m become the highest of them, bottoms the lowest, so that planes only grow. A group is
+    written as layers or as runs, whichever needs fewer vertices and prisms. A group of n planes has at most n prisms
+    and n edges."""
     n = planes.shape[0]
     component = np.empty(n, np.int64)
     connect(planes, end_m, component)
@@ -203,8 +227,7 @@ def cut_into_prisms(planes, join_m, end_m, out):
 
 @inner
 def draw_profiles(count, planes, margin_m, cluster, profiles, out):
-    """Fills Outlines of `count` prisms: one vertex before its edges, the left end of its first plane, and the right end of
-    each. profiles: Profiles."""
+    """Fills Outlines of `count` prisms: the left end of the first plane, then the right end of each plane."""
     starts, plane_of, vertices, margins = profiles.starts, profiles.plane_of, out.vertices, out.margins
     at = 0
     for k in range(count):
@@ -224,7 +247,9 @@ def draw_profiles(count, planes, margin_m, cluster, profiles, out):
 
 @kernel
 def write_prisms(planes, margin_m, cluster, join_m, end_m, profiles, outlines):
-    """(prisms, edges): `cut_into_prisms` and `draw_profiles`. profiles, outlines: out, with room for all, and one start more."""
+    """Runs `cut_into_prisms` and `draw_profiles`; returns (prisms, edges).
+
+    profiles, outlines: out, with room for all prisms; `starts` has one element more."""
     starts = profiles.starts
     size, edges = cut_into_prisms(planes, join_m, end_m, Profiles(profiles.heights, starts[:-1], profiles.plane_of))
     starts[size] = edges
@@ -235,9 +260,14 @@ def write_prisms(planes, margin_m, cluster, join_m, end_m, profiles, outlines):
 def layered_prisms(
     planes: NDArray[np.float32], margin_m: NDArray[np.float32], cluster: NDArray[np.int32], join_m: float, end_m: float
 ) -> PrismTable:
-    """The multi-layer prisms of a frame. planes: (N, 6) as in FrameModel; every plane stands in each layer it reaches.
+    """Returns the multi-layer prisms of a frame. Each plane is part of each layer into which it extends.
 
-    join_m: heights closer than this are one cut; end_m: ends closer than this are one vertex."""
+    Args:
+        planes: (N, 6) float32 as in FrameModel.
+        margin_m: (N,) float32.
+        cluster: (N,) int32.
+        join_m: heights closer than this are one cut.
+        end_m: ends closer than this are one vertex."""
     n = len(planes)
     if not n:
         return NO_PRISMS

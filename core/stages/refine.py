@@ -1,9 +1,10 @@
-"""Sections 5.2 (concave conversion) and 5.3: neighbours meet, concavities too small to enter are closed, hidden planes are
-removed.
+"""Plane refinement (Section 5.3) and concave surfaces (Section 5.2, Algorithm 2).
 
-Where the paper's text and its listing differ, the text is right: what lies on the far side of the chord between its
-neighbours goes when that chord is shorter than Ws; what stands out towards the camera always stays.
-"""
+Input and output: the table of planes. Neighbours are extended to their common corner, concavities too small for the
+vehicle are closed, and hidden planes are removed.
+
+The text and the listing of Algorithm 2 contradict each other. This module follows the text: a point on the far side
+of the chord between its neighbours is deleted if the chord is shorter than Ws, and a point on the near side is kept."""
 
 from __future__ import annotations
 
@@ -15,28 +16,35 @@ from .openings import is_open
 from .planes import MOST_M, distance_at
 
 _NO_METRES = 0.1 * MOST_M
-"""Farther than this is no distance: MOST_M with room for rounding."""
+"""A distance beyond this is MOST_M, except for rounding."""
 _NEARER = 1.0001
-"""Not tuning: a plane is no nearer than itself, but for rounding."""
+"""Factor on 1/x by which a plane is nearer than another one, greater than rounding errors. It is not a tuning
+parameter."""
 _NO_TURN = 1e-6
-"""Lines whose slopes differ by less are parallel: their crossing is noise of the arithmetic."""
+"""Lines whose slopes differ by less are parallel; their intersection would be a rounding error."""
 
 
 @inner
 def facing_gap_m(p, q):
-    """Distance between the right end of p and the left end of q, seen from above."""
+    """Returns the horizontal distance between the right end of p and the left end of q."""
     xp, xq = distance_at(p, p.t1), distance_at(q, q.t0)
     return math.hypot(xp - xq, xp * p.t1 - xq * q.t0)
 
 
 @inner
 def extend_to_corners(count, planes, settings, openings):
-    """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
+    """Moves the facing ends of neighbours to the intersection of their lines, if that is within reach of both ends.
 
-    Only over columns without a nearer plane, at most reach_m along either plane and where the ends are less than reach_t
-    apart. An end is cut back only where the other plane stops the same rays, within meet_slack_m of height, and stands no
-    farther than safe_distance_m behind what goes; it is drawn out over no opening (tested at pocket_points x pocket_points).
-    settings: a record of PLANE_SETTINGS; openings: OpeningMasks."""
+    An end is moved by at most reach_m along its plane, and only if the ends are less than reach_t apart. It is
+    shortened only where the other plane blocks the same rays, within meet_slack_m of height and at most
+    safe_distance_m behind. It is not extended over an opening, which is tested at pocket_points x pocket_points
+    points.
+
+    Args:
+        count: number of planes.
+        planes: (N,) PLANE, in and out.
+        settings: a record of PLANE_SETTINGS.
+        openings: OpeningMasks."""
     reach_m, slack_m, safe_m = settings.reach_m, settings.meet_slack_m, settings.safe_distance_m
     points = settings.pocket_points
     for i in range(count):
@@ -53,7 +61,7 @@ def extend_to_corners(count, planes, settings, openings):
                 continue
             x = distance_at(p, t)
             far = max(_step_m(p, p.t1, t), _step_m(q, q.t0, t))
-            # an end may only be cut back where the other plane takes over all of its height
+            # an end is shortened only where the other plane has all of its height
             cuts_p = t < p.t1 and not _spans(q, p, t, p.t1, slack_m)
             cuts_q = t > q.t0 and not _spans(p, q, t, q.t0, slack_m)
             cuts_p = cuts_p or (t < p.t1 and distance_at(q, p.t1) - distance_at(p, p.t1) > safe_m)
@@ -73,7 +81,7 @@ def extend_to_corners(count, planes, settings, openings):
 
 @inner
 def _covers_opening(p, t0, t1, points, openings):
-    """Whether plane p from tangent t0 to t1 would cover part of an opening: tested at points x points."""
+    """True if plane p from tangent t0 to t1 would cover part of an opening; tested at points x points points."""
     for a in range(points):
         t = t0 + (t1 - t0) * (a + 0.5) / points
         x = distance_at(p, t)
@@ -85,9 +93,10 @@ def _covers_opening(p, t0, t1, points, openings):
 
 @inner
 def _spans(p, q, t, t_end, slack_m):
-    """Whether plane p stops every ray that plane q stops between the tangents t and t_end, within slack_m of height at q.
+    """True if plane p blocks every ray that plane q blocks between the tangents t and t_end, within slack_m of height
+    at q.
 
-    Where p is nearer than q it must reach as high and as low in the view, not in metres."""
+    If p is nearer than q, it must cover the same rows of the view, not the same heights."""
     for at in (t, t_end):
         xp, xq = distance_at(p, at), distance_at(q, at)
         if p.top_m * xq > (q.top_m + slack_m) * xp or p.bottom_m * xq < (q.bottom_m - slack_m) * xp:
@@ -97,7 +106,7 @@ def _spans(p, q, t, t_end, slack_m):
 
 @inner
 def _take_over(p, q, t, t_end):
-    """Makes plane p as high and as low as what `_spans` left to the slack: near and thin things are no thicker."""
+    """Extends the heights of plane p by what `_spans` allowed as slack, so that p blocks all rays that q blocked."""
     for at in (t, t_end):
         ratio = distance_at(p, at) / distance_at(q, at)
         p.top_m, p.bottom_m = min(p.top_m, q.top_m * ratio), max(p.bottom_m, q.bottom_m * ratio)
@@ -105,14 +114,14 @@ def _take_over(p, q, t, t_end):
 
 @inner
 def _step_m(p, t_from, t_to):
-    """Length along plane p between two tangents."""
+    """Returns the length along plane p between two tangents."""
     x0, x1 = distance_at(p, t_from), distance_at(p, t_to)
     return math.hypot(x1 - x0, x1 * t_to - x0 * t_from)
 
 
 @inner
 def stands_between(count, planes, i, j, t, z, x, behind_m):
-    """Whether a plane other than i and j already closes the ray (t, z/x) in front of x or at most behind_m behind it."""
+    """True if a plane other than i and j blocks the ray (t, z/x) in front of x, or at most behind_m behind it."""
     for k in range(count):
         p = planes[k]
         if k in (i, j) or p.support < 0 or not p.t0 <= t <= p.t1:
@@ -125,7 +134,8 @@ def stands_between(count, planes, i, j, t, z, x, behind_m):
 
 @inner
 def _touches_opening(p, q, points, openings):
-    """Whether the chord between facing ends of p and q would cover part of an opening: tested at points x points."""
+    """True if the chord between the facing ends of p and q would cover part of an opening; tested at points x points
+    points."""
     xp, xq = distance_at(p, p.t1), distance_at(q, q.t0)
     top, bottom = max(p.top_m, q.top_m), min(p.bottom_m, q.bottom_m)
     steps = points + 1
@@ -140,12 +150,18 @@ def _touches_opening(p, q, points, openings):
 
 @inner
 def close_concavities(count, room, planes, settings, openings):
-    """Spans gaps narrower than Ws between neighbours of one cluster with planes marked inferred; returns the new count, at
-    most `room`.
+    """Closes gaps narrower than Ws between neighbours of one cluster by planes marked inferred; returns the number of
+    planes.
 
-    The chord goes from end to end over the height both share. What lies behind it is left to `trim_covered`. Gaps narrower
-    than concavity_gap_t need none: no ray passes there. An opening (openings.py) stays open. See `stands_between` for
-    pocket_behind_m, `_touches_opening` for pocket_points."""
+    The chord connects the two ends over the height that both share. `trim_covered` removes what lies behind it. Gaps
+    narrower than concavity_gap_t are left: no ray passes through them. Openings (openings.py) stay open.
+
+    Args:
+        count: number of planes.
+        room: greatest number of planes.
+        planes: (N,) PLANE, in and out.
+        settings: a record of PLANE_SETTINGS.
+        openings: OpeningMasks."""
     first = count
     for i in range(first):
         p = planes[i]
@@ -177,7 +193,7 @@ def close_concavities(count, room, planes, settings, openings):
 
 @inner
 def _span(new, p, q, s0, s1):
-    """Makes `new` the plane from the right end of p, at 1/x = s0, to the left end of q, at s1."""
+    """Makes `new` the plane from the right end of p, at 1/x = s0, to the left end of q, at 1/x = s1."""
     new.b = (s1 - s0) / (q.t0 - p.t1)
     new.a = s0 - new.b * p.t1
     new.t0, new.t1 = p.t1, q.t0
@@ -192,7 +208,8 @@ def _span(new, p, q, s0, s1):
 
 @inner
 def draw_planes(count, planes, evidence):
-    """Overwrites the cells of Evidence: 1/x of the nearest plane that fills each cell of the view, 0 where none does."""
+    """Computes 1/x of the nearest plane that fills each cell of the view, 0 if none does. The cells of Evidence are
+    overwritten."""
     nearest = evidence.nearest
     nearest[:] = 0.0
     for k in range(count):
@@ -211,10 +228,11 @@ def draw_planes(count, planes, evidence):
 
 @inner
 def trim_covered(count, planes, depth_m, evidence):
-    """Cuts each plane back to what no nearer plane within depth_m hides; support of those wholly hidden gets negative.
+    """Shortens each plane to the part that no nearer plane within depth_m hides. Planes that are hidden get a
+    negative support.
 
-    evidence: Evidence, whose cells are overwritten. Every ray keeps the nearest plane that it meets, and nothing
-    can be between that and what is cut, so the order does not matter."""
+    Each ray keeps the nearest plane that it meets, so the result does not depend on the order. The cells of Evidence
+    are overwritten."""
     draw_planes(count, planes, evidence)
     nearest = evidence.nearest
     cols, rows = nearest.shape
@@ -226,7 +244,7 @@ def trim_covered(count, planes, depth_m, evidence):
         i1 = int(math.floor(p.t1 * evidence.across + evidence.cu)) + 1
         left, right, top, bottom = i1, i0, MOST_M, -MOST_M
         for i in range(i0, i1):
-            # inside the plane's own ends: beyond them a plane seen edge-on passes through infinity
+            # not beyond the ends of the plane: there a plane seen edge-on passes through infinity
             t = (min(max(i + 0.5, 0.5), cols - 0.5) - evidence.cu) / evidence.across
             s = p.a + p.b * min(max(t, p.t0), p.t1)
             j0 = int(math.floor(p.top_m * s * evidence.down + evidence.cv))
@@ -249,7 +267,8 @@ def trim_covered(count, planes, depth_m, evidence):
 
 @inner
 def covered_by(p, q, depth_m, slack_t):
-    """Whether plane q hides plane p wholly, standing less than depth_m in front of it: nothing can be in between."""
+    """True if plane q hides plane p completely and is less than depth_m in front of it. slack_t: tolerance of the
+    borders."""
     if p.t0 < q.t0 - slack_t or p.t1 > q.t1 + slack_t:
         return False
     for t in (p.t0, p.t1):
@@ -264,7 +283,8 @@ def covered_by(p, q, depth_m, slack_t):
 
 @inner
 def drop_covered(count, planes, depth_m, slack_t):
-    """Marks planes hidden wholly by one nearer plane of their cluster within depth_m; their support becomes negative."""
+    """Removes planes that one nearer plane of their cluster hides completely within depth_m. Their support becomes
+    negative."""
     for i in range(count):
         p = planes[i]
         for j in range(count):

@@ -1,10 +1,13 @@
-"""Section 5.2, the split: strips of neighbouring columns grow into straight pieces (tracks), one strip a column.
+"""Line segments of strips (Section 5.2): strips of neighbouring columns grow into straight tracks, one strip per
+column.
 
-Greedy growth: a strip joins the track whose line predicts it within the line tolerance and the noise of both, as long as
-the heights go on; else it begins a track. The misfit is judged along the viewing ray, so that walls seen edge-on
-are judged as strictly as those seen face-on. A track that has a rough strip is expected to lie flatter across the view: near
-sides of leaves scatter, and side by side they would pass for walls along the rays.
-"""
+Input: the table of strips. Output: the table of tracks, and the track of each strip.
+
+Algorithm 2 fits a line to a whole cluster and splits it at the greatest error. Here a strip is added to the track
+whose line predicts it within line_tolerance_m and the noise of both, if the heights continue; otherwise it begins a
+track. The misfit is measured along the viewing ray, so that walls seen edge-on are judged as strictly as walls seen
+face-on. The slope of a track with a rough strip has a stronger prior, because the scattered near sides of foliage
+would otherwise form walls along the rays."""
 
 from __future__ import annotations
 
@@ -20,39 +23,42 @@ from .openings import cell_of, layer_of
 from .strips import CUT_BOTTOM, CUT_TOP, SMOOTH
 
 TRACK = record(
-    ("first_t", np.float64),
+    ("first_t", np.float64),  # tangents of azimuth of the first and last strip
     ("last_t", np.float64),
-    ("top_min_m", np.float64),
-    ("top_max_m", np.float64),
-    ("bottom_min_m", np.float64),
-    ("bottom_max_m", np.float64),
-    ("a", np.float64),
+    ("top_min_m", np.float64),  # highest top of all strips (z is down)
+    ("top_max_m", np.float64),  # lowest top that the border of the image does not cut
+    ("bottom_min_m", np.float64),  # highest bottom that the border of the image does not cut
+    ("bottom_max_m", np.float64),  # lowest bottom of all strips
+    ("a", np.float64),  # line s = a + b t
     ("b", np.float64),
     ("mean_t", np.float64),
-    ("scatter", np.float64),
-    ("variance", np.float64),
-    ("prior", np.float64),
-    ("sum_w", np.float64),
+    ("scatter", np.float64),  # weighted sum of squares of t - mean_t, with the prior
+    ("variance", np.float64),  # of the line at mean_t
+    ("prior", np.float64),  # weight of a slope of 0
+    ("sum_w", np.float64),  # moments, see line_fit.py
     ("sum_t", np.float64),
     ("sum_s", np.float64),
     ("sum_tt", np.float64),
     ("sum_ts", np.float64),
     ("sum_ss", np.float64),
 )
-"""A straight piece. first_t, last_t: tangents of azimuth; top_min_m: highest top of all strips, top_max_m: lowest one that
-no border cuts; bottom_min_m: highest such bottom, bottom_max_m: lowest of all (z down). a, b: the line s = a + b*t so
-far; mean_t: its mean t; scatter: of t, with the prior; variance: of the line at its mean; prior: weight of a slope of 0.
-sum_w to sum_ss: moments, see line_fit.py."""
+"""A straight segment."""
 
 BEYOND = 2**30
-"""Below the last row of any image: no strip touches it."""
+"""A row below every image, which no strip touches."""
 
 
 class Front(NamedTuple):
-    """Scratch of `grow`: the tracks that may go on, (N,) each, and which of them a strip touches.
+    """Scratch memory of `grow`: the tracks that may continue.
 
-    track: the track and strip: its last strip, int32; top_row, bottom_row, cluster: of that strip, int32; touches: uint8;
-    near: int32."""
+    Attributes:
+        track: (N,) int32, the track.
+        strip: (N,) int32, its last strip.
+        top_row: (N,) int32, of that strip.
+        bottom_row: (N,) int32, of that strip.
+        cluster: (N,) int32, of that strip.
+        touches: (N,) uint8, 1 if the present strip touches its rows.
+        near: (N,) int32, positions of these tracks."""
 
     track: NDArray[np.int32]
     strip: NDArray[np.int32]
@@ -64,14 +70,24 @@ class Front(NamedTuple):
 
 
 def front_buffers(strips: int) -> Front:
-    """Scratch for so many strips."""
+    """Allocates scratch memory for this number of strips."""
     track, strip, top, bottom, cluster, near = np.zeros((6, strips + 1), np.int32)
     return Front(track, strip, top, bottom, cluster, np.zeros(strips + 1, np.uint8), near)
 
 
 class StripEnds(NamedTuple):
-    """Ends of a strip and where they lie among the masks of openings: top and bottom, m; s = 1/x; its cut; layer of its
-    distance; cells across, of its top and of its bottom; length of opening_edge_px at its distance, m."""
+    """Ends of a strip and their cells in the masks of openings.
+
+    Attributes:
+        top_m: top of the strip.
+        bottom_m: bottom of the strip.
+        s: 1/x of the strip, 1/m.
+        cut: CUT_TOP, CUT_BOTTOM.
+        layer: layer of the masks for its distance.
+        across: column of its cells.
+        upper: row of the cell of its top.
+        lower: row of the cell of its bottom.
+        edge_m: length of opening_edge_px at its distance."""
 
     top_m: Any
     bottom_m: Any
@@ -86,13 +102,14 @@ class StripEnds(NamedTuple):
 
 @inner
 def tangent(strip, view):
-    """t = y/x of a strip."""
+    """Returns the tangent of azimuth t = y/x of a strip."""
     return (strip.column - view.cu) / view.f_px * view.lateral[(strip.top_row + strip.bottom_row) // 2]
 
 
 @inner
 def strip_variance(disparity, sigma, f, rough_m):
-    """Variance of s = 1/x of a strip, with some roughness of the surface, so that near strips do not rule alone."""
+    """Returns the variance of s = 1/x of a strip: noise and some roughness of the surface, which limits the weight of
+    near strips."""
     s = disparity / f
     noise, rough = sigma / f, rough_m * s * s
     return noise * noise + rough * rough
@@ -100,21 +117,24 @@ def strip_variance(disparity, sigma, f, rough_m):
 
 @inner
 def is_jump(strip, last, settings):
-    """Whether the disparities of two strips are too far apart for one surface: by more than a share of the first plus
-    noise. settings: a record of PLANE_SETTINGS."""
+    """True if the disparities of two strips differ by more than a share of the first one and noise allow for one
+    surface.
+
+    settings: a record of PLANE_SETTINGS."""
     step = abs(strip.disparity_px - last.disparity_px)
     share = settings.track_jump * strip.disparity_px
-    if step <= share:  # most are: saves the root
+    if step <= share:  # the usual case, without the square root
         return False
     return step > share + settings.track_jump_sigmas * math.hypot(strip.sigma_px, last.sigma_px)
 
 
 @inner
 def heights_go_on(cut, top, bottom, track, hs):
-    """Whether a strip from top to bottom (m) continues a track's heights: tops within hs of each other, and bottoms.
+    """True if a strip from top to bottom (m) continues the heights of a track: tops and bottoms each differ by at
+    most hs.
 
-    An end cut by the image border is a bound, not a corner: the thing goes on at least so far, so that a cut end only
-    contradicts a real end that lies more than hs short of it."""
+    An end that the border of the image cuts is a bound only: the object extends at least so far. It contradicts a
+    real end only if that lies more than hs short of it."""
     lowest_top = track.top_max_m if cut & CUT_TOP else max(track.top_max_m, top)
     highest_bottom = track.bottom_min_m if cut & CUT_BOTTOM else min(track.bottom_min_m, bottom)
     tops_agree = lowest_top - min(track.top_min_m, top) <= hs
@@ -123,7 +143,8 @@ def heights_go_on(cut, top, bottom, track, hs):
 
 @inner
 def misfit_share(t, s, variance, track, settings):
-    """Misfit of the point (t, s) to a track's line, seen along the ray, over what the tolerance and the noise of both allow."""
+    """Returns the misfit of the point (t, s) to the line of a track along the ray, over what tolerance and noise
+    allow."""
     spread = track.variance + (t - track.mean_t) ** 2 / track.scatter
     allowed = settings.line_tolerance_m * s * s + settings.line_sigmas * math.sqrt(variance + spread)
     return abs(s - track.a - track.b * t) / allowed
@@ -131,14 +152,20 @@ def misfit_share(t, s, variance, track, settings):
 
 @inner
 def grow(strips, view, first_of_column, settings, openings, tracks, front):
-    """Writes `track` of every strip and the table of tracks; returns their number.
+    """Assigns each strip to a track and writes the table of tracks; returns their number.
 
-    strips: STRIP in order of their columns, with places; first_of_column: (cols + 1,) int32. settings: a record of
-    PLANE_SETTINGS. openings: OpeningMasks. tracks: (N,) TRACK out. front: Front.
+    A strip is added to the track with the least misfit among those of its cluster that touch its rows and have no
+    strip in its column yet; of equals to the oldest one. The body is one function because a call that passes arrays
+    costs more than its work; the functions called here are inlined.
 
-    A strip goes on with the track of least misfit (of equals, the oldest) of its cluster that touches its rows and has
-    no strip in its column yet. The loop is one function on purpose: a call that takes arrays costs more than what it
-    does; the functions called here are inlined."""
+    Args:
+        strips: (N,) STRIP with places, in the order of columns.
+        view: ViewGeometry.
+        first_of_column: (cols + 1,) int32.
+        settings: a record of PLANE_SETTINGS.
+        openings: OpeningMasks.
+        tracks: (N,) TRACK out.
+        front: Front."""
     count, size = 0, 0
     front_track, front_strip, front_top = front.track, front.strip, front.top_row
     front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near
@@ -167,7 +194,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
             for q in range(found):
                 m = near[q]
                 track, last = tracks[front_track[m]], strips[front_strip[m]]
-                # a depth jump is another surface, however uncertain the slope of a short track
+                # a depth jump begins another surface, even if the slope of a short track is uncertain
                 if is_jump(strip, last, settings) or not heights_go_on(
                     strip.cut, ends.top_m, ends.bottom_m, track, settings.height_step_m
                 ):
@@ -194,7 +221,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
 
 @inner_inline
 def begin_track(track, t, prior):
-    """Makes a record of TRACK an empty one at tangent t."""
+    """Resets a record of TRACK to an empty track at tangent t."""
     clear_moments(track)
     track.first_t, track.prior = t, prior
     track.top_min_m, track.top_max_m = 1e9, -1e9
@@ -203,8 +230,10 @@ def begin_track(track, t, prior):
 
 @inner_inline
 def _over_opening(ends, track, openings):
-    """Whether one rectangle for strip and track would cover an opening where their ends step: up to the track's farthest
-    end in the strip's column, up to the strip's end in the middle of the track."""
+    """True if one rectangle for strip and track would cover an opening where their ends differ.
+
+    Tested up to the farthest end of the track in the column of the strip, and up to the end of the strip in the
+    middle of the track."""
     masks = openings.masks
     middle = cell_of(track.mean_t, openings.across, openings.cu, masks.shape[1])
     if not ends.cut & CUT_TOP:
@@ -226,7 +255,7 @@ def _over_opening(ends, track, openings):
 
 @inner_inline
 def _ends_of(strip, t, s, edge_m, openings):
-    """StripEnds of a strip at tangent t with s = 1/x; edge_m: opening_edge_px at its distance."""
+    """Returns StripEnds of a strip at tangent t with s = 1/x. edge_m: length of opening_edge_px at its distance."""
     masks = openings.masks
     return StripEnds(
         strip.top_m,
@@ -243,7 +272,7 @@ def _ends_of(strip, t, s, edge_m, openings):
 
 @inner_inline
 def _reach(track, t, ends):
-    """Makes a track reach tangent t and the heights of its new strip; an end cut by the image's border is a bound only."""
+    """Extends a track to tangent t and the heights of its new strip. A cut end is a bound only."""
     track.last_t = t
     track.top_min_m, track.bottom_max_m = min(track.top_min_m, ends.top_m), max(track.bottom_max_m, ends.bottom_m)
     if not ends.cut & CUT_TOP:
@@ -254,7 +283,8 @@ def _reach(track, t, ends):
 
 @inner
 def _go_on(u, link, strips, front, size):
-    """Keeps what may go on in column u of the front, with the rows of the last strips; returns its size."""
+    """Keeps the tracks of the front that may continue in column u, with the rows of their last strips; returns their
+    number."""
     kept = 0
     for m in range(size):
         k = front.strip[m]
@@ -269,7 +299,7 @@ def _go_on(u, link, strips, front, size):
 
 @inner
 def _add_to_line(track, t, s, weight):
-    """Adds the point (t, s) to the moments of a track and fits its line anew."""
+    """Adds the point (t, s) to the moments of a track and fits its line again."""
     add_point(track, t, s, weight)
     track.a, track.b, track.mean_t, scatter = fit_line(track, track.prior)
     track.scatter, track.variance = scatter + track.prior, 1.0 / track.sum_w
