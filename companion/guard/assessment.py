@@ -1,11 +1,12 @@
-"""Whether the vehicle may fly on as it does: from the sights of the path to one verdict.
+"""Verdict on the path: may the vehicle continue at its speed, must it slow down, or must it stop?
 
-Space seen free belongs to the world, not to a frame: what an earlier frame saw free is still free a moment later, nearer by
-the way flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along nearly the same course, for each
-ray of the corridor: holes of the depth image lie at other places in each frame. A frame that sees less, without an obstacle,
-therefore does not stop the vehicle by itself. Obstacles count at once; those with few pixels once a second frame shows them at the
-same place.
-"""
+Input: a `PathSight` per decision of the obstacle output. Output: a `Verdict` at any instant.
+
+Free space belongs to the world, not to a frame: space that an earlier frame showed free is still free a moment later,
+nearer by the distance flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along
+nearly the same course, ray by ray, because holes of the depth image are at other places in each frame. A frame that
+shows less, but no obstacle, therefore does not stop the vehicle. Obstacles count at once. Those with weak support
+count when a second frame shows them at the same place."""
 
 from __future__ import annotations
 
@@ -26,32 +27,33 @@ SAME_COURSE_RAD = math.radians(3.0)
 STALE_NS = 400_000_000
 """An older exposure shows nothing of the path."""
 FRAME_BEFORE_NS = 150_000_000
-"""An older frame does not stand in for the newest one along the course that follows."""
+"""An older frame does not complete the newest one along the course that follows in a turn."""
 CONFIRM_NS = 500_000_000
 PLACE_M, PLACE_SHARE = 0.15, 0.1
-"""Two frames show the same obstacle if its places agree within this much, and this share of the distance."""
+"""Two frames show the same obstacle if its places differ by at most PLACE_M and PLACE_SHARE of the distance."""
 NEAR_M = 2.5
-"""Nearer, an obstacle with little support needs two more frames: it was not there in the frames in which it was farther away."""
+"""A nearer obstacle with weak support must be shown by two more frames: it was not there in the frames in which it
+was farther away."""
 LEAST_MOVING_M_S = 0.3
-"""Slower, the vehicle stands for the purpose of stopping it before an obstacle."""
+"""A slower vehicle is not stopped before an obstacle."""
 LIMIT_STEP_M_S = 0.5
 PREDICT_S = 0.6
-"""A speed limit works so much later: link and jerk limit. A vehicle that accelerates is faster by then."""
+"""Time until a speed limit has an effect: link and limited jerk. An accelerating vehicle is faster by then."""
 STOP_PREDICT_S = 0.4
-"""A vehicle that accelerates gains speed for so long after a stop command, until the limited jerk has ended its acceleration: from
-3 m/s2 at 4 m/s3 it gains 1.1 m/s."""
+"""Time after a stop command for which an accelerating vehicle gains speed, until the limited jerk has ended the
+acceleration: from 3 m/s2 at 4 m/s3 it gains 1.1 m/s."""
 LATE_NS = 300_000_000
-"""A velocity of this age or less is the present one: LOCAL_POSITION_NED may come at 4 Hz."""
+"""A velocity of at most this age counts as the present one: LOCAL_POSITION_NED may be sent at 4 Hz."""
 LONGEST_UNMEASURED_NS = 500_000_000
 """With an older velocity the speed is not known."""
 GAIN_M_S2 = 3.0
-"""A vehicle whose velocity is late may have accelerated so much since: MPC_ACC_HOR of PX4, more than WPNAV_ACCEL."""
+"""Acceleration assumed since a late velocity: MPC_ACC_HOR of PX4, which is greater than WPNAV_ACCEL."""
 SLOPE_NS = 250_000_000
-"""The acceleration is taken over this time."""
+"""Time over which the acceleration is measured."""
 
 
 class Action(StrEnum):
-    """What should follow. SLOW: ask for a lower speed."""
+    """What the vehicle should do. SLOW: fly at a lower speed."""
 
     PASS = "pass"
     SLOW = "slow"
@@ -60,11 +62,19 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """speed_m_s: of the vehicle as measured, None: not known; predicted_m_s: that it has when a limit could work. allowed_m_s:
-    greatest speed for which the braking distance fits for another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
-    seen farther. sees: the newest frame shows anything of the path. obstacle_stop: the braking distance does not fit before an
-    obstacle, whatever is seen free; firm_stop: before one that the newest frame and another frame show with many pixels.
-    cause: as text, for people."""
+    """Verdict on the path at an instant.
+
+    Attributes:
+        action: what the vehicle should do.
+        speed_m_s: measured speed; None: not known.
+        predicted_m_s: speed when a limit would have an effect.
+        allowed_m_s: greatest speed for which the braking distance fits for another limit_ahead_s.
+        room_m: free distance from the vehicle's middle.
+        obstacle: an obstacle limits it; otherwise the path is not seen beyond.
+        sees: the newest frame shows something of the path.
+        cause: reason, as text.
+        obstacle_stop: the braking distance does not fit before an obstacle, whatever space is free.
+        firm_stop: it does not fit before an obstacle that the newest frame and another one show with many pixels."""
 
     action: Action
     speed_m_s: float | None
@@ -79,7 +89,7 @@ class Verdict:
 
 
 class PathAssessor:
-    """`take` each sight, `verdict` at any instant after."""
+    """Collects sights of the path by `take`; `verdict` may be called at any instant after."""
 
     def __init__(self, guard: GuardParams, braking: Braking, avoid: AvoidParams) -> None:
         self._guard, self._braking, self._clear_share = guard, braking, avoid.clear_share
@@ -88,11 +98,11 @@ class PathAssessor:
         self._sights: deque[PathSight] = deque(maxlen=32)
 
     def take(self, sight: PathSight) -> None:
-        """A new sight of the path."""
+        """Adds a new sight of the path."""
         self._sights.append(sight)
 
     def verdict(self, now_ns: int) -> Verdict | None:
-        """None before the first sight, and while no velocity is known that is not older than HOLD_NS."""
+        """Returns the verdict; None before the first sight, and if the newest velocity is older than HOLD_NS."""
         newest = self._sights[-1] if self._sights else None
         if newest is None or newest.speed_m_s is None:
             return None
@@ -106,7 +116,7 @@ class PathAssessor:
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
         firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s) and self._shown_before(newest.obstacle_m, 1)
         free_m = min(self._free_m(newest, now_ns, speed_m_s), self._ahead_free_m(newest, now_ns, speed_m_s))
-        if not measured and newest.speed_m_s < LEAST_SPEED_M_S:  # the direction in which it may fly now is not known
+        if not measured and newest.speed_m_s < LEAST_SPEED_M_S:  # the present direction of flight is not known
             free_m = 0.0
         fresh = newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
         shows = newest.free_m > 0.0 or math.isfinite(min(newest.obstacle_m, newest.weak_obstacle_m))
@@ -126,10 +136,12 @@ class PathAssessor:
         )
 
     def _must_stop_before(self, obstacle_m: float, speed_m_s: float) -> bool:
+        """True if the braking distance does not fit before an obstacle at this distance."""
         needed_m = self._braking.needed_m(self._predicted_m_s(speed_m_s, STOP_PREDICT_S))
         return speed_m_s > LEAST_MOVING_M_S and needed_m > obstacle_m
 
     def _action(self, speed_m_s: float, obstacle_m: float, free_m: float) -> Action:
+        """Returns the action for these distances to an obstacle and to the end of the free space."""
         braking, guard = self._braking, self._guard
         needed_m = braking.needed_m(self._predicted_m_s(speed_m_s, STOP_PREDICT_S))
         if self._coming_m_s(speed_m_s) > guard.blind_speed_m_s and needed_m > free_m:
@@ -138,18 +150,20 @@ class PathAssessor:
         return Action.SLOW if ahead_m > min(obstacle_m, free_m) else Action.PASS
 
     def _predicted_m_s(self, speed_m_s: float, ahead_s: float = PREDICT_S) -> float:
-        """speed_m_s and what the vehicle gains in ahead_s, if it accelerates on as measured."""
+        """Returns the speed in ahead_s, if the vehicle continues to accelerate as measured."""
         return speed_m_s + max(0.0, self._gain_m_s2()) * ahead_s
 
     def _coming_m_s(self, speed_m_s: float) -> float:
-        """speed_m_s less what a vehicle that gets slower loses until a stop command acts. It brakes already, as in a turn on the
-        spot before the next leg, when the camera has left its course."""
+        """Returns the speed when a stop command would act, for a vehicle that already brakes.
+
+        A vehicle brakes for example before it turns on the spot for the next leg, when the camera does not look along
+        the course any more."""
         late = speed_m_s > (self._sights[-1].speed_m_s or 0.0)
         loses_m_s2 = min(max(0.0, -self._gain_m_s2()), self._guard.deceleration_m_s2)
         return speed_m_s if late else speed_m_s - loses_m_s2 * STOP_PREDICT_S
 
     def _gain_m_s2(self) -> float:
-        """Measured rate of the speed; 0: not known."""
+        """Returns the measured rate of the speed; 0: not known."""
         newest = self._sights[-1]
         newest_m_s = newest.speed_m_s or 0.0
         for sight in reversed(self._sights):
@@ -159,9 +173,11 @@ class PathAssessor:
         return 0.0
 
     def _free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
-        """The farthest of what the sights of the last keep_free_s saw free, less the way since: of all rays of a sight, and ray by
-        ray."""
-        if now_ns - newest.t_ns > STALE_NS:  # the obstacle output does not decide any more
+        """Returns the distance to which the path is free by the sights of the last keep_free_s, less the distance
+        flown since.
+
+        It is the greatest of the distances of single sights, and of the rays of all sights together."""
+        if now_ns - newest.t_ns > STALE_NS:  # the obstacle output has stopped
             return 0.0
         keep_ns = self._guard.keep_free_s * NS
         best_m = newest.free_m - _way_m(newest, newest, now_ns, speed_m_s)
@@ -175,8 +191,10 @@ class PathAssessor:
         return max(0.0, best_m, kept_free_m(Kept(newest, way_m), older, self._grid, self._clear_share))
 
     def _ahead_free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
-        """Seen free along the course that follows, by the newest frame or, as far as that looked along the same course, the one
-        before: a mismatch or a hole ends it in one."""
+        """Returns the distance to which the course that follows in a turn is free.
+
+        By the newest frame, or by the one before as far as it shows the same course: a mismatch or a hole limits only
+        one frame."""
         here_m = newest.ahead_free_m - _way_m(newest, newest, now_ns, speed_m_s)
         older = [s.exposed_ns for s in self._sights if s.exposed_ns != newest.exposed_ns and s.exposed_ns is not None]
         if newest.exposed_ns is None or not older or newest.exposed_ns - older[-1] > FRAME_BEFORE_NS:
@@ -189,7 +207,7 @@ class PathAssessor:
         return max([here_m, *before_m])
 
     def _obstacle_m(self, newest: PathSight) -> float:
-        """The nearest obstacle in the newest sight, counted at its instant."""
+        """Returns the distance of the nearest obstacle that counts, at the instant of the newest sight."""
         counted_m = min(newest.obstacle_m, newest.remembered_m)
         weak_m = newest.weak_obstacle_m
         if math.isfinite(weak_m) and self._shown_before(weak_m, 1 if weak_m >= NEAR_M else 2):
@@ -197,7 +215,7 @@ class PathAssessor:
         return counted_m
 
     def _shown_before(self, at_m: float, frames: int) -> bool:
-        """Whether so many frames before the newest sight showed an obstacle at this place of the newest sight."""
+        """True if this number of frames before the newest sight showed an obstacle at this place."""
         newest, found = self._sights[-1], set()
         slack_m = PLACE_M + PLACE_SHARE * at_m
         own = newest.frame_of(at_m)
@@ -211,6 +229,7 @@ class PathAssessor:
         return len(found - {own}) >= frames
 
     def _cause(self, newest: PathSight, obstacle_m: float, free_m: float) -> str:
+        """Returns the reason of the verdict, as text."""
         if newest.cause and free_m <= 0.0:
             return newest.cause
         if obstacle_m <= free_m:
@@ -219,21 +238,24 @@ class PathAssessor:
 
 
 def _same_course(a: PathSight, b: PathSight) -> bool:
+    """True if two sights have nearly the same course."""
     if a.course_rad is None or b.course_rad is None:
         return False
     return abs(math.remainder(a.course_rad - b.course_rad, math.tau)) <= SAME_COURSE_RAD
 
 
 def _way_m(sight: PathSight, newest: PathSight, now_ns: int, fastest_m_s: float | None = None) -> float:
-    """Way from the place of a sight to the place at now_ns: by position, else by the greatest speed since. fastest_m_s: that the
-    vehicle may have now, None: that of the newest sight."""
+    """Returns the distance flown from the place of a sight to the place at now_ns.
+
+    By position if it is known, otherwise by the greatest speed since. fastest_m_s: speed that the vehicle may have
+    now; None: that of the newest sight."""
     speed_m_s = newest.speed_m_s or 0.0
     since_m = max(0, now_ns - newest.t_ns) / NS * (speed_m_s if fastest_m_s is None else fastest_m_s)
     if sight is newest:
         return since_m
     since_sight_s = (newest.t_ns - sight.t_ns) / NS
     before_m_s = speed_m_s if sight.speed_m_s is None else sight.speed_m_s
-    if fastest_m_s is not None and fastest_m_s > speed_m_s:  # the velocity is late, and the position with it
+    if fastest_m_s is not None and fastest_m_s > speed_m_s:  # the velocity is late, and so is the position
         moved_m = fastest_m_s * since_sight_s
     elif sight.position_ned_m is not None and newest.position_ned_m is not None:
         # not less than by speed: the estimate of the position may have jumped back

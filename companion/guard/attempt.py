@@ -1,4 +1,4 @@
-"""One attempt to stop the vehicle: what was sent, what was answered, and what a heartbeat shows of it."""
+"""One attempt to stop the vehicle: the command, its acknowledgement, and whether a heartbeat shows its effect."""
 
 from __future__ import annotations
 
@@ -13,14 +13,21 @@ NS = 1_000_000_000
 ACK_NS = NS * 4 // 10
 """An attempt without COMMAND_ACK is repeated after this time."""
 MODE_NS = NS * 15 // 10
-"""An acknowledged attempt whose mode does not appear in a heartbeat is repeated after this time: heartbeats may come once a second."""
+"""An acknowledged attempt is repeated if its mode does not appear in a heartbeat within this time: heartbeats may be
+sent once a second."""
 SETTLE_NS = NS // 2
-"""A heartbeat so much later than an acknowledged attempt shows its mode, if it had an effect."""
+"""A heartbeat that is this much later than an acknowledged attempt shows its mode, if it had an effect."""
 
 
 @dataclass(slots=True)
 class Attempt:
-    """The newest attempt to stop. result: MAV_RESULT, None: not acknowledged."""
+    """The newest attempt to stop.
+
+    Attributes:
+        method: method of the stop.
+        command: MAV_CMD.
+        t_ns: instant of sending.
+        result: MAV_RESULT; None: not acknowledged."""
 
     method: StopMethod
     command: int
@@ -29,9 +36,9 @@ class Attempt:
 
     @property
     def refused(self) -> bool:
-        """Whether the autopilot has answered that it does not do it."""
+        """True if the autopilot has refused the command."""
         return self.result not in (None, ACCEPTED, IN_PROGRESS)
 
     def shown_without_effect(self, vehicle: Vehicle) -> bool:
-        """Whether a heartbeat is late enough to show the effect. The caller has compared the mode."""
+        """True if a heartbeat is late enough to show an effect. The caller has compared the mode."""
         return vehicle.heartbeat_ns - self.t_ns >= SETTLE_NS

@@ -1,10 +1,9 @@
-"""Braking distance by speed, and the speed for a distance.
+"""Braking distance for a speed, and speed for a braking distance.
 
     needed(v) = v * reaction_s + v^2 / (2 * deceleration) + margin
 
-The vehicle flies on for reaction_s, then decelerates. margin is what must be left, counted from the vehicle's middle: radius of
-the hull and margin_m.
-"""
+The vehicle continues for reaction_s, then decelerates. The margin is the distance from the vehicle's middle that must
+remain: the radius of the hull and margin_m."""
 
 from __future__ import annotations
 
@@ -17,20 +16,26 @@ from ..config.guard import GuardParams
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Braking:
-    """reaction_s: s; deceleration_m_s2: m/s2; margin_m: from the vehicle's middle, m."""
+    """Parameters of the braking distance.
+
+    Attributes:
+        reaction_s: time before the vehicle decelerates.
+        deceleration_m_s2: deceleration.
+        margin_m: distance that must remain, from the vehicle's middle."""
 
     reaction_s: float
     deceleration_m_s2: float
     margin_m: float
 
     def needed_m(self, speed_m_s: float, ahead_s: float = 0.0) -> float:
-        """Distance from the vehicle's middle that must be free. ahead_s: time for which the vehicle flies on before the
-        reaction time begins."""
+        """Returns the distance from the vehicle's middle that must be free.
+
+        ahead_s: time for which the vehicle continues before the reaction time begins."""
         way_m = speed_m_s * (self.reaction_s + ahead_s)
         return way_m + speed_m_s**2 / (2.0 * self.deceleration_m_s2) + self.margin_m
 
     def speed_m_s(self, distance_m: float, ahead_s: float = 0.0) -> float:
-        """Greatest speed for which `needed_m` is at most the distance; 0 where there is none."""
+        """Returns the greatest speed for which `needed_m` is at most the distance; 0 if there is none."""
         room_m = distance_m - self.margin_m
         if not room_m > 0.0:
             return 0.0
@@ -39,7 +44,7 @@ class Braking:
 
 
 def braking_of(guard: GuardParams, avoid: AvoidParams) -> Braking:
-    """The braking distances of a configuration."""
+    """Returns the braking distances of a configuration."""
     return Braking(
         reaction_s=guard.reaction_s,
         deceleration_m_s2=guard.deceleration_m_s2,

@@ -1,4 +1,4 @@
-"""Whether a command of the guard is sure to reach the right vehicle, and only it."""
+"""Certainty that a command of the guard reaches the right vehicle, and no other."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from .modes import MULTICOPTERS, STOP_ORDER
 NS = 1_000_000_000
 HEARTBEAT_ID: Final = 0
 HEARTBEAT_HZ: Final = 5.0
-"""Asked of the autopilot, so that a change of mode is known within 0.2 s. One that keeps 1 Hz is still used."""
+"""Requested of the autopilot, so that a change of mode is known within 0.2 s. An autopilot that keeps 1 Hz is used as
+well."""
 LONGEST_HEARTBEAT_NS: Final = 2_500_000_000
 FIRST_WAIT_NS: Final = NS
 LONGEST_WAIT_NS: Final = 10 * NS
 AGAIN_NS: Final = 3 * NS
-"""The request is repeated so often while it is acknowledged, else each FIRST_WAIT_NS."""
+"""Interval of the request while it is acknowledged; otherwise FIRST_WAIT_NS."""
 REACHED_NS: Final = 8 * NS
-"""An acknowledgement counts for so long: six requests were made meanwhile."""
+"""Time for which an acknowledgement counts; six requests are sent in it."""
 CONFLICTS: Final = ("two autopilots", "two of us", "several vehicles")
-"""Topics of drivers.mavlink.conflicts that leave open who receives a command, or whose answer comes."""
+"""Topics of drivers.mavlink.conflicts that make it uncertain who receives a command, or whose answer arrives."""
 _ANSWERS: Final = frozenset({0, 3})
-"""MAV_RESULT ACCEPTED and UNSUPPORTED: the command was read, which is what is asked here."""
+"""MAV_RESULT ACCEPTED and UNSUPPORTED: the command was received, which is all that matters here."""
 
 
 @dataclass(slots=True)
 class Certainty:
-    """Asks the autopilot for a higher rate of heartbeats; its COMMAND_ACK shows that commands arrive and answers come back."""
+    """Requests a higher rate of heartbeats; its COMMAND_ACK shows that commands arrive and that answers come back."""
 
     component_id: int
     _who: tuple[int, str] = (0, "")
@@ -40,17 +41,17 @@ class Certainty:
     _asked: bool = field(default=False)
 
     def is_for_us(self, ack: Any, vehicle: Vehicle) -> bool:
-        """Whether a COMMAND_ACK answers a command of ours. Autopilots without target fields send 0."""
+        """True if a COMMAND_ACK answers a command of the service. Autopilots without target fields send 0."""
         system, component = getattr(ack, "target_system", 0), getattr(ack, "target_component", 0)
         return system in (0, vehicle.system_id) and component in (0, self.component_id)
 
     def acknowledged(self, command: int, result: int, now_ns: int) -> None:
-        """A COMMAND_ACK of the vehicle for us."""
+        """Handles a COMMAND_ACK of the vehicle for the service."""
         if command == SET_MESSAGE_INTERVAL and self._asked and result in _ANSWERS:
             self._reached_ns = now_ns
 
     def requests(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
-        """The request to send now, if any. Another vehicle must answer for itself."""
+        """Returns the request to send now, if any. After a change of the vehicle it must be acknowledged again."""
         who = (vehicle.system_id, vehicle.autopilot)
         if who != self._who:
             self._who, self._reached_ns, self._asked, self._next_ns = who, None, False, now_ns
@@ -66,12 +67,13 @@ class Certainty:
         return [set_message_interval(vehicle.system_id, HEARTBEAT_ID, HEARTBEAT_HZ)]
 
     def silent(self, now_ns: int) -> bool:
-        """Whether the vehicle has answered before and does not any more: commands may not arrive. It is no doubt about who receives
-        them."""
+        """True if the vehicle acknowledged commands before and does not any more, so that commands may not arrive.
+
+        This is no doubt about who receives them."""
         return self._reached_ns is not None and now_ns - self._reached_ns > REACHED_NS
 
     def doubt(self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_fault: str, now_ns: int) -> str:
-        """Why it is not sure, in a few words; empty: it is."""
+        """Returns why it is not certain, in a few words; empty: it is."""
         if any(conflicts.get(topic) for topic in CONFLICTS):
             return next(topic for topic in CONFLICTS if conflicts.get(topic))
         if vehicle.autopilot not in STOP_ORDER:

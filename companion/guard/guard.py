@@ -1,4 +1,4 @@
-"""The guard as a part of the service: its thread, what it receives, and what it sends."""
+"""The guard as a part of the service: its thread, its inputs from the obstacle output and the link, and its outputs."""
 
 from __future__ import annotations
 
@@ -47,20 +47,19 @@ log = logging.getLogger("companion")
 
 NS = 1_000_000_000
 STEP_S: Final = 0.05
-"""Longest time between two steps; a new sight of the path brings one at once."""
+"""Longest time between two steps; a new sight of the path causes one at once."""
 LINK_NS: Final = NS // 5
 FLIES_M_S: Final = 2.0
 """A faster vehicle does not stand on the ground."""
 REPEAT_NS: Final = 5 * NS
 """The same text is not announced again within this time."""
 READS: Final = frozenset({COMMAND_ACK_ID, EXTENDED_SYS_STATE})
-"""Ids of the autopilot's messages that `message` needs."""
+"""Ids of the autopilot's messages that `message` handles."""
 
 
 class Guard:
-    """vehicle: the autopilot that is received now, None: none. link_status: conflicts and signing. post: sends a message to it.
-
-    `observe` is called by the obstacle output, `message` by the link; all computing is done in a thread of the guard."""
+    """The guard. `observe` is called by the obstacle output, `message` by the link; the guard decides in a thread of
+    its own."""
 
     def __init__(
         self,
@@ -72,7 +71,16 @@ class Guard:
         post: Callable[[Any], None],
         folder: Path | None,
     ) -> None:
-        """folder: of the state, None: nothing is kept."""
+        """Creates a guard whose thread is not started.
+
+        Args:
+            guard: parameters of the guard.
+            avoid: parameters of the obstacle output.
+            component_id: MAVLink component of the service.
+            vehicle: returns the autopilot that is received now; None: none.
+            link_status: returns conflicts and signing of the link.
+            post: sends a message to the autopilot.
+            folder: folder of the state; None: nothing is kept."""
         self._guard, self._avoid = guard, avoid
         self._vehicle, self._link_status, self._post = vehicle, link_status, post
         self._certainty = Certainty(component_id)
@@ -98,7 +106,7 @@ class Guard:
     # ---- in ---------------------------------------------------------------------------------------------------------
 
     def observe(self, surroundings: Surroundings) -> None:
-        """What a decision of the obstacle output was made from."""
+        """Takes the surroundings of a decision of the obstacle output."""
         turn_rad_s = self._course_rate.take(surroundings)
         sight = path_sight(self._velocity.held(surroundings), self._avoid, self._guard, turn_rad_s)
         with self._lock:
@@ -107,7 +115,7 @@ class Guard:
         self._news.set()
 
     def message(self, message: Any, arrival_ns: int) -> None:
-        """A message of the autopilot, of READS."""
+        """Takes a message of the autopilot, of those in READS."""
         if message.get_type() == "COMMAND_ACK":
             self._messages.append(message)
             self._news.set()
@@ -121,7 +129,7 @@ class Guard:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the thread. In a watched mode it is announced that the guard has ended. May be called twice."""
+        """Ends the thread, and announces in a watched mode that the guard has ended. May be called twice."""
         if self._stop.is_set():
             return
         self._stop.set()
@@ -142,15 +150,15 @@ class Guard:
 
     @property
     def failure(self) -> str:
-        """The exception that has ended the thread, as text; empty: none."""
+        """The exception that ended the thread, as text; empty: none."""
         return self._thread.failure
 
     def stalled(self, now_ns: int, limit_ns: int) -> bool:
-        """Whether the thread was started and has ended, or has not begun a step for limit_ns."""
+        """True if the thread was started and has ended, or has not begun a step for limit_ns."""
         return self._thread.ident is not None and (self._thread.ended or now_ns - self.alive_ns > limit_ns)
 
     def step(self, now_ns: int) -> None:
-        """One step: reads what has arrived, decides and sends."""
+        """Does one step: reads messages, decides and sends."""
         vehicle = self._vehicle()
         if vehicle is not None:
             self._acknowledgements(vehicle, now_ns)
@@ -159,7 +167,7 @@ class Guard:
         with self._lock:
             self._verdict = self._assessor.verdict(now_ns)
         outputs = self._machine.step(self._input(vehicle, now_ns))
-        for output in outputs:  # before the write: a slow disk does not delay a command
+        for output in outputs:  # before the file is written, so that a slow disk does not delay a command
             self._send(output, now_ns)
         self._file.keep(self.memory, now_ns)
 
@@ -188,7 +196,7 @@ class Guard:
         )
 
     def _flies(self) -> bool:
-        """Whether the measured speed is that of a flying vehicle, whatever the autopilot reports."""
+        """True if the measured speed is that of a flying vehicle, whatever the autopilot reports."""
         speed_m_s = None if self._verdict is None else self._verdict.speed_m_s
         return speed_m_s is not None and speed_m_s > FLIES_M_S
 
@@ -211,7 +219,7 @@ class Guard:
 
     @property
     def memory(self) -> GuardMemory:
-        """State and what belongs to it."""
+        """State and its data."""
         return self._machine.memory
 
     @property
@@ -225,7 +233,7 @@ class Guard:
         return self._verdict
 
     def diagnostics(self) -> list[Diagnostic]:
-        """What people must know of the guard."""
+        """Returns the diagnostics of the guard."""
         memory, out = self.memory, []
         if self._thread.failure:
             text = f"the guard has ended: {self._thread.failure}; the vehicle is not stopped in automatic modes"
@@ -249,7 +257,7 @@ class Guard:
 
 
 def guard_of(config: Config, session: MavlinkSession, link: MavlinkLink, folder: Path | None) -> Guard:
-    """The guard of this link. folder: of the state."""
+    """Creates the guard of a link. folder: folder of the state."""
 
     def connected() -> Vehicle | None:
         return session.vehicle if session.connected(time.monotonic_ns()) else None
@@ -258,7 +266,7 @@ def guard_of(config: Config, session: MavlinkSession, link: MavlinkLink, folder:
 
 
 def message_of(output: StopCommand | SpeedCommand) -> Any:
-    """The MAVLink message of a command."""
+    """Returns the MAVLink message of a command."""
     if isinstance(output, SpeedCommand):
         return commands.change_speed(output.system_id, output.speed_m_s)
     if output.method is StopMethod.PX4_HOLD:

@@ -1,9 +1,10 @@
-"""Whether the autopilot points the camera along the path in the modes that the guard watches, and what to set.
+"""Checks that the autopilot points the camera along the path in the modes that the guard watches, and advises what to
+set.
 
-The guard stops a vehicle that flies faster than `blind_speed_m_s` to where no camera looks. Values and behaviour by the sources:
-PX4 FlightTaskAuto::_set_heading_from_mode and multicopter_autonomous_params, RTL::set_rtl_item up to v1.14 (RTL_HDG_MD was removed
-after it, PX4 pull request 22731); ArduCopter Mode::AutoYaw::default_mode, ModeRTL::return_start.
-"""
+The guard stops a vehicle that flies faster than `blind_speed_m_s` to where no camera looks. Values and behaviour are
+taken from the sources: PX4 FlightTaskAuto::_set_heading_from_mode and multicopter_autonomous_params,
+RTL::set_rtl_item up to v1.14 (RTL_HDG_MD was removed after it, PX4 pull request 22731); ArduCopter
+Mode::AutoYaw::default_mode, ModeRTL::return_start."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ WIDEST_GAP_RAD: Final = math.radians(121.0)
 
 
 def heading_advice(facts: AutopilotFacts, guard: GuardParams) -> list[str]:
-    """Faults of the heading's parameters, as text; empty: none, or not read."""
+    """Returns faults of the heading parameters, as text; empty: none, or the parameters were not read."""
     if facts.kind == PX4:
         return _px4_advice(facts, guard)
     return _copter_advice(facts, guard) if facts.kind == ARDUPILOT else []
@@ -73,7 +74,7 @@ def _copter_advice(facts: AutopilotFacts, guard: GuardParams) -> list[str]:
 
 
 def look_all_around(yaws_rad: Sequence[float]) -> bool:
-    """Whether cameras at these yaw angles of their mounts leave no gap of more than 120 degrees between two middles."""
+    """True if cameras at these yaw angles leave no gap of more than 120 degrees between the middles of two of them."""
     turned = sorted(yaw % math.tau for yaw in yaws_rad)
     gaps = [b - a for a, b in zip(turned, [*turned[1:], turned[0] + math.tau], strict=True)] if turned else []
     return bool(gaps) and max(gaps) <= WIDEST_GAP_RAD

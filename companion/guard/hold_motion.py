@@ -1,4 +1,5 @@
-"""Whether a vehicle in a stop mode flies again. PX4's Hold is also the mode of a Go-to: the mode alone does not show it."""
+"""Detects that a vehicle in a stop mode flies again. PX4's Hold is also the mode of a Go-to, so the mode does not
+show it."""
 
 from __future__ import annotations
 
@@ -7,14 +8,14 @@ from typing import Final
 
 NS = 1_000_000_000
 FALL_M_S: Final = 0.5
-"""The vehicle has begun to brake when it is so much slower than before."""
+"""The vehicle has begun to brake when its speed has decreased by this much."""
 RISE_M_S, RISE_NS = 1.0, NS
-"""It flies again when it is faster than its lowest speed by RISE_M_S for RISE_NS."""
+"""The vehicle flies again when it is faster than its lowest speed by RISE_M_S for RISE_NS."""
 
 
 @dataclass(slots=True)
 class HoldMotion:
-    """`flies_again` receives the speed at each step in the stop mode."""
+    """Follows the speed in a stop mode. `flies_again` must be called at each step."""
 
     _highest_m_s: float = 0.0
     _lowest_m_s: float | None = None
@@ -25,7 +26,7 @@ class HoldMotion:
         self._lowest_m_s = 0.0
 
     def flies_again(self, speed_m_s: float | None, now_ns: int) -> bool:
-        """Whether the speed has risen again after it fell. speed_m_s: None, not known."""
+        """True if the speed has risen again after it fell. speed_m_s: None, not known."""
         if speed_m_s is None:
             return False
         self._highest_m_s = max(self._highest_m_s, speed_m_s)

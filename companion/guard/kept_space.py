@@ -1,11 +1,10 @@
-"""Space that earlier sights of the path saw free, as it counts along the path of the newest one.
+"""Free space of earlier sights, as it counts along the path of the newest one.
 
-The corridor of an earlier sight lies a little beside, above or below that of the newest. As a whole it counts as far as it lies
-within a tolerance. Ray by ray the sights complete each other, since holes of the depth image lie at other places in each frame. There
-a ray of an earlier sight stands between two rays of the newest one: it counts as far as its neighbours were seen free, too, and only
-while it is displaced by at most half of the distance between rays. Otherwise two sights, one displaced to each side, would pass what
-neither has measured.
-"""
+The corridor of an earlier sight lies slightly beside, above or below that of the newest sight. As a whole it counts
+as far as it lies within a tolerance. In addition the sights complete each other ray by ray, because holes of the
+depth image are at other places in each frame. A ray of an earlier sight then lies between two rays of the newest one.
+It counts as far as its neighbours were seen free, too, and only if it is displaced by at most half of the distance
+between two rays: otherwise two sights, displaced to opposite sides, would make space free that neither has measured."""
 
 from __future__ import annotations
 
@@ -22,13 +21,13 @@ from .path_sight import ACROSS, PathSight, common_free_m, half_width_m
 
 Floats = NDArray[np.float64]
 NEWEST_SHARE = 0.5
-"""Of the share that must be seen free, so much must be seen by the newest sight alone: of a net or a bush each frame may show other
-gaps."""
+"""Part of the share of rays that must be free which the newest sight must show alone: frames of a net or a bush may
+each show other gaps."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Displacement up to which an earlier corridor counts, metres."""
+    """Greatest displacement at which an earlier corridor counts."""
 
     beside_m: float
     height_m: float
@@ -36,7 +35,11 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Rays of a corridor: heights times ACROSS. within: greatest displacement at which an eroded sight counts."""
+    """Rays of a corridor.
+
+    Attributes:
+        heights: number of heights, each with ACROSS rays.
+        within: greatest displacement at which the rays of an eroded sight count."""
 
     heights: int
     within: Tolerance
@@ -44,14 +47,16 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A sight and the way flown since, metres."""
+    """A sight, and the distance flown since."""
 
     sight: PathSight
     way_m: float
 
 
 def grid_of(avoid: AvoidParams, guard: GuardParams) -> Grid:
-    """The rays of a configuration. They count within half of the distance between two rays: sights displaced to either side are then
+    """Returns the rays of a configuration.
+
+    They count within half of the distance between two rays, so that sights displaced to opposite sides are at most
     one distance apart."""
     spacing_m = 2.0 * half_width_m(avoid, guard) / (ACROSS - 1)
     slice_m = (avoid.band_above_m + avoid.band_below_m) / avoid.slices
@@ -59,8 +64,9 @@ def grid_of(avoid: AvoidParams, guard: GuardParams) -> Grid:
 
 
 def reach_m(sight: PathSight, newest: PathSight, within: Tolerance, ahead: bool = False) -> float:
-    """Distance to which the corridor of a sight lies within a tolerance of that of the newest one. ahead: along the course that
-    follows in a turn."""
+    """Returns the distance to which the corridor of a sight lies within a tolerance of that of the newest one.
+
+    ahead: along the course that follows in a turn."""
     if sight is newest:
         return math.inf
     if sight.course_rad is None or newest.course_rad is None:
@@ -81,7 +87,8 @@ def reach_m(sight: PathSight, newest: PathSight, within: Tolerance, ahead: bool 
 
 
 def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: float) -> float:
-    """Distance to which clear_share of the rays were seen free, each by the newest sight or an earlier one; 0 without rays."""
+    """Returns the distance to which clear_share of the rays are free, each by the newest sight or an earlier one; 0
+    without rays."""
     now_m = newest.sight.rays_free_m
     if now_m is None:
         return 0.0
@@ -97,7 +104,7 @@ def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: fl
 
 
 def eroded(rays_m: Floats, heights: int) -> Floats:
-    """(N,) each ray as far as it and its neighbours beside, above and below were seen free."""
+    """Returns for each ray, (N,), the distance to which it and its neighbours beside, above and below were seen free."""
     padded = np.pad(rays_m.reshape(heights, -1), 1, mode="edge")
     rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
     around = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]

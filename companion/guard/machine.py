@@ -1,11 +1,14 @@
-"""The state machine of the guard, without clock, thread or link: what is known goes in, what to send comes out.
+"""The state machine of the guard: from the verdict on the path and the autopilot's state to commands and
+announcements.
 
-States and transitions are drawn in docs/explanation/guard.md. Rules that hold in all of them:
+It has no clock, thread or link: each step gets a `GuardInput` and returns the outputs to send. States and transitions
+are drawn in docs/explanation/guard.md. These rules hold in all states:
 
-- A command is put out only to the vehicle of the input, only while the input is free of doubt, and only in a watched mode or in
-  a stop mode that the guard itself has set and that has not brought the vehicle to rest.
-- A mode that the guard did not set ends the intervention. It is taken as the pilot's, also one of another ground station.
-"""
+- A command is sent only to the vehicle of the input, only if it is certain who receives it (`GuardInput.doubt` is
+  empty), and only in a watched mode or in a stop mode that the guard itself has set and in which the vehicle has not
+  come to rest.
+- A mode that the guard did not set ends the intervention. It counts as the pilot's, also if another ground station
+  has set it."""
 
 from __future__ import annotations
 
@@ -34,29 +37,37 @@ from .states import (
 
 NS = 1_000_000_000
 REARM_NS = 5 * NS
-"""After a stop for unseen space the path must be seen for this time without a gap before unseen space stops the vehicle again."""
+"""After a stop for unseen space, the path must be seen for this time without interruption before unseen space stops
+the vehicle again."""
 FAILSAFE_STATES = frozenset({5, 6})
 """MAV_STATE CRITICAL and EMERGENCY: a failsafe is active."""
 FIRST_METHOD_TIMES = 2
-"""ArduCopter: attempts of BRAKE before LOITER."""
+"""ArduCopter: number of attempts with BRAKE before LOITER."""
 FREE_NS = 2 * NS
-"""A stop without effect ends when the path is free for this time."""
+"""A stop without effect ends if the path is free for this time."""
 FAILED_AFTER = 3
-"""Attempts without effect until the failure is announced. The attempts go on, once in MODE_NS."""
+"""Attempts without effect until the failure is announced. Further attempts follow, one per MODE_NS."""
 STANDS_M_S = 0.4
-"""Slower than this the vehicle counts as stopped."""
+"""A slower vehicle counts as stopped."""
 SPARE_STOP_NS = 2 * NS
-"""More than the computed braking time, until a stop mode that does not brake is followed by the next command."""
+"""Time added to the computed braking time before the next command is sent to a vehicle that does not brake."""
 DOUBT_NS = 2 * NS
-"""Doubt is announced when it lasts: after a start the first COMMAND_ACK takes a moment."""
+"""A doubt is announced if it lasts this long: after a start, the first COMMAND_ACK takes a moment."""
 GAP_NS = 5 * NS
-"""After a longer time without the vehicle, an unconfirmed stop is judged again: another station may have had control meanwhile."""
+"""If the vehicle was not received for longer, an unconfirmed stop is decided again: another station may have had
+control."""
 
 
 @dataclass(slots=True)
 class GuardMachine:
-    """`step` ten times per second or more, `acknowledged` with each COMMAND_ACK for us. memory: what outlives the process.
-    received_ns: instant at which the vehicle was last received, also in the run before; None: never."""
+    """The state machine of the guard.
+
+    `step` is called ten times per second or more, `acknowledged` for each COMMAND_ACK that answers the guard.
+
+    Attributes:
+        guard: parameters.
+        memory: the state, which outlives the process.
+        received_ns: instant at which the vehicle was last received, also in an earlier run; None: never."""
 
     guard: GuardParams
     memory: GuardMemory = field(default_factory=GuardMemory)
@@ -76,10 +87,10 @@ class GuardMachine:
         memory = self.memory
         self._limiter = SpeedLimiter(self.guard, memory.limit_m_s, memory.fastest_m_s)
 
-    # ---- in ---------------------------------------------------------------------------------------------------------
+    # ---- input ------------------------------------------------------------------------------------------------------
 
     def acknowledged(self, command: int, result: int) -> None:
-        """A COMMAND_ACK of the vehicle for a command of ours."""
+        """Handles a COMMAND_ACK of the vehicle for a command of the guard."""
         attempt = self._attempt
         if attempt is not None and command == attempt.command and attempt.result in (None, IN_PROGRESS):
             attempt.result = result
@@ -87,15 +98,15 @@ class GuardMachine:
             self._limiter.acknowledged(result)
 
     def step(self, now: GuardInput) -> list[Output]:
-        """What to send now, in order."""
+        """Returns what to send now, in order."""
         vehicle = now.vehicle
         if vehicle is None or vehicle.heartbeat_ns <= 0:
-            return []  # the state stays: the link may come back
+            return []  # the state is kept: the link may recover
         gap_ns = 0 if self.received_ns is None else now.now_ns - self.received_ns
         self.received_ns = now.now_ns
         if (vehicle.autopilot, vehicle.system_id) != (self.memory.kind, self.memory.system_id):
             if vehicle.autopilot not in STOP_ORDER and vehicle.system_id == self.memory.system_id:
-                return []  # contradicting heartbeats name two kinds: wait until it is one again
+                return []  # heartbeats contradict each other: wait until they name one kind of autopilot
             self._begin(GuardState.INACTIVE, now, kind=vehicle.autopilot, system_id=vehicle.system_id, seen=False)
         if not vehicle.armed or not now.in_air:
             return self._rest(now)
@@ -106,7 +117,7 @@ class GuardMachine:
         return self._watch(vehicle, now)
 
     def _stands_as_asked(self, now: GuardInput) -> bool:
-        """Whether the vehicle is in a stop mode of the guard and is measured to stand."""
+        """True if the vehicle is in a stop mode of the guard and its measured speed is that of a standing vehicle."""
         speed_m_s = None if now.verdict is None else now.verdict.speed_m_s
         in_stop_mode = now.vehicle is not None and now.vehicle.custom_mode in self.memory.stop_modes
         return in_stop_mode and speed_m_s is not None and speed_m_s < STANDS_M_S
@@ -114,13 +125,15 @@ class GuardMachine:
     # ---- not intervening --------------------------------------------------------------------------------------------
 
     def _rest(self, now: GuardInput) -> list[Output]:
-        """On the ground, or disarmed."""
+        """Ends an intervention because the vehicle is on the ground or disarmed."""
         intervened = self.memory.state in INTERVENES
         if self.memory.state is not GuardState.INACTIVE or self.memory.seen:
             self._begin(GuardState.INACTIVE, now, seen=False, blind_stop=False)
         return [Announcement("guard: ended, not flying")] if intervened else []
 
     def _watch(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        """Handles a step without an intervention: begins one, adjusts the speed limit, or reports why nothing is
+        sent."""
         group = watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard)
         if group is None:
             if self.memory.state is not GuardState.INACTIVE:
@@ -143,12 +156,12 @@ class GuardMachine:
         verdict = now.verdict
         assert verdict is not None
         out += self._follow_answers(now)
-        if self._wants_stop(now):  # also where nothing is acknowledged: it may arrive
+        if self._wants_stop(now):  # also if the vehicle does not acknowledge commands: they may still arrive
             return out + self._stop(vehicle, verdict, now)
         return out if now.silent else out + self._adjust_speed(vehicle, group, verdict, now)
 
     def _follow_answers(self, now: GuardInput) -> list[Output]:
-        """Announces that the vehicle does not acknowledge commands any more, and that it does again."""
+        """Announces when the vehicle stops acknowledging commands, and when it acknowledges them again."""
         if now.silent == self._silent:
             return []
         self._silent = now.silent
@@ -156,7 +169,10 @@ class GuardMachine:
         return [Announcement(text, critical=now.silent)]
 
     def _follow_sight(self, now: GuardInput) -> None:
-        """Notes that the path is seen: unseen space counts from then on; after a stop for it once it was seen for REARM_NS."""
+        """Records that the path is seen.
+
+        Unseen space stops the vehicle only after the path was seen once, and after a stop for unseen space only after
+        it was seen for REARM_NS."""
         if now.verdict is None or not now.verdict.sees:
             self._sees_since_ns = None
             return
@@ -167,6 +183,7 @@ class GuardMachine:
             self._change(now, seen=True, blind_stop=self.memory.blind_stop and not armed_again)
 
     def _no_sight(self, now: GuardInput) -> str:
+        """Returns why the path cannot be judged, as text; empty: it can."""
         if now.verdict is None:
             return "vehicle's velocity unknown"
         if not self.memory.seen:
@@ -175,9 +192,11 @@ class GuardMachine:
         return "path still not seen" if self.memory.blind_stop and unseen else ""
 
     def _wants_stop(self, now: GuardInput) -> bool:
-        """Whether the vehicle is to be stopped. A stop ends a return that a failsafe has commanded, and the autopilot does not
-        command it again: there only an obstacle with much support that two frames show counts. In take-off and landing the path
-        leads where cameras do not look."""
+        """True if the vehicle must be stopped.
+
+        A stop ends a return that a failsafe has commanded, and the autopilot does not command it again. There only an
+        obstacle counts that two frames show with many pixels. During take-off and landing only obstacles count,
+        because the path leads to where no camera looks."""
         verdict = now.verdict
         if verdict is None or verdict.action is not Action.STOP:
             return False
@@ -186,14 +205,14 @@ class GuardMachine:
         return verdict.obstacle_stop if now.near_ground else True
 
     def _failsafe_return(self, now: GuardInput) -> bool:
-        """Whether a failsafe has commanded the return, as far as the heartbeat shows it."""
+        """True if a failsafe has commanded a return, as far as the heartbeat shows it."""
         vehicle = now.vehicle
         if vehicle is None or vehicle.system_status not in FAILSAFE_STATES:
             return False
         return watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is Watched.RETURN
 
     def _doubts(self, doubt: str, now: GuardInput) -> list[Output]:
-        """It would not be sure that a command has the right effect: none is sent, and that is announced."""
+        """Handles a step in which no command may be sent, and announces the doubt once it has lasted for DOUBT_NS."""
         if self.memory.state is not GuardState.UNAVAILABLE or self.memory.cause != doubt:
             self._change(now, state=GuardState.UNAVAILABLE, cause=doubt)
             self._doubt_since_ns = now.now_ns
@@ -205,6 +224,7 @@ class GuardMachine:
     # ---- speed ------------------------------------------------------------------------------------------------------
 
     def _adjust_speed(self, vehicle: Vehicle, group: Watched, verdict: Verdict, now: GuardInput) -> list[Output]:
+        """Sends, changes or ends the speed limit."""
         limiter = self._limiter
         if not self.guard.limit_speed or not takes_speed(vehicle.autopilot, group):
             return []
@@ -234,6 +254,7 @@ class GuardMachine:
     # ---- stop -------------------------------------------------------------------------------------------------------
 
     def _stop(self, vehicle: Vehicle, verdict: Verdict, now: GuardInput) -> list[Output]:
+        """Begins an intervention: sends the first stop command."""
         self._sees_since_ns = None
         self._begin(
             GuardState.STOPPING, now, blind_stop=self.memory.blind_stop or not verdict.sees, cause=verdict.cause
@@ -241,6 +262,7 @@ class GuardMachine:
         return [*self._try_to_stop(vehicle, now), Announcement(f"guard: stop, {verdict.cause}", critical=True)]
 
     def _try_to_stop(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        """Sends a stop command and counts the attempt."""
         method = self._next_method(vehicle)
         command = DO_REPOSITION if method is StopMethod.PX4_REPOSITION else DO_SET_MODE
         self._attempt = Attempt(method, command, now.now_ns)
@@ -249,8 +271,11 @@ class GuardMachine:
         return [StopCommand(vehicle.system_id, method)]
 
     def _next_method(self, vehicle: Vehicle) -> StopMethod:
-        """LOITER reads the throttle stick, which may be low: it needs two attempts of BRAKE and evidence that
-        the last one had no effect. Lost acknowledgements and heartbeats are none."""
+        """Returns the method of the next attempt.
+
+        PX4 alternates between both methods. ArduCopter's LOITER reads the throttle stick, which may be low. It is
+        used only after two attempts with BRAKE and evidence that the last one had no effect. Lost acknowledgements
+        and heartbeats are no such evidence."""
         first, second = STOP_ORDER[vehicle.autopilot]
         if vehicle.autopilot != ARDUPILOT:
             return second if self.memory.attempts % 2 else first
@@ -261,17 +286,18 @@ class GuardMachine:
         return second if failed and self.memory.attempts >= FIRST_METHOD_TIMES else first
 
     def _intervene(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        """Handles a step of an intervention, by the mode of the vehicle."""
         memory, mode = self.memory, vehicle.custom_mode
         if mode in memory.stop_modes:
             return self._in_stop_mode(vehicle, now)
         if memory.state is GuardState.STOPPING and mode == memory.mode and not memory.taken:
             return self._not_taken_yet(vehicle, now)
-        # the sender of this mode has the control now
+        # the sender of this mode has control now
         self._begin(GuardState.INACTIVE, now)
         return [Announcement("guard: released, mode changed"), *self._watch(vehicle, now)]
 
     def _not_taken_yet(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
-        """Still in the watched mode."""
+        """Handles a step in which the vehicle is still in the watched mode: repeats the command or ends the stop."""
         if now.doubt or watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is None:
             return []
         if not self._still_needed(now):
@@ -282,12 +308,13 @@ class GuardMachine:
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
 
     def _still_needed(self, now: GuardInput) -> bool:
-        """Whether a stop that had no effect yet is repeated: not where the path is seen and the braking distance fits."""
+        """True if a stop without effect is repeated: unless the path is seen and the braking distance fits."""
         unseen = now.verdict is None or not now.verdict.sees
         return self._wants_stop(now) or (unseen and not now.near_ground and not self._failsafe_return(now))
 
     def _leave_when_free(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
-        """Ends a stop without effect that is not needed now. A command that is under way may still have its effect."""
+        """Ends a stop without effect that is not needed any more, unless a command that was sent may still take
+        effect."""
         if self._free_since_ns is None:
             self._free_since_ns = now.now_ns
         under_way = self._attempt is not None and not self._attempt.shown_without_effect(vehicle)
@@ -297,7 +324,7 @@ class GuardMachine:
         return [Announcement("guard: stop ended, not needed now")]
 
     def _is_over(self, attempt: Attempt, vehicle: Vehicle, now_ns: int) -> bool:
-        """Whether an attempt had no effect, so that the next one is due."""
+        """True if an attempt had no effect, so that the next one is due."""
         waited_ns = now_ns - attempt.t_ns
         if self.memory.attempts >= FAILED_AFTER:
             return waited_ns >= MODE_NS
@@ -305,17 +332,18 @@ class GuardMachine:
             return waited_ns >= ACK_NS
         if attempt.result in (ACCEPTED, IN_PROGRESS):
             return waited_ns >= MODE_NS or attempt.shown_without_effect(vehicle)
-        return True  # refused: the next method at once
+        return True  # refused: the next attempt follows at once
 
     def _in_stop_mode(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
-        """The autopilot has taken the stop: the vehicle must come to rest. In LOITER the pilot has the sticks: nothing more is
-        commanded."""
+        """Handles a step in a stop mode: waits until the vehicle rests, and repeats the command if it does not brake.
+
+        In LOITER the pilot has the sticks, and nothing more is commanded."""
         speed_m_s = now.verdict.speed_m_s if now.verdict is not None else None
         sticks = vehicle.autopilot == ARDUPILOT and vehicle.custom_mode == COPTER_LOITER
         holds = self.memory.state is GuardState.HOLDING
         if holds and not sticks:
             self._motion.stands()
-        # PX4 flies a Go-to in Hold; a copter that gets faster in BRAKE before it stood does not brake
+        # PX4 flies a Go-to in Hold. A copter that gets faster in BRAKE before it rested does not brake.
         may_be_go_to = holds or vehicle.autopilot == PX4
         if self._motion.flies_again(speed_m_s, now.now_ns) and may_be_go_to:
             self._begin(GuardState.INACTIVE, now)
@@ -338,7 +366,7 @@ class GuardMachine:
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]
 
     def _failure(self, text: str) -> list[Output]:
-        """The announcement that the attempts have no effect, once for each intervention."""
+        """Returns the announcement that the attempts have no effect, once per intervention."""
         if self.memory.attempts < FAILED_AFTER or self._failure_announced:
             return []
         self._failure_announced = True

@@ -1,8 +1,8 @@
-"""The guard's memory in the state folder: it outlives a kill of the process, not a reboot of the computer.
+"""Keeps the guard's memory in the state folder: it outlives the process, but not a reboot of the computer.
 
-Written at each change and, while the guard does anything, every REFRESH_NS, so that the age of the file is the time since the
-process ended. It is not synchronised to the disk: what a power failure loses belongs to a boot that is over. A thread of its own
-writes, so that a slow disk neither delays a command nor counts as a guard that hangs."""
+The file is written at each change and, while the guard is active, every REFRESH_NS, so that its age is the time since
+the process ended. It is not synchronised to the disk: a power failure ends the boot for which it is valid. A separate
+thread writes, so that a slow disk neither delays a command nor makes the guard appear stalled."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ NS = 1_000_000_000
 NAME: Final = "guard.json"
 REFRESH_NS: Final = 2 * NS
 LIFE_NS: Final = 30 * NS
-"""After a longer time another station may have flown the vehicle: the memory is not used."""
+"""An older memory is not used: another station may have flown the vehicle meanwhile."""
 _MOST_BYTES: Final = 4000
 
 
 class GuardMemoryFile:
-    """`load` once, then `keep` at each step. folder None: nothing is kept."""
+    """File of the guard's memory: `load` once, then `keep` at each step. folder None: nothing is kept."""
 
     def __init__(self, folder: Path | None) -> None:
         self._file = None if folder is None else folder / NAME
@@ -40,7 +40,8 @@ class GuardMemoryFile:
         self._writing: WatchedThread | None = None
 
     def load(self, now_ns: int) -> GuardMemory | None:
-        """The memory of an earlier run of this boot; None: there is none, it is too old, or this module did not write it."""
+        """Returns the memory of an earlier run of this boot; None: there is none, it is too old, or the file is not
+        valid."""
         if self._file is None:
             return None
         try:
@@ -55,8 +56,8 @@ class GuardMemoryFile:
             return None
 
     def keep(self, memory: GuardMemory, now_ns: int) -> None:
-        """Writes the memory where it has changed, or is old. While a write is under way nothing is done: a later step keeps
-        what is new then."""
+        """Writes the memory if it has changed or its file is old. While a write is in progress nothing is done; a
+        later step writes."""
         active = memory.state is not GuardState.INACTIVE
         if self._file is None or (memory == self._kept and (not active or now_ns - self._written_ns < REFRESH_NS)):
             return
@@ -68,7 +69,7 @@ class GuardMemoryFile:
         self._writing.start()
 
     def close(self) -> None:
-        """Waits at most 0.5 s for what is being written. May be called twice."""
+        """Waits at most 0.5 s for a write in progress. May be called twice."""
         if self._writing is not None:
             self._writing.join(0.5)
 
@@ -84,7 +85,8 @@ class GuardMemoryFile:
 
 
 def _memory(content: Any) -> GuardMemory:
-    """Raises ValueError, TypeError or LookupError where a field is missing, has another type or another name."""
+    """Converts the content of the file. Raises ValueError, TypeError or LookupError if fields are missing, unknown or
+    of another type."""
     known = {f.name: f for f in fields(GuardMemory)}
     if set(content) != set(known):
         raise ValueError(f"fields {sorted(content)}")

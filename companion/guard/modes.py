@@ -1,4 +1,4 @@
-"""Which flight modes the guard watches, and by which modes it stops the vehicle. Numbers are custom_mode of HEARTBEAT."""
+"""Flight modes that the guard watches, and modes by which it stops the vehicle. Numbers are custom_mode of HEARTBEAT."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from ..config.guard import GuardParams
 
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 MULTICOPTERS: Final = frozenset({2, 3, 13, 14, 15, 29, 35})
-"""MAV_TYPE: quadrotor, coaxial, hexarotor, octorotor, tricopter, dodecarotor, decarotor. The numbers of modes below are those of
-multicopters: mode 17 of ArduPlane is another one."""
+"""MAV_TYPE quadrotor, coaxial, hexarotor, octorotor, tricopter, dodecarotor and decarotor. The numbers of modes below
+are those of multicopters: mode 17 of ArduPlane is a different mode."""
 
 
 class Watched(StrEnum):
@@ -55,16 +55,18 @@ STOP_ORDER: Final = {
     PX4: (StopMethod.PX4_HOLD, StopMethod.PX4_REPOSITION),
     ARDUPILOT: (StopMethod.COPTER_BRAKE, StopMethod.COPTER_LOITER),
 }
-"""First and second command of the attempts; GuardMachine chooses between them."""
+"""First and second stop command; GuardMachine chooses between them."""
 
 
 def watched_mode(kind: str, custom_mode: int, guard: GuardParams) -> Watched | None:
-    """The group of a mode if the guard is active in it by configuration; None: it is not, as in all modes that a pilot flies."""
+    """Returns the group of a mode if the configuration lets the guard act in it; None otherwise, as in all modes that
+    a pilot flies."""
     group = {PX4: _PX4_WATCHED, ARDUPILOT: _COPTER_WATCHED}.get(kind, {}).get(custom_mode)
     active = {Watched.MISSION: guard.mission, Watched.RETURN: guard.return_home, Watched.GUIDED: guard.guided}
     return group if group is not None and active[group] else None
 
 
 def takes_speed(kind: str, group: Watched) -> bool:
-    """Whether MAV_CMD_DO_CHANGE_SPEED has an effect: not in Offboard, where PX4 follows the setpoints it receives."""
+    """True if MAV_CMD_DO_CHANGE_SPEED has an effect: not in PX4's Offboard mode, which follows the setpoints that it
+    receives."""
     return not (kind == PX4 and group is Watched.GUIDED)

@@ -1,10 +1,11 @@
-"""How far the path ahead of the vehicle is seen free, and where the nearest obstacle stands in it.
+"""What one decision of the obstacle output shows of the path ahead: how far it is seen free, and the nearest obstacle
+in it.
 
-The path is a straight corridor from the vehicle along its velocity, as wide as the hull and `side_m` on each side, over the
-height band of `[avoid]`; with a climb or descent the band follows the slope, and obstacles count in the level band too. In a turn
-obstacles also count in corridors beside it, and it must be seen free along the course that follows, see `turn`. Distances are horizontal, from the vehicle's middle.
-All is computed in level at the instant of a decision of the obstacle output.
-"""
+The path is a straight corridor from the vehicle along its velocity. It is as wide as the hull and `side_m` on each
+side, and as high as the height band of `[avoid]`. In a climb or descent the band follows the slope; obstacles count
+in the level band as well. In a turn, obstacles also count in corridors beside it, and the course that follows must be
+seen free, too (turn.py). Distances are horizontal, from the vehicle's middle. All coordinates are in `level` at the
+instant of the decision."""
 
 from __future__ import annotations
 
@@ -24,26 +25,35 @@ from .turn import AHEAD_S, fan, turns
 
 Floats = NDArray[np.float64]
 LEAST_SPEED_M_S = 0.2
-"""Slower, the velocity has no direction: the path is straight ahead."""
+"""A slower vehicle has no direction of flight: the path is straight ahead."""
 SLOPE_SPEED_M_S = 1.0
-"""Slower, the ratio of the vertical to the horizontal velocity is mostly noise: the path counts as level."""
+"""For a slower vehicle the ratio of vertical to horizontal velocity is mostly noise: the path is level."""
 STEEPEST = 1.0
+"""Greatest slope of a path, vertical over horizontal."""
 PIECE_M = 2.0
-"""Along a sloping path the height band is moved once for each piece of this length."""
+"""Along a sloping path the height band is moved once per piece of this length."""
 ACROSS = 5
+"""Number of rays across the corridor."""
 SMALL_M2 = 1e-3
-"""A plane whose pixels cover less on the object, 1 cm by 10 cm, is weakly supported: most mismatches of a stereo camera appear just
-before it, where a few pixels are some square millimetres. A wire across the image covers more at any distance."""
+"""A plane whose pixels cover less area on the object, 1 cm by 10 cm, has weak support. Most mismatches of a stereo
+camera appear close to it, where a few pixels cover some square millimetres. A wire across the image covers more at
+any distance."""
 LEAST_RANGE_M = 0.3
+"""Least range in the computation of that area."""
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
+"""Errors of the computation after which the path counts as not seen."""
 
 Frame = tuple[str, int]
-"""Camera and exposure, monotonic ns."""
+"""Camera, and exposure in monotonic ns."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Nearest:
-    """Distance along the path to an obstacle, inf: none, and the frame that shows it."""
+    """The nearest obstacle.
+
+    Attributes:
+        m: distance along the path; inf: none.
+        frame: the frame that shows it."""
 
     m: float = math.inf
     frame: Frame | None = None
@@ -51,15 +61,26 @@ class _Nearest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathSight:
-    """What one decision showed of the path. t_ns: instant of the decision; exposed_ns: of the oldest frame in use, None: none.
+    """What one decision shows of the path.
 
-    speed_m_s: horizontal, None: not known. course_rad: direction of the path clockwise from north, None: heading not known. slope: way
-    down for each metre along it.
-    free_m: seen free from the vehicle's middle. rays_free_m: the same of each ray of the corridor, None: not known. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
-    one that few pixels support, which needs a second frame. obstacle_frame, weak_frame: camera and exposure of the frames that
-    show them, None: not known. remembered_m: nearest obstacle that was seen before, where no camera looks now, inf: none.
-    velocity_ns: stamp of the velocity, None: that of the decision. position_ned_m: None: not known. ahead_free_m: like free_m, along the course that follows in a turn, ahead_rad from the present one; inf: there is no turn.
-    cause: why nothing is seen, as text; empty: something is."""
+    Attributes:
+        t_ns: instant of the decision.
+        exposed_ns: exposure of the oldest frame in use; None: none is.
+        speed_m_s: horizontal speed; None: not known.
+        course_rad: direction of the path, clockwise from north; None: heading not known.
+        free_m: distance from the vehicle's middle to which the path is seen free.
+        obstacle_m: nearest obstacle in the path; inf: none.
+        weak_obstacle_m: nearest obstacle with weak support, which needs a second frame; inf: none.
+        position_ned_m: of the vehicle; None: not known.
+        cause: why nothing is seen, as text; empty: something is.
+        remembered_m: nearest obstacle that was seen before, where no camera looks now; inf: none.
+        ahead_free_m: like free_m, along the course that follows in a turn; inf: no turn.
+        obstacle_frame: frame that shows the obstacle at obstacle_m; None: not known.
+        weak_frame: frame that shows the obstacle at weak_obstacle_m; None: not known.
+        velocity_ns: instant of the velocity; None: that of the decision.
+        slope: way down per metre along the path.
+        rays_free_m: (N,) distance to which each ray of the corridor is seen free; None: not known.
+        ahead_rad: angle from the path to the course that follows, clockwise."""
 
     t_ns: int
     exposed_ns: int | None
@@ -80,14 +101,19 @@ class PathSight:
     ahead_rad: float = 0.0
 
     def frame_of(self, obstacle_m: float) -> Frame:
-        """The frame that shows the obstacle at obstacle_m or weak_obstacle_m."""
+        """Returns the frame that shows the obstacle at this distance, obstacle_m or weak_obstacle_m."""
         frame = self.obstacle_frame if obstacle_m == self.obstacle_m else self.weak_frame
         return frame if frame is not None else ("", self.exposed_ns or 0)
 
 
 @dataclass(frozen=True, slots=True)
 class _Path:
-    """Direction (cos, sin) in level, and dz/ds, positive down. from_m: what is nearer does not lie in it."""
+    """A corridor.
+
+    Attributes:
+        cos, sin: its direction in level.
+        slope: dz/ds, positive down.
+        from_m: obstacles nearer than this do not lie in it."""
 
     cos: float
     sin: float
@@ -96,7 +122,13 @@ class _Path:
 
 
 def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad_s: float = 0.0) -> PathSight:
-    """The path at one decision. Where it cannot be computed nothing is seen free. turn_rad_s: rate of the course, clockwise."""
+    """Returns the path at one decision. If it cannot be computed, nothing is seen free.
+
+    Args:
+        s: surroundings of the decision.
+        avoid: parameters of the obstacle output.
+        guard: parameters of the guard.
+        turn_rad_s: rate of the course, clockwise."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
     free_m, firm, weak, kept_m, course_rad, slope = 0.0, _Nearest(), _Nearest(), math.inf, None, 0.0
     ahead_free_m, rays_m = math.inf, None
@@ -119,7 +151,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
             for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
-            if free_m == 0.0:  # where a camera looks, what it shows now counts
+            if free_m == 0.0:  # otherwise a camera looks there, and its present frame counts
                 kept_m = remembered_m(s, path, avoid, guard)
             kept_m = min([kept_m, *(remembered_m(s, corridor, avoid, guard) for corridor in beside)])
         except RECKONING_ERRORS as error:
@@ -146,6 +178,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
 
 
 def _path(s: Surroundings, speed_m_s: float | None) -> _Path:
+    """Returns the corridor along the velocity; straight ahead if the vehicle is slow or its velocity is not known."""
     assert s.here is not None
     if speed_m_s is None or s.velocity_ned_m_s is None or speed_m_s < LEAST_SPEED_M_S:
         return _Path(1.0, 0.0, 0.0)
@@ -156,28 +189,28 @@ def _path(s: Surroundings, speed_m_s: float | None) -> _Path:
 
 
 def _turned(path: _Path, turn_rad_s: float, speed_m_s: float, avoid: AvoidParams, guard: GuardParams) -> list[_Path]:
-    """Corridors beside the tangent into which a turn may lead."""
+    """Returns the corridors beside the tangent into which a turn may lead."""
     directions = fan(turn_rad_s, speed_m_s, guard.horizon_m, half_width_m(avoid, guard))
     return [_beside(path, angle, from_m) for angle, from_m in directions]
 
 
 def _beside(path: _Path, angle_rad: float, from_m: float = 0.0) -> _Path:
-    """A corridor at an angle clockwise from a path."""
+    """Returns a corridor at an angle clockwise from a path."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return _Path(c * path.cos - s * path.sin, c * path.sin + s * path.cos, path.slope, from_m)
 
 
 def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
-    """Of the corridor."""
+    """Returns half of the width of the corridor."""
     return avoid.radius_m + guard.side_m
 
 
 def rays_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
-    """(N,) distance to which each of the corridor's rays was seen free from near_m on; 0 where it was not. Always in the same order.
-    Measured free space alone counts: what is open, that is presumed free, does not.
+    """Returns the distance to which each ray of the corridor is seen free from near_m on, (N,); 0 where it is not.
 
-    Rays are parallel to the path. Of rays that are partly outside of all images, places seen free a moment before count, as
-    for the sectors of the obstacle output: only where seen_share of the rays is seen free now."""
+    Rays are parallel to the path, always in the same order. Only measured free space counts, not open space that is
+    presumed free. Rays that lie partly outside of all images are completed by free space that was seen a moment
+    before, as for the sectors of the obstacle output, and only where seen_share of the rays is seen now."""
     along = np.arange(avoid.near_m, guard.horizon_m + avoid.step_m, avoid.step_m)
     across = np.linspace(-1.0, 1.0, ACROSS) * half_width_m(avoid, guard)
     x = path.cos * along[None, :] - path.sin * across[:, None]
@@ -199,13 +232,13 @@ def rays_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardPa
 
 
 def common_free_m(rays_m: Floats, clear_share: float) -> float:
-    """Distance to which clear_share of the rays were seen free, at least 0."""
+    """Returns the distance to which clear_share of the rays are seen free, at least 0."""
     farthest_first = np.sort(rays_m)[::-1]
     return max(0.0, float(farthest_first[math.ceil(clear_share * len(rays_m)) - 1]))
 
 
 def _pieces(along: Floats, path: _Path) -> list[slice]:
-    """Slices of the samples along the path; one for a level path."""
+    """Returns slices of the samples along the path; one for a level path."""
     if abs(path.slope) < 0.02:
         return [slice(0, len(along))]
     step = max(1, round(PIECE_M / float(along[1] - along[0])))
@@ -215,7 +248,10 @@ def _pieces(along: Floats, path: _Path) -> list[slice]:
 def _recalled(
     free: NDArray[np.bool_], x: Floats, y: Floats, z: Floats, recall: Recall, avoid: AvoidParams
 ) -> NDArray[np.bool_]:
-    """Like free: places not seen free now that were seen free a moment before, at distances of which seen_share is seen now."""
+    """Returns which places not seen free now were seen free a moment before, at distances where seen_share of the
+    rays is seen now.
+
+    free: (heights, ACROSS, samples), as is the result."""
     out = np.zeros_like(free)
     share = free.mean(axis=(0, 1))
     wanted = ~free & ((share >= avoid.seen_share) & (share < 1.0))[None, None, :]
@@ -228,7 +264,7 @@ def _recalled(
 def nearest_obstacles(
     s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams
 ) -> tuple[_Nearest, _Nearest]:
-    """The nearest obstacle in the corridor, and the nearest with little support."""
+    """Returns the nearest obstacle in the corridor, and the nearest one with weak support."""
     firm, weak = _Nearest(), _Nearest()
     frames: tuple[Frame | None, ...] = s.frames or (None,) * len(s.views)
     for view, weak_px, frame in zip(s.views, s.weak_px, frames, strict=True):
@@ -244,7 +280,7 @@ def _distance_m(nearest: _Nearest) -> float:
 
 
 def _small_px(view: View) -> Floats:
-    """(N,) pixels that SMALL_M2 takes at the range of each plane; 0 without intrinsics."""
+    """Returns the number of pixels, (N,), that cover SMALL_M2 at the range of each plane; 0 without intrinsics."""
     planes = view.model.planes.astype(np.float64)
     if view.intrinsics is None:
         return np.zeros(len(planes))
@@ -255,8 +291,10 @@ def _small_px(view: View) -> Floats:
 
 
 def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
-    """(N,) distance along the path to the part of each plane that lies in the corridor, less the plane's margin, at least 0;
-    inf where no part does."""
+    """Returns the distance along the path, (N,), to the part of each plane in the corridor, less the plane's margin,
+    at least 0.
+
+    It is inf for planes outside of the corridor."""
     planes = view.model.planes.astype(np.float64)
     if not view.model.valid or not len(planes):
         return np.full(len(planes), np.inf)
@@ -272,7 +310,7 @@ def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -
     last = np.where(parallel, np.where(inside, 1.0, 0.0), np.clip(shares.max(axis=0), 0.0, 1.0))
     outside = (last < first) | ((ends_y > half).all(axis=1)) | ((ends_y < -half).all(axis=1))
     at = ends_x[:, :1] + (ends_x[:, 1:] - ends_x[:, :1]) * np.stack([first, last], axis=1)
-    # a plane that runs past the vehicle counts from the vehicle on
+    # of a plane that extends past the vehicle only the part ahead counts
     near_m, far_m = np.maximum(path.from_m, at.min(axis=1)), at.max(axis=1)
     heights = path.slope * np.stack([near_m, np.maximum(near_m, far_m)], axis=1)
     level = (planes[:, 4] < avoid.band_below_m) & (planes[:, 5] > -avoid.band_above_m)
@@ -285,7 +323,8 @@ def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -
 
 
 def remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
-    """Distance along the path to the nearest remembered obstacle whose sector meets the corridor; inf: none."""
+    """Returns the distance along the path to the nearest remembered obstacle whose sector meets the corridor; inf:
+    none."""
     known = np.isfinite(s.recalled.distance_m)
     if not known.any():
         return math.inf

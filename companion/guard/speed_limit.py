@@ -1,4 +1,4 @@
-"""The speed limit of the guard: when it is sent, lowered, repeated and raised. No clock, no link."""
+"""The speed limit of the guard: when it is sent, lowered, repeated and raised. It has no clock and no link."""
 
 from __future__ import annotations
 
@@ -12,21 +12,28 @@ NS = 1_000_000_000
 APART_NS = NS // 2
 """Least time between two commands."""
 EXCESS_M_S, EXCESS_NS = 0.5, 2 * NS
-"""A vehicle that is faster than its limit by EXCESS_M_S and has not slowed down by EXCESS_M_S within EXCESS_NS after its greatest speed
-does not follow it."""
+"""A vehicle does not follow its limit if it is faster by EXCESS_M_S and has not slowed down by EXCESS_M_S within
+EXCESS_NS after its greatest speed."""
 FOLLOWS_NS = NS
-"""A vehicle that is not faster than its limit so much later follows it. Just after it was sent, a limited jerk may still exceed it."""
+"""A vehicle follows its limit if it is not faster this long after the command. Before that, limited jerk may still
+exceed it."""
 TRIES = 3
-"""A limit that is not acknowledged is sent so often; the stop does not depend on it."""
+"""A limit that is not acknowledged is sent this many times; the stop does not depend on it."""
 ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
-"""MAV_RESULT. All others mean that the command will not work."""
+"""MAV_RESULT. All other results mean that the command has no effect."""
 
 
 @dataclass(slots=True)
 class SpeedLimiter:
-    """`wanted` gives the limit to send now. speed_m_s: the limit in force, 0: none; fastest_m_s: speed of the
-    vehicle just before the first limit. refused: the autopilot does not take a limit in this mode. ended: the limit last sent is
-    that speed again. ineffective: the vehicle does not follow the limit, which is then not in force."""
+    """Decides which limit to send; see `wanted`.
+
+    Attributes:
+        guard: parameters.
+        speed_m_s: the limit in force; 0: none.
+        fastest_m_s: speed of the vehicle just before the first limit.
+        refused: the autopilot accepts no limit in this mode.
+        ended: the limit sent last is fastest_m_s again.
+        ineffective: the vehicle does not follow the limit, which is then not in force."""
 
     guard: GuardParams
     speed_m_s: float = 0.0
@@ -42,17 +49,17 @@ class SpeedLimiter:
     _followed: bool = False
 
     def acknowledged(self, result: int) -> None:
-        """A COMMAND_ACK of MAV_CMD_DO_CHANGE_SPEED for us."""
+        """Handles a COMMAND_ACK of MAV_CMD_DO_CHANGE_SPEED for the service."""
         if self._sent_ns is not None and self._result in (None, IN_PROGRESS):
             self._result = result
             self.refused = result not in (ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS)
 
     def wanted(self, verdict: Verdict, now_ns: int) -> float | None:
-        """The limit to send now, m/s; None: nothing is to be sent.
+        """Returns the limit to send now, in m/s; None: nothing is to be sent.
 
-        MAV_CMD_DO_CHANGE_SPEED sets the speed: a value above that of the mission would make the vehicle faster. The first limit is
-        therefore not above the speed of the vehicle, and a limit is raised at most to that speed. cruise_m_s, where it is set,
-        bounds both further."""
+        MAV_CMD_DO_CHANGE_SPEED sets the speed: a value above that of the mission would make the vehicle faster. The
+        first limit is therefore not above the speed of the vehicle, and a limit is raised to at most that speed.
+        cruise_m_s, if it is set, limits both."""
         speed_m_s = verdict.speed_m_s
         if speed_m_s is None:
             return None
@@ -78,19 +85,22 @@ class SpeedLimiter:
         return self._raised(allowed_m_s, speed_m_s, now_ns)
 
     def _follow_effect(self, speed_m_s: float, now_ns: int) -> None:
-        """Notes a limit that the vehicle does not follow: the mission has set another speed, or the autopilot ignores it."""
+        """Detects a limit that the vehicle does not follow: the mission has set another speed, or the autopilot
+        ignores it."""
         if self.speed_m_s <= 0.0 or speed_m_s <= self.speed_m_s + EXCESS_M_S:
             settled = self._sent_ns is not None and now_ns - self._sent_ns >= FOLLOWS_NS
             self._excess, self._followed = None, self._followed or (settled and self.speed_m_s > 0.0)
         elif self._excess is None or not self._excess[1] - EXCESS_M_S < speed_m_s <= self._excess[1]:
-            self._excess = now_ns, speed_m_s  # also while it still gets faster: a limited jerk takes its time
+            self._excess = now_ns, speed_m_s  # also while the speed still rises, because jerk is limited
         elif now_ns - self._excess[0] >= EXCESS_NS:
             self.ineffective = True
 
     def _raised(self, allowed_m_s: float, speed_m_s: float, now_ns: int) -> float | None:
-        """A higher limit, after raise_after_s in which it was allowed; never above the speed before the limit. By at least two
-        steps, unless that speed is reached. A vehicle that is slower than its limit is kept slow by the mission or by a ground
-        station: it would get faster than they have commanded."""
+        """Returns a higher limit after it was allowed for raise_after_s; None: none.
+
+        It never exceeds the speed before the limit, and rises by at least two steps unless that speed is reached. For
+        a vehicle that is slower than its limit no limit is raised: the mission or a ground station keeps it slow, and
+        it would get faster than they have commanded."""
         target_m_s = min(allowed_m_s, self.fastest_m_s)
         if speed_m_s < self.speed_m_s - EXCESS_M_S:
             self._free_since_ns = None
@@ -114,5 +124,5 @@ class SpeedLimiter:
 
 
 def _stepped(speed_m_s: float) -> float:
-    """Rounded down to LIMIT_STEP_M_S."""
+    """Rounds down to a multiple of LIMIT_STEP_M_S."""
     return math.floor(speed_m_s / LIMIT_STEP_M_S) * LIMIT_STEP_M_S

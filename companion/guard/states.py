@@ -12,16 +12,20 @@ from .modes import StopMethod
 
 
 class GuardState(StrEnum):
-    """inactive: no watched mode, not armed or not in the air. unavailable: a watched mode, but nothing is sent, see `cause`.
-    watching: the path is free. limited: a lower speed was asked for. stopping: a stop was asked for and is not confirmed.
-    holding: the vehicle stands in a mode that the guard has set."""
+    """State of the guard."""
 
     INACTIVE = "inactive"
+    """No watched mode, not armed, or on the ground."""
     UNAVAILABLE = "unavailable"
+    """A watched mode, but no command is sent; see `GuardMemory.cause`."""
     WATCHING = "watching"
+    """The path is free."""
     LIMITED = "limited"
+    """A lower speed was commanded."""
     STOPPING = "stopping"
+    """A stop was commanded and is not confirmed."""
     HOLDING = "holding"
+    """The vehicle rests in a mode that the guard has set."""
 
 
 INTERVENES = frozenset({GuardState.STOPPING, GuardState.HOLDING})
@@ -29,12 +33,23 @@ INTERVENES = frozenset({GuardState.STOPPING, GuardState.HOLDING})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardMemory:
-    """All that outlives the process. t_ns: instant of the last change, monotonic.
+    """The part of the guard's state that outlives the process.
 
-    mode: custom_mode in which the state began. stop_modes: those that the guard has asked for. taken: one of them was seen in a
-    heartbeat. attempts: to stop. limit_m_s: asked for, 0: none; fastest_m_s: speed just before the limit.
-    seen: the path was seen since the vehicle is in the air. blind_stop: the vehicle was stopped because nothing was seen; it is
-    not stopped for that again before something is seen."""
+    Attributes:
+        state: state of the guard.
+        kind: kind of the autopilot.
+        system_id: MAVLink system of the vehicle.
+        mode: custom_mode in which the state began.
+        t_ns: instant of the last change, monotonic.
+        stop_modes: custom_modes of the stop commands that were sent.
+        taken: a heartbeat has shown one of them.
+        attempts: number of stop commands.
+        limit_m_s: commanded speed limit; 0: none.
+        fastest_m_s: speed just before the limit.
+        seen: the path was seen since take-off.
+        blind_stop: the vehicle was stopped because the path was not seen. It is not stopped for that again before the
+            path is seen.
+        cause: reason of the state, as text."""
 
     state: GuardState = GuardState.INACTIVE
     kind: str = ""
@@ -53,8 +68,16 @@ class GuardMemory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardInput:
-    """now_ns: monotonic. vehicle: None, none is received. doubt: why it is not sure that commands reach this vehicle, as text; empty:
-    it is. in_air: it flies. near_ground: it takes off or lands. silent: it has acknowledged commands and does not any more. verdict: None, no speed or no sight of the path."""
+    """Input of a step.
+
+    Attributes:
+        now_ns: monotonic.
+        vehicle: the autopilot that is received; None: none.
+        doubt: why it is not certain that commands reach this vehicle alone, as text; empty: it is certain.
+        in_air: the vehicle flies.
+        verdict: the verdict on the path; None: the speed or the path is not known.
+        near_ground: the vehicle takes off or lands.
+        silent: the vehicle acknowledged commands before and does not any more."""
 
     now_ns: int
     vehicle: Vehicle | None
@@ -67,7 +90,7 @@ class GuardInput:
 
 @dataclass(frozen=True, slots=True)
 class StopCommand:
-    """Stop this vehicle by this method."""
+    """Stop the vehicle by this method."""
 
     system_id: int
     method: StopMethod
@@ -75,7 +98,7 @@ class StopCommand:
 
 @dataclass(frozen=True, slots=True)
 class SpeedCommand:
-    """Fly no faster than this."""
+    """Limit the speed of the vehicle."""
 
     system_id: int
     speed_m_s: float
@@ -83,7 +106,7 @@ class SpeedCommand:
 
 @dataclass(frozen=True, slots=True)
 class Announcement:
-    """Text for the ground station. critical: MAV_SEVERITY_CRITICAL, else a warning."""
+    """Text for the ground station, of severity CRITICAL if `critical`, else WARNING."""
 
     text: str
     critical: bool = False

@@ -1,10 +1,11 @@
-"""The path in a turn: how fast the course changes, and in which directions the vehicle may fly within its braking distance.
+"""The path in a turn: the rate of the course, and the directions in which the vehicle may fly within its braking
+distance.
 
-The course does not change on a straight leg. At a waypoint that is flown through it does, and an obstacle beside the tangent comes
-into the path only when the braking distance no longer fits before it. A turn may end at any moment, so that everything between the
-tangent and the arc of the present turn may be reached. A point of the arc at distance d lies d k / 2 beside the tangent, where the
-curvature k is the rate of the course over the speed.
-"""
+On a straight leg the course does not change. At a waypoint that is flown through it does, and an obstacle beside the
+tangent enters the path only when the braking distance does not fit any more. A turn may end at any moment, so that
+the vehicle may reach all space between the tangent and the arc of the present turn. A point of the arc at distance d
+lies d^2 k / 2 beside the tangent, at an angle of d k / 2, where the curvature k is the rate of the course over the
+speed."""
 
 from __future__ import annotations
 
@@ -17,37 +18,41 @@ from ..autopilot.surroundings import Surroundings
 
 NS = 1_000_000_000
 WINDOW_NS, LONGEST_NS = 3 * NS // 10, 6 * NS // 10
-"""The rate is taken over the first sample that is older than WINDOW_NS; from an older one than LONGEST_NS none is taken."""
+"""The rate is computed from the first sample that is older than WINDOW_NS, but not from one older than LONGEST_NS."""
 LEAST_SPEED_M_S: Final = 1.0
-"""Slower, the rate of the course is mostly noise."""
+"""For a slower vehicle the rate of the course is mostly noise."""
 SLOWEST_M_S: Final = 0.3
-"""Slower, the vehicle is not stopped before an obstacle."""
+"""A slower vehicle is not stopped before an obstacle."""
 LEAST_LATERAL_M_S2: Final = 0.3
-"""Of a slow vehicle: less is noise. 0.03 m/s on each component of the velocity make 0.14 m/s2 over WINDOW_NS."""
+"""Least lateral acceleration of a slow vehicle; less is noise. A noise of 0.03 m/s in each component of the velocity
+causes 0.14 m/s2 over WINDOW_NS."""
 HOLD_NS = 6 * NS // 10
-"""The last rate counts for so long where no newer velocity has come."""
+"""Time for which the last rate is used if there is no newer velocity."""
 STARTS_M_S2: Final = 1.0
 LEAST_DRIFT: Final = 0.02
-"""A slow vehicle that gains speed at this rate begins a leg: a drift of 0.1 m/s beside it turns the course by 10 degrees then. Its
-acceleration shows the leg, unless less than this share of it is across the course."""
+"""A slow vehicle that gains speed at STARTS_M_S2 begins a leg. A drift of 0.1 m/s beside the leg then turns its
+course by 10 degrees. The acceleration shows the direction of the leg, unless less than LEAST_DRIFT of it is across
+the course."""
 WIDEST_RAD: Final = math.radians(60.0)
 AHEAD_S: Final = 0.4
-"""A vehicle goes on turning for so long after a stop command: link, change of mode, limit of the jerk."""
+"""Time for which a vehicle continues to turn after a stop command: link, change of mode, limited jerk."""
 
 
 @dataclass(slots=True)
 class CourseRate:
-    """`take` the surroundings of each decision, in order: rad/s clockwise, 0 where none is known or it is noise.
+    """Rate of the course, in rad/s clockwise; 0: not known, or noise. `take` gets the surroundings of each decision,
+    in order.
 
-    Of a vehicle that was slow within the window the course is not yet that of its path: it drifts on from before it turned. What
-    counts is then the angle to the velocity that its acceleration gives it in one second; none while it gets slower."""
+    If the vehicle was slow within the window, its course is not yet that of its path, since it still drifts as
+    before. The angle to the velocity that its acceleration gives it within one second is used instead, and 0 while it
+    slows down."""
 
     _velocities: deque[tuple[int, float, float]] = field(default_factory=lambda: deque(maxlen=32))
     _last: float = 0.0
     _last_ns: int | None = None
 
     def take(self, s: Surroundings) -> float:
-        """The rate over the last WINDOW_NS of the velocity's own time; the last one for HOLD_NS where it is not known."""
+        """Returns the rate over the last WINDOW_NS of the velocity's own time; the last known rate for up to HOLD_NS."""
         rate = self._newest(s)
         if rate is not None:
             self._last, self._last_ns = rate, s.t_ns
@@ -55,7 +60,7 @@ class CourseRate:
         return self._last if held else 0.0
 
     def _newest(self, s: Surroundings) -> float | None:
-        """None: no newer velocity, or none of WINDOW_NS before."""
+        """Returns the rate by the newest velocity; None: there is no newer one, or none of WINDOW_NS before."""
         at_ns = s.t_ns if s.velocity_ns is None else s.velocity_ns
         if s.velocity_ned_m_s is None or (self._velocities and at_ns <= self._velocities[-1][0]):
             return None
@@ -71,7 +76,7 @@ class CourseRate:
 
 
 def _rate(now_m_s: tuple[float, float], before_m_s: tuple[float, float], time_s: float) -> float:
-    """rad/s clockwise between two velocities, north and east; 0: noise."""
+    """Returns the rate between two velocities (north, east), rad/s clockwise; 0: noise."""
     (north, east), (north_before, east_before) = now_m_s, before_m_s
     speed_m_s = math.hypot(north, east)
     if speed_m_s < SLOWEST_M_S:
@@ -85,16 +90,18 @@ def _rate(now_m_s: tuple[float, float], before_m_s: tuple[float, float], time_s:
 
 
 def turns(turn_rad_s: float, speed_m_s: float, braking_m: float, side_m: float) -> bool:
-    """Whether the arc leaves the tangent by more than side_m within the braking distance; a slow vehicle turns at any rate."""
+    """True if the arc deviates from the tangent by more than side_m within the braking distance. A slow vehicle turns
+    at any rate."""
     if speed_m_s < LEAST_SPEED_M_S:
         return turn_rad_s != 0.0 and speed_m_s >= SLOWEST_M_S
     return 0.5 * braking_m**2 * abs(turn_rad_s) / speed_m_s > side_m
 
 
 def fan(turn_rad_s: float, speed_m_s: float, longest_m: float, half_width_m: float) -> list[tuple[float, float]]:
-    """(angle, from_m) of the directions beside the tangent, radians clockwise from it; each counts from a distance on at which
-    the arc is not beyond it. Corridors of half_width_m leave no gap between them up to longest_m. Of a slow vehicle all directions
-    count that one second of turning gives."""
+    """Returns (angle, from_m) of the directions beside the tangent, in radians clockwise from the path.
+
+    Each direction counts from the distance at which the arc reaches it. Corridors of half_width_m leave no gap up to
+    longest_m. For a slow vehicle, all directions count that it reaches by one second of turning."""
     if turn_rad_s == 0.0 or speed_m_s < SLOWEST_M_S:
         return []
     step = 2.0 * half_width_m / longest_m
