@@ -1,17 +1,18 @@
-"""Near planes with little support need a second frame before the autopilot is sent them.
+"""Confirmation over several frames: of near planes with weak support, and of sectors that a single frame does not
+see.
 
-Single mismatches of a stereo camera, of 3 to 8 pixels, appear as planes anywhere before the true surface, in about 2 % of the
-frames before a bare wall. Sent at once and remembered, each of them stops the vehicle for seconds, and PX4 v1.16 flies
-backwards from one nearer than CP_DIST. A plane of few pixels is therefore used only if a plane was found at its place in one
-of the FRAMES frames before, in two of them if its pixels cover less than 1 cm2. It costs a thin obstacle one frame; a plane of more
-pixels is used at once.
+Planes: single mismatches of a stereo camera, of 3 to 8 pixels, appear as planes anywhere before the true surface, in
+about 2 % of the frames of a bare wall. If they were sent at once and remembered, each of them would stop the vehicle
+for seconds, and PX4 v1.16 flies backwards from a plane nearer than CP_DIST. A plane of few pixels is therefore used
+only if a plane was found at its place in one of the FRAMES frames before, or in two of them if its pixels cover less
+than TINY_M2. This delays a thin obstacle by one frame. A plane of more pixels is used at once.
 
-The same holds for free space: a mismatch ends it in one direction of one frame. A sector that one frame does not see, after
-SEEN_FRAMES frames in a row that saw it, is used as it was before for that frame. It must then be seen in as many frames again; in
-one, if the free space ends elsewhere than at the last loss: two mismatches do that, a thin obstacle is lost at one place. A
-second frame in a row that does not see the sector is bridged too where it lacks rays at other heights than the first one: a
-share clear_share of the rays was then seen by one of the two. A third one never is, and in eight frames only MOST_KEPT are.
-"""
+Sectors: a mismatch also ends the free space of one direction in one frame. After SEEN_FRAMES consecutive frames that
+saw a sector, a frame that does not see it leaves the sector as it was. The sector must then be seen in as many frames
+again, or in one frame if the free space ended at another place than at the last loss: two mismatches do that, while a
+thin obstacle ends it at the same place. A second frame in a row without the sector is bridged as well if it lacks
+rays at other heights than the first one, so that one of the two saw a share clear_share of the rays. A third one is
+never bridged, and of eight frames at most MOST_KEPT are."""
 
 from __future__ import annotations
 
@@ -31,28 +32,34 @@ from .polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState
 
 NS = 1_000_000_000
 FRAMES = 3
-"""A plane found in any of so many frames before confirms one at its place: thin obstacles are not found in each frame."""
+"""Number of earlier frames in which a plane may be confirmed: thin obstacles are not found in every frame."""
 LONGEST_NS = NS // 2
 """Older frames confirm nothing."""
 PLACE_M, NEAR_PLACE_M, PLACE_SHARE = 0.3, 0.05, 0.15
-"""Two planes are at one place within PLACE_M, near the vehicle within NEAR_PLACE_M and PLACE_SHARE of the range: most mismatches
-appear just before the camera, where two of them would often lie within PLACE_M of each other."""
+"""Two planes are at one place if they are within PLACE_M, and near the vehicle within NEAR_PLACE_M and PLACE_SHARE of
+the range: most mismatches appear close to the camera, where two of them would often lie within PLACE_M of each
+other."""
 SIGMAS = 4.0
 GREATEST_SPEED_M_S = 20.0
-"""Without a position or velocity: the vehicle, or what it sees, may move this fast. Faster than a multicopter flies in the modes
-in which autopilots avoid obstacles. A greater value confirms planes at more places: it sends more, never less."""
+"""Speed of the vehicle, or of an obstacle, if position or velocity are not known. It is faster than a multicopter
+flies in modes in which autopilots avoid obstacles. A greater value confirms planes at more places, so that more is
+sent, never less."""
 TINY_M2 = 1e-4
-"""Area on an object that the pixels of a plane cover. With less, a plane must be found in two of the frames before: most mismatches
-appear just before the camera, where they are so small, and two at one place are frequent there. A wire across the image, or any
-body in which a vehicle could be caught, covers more at that distance."""
+"""Area on an object. A plane whose pixels cover less must be found in two of the frames before: most mismatches
+appear close to the camera, where they are this small, and two of them at one place are frequent. A wire across the
+image, or any body that could stop a vehicle, covers more at that distance."""
 FULL_IMAGE_PX = 320 * 240
-"""`confirm_px` is meant for an image of so many pixels; it grows with the image."""
+"""Pixels of the image for which `confirm_px` is given; it grows with the image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Planes:
-    """Planes of one frame. ends_m: (N, 4) a and b in north-aligned axes; fixed: counted from the origin of ned, else from the
-    vehicle."""
+    """Planes of one frame.
+
+    Attributes:
+        t_ns: exposure.
+        ends_m: (N, 4) a and b in north-aligned axes.
+        fixed: relative to the origin of ned; otherwise to the vehicle."""
 
     t_ns: int
     ends_m: NDArray[np.float64]
@@ -60,7 +67,9 @@ class _Planes:
 
 
 class PlaneConfirmation:
-    """`take` each valid result of one camera, in order. least_px: planes with this support or less need a second frame."""
+    """Confirms the planes of one camera. `take` gets each valid result, in order.
+
+    least_px: planes with this support or less need a second frame."""
 
     def __init__(self, avoid: AvoidParams, intrinsics: Intrinsics) -> None:
         self._avoid, self._focal_px = avoid, math.sqrt(intrinsics.fx * intrinsics.fy)
@@ -68,10 +77,10 @@ class PlaneConfirmation:
         self._frames: deque[_Planes] = deque(maxlen=FRAMES)
 
     def take(self, result: PrismsResult) -> PrismsResult:
-        """The result without the planes that are near, have little support, and were not found before."""
+        """Returns the result without planes that are near, have weak support, and were not found before."""
         model = result.model
         assert model is not None
-        if not np.isfinite(model.planes[:, :4]).all():  # every user of the result refuses it
+        if not np.isfinite(model.planes[:, :4]).all():  # such a result is refused later
             return result
         planes = _north_aligned(result, model)
         recent = [f for f in self._frames if 0 < planes.t_ns - f.t_ns <= LONGEST_NS]
@@ -90,7 +99,7 @@ class PlaneConfirmation:
 
 
 def without(model: FrameModel, left_out: NDArray[np.bool_]) -> FrameModel:
-    """The model without some of its planes, (N,) True, and without prisms. Its free space stays as it was measured."""
+    """Returns the model without the planes of `left_out`, (N,), and without prisms. Its free space is not changed."""
     kept = ~left_out
     return replace(
         model,
@@ -104,6 +113,7 @@ def without(model: FrameModel, left_out: NDArray[np.bool_]) -> FrameModel:
 
 
 def _north_aligned(result: PrismsResult, model: FrameModel) -> _Planes:
+    """Returns the planes of a result in north-aligned axes."""
     ends = model.planes[:, :4].astype(np.float64)
     if result.frame == "ned":
         return _Planes(result.t_exposure_ns, ends, fixed=True)
@@ -114,7 +124,7 @@ def _north_aligned(result: PrismsResult, model: FrameModel) -> _Planes:
 
 
 def _range_m(result: PrismsResult, planes: _Planes) -> NDArray[np.float64]:
-    """(N,) from the vehicle to the middle of each plane."""
+    """Returns the range from the vehicle to the middle of each plane, (N,)."""
     here = np.array(result.pose.position_ned_m[:2]) if planes.fixed and result.pose is not None else np.zeros(2)
     middle = 0.5 * (planes.ends_m[:, :2] + planes.ends_m[:, 2:]) - here
     out: NDArray[np.float64] = np.hypot(middle[:, 0], middle[:, 1])
@@ -122,7 +132,7 @@ def _range_m(result: PrismsResult, planes: _Planes) -> NDArray[np.float64]:
 
 
 def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
-    """Whether a frame has a plane at the place of plane i."""
+    """True if a frame has a plane at the place of plane i."""
     if not len(frame.ends_m) or planes.fixed != frame.fixed:
         return False
     if not planes.fixed:
@@ -150,9 +160,15 @@ MOST_KEPT = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorSight:
-    """What a scan was made from. exposed_ns: (72,) exposure of the newest frame that covers each sector, 0: none. blind: (72,)
-    sectors of which a blind camera covers any part. heading_rad: of the vehicle, clockwise from north. speed_m_s: horizontal,
-    down_m_s: vertical; None: not known. now_ns: instant of the decision."""
+    """The views that a scan was made from.
+
+    Attributes:
+        exposed_ns: (72,) exposure of the newest frame that covers each sector; 0: none.
+        blind: (72,) sectors that a blind camera covers in part.
+        heading_rad: heading of the vehicle, clockwise from north.
+        speed_m_s: horizontal speed; None: not known.
+        now_ns: instant of the decision.
+        down_m_s: vertical speed; None: not known."""
 
     exposed_ns: NDArray[np.int64]
     blind: NDArray[np.bool_]
@@ -163,10 +179,12 @@ class SectorSight:
 
 
 class SeenSectors:
-    """`take` each scan: a sector that one frame does not see is used as it was before, for this frame alone."""
+    """Bridges single frames that do not see a sector. `take` gets each scan, in order."""
 
     def __init__(self, avoid: AvoidParams) -> None:
-        """avoid: confirm_px = 0 switches this off; obstacles from max_distance_m on are not sent."""
+        """Starts without any sector seen.
+
+        avoid: confirm_px = 0 switches the bridging off; obstacles from max_distance_m on are not sent."""
         self._avoid = avoid
         self._distance_m, self._free_m = np.full(SECTORS, np.inf), np.zeros(SECTORS)
         self._heading_rad = np.zeros(SECTORS)
@@ -184,8 +202,10 @@ class SeenSectors:
         self._lost_after_row = np.zeros(SECTORS, np.bool_)
 
     def take(self, found: SectorScan, sight: SectorSight) -> SectorScan:
-        """The scan to use. A sector is not kept once the vehicle has turned by half of its width. Its distances are shortened by
-        the way that the vehicle may have moved since the decision that saw it."""
+        """Returns the scan to use.
+
+        A sector is not kept once the vehicle has turned by half of the sector's width. Kept distances are shortened
+        by the distance that the vehicle may have flown since."""
         seen = found.state != SectorState.UNSEEN
         speed_m_s = GREATEST_SPEED_M_S if sight.speed_m_s is None else sight.speed_m_s
         apart_m = np.abs(found.free_m - self._lost_free_m)
@@ -215,22 +235,26 @@ class SeenSectors:
         return SectorScan(state, distance_m, free_m, found.azimuth_rad, found.lacking)
 
     def _same_height(self, since_frame_ns: NDArray[np.int64], sight: SectorSight) -> NDArray[np.bool_]:
-        """(72,) whether the vehicle has hardly climbed or descended since the frame before: heights are counted from it."""
+        """Returns (72,): the vehicle has hardly changed its height since the frame before. Heights are relative to
+        it."""
         if sight.down_m_s is None:
             return np.zeros(SECTORS, np.bool_)
         slice_m = (self._avoid.band_above_m + self._avoid.band_below_m) / self._avoid.slices
         return np.asarray(abs(sight.down_m_s) * since_frame_ns / NS <= 0.5 * slice_m)
 
     def _at_other_heights(self, lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(72,) whether the rays that lack now at the heights of the last loss, or next to them, are too few to lose the sector.
-        Heights alone are compared: a thing that the vehicle passes moves over the rays of a sector from frame to frame."""
+        """Returns (72,): the rays missing now at the heights of the last loss, or next to them, are too few to lose
+        the sector.
+
+        Only heights are compared: an object that the vehicle passes moves over the rays of a sector from frame to
+        frame."""
         rows: NDArray[np.bool_] = np.asarray(self._lost_lacking.any(axis=2))
         near = rows.copy()
         near[:, 1:] |= rows[:, :-1]
         near[:, :-1] |= rows[:, 1:]
         most = lacking[0].size - math.ceil(self._avoid.clear_share * lacking[0].size)
         common = (lacking & near[:, :, None]).sum(axis=(1, 2))
-        # a loss that the rays do not explain has another cause
+        # a loss that missing rays do not explain has another cause
         by_rays = (lacking.sum(axis=(1, 2)) > most) & (self._lost_lacking.sum(axis=(1, 2)) > most)
         return np.asarray(by_rays & (common <= most))
 
@@ -241,8 +265,13 @@ class SeenSectors:
         other_heights: NDArray[np.bool_],
         sight: SectorSight,
     ) -> NDArray[np.bool_]:
-        """(72,) unseen sectors that are used as they were. Follows the frames; a decision may use a frame a second time.
-        elsewhere: (72,) the free space ends at another place than at the last loss; other_heights: of `_at_other_heights`."""
+        """Returns (72,): unseen sectors that are used as they were. A frame may be used by several decisions.
+
+        Args:
+            seen: (72,) sectors that are seen now.
+            elsewhere: (72,) the free space ends at another place than at the last loss.
+            other_heights: (72,) of `_at_other_heights`.
+            sight: the views of the scan."""
         exposed_ns = sight.exposed_ns
         since_frame_ns = exposed_ns - self._frame_ns
         new = since_frame_ns > 0

@@ -14,9 +14,9 @@ CONFLICT_CODES: Final = {
     "several vehicles": DiagnosticCode.SEVERAL_VEHICLES,
     "system id": DiagnosticCode.SYSTEM_ID_MISMATCH,
 }
-"""By topic; all topics there are."""
+"""Code of each topic."""
 
 
 def conflict_diagnostics(conflicts: Mapping[str, str]) -> list[Diagnostic]:
-    """conflicts: topic -> text."""
+    """Returns a diagnostic per conflict. conflicts: topic -> text."""
     return [Diagnostic(CONFLICT_CODES[topic], "", text) for topic, text in conflicts.items()]

@@ -1,8 +1,7 @@
-"""DISTANCE_SENSOR upward and downward, from the model: the lowest obstacle above the vehicle, and the ground below it.
+"""DISTANCE_SENSOR upward and downward: the lowest obstacle above the vehicle, and the ground below it.
 
-Upward, only obstacles that were seen are sent. They are remembered, because a camera that looks ahead does not see what the
-vehicle flies under. Nothing is ever sent as clear.
-"""
+Upward, only obstacles that were seen are sent, never "clear". They are remembered, because a camera that looks ahead
+does not see what the vehicle flies under."""
 
 from __future__ import annotations
 
@@ -25,11 +24,11 @@ UPWARD, DOWNWARD = 24, 25
 """MAV_SENSOR_ROTATION_PITCH_90 and _PITCH_270."""
 SENSOR_ID, NO_COVARIANCE = 1, 255
 MOST = 4096
-"""Undersides kept, the newest."""
+"""Greatest number of undersides that are kept; the newest ones are."""
 
 
 class Overhead:
-    """The undersides of planes, in ned, while the autopilot reports a position."""
+    """Memory of the undersides of planes, in ned, while the autopilot reports a position."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
@@ -38,7 +37,7 @@ class Overhead:
         self._place_m = np.zeros(3)
 
     def see(self, view: View, here: Here, now_ns: int) -> None:
-        """A frame that was not seen before: planes whose undersides are above the vehicle's middle."""
+        """Adds the planes of a new frame whose undersides are above the vehicle's middle."""
         self._follow(here)
         planes = view.model.planes.astype(np.float64)
         over = planes[:, 5] < 0.0
@@ -51,8 +50,10 @@ class Overhead:
         self._known = np.concatenate([self._known, np.column_stack([*ends[0], *ends[1], *rest])])[-MOST:]
 
     def upward_m(self, here: Here, now_ns: int) -> float | None:
-        """How far above the vehicle's middle the lowest thing over its hull is, less its margin; None: nothing is known,
-        which is not clear."""
+        """Returns the distance from the vehicle's middle up to the lowest obstacle above its hull, less the margin;
+        None: not known.
+
+        None does not mean clear."""
         self._follow(here)
         self._known = self._known[now_ns / NS - self._known[:, 6] <= self._avoid.remember_up_s]
         known = self._known
@@ -64,7 +65,7 @@ class Overhead:
         return float(np.maximum(0.0, self._place_m[2] - above[:, 4] - above[:, 5]).min())
 
     def _follow(self, here: Here) -> None:
-        """Forgets the memory without a position, since the place of the vehicle is then unknown; a jump of it moves the memory."""
+        """Forgets the memory if the position is lost, and moves the memory if the position jumps."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array(here.position_ned_m or (0.0, 0.0, 0.0))
         if section != self._section:
@@ -77,7 +78,7 @@ class Overhead:
 
 
 def _distance_m(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) from a point to segments, horizontally."""
+    """Returns the horizontal distance, (N,), from a point to segments."""
     along = b - a
     length2 = np.maximum((along**2).sum(axis=1), 1e-12)
     share = np.clip(((p - a) * along).sum(axis=1) / length2, 0.0, 1.0)
@@ -86,7 +87,8 @@ def _distance_m(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.fl
 
 
 def downward_m(views: Sequence[View]) -> float | None:
-    """From the vehicle's middle down to the nearest ground that a camera sees now; None: none does."""
+    """Returns the distance from the vehicle's middle down to the nearest ground that a camera sees now; None: none
+    does."""
     found = []
     for view in views:
         ground = view.model.ground
@@ -98,7 +100,7 @@ def downward_m(views: Sequence[View]) -> float | None:
 
 
 def distance_sensor_message(distance_m: float, orientation: int, time_ms: int, avoid: AvoidParams) -> Any:
-    """The message, rounded towards the vehicle. orientation: UPWARD or DOWNWARD."""
+    """Returns the message. The distance is rounded towards the vehicle. orientation: UPWARD or DOWNWARD."""
     low, high = limits_cm(avoid)
     cm = min(high - 1, max(low + 1, math.floor(100.0 * distance_m)))
     return dialect.MAVLink_distance_sensor_message(

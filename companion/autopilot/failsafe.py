@@ -1,17 +1,18 @@
-"""What is sent to the autopilot while cameras are blind.
+"""The failsafe: values sent to the autopilot while cameras are blind.
 
-Three policies, by what the autopilot does:
+There are three policies, by the behaviour of the autopilot:
 
-- `stop`, for ArduPilot and unknown autopilots. ArduPilot flies on when it gets "unknown", "clear" or nothing. It is sent an
-  artificial wall in every sector that a blind camera should cover, for as long as the camera is blind. Its fence then comes to
-  AVOID_MARGIN: there ArduPilot was measured to hold its position. Nearer, it backs away without end; farther, it creeps on.
-- `brake`, for PX4 once CP_DIST is known: an artificial wall just outside CP_DIST in all 72 sectors for `silence_s` after any
-  sector became blind, then "unknown" in the sectors of the blind cameras, or nothing at all when all cameras are blind, which makes PX4 change to Hold.
-  PX4 v1.16 coasts when it has no data (13 m from 5 m/s); before a wall at CP_DIST it brakes. A wall nearer than CP_DIST makes
-  v1.16 fly backwards, and a wall in front alone lets it slide sideways, so the wall is never nearer and stands all around.
-  For this time it also replaces nearer obstacles that other cameras see, for the same reason.
-- `unknown`, for PX4 while CP_DIST is not known: 65535 in the sectors of blind cameras, then nothing when all are blind.
-"""
+- `stop`, for ArduPilot and unknown autopilots. ArduPilot flies on when it gets "unknown", "clear" or nothing. An
+  artificial wall is sent in every sector that a blind camera should cover, for as long as the camera is blind. Its
+  fence then is at AVOID_MARGIN, where ArduPilot was measured to hold its position. From a nearer wall it backs away
+  without end; towards a farther one it creeps.
+- `brake`, for PX4 if CP_DIST is known: for `silence_s` after any sector became blind, an artificial wall just outside
+  of CP_DIST is sent in all 72 sectors. After that the sectors of blind cameras are "unknown", or nothing is sent if
+  all cameras are blind, which makes PX4 change to Hold. Without data PX4 v1.16 coasts (13 m from 5 m/s); before a
+  wall at CP_DIST it brakes. From a wall nearer than CP_DIST v1.16 flies backwards, and along a wall in front alone it
+  slides sideways. The wall is therefore never nearer, is in all sectors, and also replaces nearer obstacles that
+  other cameras see.
+- `unknown`, for PX4 if CP_DIST is not known: 65535 in the sectors of blind cameras, and nothing if all are blind."""
 
 from __future__ import annotations
 
@@ -29,22 +30,30 @@ from .polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 
 NS = 1_000_000_000
 FENCE_SHARE = math.cos(math.pi / 8.0)
-"""ArduPilot's fence before a wall in one of its faces of 45 degrees runs from corner to corner: in the middle it is nearer
-than the wall by this factor. It holds its place while that middle is within AVOID_BACKUP_DZ (0.1 m) inside AVOID_MARGIN:
-of the walls measured at a margin of 3 m, that is the one at 3.20 m, and neither 3.10 nor 3.35 m."""
+"""Distance of ArduPilot's fence in the middle of a face, over the distance of the wall. The fence before a wall in a
+face of 45 degrees runs from corner to corner. ArduPilot holds its position while the middle is within
+AVOID_BACKUP_DZ (0.1 m) inside of AVOID_MARGIN. Of the walls measured with a margin of 3 m this is the one at 3.20
+m, neither 3.10 nor 3.35 m."""
 CLOSING_S = 2.0
-"""At the edge of the view PX4 is sent obstacles that the vehicle would reach within this time: it needs them to brake."""
+"""At the edge of the view, PX4 is sent obstacles that the vehicle would reach within this time: it needs them to
+brake."""
 GROUND_CM = 75
-"""On the ground, nearer distances are sent as not seen. ArduPilot refuses to arm with anything nearer than 60 cm."""
+"""On the ground, nearer distances are sent as not seen. ArduPilot refuses to arm if anything is nearer than 60 cm."""
 OUTSIDE_CP_DIST_M = 0.02
-"""The wall for PX4 is this much farther than CP_DIST, so that no rounding puts it inside. PX4 v1.15 then creeps at 0.01 m/s."""
+"""Distance of the wall for PX4 beyond CP_DIST, so that rounding does not put it inside. PX4 v1.15 then creeps at 0.01
+m/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotNow:
-    """What is known of the autopilot. kind: "" before the first heartbeat; both names while heartbeats contradict each other.
-    margin_m: AVOID_MARGIN, cp_dist_m: CP_DIST, None: not known. margin_is_read: False: margin_m is kept from the last start,
-    when it may have been another vehicle. on_ground: it says that the vehicle stands on the ground."""
+    """State of the autopilot for a decision.
+
+    Attributes:
+        kind: "" before the first heartbeat; both names while heartbeats contradict each other.
+        margin_m: AVOID_MARGIN; None: not known.
+        cp_dist_m: CP_DIST; None: not known.
+        on_ground: the autopilot reports that the vehicle is on the ground.
+        margin_is_read: False: margin_m is from the last start, when another vehicle may have been connected."""
 
     kind: str = ""
     margin_m: float | None = None
@@ -54,14 +63,18 @@ class AutopilotNow:
 
     @property
     def may_be_px4(self) -> bool:
-        """PX4, or an autopilot whose heartbeats contradict each other."""
+        """True for PX4, and for an autopilot whose heartbeats contradict each other."""
         return PX4 in self.kind
 
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """name: unknown, stop or brake. wall_m: distance of the artificial wall from the hull; 0 for `unknown`. all_around: the
-    wall stands in all sectors, not only in those of blind cameras."""
+    """A failsafe policy.
+
+    Attributes:
+        name: unknown, stop or brake.
+        wall_m: distance of the artificial wall from the hull; 0 for `unknown`.
+        all_around: the wall is in all sectors, not only in those of blind cameras."""
 
     name: str
     wall_m: float = 0.0
@@ -70,14 +83,18 @@ class Policy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleView:
-    """Input of a decision. scan: of the cameras that see. recalled: remembered obstacles.
+    """Input of a decision.
 
-    blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do, with any part of
-    them; whole: (72,) those that seeing ones look into all of.
-    newest_ns: the newest exposure of any camera that was good; None: never.
-    edge: (72,) sectors in which the hull would pass beside what the seeing cameras cover.
-    velocity_m_s: of the vehicle in level, forward and right; None: not known.
-    on_ground: the vehicle stands on the ground."""
+    Attributes:
+        scan: sectors by the seeing cameras.
+        recalled: remembered obstacles.
+        blind: (72,) sectors that blind cameras should cover in part.
+        seeing: (72,) sectors that seeing cameras cover in part.
+        whole: (72,) sectors that seeing cameras cover completely.
+        newest_ns: the newest exposure of a valid frame of any camera; None: there was none.
+        edge: (72,) sectors in which the hull would pass beside the views of the seeing cameras.
+        velocity_m_s: of the vehicle in level, forward and right; None: not known.
+        on_ground: the vehicle is on the ground."""
 
     scan: SectorScan
     recalled: Remembered
@@ -91,7 +108,7 @@ class ObstacleView:
 
 
 def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
-    """The policy by configuration and autopilot."""
+    """Returns the policy by configuration and autopilot."""
     margin_m = avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
     ardupilot_m = (margin_m - avoid.stop_inside_m) / FENCE_SHARE
     px4_m = _px4_wall_m(avoid, autopilot.cp_dist_m)
@@ -111,7 +128,8 @@ def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
 
 
 def _px4_wall_m(avoid: AvoidParams, cp_dist_m: float | None) -> float | None:
-    """Distance of PX4's wall; None: CP_DIST is not known, is off, or leaves no room below max_distance_m."""
+    """Returns the distance of the wall for PX4; None: CP_DIST is not known, is off, or leaves no room below
+    max_distance_m."""
     if cp_dist_m is None or cp_dist_m <= 0.0:
         return None
     wall_m = max(cp_dist_m, avoid.min_distance_m) + OUTSIDE_CP_DIST_M
@@ -119,9 +137,11 @@ def _px4_wall_m(avoid: AvoidParams, cp_dist_m: float | None) -> float | None:
 
 
 def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams) -> NDArray[np.float64]:
-    """(72,) distance within which an obstacle is sent to PX4 although unknown stands beside it. Everywhere that of near
-    obstacles; at the edge of the view, where unknown stands for the hull's width, also what the vehicle closes on: PX4 needs it
-    to brake. Without a velocity all that is seen there is sent."""
+    """Returns the distance, (72,), within which an obstacle is sent to PX4 although an unknown sector is beside it.
+
+    It is that of near obstacles. At the edge of the view, where sectors are unknown because of the width of the hull,
+    it also includes obstacles that the vehicle approaches, because PX4 needs them to brake; without a velocity, all
+    obstacles seen there."""
     near_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
     unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
     beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
@@ -134,7 +154,7 @@ def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams) -> NDArray[np.floa
 
 
 class BlindPolicy:
-    """`values` for each message. It keeps since when all cameras, and since when each sector, is blind."""
+    """Applies the policy to each message. It keeps since when all cameras, and since when each sector, is blind."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
@@ -145,7 +165,8 @@ class BlindPolicy:
         self._policy_name = ""
 
     def values(self, sight: ObstacleView, policy: Policy, now_ns: int) -> NDArray[np.uint16] | None:
-        """(72,) centimetres to send, before the adaptation to single readers; None: nothing may be sent."""
+        """Returns the centimetres to send, (72,), before the adaptation to single autopilots; None: nothing may be
+        sent."""
         self._follow(sight, policy, now_ns)
         if policy.name == "brake" and self._brakes(now_ns):
             return np.full(SECTORS, _wall_cm(policy), np.uint16)
@@ -167,14 +188,17 @@ class BlindPolicy:
         return None if silent and policy.name != "stop" else values
 
     def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView) -> None:
-        """Takes obstacles out of sectors at the edge of the view: PX4 moves into a sector that has any value. They stay where
-        they are near, or the vehicle closes on them: then PX4 must brake for them."""
+        """Removes obstacles from sectors at the edge of the view, because PX4 moves into a sector that has any value.
+
+        They are kept if they are near or if the vehicle approaches them: then PX4 must brake for them."""
         values[sight.edge & sight.seeing & (values > braking_reach_cm(sight, self._avoid))] = UNKNOWN
 
     def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
-        """Blindness began with the newest exposure, not when it was noticed. The time is kept for each sector, because a
-        camera may fail while another one has long been blind. It starts again when the last camera that saw a part of the
-        sector fails, and when the policy changes to brake: PX4 was not sent the wall before."""
+        """Updates since when sectors are blind.
+
+        A camera is blind since its newest exposure, not since this was detected. The time is kept per sector, because
+        a camera may fail while another one has long been blind. It starts again when the last camera that covered a
+        part of the sector fails, and when the policy changes to brake, since PX4 was not sent the wall before."""
         since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
         if sight.seeing.any():
             self._all_blind_since_ns = None
@@ -204,10 +228,11 @@ class BlindPolicy:
         values[behind] = near_cm(scan.distance_m[behind], self._avoid)
 
     def _wall(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
-        """Puts the wall into sectors that a camera covers and that were not seen. What one camera sees counts, whatever
-        another one does not see. With policy.all_around a wall in any sector puts it into all that are not seen.
+        """Puts the wall into sectors that a camera covers and that were not seen.
 
-        A sector at the border of all views gets no wall: the rest of it is not covered in any case."""
+        If one camera sees a sector, it counts as seen, whatever another camera does not see. With policy.all_around,
+        a wall in any sector puts it into all unseen ones. A sector at the border of all views gets no wall: the rest
+        of it is not covered in any case."""
         wall_m = np.full(SECTORS, policy.wall_m)
         unseen = (sight.scan.state == SectorState.UNSEEN) & sight.whole
         if self._avoid.unseen == "unknown":
@@ -219,11 +244,12 @@ class BlindPolicy:
         values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
 
     def _recalled(self, sight: ObstacleView, policy: Policy) -> NDArray[np.uint16]:
-        """Remembered obstacles, in centimetres. One outranks a farther wall, and a sector that is not seen.
+        """Returns the remembered obstacles in centimetres, (72,). One replaces a farther wall, and a sector that is
+        not seen.
 
-        Where unknown stops the vehicle, a remembered obstacle does not replace it when something nearer may stand before
-        it: when the way to it was not seen, or a camera covers it now and does not see the way. A near one always
-        counts."""
+        Where unknown stops the vehicle, a remembered obstacle does not replace it if something nearer may be before
+        it: if the way to it was not seen, or if a camera covers it now and does not see the way. A near obstacle
+        always counts."""
         all_m = sight.recalled.distance_m
         nearest = np.full(SECTORS, UNKNOWN, np.uint16)
         known = np.isfinite(all_m)
@@ -234,35 +260,35 @@ class BlindPolicy:
         out = np.full(SECTORS, UNKNOWN, np.uint16)
         known = np.isfinite(way_seen_m) & ~(sight.seeing & (sight.scan.state == SectorState.UNSEEN))
         out[known] = near_cm(way_seen_m[known], self._avoid)
-        # beside a sector's own obstacle or clear, the nearest counts whatever is known of the way to it
+        # in a sector that is seen, the nearest one counts whether the way to it was seen or not
         return np.where(
             (nearest <= always_sent_cm(self._avoid)) | (sight.scan.state != SectorState.UNSEEN), nearest, out
         )
 
 
 def _wall_cm(policy: Policy) -> int:
-    """Rounded away from the vehicle: PX4's wall may not come nearer than CP_DIST."""
+    """Returns the distance of the wall, rounded away from the vehicle, since PX4's wall must not be nearer than
+    CP_DIST."""
     return math.ceil(100.0 * policy.wall_m - 1e-6)
 
 
 class Recovery:
-    """A camera that was blind is used again after some good frames in a row: one good frame between two bad ones is
-    no sight. A camera that never saw must show as many at its start."""
+    """Counts valid frames: a blind camera is used again after a number of valid frames in a row, also at its start."""
 
     def __init__(self, cameras: tuple[str, ...], frames: int) -> None:
         self._need = frames
         self._good = dict.fromkeys(cameras, 0)
 
     def frame(self, camera: str, valid: bool) -> None:
-        """Adds a frame: whether it was valid."""
+        """Adds a frame."""
         self._good[camera] = min(self._need, self._good[camera] + 1) if valid else 0
 
     def blind(self, causes: Mapping[str, str]) -> None:
-        """causes: why each camera is blind now, empty where it is not."""
+        """Restarts the count of blind cameras. causes: why each camera is blind now; empty: it is not."""
         for camera, cause in causes.items():
             if cause:
                 self._good[camera] = 0
 
     def recovered(self, camera: str) -> bool:
-        """Whether it counts as seeing."""
+        """True if the camera counts as seeing."""
         return self._good[camera] >= self._need

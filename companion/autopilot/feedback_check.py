@@ -1,4 +1,5 @@
-"""Whether the autopilot uses our obstacles: PX4 sends its map of them back, ArduPilot one DISTANCE_SENSOR for each face."""
+"""Checks that the autopilot uses the obstacles it is sent: PX4 sends its map back, ArduPilot one DISTANCE_SENSOR per
+face."""
 
 from __future__ import annotations
 
@@ -16,22 +17,25 @@ from .parameter_advice import AutopilotFacts, position_mode_fault
 
 NS = 1_000_000_000
 PATIENCE_NS = 5 * NS
-"""Time in which obstacles were sent, without an answer, before it is reported."""
+"""Time for which obstacles were sent without an answer, before it is reported."""
 FORGETS_NS, LONGEST_STEP_NS = 10 * NS, NS // 5
-"""The time restarts when no obstacle was sent for FORGETS_NS; a pause between two messages counts as LONGEST_STEP_NS."""
+"""The time restarts if no obstacle was sent for FORGETS_NS; a pause between two messages counts as LONGEST_STEP_NS at
+most."""
 SLACK_CM = 60
-"""An echo may belong to one or two messages before, at some metres per second."""
+"""Tolerance between sent and echoed distances: an echo may belong to one or two messages before, at some metres per
+second."""
 FACES = 8
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 CAUSES = {
     PX4: "is CP_DIST above 0, and is MAV_n_MODE of its link Onboard?",
     ARDUPILOT: "is PRX1_TYPE = 2, and was the autopilot restarted since?",
 }
-"""What to check when no known fault explains it."""
+"""What to check if no known fault explains it."""
 
 
 class EchoCheck:
-    """`sent` receives what is sent, `take` what arrives, `fault` gives the text. Safe to use from several threads."""
+    """Compares sent obstacles (`sent`) with messages of the autopilot (`take`); `fault` returns the result.
+    Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -40,19 +44,19 @@ class EchoCheck:
         self._differs_since_ns: int | None = None
 
     def sent(self, values: NDArray[np.uint16], clear_cm: int, now_ns: int) -> None:
-        """Values that were sent. Only a message with an obstacle is answered by both autopilots."""
+        """Records values that were sent. Only a message with an obstacle is answered by both autopilots."""
         with self._lock:
             self._sent = [(t, faces) for t, faces in self._sent if now_ns - t < 2 * NS]
             self._sent.append((now_ns, faces_cm(values)))
             if now_ns - self._obstacle_ns > FORGETS_NS:
                 self._waited_ns = 0
-            if (values < clear_cm).any():  # obstacles may come and go, as at the edge of the view
+            if (values < clear_cm).any():  # obstacles may appear and disappear, as at the edge of the view
                 self._waited_ns += min(now_ns - self._sent_ns, LONGEST_STEP_NS)
                 self._obstacle_ns = now_ns
             self._sent_ns = now_ns
 
     def take(self, message: Any, now_ns: int) -> None:
-        """A message of the autopilot."""
+        """Takes a message of the autopilot."""
         nearest_echoed = nearest_sent(message)
         if nearest_echoed is None:
             return
@@ -66,8 +70,10 @@ class EchoCheck:
                 self._differs_since_ns = now_ns
 
     def fault(self, kind: str, now_ns: int, cause: str = "") -> str:
-        """Why our obstacles seem not to be used; empty while they are, or while there is nothing to compare. cause: the likely
-        one, as text; empty: none is known."""
+        """Returns why the obstacles seem not to be used, as text; empty: they are used, or there is nothing to
+        compare.
+
+        cause: the likely cause, as text; empty: none is known."""
         with self._lock:
             if self._waited_ns > PATIENCE_NS and kind in CAUSES:
                 return f"the autopilot does not use our obstacles: {cause or CAUSES[kind]}"
@@ -77,7 +83,7 @@ class EchoCheck:
 
 
 def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_fault: str) -> str:
-    """The known fault that explains why obstacles are not used, or do not come back, as text; empty: none is known."""
+    """Returns the known fault that explains why obstacles are not used or not echoed, as text; empty: none is known."""
     values = facts.values
     if signing_fault:
         return signing_fault
@@ -94,7 +100,7 @@ def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_fault: str) ->
 
 
 def nearest_sent(message: Any) -> tuple[int | None, int] | None:
-    """(face, nearest obstacle in cm) of an echo, face None: of all; None: the message is no echo, or holds no obstacle."""
+    """Returns (face, nearest obstacle in cm) of an echo; face None: of all. None: no echo, or without an obstacle."""
     if message.get_type() == "OBSTACLE_DISTANCE":
         known = [int(v) for v in message.distances if v != UNKNOWN and v < message.max_distance]
         return (None, min(known)) if known else None
@@ -105,7 +111,7 @@ def nearest_sent(message: Any) -> tuple[int | None, int] | None:
 
 
 def faces_cm(values: NDArray[np.uint16]) -> list[int]:
-    """The least of (72,) in each of ArduPilot's eight faces."""
+    """Returns the least of values (72,) in each of ArduPilot's eight faces."""
     faces = [UNKNOWN] * FACES
     for i, cm in enumerate(values.tolist()):
         face = face_of(5.0 * i)

@@ -11,7 +11,7 @@ from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 NS: Final = 1_000_000_000
 AUTOPILOT_VERSION: Final = 148
 REQUEST_MESSAGE, REQUEST_CAPABILITIES = 512, 520
-"""MAV_CMD; the second one is older, and some firmware knows it alone."""
+"""MAV_CMD. The second one is older; some firmware supports only that."""
 ASK_AGAIN_NS, RENEW_NS, TRIES = NS, 60 * NS, 6
 
 
@@ -28,18 +28,20 @@ class FirmwareVersion:
 
 
 PX4_ACCELERATION_MODE: Final = FirmwareVersion(1, 16)
-"""From this version on PX4 brakes with MPC_POS_MODE 4 only; before, with 0 or 3 only."""
+"""From this version on PX4 brakes only with MPC_POS_MODE 4; before it, only with 0 or 3."""
 
 
 def version_of(message: Any) -> FirmwareVersion | None:
-    """Version in an AUTOPILOT_VERSION: one byte each for major, minor, patch, release type. None: not filled in."""
+    """Returns the version in an AUTOPILOT_VERSION, with a byte each for major, minor, patch and release type; None:
+    not filled in."""
     number = int(message.flight_sw_version)
     found = FirmwareVersion(number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF)
     return found if (found.major, found.minor) != (0, 0) else None
 
 
 class VersionReader:
-    """`due` gives the requests to send, `take` receives every message of the autopilot. Safe to use from two threads."""
+    """Requests and reads the version. `due` returns requests, `take` gets every message of the autopilot.
+    Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -49,19 +51,20 @@ class VersionReader:
         self._asked_ns = 0
 
     def begin(self, kind: str, system_id: int) -> None:
-        """Sets the received autopilot; another one than before restarts the reading."""
+        """Sets the received autopilot; a change of it restarts the reading."""
         with self._lock:
             if (kind, system_id) != self._of:
                 self._of, self._version, self._tries, self._asked_ns = (kind, system_id), None, 0, 0
 
     def take(self, message: Any) -> None:
-        """AUTOPILOT_VERSION; other messages are ignored."""
+        """Handles AUTOPILOT_VERSION and ignores other messages."""
         if message.get_type() == "AUTOPILOT_VERSION":
             with self._lock:
                 self._version, self._tries = version_of(message) or self._version, 0
 
     def due(self, now_ns: int, system_id: int) -> list[Any]:
-        """The request to send now, if any: each second until it is answered, TRIES times, then once a minute."""
+        """Returns the request to send now, if any: one per second, TRIES times or until it is answered, then one per
+        minute."""
         with self._lock:
             if not self._of[0]:
                 return []
@@ -77,12 +80,12 @@ class VersionReader:
 
     @property
     def version(self) -> FirmwareVersion | None:
-        """None: not read."""
+        """The version; None: not read."""
         with self._lock:
             return self._version
 
     @property
     def settled(self) -> bool:
-        """Whether the version is known, or was asked for TRIES times in vain."""
+        """True if the version is known, or was requested TRIES times without an answer."""
         with self._lock:
             return self._version is not None or self._tries >= TRIES

@@ -1,9 +1,8 @@
-"""What the autopilot does in each flight mode with the obstacles it is sent, and with the failsafe policy.
+"""What the autopilot does with obstacles, and with the failsafe, in each flight mode.
 
-What is sent is the same in each mode: the mode is known up to a second late, and a mode that brakes may be chosen at any
-moment. A mode, or a path planner, that makes it useless is reported. Sources: the autopilots' documentation and code; LOITER
-was measured.
-"""
+The values sent are the same in each mode: the mode is known up to a second late, and a mode that brakes may be chosen
+at any moment. Modes and path planners that do not brake are reported. Sources: documentation and code of the
+autopilots; LOITER was measured."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ PX4, ARDUPILOT = "PX4", "ArduPilot"
 
 
 class Effect(StrEnum):
-    """What the mode does before an obstacle, the artificial wall or a sector without data."""
+    """What a mode does before an obstacle, the artificial wall, or a sector without data."""
 
     BRAKES = "brakes"
     STANDS = "does not move"
@@ -38,7 +37,7 @@ _COPTER = {
     23: ("FOLLOW", Effect.BRAKES), 24: ("ZIGZAG", Effect.BRAKES),
 }  # fmt: skip
 _PLANNED = ("AUTO", "GUIDED", "RTL")
-"""In which a path planner (OA_TYPE) works."""
+"""Modes in which a path planner (OA_TYPE) works."""
 _PX4 = {
     1: ("Manual", Effect.NOTHING),
     2: ("Altitude", Effect.NOTHING),
@@ -60,7 +59,7 @@ _PX4_AUTO_MAIN = 4
 
 
 def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
-    """(name, effect) of the mode in the newest heartbeat."""
+    """Returns (name, effect) of the mode in the newest heartbeat."""
     number = vehicle.custom_mode
     if vehicle.autopilot == PX4:
         main, sub = (number >> 16) & 0xFF, (number >> 24) & 0xFF
@@ -78,13 +77,15 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
 
 
 def mode_name(vehicle: Vehicle) -> str:
-    """Name of the mode in the newest heartbeat."""
+    """Returns the name of the mode in the newest heartbeat."""
     return mode_of(vehicle, AutopilotFacts(kind=vehicle.autopilot))[0]
 
 
 def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
-    """What keeps an armed vehicle in its mode from stopping before obstacles and when blind, as text; empty: nothing. The
-    part before the colon is short enough for the ground station."""
+    """Returns why the mode of an armed vehicle does not stop before obstacles and when blind, as text; empty: it
+    does.
+
+    The part before the colon is short enough for the ground station."""
     name, effect = mode_of(vehicle, facts)
     if not vehicle.armed or effect in (Effect.BRAKES, Effect.STANDS):
         return ""

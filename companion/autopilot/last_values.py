@@ -1,8 +1,9 @@
-"""Values of the autopilot that are kept from one start of the service to the next.
+"""Keeps values of the autopilot from one start of the service to the next.
 
-The artificial wall stands at AVOID_MARGIN or just outside CP_DIST. Reading a parameter takes more than a second. A service that
-restarts in flight would meanwhile put the wall at a configured default, where the vehicle may back away from it. The newest
-values are therefore kept in the state folder, with the kind and the system id of the autopilot they belong to."""
+The artificial wall is at AVOID_MARGIN or just outside of CP_DIST, and reading a parameter takes more than a second.
+Without this file, a service that restarts in flight would meanwhile put the wall at a configured default, from which
+the vehicle may back away. The newest values are kept in the state folder, with the kind and the system id of the
+autopilot."""
 
 from __future__ import annotations
 
@@ -25,12 +26,18 @@ log = logging.getLogger("companion")
 NAME: Final = "autopilot.json"
 _MOST_BYTES: Final = 4000
 KEPT: Final = {"AVOID_MARGIN": 100.0, "CP_DIST": 100.0}
-"""Parameters that are kept, and the greatest accepted value; the least is above 0."""
+"""Parameters that are kept, with the greatest accepted value. The least accepted value is above 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class LastValues:
-    """Of one autopilot. version: None, never read. parameters: those of KEPT that were read."""
+    """Values of one autopilot.
+
+    Attributes:
+        kind: kind of the autopilot.
+        system_id: MAVLink system.
+        version: version of its firmware; None: never read.
+        parameters: those of KEPT that were read."""
 
     kind: str
     system_id: int
@@ -39,7 +46,8 @@ class LastValues:
 
 
 class LastValuesFile:
-    """`of` an autopilot at the last start, `keep` what is read now. folder None: nothing is kept."""
+    """File of the last values: `of` returns those of the last start, `keep` writes new ones. folder None: nothing is
+    kept."""
 
     def __init__(self, folder: Path | None) -> None:
         self._file = None if folder is None else folder / NAME
@@ -47,21 +55,23 @@ class LastValuesFile:
         self._writing: WatchedThread | None = None
 
     def of(self, kind: str, system_id: int) -> LastValues:
-        """The values that were read last; none for another autopilot. While heartbeats contradict each other, kind names
-        more than one autopilot, and the values of each of them count."""
+        """Returns the values that were read last; none for another autopilot.
+
+        While heartbeats contradict each other, kind names several autopilots, and the values of each of them count."""
         kept = self._kept
         if kept is not None and kept.system_id == system_id and kept.kind in kind.split(" or "):
             return kept
         return LastValues(kind, system_id)
 
     def expected(self) -> Vehicle | None:
-        """The autopilot of the last start, as if it flew now; None: there was none."""
+        """Returns the autopilot of the last start as an armed vehicle; None: there was none."""
         kept = self._kept
         return None if kept is None else Vehicle(kept.system_id, kept.kind, 0, True, 0, heartbeat_ns=0)
 
     def keep(self, new: LastValues) -> None:
-        """Values that were read now. A value that was not read keeps its last one. Written by a thread of its own where
-        something is new: a slow disk delays nothing."""
+        """Keeps values that were read now; values that were not read are retained.
+
+        A separate thread writes changes, so that a slow disk delays nothing."""
         if self._file is None or (self._writing is not None and self._writing.is_alive()):
             return
         old = self.of(new.kind, new.system_id)
@@ -74,18 +84,18 @@ class LastValuesFile:
         self._writing.start()
 
     def close(self) -> None:
-        """Waits at most 0.5 s for what is being written. May be called twice."""
+        """Waits at most 0.5 s for a write in progress. May be called twice."""
         if self._writing is not None:
             self._writing.join(0.5)
 
 
 def _accepted(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Those of KEPT with a value in its range. CP_DIST = -1 means that collision prevention is off: nothing is kept then."""
+    """Returns the parameters of KEPT with a value in range. CP_DIST = -1 (collision prevention is off) is not kept."""
     return {n: v for n, v in parameters.items() if math.isfinite(v) and 0.0 < v <= KEPT.get(n, 0.0)}
 
 
 def _read(file: Path) -> LastValues | None:
-    """Content of the file, without parameters out of range; None where there is none, or none that this module wrote."""
+    """Returns the content of the file, without parameters out of range; None: no file, or not a valid one."""
     try:
         with file.open("rb") as stream:
             kept = json.loads(stream.read(_MOST_BYTES))

@@ -1,4 +1,4 @@
-"""The output to the autopilot as one part of the service: what is sent, whether it is used, and diagnostics."""
+"""The obstacle output as one part of the service: what is sent, whether the autopilot uses it, and diagnostics."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ from .view_free import RING_M
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
 ECHOES = {"PX4": 330, "ArduPilot": 132}
-"""The message that the autopilot sends back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
+"""The message that each autopilot sends back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 PARAM_VALUE = 22
 READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, EXTENDED_SYS_STATE, *ECHOES.values()})
-"""Ids of the autopilot's messages that `message` needs."""
+"""Ids of the autopilot's messages that `message` handles."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
 
 
 class Avoidance:
-    """Obstacle output of one link. vehicle: the autopilot that is received now, None: none. post: sends a message to it."""
+    """Obstacle output of one link."""
 
     def __init__(
         self,
@@ -67,10 +67,20 @@ class Avoidance:
         observer: Observer | None = None,
         open_counts: bool = False,
     ) -> None:
-        """observer: receives the surroundings of each decision. last: values of the autopilot that were read before this
-        start, used until they are read again.
-        ill: why a camera's frames must not be used although they arrive. silent: an autopilot in flight that is no longer heard,
-        None: none; it may still receive. ring_m: step of the free-range profiles. open_counts: see ObstacleReportBuilder."""
+        """Creates the output without starting its thread.
+
+        Args:
+            avoid: parameters.
+            cameras: names of all cameras.
+            stale_s: age of an exposure from which a camera is blind.
+            vehicle: returns the autopilot that is received now; None: none.
+            post: sends a message to it.
+            ill: returns why the frames of a camera must not be used although they arrive; empty: they may.
+            silent: returns an autopilot in flight that is not received any more; None: none. It may still receive.
+            last: values of the autopilot that were read before this start, used until they are read again.
+            ring_m: step of the free-range profiles.
+            observer: gets the surroundings of each decision.
+            open_counts: see ObstacleReportBuilder."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras, self._silent = cameras, silent
         self._next_ask_ns = self._end_ns = 0
@@ -97,7 +107,8 @@ class Avoidance:
         self.sender.open()
 
     def end(self) -> None:
-        """The service stops: all cameras count as blind from now on. If the vehicle is armed, a STATUSTEXT says what follows."""
+        """Announces that the service stops: from now on all cameras count as blind. An armed vehicle gets a
+        STATUSTEXT."""
         self._builder.end("the service stops")
         vehicle = self._vehicle()
         if vehicle is not None and vehicle.armed and not self._end_ns:
@@ -105,7 +116,7 @@ class Avoidance:
             self._post(dialect.MAVLink_statustext_message(CRITICAL, shutdown_text(self._facts(vehicle)).encode()))
 
     def close(self) -> None:
-        """Stops. To an armed vehicle the artificial wall is sent for stop_hold_s first. May be called twice."""
+        """Stops. An armed vehicle is sent the artificial wall for stop_hold_s first. May be called twice."""
         hold_ns = round(self._avoid.stop_hold_s * NS)
         while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
             time.sleep(0.05)
@@ -114,7 +125,7 @@ class Avoidance:
         self.sender.close()
 
     def _flies_on(self) -> bool:
-        """Whether an armed vehicle is being sent the artificial wall."""
+        """True if an armed vehicle is being sent the artificial wall."""
         vehicle = self._vehicle()
         armed = vehicle is not None and vehicle.armed
         sends_wall = (
@@ -125,22 +136,22 @@ class Avoidance:
     # ---- in ---------------------------------------------------------------------------------------------------------
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
-        """Attitudes and positions of the autopilot, as they come."""
+        """Takes attitudes and positions of the autopilot."""
         self._builder.samples(samples)
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
-        """A camera that was opened, and which of its pixels are never measured."""
+        """Takes a camera that was opened. hidden: pixels that are never measured."""
         self._builder.announce(info, hidden)
 
     def result(self, result: PrismsResult) -> None:
-        """The result of a frame."""
+        """Takes the result of a frame."""
         self._exposed_ns[result.camera] = seen_ns(result)
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
         self._builder.result(result)
 
     def message(self, message: Any, arrival_ns: int) -> None:
-        """A message of the autopilot, of READS."""
+        """Takes a message of the autopilot, of those in READS."""
         self.parameters.take(message, arrival_ns)
         self.version.take(message)
         self._landed.take(message, arrival_ns)
@@ -150,8 +161,9 @@ class Avoidance:
     # ---- out --------------------------------------------------------------------------------------------------------
 
     def tick(self, now_ns: int, link: LinkStatus | None = None) -> None:
-        """Requests parameters and sends STATUSTEXT of changes; about ten times per second. link: what is known of the
-        link; an autopilot whose signatures are not accepted is sent only a notice of that."""
+        """Requests parameters and sends STATUSTEXT of changes; called about ten times per second.
+
+        link: state of the link. An autopilot whose signatures are not accepted is sent only a notice of that."""
         self._link = link or self._link
         text = self._texts.due(self._blind(), now_ns, self._notes(now_ns))
         if text is not None:
@@ -166,8 +178,8 @@ class Avoidance:
                 self._post(_interval_request(vehicle.system_id, message_id))
 
     def _read(self, vehicle: Vehicle, now_ns: int) -> None:
-        """Asks for parameters and version, and keeps what was read."""
-        if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: what was read before still counts
+        """Requests parameters and version, and keeps what was read."""
+        if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: then the values read before count
             self.parameters.begin(vehicle.autopilot, vehicle.system_id)
             self.version.begin(vehicle.autopilot, vehicle.system_id)
         for request in (*self.parameters.due(now_ns, vehicle.system_id), *self.version.due(now_ns, vehicle.system_id)):
@@ -177,13 +189,14 @@ class Avoidance:
             self._last.keep(LastValues(vehicle.autopilot, vehicle.system_id, self.version.version, read))
 
     def _facts(self, vehicle: Vehicle) -> AutopilotFacts:
-        """What was read from the autopilot; the version as it was before this start until it is read again."""
+        """Returns what was read from the autopilot. Until the version is read again, it is that of the last start."""
         version = self.version.version or self._last.of(vehicle.autopilot, vehicle.system_id).version
         kind, values, silent = vehicle.autopilot, self.parameters.values(), self.parameters.silent()
         return AutopilotFacts(kind=kind, values=values, silent=silent, version=version)
 
     def _notes(self, now_ns: int) -> dict[str, str]:
-        """Topic -> fault, as text, for the ground station. All topics are included, so that the end of each is reported."""
+        """Returns topic -> fault, as text, for the ground station. All topics are included, so that the end of a
+        fault is reported."""
         conflicts = self._link.conflicts if self._link is not None else {}
         vehicle = self._vehicle()
         notes = dict.fromkeys(CONFLICT_CODES, "") | conflicts
@@ -195,7 +208,8 @@ class Avoidance:
         return notes
 
     def _mode_text(self, vehicle: Vehicle) -> str:
-        """Why the flight mode does not protect; empty before the first heartbeat, which holds the mode."""
+        """Returns why the flight mode does not protect the vehicle; empty before the first heartbeat, which contains
+        the mode."""
         return mode_fault(vehicle, self._facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
 
     def _echo_fault(self, vehicle: Vehicle, now_ns: int) -> str:
@@ -206,14 +220,15 @@ class Avoidance:
         return self._echo.fault(vehicle.autopilot, now_ns, cause)
 
     def _blind(self) -> dict[str, str]:
-        """Why each camera is blind, as text; empty: it is not. No entry before the first decision or without an autopilot."""
+        """Returns why each camera is blind, as text; empty: it is not. No entry before the first decision or without
+        an autopilot."""
         report = self.sender.report
         if report is None or self._vehicle() is None:
             return {}
         return {c: report.blind.get(c, "") for c in self._cameras}
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
-        """What keeps the vehicle from braking."""
+        """Returns the faults that keep the vehicle from braking."""
         vehicle = self._vehicle()
         if vehicle is None:
             return []
@@ -245,8 +260,8 @@ class Avoidance:
         self._sectors.fill(health, now_ns)
 
     def latency(self) -> tuple[LatencyStage, float, float, float] | None:
-        """(stage, p50, p95, p99) in ms: age of the oldest of the newest exposures of the seeing cameras at the moment
-        of sending; None before there were any."""
+        """Returns (stage, p50, p95, p99) in ms of the age of the oldest exposure in use at the moment of sending;
+        None: none yet."""
         with self._lock:
             return next(iter(self._latencies.percentiles()), None)
 
@@ -256,7 +271,7 @@ class Avoidance:
         return self.sender.report
 
     def stalled(self, limit_ns: int) -> bool:
-        """Whether the sender has not completed a cycle for so long, or has ended."""
+        """True if the sender has ended, or has not completed a cycle for limit_ns."""
         return not self.sender.running or time.monotonic_ns() - self.sender.alive_ns > limit_ns
 
     def _autopilot(self) -> AutopilotNow:
@@ -276,7 +291,7 @@ class Avoidance:
         )
 
     def _parameter(self, vehicle: Vehicle, name: str) -> float | None:
-        """A parameter as it is read now, else as it was read before this start; None: never."""
+        """Returns a parameter as it is read now, else as it was read before this start; None: never."""
         read = self.parameters.value(name)
         return self._last.of(vehicle.autopilot, vehicle.system_id).parameters.get(name) if read is None else read
 
@@ -301,8 +316,15 @@ def avoidance_of(
     last: LastValuesFile,
     observer: Observer | None = None,
 ) -> Avoidance:
-    """The part of the service that sends obstacles to the autopilot of this link. last: values read before this start;
-    observer: receives the surroundings of each decision."""
+    """Creates the obstacle output of a link.
+
+    Args:
+        config: the configuration.
+        cameras: supervisors by name.
+        session: MAVLink session.
+        link: MAVLink link.
+        last: values read before this start.
+        observer: gets the surroundings of each decision."""
 
     def connected() -> Vehicle | None:
         return session.vehicle if session.connected(time.monotonic_ns()) else None
@@ -330,21 +352,22 @@ def avoidance_of(
 
 
 def _interval_request(system_id: int, message_id: int) -> Any:
-    """Asks for a message at ECHO_HZ."""
+    """Returns a request for a message at ECHO_HZ."""
     numbers = (message_id, 1e6 / ECHO_HZ, 0, 0, 0, 0, 0)
     return dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, SET_MESSAGE_INTERVAL, 0, *numbers)
 
 
 def shutdown_text(facts: AutopilotFacts) -> str:
-    """What the vehicle does when the service has ended. ArduPilot flies on; PX4 does not move in Position mode, if that brakes
-    at all."""
+    """Returns a text on what the vehicle does when the service has ended.
+
+    ArduPilot flies on. PX4 does not move in Position mode, if that mode brakes at all."""
     stands = facts.kind == "PX4" and not position_mode_fault(facts)
     return "OA: stopped, Position mode stands" if stands else "OA: stopped, vehicle does not brake"
 
 
 def echoes(vehicle: Vehicle) -> bool:
-    """Whether this autopilot should be sending obstacles back now: PX4 looks at them in Position mode alone, and its map
-    goes out only then."""
+    """True if this autopilot should send obstacles back now: PX4 evaluates them only in Position mode, and sends its
+    map only then."""
     if vehicle.autopilot != "PX4":
         return True
     return vehicle.armed and (vehicle.custom_mode >> 16) & 0xFF == PX4_POSITION_MODE

@@ -1,8 +1,8 @@
-"""OBSTACLE_DISTANCE (330): the sectors as values that both generations of PX4 and ArduPilot read correctly.
+"""OBSTACLE_DISTANCE (330): the sectors as values that PX4 (up to v1.15 and from v1.16 on) and ArduPilot interpret
+correctly.
 
-In centimetres: 65535 unknown; max + 1 seen clear; an obstacle within min + 1 .. max - 1, because ArduPilot drops values
-outside of min .. max and PX4 brakes only for values above min.
-"""
+Values in centimetres: 65535, unknown; max + 1, seen clear; min + 1 .. max - 1, an obstacle, because ArduPilot drops
+values outside of min .. max and PX4 brakes only for values above min."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ UNKNOWN = 65535
 BODY_FRD = 12
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 SENSOR_UNKNOWN = 4
-"""No kind of sensor means stereo."""
+"""MAV_DISTANCE_SENSOR_UNKNOWN: there is no value for stereo."""
 
 
 def encoded(scan: SectorScan, avoid: AvoidParams) -> NDArray[np.uint16]:
-    """(72,) centimetres of the scan, one number a sector."""
+    """Returns the centimetres of a scan, (72,)."""
     values = np.full(SECTORS, UNKNOWN, np.uint16)
     values[scan.state == SectorState.CLEAR] = clear_cm(avoid)
     obstacle = scan.state == SectorState.OBSTACLE
@@ -33,31 +33,34 @@ def encoded(scan: SectorScan, avoid: AvoidParams) -> NDArray[np.uint16]:
 
 
 def limits_cm(avoid: AvoidParams) -> tuple[int, int]:
-    """min_distance and max_distance. They must not change in flight: PX4 keeps the range of the first message."""
+    """Returns min_distance and max_distance. They must not change in flight: PX4 keeps the range of the first
+    message."""
     return round(100 * avoid.min_distance_m), round(100 * avoid.max_distance_m)
 
 
 def clear_cm(avoid: AvoidParams) -> int:
-    """Value of a clear sector."""
+    """Returns the value of a clear sector."""
     return limits_cm(avoid)[1] + 1
 
 
 def always_sent_cm(avoid: AvoidParams) -> int:
-    """From the hull: an obstacle no farther than this is sent whether the way to it was seen free or not. Nearer than near_m
-    no sector has to be seen free."""
+    """Returns the distance from the hull up to which an obstacle is sent even if the way to it was not seen free.
+
+    Sectors need not be seen free nearer than near_m."""
     return round(100 * max(0.0, avoid.near_m - avoid.radius_m))
 
 
 def near_cm(distance_m: NDArray[np.float64], avoid: AvoidParams) -> NDArray[np.uint16]:
-    """Distances of obstacles, rounded towards the vehicle, within what both autopilots act on."""
+    """Returns the centimetres of obstacles, rounded towards the vehicle, in the range that both autopilots use."""
     low, high = limits_cm(avoid)
     return np.clip(np.floor(100.0 * distance_m), low + 1, high - 1).astype(np.uint16)
 
 
 def for_coarse_bins(values: NDArray[np.uint16], clear: int, outranks: int | NDArray[np.float64]) -> NDArray[np.uint16]:
-    """For PX4 up to v1.15, which has bins of 10 degrees and reads the even elements alone: each of them becomes the least of
-    itself and its neighbours. Beside unknown it is unknown, since a bin stands for all its sectors; unless the least is no
-    farther than outranks (cm, one or (72,) values), which is sent whatever stands beside it."""
+    """Returns the values for PX4 up to v1.15, which has bins of 10 degrees and reads only the even elements.
+
+    Each even element becomes the least of itself and its neighbours. If one of the three is unknown it becomes
+    unknown, since a bin stands for all its sectors, unless the least is at most `outranks` (cm, one value or (72,))."""
     three = np.stack([np.roll(values, 1), values, np.roll(values, -1)])[:, ::2]
     nearest = three.min(axis=0)
     unseen = (three == UNKNOWN).any(axis=0)
@@ -68,8 +71,10 @@ def for_coarse_bins(values: NDArray[np.uint16], clear: int, outranks: int | NDAr
 
 
 def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]:
-    """For ArduPilot that goes through the sectors once: its front face takes elements 0 to 4 first and 68 to 71 last,
-    and the last ones replaced the first ones there. So the last element carries the nearest of the whole face."""
+    """Returns the values for ArduPilot, which reads the sectors in one pass.
+
+    Its front face consists of the elements 0 to 4, which are read first, and 68 to 71, which are read last and
+    replace the former. The last element therefore gets the nearest distance of the whole face."""
     right, left = values[:5], values[SECTORS - 4 :]
     out = values.copy()
     if right.min() < clear and left.min() < clear:
@@ -80,9 +85,16 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
 def for_reader(
     values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str, reach_cm: NDArray[np.float64] | None = None
 ) -> NDArray[np.uint16]:
-    """The values as this kind of autopilot needs them; for an unknown kind as each kind needs them. An unknown kind may take
-    unknown for clear, so that no obstacle gives way to it there. reach_cm: (72,) to PX4 an obstacle within it is sent beside
-    unknown; None: only a near one."""
+    """Returns the values in the form that this kind of autopilot needs; for an unknown kind in the form that suits
+    each kind.
+
+    An unknown kind may take unknown for clear, so that no obstacle is replaced by unknown for it.
+
+    Args:
+        values: (72,) cm.
+        avoid: parameters.
+        autopilot: kind of the autopilot.
+        reach_cm: (72,) distance within which an obstacle is sent to PX4 beside unknown; None: only near ones."""
     clear = clear_cm(avoid)
     if autopilot != ARDUPILOT:
         near = always_sent_cm(avoid) if reach_cm is None else reach_cm
@@ -91,8 +103,9 @@ def for_reader(
 
 
 def obstacle_distance_message(values: NDArray[np.uint16], time_us: int, avoid: AvoidParams) -> Any:
-    """The message. values: (72,) uint16, element i centred on i * 5 degrees clockwise from the nose. `increment` and
-    `increment_f` are equal, because readers differ in which one they use."""
+    """Returns the message. values: (72,) uint16, element i centred on i * 5 degrees clockwise from the nose.
+
+    `increment` and `increment_f` are equal, because autopilots differ in which one they read."""
     low, high = limits_cm(avoid)
     return dialect.MAVLink_obstacle_distance_message(
         time_us, SENSOR_UNKNOWN, [int(v) for v in values], 5, low, high, 5.0, 0.0, BODY_FRD

@@ -1,9 +1,9 @@
-"""OBSTACLE_DISTANCE_3D (11037): obstacles as points, for ArduPilot alone, which keeps five layers of 30 degrees of height.
+"""OBSTACLE_DISTANCE_3D (11037): obstacles as points, for ArduPilot only, which keeps five layers of 30 degrees of
+elevation.
 
-The middle layer holds the values of OBSTACLE_DISTANCE: sectors, remembered obstacles, the wall when blind. The layers above
-and below hold only what the cameras see there now; ArduPilot takes the rest of them for clear. A scan is all messages of one
-time; it takes effect when the next scan begins.
-"""
+The middle layer has the values of OBSTACLE_DISTANCE: sectors, remembered obstacles, and the wall when blind. The
+layers above and below contain only what the cameras see there now; ArduPilot takes the rest of them for clear. All
+messages of one time are one scan, which takes effect when the next scan begins."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from .view_free import View
 LAYERS_RAD = tuple(
     (math.radians(a), math.radians(b)) for a, b in ((-89.0, -45.5), (-44.5, -15.5), (15.5, 44.5), (45.5, 89.0))
 )
-"""Upwards, without the middle one; half a degree off their borders, so that no rounding puts a point into the next."""
+"""Elevations of the layers without the middle one, half a degree inside of their borders, so that rounding puts no
+point into the next layer."""
 FACES, FACE_RAD = 8, math.tau / 8
 PLACES = 65
 _ALONG = np.linspace(0.0, 1.0, PLACES)
@@ -34,21 +35,23 @@ NO_POINTS = np.zeros((0, 3))
 
 
 def level_points(values: NDArray[np.uint16], avoid: AvoidParams) -> NDArray[np.float64]:
-    """(N, 3) metres, one point for each sector that holds an obstacle. values: (72,) cm of OBSTACLE_DISTANCE."""
+    """Returns a point, (N, 3) m, for each sector with an obstacle. values: (72,) cm of OBSTACLE_DISTANCE."""
     occupied = values < clear_cm(avoid)
     distance_m, azimuth = values[occupied] / 100.0, centres_rad()[occupied]
     return np.column_stack([distance_m * np.cos(azimuth), distance_m * np.sin(azimuth), np.zeros(occupied.sum())])
 
 
 def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float64]:
-    """(N, 3) metres of frd, level: the nearest point of any plane in each layer but the middle one and each of eight faces,
-    as far from the hull as it is, less the plane's margin."""
+    """Returns the nearest point of any plane in each layer except the middle one and in each of eight faces, (N, 3) m
+    in level.
+
+    The distance of a point is that from the hull, less the margin of the plane."""
     found = [_points_of(view, avoid) for view in views if view.model.valid and len(view.model.planes)]
     if not found:
         return NO_POINTS
     layer, azimuth, elevation, range_m = (np.concatenate(column) for column in zip(*found, strict=True))
     face = np.round(azimuth / FACE_RAD).astype(int) % FACES
-    order = np.argsort(-range_m, kind="stable")  # of those with one place the last one stays: the nearest
+    order = np.argsort(-range_m, kind="stable")  # the nearest one is assigned last and is kept
     nearest = np.full((len(LAYERS_RAD), FACES), -1)
     nearest[layer[order], face[order]] = order
     kept = nearest[nearest >= 0]
@@ -61,8 +64,10 @@ def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float6
 
 
 def _points_of(view: View, avoid: AvoidParams) -> tuple[NDArray[np.int64], *tuple[NDArray[np.float64], ...]]:
-    """(layer, azimuth, elevation up, range to the hull), each (M,): in each layer the nearest of each of the places along
-    each plane that reach into it. A place stands for what is half a step to either side, by the nearest that may be there."""
+    """Returns (layer, azimuth, elevation up, range to the hull), each (M,), of the places along each plane, in each
+    layer.
+
+    A place stands for half a step to either side, with the nearest distance that may be there."""
     planes = view.model.planes.astype(np.float64)
     share, half_m = _places(planes[:, 0:2], planes[:, 2:4], avoid.max_distance_m)
     x, y = (planes[:, i, None] + share * (planes[:, i + 2] - planes[:, i])[:, None] for i in (0, 1))
@@ -86,7 +91,8 @@ def _points_of(view: View, avoid: AvoidParams) -> tuple[NDArray[np.int64], *tupl
 def _places(
     a: NDArray[np.float64], b: NDArray[np.float64], reach_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N, PLACES) shares of the way a -> b, evenly over what of it is within reach, and (N, 1) metres of half a step."""
+    """Returns shares of the segments a -> b, (N, PLACES), evenly over the part within reach, and half a step in m,
+    (N, 1)."""
     along = b - a
     length_m = np.maximum(np.hypot(*along.T), 1e-6)
     middle = -(a * along).sum(axis=1) / length_m**2
@@ -99,8 +105,10 @@ def _places(
 
 
 def obstacle_points_messages(points_m: NDArray[np.float64], time_ms: int, avoid: AvoidParams) -> list[Any]:
-    """One scan: a message for each point; of none a single one beyond the farthest distance, which is no obstacle but says
-    that we are there. time_ms: no two scans in a row may have the same."""
+    """Returns the messages of one scan, one per point.
+
+    Without points a single message beyond the farthest distance is sent, which is no obstacle but keeps the sensor
+    alive. time_ms: two scans in a row must not have the same."""
     points = points_m.tolist() or [[avoid.max_distance_m + 1.0, 0.0, 0.0]]
     return [
         dialect.MAVLink_obstacle_distance_3d_message(

@@ -1,9 +1,8 @@
 """Memory of near obstacles that have left the view, such as those beside the vehicle and below the image.
 
-An obstacle is kept as a point in ned, or, without a position, in level, turned with the heading. It is deleted when a camera
-sees its place and both sides of it free, and after remember_s. When the position estimate jumps, starts or ends, the point
-keeps its place relative to the vehicle.
-"""
+An obstacle is kept as a point in ned, or without a position in level, turned with the heading. It is deleted if a
+camera sees its place and both sides of it free, and after remember_s. If the position estimate jumps, begins or ends,
+the point keeps its place relative to the vehicle."""
 
 from __future__ import annotations
 
@@ -24,35 +23,42 @@ NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Here:
-    """Where the vehicle is at the moment of sending. heading_rad: clockwise from north; position_ned_m None: unknown;
-    section: of the autopilot's estimate, which changes when that jumps."""
+    """The vehicle at the moment of sending.
+
+    Attributes:
+        heading_rad: clockwise from north.
+        position_ned_m: None: not known.
+        section: reset counter of the position estimate; it changes when the estimate jumps."""
 
     heading_rad: float
     position_ned_m: tuple[float, float, float] | None = None
     section: int | None = None
 
     def from_world(self) -> LevelTransform:
-        """ned, or north-aligned axes around the vehicle, to level."""
+        """Returns the transform from ned, or from north-aligned axes at the vehicle, to level."""
         return LevelTransform(self.heading_rad, self.position_ned_m or (0.0, 0.0, 0.0)).inverse()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Remembered:
-    """(72,) each, metres from the hull, inf where nothing is remembered. distance_m: the nearest remembered obstacle;
-    way_seen_m: the nearest of those that were seen with the way to them (SectorState.OBSTACLE), from a place from which
-    that way is the same as from here."""
+    """Remembered obstacles, (72,) each, in metres from the hull; inf: none.
+
+    Attributes:
+        distance_m: the nearest one.
+        way_seen_m: the nearest one of those to which the way was seen (SectorState.OBSTACLE), from a place from which
+            that way is the same as from here."""
 
     distance_m: NDArray[np.float64]
     way_seen_m: NDArray[np.float64]
 
 
 def nothing_remembered() -> Remembered:
-    """No obstacle in any sector."""
+    """Returns a memory without obstacles."""
     return Remembered(np.full(SECTORS, np.inf), np.full(SECTORS, np.inf))
 
 
 class ObstacleMemory:
-    """`recall` with each scan: adds the obstacles that are seen now and returns those remembered before."""
+    """Remembers near obstacles. `recall` must be called with each scan."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
@@ -63,12 +69,12 @@ class ObstacleMemory:
         self._place_m = np.zeros(2)
 
     def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> Remembered:
-        """The remembered obstacles."""
+        """Returns the obstacles remembered before, and adds those that are seen now."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
-        if section != self._section:  # another origin: the vehicle has not moved, or hardly
+        if section != self._section:  # the origin of the estimate has changed, not the place of the vehicle
             self._points[:, :2] += place_m - self._place_m
-            self._points[:, 3] = 0.0  # how far the vehicle has moved is not known
+            self._points[:, 3] = 0.0  # the distance flown is not known
         self._section, self._place_m = section, place_m
         now_s = now_ns / NS
         points = self._points[now_s - self._points[:, 2] <= self._avoid.remember_s]
@@ -86,7 +92,7 @@ class ObstacleMemory:
         return recalled
 
     def _seen_now(self, scan: SectorScan, here: Here, now_s: float) -> NDArray[np.float64]:
-        """(N, 4) rows of _points: the near planes of a scan, whether the way to them was seen or not."""
+        """Returns the near planes of a scan as rows of _points, whether the way to them was seen or not."""
         near = scan.distance_m < self._avoid.remember_m
         middle_m = scan.distance_m[near] + self._avoid.radius_m
         azimuth = scan.azimuth_rad[near]
@@ -99,15 +105,18 @@ class ObstacleMemory:
         return np.column_stack([world, np.full(len(world), now_s), way_seen, place_m])
 
     def _same_way(self, points: NDArray[np.float64], place_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(N,) whether the line from the place that a point was seen from to the point passes here, within half of a
-        sector's width at near_m: from aside, the way to the point leads through places that were not looked at."""
+        """Returns (N,): the line from the place from which a point was seen to the point passes within half a
+        sector's width of here.
+
+        From elsewhere the way to the point leads through space that was not seen. The width is that at near_m."""
         line = points[:, :2] - points[:, 4:6]
         aside = line[:, 0] * (place_m[1] - points[:, 5]) - line[:, 1] * (place_m[0] - points[:, 4])
         return np.asarray(np.abs(aside) <= self._same_way_m * np.hypot(line[:, 0], line[:, 1]))
 
     def _seen_through(self, xy: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.bool_]:
-        """(N,) which places, with half a sector on either side, views call free over the whole band: a pole that is just
-        out of the view is not taken away by what is seen beside it."""
+        """Returns (N,): places that views show free over the whole band, together with half a sector on either side.
+
+        The sides are tested so that a pole just outside of the view is not deleted by free space beside it."""
         half = np.linspace(-self._avoid.band_above_m, self._avoid.band_below_m, self._avoid.slices + 2)[1:-1]
         c, s = math.cos(0.5 * STEP_RAD), math.sin(0.5 * STEP_RAD)
         x = np.stack([c * xy[:, 0] + s * xy[:, 1], xy[:, 0], c * xy[:, 0] - s * xy[:, 1]])

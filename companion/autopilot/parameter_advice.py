@@ -1,4 +1,4 @@
-"""What the autopilot's parameters mean for a vehicle that should brake, and what to change."""
+"""Checks the autopilot's parameters: which of them prevent braking, and what to set instead."""
 
 from __future__ import annotations
 
@@ -12,15 +12,20 @@ from .firmware_version import PX4_ACCELERATION_MODE, FirmwareVersion
 from .parameters import ARDUPILOT, PX4, RC_OPTIONS
 
 RC_PROXIMITY_SWITCH = 40
-"""RCn_OPTION of ArduPilot: the switch turns proximity avoidance on and off."""
+"""RCn_OPTION of ArduPilot for a switch that turns proximity avoidance on and off."""
 FENCE_SHARE = 0.92
-"""ArduPilot's fence comes this much nearer than the obstacle in the middle of a face."""
+"""Distance of ArduPilot's fence over the distance of the obstacle, in the middle of a face."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotFacts:
-    """What was read from an autopilot. values: parameters; silent: parameters that it did not answer; version: None, it did not
-    answer."""
+    """What was read from an autopilot.
+
+    Attributes:
+        kind: kind of the autopilot.
+        values: parameters by name.
+        silent: parameters that it did not answer.
+        version: version of its firmware; None: it did not answer."""
 
     kind: str
     values: Mapping[str, float] = field(default_factory=dict)
@@ -29,14 +34,14 @@ class AutopilotFacts:
 
 
 def braking_position_modes(version: FirmwareVersion) -> tuple[int, ...]:
-    """Values of PX4's MPC_POS_MODE with which Position mode brakes. The first one is the one to set.
+    """Returns the values of PX4's MPC_POS_MODE with which Position mode brakes. The first one is the one to set.
 
     Source: PX4 v1.14.3, v1.15.4 (FlightTaskManualPosition) and v1.16.0 (StickAccelerationXY)."""
     return (4,) if version >= PX4_ACCELERATION_MODE else (0, 3)
 
 
 def position_mode_fault(facts: AutopilotFacts) -> str:
-    """Why PX4's Position mode does not brake, or that it is uncertain, as text; empty: it brakes, or nothing was read."""
+    """Returns why PX4's Position mode does not or may not brake, as text; empty: it brakes, or nothing was read."""
     mode = facts.values.get("MPC_POS_MODE")
     if facts.kind != PX4 or mode is None:
         return ""
@@ -59,7 +64,7 @@ def position_mode_fault(facts: AutopilotFacts) -> str:
 
 
 def advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:
-    """Faults of the parameters, as text, the worst first."""
+    """Returns faults of the parameters, as text, the worst first."""
     lines = [
         f"the autopilot did not answer for {name}: not in this firmware, or the link loses messages"
         for name in facts.silent
@@ -121,7 +126,8 @@ def _ardupilot_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
 
 
 def _proximity_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
-    """Parameters that undo everything although PRX1_TYPE and AVOID_ENABLE are right. By ArduPilot's sources, not flown."""
+    """Returns faults that prevent braking although PRX1_TYPE and AVOID_ENABLE are correct. From ArduPilot's sources,
+    not flown."""
     lines = []
     wall_m = v.get("AVOID_MARGIN", avoid.avoid_margin_m)
     low_m, high_m = v.get("PRX1_MIN", 0.0), v.get("PRX1_MAX", 0.0)
@@ -148,8 +154,10 @@ def _proximity_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
 
 
 def delay_advice(facts: AutopilotFacts, latency: tuple[LatencyStage, float, float, float] | None) -> list[str]:
-    """Whether CP_DELAY covers the measured latency. latency: (stage, p50, p95, p99) in ms from exposure to sending; PX4 does not
-    know it, nor the time on the link, some milliseconds."""
+    """Returns a fault if CP_DELAY is less than the measured latency.
+
+    latency: (stage, p50, p95, p99) in ms from exposure to sending. PX4 does not know it, nor the time on the link,
+    some milliseconds."""
     if facts.kind != PX4 or latency is None or "CP_DELAY" not in facts.values:
         return []
     p99_s = latency[3] / 1000.0

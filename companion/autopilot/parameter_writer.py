@@ -1,5 +1,6 @@
-"""`companion doctor --apply`: the only place that writes parameters of an autopilot. The changes are listed, confirmed with a
-typed yes, written while the vehicle is disarmed, and read back."""
+"""`companion doctor --apply`: the only place that writes parameters of an autopilot.
+
+The changes are listed, confirmed by typing yes, written while the vehicle is disarmed, and read back."""
 
 from __future__ import annotations
 
@@ -25,12 +26,12 @@ from .session_factory import params_of, signing_of
 
 NS = 1_000_000_000
 FRESH_NS = 2 * NS
-"""Oldest heartbeat that counts as proof that the vehicle is disarmed."""
+"""Greatest age of a heartbeat that proves that the vehicle is disarmed."""
 STILL_S = 2.5
-"""No heartbeat may say otherwise for this time before anything is proposed."""
+"""No heartbeat may report an armed vehicle for this time before changes are proposed."""
 TRIES, ANSWER_S = 3, 1.0
 LEAST_DELAY_S = 0.15
-"""No chain of camera, computer and link has less latency."""
+"""Least latency of any chain of camera, computer and link."""
 REBOOT = frozenset({"PRX1_TYPE"})
 """Parameters that take effect after a restart of the autopilot."""
 
@@ -45,14 +46,15 @@ class Change:
     why: str
 
     def text(self) -> str:
-        """For the list that is to be confirmed."""
+        """Returns a line for the list that must be confirmed."""
         again = "; restart the autopilot afterwards" if self.name in REBOOT else ""
         return f"{self.name}: {self.now:g} -> {self.to:g} ({self.why}{again})"
 
 
 def changes(facts: AutopilotFacts, config: Config) -> list[Change]:
-    """The parameters to write so that the autopilot brakes. Parameters that were not read are not changed, nor good ones, nor
-    those that are a matter of taste."""
+    """Returns the parameters to write so that the autopilot brakes.
+
+    Parameters that were not read, that are correct, or that are a matter of preference are not changed."""
     v = facts.values
     keep_m = min(3.0, 0.5 * config.avoid.max_distance_m)
     wanted: list[tuple[str, bool, float, str]] = []
@@ -84,7 +86,8 @@ def changes(facts: AutopilotFacts, config: Config) -> list[Change]:
 
 
 def _px4_changes(facts: AutopilotFacts, config: Config, keep_m: float) -> list[tuple[str, bool, float, str]]:
-    """(name, whether it is bad, value to write, reason). MPC_POS_MODE is changed only where the version is known."""
+    """Returns (name, True if it must be changed, new value, reason). MPC_POS_MODE is changed only if the version is
+    known."""
     v = facts.values
     worst_s = config.service.timeout_s + 1.0 / config.avoid.rate_hz
     dist_bad = not 0.0 < v.get("CP_DIST", keep_m) < config.avoid.max_distance_m
@@ -106,7 +109,8 @@ def _px4_changes(facts: AutopilotFacts, config: Config, keep_m: float) -> list[t
 
 
 class ParameterWriter:
-    """On a link of its own: `propose`, then `write` the confirmed changes. Usable as a context manager."""
+    """Writes parameters on a link of its own: `propose`, then `write` the confirmed changes. Usable as a context
+    manager."""
 
     def __init__(self, config: Config, patience_s: float) -> None:
         self._config, self._patience_s = config, patience_s
@@ -127,7 +131,7 @@ class ParameterWriter:
         self._signing.close()
 
     def propose(self) -> list[Change]:
-        """What to change, as soon as the parameters are known. Raises ValueError where nothing may be written."""
+        """Returns the changes as soon as the parameters are known. Raises ValueError if nothing may be written."""
         begun_s = time.monotonic()
         while time.monotonic() - begun_s < self._patience_s:
             vehicle = self._link.status().vehicle
@@ -146,7 +150,7 @@ class ParameterWriter:
         )
 
     def write(self, wanted: list[Change]) -> Iterator[tuple[Change, str]]:
-        """Each change with what went wrong, as text; empty: it was written, and read back so."""
+        """Yields each change with its failure, as text; empty: it was written and read back."""
         for change in wanted:
             try:
                 yield change, self._written(change)

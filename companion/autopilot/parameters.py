@@ -1,4 +1,4 @@
-"""Reads the autopilot's parameters that decide whether it brakes. What they mean is in `parameter_advice`; nothing is written
+"""Reads the autopilot's parameters that decide if it brakes. `parameter_advice` interprets them; nothing is written
 here."""
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ WANTED = {
     ),
 }  # fmt: skip
 HEADING = {PX4: ("MPC_YAW_MODE", "RTL_HDG_MD"), ARDUPILOT: ("WP_YAW_BEHAVIOR",)}
-"""Read on request: where the autopilot points the nose in the modes that the guard watches."""
+"""Parameters read on request: the direction of the nose in the modes that the guard watches."""
 OPTIONAL = frozenset(
     {
         "RTL_HDG_MD",
@@ -35,27 +35,35 @@ OPTIONAL = frozenset(
         "AVOID_ACCEL_MAX",
     }
 )
-"""Not in every firmware: that they are not answered is not reported."""
+"""Parameters that not every firmware has: no answer for them is not reported."""
 AT_ONCE = 6
-"""Most requests in one go: a slow link is not filled by them."""
+"""Greatest number of requests at a time, so that a slow link is not filled."""
 ASK_AGAIN_NS = NS
 TRIES = 5
-"""Requests for a parameter; one that is never answered does not exist in that firmware, or the link loses messages."""
+"""Requests for a parameter. If none is answered, the firmware does not have it, or the link loses messages."""
 RENEW_NS = 10 * NS
-"""Parameters can be changed in flight: they are read again at this interval."""
+"""Interval at which parameters are read again: they can be changed in flight."""
 SURE_NS, ASK_TO_BE_SURE_NS = NS, 4 * NS // 10
-"""A value counts once it was received for SURE_NS and no other: forged answers contradict those of the autopilot. Until then
-the value before counts, and the parameter is requested more often."""
+"""A value counts once it, and no other value, was received for SURE_NS: forged answers contradict those of the
+autopilot. Until then the value before counts, and the parameter is requested more often."""
 CONTRADICTION_NS, CONTRADICTIONS = 30 * NS, 3
-"""This many changes within this time are reported as a contradiction."""
+"""This many changes within CONTRADICTION_NS are reported as a contradiction."""
 WHOLE = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of integers, whose bytes PX4 puts into the float."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """One parameter. value: the one that counts, None: none yet; tries: requests since the last answer; candidate: the newest
-    answer, since_ns: when it was first received; before: the answer before; changes: instants of the newest changes."""
+    """State of one parameter.
+
+    Attributes:
+        value: the value that counts; None: none yet.
+        tries: requests since the last answer.
+        asked_ns: instant of the last request.
+        candidate: the newest answer.
+        since_ns: when the newest answer was first received.
+        before: the answer before it.
+        changes: instants of the newest changes."""
 
     value: float | None = None
     tries: int = 0
@@ -67,17 +75,17 @@ class Known:
 
 
 class ParameterReader:
-    """`due` gives the requests to send, `take` receives every message of the autopilot. Safe to use from two threads."""
+    """Requests and reads parameters. `due` returns requests, `take` gets every message of the autopilot. Thread-safe."""
 
     def __init__(self, heading: bool = False) -> None:
-        """heading: reads HEADING, too."""
+        """Starts without an autopilot. heading: HEADING is read as well."""
         self._lock = threading.Lock()
         self._heading = heading
         self._kind, self._system_id = "", 0
         self._known: dict[str, Known] = {}
 
     def begin(self, kind: str, system_id: int = 1) -> None:
-        """Sets the received autopilot; another one than before restarts the reading."""
+        """Sets the received autopilot; a change of it restarts the reading."""
         with self._lock:
             if (kind, system_id) != (self._kind, self._system_id):
                 self._kind, self._system_id = kind, system_id
@@ -85,7 +93,7 @@ class ParameterReader:
                 self._known = {name: Known() for name in names}
 
     def take(self, message: Any, now_ns: int) -> None:
-        """PARAM_VALUE of a parameter that was requested; other messages are ignored."""
+        """Handles PARAM_VALUE of requested parameters and ignores other messages."""
         if message.get_type() != "PARAM_VALUE":
             return
         with self._lock:
@@ -96,7 +104,7 @@ class ParameterReader:
                 self._known[name] = _answered(known, value, now_ns)
 
     def due(self, now_ns: int, system_id: int) -> list[Any]:
-        """Requests to send now."""
+        """Returns the requests to send now."""
         requests: list[Any] = []
         with self._lock:
             for name, known in self._known.items():
@@ -114,24 +122,24 @@ class ParameterReader:
         return requests
 
     def value(self, name: str) -> float | None:
-        """The value that counts; None: no answer, or only contradictory ones."""
+        """Returns the value that counts; None: no answer, or only contradictory ones."""
         with self._lock:
             known = self._known.get(name)
             return None if known is None else known.value
 
     def silent(self) -> tuple[str, ...]:
-        """Parameters that were requested TRIES times and never answered, but for OPTIONAL ones."""
+        """Returns parameters that were requested TRIES times and never answered, except OPTIONAL ones."""
         with self._lock:
             names = (name for name, k in self._known.items() if k.value is None and k.tries >= TRIES)
             return tuple(name for name in names if name not in OPTIONAL)
 
     @property
     def kind(self) -> str:
-        """Of the autopilot whose parameters these are."""
+        """Kind of the autopilot whose parameters these are."""
         return self._kind
 
     def contradictions(self, now_ns: int) -> list[str]:
-        """Parameters for which contradictory values are received, as text."""
+        """Returns the parameters with contradictory values, as text."""
         with self._lock:
             return [
                 f"{name} is received as {k.before:g} and as {k.candidate:g}: another sender uses the autopilot's ids; "
@@ -142,7 +150,7 @@ class ParameterReader:
 
     @property
     def settled(self) -> bool:
-        """Whether each parameter was answered, or requested TRIES times in vain, or contradicted."""
+        """True if each parameter was answered, contradicted, or requested TRIES times without an answer."""
         with self._lock:
             return all(
                 k.value is not None or k.tries >= TRIES or len(k.changes) >= CONTRADICTIONS
@@ -150,13 +158,13 @@ class ParameterReader:
             )
 
     def values(self) -> dict[str, float]:
-        """Name -> value, of those that have one."""
+        """Returns name -> value of the parameters that have one."""
         with self._lock:
             return {name: k.value for name, k in self._known.items() if k.value is not None}
 
 
 def _answered(known: Known, value: float, now_ns: int) -> Known:
-    """State of a parameter after an answer."""
+    """Returns the state of a parameter after an answer."""
     if value != known.candidate:
         changes = (*known.changes, now_ns)[-CONTRADICTIONS:]
         return replace(known, tries=0, candidate=value, before=known.candidate, since_ns=now_ns, changes=changes)
@@ -165,12 +173,13 @@ def _answered(known: Known, value: float, now_ns: int) -> Known:
 
 
 def _contradictory(known: Known, now_ns: int) -> bool:
+    """True if several changes of a value were received within CONTRADICTION_NS."""
     changes = known.changes
     return len(changes) >= CONTRADICTIONS and now_ns - changes[0] < CONTRADICTION_NS
 
 
 def value_of(message: Any, kind: str) -> float:
-    """The value of a PARAM_VALUE. PX4 puts the bytes of whole numbers into the float, ArduPilot their value."""
+    """Returns the value of a PARAM_VALUE. PX4 puts the bytes of integers into the float, ArduPilot their value."""
     if kind == PX4 and message.param_type in WHOLE:
         form = WHOLE[message.param_type]
         return float(struct.unpack_from(form, struct.pack("<f", message.param_value))[0])

@@ -1,9 +1,9 @@
-"""Distances around the vehicle in 72 sectors of 5 degrees, in the form of OBSTACLE_DISTANCE, from the models of the cameras.
+"""Distances around the vehicle in 72 sectors of 5 degrees, from the models of the cameras, as OBSTACLE_DISTANCE needs
+them.
 
-Everything here is in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down.
-Sector i is centred on i * 5 degrees clockwise from the nose. Each is one of three: an obstacle at a distance, seen to be
-clear, or unseen; unseen is never clear.
-"""
+Coordinates are in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down.
+Sector i is centred on i * 5 degrees clockwise from the nose. It contains an obstacle at a distance, was seen to be
+clear, or is unseen; an unseen sector is never clear."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from .view_free import View, ended_by_obstacle, ground_z_m, points_free
 SECTORS = 72
 STEP_RAD = math.tau / SECTORS
 PARTS = 5
-"""Parts of a sector, one degree each: how much of it a camera covers is determined for each."""
+"""Parts of a sector, of one degree each, for which the coverage by cameras is determined."""
 _EDGE_RAD = 1e-3
-"""Overlap of neighbouring sectors, so that nothing falls between two of them. Not a tuning value."""
+"""Overlap of neighbouring sectors, so that no obstacle falls between two of them. It is not a tuning parameter."""
 SHORT_SIGMAS = 4.0
-"""The free-range profile may end before a plane that was seen in full by one of its rings, one step along the ray, and so many
-sigmas of the plane's noise, sigma = ke * range^2."""
+"""Noise of a plane, in sigmas (sigma = ke * range^2), by which the free-range profile may end before a plane that was
+seen in full, in addition to one of its rings and one step along the ray."""
 
 
 class SectorState(IntEnum):
-    """What is known of a sector."""
+    """State of a sector."""
 
     UNSEEN = 0
     CLEAR = 1
@@ -44,12 +44,15 @@ class SectorState(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorScan:
-    """The result for each sector; sector i is centred on i * 5 degrees clockwise from the nose.
+    """The result for each sector.
 
-    state: (72,) uint8 SectorState. distance_m: (72,) float64, from the vehicle's hull to the nearest obstacle; inf: none.
-    free_m: (72,) float64, length from the vehicle's middle over which the sector was seen free; 0: not seen free.
-    azimuth_rad: (72,) float64, direction of the nearest obstacle, or the middle of the sector where there is none.
-    lacking: (72, slices, rays) bool, rays of each height slice that were not seen as far as a clear sector requires."""
+    Attributes:
+        state: (72,) uint8 SectorState.
+        distance_m: (72,) float64, from the vehicle's hull to the nearest obstacle; inf: none.
+        free_m: (72,) float64, length from the vehicle's middle over which the sector was seen free; 0: not seen free.
+        azimuth_rad: (72,) float64, direction of the nearest obstacle; the middle of the sector if there is none.
+        lacking: (72, slices, rays) bool, rays of each height slice that were not seen as far as a clear sector
+            requires."""
 
     state: NDArray[np.uint8]
     distance_m: NDArray[np.float64]
@@ -59,20 +62,20 @@ class SectorScan:
 
 
 Recall = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
-"""Which places of level, x, y, z (N,), were seen free before and are in no view now."""
+"""Function of places x, y, z in level, (N,) each: True for places that were seen free before and are in no view now."""
 
 
 def centres_rad() -> NDArray[np.float64]:
-    """(72,) middles of the sectors, clockwise from the nose."""
+    """Returns the middles of the sectors, (72,), clockwise from the nose."""
     return np.arange(SECTORS, dtype=np.float64) * STEP_RAD
 
 
 def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None) -> SectorScan:
-    """The nearest obstacle of any view in each sector, and where any view saw the sector free.
+    """Returns the nearest obstacle of any view in each sector, and how far any view saw the sector free.
 
-    A sector is CLEAR when it was seen free to the farthest distance sent, and OBSTACLE when it was seen free to its
-    nearest plane. Otherwise it is UNSEEN, even with a plane behind it: something nearer that was not measured
-    may stand before the plane. A plane nearer than near_m is always an OBSTACLE."""
+    A sector is CLEAR if it was seen free to the farthest distance sent, and OBSTACLE if it was seen free to its
+    nearest plane. Otherwise it is UNSEEN, even with a plane in it: an obstacle that was not measured may be nearer
+    than the plane. A plane nearer than near_m is always an OBSTACLE."""
     plane_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
     for view in views:
         if view.model.valid:
@@ -87,9 +90,10 @@ def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None
 
 
 def plane_distances(model: FrameModel, avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(72,) horizontal distance from the origin to the nearest point of any plane in each sector, less the plane's
-    margin, inf where there is none; (72,) azimuth of that point. Only planes that reach into the vehicle's band of
-    height count."""
+    """Returns distance and azimuth, (72,) each, of the nearest point of any plane in each sector.
+
+    The distance is horizontal, from the origin, less the margin of the plane; inf if there is no plane. Only planes
+    that extend into the height band of the vehicle count."""
     planes = model.planes.astype(np.float64)
     inside = (planes[:, 4] < avoid.band_below_m) & (planes[:, 5] > -avoid.band_above_m)
     if not inside.any():
@@ -103,13 +107,13 @@ def plane_distances(model: FrameModel, avoid: AvoidParams) -> tuple[NDArray[np.f
 def segment_distances(
     a_m: NDArray[np.float64], b_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Both (N, 72): distance from the origin to the part of each segment a -> b that lies in each sector, inf where no
-    part does; and the azimuth of its nearest point.
+    """Returns distance and azimuth, (N, 72) each, of the nearest point of each segment a -> b within each sector.
 
-    A sector is the meeting of two half planes through the origin; each clips the segment at a share of its length."""
+    The distance is from the origin; inf if no part of the segment lies in the sector. A sector is the intersection of
+    two half planes through the origin, each of which clips the segment."""
     low = centres_rad() - 0.5 * STEP_RAD - _EDGE_RAD
     high = centres_rad() + 0.5 * STEP_RAD + _EDGE_RAD
-    # at least 0 inside: clockwise of the lower edge, counter-clockwise of the upper one
+    # normals of the half planes: a product >= 0 is clockwise of the lower edge, or counter-clockwise of the upper one
     sides = ((-np.sin(low), np.cos(low)), (np.sin(high), -np.cos(high)))
     first, last = np.zeros((len(a_m), SECTORS)), np.ones((len(a_m), SECTORS))
     for nx, ny in sides:
@@ -127,20 +131,28 @@ def segment_distances(
     share = np.clip(nearest, first, np.maximum(first, last))
     x, y = a_m[:, 0:1] + share * along[:, 0:1], a_m[:, 1:2] + share * along[:, 1:2]
     distance = np.where(first <= last, np.hypot(x, y), np.inf)
-    known = np.isfinite(distance) & (distance > 1e-6)  # what goes through the origin lies in no direction
+    known = np.isfinite(distance) & (distance > 1e-6)  # a segment through the origin has no direction
     return distance, np.where(known, np.arctan2(y, x), centres_rad())
 
 
 def seen_free(
     views: Sequence[View], avoid: AvoidParams, plane_m: NDArray[np.float64], recall: Recall | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """(free_m, seen), each (72,), and lacking of SectorScan: how far along each sector it was seen free, and whether that
-    reaches as far as it must, for a share `clear_share` of the sector's rays and of the height of the band: to the plane, or to
-    the farthest distance that is sent, where there is none. plane_m: (72,) from the vehicle's middle, inf: none.
+    """Returns free_m, seen and lacking of the sectors: how far each was seen free, and if that is far enough.
 
-    Rays are walked from near_m on: what is nearer no camera looks at over the whole band. A point is free where any
-    view calls it free; rays start at the vehicle, views at their cameras. Sectors of which the views themselves see
-    seen_share are completed by what is recalled."""
+    A sector must be seen free to its plane, or to the farthest distance sent if there is none, for a share
+    `clear_share` of its rays and of the heights of the band. Rays begin at the vehicle, views at their cameras. A ray
+    is followed from near_m on, since no camera covers the whole band nearer than that. A point is free if any view
+    shows it free. Sectors of which the views show seen_share are completed by `recall`.
+
+    Args:
+        views: models of the seeing cameras.
+        avoid: parameters.
+        plane_m: (72,) distance to the plane of each sector, from the vehicle's middle; inf: none.
+        recall: see Recall.
+
+    Returns:
+        free_m (72,); seen (72,), the sector was seen far enough; lacking of SectorScan."""
     x, y, z, ranges = _sector_rays(avoid)
     free = np.zeros((len(z), *x.shape), bool)
     valid = [view for view in views if view.model.valid]
@@ -150,14 +162,14 @@ def seen_free(
     needed = np.repeat(np.where(np.isfinite(plane_m), np.searchsorted(ranges, must_m), len(ranges)), avoid.rays)
     reached = _reached(free)
     seen = reached >= needed
-    # behind a measured obstacle the profile says nothing, and nothing is missing
+    # behind a measured obstacle nothing needs to be seen
     i, ray = np.nonzero(~seen & np.isfinite(plane_m).repeat(avoid.rays))
     k = reached[i, ray]
     for view in valid:
         share = must_m.repeat(avoid.rays)[ray] / ranges[k]
         seen[i, ray] |= ended_by_obstacle(view, x[ray, k], y[ray, k], z[i], share)
     # A direction of the profile that reaches across the border of two sectors ends at the plane that stands in the other.
-    # This holds for rays at that border which end where the plane stands: what ends elsewhere is another obstacle.
+    # This holds for rays at that border which end at the plane: those that end elsewhere have met another obstacle.
     beside_m = _beside_m(plane_m, avoid.rays)
     at_m = np.where(np.isfinite(beside_m), beside_m, 0.0)
     short_m = at_m - _must_be_seen_m(valid, at_m, avoid.step_m)
@@ -176,7 +188,7 @@ def seen_free(
         free[i, ray, k] = recall(x[ray, k], y[ray, k], z[i])
         reached = _reached(free)
         seen |= reached >= needed
-    # what at least clear_share of the rays and slices reach
+    # the distance that at least clear_share of the rays and slices reach
     each = np.sort(_by_sector(reached), axis=1)[:, ::-1]
     least = math.ceil(avoid.clear_share * each.shape[1])
     common = each[:, least - 1]
@@ -190,8 +202,9 @@ def seen_free(
 def _sector_rays(
     avoid: AvoidParams,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """(x, y, z, ranges): the samples along the rays of all sectors. x, y: (72 * rays, ranges); z: (slices,) heights in the
-    band; ranges: (ranges,) from the vehicle's middle."""
+    """Returns (x, y, z, ranges): the samples along the rays of all sectors.
+
+    x, y: (72 * rays, ranges); z: (slices,) heights in the band; ranges: (ranges,) from the vehicle's middle."""
     rays = (centres_rad()[:, None] + np.linspace(-0.4, 0.4, avoid.rays) * STEP_RAD).ravel()
     ranges = np.arange(avoid.near_m, avoid.max_distance_m + avoid.step_m, avoid.step_m)
     band_m = avoid.band_above_m + avoid.band_below_m
@@ -200,15 +213,18 @@ def _sector_rays(
 
 
 def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
-    """(72,) how far a sector must have been seen free to its plane: the free-range profile ends short of it by its rings and
-    by the noise that the plane was measured with, on top of the margin that is off plane_m already."""
+    """Returns the distance, (72,), to which a sector must be seen free before its plane.
+
+    The free-range profile ends before the plane by a ring, a step and the noise of the plane, in addition to the
+    margin, which plane_m does not include."""
     short_m = step_m + max((view.ring_m for view in views), default=0.0)
     ke_per_m = max((view.model.ke_per_m for view in views), default=0.0)
     return plane_m - short_m - SHORT_SIGMAS * ke_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
 
 
 def _beside_m(plane_m: NDArray[np.float64], rays: int) -> NDArray[np.float64]:
-    """(72 * rays,) distance to the plane of the next sector, for the rays in the outer quarters of each sector; inf: none."""
+    """Returns the distance to the plane of the next sector, (72 * rays,), for rays in the outer quarters of a sector;
+    inf: none."""
     offset = np.linspace(-0.4, 0.4, rays)
     before, after = np.roll(plane_m, 1)[:, None], np.roll(plane_m, -1)[:, None]
     out: NDArray[np.float64] = np.where(offset < -0.25, before, np.where(offset > 0.25, after, np.inf)).ravel()
@@ -216,25 +232,25 @@ def _beside_m(plane_m: NDArray[np.float64], rays: int) -> NDArray[np.float64]:
 
 
 def _ground_in_band(views: Sequence[View], avoid: AvoidParams) -> bool:
-    """Whether the ground under the vehicle lies within its band of height: no direction is then free over the band."""
+    """True if the ground below the vehicle lies in its height band, so that no direction is free over the whole band."""
     here = np.zeros(1)
     return any(ground_z_m(view, here, here)[0] < avoid.band_below_m for view in views)
 
 
 def _reached(free: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(slices, 72 * rays): how many samples of each height and ray are free from near_m on. free: (slices, 72 * rays,
+    """Returns the number of samples, (slices, 72 * rays), that are free from near_m on. free: (slices, 72 * rays,
     ranges)."""
     out: NDArray[np.int64] = np.logical_and.accumulate(free, axis=2).sum(axis=2)
     return out
 
 
 def _by_sector(values: NDArray[Any]) -> NDArray[Any]:
-    """(72, rays * slices) of values (slices, 72 * rays)."""
+    """Reshapes values (slices, 72 * rays) to (72, rays * slices)."""
     return values.reshape(len(values), SECTORS, -1).transpose(1, 0, 2).reshape(SECTORS, -1)
 
 
 class Look(IntEnum):
-    """How much of a part of a sector a camera looks into."""
+    """How much of a part of a sector a camera covers."""
 
     NOTHING = 0
     SOME = 1
@@ -242,11 +258,16 @@ class Look(IntEnum):
 
 
 def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-    """(72, PARTS) Look: how much of each part of each sector a camera looks into while the vehicle is level, by the rays of
-    its image that run through the band of height at near_m or farther; by all its rays where none does.
+    """Returns how much of each part of each sector a camera covers while the vehicle is level, (72, PARTS) Look.
 
-    hidden: (H, W) pixels that are never measured. Where they take more than 1 - clear_share of the heights that the image
-    would see, the part is covered in some of it only, and never clear."""
+    It is determined by the rays of the image through the height band at near_m or farther; by all rays if there are
+    none.
+
+    Args:
+        info: description of the camera.
+        avoid: parameters.
+        hidden: (H, W) pixels that are never measured. If they hide more than 1 - clear_share of the heights that the
+            image would cover, the part is covered only in some of it, and never clear."""
     k, n = info.intrinsics, 257
     u, v = np.linspace(-0.5, k.width - 0.5, n), np.linspace(-0.5, k.height - 0.5, n)
     optical = np.stack([*np.meshgrid((u - k.cx) / k.fx, (v - k.cy) / k.fy), np.ones((n, n))]).reshape(3, -1)
@@ -272,15 +293,17 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
 
 
 EDGE_MARGIN_M = 0.1
-"""Beside the hull, for what the vehicle deviates from the direction of the stick."""
+"""Margin beside the hull for deviations of the vehicle from the commanded direction."""
 MOVES_DEG = (-0.5 * math.degrees(STEP_RAD), math.degrees(STEP_RAD))
-"""Directions, from the middle of a sector, into which PX4 moves by the value of that sector: its bins begin at the middle of a
-sector, or have it in their middle."""
+"""Directions, from the middle of a sector, into which PX4 moves by the value of that sector. Its bins begin at the
+middle of a sector or have it in their middle."""
 
 
 def too_near_the_edge(cameras: Sequence[NDArray[np.uint8]], avoid: AvoidParams) -> NDArray[np.bool_]:
-    """(72,) sectors into which the vehicle must not move by what these cameras (of looked_into) see: its hull, with a margin,
-    would pass through directions beside their views, at a range of near_m or more."""
+    """Returns the sectors, (72,), into which the vehicle must not move by what these cameras cover.
+
+    Its hull, with a margin, would pass through directions beside their views, at a range of near_m or more. cameras:
+    of `looked_into`."""
     parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras]).ravel() == Look.WHOLE
     hull_deg = math.degrees(math.asin(min(1.0, (avoid.radius_m + EDGE_MARGIN_M) / avoid.near_m)))
     part_deg = 360.0 / len(parts)
@@ -292,14 +315,14 @@ def too_near_the_edge(cameras: Sequence[NDArray[np.uint8]], avoid: AvoidParams) 
 
 
 _DIRECTION_PARTS = math.ceil(Params().profile_step_deg * SECTORS * PARTS / 360.0)
-"""Width of a direction of the free profile, in parts."""
+"""Width of a direction of the free-range profile, in parts."""
 
 
 def covered(cameras: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(72,) sectors of which these cameras (of looked_into) together see any part, and (72,) those that they could find clear.
+    """Returns the sectors, (72,) each, that these cameras cover in part, and those that they could find clear.
 
-    These are seen whole, and beside them as much as a direction of the free profile is wide: the outermost direction is
-    partly in the view only, and never free."""
+    The latter are covered completely, and beside them by as much as the width of a direction of the free-range
+    profile: the outermost direction is only partly in the view, and never free. cameras: of `looked_into`."""
     parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras])
     whole = (parts == Look.WHOLE).ravel()
     beside = [np.roll(whole, k) for k in range(-_DIRECTION_PARTS, _DIRECTION_PARTS + 1)]

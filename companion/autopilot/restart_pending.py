@@ -1,7 +1,7 @@
-"""Whether ArduPilot still has to be restarted before it reads obstacles.
+"""Detects that ArduPilot must be restarted before it reads obstacles.
 
-PRX1_TYPE takes effect at the next start. SYS_STATUS reports the proximity sensor as present only if it was set when the autopilot
-started (AP_Proximity::sensor_present)."""
+PRX1_TYPE takes effect at the next start. SYS_STATUS reports the proximity sensor as present only if it was set when
+the autopilot started (AP_Proximity::sensor_present)."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ TEXT: Final = "restart the autopilot: PRX1_TYPE was changed after its start, and
 
 
 class ProximityPresence:
-    """`due` gives the requests to send, `take` receives every message of the autopilot."""
+    """Requests and reads SYS_STATUS. `due` returns requests, `take` gets every message of the autopilot."""
 
     def __init__(self) -> None:
         self._present: bool | None = None
         self._asked_ns = self._tries = 0
 
     def take(self, message: Any) -> None:
-        """SYS_STATUS; other messages are ignored."""
+        """Handles SYS_STATUS and ignores other messages."""
         if message.get_type() == "SYS_STATUS":
             self._present = bool(int(message.onboard_control_sensors_present) & PROXIMITY)
 
     def due(self, now_ns: int, system_id: int) -> list[Any]:
-        """The request to send now, if any; TRIES in all."""
+        """Returns the request to send now, if any; TRIES in all."""
         waits = self._asked_ns and now_ns - self._asked_ns < ASK_AGAIN_NS
         if self._present is not None or self._tries >= TRIES or waits:
             return []
@@ -44,10 +44,10 @@ class ProximityPresence:
 
     @property
     def settled(self) -> bool:
-        """Whether it is known, or was asked for TRIES times in vain."""
+        """True if the state is known, or was requested TRIES times without an answer."""
         return self._present is not None or self._tries >= TRIES
 
     def restart_pending(self, facts: AutopilotFacts) -> bool:
-        """Whether PRX1_TYPE is set and the running autopilot has no such sensor."""
+        """True if PRX1_TYPE is set and the running autopilot has no proximity sensor."""
         wanted = facts.kind == ARDUPILOT and facts.values.get("PRX1_TYPE") == 2.0
         return wanted and self._present is False

@@ -20,7 +20,7 @@ FORGOTTEN_NS: Final = 2 * NS
 
 
 class SectorView:
-    """Safe to use from several threads."""
+    """The newest sent and echoed distances. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -29,7 +29,7 @@ class SectorView:
         self._faces: dict[int, tuple[int, int]] = {}
 
     def sent(self, values: NDArray[np.uint16], clear_cm: int, now_ns: int) -> None:
-        """values: (72,) cm that were sent."""
+        """Records values that were sent, (72,) cm."""
         message = pb.ObstacleSectors(
             cm=values.tolist(), t_ns=now_ns, clear_cm=clear_cm, step_deg=360.0 / SECTORS, body_frame=True
         )
@@ -37,7 +37,8 @@ class SectorView:
             self._sent = message
 
     def take(self, message: Any, now_ns: int) -> None:
-        """A message of the autopilot: PX4 echoes its map as OBSTACLE_DISTANCE, ArduPilot one DISTANCE_SENSOR per face."""
+        """Takes a message of the autopilot: PX4 echoes its map as OBSTACLE_DISTANCE, ArduPilot one DISTANCE_SENSOR
+        per face."""
         if message.get_type() == "OBSTACLE_DISTANCE":
             echo = pb.ObstacleSectors(
                 cm=[int(v) for v in message.distances],
@@ -56,7 +57,7 @@ class SectorView:
                 self._faces[int(message.orientation)] = (now_ns, value)
 
     def fill(self, health: pb.AutopilotHealth, now_ns: int) -> None:
-        """Writes what is not forgotten into a report."""
+        """Writes the values that are not older than FORGOTTEN_NS into a report."""
         with self._lock:
             if self._sent is not None and now_ns - self._sent.t_ns <= FORGOTTEN_NS:
                 health.obstacles_sent.CopyFrom(self._sent)

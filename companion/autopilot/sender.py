@@ -1,4 +1,4 @@
-"""Sends what an `ObstacleReportBuilder` decides to the autopilot, in a thread of its own."""
+"""Sends the decisions of an `ObstacleReportBuilder` to the autopilot, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ NS = 1_000_000_000
 
 
 def messages_of(report: ObstacleReport, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
-    """The messages of a decision: OBSTACLE_DISTANCE or, to ArduPilot where it is switched on, points; DISTANCE_SENSOR."""
+    """Returns the messages of a decision: OBSTACLE_DISTANCE, or points for ArduPilot if they are switched on;
+    DISTANCE_SENSOR."""
     if report.values is None:
         return []
     time_ms = now_ns // 1_000_000
@@ -60,7 +61,8 @@ class ObstacleSender:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the thread. May be called twice. If an exception has ended it, the last decision is sent from here."""
+        """Ends the thread. May be called twice. If an exception has ended the thread, the last decision is sent from
+        here."""
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(2.0)
@@ -75,7 +77,7 @@ class ObstacleSender:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the thread, as text; empty: none did."""
+        """The exception that ended the thread, as text; empty: none."""
         return self._thread.failure
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""The MAVLink session of the configuration: requested messages, output and signing."""
+"""Creates the MAVLink session of a configuration: requested messages, output and signing."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..config.share import AUTOPILOT_LINE
 
 CLOCK_FILE = "signing-clock"
 POINTS_A_CAMERA, MOST_POINTS = 30, 104
-"""Of a camera 90 degrees wide, by which the line is judged: 18 sectors, and three faces in four layers; of all around: 72
-sectors, and eight faces."""
+"""Number of points by which the load of the link is judged. Of a camera 90 degrees wide: 18 sectors, and three faces
+in four layers. Of all around: 72 sectors, and eight faces."""
 
 
 def params_of(config: Config) -> MavlinkParams:
-    """Own ids, requested messages and rate of the obstacle output."""
+    """Returns own ids, requested messages and the rate of the obstacle output."""
     a, share = config.autopilot, config.share
     is_shared = share.enabled and share.tunnel == AUTOPILOT_LINE
     others = len(share.member_numbers()) or 1  # of an open team at least one
@@ -38,8 +38,10 @@ def params_of(config: Config) -> MavlinkParams:
 
 
 def signing_of(autopilot: AutopilotConfig, state: Path) -> Signing:
-    """Signatures with the configured key, their timestamps kept in the state folder; none without a key. Raises
-    DeviceNotFound and BadData for a key that cannot be used."""
+    """Returns the signatures with the configured key; none without a key. Their timestamps are kept in the state
+    folder.
+
+    Raises DeviceNotFound and BadData for a key that cannot be used."""
     if not autopilot.signing_key:
         return Signing()
     return Signing(load_key(Path(autopilot.signing_key)), SigningClock(state / CLOCK_FILE))

@@ -1,7 +1,7 @@
 """`companion simulate-autopilot`: a simulated autopilot for the simulated cameras.
 
-It takes the flight from the same file as `companion run`, and both fly it by the monotonic clock alone: the attitude
-fits the images, whichever of the two is started or restarted when."""
+It reads the flight from the same file as `companion run`. Both compute the flight from the monotonic clock alone, so
+that the attitude fits the images whichever of the two is started or restarted first."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EVERYWHERE = ("0.0.0.0", "::", "")
 
 
 def flight_of(config: Config) -> EndlessFlight:
-    """The flight that the configuration's simulated cameras see. Raises ValueError where there is none."""
+    """Returns the flight that the simulated cameras of the configuration see. Raises ValueError if there are none."""
     section = next((c for c in config.cameras if c.kind == "simulated"), None)
     if section is None:
         raise ValueError(
@@ -39,7 +39,7 @@ def flight_of(config: Config) -> EndlessFlight:
 def simulated(
     flight: EndlessFlight, kind: str = PX4, *, armed: bool = False, drift_ppm: float = 0.0
 ) -> SimulatedAutopilot:
-    """An autopilot on this flight, not on a line yet."""
+    """Returns an autopilot on this flight, without a link."""
     return SimulatedAutopilot(
         FirmwareProfile(
             kind=kind, armed=armed, drift=drift_ppm * 1e-6, motion=flight.state, hides_attitude=flight.hides_attitude
@@ -48,8 +48,10 @@ def simulated(
 
 
 def other_end(address: str) -> UdpEnd | PtyEnd:
-    """The autopilot's end of a line whose other end is the service's address, `pty`, or `pty:LINK` (a name for the pty
-    that a configuration can hold). Raises ValueError for lines that cannot be had from this side."""
+    """Returns the autopilot's end of a line whose other end is the service's address, `pty`, or `pty:LINK`.
+
+    LINK is a name for the pty that a configuration can contain. Raises ValueError for lines that cannot be opened
+    from this side."""
     if address == "pty" or address.startswith("pty:"):
         return PtyEnd()
     line = parse_address(address)
@@ -62,7 +64,7 @@ def other_end(address: str) -> UdpEnd | PtyEnd:
 
 
 def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:
-    """Makes the name of pty:LINK. A link that is there is replaced, anything else is not."""
+    """Creates the name of pty:LINK. An existing symbolic link is replaced, any other file is not."""
     name = address.removeprefix("pty:") if address.startswith("pty:") else ""
     if not name or not isinstance(end, PtyEnd):
         return None
@@ -74,7 +76,7 @@ def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:
 
 
 def add_parser(subparsers: Any) -> None:
-    """The command line of `companion simulate-autopilot`."""
+    """Adds the command line of `companion simulate-autopilot`."""
     parser = subparsers.add_parser("simulate-autopilot")
     parser.add_argument(
         "-c",
@@ -107,14 +109,14 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs until it is stopped; 0. Raises ValueError, ConfigError and OSError."""
+    """Runs until it is stopped, and returns 0. Raises ValueError, ConfigError and OSError."""
     config = load_config(args.config)
     flight = flight_of(config)
     address = args.address or config.autopilot.address
     if not address:
         raise ValueError("the configuration has no [autopilot] address; give --address udpout:HOST:PORT")
-    # a real one is another computer: this one waits for a processor rather than take it from what it is shown to
-    with contextlib.suppress(OSError):  # a container may forbid it; it flies all the same
+    # a real autopilot is another computer: the simulated one must not take processor time from the service
+    with contextlib.suppress(OSError):  # a container may forbid it
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

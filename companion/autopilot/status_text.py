@@ -1,4 +1,4 @@
-"""Texts for the ground station (STATUSTEXT): one for each change, at most one in two seconds."""
+"""Texts for the ground station (STATUSTEXT): one per change, at most one in two seconds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CRITICAL, WARNING, INFO = 2, 4, 6
 
 
 class StatusTexts:
-    """`due` with the state of each camera. A state that comes and goes within two seconds is sent once, as it ends."""
+    """Decides which text to send. A state that begins and ends within two seconds is sent once, when it ends."""
 
     def __init__(self) -> None:
         self._sent: dict[str, bool] = {}
@@ -24,10 +24,14 @@ class StatusTexts:
         self._last_ns: int | None = None
 
     def due(self, blind: Mapping[str, str], now_ns: int, notes: Mapping[str, str] | None = None) -> Any | None:
-        """The message to send now, if any. blind: why each camera is blind, as text; empty: it is not. notes: other faults,
-        topic -> text (sent up to its first colon); empty: none.
+        """Returns the message to send now, if any.
 
-        A camera that has never worked is not reported before OPENING_NS: it takes some seconds to open."""
+        A camera that has never worked is not reported before OPENING_NS, because it takes some seconds to open.
+
+        Args:
+            blind: why each camera is blind, as text; empty: it is not.
+            now_ns: monotonic.
+            notes: other faults, topic -> text, of which the part before the first colon is sent; empty: none."""
         self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
         if self._last_ns is not None and now_ns - self._last_ns < LEAST_APART_NS:
             return None
@@ -55,13 +59,15 @@ class StatusTexts:
 
 
 def mount_note(camera: str, degraded: bool) -> str:
-    """The note on a camera's mount. It names no value: the estimate changes all the time, and each change would be sent."""
+    """Returns the note on a camera's mount. It contains no value, since each change of the estimate would be sent."""
     return f"{camera} mount differs from configuration" if degraded else ""
 
 
 def shortened(text: str) -> str:
-    """As many whole words as fit into MOST_CHARACTERS, plain ASCII. A word that is too long for the field is left out with all
-    after it; a text that begins with such a word is cut."""
+    """Returns as many whole words as fit into MOST_CHARACTERS, in ASCII.
+
+    A word that is too long for the field is left out with all words after it; a text that begins with such a word is
+    cut."""
     plain = text.encode("ascii", "replace").decode()
     if len(plain) <= MOST_CHARACTERS:
         return plain

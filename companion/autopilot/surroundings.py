@@ -1,4 +1,4 @@
-"""What one decision of the obstacle output was made from, for parts that watch the space around the vehicle."""
+"""The inputs of one decision of the obstacle output, for parts that watch the space around the vehicle."""
 
 from __future__ import annotations
 
@@ -12,11 +12,20 @@ from .view_free import View
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """State at the instant t_ns of a decision, monotonic. views: of the cameras that see, in level at t_ns. weak_px: for
-    each view, planes with this support or less need a second frame. exposed_ns: oldest of the newest exposures of these
-    cameras, None: no camera sees. frames: camera and exposure of each view; empty: not known. recall: see `polar_histogram.Recall`; only valid during the call. blind: why each blind
-    camera is blind. here: heading and position, None: not known. velocity_ned_m_s: None: not known, or older than 0.5 s;
-    velocity_ns: its own stamp, None: not known."""
+    """Inputs of a decision.
+
+    Attributes:
+        t_ns: instant of the decision, monotonic.
+        views: models of the seeing cameras, in level at t_ns.
+        weak_px: of each view, planes with this support or less need a second frame.
+        exposed_ns: oldest of the newest exposures of these cameras; None: no camera sees.
+        recall: see `polar_histogram.Recall`; valid only during the call.
+        recalled: remembered obstacles.
+        blind: why each blind camera is blind.
+        here: heading and position; None: not known.
+        velocity_ned_m_s: None: not known, or older than 0.5 s.
+        frames: camera and exposure of each view; empty: not known.
+        velocity_ns: instant of the velocity; None: not known."""
 
     t_ns: int
     views: tuple[View, ...]
@@ -32,4 +41,4 @@ class Surroundings:
 
 
 Observer = Callable[[Surroundings], None]
-"""Called in the thread of the obstacle output; it must not raise and must not block."""
+"""Called in the thread of the obstacle output. It must not raise and must not block."""

@@ -1,7 +1,7 @@
-"""What one camera's model says of places around the vehicle: which are seen free, and where a measured obstacle ends the view.
+"""The model of one camera as a function of places around the vehicle: which are free, and where a measured obstacle
+ends the view.
 
-Places are given in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down.
-"""
+Places are given in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down."""
 
 from __future__ import annotations
 
@@ -17,16 +17,23 @@ from core.types import FrameModel, FreeEnd, Intrinsics
 from ..pipeline.transform import LevelTransform
 
 EDGE_SHARE = 0.05
-"""Of the image's width and height on each side."""
+"""Share of the image's width and height on each side that is left out."""
 RING_M = Params().profile_ring_m
 """Default of [extractor] profile_ring_m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from.
-    intrinsics, R_optical_level: where its image looks in level; None: not known. ring_m: step of its free-range profile.
-    open_counts: sectors count open space as free; the memories of obstacles and of free space and the guard never do."""
+    """Model of one camera in level at the moment of sending.
+
+    Attributes:
+        model: the model.
+        transform: from the camera's level frame.
+        intrinsics: of the camera; None: not known.
+        R_optical_level: (3, 3) direction of the camera; None: not known.
+        ring_m: step of its free-range profile.
+        open_counts: sectors count open space as free. The memories of obstacles and of free space, and the guard,
+            never do."""
 
     model: FrameModel
     transform: LevelTransform
@@ -37,12 +44,12 @@ class View:
 
     @property
     def place_m(self) -> tuple[float, float, float]:
-        """x, y, z of the camera."""
+        """Place (x, y, z) of the camera, from which its ranges are measured."""
         return self.transform.translation_m
 
 
 def ground_z_m(view: View, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """z in level of the ground that this view found, at places x, y of any shape; inf where it found none."""
+    """Returns z in level of the ground that this view found, at places x, y of any shape; inf if it found none."""
     ground = view.model.ground
     if not (view.model.valid and ground.seen):
         return np.full(np.shape(x), np.inf)
@@ -52,8 +59,11 @@ def ground_z_m(view: View, x: NDArray[np.float64], y: NDArray[np.float64]) -> ND
 
 
 def ground_margin_m(view: View, range_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Height above the ground below which nothing is known at a horizontal range from the camera, same shape: what is
-    measured there counts as ground. The profile leaves it out of its layers, see core.stages.free_space.lowest_clear."""
+    """Returns the height above the ground below which nothing is known, at a horizontal range from the camera, of the
+    same shape.
+
+    Pixels measured there count as ground. The profile excludes it from its layers, see
+    core.stages.free_space.lowest_clear."""
     ground = view.model.ground
     return np.maximum(ground.tolerance_m, ground.noise_per_m * range_m)
 
@@ -61,8 +71,14 @@ def ground_margin_m(view: View, range_m: NDArray[np.float64]) -> NDArray[np.floa
 def above_ground_share(
     view: View, x: NDArray[np.float64], y: NDArray[np.float64], height_m: float, range_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N,) up to which multiple of its length the ray to each place stays above the view's ground and its margin; inf: it
-    does not come to it. x, y: (N,) of places in level; height_m: their z from the camera; range_m: (N,) from the camera."""
+    """Returns the multiple of its length, (N,), up to which the ray to each place stays above the ground and its
+    margin; inf: always.
+
+    Args:
+        view: model of a camera.
+        x, y: (N,) places in level.
+        height_m: their z relative to the camera.
+        range_m: (N,) their horizontal range from the camera."""
     if not (view.model.valid and view.model.ground.seen):
         return np.full(len(x), np.inf)
     ground, (cx, cy, cz) = view.model.ground, view.place_m
@@ -70,16 +86,17 @@ def above_ground_share(
     falls = height_m - ground.slope_x * (x - cx) - ground.slope_y * (y - cy)
     share = np.full(len(x), np.inf)
     for room_m, rate in ((here - ground.tolerance_m, falls), (here, falls + ground.noise_per_m * range_m)):
-        # a camera within the margin, as before take-off: what rises out of it stays above
+        # the camera is within the margin, as before take-off: only rays that rise out of it stay above
         end = np.where((room_m > 0.0) | (rate < 0.0), np.inf, 0.0)
         share = np.minimum(share, np.divide(max(room_m, 0.0), rate, out=end, where=rate > 0.0))
     return share
 
 
 def in_image(view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which places of level lie in a view's image, seen or not; all where it is not known where it looks.
+    """Returns the places of level, (N,), that lie in the image of a view, measured or not; all if its direction is
+    not known.
 
-    Not in its outermost EDGE_SHARE: of what only a part of a layer is in the image the profile says nothing."""
+    The outermost EDGE_SHARE is left out: the profile does not contain layers that are only partly in the image."""
     k = view.intrinsics
     if k is None or view.R_optical_level is None:
         return np.ones(len(x), bool)
@@ -97,8 +114,11 @@ def in_image(view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDAr
 def _directions(
     view: View, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.float64]]:
-    """inside: of the shape of x, whether the profile has a direction for the place; of those inside, (M,) the direction and
-    (M,) the horizontal range from the camera."""
+    """Returns the directions of the profile for places.
+
+    Returns:
+        inside, of the shape of x: the profile has a direction for the place; for the M places inside, the index of
+            the direction (M,) and the horizontal range from the camera (M,)."""
     cx, cy, _ = view.place_m
     edges = view.model.free.azimuth_edges_rad.astype(np.float64)
     # edges are not wrapped to one turn: the azimuth is taken within a turn from the first edge
@@ -116,13 +136,19 @@ def points_free(
     along_rays: bool = False,
     measured: bool = False,
 ) -> NDArray[np.bool_]:
-    """(len(z), *x.shape): which points of level the view's free-range profile calls free. z: (heights,). What it calls open
-    counts too where the view says so (`open_counts`), unless only what is `measured` may count.
+    """Returns the points, (len(z), *x.shape), that the free-range profile of a view shows free. z: (heights,).
 
-    A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
-    was seen through it there was seen through on the way, too: along_rays takes in every point whose ray from the camera
-    runs, at it or behind it, through a part of any layer that was seen free, as far as it stays above the ground. Nothing is
-    free below the ground, or less than `ground_margin_m` above it."""
+    A layer is free only from where all of it is in the image, which may be metres away for a tilted camera. With
+    along_rays, a point is free also if its ray from the camera passes, at the point or behind it, through a part of
+    any layer that was seen free, as long as the ray stays above the ground. Nothing is free below the ground, or less
+    than `ground_margin_m` above it.
+
+    Args:
+        view: model of a camera.
+        x, y: places in level, of one shape.
+        z: (heights,).
+        along_rays: see above.
+        measured: open space does not count, even if the view has `open_counts`."""
     profile = view.model.free
     cz = view.place_m[2]
     inside, direction, range_m = _directions(view, x, y)
@@ -157,8 +183,10 @@ def points_free(
 
 
 def _share_of_ray(height_m: float, top_m: float, bottom_m: float) -> tuple[float, float]:
-    """Between which multiples of its length the ray to a point at this height, drawn on, runs through a layer; (inf, 0) where
-    it does not. All heights count from the camera, downwards."""
+    """Returns the multiples of its length between which the ray to a point at this height is in a layer; (inf, 0):
+    never.
+
+    All heights are relative to the camera, positive down."""
     if abs(height_m) < 1e-9:
         return (0.0, math.inf) if top_m <= 0.0 < bottom_m else (math.inf, 0.0)
     a, b = sorted((top_m / height_m, bottom_m / height_m))
@@ -168,13 +196,17 @@ def _share_of_ray(height_m: float, top_m: float, bottom_m: float) -> tuple[float
 def ended_by_obstacle(
     view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], share: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """(N,) whether the profile's free range ends before each place because an obstacle was measured there, or the place
-    belongs to the measured ground. x, y, z: (N,).
+    """Returns the places, (N,), before which the free range ends at a measured obstacle, or which belong to the
+    measured ground.
 
-    Where a free range begins and ends so, its pixels were measured: an obstacle there is known and is a plane of the model.
-    Where none begins although an obstacle was measured, pixels are missing; unless no ring before that obstacle has its
-    whole layer in the image, in which case the profile does not decide. share: (N,) of the range to the place, where the last
-    such ring may lie; 1 is the place itself."""
+    If a free range begins and ends at an obstacle, its pixels were measured: that obstacle is a plane of the model.
+    If no free range begins although an obstacle was measured, pixels are missing; unless no ring before that obstacle
+    has its whole layer in the image, in which case the profile does not decide.
+
+    Args:
+        view: model of a camera.
+        x, y, z: (N,) places in level.
+        share: (N,) multiple of the range to the place at which the last such ring may lie; 1 is the place itself."""
     out = np.zeros(len(x), bool)
     if not view.model.valid:
         return out
