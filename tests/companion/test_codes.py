@@ -84,6 +84,13 @@ def test_every_code_is_documented_in_a_table(kind: Any) -> None:
     assert {str(code) for code in kind if code} - rows == set()
 
 
+def test_every_diagnostic_is_documented_with_its_text_and_a_remedy() -> None:
+    page = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
+    section = page[page.index("## Diagnostic codes") : page.index("## Causes of frames")]
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \| [^|]+ \|$", section, re.MULTILINE))
+    assert {code.value: rows.get(code.value) for code in DiagnosticCode} == {c.value: c.text for c in DiagnosticCode}
+
+
 def test_a_code_of_another_version_stands_for_itself() -> None:
     assert text_of("no_attitude", DropCause) == "no attitude had arrived"
     assert text_of("of_a_later_version", DropCause) == "of_a_later_version"
