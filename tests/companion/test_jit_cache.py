@@ -71,6 +71,7 @@ def sources(root: Path, factor: int) -> Path:
 def python(code: str, cache: Path) -> str:
     environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_DISABLE_JIT", "PYTHONPATH")}
     environment[VARIABLE] = str(cache)
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # bytecode is not renewed for a change within the same second
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, cwd=jit_cache.ROOT, capture_output=True, text=True, check=False
     )
