@@ -64,7 +64,7 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
     if vehicle.autopilot == PX4:
         main, sub = (number >> 16) & 0xFF, (number >> 24) & 0xFF
         known = _PX4_AUTO.get(sub) if main == _PX4_AUTO_MAIN else _PX4.get(main)
-        name, effect = known or (f"mode {main}.{sub}", Effect.UNKNOWN)
+        name, effect = known or (f"mode {main}.{sub}" if number else "mode not reported", Effect.UNKNOWN)
         if effect is Effect.BRAKES and facts.version is not None and position_mode_fault(facts):
             effect = Effect.WRONG_MODE
         return name, effect

@@ -294,7 +294,7 @@ class App {
     const on = this.measure.toggle();
     $("measure").setAttribute("aria-pressed", String(on));
     $("measured").hidden = !on;
-    $("measured").textContent = "first point";
+    $("measured").textContent = "measure: click the first point";
     this.ask();
   }
 

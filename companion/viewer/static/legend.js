@@ -18,6 +18,8 @@ export function drawLegend(data) {
   let last = -Infinity;
   const shares = [camera.min_m, 1, 2, 5, 10, 20, 50].filter((m) => m >= camera.min_m && m <= camera.max_m)
     .map((m) => [m, ((model.rangeIndex(m, camera) - 1) / 253) * 100]).filter(([, share]) => share - last >= apart && ((last = share), true));
+  const [before, end] = shares.slice(-2);
+  if (end && end[1] - before[1] < 1.6 * apart) shares.splice(-2, 1); // the last number ends at the border instead of being centred
   $("ticks").replaceChildren(...shares.map(([m, share]) => {
     const tick = document.createElement("span");
     tick.textContent = `${m} m`;

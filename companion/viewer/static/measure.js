@@ -41,7 +41,7 @@ export class Measure {
     dot.position.set(...point);
     dot.renderOrder = 9;
     this.group.add(dot);
-    if (this.points.length < 2) return "now the second point";
+    if (this.points.length < 2) return "measure: click the second point";
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.Float32BufferAttribute(this.points.flat(), 3));
     const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xff4081, depthTest: false }));

@@ -14,7 +14,7 @@ export function sectorColor(cm, clear) {
 
 /** Mode and armed state in words; pilot: of a frame or of the live service, null: not known. */
 export function pilotWords(pilot) {
-  if (!pilot) return { text: "autopilot: not known", armed: false };
+  if (!pilot) return { text: "autopilot: no report yet", armed: false };
   const old = pilot.age_s > OLD_S ? ` (${Math.round(pilot.age_s)} s ago)` : "";
   return { text: `${pilot.kind} · ${pilot.mode || "mode unknown"} · ${pilot.armed ? "ARMED" : "disarmed"}${old}`, armed: pilot.armed };
 }
@@ -33,7 +33,7 @@ export function showPilot(pilot, heading) {
   const words = pilotWords(pilot);
   $("pilot").textContent = words.text;
   $("pilot").classList.toggle("armed", words.armed);
-  $("sectors").hidden = !pilot;
+  $("sectors").hidden = !pilot || !(pilot.sent || pilot.echoed); // with [avoid] send = false there are none
   if (!pilot) return;
   const pen = $("dial").getContext("2d"), { width: w, height: h } = $("dial");
   pen.clearRect(0, 0, w, h);
