@@ -24,6 +24,7 @@ from ..kernels.child_process import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..live.message_json import message_json
 from ..live.status import status_lines
+from ..pipeline.sync import DropCause
 from ..replay.replay import Options, replay
 from ..replay.replay_report import Replay
 from ..viewer.view import ViewOptions, Views, make_views
@@ -39,6 +40,8 @@ MAX_FPS = 15.0
 """Largest frame rate in the page, which limits its size."""
 SECONDS, FAST_SECONDS, FAST_WIDTH_PX = 10.0, 3.0, 320
 PICTURES = 4
+BUSY_SHARE = 0.1
+"""Skipped frames over used ones from which the summary names the load of the computer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,7 +191,13 @@ def _print_summary(done: Demo) -> None:
     ages = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"
     print_line(f"{ages};")
     blind = ", ".join(f"{n} ({received.texts[code]})" for code, n in sorted(received.causes.items())) or "none"
-    print_line(f"blind frames, before the service was ready: {blind}.")
+    print_line(f"blind messages (valid = false), as sent before the first frame: {blind}.")
+    skipped, used = done.live.health.frames_dropped.get(DropCause.BUSY.value, 0), done.live.health.frames_used
+    if skipped > BUSY_SHARE * used:
+        print_line(
+            f"This computer was busy: {skipped} of {skipped + used} frames were skipped for newer ones. Delays and faults "
+            "above can be due to that."
+        )
     print_line(
         f"On average a frame has {counts.planes / valid:.0f} vertical planes in {counts.prisms / valid:.0f} prisms."
     )

@@ -116,7 +116,6 @@ def install_steps(
     steps += [
         command_step(["udevadm", "control", "--reload"], "load the new rules", not changed),
         command_step([*trigger, *match], "apply them to connected devices", not changed),
-        command_step([*trigger, "--sysname-match=cpu_dma_latency"], "for how deep processors sleep", not changed),
         command_step(["systemctl", "daemon-reload"], "load the new unit", not changed),
         Step(f"compile the kernels into {SHARED} (two minutes, more on a Raspberry Pi)", False, _compile_kernels),
         command_step(["systemctl", "enable", UNIT], "start at boot", paths.enabled.is_symlink()),

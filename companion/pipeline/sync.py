@@ -46,7 +46,7 @@ class DropCause(Code):
     DUPLICATE_FRAME = "duplicate_frame", "a frame with this exposure was handled already"
     LATE_FRAME = "late_frame", "a frame exposed later was handled already"
     WRONG_SIZE = "wrong_size", "the image has another size than the camera's description says"
-    BUSY = "busy", "a newer frame was waiting (live only)"
+    BUSY = "busy", "a newer frame was waiting"
 
 
 @dataclass(frozen=True, slots=True)
