@@ -145,7 +145,7 @@ def _print_summary(done: Bench) -> None:
     width, height = done.size
     print_line(f"From a depth image of {width}x{height} pixels to planes, prisms and free ranges, on one core:")
     print_line()
-    print_line(f"{'what the camera sees':<34}{'median':>10}{'p95':>10}{'p99':>10}{'a second':>10}")
+    print_line(f"{'what the camera sees':<34}{'median':>10}{'p95':>10}{'p99':>10}{'frames/s':>10}")
     for m, (name, what) in zip(done.measured, VIEWS, strict=True):
         figures = "".join(f"{m.times.wall(p):>7.1f} ms" for p in (50, 95, 99))
         print_line(f"{f'{name} ({what})':<34}{figures}{1000.0 / m.times.wall():>10.0f}")

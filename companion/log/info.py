@@ -212,6 +212,8 @@ def print_info(info: LogInfo) -> None:
         print_line(_camera_line(camera))
     listed = list(info.topics.values())[:_LISTED]
     width = max((len(topic.topic) for topic in listed), default=0)
+    if listed:
+        print_line(f"  {'topic':<{width}} messages        rate    content, type")
     for topic in listed:
         rate = f"{topic.rate_hz:8.2f} Hz" if topic.rate_hz is not None else " " * 11
         print_line(

@@ -177,8 +177,9 @@ def print_report(result: Replay, output: Path | None) -> None:
     for offset in result.exposure_offsets:
         warning = _offset_warning(offset, result)
         print_line(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
-    for anomaly, n in result.sample_anomalies.items():
-        print_line(f"{n} {anomaly.replace('_', ' ', 1).replace('_', ' ')}")
+    if result.sample_anomalies:
+        listed = ", ".join(f"{anomaly.replace('_', ' ')}: {n}" for anomaly, n in result.sample_anomalies.items())
+        print_line(f"samples: {listed}")
     for advice in t.advice():
         print_line(f"warning: {advice.text}")
     if result.comparison is not None:
@@ -190,6 +191,7 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"check: tracks of {result.tracks.compared} frames compared: {verdict}")
     if output is not None:
         print_line(f"written: {output}")
+        print_line(f"next: companion view {output} -o pictures")
 
 
 def _print_check(comparison: Comparison) -> None:
