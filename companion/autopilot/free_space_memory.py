@@ -2,7 +2,8 @@
 seen a moment before, from farther away or while level.
 
 Cells of a grid in ned hold when they were last seen free. They count only at places outside of all views, in sectors of which
-the cameras see `seen_share` now, and for `remember_free_s`. Without a position nothing is remembered.
+the cameras see `seen_share` now, and for `remember_free_s`. A cell in which a later frame finds an obstacle is not free any more,
+also after the obstacle has left the image. Without a position nothing is remembered.
 """
 
 from __future__ import annotations
@@ -55,6 +56,7 @@ class FreeMemory:
         x, y = _turned(north, east, here)
         free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
         self._seen_s[free] = np.maximum(self._seen_s[free], t_ns / NS)
+        self._seen_s[self._occupied(view.model.planes.astype(np.float64), here)] = NEVER
 
     def free(
         self,
@@ -77,6 +79,35 @@ class FreeMemory:
         out[inside] = now_ns / NS - self._seen_s[tuple(cell[:, inside])] <= self._avoid.remember_free_s
         for view in views:
             out &= ~in_image(view, x, y, z)
+        return out
+
+    def _occupied(self, planes: NDArray[np.float64], here: Here) -> NDArray[np.bool_]:
+        """Of the shape of the grid: cells through which planes (N, 6) of level pass, and their neighbours to all sides."""
+        assert here.position_ned_m is not None
+        up, across, _ = self._seen_s.shape
+        out = np.zeros(self._seen_s.shape, bool)
+        px, py, pz = here.position_ned_m
+        samples = np.ceil(2.0 * np.hypot(*(planes[:, 2:4] - planes[:, :2]).T) / self._avoid.step_m).astype(int) + 1
+        plane = np.repeat(np.arange(len(planes)), samples)
+        number = np.arange(len(plane)) - np.repeat(np.cumsum(samples) - samples, samples)
+        share = number / np.maximum(1, samples - 1)[plane]
+        x, y = (planes[plane, i] + share * (planes[plane, i + 2] - planes[plane, i]) for i in (0, 1))
+        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
+        north = np.floor((c * x - s * y + px) / self._cell_m[1]).astype(np.int64) - self._low[1]
+        east = np.floor((s * x + c * y + py) / self._cell_m[2]).astype(np.int64) - self._low[2]
+        top, bottom = (np.floor((planes[plane, i] + pz) / self._cell_m[0]) - self._low[0] for i in (4, 5))
+        inside = (north >= 0) & (north < across) & (east >= 0) & (east < across)
+        heights = np.arange(up)[None, :]
+        which, height = np.nonzero(inside[:, None] & (heights >= top[:, None]) & (heights <= bottom[:, None]))
+        out[height, north[which], east[which]] = True
+        for axis in (1, 2):  # a ray passes between two cells that touch at a corner
+            shifted = out.copy()
+            first, last = (
+                tuple(slice(*ends) if k == axis else slice(None) for k in range(3)) for ends in ((1, None), (None, -1))
+            )
+            shifted[first] |= out[last]
+            shifted[last] |= out[first]
+            out = shifted
         return out
 
     def _move_to(self, here: Here) -> None:

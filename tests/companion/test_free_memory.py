@@ -62,6 +62,25 @@ def test_it_stays_where_it_was_seen_while_the_vehicle_moves_and_turns(
     assert free(memory, later, c * moved_x + s * y, -s * moved_x + c * y, z - 0.3, t_ns=11 * NS)
 
 
+def test_where_a_later_frame_finds_an_obstacle_nothing_is_free() -> None:
+    """A thin obstacle may be found from nearer only, or move into the space; then it leaves the image, too."""
+    memory = remembering()
+    assert free(memory, START, 5.0, 0.0, -0.7)
+    found = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
+    memory.see("front", 11 * NS, replace(looking(0.0), model=found), START)
+    for x, y in ((5.0, 0.0), (4.8, 0.9), (5.2, -0.9)):
+        assert not free(memory, START, x, y, -0.7, t_ns=11 * NS)
+    assert free(memory, START, 5.0, 2.0, -0.7, t_ns=11 * NS)
+    assert free(memory, START, 7.0, 0.0, -0.7, t_ns=11 * NS)
+
+
+def test_below_an_obstacle_it_stays_free() -> None:
+    memory = remembering()
+    memory.see("front", 11 * NS, replace(looking(0.0), model=model((5.0, -1.0, 5.0, 1.0, -2.0, -0.6))), START)
+    assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=11 * NS)
+    assert free(memory, START, 5.0, 0.0, 0.5, t_ns=11 * NS)
+
+
 def test_after_a_while_it_is_forgotten() -> None:
     memory = remembering()
     assert free(memory, START, 4.0, 0.0, 0.0, t_ns=13 * NS)
