@@ -44,6 +44,7 @@ from .polar_histogram import (
     scan,
     too_near_the_edge,
 )
+from .position_sections import PositionSections
 from .surroundings import Observer, Surroundings
 from .view_free import RING_M, View, ground_z_m
 
@@ -108,6 +109,7 @@ class ObstacleReportBuilder:
         self._looks: dict[str, NDArray[np.uint8]] = {}
         self._last_here: Here | None = None
         self._newest_pose: PoseSample | None = None
+        self._sections = PositionSections()
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
@@ -163,6 +165,7 @@ class ObstacleReportBuilder:
                 self._motion.attitudes.add(sample)
             else:
                 self._motion.poses.add(sample)
+                self._sections.take(sample)
                 self._newest_pose = sample
         here = self._here(now_ns)
         causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
@@ -276,7 +279,7 @@ class ObstacleReportBuilder:
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         pose = self._motion.pose_at(now_ns)
         if isinstance(pose, PoseAt):
-            return Here(heading, pose.position_ned_m, pose.reset_counter)
+            return Here(heading, pose.position_ned_m, self._sections.number)
         return Here(heading)
 
     def _surroundings(
@@ -323,7 +326,7 @@ class ObstacleReportBuilder:
         """A result in level at the moment of sending."""
         assert result.model is not None
         assert result.transform is not None
-        same = result.pose is not None and result.pose.reset_counter == here.section
+        same = result.t_exposure_ns >= self._sections.since_ns
         if result.frame == "ned" and here.position_ned_m is not None and same:
             step = LevelTransform(here.heading_rad, here.position_ned_m).inverse()
         else:
