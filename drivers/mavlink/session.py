@@ -35,6 +35,8 @@ SILENT_NS = 3 * NS
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
 MOST_SOURCES = 16
+BROADCAST = 0
+"""As target, this system id names all vehicles: an autopilot that uses it could not be commanded alone."""
 STATUSTEXT_ID = 253
 
 
@@ -64,7 +66,9 @@ class MavlinkSession:
         self.system_status = MAV_STATE_STANDBY
         self.vehicle: Vehicle | None = None
         self._expected = expected
-        if expected is not None and self.params.system_id not in (0, expected.system_id):
+        if expected is not None and (
+            expected.system_id == BROADCAST or self.params.system_id not in (0, expected.system_id)
+        ):
             self._expected = None
         self.counts: Counter[LinkAnomaly] = Counter()
         self.received = 0
@@ -206,6 +210,9 @@ class MavlinkSession:
     def _heartbeat(self, m: Any, arrival_ns: int) -> None:
         system = m.get_srcSystem()
         if m.autopilot == MAV_AUTOPILOT_INVALID or m.get_srcComponent() != MAV_COMP_ID_AUTOPILOT1:
+            return
+        if system == BROADCAST:
+            self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
             return
         if self.params.system_id not in (0, system):
             self._conflicts.left_out(system, arrival_ns)

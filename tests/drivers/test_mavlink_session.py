@@ -267,6 +267,20 @@ def test_a_configured_vehicle_is_the_only_one_received() -> None:
     assert c.sent == []
 
 
+def test_system_0_is_no_vehicle_since_commands_to_it_reach_all() -> None:
+    """MAVLink takes target 0 for a broadcast."""
+    c = talk(PX4, system_id=0)
+    c.run(2.0)
+    assert c.session.vehicle is None
+    assert c.sent == []
+    assert c.session.status(c.now_ns).counts["other_vehicle"] > 0
+    expected = Vehicle(0, PX4, 2, True, 0, heartbeat_ns=0)
+    c = talk(PX4, system_id=0)
+    c.session = MavlinkSession(expected=expected)
+    c.run(2.0)
+    assert c.session.vehicle is None
+
+
 def test_noise_between_messages_is_skipped_and_counted() -> None:
     c = talk(PX4)
     c.noise = b"\x00\xfd\x03noise"
