@@ -77,6 +77,7 @@ class GuardMachine:
     _brakes_until_ns: int | None = None
     _failure_announced: bool = False
     _free_since_ns: int | None = None
+    _reason: Verdict | None = None
     _sees_since_ns: int | None = None
     _motion: HoldMotion = field(default_factory=HoldMotion)
     _doubt_since_ns: int = 0
@@ -259,6 +260,7 @@ class GuardMachine:
         self._begin(
             GuardState.STOPPING, now, blind_stop=self.memory.blind_stop or not verdict.sees, cause=verdict.cause
         )
+        self._reason = verdict
         return [*self._try_to_stop(vehicle, now), Announcement(f"guard: stop, {verdict.cause}", critical=True)]
 
     def _try_to_stop(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
@@ -308,9 +310,14 @@ class GuardMachine:
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
 
     def _still_needed(self, now: GuardInput) -> bool:
-        """True if a stop without effect is repeated: unless the path is seen and the braking distance fits."""
-        unseen = now.verdict is None or not now.verdict.sees
-        return self._wants_stop(now) or (unseen and not now.near_ground and not self._failsafe_return(now))
+        """True if a stop without effect is repeated: unless the path is seen and the braking distance fits. Where unseen
+        space does not stop the vehicle, the reason for the stop counts until the path is seen."""
+        if self._wants_stop(now):
+            return True
+        if now.verdict is not None and now.verdict.sees:
+            return False
+        unseen_stops = not now.near_ground and not self._failsafe_return(now)
+        return unseen_stops or self._wants_stop(replace(now, verdict=self._reason))
 
     def _leave_when_free(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """Ends a stop without effect that is not needed any more, unless a command that was sent may still take
@@ -393,4 +400,4 @@ class GuardMachine:
         self.memory = replace(fresh, **changes)
         self._limiter = SpeedLimiter(self.guard)
         self._attempt, self._brakes_until_ns, self._failure_announced = None, None, False
-        self._free_since_ns, self._motion = None, HoldMotion()
+        self._free_since_ns, self._reason, self._motion = None, None, HoldMotion()

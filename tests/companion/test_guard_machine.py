@@ -265,6 +265,36 @@ def test_a_stop_is_repeated_where_the_path_is_not_seen() -> None:
     assert commands(f.step(30)) != []
 
 
+@pytest.mark.parametrize("unseen", [BLIND, replace(FREE, sees=False), None])
+def test_a_stop_before_an_obstacle_is_repeated_in_take_off_landing_and_failsafe_where_the_path_is_lost(
+    unseen: Verdict | None,
+) -> None:
+    """Unseen space alone does not stop the vehicle there. It does not show that the obstacle is gone, either."""
+    f = Flight(near_ground=True)
+    f.step()
+    f.verdict = BLOCKED
+    assert len(commands(f.step())) == 1
+    f.verdict = unseen
+    assert len(commands(f.step(100))) > 3
+    f.verdict = FREE
+    assert texts(f.step(40)) == ["guard: stop ended, not needed now"]
+    f = Flight("PX4", RETURN, system_status=5)
+    f.step()
+    f.verdict = BLOCKED
+    assert len(commands(f.step())) == 1
+    f.verdict = unseen
+    assert len(commands(f.step(100))) > 3
+
+
+def test_a_failsafe_that_begins_during_a_stop_needs_a_firm_obstacle() -> None:
+    f = Flight("PX4", RETURN)
+    f.step()
+    f.verdict = WEAK
+    assert len(commands(f.step())) == 1
+    f.verdict, f.system_status = BLIND, 5
+    assert commands(f.step(50)) == []
+
+
 def test_announces_a_stop_without_effect_once_and_goes_on() -> None:
     f = stopping()
     out = f.step(150)
