@@ -106,7 +106,7 @@ class PathAssessor:
         newest = self._sights[-1] if self._sights else None
         if newest is None or newest.speed_m_s is None:
             return None
-        age_ns = now_ns - (newest.t_ns if newest.velocity_ns is None else newest.velocity_ns)
+        age_ns = now_ns - _velocity_ns(newest)
         if age_ns > HOLD_NS:
             return None
         measured = age_ns <= LONGEST_UNMEASURED_NS
@@ -163,11 +163,12 @@ class PathAssessor:
         return speed_m_s if late else speed_m_s - loses_m_s2 * STOP_PREDICT_S
 
     def _gain_m_s2(self) -> float:
-        """Returns the measured rate of the speed; 0: not known."""
+        """Returns the measured rate of the speed, by the stamps of the velocities, which several decisions may share; 0:
+        not known."""
         newest = self._sights[-1]
         newest_m_s = newest.speed_m_s or 0.0
         for sight in reversed(self._sights):
-            age_ns = newest.t_ns - sight.t_ns
+            age_ns = _velocity_ns(newest) - _velocity_ns(sight)
             if age_ns >= SLOPE_NS and sight.speed_m_s is not None:
                 return (newest_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
         return 0.0
@@ -235,6 +236,11 @@ class PathAssessor:
         if obstacle_m <= free_m:
             return f"obstacle {obstacle_m:.1f} m ahead"
         return f"seen free for {free_m:.1f} m only"
+
+
+def _velocity_ns(sight: PathSight) -> int:
+    """Returns the stamp of the velocity of a sight."""
+    return sight.t_ns if sight.velocity_ns is None else sight.velocity_ns
 
 
 def _same_course(a: PathSight, b: PathSight) -> bool:

@@ -11,6 +11,7 @@ from companion.guard.assessment import (
     GAIN_M_S2,
     LATE_NS,
     LONGEST_UNMEASURED_NS,
+    PREDICT_S,
     Action,
     PathAssessor,
     Verdict,
@@ -21,7 +22,7 @@ from companion.guard.velocity_hold import HOLD_NS
 from drivers.mavlink.commands import COPTER_BRAKE, DO_CHANGE_SPEED
 
 from .test_guard_machine import BLOCKED, GUARD, NARROW, Flight, commands, stopping, texts
-from .test_guard_path import AVOID, BRAKING, MS, SIGHT, T_NS
+from .test_guard_path import AVOID, BRAKING, MS, NS, SIGHT, T_NS
 from .test_guard_thread import STEP_NS
 from .test_guard_thread import Flight as GuardFlight
 
@@ -65,6 +66,23 @@ def test_a_late_velocity_is_a_speed_until_it_is_too_old() -> None:
     assert unknown is not None
     assert unknown.speed_m_s is None
     assert verdict(HOLD_NS + 1, 2.0) is None
+
+
+@pytest.mark.parametrize("every_ms", [20, 67, 200, 333])
+def test_a_velocity_that_comes_seldom_shows_the_same_acceleration(every_ms: int) -> None:
+    """A vehicle that gains 3 m/s2, decisions at 15 Hz, velocities at 3 to 50 Hz."""
+    assessor, gained = PathAssessor(GUARD, BRAKING, AVOID), []
+    for n in range(30):
+        t_ns = T_NS + n * 67 * MS
+        stamp_ns = t_ns - (n * 67 * MS) % (every_ms * MS)
+        speed_m_s = 1.0 + 3.0 * (stamp_ns - T_NS) / NS
+        assessor.take(replace(SIGHT, t_ns=t_ns, exposed_ns=t_ns, speed_m_s=speed_m_s, velocity_ns=stamp_ns))
+        found = assessor.verdict(t_ns)
+        assert found is not None
+        if n >= 15:
+            gained.append(found.predicted_m_s - speed_m_s)
+    assert min(gained) == pytest.approx(3.0 * PREDICT_S)
+    assert max(gained) == pytest.approx(3.0 * PREDICT_S)
 
 
 def test_an_obstacle_output_that_hangs_before_the_vehicle_moves_is_not_a_vehicle_that_stands() -> None:
