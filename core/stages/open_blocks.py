@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inner
+from ..jit import inline_ieee, inner, inner_inline
 from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, SATURATED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
 from .level import seen_rows, source_of_rows
 from .view_geometry import Q_FAR, Q_UNKNOWN
@@ -20,10 +20,23 @@ OUTSIDE, SMOOTH, MEASURED, PARTLY, OTHER, CONTINUED, TEXTURED = range(7)
 """Kinds of blocks: beyond the image; all textureless; at least half measured; less, with pixels of which nothing is known; such pixels
 alone (masked, dark, saturated, or dropped after they were measured); textureless, or measured in part, of the brightness of what is
 measured below; all others, whose unmeasured pixels are textured."""
+_IS_OUTSIDE, _IS_SMOOTH, _IS_MEASURED, _IS_OTHER, _IS_CONTINUED, _IS_TEXTURED = (
+    np.uint8(1 << kind) for kind in (OUTSIDE, SMOOTH, MEASURED, OTHER, CONTINUED, TEXTURED)
+)
+"""Kinds of cells, as bits."""
+_AS_GROUND = _IS_CONTINUED | _IS_MEASURED | _IS_SMOOTH
 BEYOND_ALL = np.float32(np.inf)
 """Distance of what is not measured within the range."""
-OUTSIDE_MM = np.uint16(SATURATED_MM)
-"""In `level_marks`: no pixel of the source. Pixels of this value itself are unknown there."""
+_CLEAR, _FAR, _SATURATED, _UNKNOWN = np.uint16(Q_FAR), np.uint16(FAR_MM), np.uint16(SATURATED_MM), np.uint16(UNKNOWN_MM)
+
+
+class MarkedView(NamedTuple):
+    """A levelled view with the marks of its source; (cols, rows) each. codes: uint16, those of far cells by what was measured beyond the
+    range of the camera; mm: uint16, millimetres or a mark, UNKNOWN_MM outside of the image; kinds: uint8, bits of the kinds of cells."""
+
+    codes: Any
+    mm: Any
+    kinds: Any
 
 
 class ForwardRows(NamedTuple):
@@ -34,81 +47,113 @@ class ForwardRows(NamedTuple):
 
 
 @inner
-def level_marks(flat, shape, codes, H, clear_m, gain, rows_of, mm, out):
+def level_marks(flat, shape, codes, H, clear_m, gain, scratch, marked):
     """Each cell of the levelled view takes what its source pixel holds, and a far one the code of what was measured there.
 
     flat: (H * W,) uint16 of the source, with its marks; shape: (H, W); codes: (cols, rows) uint16 of the view. clear_m: optical depth from
-    which on a cell is far; gain: f_px * lsb_per_px. rows_of: ForwardRows, scratch. mm: (cols, rows) uint16 out, millimetres or
-    a mark, OUTSIDE_MM outside of the image. out: (cols, rows) uint16 out, the codes, with those of far cells by what was measured
-    beyond the range of the camera."""
+    which on a cell is far; gain: f_px * lsb_per_px. scratch: ForwardRows. marked: MarkedView, filled."""
     src_rows, src_cols = shape
-    rows, forward, at = codes.shape[1], rows_of.forward, rows_of.at
-    clear = np.uint16(min(65535.0, math.ceil(gain / clear_m)))
-    least, scale = np.uint16(min(65535.0, math.floor(1000.0 * clear_m))), np.float32(1000.0 * gain)
-    far, saturated, unknown = np.uint16(FAR_MM), np.uint16(SATURATED_MM), np.uint16(UNKNOWN_MM)
+    rows = codes.shape[1]
     for u in range(codes.shape[0]):
         first, end = seen_rows(H, u, src_cols, src_rows, rows)
-        column, marks, line = codes[u], mm[u], out[u]
-        marks[:first] = OUTSIDE_MM
-        marks[end:] = OUTSIDE_MM
-        line[:first] = Q_UNKNOWN
-        line[end:] = Q_UNKNOWN
-        source_of_rows(H, u, first, src_cols, src_rows, forward, at[: end - first])
-        for i in range(end - first):
-            z = flat[at[i]]
-            marks[first + i] = unknown if z == saturated else z
-        for i in range(end - first):
-            z, code = marks[first + i], column[first + i]
-            beyond = np.ceil(scale * forward[i] / np.float32(max(z, np.uint16(1))))
-            measured = np.uint16(min(beyond, np.float32(65535.0))) if (z < far) & (z > least) else clear
-            line[first + i] = measured if code == Q_FAR else code
+        line, mm, kinds = marked.codes[u], marked.mm[u], marked.kinds[u]
+        line[:first], mm[:first], kinds[:first] = Q_UNKNOWN, UNKNOWN_MM, _IS_OUTSIDE
+        line[end:], mm[end:], kinds[end:] = Q_UNKNOWN, UNKNOWN_MM, _IS_OUTSIDE
+        forward, at = scratch.forward[: end - first], scratch.at[: end - first]
+        source_of_rows(H, u, first, src_cols, src_rows, forward, at)
+        fetch_marks(flat, at, mm[first:end])
+        codes_beyond(codes[u, first:end], mm[first:end], forward, clear_m, gain, line[first:end])
+        kinds_of(line[first:end], mm[first:end], kinds[first:end])
+
+
+@inner_inline
+def fetch_marks(flat, at, mm):
+    """mm: (N,) uint16 out, the pixels at[:N] of the flat image; saturated ones are unknown."""
+    for i in range(len(mm)):
+        mm[i] = flat[at[i]]
+    for i in range(len(mm)):
+        z = mm[i]
+        mm[i] = _UNKNOWN if z == _SATURATED else z
+
+
+@inline_ieee
+def codes_beyond(codes, mm, forward, clear_m, gain, out):
+    """out: (N,) uint16, the codes with those of far cells by their mm. clear_m: optical depth from which on a cell is far; gain:
+    f_px * lsb_per_px."""
+    clear = np.uint16(min(65535.0, math.ceil(gain / clear_m)))
+    least, scale = np.uint16(min(65535.0, math.floor(1000.0 * clear_m))), np.float32(1000.0 * gain)
+    for i in range(len(out)):
+        z, code = mm[i], codes[i]
+        beyond = np.ceil(scale * forward[i] / np.float32(max(z, np.uint16(1))))
+        measured = np.uint16(np.int32(min(beyond, np.float32(65535.0))))
+        measured = measured if (z < _FAR) & (z > least) else clear
+        out[i] = measured if code == _CLEAR else code
+
+
+@inner_inline
+def kinds_of(codes, mm, kinds):
+    """kinds: (N,) uint8 out, of cells within the image with these codes and marks."""
+    for i in range(len(kinds)):
+        z = mm[i]
+        kind = _IS_TEXTURED if z == TEXTURED_MM else _IS_OTHER
+        kind = _IS_CONTINUED if z == CONTINUED_MM else kind
+        kind = _IS_MEASURED if z == BEYOND_MM else kind
+        kind = _IS_SMOOTH if z == TEXTURELESS_MM else kind
+        kinds[i] = _IS_MEASURED if codes[i] != Q_UNKNOWN else kind
+
+
+class BlockRows(NamedTuple):
+    """Scratch of `sort_blocks`, (rows,), of two columns of cells: kinds uint8, bits of both; measured uint8: how many of both are;
+    most uint16: the greater code."""
+
+    kinds: Any
+    measured: Any
+    most: Any
 
 
 @inner
-def kind_of(code, mm):
-    """Kind of one cell of the view with this code. mm: of `level_marks`."""
-    if code != Q_UNKNOWN:
-        return MEASURED
-    if mm == OUTSIDE_MM:
-        return OUTSIDE
-    if mm == TEXTURELESS_MM:
-        return SMOOTH
-    if mm == CONTINUED_MM:
-        return CONTINUED
-    if mm == TEXTURED_MM:
-        return TEXTURED
-    return MEASURED if mm == BEYOND_MM else OTHER
+def sort_blocks(marked, gain, scratch, kind, near):
+    """marked: MarkedView. kind: (C, R) uint8 out, of each block of the view; near: (C, R) float32 out, its least forward distance,
+    BEYOND_ALL: none within the range. gain: f_px * lsb_per_px. scratch: BlockRows.
 
-
-@inner
-def sort_blocks(mm, codes, gain, kind, near):
-    """mm: of `level_marks`; codes: its out. kind: (C, R) uint8 out, of each block of the view; near: (C, R) float32 out, its least forward distance, BEYOND_ALL: none
-    within the range. gain: f_px * lsb_per_px."""
-    cols, rows = codes.shape
+    Two columns and two rows of a block are looked at; at the border of the view, where it has one, that one twice."""
+    cols, rows = marked.codes.shape
+    of_both, measured, most = scratch.kinds, scratch.measured, scratch.most
     for j in range(kind.shape[0]):
+        u0 = j * BLOCK
+        u1 = u0 + _STEP if u0 + _STEP < cols else u0
+        join_columns(marked.kinds[u0], marked.kinds[u1], marked.codes[u0], marked.codes[u1], scratch)
         for i in range(kind.shape[1]):
-            outside, smooth, measured, continued, other, count, most = 0, 0, 0, 0, 0, 0, 0
-            for u in range(j * BLOCK, min((j + 1) * BLOCK, cols), _STEP):
-                for v in range(i * BLOCK, min((i + 1) * BLOCK, rows), _STEP):
-                    code = int(codes[u, v])
-                    what = kind_of(code, mm[u, v])
-                    count += 1
-                    outside += what == OUTSIDE
-                    smooth += what == SMOOTH
-                    measured += what == MEASURED
-                    continued += what == CONTINUED
-                    other += what == OTHER
-                    most = max(most, code)
-            near[j, i] = np.float32(gain / most) if most > Q_FAR else BEYOND_ALL
-            if outside > 0:
-                kind[j, i] = OUTSIDE
-            elif smooth == count:
-                kind[j, i] = SMOOTH
-            elif 2 * measured >= count:
-                kind[j, i] = MEASURED
-            elif continued > 0 and continued + measured + smooth == count:
-                kind[j, i] = CONTINUED
-            elif other > 0:
-                kind[j, i] = PARTLY if measured > 0 else OTHER
-            else:
-                kind[j, i] = TEXTURED
+            v0 = i * BLOCK
+            v1 = v0 + _STEP if v0 + _STEP < rows else v0
+            code = max(most[v0], most[v1])
+            near[j, i] = np.float32(gain / code) if code > Q_FAR else BEYOND_ALL
+            kind[j, i] = kind_of_block(of_both[v0] | of_both[v1], measured[v0] + measured[v1])
+
+
+@inner_inline
+def join_columns(kinds, other_kinds, codes, other_codes, joined):
+    """joined: BlockRows out, of two columns of cells. kinds, other_kinds: (rows,) uint8; codes, other_codes: (rows,) uint16."""
+    for v in range(len(kinds)):
+        a, b = kinds[v], other_kinds[v]
+        joined.kinds[v] = a | b
+        joined.measured[v] = np.uint8(a == _IS_MEASURED) + np.uint8(b == _IS_MEASURED)
+    for v in range(len(kinds)):
+        c, d = codes[v], other_codes[v]
+        joined.most[v] = c if c > d else d
+
+
+@inner_inline
+def kind_of_block(kinds, measured):
+    """The kind of a block. kinds: bits of its four cells; measured: how many of them are measured."""
+    if kinds & _IS_OUTSIDE:
+        return OUTSIDE
+    if kinds == _IS_SMOOTH:
+        return SMOOTH
+    if measured >= 2:
+        return MEASURED
+    if (kinds & _IS_CONTINUED) and not (kinds & ~_AS_GROUND):
+        return CONTINUED
+    if kinds & _IS_OTHER:
+        return PARTLY if measured > 0 else OTHER
+    return TEXTURED

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..buffers import Buffers
-from ..jit import inner, kernel
+from ..jit import inner, inner_inline, kernel
 from ..open_sky_params import OpenSkyParams
 from ..params import Params
 from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM, Ground
 from .free_space import FreeObservation, observe_free
-from .open_blocks import BLOCK, ForwardRows, level_marks, sort_blocks
+from .open_blocks import BLOCK, BlockRows, ForwardRows, MarkedView, level_marks, sort_blocks
 from .open_columns import (
     Columns,
     bridge_columns,
@@ -63,20 +63,35 @@ def set_open(mm, columns, run, code, matched, out):
     something else is met in row run[1] or below; textured ones from there on, the edge itself, until something else is met or to
     run[2] - 1, where the edge ends by then; smooth ground below that to run[3] - 1. Cells that were matched beyond what millimetres
     can hold get the code `matched`. Cells of which nothing is known, and what lies lower, keep theirs."""
+    rows = out.shape[1]
+    below_sky = min(rows, max(run[0], min(run[1], run[2])))
+    end = min(rows, max(below_sky, max(run[2], run[3])))
     for u in range(columns[0], columns[1]):
-        sky, edge = True, edge_ends(mm, u, run[1], run[2] + 1, out)
-        for v in range(run[0], out.shape[1]):
+        # the edge before it changes
+        edge = edge_ends(mm, u, run[1], run[2] + 1, out)
+        set_marked(mm[u, run[0] : below_sky], code, matched, out[u, run[0] : below_sky])
+        sky = True
+        for v in range(below_sky, end):
             # a mark stays where the view has no code of its own, and is none elsewhere
             mark = mm[u, v] if out[u, v] == Q_UNKNOWN else np.uint16(UNKNOWN_MM)
-            if v >= run[1]:
-                sky = sky and mark == TEXTURELESS_MM
-                edge = edge and (sky or mark == TEXTURED_MM)
-            at_edge = mark == TEXTURED_MM and edge and run[1] <= v < run[2]
-            below = mark == CONTINUED_MM and run[1] <= v < run[3]
+            sky = sky and mark == TEXTURELESS_MM
+            edge = edge and (sky or mark == TEXTURED_MM)
+            at_edge = mark == TEXTURED_MM and edge and v < run[2]
             if mark == BEYOND_MM:
                 out[u, v] = matched
-            elif (mark == TEXTURELESS_MM and sky and v < run[2]) or at_edge or below:
+            elif (mark == TEXTURELESS_MM and sky and v < run[2]) or at_edge or (mark == CONTINUED_MM and v < run[3]):
                 out[u, v] = code
+        set_marked(mm[u, end:], np.uint16(Q_UNKNOWN), matched, out[u, end:])
+
+
+@inner_inline
+def set_marked(mm, textureless, matched, out):
+    """Gives codes to unknown cells (N,): to those that are textureless, and to those matched beyond what millimetres can hold."""
+    for i in range(len(out)):
+        mark, code = mm[i], out[i]
+        given = textureless if mark == TEXTURELESS_MM else code
+        given = matched if mark == BEYOND_MM else given
+        out[i] = given if code == Q_UNKNOWN else code
 
 
 @inner
@@ -96,11 +111,11 @@ def fill_holes(mm, columns, first, end, code, out):
 
 
 @kernel
-def open_codes(depth_mm, codes, H, settings, columns, mm, out):
-    """out: (cols, rows) uint16, the codes with those of open cells set to the range to which they are open.
+def open_codes(depth_mm, codes, H, settings, columns, marked):
+    """marked.codes: (cols, rows) uint16 out, the codes with those of open cells set to the range to which they are open.
 
     depth_mm: (H, W) uint16 of the source with its marks; codes: of its levelled view, H: of ViewGeometry. settings: (1,)
-    OPEN_SETTINGS. columns: Columns of the blocks of the view, filled. mm: (cols, rows) uint16 scratch, of `level_marks`."""
+    OPEN_SETTINGS. columns: Columns of the blocks of the view, filled. marked: MarkedView, filled."""
     rows = codes.shape[1]
     s = settings[0]
     n = len(columns.limit_m)
@@ -108,12 +123,13 @@ def open_codes(depth_mm, codes, H, settings, columns, mm, out):
     kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
     # what is beyond the range of the camera has a distance too
     scratch = ForwardRows(np.empty(rows, np.float32), np.empty(rows, np.uint32))
-    level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.clear_m, s.gain, scratch, mm, out)
-    sort_blocks(mm, out, s.gain, kind, near)
+    level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.clear_m, s.gain, scratch, marked)
+    of_blocks = BlockRows(np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty(rows, np.uint16))
+    sort_blocks(marked, s.gain, of_blocks, kind, near)
     judge_columns(kind, near, s, columns)
     for j in range(n):
         if columns.base_m[j] > 0.0:
-            open_column(mm, columns, j, s, out)
+            open_column(marked.mm, columns, j, s, marked.codes)
 
 
 @inner
@@ -185,10 +201,15 @@ def observe_open(
         return None
     most_m = min(float(source["max_range_m"][0]), open_sky.open_max_range_m)
     settings = open_settings(view, most_m, float(source["clear_m"][0]), open_sky)
-    out, columns = buffers("open_codes", codes.shape, np.uint16), empty_columns(-(-len(codes) // BLOCK))
-    open_codes(depth_mm, codes, view.H, settings, columns, buffers("open_marks", codes.shape, np.uint16), out)
+    columns = empty_columns(-(-len(codes) // BLOCK))
+    marked = MarkedView(
+        codes=buffers("open_codes", codes.shape, np.uint16),
+        mm=buffers("open_marks", codes.shape, np.uint16),
+        kinds=buffers("open_kinds", codes.shape, np.uint8),
+    )
+    open_codes(depth_mm, codes, view.H, settings, columns, marked)
     up_to = source.copy()
     up_to["clear_m"] = most_m
     walk = _walk_params(params, open_sky.open_share)
-    seen = observe_free(out, view, up_to, ground, ke_per_m, walk)
+    seen = observe_free(marked.codes, view, up_to, ground, ke_per_m, walk)
     return OpenObservation(seen=seen, columns=columns)

@@ -1,0 +1,189 @@
+"""The marks and blocks of a levelled view against slow, obvious versions, cell by cell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
+from core.params import Params
+from core.stages.level import seen_rows, source_of_rows
+from core.stages.open_blocks import (
+    BEYOND_ALL,
+    BLOCK,
+    CONTINUED,
+    MEASURED,
+    OTHER,
+    OUTSIDE,
+    PARTLY,
+    SMOOTH,
+    TEXTURED,
+    BlockRows,
+    ForwardRows,
+    MarkedView,
+    level_marks,
+    sort_blocks,
+)
+from core.stages.open_space import edge_ends, set_open
+from core.stages.view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry, view_geometry
+from core.types import (
+    BEYOND_MM,
+    CONTINUED_MM,
+    FAR_MM,
+    SATURATED_MM,
+    TEXTURED_MM,
+    TEXTURELESS_MM,
+    UNKNOWN_MM,
+    CameraInfo,
+    Intrinsics,
+)
+
+Codes = NDArray[np.uint16]
+CLEAR_M = 12.0
+VALUES = np.array(
+    [
+        UNKNOWN_MM,
+        TEXTURELESS_MM,
+        BEYOND_MM,
+        CONTINUED_MM,
+        TEXTURED_MM,
+        5000,
+        11_999,
+        12_000,
+        12_001,
+        40_000,
+        FAR_MM,
+        SATURATED_MM,
+    ],
+    np.uint16,
+)
+
+
+def made_up(seed: int) -> tuple[Codes, Codes, ViewGeometry]:
+    """(depth with marks, codes of its view, view): patches of one value, so that blocks of each kind occur, and single pixels."""
+    rng = np.random.default_rng(seed)
+    width, height = (int(n) for n in rng.integers(30, 50, 2))
+    info = CameraInfo("front", Intrinsics(width, height, 40.0, 40.0, 0.5 * width - 0.3, 0.5 * height))
+    roll, pitch = rng.uniform(-0.4, 0.4, 2) * (seed % 3 > 0)
+    R = rotation_level_cam_optical(rotation_from_euler(roll, pitch, 0.0) @ R_CAMFRD_OPTICAL)
+    view = view_geometry(info, R, Params())
+    patches = rng.choice(VALUES, (height // 6 + 1, width // 6 + 1))
+    depth = np.kron(patches, np.ones((6, 6), np.uint16))[:height, :width].astype(np.uint16)
+    single = rng.random(depth.shape) < 0.05
+    depth[single] = rng.choice(VALUES, int(single.sum()))
+    codes = np.where(rng.random((view.cols, view.rows)) < 0.5, Q_UNKNOWN, Q_FAR).astype(np.uint16)
+    nearer = rng.random(codes.shape) < 0.1
+    codes[nearer] = rng.integers(Q_FAR + 1, 65536, int(nearer.sum()))
+    return depth, codes, view
+
+
+def marked_view(depth: Codes, codes: Codes, view: ViewGeometry) -> MarkedView:
+    """The result of the kernel."""
+    shape = codes.shape
+    out = MarkedView(np.empty(shape, np.uint16), np.empty(shape, np.uint16), np.empty(shape, np.uint8))
+    scratch = ForwardRows(np.empty(shape[1], np.float32), np.empty(shape[1], np.uint32))
+    level_marks(depth.ravel(), depth.shape, codes, view.H, CLEAR_M, view.f_px * view.lsb_per_px, scratch, out)
+    return out
+
+
+def naive_cell(z: int, code: int, forward: np.float32, gain: float) -> tuple[int, int, int]:
+    """(code, mm, kind) of a cell within the image."""
+    if code == Q_FAR:
+        beyond = 1000.0 * CLEAR_M < z < FAR_MM
+        measured = np.ceil(np.float32(1000.0 * gain) * forward / np.float32(max(z, 1)))
+        code = int(min(measured, 65535.0)) if beyond else math.ceil(gain / CLEAR_M)
+    z = UNKNOWN_MM if z == SATURATED_MM else z
+    of_mark = {TEXTURELESS_MM: SMOOTH, BEYOND_MM: MEASURED, CONTINUED_MM: CONTINUED, TEXTURED_MM: TEXTURED}
+    return code, z, MEASURED if code != Q_UNKNOWN else of_mark.get(z, OTHER)
+
+
+def naive_kind(kinds: list[int]) -> int:
+    """The kind of a block of cells of these kinds."""
+    measured = kinds.count(MEASURED)
+    if OUTSIDE in kinds:
+        return OUTSIDE
+    if all(k == SMOOTH for k in kinds):
+        return SMOOTH
+    if 2 * measured >= len(kinds):
+        return MEASURED
+    if CONTINUED in kinds and set(kinds) <= {CONTINUED, MEASURED, SMOOTH}:
+        return CONTINUED
+    if OTHER in kinds:
+        return PARTLY if measured else OTHER
+    return TEXTURED
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("seed", range(6))
+def test_marks_and_blocks_are_those_of_each_cell(seed: int) -> None:
+    depth, codes, view = made_up(seed)
+    marked, gain = marked_view(depth, codes, view), view.f_px * view.lsb_per_px
+    cols, rows = codes.shape
+    expected, kinds = np.zeros((2, cols, rows), np.uint16), np.full((cols, rows), OUTSIDE)
+    for u in range(cols):
+        first, end = seen_rows(view.H, u, depth.shape[1], depth.shape[0], rows)
+        forward, at = np.empty(end - first, np.float32), np.empty(end - first, np.uint32)
+        source_of_rows(view.H, u, first, depth.shape[1], depth.shape[0], forward, at)
+        for i, v in enumerate(range(first, end)):
+            z = int(depth.ravel()[at[i]])
+            expected[0, u, v], expected[1, u, v], kinds[u, v] = naive_cell(z, int(codes[u, v]), forward[i], gain)
+    assert np.array_equal(marked.codes, expected[0])
+    assert np.array_equal(marked.mm, expected[1])
+    assert np.array_equal(marked.kinds, 1 << kinds)
+
+    shape = -(-cols // BLOCK), -(-rows // BLOCK)
+    kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
+    scratch = BlockRows(np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty(rows, np.uint16))
+    sort_blocks(marked, gain, scratch, kind, near)
+    for j in range(shape[0]):
+        for i in range(shape[1]):
+            among = np.s_[j * BLOCK : (j + 1) * BLOCK : 2, i * BLOCK : (i + 1) * BLOCK : 2]
+            assert kind[j, i] == naive_kind(kinds[among].ravel().tolist())
+            most = int(marked.codes[among].max())
+            assert near[j, i] == (np.float32(gain / most) if most > Q_FAR else BEYOND_ALL)
+
+
+def test_every_kind_of_block_occurs() -> None:
+    found: set[int] = set()
+    for seed in range(6):
+        depth, codes, view = made_up(seed)
+        kinds = marked_view(depth, codes, view).kinds
+        found |= set(np.log2(kinds).astype(int).ravel().tolist())
+    assert found == {OUTSIDE, SMOOTH, MEASURED, OTHER, CONTINUED, TEXTURED}
+
+
+def naive_set_open(mm: Codes, u: int, run: tuple[int, int, int, int], code: int, matched: int, out: Codes) -> None:
+    """`set_open` of one column, cell by cell."""
+    sky, edge = True, edge_ends(mm, u, run[1], run[2] + 1, out)
+    for v in range(run[0], out.shape[1]):
+        mark = int(mm[u, v]) if out[u, v] == Q_UNKNOWN else UNKNOWN_MM
+        if v >= run[1]:
+            sky = sky and mark == TEXTURELESS_MM
+            edge = edge and (sky or mark == TEXTURED_MM)
+        at_edge = mark == TEXTURED_MM and edge and run[1] <= v < run[2]
+        below = mark == CONTINUED_MM and run[1] <= v < run[3]
+        if mark == BEYOND_MM:
+            out[u, v] = matched
+        elif (mark == TEXTURELESS_MM and sky and v < run[2]) or at_edge or below:
+            out[u, v] = code
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("run", [(3, 12, 17, 25), (0, 40, 0, 0), (0, 10, 10, 10), (4, 20, 30, 22), (0, 36, 40, 60)])
+def test_codes_of_open_cells_are_those_of_each_cell(run: tuple[int, int, int, int]) -> None:
+    rng = np.random.default_rng(run[3])
+    marks = np.array([UNKNOWN_MM, TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM], np.uint16)
+    mm = rng.choice(marks, (60, 40)).astype(np.uint16)
+    mm[:40, : run[1]] = TEXTURELESS_MM
+    mm[:20, run[1] : run[1] + 4] = TEXTURED_MM
+    out = np.where(rng.random(mm.shape) < 0.3, 77, Q_UNKNOWN).astype(np.uint16)
+    out[:30, : run[1] + 4] = Q_UNKNOWN
+    expected = out.copy()
+    for u in range(len(mm)):
+        naive_set_open(mm, u, run, 500, 600, expected)
+    set_open(mm, (0, len(mm)), run, np.uint16(500), np.uint16(600), out)
+    assert np.array_equal(out, expected)
+    assert (out == 600).any()
