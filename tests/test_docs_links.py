@@ -120,7 +120,7 @@ def wrong_command(text: str, options: dict[str, set[str]]) -> str | None:
         arguments = shlex.split(match[1].replace("...", ""), comments=True)
     except ValueError:
         return f"{text}: not a command line"
-    if not arguments or not re.fullmatch(r"[a-z-]+", arguments[0]) or arguments[0] == "--version":
+    if not arguments or not re.fullmatch(r"[a-z-]+", arguments[0]) or arguments[0] in ("--version", "--help"):
         return None
     if arguments[0] not in options:
         return f"{text}: there is no command {arguments[0]}"
