@@ -3,9 +3,10 @@ see.
 
 Planes: single mismatches of a stereo camera, of 3 to 8 pixels, appear as planes anywhere before the true surface, in
 about 2 % of the frames of a bare wall. If they were sent at once and remembered, each of them would stop the vehicle
-for seconds, and PX4 v1.16 flies backwards from a plane nearer than CP_DIST. A plane of few pixels is therefore used
-only if a plane was found at its place in one of the FRAMES frames before, or in two of them if its pixels cover less
-than TINY_M2. This delays a thin obstacle by one frame. A plane of more pixels is used at once.
+for seconds, and PX4 v1.16 flies backwards from a plane nearer than CP_DIST. A plane of few pixels, or of pixels that
+cover less than SMALL_M2, is therefore used only if a plane was found at its place in one of the FRAMES frames before,
+or in two of them if its pixels cover less than TINY_M2. This delays a thin obstacle by one frame. A plane of more
+pixels is used at once.
 
 Sectors: a mismatch also ends the free space of one direction in one frame. After SEEN_FRAMES consecutive frames that
 saw a sector, a frame that does not see it leaves the sector as it was. The sector must then be seen in as many frames
@@ -44,6 +45,10 @@ GREATEST_SPEED_M_S = 20.0
 """Speed of the vehicle, or of an obstacle, if position or velocity are not known. It is faster than a multicopter
 flies in modes in which autopilots avoid obstacles. A greater value confirms planes at more places, so that more is
 sent, never less."""
+SMALL_M2 = 1e-3
+"""Area on an object, 1 cm by 10 cm. A plane whose pixels cover less must be found in one of the frames before: two
+mismatches that join have more pixels than one, but cover less close to the camera. A wire across the image covers more
+at any distance."""
 TINY_M2 = 1e-4
 """Area on an object. A plane whose pixels cover less must be found in two of the frames before: most mismatches
 appear close to the camera, where they are this small, and two of them at one place are frequent. A wire across the
@@ -69,7 +74,7 @@ class _Planes:
 class PlaneConfirmation:
     """Confirms the planes of one camera. `take` gets each valid result, in order.
 
-    least_px: planes with this support or less need a second frame."""
+    least_px: planes with this support or less need a second frame, as do those that cover less than SMALL_M2."""
 
     def __init__(self, avoid: AvoidParams, intrinsics: Intrinsics) -> None:
         self._avoid, self._focal_px = avoid, math.sqrt(intrinsics.fx * intrinsics.fy)
@@ -87,13 +92,14 @@ class PlaneConfirmation:
         doubtful = np.zeros(len(model.planes), np.bool_)
         if self._avoid.confirm_px > 0:
             range_m = _range_m(result, planes)
-            weak = (model.support_px <= self.least_px) & (range_m < self._avoid.remember_m + self._avoid.radius_m)
+            area_m2 = model.support_px * (range_m / self._focal_px) ** 2
+            weak = (model.support_px <= self.least_px) | (area_m2 < SMALL_M2)
+            weak &= range_m < self._avoid.remember_m + self._avoid.radius_m
             for i in np.flatnonzero(weak):
                 place_m = min(PLACE_M, NEAR_PLACE_M + PLACE_SHARE * float(range_m[i]))
                 slack_m = place_m + SIGMAS * model.ke_per_m * float(range_m[i]) ** 2
-                area_m2 = float(model.support_px[i]) * (float(range_m[i]) / self._focal_px) ** 2
                 found = sum(_found(planes, int(i), frame, slack_m) for frame in recent)
-                doubtful[i] = found < (2 if area_m2 < TINY_M2 else 1)
+                doubtful[i] = found < (2 if area_m2[i] < TINY_M2 else 1)
         self._frames.append(planes)
         return replace(result, model=without(model, doubtful)) if doubtful.any() else result
 

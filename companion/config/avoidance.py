@@ -46,8 +46,8 @@ class AvoidParams:
         0,
         1000,
         "px",
-        "an obstacle nearer than remember_m with no more pixels than this, in an image of 320x240 (more in a larger one), is sent "
-        "once a second frame shows it; 0: at once",
+        "an obstacle nearer than remember_m with no more pixels than this, in an image of 320x240 (more in a larger one), or "
+        "of less than 10 cm2, is sent once a second frame shows it; 0: at once",
     )
     blind: str = choice(
         "auto",

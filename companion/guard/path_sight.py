@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..autopilot.confirmation import SMALL_M2
 from ..autopilot.polar_histogram import STEP_RAD, Recall, centres_rad
 from ..autopilot.surroundings import Surroundings
 from ..autopilot.view_free import View, points_free
@@ -34,10 +35,6 @@ PIECE_M = 2.0
 """Along a sloping path the height band is moved once per piece of this length."""
 ACROSS = 5
 """Number of rays across the corridor."""
-SMALL_M2 = 1e-3
-"""A plane whose pixels cover less area on the object, 1 cm by 10 cm, has weak support. Most mismatches of a stereo
-camera appear close to it, where a few pixels cover some square millimetres. A wire across the image covers more at
-any distance."""
 LEAST_RANGE_M = 0.3
 """Least range in the computation of that area."""
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)

@@ -63,6 +63,19 @@ def test_the_second_frame_sends_it(distance_m: float) -> None:
     assert chain.ahead() == pytest.approx(100 * (distance_m - 0.2), abs=3)
 
 
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_one_of_less_than_10_cm2_needs_a_second_frame_whatever_its_pixels(autopilot: object) -> None:
+    """Two mismatches that join have more pixels than confirm_px. They lie just before the camera, where that is little."""
+    chain = seeing()
+    one_frame(chain, pole(0.4, 12))
+    assert chain.ahead(autopilot) == CLEAR_CM
+    one_frame(chain, pole(0.4, 12))
+    assert chain.ahead(autopilot) < 50
+    chain = seeing()
+    one_frame(chain, pole(0.4, 13))  # 10.3 cm2
+    assert chain.ahead(autopilot) < 50
+
+
 def test_a_tiny_one_needs_a_third_frame() -> None:
     """Less than 1 cm2 just before the camera: mismatches at one place in two frames are frequent there."""
     chain = seeing()
