@@ -103,7 +103,7 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
         unread = "" if "OA_TYPE" in facts.values else "; whether a path planner works (OA_TYPE) is not known"
         creeps = ""
         if facts.values.get("AVOID_ACCEL_MAX", 3.0) > 0.0:
-            creeps = "; with fewer than 5 targets a second it creeps up to obstacles, unless AVOID_ACCEL_MAX = 0"
+            creeps = "; with fewer than 10 targets a second it may creep up to obstacles, unless AVOID_ACCEL_MAX = 0"
         flies = "with position targets it flies on, also when blind"
         return f"{name} brakes velocity targets alone: {flies}; {where} stops{unread}{creeps}"
     unread = "; or a path planner goes round: OA_TYPE is not known"

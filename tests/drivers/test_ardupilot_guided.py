@@ -25,11 +25,40 @@ def test_rare_targets_creep_up_to_the_wall_where_it_does_not_back_up() -> None:
     assert end_m > 2.5
 
 
+@pytest.mark.parametrize("speed_m_s", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("backup_m_s", [0.0, 0.2, 0.75])
 @pytest.mark.parametrize("interval_s", [0.05, 0.25, 1.0])
-def test_without_a_limit_of_the_acceleration_it_holds(backup_m_s: float, interval_s: float) -> None:
+def test_without_a_limit_of_the_acceleration_it_holds(backup_m_s: float, interval_s: float, speed_m_s: float) -> None:
     params = GuidedParams(backup_speed_m_s=backup_m_s, accel_max_m_s2=0.0)
-    assert approach(params, 2.0, interval_s)[0] > 2.95
+    assert approach(params, speed_m_s, interval_s)[0] > 2.95
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "backup_m_s", "least_m"),
+    [
+        (1, 0, 0.1),
+        (1, 0.2, 2.8),
+        (1, 0.75, 2.8),
+        (2, 0, 0),
+        (2, 0.2, 0),
+        (2, 0.75, 2.6),
+        (4, 0, 0),
+        (4, 0.2, 0),
+        (4, 0.75, 0),
+    ],
+)
+def test_the_table_of_rare_targets_in_the_docs(speed_m_s: float, backup_m_s: float, least_m: float) -> None:
+    """docs/explanation/failsafe.md: 1 to 4 targets a second."""
+    params = GuidedParams(backup_speed_m_s=backup_m_s)
+    assert min(approach(params, speed_m_s, 1.0 / hz)[0] for hz in (1, 2, 4)) == pytest.approx(least_m, abs=0.06)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.5, 1.0, 2.0, 4.0])
+def test_ten_targets_a_second_hold_at_each_speed_and_five_do_not(speed_m_s: float) -> None:
+    params = GuidedParams(backup_speed_m_s=0.0)
+    assert approach(params, speed_m_s, 0.1)[0] > 2.95
+    if speed_m_s >= 2.0:
+        assert approach(params, speed_m_s, 0.2)[0] < 2.0
 
 
 def test_a_wider_dead_zone_does_not_help() -> None:
