@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.guard.braking import braking_of
 from companion.guard.guard import Guard
-from companion.guard.path_sight import PathSight
+from companion.guard.path_sight import path_sight
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
@@ -51,7 +52,7 @@ class LoopRecord:
     """What happened. stops: (instant, speed) of the first attempt of each stop; reasons: for each of them, what it was decided from;
     limits: number of speed commands; texts: of STATUSTEXT.
     reactions_s: for each stop before an obstacle, time from the exposure of the first of the frames, one after the other, in which an
-    obstacle did not leave the braking distance."""
+    obstacle did not leave the braking distance, also where that one needed a second frame."""
 
     stops: list[tuple[int, float]] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
@@ -93,8 +94,12 @@ class GuardLoop:
         extractor = Extractor()
         self._pipeline = Pipeline((camera,), lambda info: extractor)
         self.guard = Guard(self.params, self.avoid, COMPONENT, self._vehicle, self._link_status, self._post, None)
-        self._builder = ObstacleReportBuilder(self.avoid, (camera.camera,), 0.3, observer=self._observe)
-        self._builder.announce(camera)
+        self._builder = ObstacleReportBuilder(self.avoid, (camera.camera,), 0.3, observer=self.guard.observe)
+        self._first_shown = ObstacleReportBuilder(
+            replace(self.avoid, confirm_px=0), (camera.camera,), 0.3, observer=self._note
+        )
+        for builder in self._builders():
+            builder.announce(camera)
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._heartbeat = (flight.mode, self.now_ns)
         self._frame = 0
@@ -118,12 +123,13 @@ class GuardLoop:
             counts={},
         )
 
-    def _observe(self, surroundings: Any) -> None:
-        self.guard.observe(surroundings)
-        if self.guard.sight is not None:
-            self._note(self.guard.sight)
+    def _builders(self) -> tuple[ObstacleReportBuilder, ObstacleReportBuilder]:
+        """The one of the service, and one that shows each plane in its first frame."""
+        return self._builder, self._first_shown
 
-    def _note(self, sight: PathSight) -> None:
+    def _note(self, surroundings: Surroundings) -> None:
+        """Notes the first exposure that shows an obstacle within the braking distance, confirmed by another frame or not."""
+        sight = path_sight(surroundings, self.avoid, self.params)
         obstacle_m = min(sight.obstacle_m, sight.weak_obstacle_m)
         speed_m_s = sight.speed_m_s or 0.0
         if not (speed_m_s > 0.3 and self.braking.needed_m(speed_m_s) > obstacle_m):
@@ -195,7 +201,8 @@ class GuardLoop:
                 self._expose()
         if self.now_ns >= self._next_decide_ns:
             self._next_decide_ns += DECIDE_NS
-            self._builder.decide(AutopilotNow(kind=self.kind, margin_m=2.0, cp_dist_m=3.0), self.now_ns)
+            for builder in reversed(self._builders()):
+                builder.decide(AutopilotNow(kind=self.kind, margin_m=2.0, cp_dist_m=3.0), self.now_ns)
         self.guard.step(self.now_ns)
 
     def _send_motion(self) -> None:
@@ -206,7 +213,8 @@ class GuardLoop:
         ]
         for sample in samples:
             self._pipeline.handle(sample)
-        self._builder.samples(samples)
+        for builder in self._builders():
+            builder.samples(samples)
 
     def _reported_m_s(self, velocity_ned_m_s: tuple[float, float, float]) -> tuple[float, float, float]:
         """The velocity as the autopilot reports it."""
@@ -238,7 +246,8 @@ class GuardLoop:
             )
             for output in self._pipeline.handle(frame):
                 if isinstance(output, PrismsResult):
-                    self._builder.result(output)
+                    for builder in self._builders():
+                        builder.result(output)
 
         self._after(FRAME_LATE_NS, arrive)
 
