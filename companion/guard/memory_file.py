@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
@@ -100,4 +101,6 @@ def _memory(content: Any) -> GuardMemory:
             values[name] = value = float(value)
         if type(value) is not kind:
             raise TypeError(f"{name}: {value!r}")
+        if kind is float and not 0.0 <= value < math.inf:  # also NaN: it would be sent as a speed
+            raise ValueError(f"{name}: {value!r}")
     return GuardMemory(**values)

@@ -791,7 +791,16 @@ def test_an_old_or_damaged_memory_is_not_used(tmp_path: Path) -> None:
     assert GuardMemoryFile(tmp_path).load(99 * NS) is None
     path = tmp_path / "guard.json"
     good = path.read_text()
-    for damaged in ("", "{", good.replace("stopping", "flying"), good.replace('"seen": true', '"seen": 1'), "[]"):
+    limits = [good.replace('"limit_m_s": 0.0', f'"limit_m_s": {wrong}') for wrong in ("NaN", "Infinity", "-1.0")]
+    assert good not in limits
+    for damaged in (
+        "",
+        "{",
+        good.replace("stopping", "flying"),
+        good.replace('"seen": true', '"seen": 1'),
+        "[]",
+        *limits,
+    ):
         path.write_text(damaged)
         assert GuardMemoryFile(tmp_path).load(101 * NS) is None
 
