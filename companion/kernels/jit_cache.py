@@ -57,7 +57,7 @@ _LINKED: Final = "osape-companion-kernels-"
 _LOCK: Final = "in-use"
 _CLOSURES: Final = "closures.json"
 """In each directory: the hash of the import closure of every module at the time of its creation."""
-KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py", "companion/pipeline/fast_encode.py")
+KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py",)
 """Files with kernels outside of core, relative to the root."""
 _NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world.params"})
 """Modules of parameter classes. Kernels cannot read them, so they do not affect machine code."""

@@ -40,7 +40,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
             state = ExtractorState()
             for R in (level, tilted):
                 model, state = extractor.extract(depth, info, R, state, keep_strips=True)
-        _run_telling_kernels(model)
+        _run_transform_kernels(model)
         _run_rare_kernels(frame, info)
 
 
@@ -71,12 +71,11 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     rotation_between(grid, grid, np.eye(3))
 
 
-def _run_telling_kernels(model: FrameModel) -> None:
-    """Runs the kernels that transform and encode a model."""
-    from companion.pipeline.fast_encode import encode_model
+def _run_transform_kernels(model: FrameModel) -> None:
+    """Runs the kernels that transform a model."""
     from core.transformed import turned
 
-    encode_model(np.arange(20, dtype=np.uint8) % 15 + 1, turned(model, 0.1, (1.0, 2.0, 3.0)))
+    turned(model, 0.1, (1.0, 2.0, 3.0))
 
 
 def _run_world_kernels() -> None:

@@ -7,14 +7,12 @@ float32 on both sides."""
 from __future__ import annotations
 
 import math
-from operator import attrgetter
 from typing import Final
 
-import numpy as np
 from google.protobuf.message import Message
 
 from core.self_check.mount_check import MountState
-from core.types import ExtractorState, Ground
+from core.types import ExtractorState
 from drivers.logs.codec import (
     attitude_from_message,
     attitude_message,
@@ -26,7 +24,8 @@ from drivers.logs.codec import (
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .causes import cause_from_number, cause_message
-from .decode_model import STATS, model_from_message
+from .decode_model import model_from_message
+from .encode_model import set_model
 from .mount_messages import mount_state_from_message, mount_state_message
 from .pipeline import CameraState, PipelineState
 from .results import FrameDecision, PrismsResult
@@ -42,36 +41,10 @@ SOURCES: Final = {
     Source.EXTRAPOLATED: pb.AttitudeUsed.SOURCE_EXTRAPOLATED,
 }
 
-_stats: Final = attrgetter(*STATS)
-MODEL_FIELDS: Final = np.array(
-    [
-        message.DESCRIPTOR.fields_by_name[name].number
-        for message, names in (
-            (pb.PrismsFrame, ("planes", "prisms", "free")),
-            (pb.Planes, ("corners_m", "margin_m", "support_px", "flags", "cluster")),
-            (pb.Prism, ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")),
-            (pb.FreeProfile, ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")),
-        )
-        for name in names
-    ],
-    np.uint8,
-)
-"""Field numbers in the order that companion/pipeline/fast_encode.py expects."""
-
 
 def wire_bytes(message: Message) -> bytes:
     """The encoded message; equal messages give equal bytes."""
     return message.SerializeToString(deterministic=True)
-
-
-def _set_ground(message: pb.Ground, ground: Ground) -> None:
-    """Fills the ground of a message."""
-    message.seen, message.height_m, message.share = ground.seen, ground.height_m, ground.share
-    message.slope_x, message.slope_y = ground.slope_x, ground.slope_y
-    message.blind_beyond_m = ground.blind_beyond_m
-    message.tolerance_m, message.noise_per_m = ground.tolerance_m, ground.noise_per_m
-    message.seen_from_m.extend(ground.seen_from_m)
-    message.seen_to_m.extend(ground.seen_to_m)
 
 
 def prisms_bytes(result: PrismsResult) -> bytes:
@@ -95,20 +68,9 @@ def prisms_bytes(result: PrismsResult) -> bytes:
     if result.transform is not None:
         message.transform.yaw_rad = result.transform.yaw_rad
         set_vector(message.transform.translation_m, result.transform.translation_m)
-    if model is None:
-        return wire_bytes(message)
-    _set_ground(message.ground, model.ground)
-    stats = message.stats
-    for name, value in zip(STATS, _stats(model.stats), strict=True):
-        setattr(stats, name, value)
-    message.ke_per_m = model.ke_per_m
-    if model.free.has_open:
-        message.free.open_from_dm = model.free.open_from_dm.tobytes()
-        message.free.open_to_dm = model.free.open_to_dm.tobytes()
-    # imported late: compiled code, and commands that only read start without it
-    from companion.pipeline.fast_encode import encode_model
-
-    return wire_bytes(message) + encode_model(MODEL_FIELDS, model)  # two concatenated encodings decode as one message
+    if model is not None:
+        set_model(message, model)
+    return wire_bytes(message)
 
 
 def prisms_message(result: PrismsResult) -> pb.PrismsFrame:

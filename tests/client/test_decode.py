@@ -10,8 +10,7 @@ import pytest
 import core.types
 import core.world.snapshot
 import osape_client
-from companion.pipeline.encode import MODEL_FIELDS
-from companion.pipeline.fast_encode import encode_model
+from companion.pipeline.encode_model import set_model
 from osape_client.decode import model_from_message
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import PlacedModel, Space
@@ -46,8 +45,8 @@ def test_the_numbers_of_enums_are_those_of_the_algorithm(name: str) -> None:
 
 def test_a_decoded_model_gives_the_answers_of_the_model_that_was_sent() -> None:
     model = seen(house(9.0, 0.0), (0.0, 0.0), 0.0, 0).model
-    message = pb.PrismsFrame(valid=True, stats=pb.FrameStats())
-    message.MergeFromString(encode_model(MODEL_FIELDS, model))
+    message = pb.PrismsFrame(valid=True)
+    set_model(message, model)
     decoded = model_from_message(message)
     assert decoded is not None
     points = np.random.default_rng(1).uniform([-1.0, -8.0, -4.0], [14.0, 8.0, 4.0], (4000, 3))

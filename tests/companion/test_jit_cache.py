@@ -303,7 +303,7 @@ def test_without_a_home_beside_the_sources(
     folder = use_own_cache()
     assert folder is not None
     assert folder.parent == root / "core" / "__pycache__"
-    assert sorted(p.name for p in root.iterdir()) == ["companion", "core", "drivers"]
+    assert sorted(p.name for p in root.iterdir()) == ["core", "drivers"]
 
 
 def test_a_place_that_cannot_be_written_is_left_to_warmup(
