@@ -15,16 +15,16 @@ class OpenSkyParams:
     mode: str = choice(
         "off",
         ("off", "presume"),
-        "whether unmeasured sky is presumed free where the evidence below says so",
+        "presume: unmeasured sky counts as presumed free where the evidence below holds; off: it stays unknown",
         safety=True,
     )
     mount_measured: bool = switch(
         False,
-        "roll and pitch of each camera were measured with `companion doctor --mount`: level ground in view confirms them, "
-        "without a turn",
+        "roll and pitch of each camera were measured with `companion doctor --mount`: level ground in view "
+        "then confirms them, without a turn",
         safety=True,
     )
-    open_max_range_m: float = critical(15.0, 1.0, 25.0, "m", "nothing is presumed free beyond this horizontal range")
+    open_max_range_m: float = critical(15.0, 1.0, 25.0, "m", "greatest horizontal range of presumed free space")
     upper_border: bool = switch(
         True, "a column is open only where its textureless pixels reach the upper border of the image", safety=True
     )
@@ -33,28 +33,38 @@ class OpenSkyParams:
     )
     floating: bool = switch(
         True,
-        "a column is open only up to things without connection to the ground that are measured nearby",
+        "a column is open only up to measured objects nearby that have no connection to the ground",
         safety=True,
     )
-    horizon_deg: float = critical(1.5, 0.0, 10.0, "deg", "an edge this close to the horizon is taken for the horizon")
+    horizon_deg: float = critical(1.5, 0.0, 10.0, "deg", "an edge this close to the horizon counts as the horizon")
     gap_deg: float = critical(
         1.5,
         0.0,
         10.0,
         "deg",
-        "most height of the unmeasured edge between textureless pixels and what is measured below",
+        "greatest height of the unmeasured edge between textureless pixels and the measured pixels below",
     )
     continued_deg: float = critical(
-        12.0, 0.0, 20.0, "deg", "most height of smooth ground between that edge and what is measured below"
+        12.0, 0.0, 20.0, "deg", "greatest height of smooth ground between that edge and the measured pixels below"
     )
     least_rise_deg: float = critical(5.0, 0.0, 45.0, "deg", "least height of the textureless pixels above that edge")
-    reach_deg: float = critical(2.0, 0.0, 20.0, "deg", "columns within this count as beside a column")
+    reach_deg: float = critical(
+        2.0, 0.0, 20.0, "deg", "columns within this angle count as beside a column; larger: less open space"
+    )
     floating_reach_m: float = critical(
-        1.0, 0.0, 20.0, "m", "unmeasured extent of a thing that is measured in part without connection to the ground"
+        1.0,
+        0.0,
+        20.0,
+        "m",
+        "unmeasured extent that is assumed of a partly measured object without connection to the ground",
     )
 
     open_share: float = critical(
-        0.95, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it open; at least free_share"
+        0.95,
+        0.5,
+        1.0,
+        "",
+        "least share of the pixels of a cell that see through it for the cell to be open; at least free_share",
     )
 
     def __post_init__(self) -> None:

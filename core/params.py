@@ -16,66 +16,125 @@ class Params:
     """Parameters of the extractor. Raises ValueError naming the field, its value and its range."""
 
     # The vehicle and what counts as an obstacle
-    min_obstacle_height_m: float = critical(0.6, 0.05, 3.0, "m", "least height of an obstacle [Hm]")
-    passable_height_m: float = critical(1.0, 0.2, 10.0, "m", "least height the vehicle passes [Hs]")
-    passable_width_m: float = critical(2.0, 0.2, 20.0, "m", "least width the vehicle passes [Ws]")
-    segment_height_m: float = number(2.0, 0.2, 10.0, "m", "height of segments of irregular things [Hd]")
+    min_obstacle_height_m: float = critical(
+        0.6, 0.05, 3.0, "m", "least height of an obstacle; lower objects count as ground [Hm]"
+    )
+    passable_height_m: float = critical(
+        1.0, 0.2, 10.0, "m", "least height of an opening that stays open for the vehicle; lower ones may be closed [Hs]"
+    )
+    passable_width_m: float = critical(
+        2.0,
+        0.2,
+        20.0,
+        "m",
+        "least width of an opening that stays open for the vehicle; narrower ones may be closed [Ws]",
+    )
+    segment_height_m: float = number(
+        2.0,
+        0.2,
+        10.0,
+        "m",
+        "height of the segments into which irregular objects, such as trees, are cut; larger: fewer and "
+        "coarser planes [Hd]",
+    )
     safe_distance_m: float = critical(
-        0.28, 0.05, 1.0, "m", "most that a plane may lie behind the near edge of what it stands for"
+        0.28,
+        0.05,
+        1.0,
+        "m",
+        "greatest distance of a plane behind the near edge of the surface that it stands for; larger: fewer "
+        "planes, less exact",
     )
 
     # Noise: sigma_Z = ke * Z^2, constant in disparity
     estimate_noise: bool = switch(
-        True, "measure the noise from each frame; the camera's ke is then a prior", safety=True
+        True, "measure the depth noise in each frame; ke_per_m of the camera is then the start value", safety=True
     )
-    noise_prior_span: float = critical(4.0, 1.0, 10.0, "", "the measured ke stays within prior/span .. prior*span")
-    noise_memory: float = critical(0.7, 0.0, 0.99, "", "share of the previous estimate kept at each frame")
-    min_sigma_px: float = critical(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
-    noise_tiles_down: int = number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
-    noise_tiles_across: int = number(8, 1, 32, "", "and columns of them")
+    noise_prior_span: float = critical(
+        4.0, 1.0, 10.0, "", "the measured ke stays between ke_per_m / span and ke_per_m * span"
+    )
+    noise_memory: float = critical(
+        0.7,
+        0.0,
+        0.99,
+        "",
+        "share of the previous noise estimate that is kept at each frame; larger: slower and steadier",
+    )
+    min_sigma_px: float = critical(0.1, 0.01, 2.0, "px", "lower bound of the estimated disparity noise")
+    noise_tiles_down: int = number(
+        6, 1, 32, "", "rows of tiles of the image; each tile has a noise estimate of its own"
+    )
+    noise_tiles_across: int = number(8, 1, 32, "", "columns of tiles of the image for the noise estimate")
     noise_short_step_px: int = number(
-        8, 1, 64, "px", "step of the second difference that detects motion, at 640 columns"
+        8, 1, 64, "px", "step of the second difference that detects motion, at an image width of 640"
     )
     noise_step_px: int = number(
-        16, 1, 64, "px", "step of the second difference whose median is a tile's noise, at 640 columns"
+        16, 1, 64, "px", "step of the second difference whose median is the noise of a tile, at an image width of 640"
     )
-    noise_row_step: int = number(6, 1, 32, "px", "rows from one to the next that is looked at")
-    noise_min_samples: int = number(120, 10, 10000, "", "differences that a tile needs to count")
-    noise_min_tiles: int = number(3, 1, 1024, "", "least number of tiles for a noise estimate")
+    noise_row_step: int = number(6, 1, 32, "px", "distance of the sampled rows; larger: faster, fewer samples")
+    noise_min_samples: int = number(120, 10, 10000, "", "least number of differences for the noise estimate of a tile")
+    noise_min_tiles: int = number(3, 1, 1024, "", "least number of tiles for the noise estimate of a frame")
     noise_min_depth_m: float = number(
-        1.5, 0.0, 20.0, "m", "pixels closer than this do not count: millimetre steps outweigh their noise"
+        1.5,
+        0.0,
+        20.0,
+        "m",
+        "nearer pixels are left out of the noise estimate, because steps of a millimetre outweigh their noise",
     )
-    noise_quantile: float = number(0.25, 0.0, 1.0, "", "quantile of the tiles that is the picture's noise")
+    noise_quantile: float = number(
+        0.25,
+        0.0,
+        1.0,
+        "",
+        "quantile of the tiles that is taken as the noise of the image; larger: more noise is assumed",
+    )
     noise_agree_share: float = number(
         0.2,
         0.0,
         1.0,
         "",
-        "the noise goes up only where so many of all tiles agree with that: leaves do not, surfaces do",
+        "least share of all tiles that must agree with a higher noise before it is used; surfaces reach it, "
+        "leaves do not",
     )
-    noise_agree_ratio: float = number(1.25, 1.01, 3.0, "", "which is to be at most this much greater or less")
+    noise_agree_ratio: float = number(
+        1.25, 1.01, 3.0, "", "a tile agrees with the noise when it differs by at most this factor"
+    )
     noise_prior_share: float = critical(
-        0.6, 0.05, 1.0, "", "least share of the camera's ke in use before the noise has been measured over time"
+        0.6, 0.05, 1.0, "", "least share of ke_per_m that is used before the noise was measured over time"
     )
-    noise_time_frames: int = critical(3, 1, 100, "", "frames between two whose difference over time is measured")
-    noise_time_min_samples: int = critical(24, 2, 64, "", "sampled pixels that a tile needs for that, of 64")
-    noise_time_quantile: float = critical(0.5, 0.0, 1.0, "", "quantile of the tiles that is the noise over time")
+    noise_time_frames: int = critical(
+        3, 1, 100, "", "number of frames between the two images whose difference over time is measured"
+    )
+    noise_time_min_samples: int = critical(
+        24, 2, 64, "", "least number of sampled pixels, of 64, for the noise of a tile over time"
+    )
+    noise_time_quantile: float = critical(
+        0.5, 0.0, 1.0, "", "quantile of the tiles that is taken as the noise over time"
+    )
     noise_still_errors: float = critical(
-        4.0, 1.0, 20.0, "", "a tile is still where its median differs by at most this many standard errors"
+        4.0, 1.0, 20.0, "", "a tile is still when its median difference is at most this many standard errors"
     )
     noise_still_ratio: float = critical(
-        2.0, 1.0, 10.0, "", "noise over time above this times that of the short step in the image is motion"
+        2.0, 1.0, 10.0, "", "a noise over time above this multiple of the noise in the image counts as motion"
     )
-    noise_still_share: float = critical(
-        0.75, 0.0, 1.0, "", "the camera stands still where this share of the tiles is still"
+    noise_still_share: float = critical(0.75, 0.0, 1.0, "", "least share of still tiles for a camera at rest")
+    noise_grid: float = number(0.05, 0.001, 0.5, "", "relative step in which the noise in use changes")
+    noise_hold: float = number(
+        0.75,
+        0.5,
+        2.0,
+        "",
+        "the noise in use stays while the estimate is within this many steps of it; larger: steadier",
     )
-    noise_grid: float = number(0.05, 0.001, 0.5, "", "the noise in use moves in steps of this share")
-    noise_hold: float = number(0.75, 0.5, 2.0, "", "and stays while the estimate is within this much of a step")
     noise_length_px: float = critical(
         9.0, 0.0, 64.0, "px", "distance over which the correlation of the noise falls to 1/e (0: independent pixels)"
     )
     clear_sigmas: float = critical(
-        3.0, 0.0, 8.0, "sigma", "what measures closer to the range clip than this is far; far is free up to there only"
+        3.0,
+        0.0,
+        8.0,
+        "sigma",
+        "measurements within this many sigmas of max_range_m count as far, and free space ends before them",
     )
 
     # Levelling
@@ -86,394 +145,619 @@ class Params:
         "deg",
         "greatest angle of the optical axis from the horizontal; beyond it the frame is invalid",
     )
-    max_elevation_deg: float = critical(
-        74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown"
+    max_elevation_deg: float = critical(74.0, 30.0, 80.0, "deg", "rays steeper than this are unknown")
+    max_view_ratio: float = number(
+        2.0, 1.0, 4.0, "", "greatest number of cells of the levelled view per source pixel; larger: finer and slower"
     )
-    max_view_ratio: float = number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
-    column_step: int = critical(1, 1, 16, "", "columns pooled into one [sampling interval]")
+    column_step: int = critical(
+        1,
+        1,
+        16,
+        "",
+        "number of image columns that are pooled into one; larger: faster, thin objects may be lost [sampling "
+        "interval]",
+    )
     column_agree_sigmas: float = critical(
         2.0,
         0.0,
         10.0,
         "sigma",
-        "pooled columns that differ by less are one surface: their mean counts, else the nearest",
+        "pooled columns that differ by less are one surface, of which the mean counts; otherwise the nearest counts",
     )
     min_measured_share: float = critical(
         0.02, 0.0, 0.5, "", "least share of measured or far pixels; with fewer the frame is invalid"
     )
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
-    flying_relative: float = critical(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
-    max_flying_share: float = critical(
-        0.03, 0.005, 1.0, "", "with more of the measured pixels flying the image is noise, no measurement"
+    flying_relative: float = critical(
+        0.08,
+        0.01,
+        0.5,
+        "",
+        "a flying pixel, between a near and a far surface, differs from both neighbours by at least this "
+        "share of the disparity",
     )
-    flying_sigmas: float = critical(5.0, 1.0, 20.0, "sigma", "and least step in noise")
+    max_flying_share: float = critical(
+        0.03, 0.005, 1.0, "", "greatest share of flying pixels; with more the frame is invalid"
+    )
+    flying_sigmas: float = critical(
+        5.0, 1.0, 20.0, "sigma", "a flying pixel differs from both neighbours by at least this much noise as well"
+    )
 
     # Smeared edges: ramps of disparity between a near and a far surface, of a camera whose edges are all like that
     smear_span_px: int = number(
-        4, 1, 32, "px", "a pixel of a ramp lies between those this far to either side, at 640 columns"
+        4,
+        1,
+        32,
+        "px",
+        "a pixel of a ramp (smeared edge) lies between the pixels this far to either side, at an image width of 640",
     )
     smear_reach_px: int = number(
-        24, 2, 128, "px", "a ramp ends within this towards its near side, at 640 columns; a surface at a slant goes on"
+        24,
+        2,
+        128,
+        "px",
+        "a ramp ends within this distance on its near side, at an image width of 640; a slanted surface continues",
     )
     smear_straight_share: float = number(
-        0.67, 0.1, 1.0, "", "over that reach a ramp keeps at most this share of its slope"
+        0.67,
+        0.1,
+        1.0,
+        "",
+        "share of its slope that a ramp keeps at most over that distance; larger: more pixels count as ramps",
     )
-    smear_passing_m: float = critical(
-        1.0, 0.1, 20.0, "m", "a ramp is so steep that it would pass the camera nearer than this if it went on"
-    )
+    smear_passing_m: float = critical(1.0, 0.1, 20.0, "m", "a ramp, continued, passes the camera nearer than this")
     smear_incidence_deg: float = critical(
-        80.0, 45.0, 89.0, "deg", "and so steep that a surface would be seen at more than this from its normal"
+        80.0, 45.0, 89.0, "deg", "a ramp is a surface seen at more than this angle from its normal"
     )
-    smear_sigmas: float = number(2.0, 0.0, 10.0, "sigma", "and rises by more than this much noise on each side")
+    smear_sigmas: float = number(2.0, 0.0, 10.0, "sigma", "least rise of a ramp on each side, in noise")
     smear_judged_sigmas: float = number(
         5.0,
         0.0,
         20.0,
         "sigma",
-        "ramps by which it is judged whether the camera smears rise by more than this much noise",
+        "least rise, in noise, of the ramps by which a camera is judged to smear edges",
     )
     smear_min_share: float = critical(
-        0.7, 0.0, 1.0, "", "a camera smears where more than this share of its edges are ramps (1: never)"
+        0.7, 0.0, 1.0, "", "a camera smears edges when more than this share of its edges are ramps (1: never)"
     )
     smear_min_edges: float = number(
-        60.0, 1.0, 10000.0, "", "a frame with fewer edges in every fourth row, at 480 rows, does not count for that"
+        60.0,
+        1.0,
+        10000.0,
+        "",
+        "least number of edges in every fourth row, at an image height of 480, for a frame to count in that judgement",
     )
-    smear_memory: float = number(0.9, 0.5, 0.999, "", "share of the judgement so far that is kept at each frame")
+    smear_memory: float = number(
+        0.9, 0.5, 0.999, "", "share of the previous judgement that is kept at each frame; larger: slower"
+    )
     smear_min_frames: int = number(
-        5, 2, 30, "frames", "frames with enough edges by whose mean share of ramps a camera is judged"
+        5, 2, 30, "frames", "number of frames with enough edges after which a camera is judged by their mean"
     )
     smear_clear_share: float = critical(
-        0.8, 0.0, 1.0, "", "in fewer frames a camera smears where more than this share of its edges are ramps"
+        0.8, 0.0, 1.0, "", "share of ramps above which a camera counts as smearing after fewer frames"
     )
     smear_clear_edges: float = number(
-        100.0, 1.0, 10000.0, "", "and the frame has at least so many edges in every fourth row, at 480 rows"
+        100.0,
+        1.0,
+        10000.0,
+        "",
+        "least number of edges in every fourth row, at an image height of 480, for that early judgement",
     )
     smear_footprint_px: float = number(
         2.0,
         0.0,
         10.0,
         "px",
-        "what the ends of planes are extended by where ramps are taken out: the near side of each is lost",
+        "where ramps are removed, the ends of planes are extended by this, because the near side of a ramp is lost",
     )
     smear_merge_sigmas: float = number(
-        2.5, 0.0, 6.0, "sigma", "noise of one pixel that the merge grants besides where edges are smeared"
+        2.5, 0.0, 6.0, "sigma", "noise of one pixel that the merge allows in addition where edges are smeared"
     )
     smear_noise_cap: float = number(
         8.0,
         0.0,
         20.0,
         "",
-        "and there noise allows at most this many times merge_distance_m more, in place of merge_noise_cap",
+        "merge_noise_cap where edges are smeared",
     )
-    smear_join_gap_m: float = number(
-        0.9, 0.1, 3.0, "m", "and a joined plane covers no empty square of this side, in place of join_gap_m"
-    )
-    smear_empty_share: float = number(
-        0.2, 0.0, 1.0, "", "and at most this share of it may be empty, in place of merge_empty_share"
-    )
+    smear_join_gap_m: float = number(0.9, 0.1, 3.0, "m", "join_gap_m where edges are smeared")
+    smear_empty_share: float = number(0.2, 0.0, 1.0, "", "merge_empty_share where edges are smeared")
 
     # Noise in a part of the picture: pixels alone, unlike each of their neighbours
     noisy_look_share: float = critical(
-        0.003, 0.0, 1.0, "", "with more of the measured pixels flying, noise is looked for"
+        0.003, 0.0, 1.0, "", "share of flying pixels above which single tiles are checked for noise"
     )
-    noisy_tiles: int = critical(16, 1, 64, "", "in so many tiles across and down")
+    noisy_tiles: int = critical(16, 1, 64, "", "number of tiles across and down for that check")
     noisy_judged_share: float = critical(
-        0.25, 0.01, 1.0, "", "a tile counts with so many of its pixels amid measured ones"
+        0.25, 0.01, 1.0, "", "least share of the pixels of a tile with measured neighbours for the tile to be checked"
     )
     noisy_alone_share: float = critical(
-        0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone"
+        0.25,
+        0.05,
+        1.0,
+        "",
+        "a tile is noise when more than this share of those pixels differ from all their neighbours",
     )
     max_noisy_share: float = critical(
         0.04, 0.0, 1.0, "", "greatest share of tiles that are noise; with more the frame is invalid"
     )
 
     # Ground
-    ground_tolerance_m: float = critical(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
-    ground_sigmas: float = critical(4.0, 1.0, 8.0, "sigma", "half-thickness in noise of height, sigma_h = ke*X*h")
+    ground_tolerance_m: float = critical(
+        0.25, 0.03, 1.0, "m", "least half-thickness of the ground; larger: low objects near the camera count as ground"
+    )
+    ground_sigmas: float = critical(
+        4.0,
+        1.0,
+        8.0,
+        "sigma",
+        "half-thickness of the ground in noise of the height, sigma_h = ke * X * h; larger: fewer false "
+        "obstacles far away, fewer low ones found",
+    )
     ground_tolerance_cap: float = critical(
-        0.9, 0.3, 1.0, "", "half-thickness is at most this share of the least obstacle height"
+        0.9, 0.3, 1.0, "", "greatest half-thickness of the ground, as a share of min_obstacle_height_m"
     )
     ground_stand_sigmas: float = critical(
         6.0,
         1.0,
         20.0,
         "sigma",
-        "beyond that cap a strip must stand out of the ground's noise by this, all rows together",
+        "where the noise exceeds that bound, a strip must rise out of the noise of the ground by this much, "
+        "over all its rows",
     )
-    ground_stand_m: float = critical(0.1, 0.0, 1.0, "m", "after this much error of the ground's height")
+    ground_stand_m: float = critical(
+        0.1, 0.0, 1.0, "m", "error of the ground's height that is subtracted before that test"
+    )
     ground_max_below_share: float = critical(
-        0.05, 0.0, 0.3, "", "reject a ground with more of the measured pixels below it"
+        0.05, 0.0, 0.3, "", "greatest share of measured pixels below a ground; with more it is rejected"
     )
-    ground_min_share: float = critical(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
-    ground_max_slope: float = critical(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
-    ground_max_height_m: float = number(60.0, 1.0, 200.0, "m", "greatest height of the camera above ground considered")
-    ground_min_height_m: float = number(0.04, 0.02, 1.0, "m", "and the least")
+    ground_min_share: float = critical(0.01, 0.001, 0.5, "", "least share of the sampled pixels that vote for a ground")
+    ground_max_slope: float = critical(
+        0.06,
+        0.0,
+        0.3,
+        "m/m",
+        "greatest slope of a surface that counts as ground; steeper ones are obstacles or unknown",
+    )
+    ground_max_height_m: float = number(
+        60.0, 1.0, 200.0, "m", "greatest height of the camera above the ground for which ground is searched"
+    )
+    ground_min_height_m: float = number(
+        0.04, 0.02, 1.0, "m", "least height of the camera above the ground for which ground is searched"
+    )
     ground_height_step: float = number(
-        0.04, 0.005, 0.3, "", "heights are voted for in steps of this share: noise of height grows with height"
+        0.04,
+        0.005,
+        0.3,
+        "",
+        "relative step of the heights that are voted for, because the noise of the height grows with it",
     )
-    ground_column_step: int = number(5, 1, 64, "px", "columns from one sampled pixel to the next")
-    ground_row_step: int = number(3, 1, 64, "px", "rows from one sampled pixel to the next")
-    ground_max_samples: int = number(6000, 1000, 1000000, "", "larger pictures are sampled in larger steps than those")
-    ground_min_samples: int = number(50, 10, 10000, "", "sampled pixels without which no ground is looked for")
+    ground_column_step: int = number(5, 1, 64, "px", "distance of the sampled columns; larger: faster, fewer samples")
+    ground_row_step: int = number(3, 1, 64, "px", "distance of the sampled rows; larger: faster, fewer samples")
+    ground_max_samples: int = number(
+        6000, 1000, 1000000, "", "greatest number of sampled pixels; larger images are sampled in larger steps"
+    )
+    ground_min_samples: int = number(
+        50, 10, 10000, "", "least number of sampled pixels; with fewer no ground is searched"
+    )
     ground_pair_climb: float = number(
-        0.2, 0.02, 1.0, "", "rows of a pair: a wall there would climb this share of the camera's height"
+        0.2,
+        0.02,
+        1.0,
+        "",
+        "two pixels of a column form a pair when a wall between them would rise by this share of the camera's height",
     )
-    ground_pair_climb_min_m: float = number(0.08, 0.01, 1.0, "m", "but at least this much")
-    ground_pair_climb_max_m: float = number(2.0, 0.1, 20.0, "m", "and at most this much")
-    ground_pair_min_px: int = number(4, 1, 100, "px", "least rows of a pair")
-    ground_pair_parts: int = number(3, 1, 20, "", "greatest rows of a pair: the picture's over this")
-    ground_pair_flat: float = number(0.25, 0.0, 1.0, "", "a pair votes when it climbs less than this share of a wall's")
-    ground_pair_sigmas: float = number(2.0, 0.0, 8.0, "sigma", "and this much of its noise of height")
-    ground_pair_flat_cap: float = number(0.5, 0.0, 1.0, "", "which together are at most this share of a wall's climb")
+    ground_pair_climb_min_m: float = number(0.08, 0.01, 1.0, "m", "least rise of a wall between the pixels of a pair")
+    ground_pair_climb_max_m: float = number(2.0, 0.1, 20.0, "m", "greatest rise of a wall between the pixels of a pair")
+    ground_pair_min_px: int = number(4, 1, 100, "px", "least distance of the rows of a pair")
+    ground_pair_parts: int = number(
+        3, 1, 20, "", "greatest distance of the rows of a pair: the height of the image divided by this"
+    )
+    ground_pair_flat: float = number(
+        0.25, 0.0, 1.0, "", "a pair votes for ground when it rises by less than this share of a wall"
+    )
+    ground_pair_sigmas: float = number(2.0, 0.0, 8.0, "sigma", "noise of the height that is added to that limit")
+    ground_pair_flat_cap: float = number(
+        0.5, 0.0, 1.0, "", "upper bound of that limit with its noise, as a share of the rise of a wall"
+    )
     ground_pair_level: float = number(
-        0.5, 0.0, 1.0, "", "its farther pixel lies at least this share as low as the other"
+        0.5,
+        0.0,
+        1.0,
+        "",
+        "the farther pixel of a pair lies at least this share as far below the camera as the nearer one",
     )
-    ground_seed_weight: float = number(1.5, 1.0, 10.0, "", "votes near the last frame's height count this much")
-    ground_seed_steps: int = number(2, 0, 20, "", "steps of height on either side that are near it")
-    ground_tries: int = number(6, 1, 50, "", "heights that are tried, from the most voted on")
-    ground_fit_rounds: int = number(4, 1, 20, "", "rounds of the fit, each with the pixels near the one before")
+    ground_seed_weight: float = number(
+        1.5,
+        1.0,
+        10.0,
+        "",
+        "weight of votes near the height of the last frame; larger: the ground changes less from frame to frame",
+    )
+    ground_seed_steps: int = number(
+        2, 0, 20, "", "number of height steps on either side of the last height that count as near"
+    )
+    ground_tries: int = number(6, 1, 50, "", "number of heights that are tried, beginning with the one of most votes")
+    ground_fit_rounds: int = number(
+        4, 1, 20, "", "number of rounds of the fit; each uses the pixels near the result of the round before"
+    )
     ground_fit_sigmas: float = number(
         2.0,
         1.0,
         4.0,
         "sigma",
-        "where noise exceeds that cap, a fit takes pixels up to this far off, and those beyond are below",
+        "where the noise exceeds ground_tolerance_cap, the fit uses pixels up to this distance, and lower "
+        "ones count as below",
     )
     ground_recede_share: float = number(
-        0.2, 0.0, 1.0, "", "least of what ground recedes from row to row that its pixels must: those of a wall do not"
+        0.2,
+        0.0,
+        1.0,
+        "",
+        "least share of the distance by which ground recedes from row to row that its pixels must recede; "
+        "those of a wall do not",
     )
     ground_recede_noise: float = number(
-        0.1, 0.0, 1.0, "", "with noise of height below this share of what a wall would climb, a pair's vote is sure"
+        0.1, 0.0, 1.0, "", "a vote is certain when the noise of the height is below this share of the rise of a wall"
     )
-    ground_fit_min_px: int = number(20, 3, 10000, "", "sampled pixels that a fit needs")
+    ground_fit_min_px: int = number(20, 3, 10000, "", "least number of sampled pixels for a fit")
     ground_fit_floor_m: float = number(
-        0.02, 0.001, 1.0, "m", "added to a pixel's noise in its weight: near pixels do not rule alone"
+        0.02, 0.001, 1.0, "m", "added to the noise of a pixel in its weight, so that near pixels do not dominate"
     )
     ground_slope_prior: float = number(
-        0.0175, 0.001, 1.0, "m/m", "slope expected beforehand: a narrow patch of ground does not tilt the fit"
+        0.0175,
+        0.001,
+        1.0,
+        "m/m",
+        "slope that is expected before the fit; smaller: a narrow patch of ground tilts the fit less",
     )
     ground_below_m: float = number(
-        0.1, 0.0, 1.0, "m", "below the ground is what lies lower than its tolerance and this"
+        0.1, 0.0, 1.0, "m", "a pixel is below the ground when it is lower than the tolerance and this"
     )
     ground_below_full_m: float = number(
-        5.0, 0.1, 50.0, "m", "height of the camera at which half of that is granted; near the ground less is"
+        5.0, 0.1, 50.0, "m", "height of the camera at which half of ground_below_m applies; it grows with the height"
     )
 
     # Density and peaks
-    bin_per_sigma: float = number(1.25, 0.5, 4.0, "", "bins per sigma of disparity noise")
-    bin_depth_m: float = number(0.03, 0.0, 0.5, "m", "a bin is never thinner than this in depth (0: uniform bins)")
-    kernel_sigma_bins: float = number(1.25, 0.5, 3.0, "bins", "width of the Gaussian kernel [sigma]")
-    kernel_half_bins: int = number(3, 1, 7, "bins", "the kernel ends this far to either side: 2 x this + 1 bins [h]")
-    density_share: float = critical(0.7, 0.2, 1.0, "", "share of Hm*x that a peak's soft count must reach")
+    bin_per_sigma: float = number(1.25, 0.5, 4.0, "", "bins per sigma of disparity noise; larger: finer and slower")
+    bin_depth_m: float = number(0.03, 0.0, 0.5, "m", "least thickness of a bin in depth (0: uniform bins)")
+    kernel_sigma_bins: float = number(
+        1.25, 0.5, 3.0, "bins", "width of the Gaussian kernel; larger: smoother density [sigma]"
+    )
+    kernel_half_bins: int = number(3, 1, 7, "bins", "half-width of the kernel: it covers 2 x this + 1 bins [h]")
+    density_share: float = critical(
+        0.7,
+        0.2,
+        1.0,
+        "",
+        "least soft count of a peak, as a share of what an object of height Hm has at that disparity; "
+        "smaller: more and weaker peaks",
+    )
     density_min_px: float = critical(4.0, 1.0, 50.0, "px", "least soft count of a peak")
-    peak_alpha: float = critical(0.3, 0.05, 0.9, "", "a peak's interval ends at this share of its height [alpha]")
+    peak_alpha: float = critical(0.3, 0.05, 0.9, "", "the interval of a peak ends at this share of its height [alpha]")
     peak_valley: float = critical(
-        0.8, 0.3, 1.0, "", "two peaks are one when the valley is above this share of the smaller"
+        0.8, 0.3, 1.0, "", "two peaks are one when the valley between them is above this share of the smaller peak"
     )
 
     # Windows and strips
     window_majority: float = critical(
-        0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak"
+        0.5, 0.3, 0.95, "", "least share of the valid pixels of a window that belong to the peak"
     )
-    window_min_px: int = critical(4, 2, 50, "px", "shortest window [least delta v]")
-    window_members: int = critical(3, 1, 20, "px", "and least pixels of the peak in it")
+    window_min_px: int = critical(4, 2, 50, "px", "least length of a window [least delta v]")
+    window_members: int = critical(3, 1, 20, "px", "least number of pixels of the peak in a window")
     window_take_sigmas: float = number(
-        1.0, 0.0, 5.0, "sigma", "pixels of a segment's rows this much nearer than its peak are taken with it"
+        1.0,
+        0.0,
+        5.0,
+        "sigma",
+        "pixels in the rows of a segment that are nearer than its peak by at most this are added to it",
     )
-    rough_factor: float = number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough")
+    rough_factor: float = number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough (irregular)")
     near_quantile: float = critical(
-        0.02, 0.0, 0.2, "", "near side of rough things: the k-th closest, k = max(3, this share)"
+        0.02,
+        0.0,
+        0.2,
+        "",
+        "near side of rough objects: the k-th closest pixel, k = max(near_rank, this share of the pixels)",
     )
-    near_rank: int = critical(3, 1, 20, "px", "least k of the k-th closest")
-    near_sigmas: float = critical(2.0, 0.0, 6.0, "sigma", "and noise that the k-th closest is expected to stand out by")
+    near_rank: int = critical(3, 1, 20, "px", "least k of the k-th closest pixel")
+    near_sigmas: float = critical(
+        2.0,
+        0.0,
+        6.0,
+        "sigma",
+        "noise by which the k-th closest pixel is expected to lie too near, and which is removed",
+    )
     near_edge_share: float = critical(
-        0.5, 0.1, 1.0, "", "a near edge, less its noise, keeps at least this share of the strip's disparity"
+        0.5, 0.1, 1.0, "", "least share of a strip's disparity that its near edge keeps after the noise is removed"
     )
-    band_rows: int = number(5, 2, 50, "px", "rows of one band when a strip is looked at for steps")
-    band_step_m: float = number(0.2, 0.02, 2.0, "m", "a band this far off in depth begins a strip of its own")
-    band_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "and by this much of its noise")
-    irregular_gap_px: int = number(3, 1, 50, "px", "rows without pixels that end an irregular segment")
-    irregular_jump: float = number(0.08, 0.01, 0.5, "", "step of disparity between rows, as a share, that ends one")
-    irregular_depth_m: float = number(0.5, 0.1, 5.0, "m", "greatest depth of one irregular segment")
-    irregular_sigmas: float = number(4.0, 1.0, 10.0, "sigma", "and noise that is neither a jump nor depth")
+    band_rows: int = number(5, 2, 50, "px", "number of rows of a band, when a strip is checked for steps in depth")
+    band_step_m: float = number(0.2, 0.02, 2.0, "m", "a band that differs by this in depth begins a new strip")
+    band_sigmas: float = number(
+        3.0, 1.0, 8.0, "sigma", "a band that begins a new strip differs by this much noise as well"
+    )
+    irregular_gap_px: int = number(3, 1, 50, "px", "number of rows without pixels that ends an irregular segment")
+    irregular_jump: float = number(
+        0.08, 0.01, 0.5, "", "step of the disparity between rows, as a share, that ends an irregular segment"
+    )
+    irregular_depth_m: float = number(0.5, 0.1, 5.0, "m", "greatest extent in depth of one irregular segment")
+    irregular_sigmas: float = number(
+        4.0, 1.0, 10.0, "sigma", "differences up to this much noise count neither as a step nor as depth"
+    )
     min_support_px: int = critical(
-        7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have"
+        7,
+        1,
+        100,
+        "px",
+        "least number of source pixels of a strip, with those of its neighbours; larger: fewer false and "
+        "fewer thin obstacles",
     )
     min_support_m: float = critical(
-        0.02, 0.0, 0.2, "m", "and source pixels per pixel of this length: near things are large, stray blobs are not"
+        0.02,
+        0.0,
+        0.2,
+        "m",
+        "least support of a strip as a length: near objects need more pixels, stray blobs lack them",
     )
     max_column_strips: int = critical(
-        128, 8, 1024, "", "strips of one column; what would be more is merged into its last, at the nearest distance"
+        128,
+        8,
+        1024,
+        "",
+        "greatest number of strips of one column; further ones are merged into the last, at the nearest distance",
     )
     max_strips_per_column: float = critical(
-        24.0, 4.0, 1024.0, "", "with more strips a column, on average, the image is noise in blocks, no measurement"
+        24.0, 4.0, 1024.0, "", "greatest mean number of strips per column; with more the frame is invalid"
     )
-    support_columns: int = number(6, 0, 16, "px", "columns on either side that may support a strip")
+    support_columns: int = number(6, 0, 16, "px", "number of columns on either side whose strips may support a strip")
     support_rows: int = number(
-        2, 0, 16, "px", "rows that may lie between it and such a strip, one more for each column"
+        2,
+        0,
+        16,
+        "px",
+        "number of rows that may lie between a strip and its support; one more for each column of distance",
     )
-    support_sigmas: float = number(4.0, 1.0, 10.0, "sigma", "and difference in disparity, at most, in noise of a pixel")
-    support_relative: float = number(0.05, 0.0, 0.5, "", "or as a share of the disparity")
-    support_large: int = critical(4, 1, 50, "", "a strip with this many times the support that is needed is large")
+    support_sigmas: float = number(
+        4.0, 1.0, 10.0, "sigma", "greatest difference in disparity to a supporting strip, in noise of a pixel"
+    )
+    support_relative: float = number(
+        0.05,
+        0.0,
+        0.5,
+        "",
+        "greatest difference in disparity to a supporting strip, as a share; the larger of both limits applies",
+    )
+    support_large: int = critical(4, 1, 50, "", "a strip with this many times the necessary support is large")
     support_tail_sigmas: float = number(
-        4.5, 1.0, 10.0, "sigma", "what lies within this of a large strip beside it is that strip's noise"
+        4.5, 1.0, 10.0, "sigma", "strips within this of a large strip beside them are noise of that strip"
     )
-    cut_rows: int = number(2, 1, 20, "px", "an end this close to the border of the image is cut by it")
+    cut_rows: int = number(2, 1, 20, "px", "a strip that ends this close to the border of the image is cut by it")
     smooth_relative: float = number(
-        0.1, 0.0, 0.5, "", "strips of neighbouring columns share near edges within this part of the disparity"
+        0.1,
+        0.0,
+        0.5,
+        "",
+        "strips of neighbouring columns share near edges when their disparities differ by less than this share",
     )
-    smooth_sigmas: float = number(3.0, 0.0, 10.0, "sigma", "and this much of the strip's noise")
-    horizontal_correlation: float = number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
-    horizontal_centre_px: float = number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
+    smooth_sigmas: float = number(3.0, 0.0, 10.0, "sigma", "noise of the strip that is added to that limit")
+    horizontal_correlation: float = number(
+        0.05, 0.001, 0.5, "", "a surface is horizontal when 1 - |r| of its rows and disparities is below this [eps_r]"
+    )
+    horizontal_centre_px: float = number(
+        20.0,
+        1.0,
+        200.0,
+        "px",
+        "greatest distance of the vanishing row of a horizontal surface from the horizon [eps_v]",
+    )
     horizontal_min_px: int = number(6, 3, 100, "px", "least number of pixels of a horizontal surface")
 
     # Straight pieces and planes
-    height_step_m: float = number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
-    line_tolerance_m: float = number(0.12, 0.02, 1.0, "m", "greatest misfit of a straight piece [eps_l]")
-    line_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "and in noise of the strip")
+    height_step_m: float = number(
+        0.3, 0.05, 3.0, "m", "tops or bottoms of the strips of one straight piece differ by at most this"
+    )
+    line_tolerance_m: float = number(
+        0.12, 0.02, 1.0, "m", "greatest misfit of a straight piece; larger: fewer and coarser planes [eps_l]"
+    )
+    line_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "noise of a strip that is added to that misfit")
     link_slope_px: float = number(
-        1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface"
+        1.2, 0.1, 10.0, "px", "greatest change of disparity from one column to the next on one surface"
     )
     rough_slope_px: float = number(
-        1.2, 0.1, 10.0, "px", "and in a piece with a rough strip, while it grows: that leaves scatter is no slope"
+        1.2, 0.1, 10.0, "px", "the same in a growing piece with a rough strip, where scattered leaves are no slope"
     )
-    link_gap_px: int = number(4, 1, 64, "px", "columns that one surface may miss")
+    link_gap_px: int = number(4, 1, 64, "px", "number of columns that one surface may miss; larger: gaps are bridged")
     roughness_m: float = number(
-        0.02, 0.0, 0.2, "m", "roughness of surfaces, added to the noise so that near strips do not rule alone"
+        0.02, 0.0, 0.2, "m", "roughness of surfaces that is added to the noise, so that near strips do not dominate"
     )
-    track_jump: float = number(0.1, 0.01, 0.5, "", "a step of disparity of this share, from one strip to the next,")
-    track_jump_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "and of this much noise, begins another piece")
+    track_jump: float = number(
+        0.1, 0.01, 0.5, "", "step of the disparity between neighbouring strips, as a share, that begins a new piece"
+    )
+    track_jump_sigmas: float = number(
+        3.0, 1.0, 8.0, "sigma", "a step that begins a new piece exceeds this much noise as well"
+    )
     plane_angle_deg: float = number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
     merge_distance_m: float = number(
-        0.3, 0.01, 2.0, "m", "a merged plane leaves the strips of what it replaces by no more, root mean square"
+        0.3,
+        0.01,
+        2.0,
+        "m",
+        "greatest distance, root mean square, of a merged plane from the strips that it replaces; larger: "
+        "fewer and coarser planes",
     )
-    merge_noise_cap: float = number(2.0, 0.0, 10.0, "", "noise allows at most this many times merge_distance_m more")
+    merge_noise_cap: float = number(2.0, 0.0, 10.0, "", "noise extends that distance by at most this many times")
     merge_spread_m: float = number(
-        0.2, 0.02, 2.0, "m", "strips lie no farther than this from a merged plane, root mean square, noise apart"
+        0.2, 0.02, 2.0, "m", "greatest spread of the strips about a merged plane, root mean square, without noise"
     )
     merge_shift_m: float = critical(
-        0.3, 0.01, 2.0, "m", "a join shifts neither plane by more than this towards the camera, noise apart"
+        0.3, 0.01, 2.0, "m", "greatest shift of a plane towards the camera by a merge, without noise"
     )
-    merge_candidates: int = number(48, 2, 5000, "", "largest number of merge candidates of a plane in one round")
-    merge_partners: int = number(8, 1, 64, "", "and how many of them, the cheapest, it may be merged with")
-    merge_empty_weight: float = number(0.5, 0.0, 5.0, "", "cost of a join whose rectangle is all empty; 1 is too much")
-    merge_empty_share: float = number(0.25, 0.0, 1.0, "", "and most of it that may be empty")
+    merge_candidates: int = number(
+        48, 2, 5000, "", "greatest number of merge candidates of a plane in one round; larger: slower"
+    )
+    merge_partners: int = number(8, 1, 64, "", "number of the best candidates that a plane may be merged with")
+    merge_empty_weight: float = number(
+        0.5, 0.0, 5.0, "", "cost of a merge whose rectangle is all empty; a merge of cost 1 or more is refused"
+    )
+    merge_empty_share: float = number(0.25, 0.0, 1.0, "", "greatest empty share of the rectangle of a merged plane")
     merge_long_share: float = number(
-        0.5, 0.05, 5.0, "Ws", "planes both longer than this are merged within plane_angle_deg only"
+        0.5, 0.05, 5.0, "Ws", "planes that are both longer than this are merged within plane_angle_deg only"
     )
-    merge_rounds: int = number(12, 1, 50, "", "rounds of merging, at most")
+    merge_rounds: int = number(12, 1, 50, "", "greatest number of rounds of merging")
     join_gap_m: float = number(
-        0.5, 0.1, 3.0, "m", "a joined plane covers no empty square of this side, and no wider gap"
+        0.5, 0.1, 3.0, "m", "greatest side of an empty square, and greatest gap, that a merged plane covers"
     )
-    join_share: float = number(0.9, 0.1, 0.99, "", "and no square of this share of Ws or of Hs")
-    evidence_cell_px: int = number(8, 1, 32, "px", "side of a cell in which evidence is looked for")
-    evidence_behind_m: float = number(0.7, 0.05, 3.0, "m", "evidence for a plane lies at most this far behind it")
+    join_share: float = number(
+        0.9, 0.1, 0.99, "", "greatest side of an empty square that a merged plane covers, as a share of Ws or Hs"
+    )
+    evidence_cell_px: int = number(8, 1, 32, "px", "side of the cells in which evidence for a plane is counted")
+    evidence_behind_m: float = number(
+        0.7, 0.05, 3.0, "m", "greatest distance behind a plane at which a measurement counts as evidence for it"
+    )
     opening_slack_m: float = critical(
-        0.1, 0.0, 0.5, "m", "in an opening a join covers nothing farther than this from what was seen"
+        0.1, 0.0, 0.5, "m", "greatest distance from measurements that a merged plane covers inside an opening"
     )
     safe_along_m: float = critical(
-        0.4, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
+        0.4, 0.05, 2.0, "m", "greatest distance of a plane behind the near edge along the viewing ray"
     )
     rough_near_sigmas: float = critical(
         2.0,
         0.0,
         8.0,
         "sigma",
-        "the near edge of a rough strip lies no farther than this behind the strip's own distance",
+        "greatest distance of the near edge of a rough strip behind the distance of the strip, in noise",
     )
     stand_out_share: float = number(
         0.02,
         0.0,
         1.0,
         "",
-        "of a plane's support, the most that stands out by more and becomes planes of its own instead",
+        "greatest share of a plane's support that is split off because it stands out towards the camera",
     )
-    stand_out_m: float = number(
-        0.05, 0.0, 2.0, "m", "where that spares it at least so much of a shift towards the camera"
-    )
+    stand_out_m: float = number(0.05, 0.0, 2.0, "m", "least shift towards the camera that such a split avoids")
     stand_out_spreads: float = number(
         2.0,
         0.0,
         10.0,
         "",
-        "and at least this many times the spread of its strips about it: leaves scatter, walls do not",
+        "least shift that such a split avoids, in spreads of the strips about the plane",
     )
-    min_plane_distance_m: float = critical(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
+    min_plane_distance_m: float = critical(0.05, 0.01, 0.5, "m", "least distance of a plane from the camera")
     footprint_px: float = critical(
-        0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
+        0.5, 0.0, 4.0, "px", "extension of the end columns and rows of a plane on either side"
     )
     cut_footprint_px: float = critical(
-        1.0, 0.0, 10.0, "px", "and by this where the border of the image cuts the rows: they go on there"
+        1.0, 0.0, 10.0, "px", "extension where the border of the image cuts the rows of a plane"
     )
-    min_plane_height_m: float = number(0.05, 0.001, 0.5, "m", "height kept of a plane that lies below the ground")
-    margin_sigmas: float = critical(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
+    min_plane_height_m: float = number(0.05, 0.001, 0.5, "m", "least height of a plane that lies below the ground")
+    margin_sigmas: float = critical(
+        2.0, 0.0, 6.0, "sigma", "noise of the distance of a plane that is part of the published margin"
+    )
     inferred_share: float = number(
-        0.05, 0.0, 0.5, "", "a plane with more of its rows or columns filled is inferred; less is what pixels drop out"
+        0.05, 0.0, 0.5, "", "a plane with more filled rows or columns than this share is marked as inferred"
     )
     inferred_columns: float = number(
-        4.0, 0.0, 20.0, "px", "columns of a plane without a strip that are no gap: footprints, and where planes meet"
+        4.0, 0.0, 20.0, "px", "number of columns without a strip that do not count as filled"
     )
-    cut_columns: float = number(1.5, 0.5, 10.0, "px", "a plane that ends within so many columns of the border is cut")
+    cut_columns: float = number(
+        1.5, 0.5, 10.0, "px", "a plane that ends this close to the border of the image is marked as cut"
+    )
 
     # Neighbours and pockets
-    meet_share: float = number(0.25, 0.0, 1.0, "Ws", "neighbours are extended by at most this to meet")
-    meet_columns: int = number(40, 1, 500, "px", "and over at most so many columns")
-    meet_slack_m: float = number(0.05, 0.0, 0.5, "m", "heights equal within this are the same where planes meet")
-    pocket_min_columns: float = number(2.0, 0.0, 20.0, "px", "no ray passes a narrower gap between neighbours")
+    meet_share: float = number(0.25, 0.0, 1.0, "Ws", "greatest extension of neighbouring planes to meet each other")
+    meet_columns: int = number(
+        40, 1, 500, "px", "greatest number of columns over which neighbouring planes are extended"
+    )
+    meet_slack_m: float = number(
+        0.05, 0.0, 0.5, "m", "heights that differ by at most this count as equal where planes meet"
+    )
+    pocket_min_columns: float = number(
+        2.0,
+        0.0,
+        20.0,
+        "px",
+        "gaps between neighbouring planes narrower than this are closed, because no ray passes them",
+    )
     pocket_behind_m: float = number(
-        0.3, 0.0, 2.0, "m", "a plane at most so far behind a pocket's mouth closes it already"
+        0.3, 0.0, 2.0, "m", "a plane at most this far behind the mouth of a concavity closes it already"
     )
-    pocket_points: int = number(5, 1, 50, "", "points each way at which a pocket's mouth is looked at for openings")
+    pocket_points: int = number(
+        5, 1, 50, "", "number of points in each direction at which the mouth of a concavity is checked for openings"
+    )
     covered_px: float = number(
-        2.0, 0.0, 10.0, "px", "what stands out beside a plane by no more than this is still hidden"
+        2.0, 0.0, 10.0, "px", "what extends beside a plane by at most this counts as hidden by it"
     )
-    covered_depth_m: float = number(1.0, 0.0, 5.0, "m", "planes hide what stands at most so far behind them")
+    covered_depth_m: float = number(1.0, 0.0, 5.0, "m", "greatest distance behind a plane at which it hides others")
 
     # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
-    opening_cell_px: int = number(4, 3, 16, "px", "side of a cell in which free boxes are looked for")
-    opening_first_m: float = number(0.5, 0.1, 5.0, "m", "first of the distances at which they are looked for")
-    opening_ratio: float = number(1.42, 1.05, 2.0, "", "each such distance over the one before it")
+    opening_cell_px: int = number(4, 3, 16, "px", "side of the cells in which free boxes are searched")
+    opening_first_m: float = number(0.5, 0.1, 5.0, "m", "first of the distances at which free boxes are searched")
+    opening_ratio: float = number(
+        1.42, 1.05, 2.0, "", "ratio of each such distance to the one before; larger: fewer distances, faster"
+    )
     opening_edge_px: float = number(
-        2.0, 0.0, 50.0, "px", "tops or bottoms that step by more beside an opening end a piece"
+        2.0, 0.0, 50.0, "px", "a piece ends where tops or bottoms step by more than this beside an opening"
     )
-    opening_unknown_share: float = critical(
-        0.2, 0.0, 0.5, "", "most of a free box that may be unknown (dropped pixels)"
-    )
+    opening_unknown_share: float = critical(0.2, 0.0, 0.5, "", "greatest share of unknown pixels in a free box")
     opening_behind_m: float = critical(
-        0.5, 0.05, 5.0, "m", "what must be seen behind an opening from where Ws would reach beyond the maximum range"
+        0.5,
+        0.05,
+        5.0,
+        "m",
+        "least depth that must be seen free behind an opening where Ws would reach beyond the maximum range",
     )
 
     # Layers and the free-range profile
-    layer_join_m: float = number(0.25, 0.0, 2.0, "m", "tops and bottoms closer than this are one cut")
-    profile_join_m: float = number(0.01, 0.0, 0.5, "m", "ends of planes closer than this are one vertex of a prism")
-    profile_step_deg: float = number(2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile")
+    layer_join_m: float = number(
+        0.25,
+        0.0,
+        2.0,
+        "m",
+        "tops and bottoms of planes closer than this become one border of layers; larger: fewer layers",
+    )
+    profile_join_m: float = number(0.01, 0.0, 0.5, "m", "ends of planes closer than this become one vertex of a prism")
+    profile_step_deg: float = number(
+        2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile; smaller: finer and slower"
+    )
     profile_layer_m: float = number(
         0.5,
         0.2,
         10.0,
         "m",
-        "height of an inner layer of the free-range profile: a body fits into layers that are all free",
+        "height of an inner layer of the free-range profile; a layer is free only as a whole",
     )
     profile_layers: int = number(
-        9, 1, 31, "", "inner layers of the profile, around the height of the camera (odd: one is centred on it)"
+        9, 1, 31, "", "number of inner layers around the height of the camera; an odd number centres one on it"
     )
-    profile_reach_m: float = number(
-        7.0, 0.5, 50.0, "m", "height above and below the camera that the profile covers, by inner and outer layers"
-    )
+    profile_reach_m: float = number(7.0, 0.5, 50.0, "m", "height above and below the camera that the profile covers")
     profile_outer_layers: int = number(
-        3, 0, 15, "", "outer layers of equal height above the inner ones, and as many below them (0: none)"
+        3, 0, 15, "", "number of outer layers of equal height above the inner ones, and below them (0: none)"
     )
-    profile_ring_m: float = number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
+    profile_ring_m: float = number(0.5, 0.1, 5.0, "m", "step of the free range; smaller: finer and slower")
     free_share: float = critical(
-        0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free"
+        0.8,
+        0.5,
+        1.0,
+        "",
+        "least share of the pixels of a cell that see through it for the cell to be free; larger: less free space",
     )
     profile_block_px: int = critical(
-        4, 2, 64, "px", "rows that are counted together (odd: one more), a layer's rows rounded outwards"
+        4,
+        2,
+        64,
+        "px",
+        "number of rows that are counted together (odd: one more); the rows of a layer are rounded outwards",
     )
-    profile_sigmas: float = critical(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
-    profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "which is at most this share of its distance")
-    profile_least_m: float = critical(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")
+    profile_sigmas: float = critical(
+        2.0,
+        0.0,
+        8.0,
+        "sigma",
+        "a pixel sees through what lies this much noise before its measurement; larger: less free space",
+    )
+    profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "upper bound of that noise, as a share of the distance")
+    profile_least_m: float = critical(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is unknown")
 
     def __post_init__(self) -> None:
         check("", self)

@@ -12,53 +12,69 @@ class AvoidParams:
     """The vehicle's size, the reported range, and the policies. Raises ValueError naming the field, its value and range."""
 
     send: bool = switch(False, "send obstacles to the autopilot; whether it brakes depends on its own parameters")
-    rate_hz: float = critical(15.0, 10.0, 20.0, "Hz", "rate of the messages")
+    rate_hz: float = critical(15.0, 10.0, 20.0, "Hz", "rate of the obstacle messages")
     radius_m: float = critical(
-        0.4, 0.0, 5.0, "m", "radius of the vehicle, rotors included; distances are counted from there"
+        0.4, 0.0, 5.0, "m", "radius of the vehicle, rotors included; distances are measured from its hull"
     )
     band_above_m: float = critical(
-        0.8, 0.1, 10.0, "m", "height band of obstacles: this much above the middle of the vehicle"
+        0.8, 0.1, 10.0, "m", "obstacles up to this height above the middle of the vehicle are sent"
     )
     band_below_m: float = critical(
-        0.8, 0.1, 10.0, "m", "height band of obstacles: this much below the middle of the vehicle"
+        0.8,
+        0.1,
+        10.0,
+        "m",
+        "obstacles down to this depth below the middle of the vehicle are sent; larger: the ground closes all "
+        "directions earlier",
     )
     min_distance_m: float = critical(0.2, 0.0, 5.0, "m", "nearer obstacles are sent as just beyond this")
     max_distance_m: float = critical(
-        12.0, 2.0, 100.0, "m", "farthest obstacle sent, and range to which a clear sector must have been seen free"
+        12.0,
+        2.0,
+        100.0,
+        "m",
+        "greatest distance of an obstacle that is sent; a clear sector must have been seen free up to it",
     )
     near_m: float = critical(
-        2.5, 0.5, 10.0, "m", "a sector must have been seen free from here on; nearer obstacles are always sent"
+        2.5, 0.5, 10.0, "m", "a sector must have been seen free from this distance on; nearer obstacles are always sent"
     )
-    clear_share: float = critical(0.8, 0.5, 1.0, "", "share of a sector's rays and heights seen free to call it clear")
+    clear_share: float = critical(
+        0.8,
+        0.5,
+        1.0,
+        "",
+        "least share of a sector's rays and heights that were seen free for it to be clear; larger: fewer "
+        "clear sectors",
+    )
     seen_share: float = critical(
-        0.4, 0.2, 1.0, "", "share of a sector that must be visible now before free space seen earlier completes it"
+        0.4, 0.2, 1.0, "", "least share of a sector in view for which free space seen earlier may complete the rest"
     )
     remember_free_s: float = critical(
-        3.0, 0.0, 10.0, "s", "free space that left the view, as when leaning, is used for this time; 0: never"
+        3.0, 0.0, 10.0, "s", "free space that left the view, for example by leaning, is used for this time; 0: never"
     )
-    rays: int = critical(3, 2, 15, "", "rays checked in each sector")
-    slices: int = critical(10, 1, 20, "", "heights checked in the height band")
-    step_m: float = critical(0.25, 0.05, 2.0, "m", "step along the rays")
-    remember_s: float = critical(3.0, 0.0, 30.0, "s", "a near obstacle that left the view is sent for this time")
+    rays: int = critical(3, 2, 15, "", "number of rays that are checked in each sector")
+    slices: int = critical(10, 1, 20, "", "number of heights that are checked in the height band")
+    step_m: float = critical(0.25, 0.05, 2.0, "m", "step along the rays; smaller: finer and slower")
+    remember_s: float = critical(3.0, 0.0, 30.0, "s", "a near obstacle that left the view is still sent for this time")
     remember_m: float = critical(6.0, 0.5, 50.0, "m", "obstacles nearer than this are remembered")
     confirm_px: int = critical(
         8,
         0,
         1000,
         "px",
-        "an obstacle nearer than remember_m with no more pixels than this, in an image of 320x240 (more in a larger one), or "
-        "of less than 10 cm2, is sent once a second frame shows it; 0: at once",
+        "an obstacle nearer than remember_m with at most this many pixels (in an image of 320x240, more in a larger one), or "
+        "of less than 10 cm2, is sent when a second frame shows it; 0: at once",
     )
     blind: str = choice(
         "auto",
         ("auto", "unknown", "stop"),
-        "policy when blind; auto: brake for PX4 (unknown while CP_DIST is not known), stop for all others",
+        "what is sent when blind; auto: a wall for PX4 (unknown while CP_DIST is not known), stop for all others",
         safety=True,
     )
     unseen: str = choice(
         "stop",
         ("stop", "unknown"),
-        "sectors in view that were not seen clear, for an autopilot that treats unknown as clear",
+        "what is sent for sectors in view that were not seen clear, to an autopilot that treats unknown as clear",
         safety=True,
     )
     silence_s: float = critical(
@@ -66,7 +82,8 @@ class AvoidParams:
         0.5,
         10.0,
         "s",
-        "PX4: time blind until nothing more is sent, after which PX4 changes to Hold; policy brake: duration of the wall",
+        "PX4: time of blindness after which nothing more is sent and PX4 changes to Hold; also the duration "
+        "of its wall",
     )
     stop_inside_m: float = critical(
         0.04,
@@ -90,7 +107,7 @@ class AvoidParams:
         0.1,
         20.0,
         "m",
-        "CP_DIST that is assumed for the artificial wall while heartbeats of PX4 and another autopilot contradict each other",
+        "CP_DIST that is assumed for the wall while heartbeats of PX4 and of another autopilot contradict each other",
     )
     points: bool = switch(
         False, "ArduPilot: send OBSTACLE_DISTANCE_3D instead, with layers above and below; work in progress in MAVLink"
@@ -99,8 +116,12 @@ class AvoidParams:
     downward: bool = switch(
         False, "send DISTANCE_SENSOR downward to the ground; the autopilot may use it for its height"
     )
-    remember_up_s: float = critical(20.0, 0.0, 120.0, "s", "obstacles above the vehicle are remembered for this time")
-    recover_frames: int = critical(3, 1, 50, "", "valid frames in a row after which a blind camera is used again")
+    remember_up_s: float = critical(
+        20.0, 0.0, 120.0, "s", "an obstacle above the vehicle that left the view is remembered for this time"
+    )
+    recover_frames: int = critical(
+        3, 1, 50, "", "number of valid frames in a row after which a blind camera is used again"
+    )
 
     def __post_init__(self) -> None:
         check("avoid", self)

@@ -34,21 +34,34 @@ class CameraConfig:
         "source of the frames: a recording, the simulator, or a camera",
     )
     required: bool = field(
-        default=True, metadata={"safety": True, "unit": "", "doc": "the service is blind while this camera is"}
+        default=True,
+        metadata={
+            "safety": True,
+            "unit": "",
+            "doc": "true: the service is blind while this camera is; false: it works on without it",
+        },
     )
-    roll_deg: float | None = _number(-180.0, 180.0, "deg", "mount: right side down is positive")
-    pitch_deg: float | None = _number(-90.0, 90.0, "deg", "mount: looking up is positive")
-    yaw_deg: float | None = _number(-180.0, 180.0, "deg", "mount: looking to the right is positive")
-    x_m: float | None = _number(-10.0, 10.0, "m", "lever arm from the autopilot, forward")
-    y_m: float | None = _number(-10.0, 10.0, "m", "lever arm, to the right")
-    z_m: float | None = _number(-10.0, 10.0, "m", "lever arm, down")
-    min_range_m: float | None = _number(0.01, 10.0, "m", "nearest depth that the camera measures", safety=True)
-    max_range_m: float | None = _number(0.5, 65.0, "m", "farthest depth that is used", safety=True)
+    roll_deg: float | None = _number(-180.0, 180.0, "deg", "roll of the mount; right side down is positive")
+    pitch_deg: float | None = _number(-90.0, 90.0, "deg", "pitch of the mount; looking up is positive")
+    yaw_deg: float | None = _number(-180.0, 180.0, "deg", "yaw of the mount; looking to the right is positive")
+    x_m: float | None = _number(-10.0, 10.0, "m", "position relative to the autopilot, forward")
+    y_m: float | None = _number(-10.0, 10.0, "m", "position relative to the autopilot, to the right")
+    z_m: float | None = _number(-10.0, 10.0, "m", "position relative to the autopilot, down")
+    min_range_m: float | None = _number(
+        0.01, 10.0, "m", "nearest depth that the camera measures; nearer pixels are unknown", safety=True
+    )
+    max_range_m: float | None = _number(
+        0.5,
+        65.0,
+        "m",
+        "greatest depth that is trusted; pixels beyond it count as free up to it. Larger: more range, more noise",
+        safety=True,
+    )
     ke_per_m: float | None = _number(
         1e-5,
         0.05,
         "1/m",
-        "noise: sigma_Z = ke * Z^2; a prior where the noise is measured",
+        "depth noise: standard deviation = ke_per_m * depth^2; the start value where the noise is measured",
         safety=True,
     )
     masks: str = field(
@@ -57,18 +70,26 @@ class CameraConfig:
             "safety": True,
             "pattern": rf"^(?:{_POLYGON}(?: *; *{_POLYGON})*)?$",
             "unit": "",
-            "doc": "parts of the vehicle in the depth image, which are then unknown: polygons of corners u,v in px separated by "
-            'spaces, two corners are a rectangle, polygons separated by ";", such as "0,0 80,60; 600,0 639,0 639,50"',
+            "doc": "parts of the vehicle in the depth image, which are unknown: polygons of corners u,v in px separated "
+            'by spaces, two corners are a rectangle, polygons separated by ";", such as "0,0 80,60; 600,0 639,0 '
+            '639,50"',
         },
     )
     unmatched_left_px: int | None = _number(
         0,
         1024,
         "px",
-        "columns at the left without stereo matches; default: disparities for a zed and for rendered stereo, else 0",
+        "columns at the left without stereo matches (default: disparities for a zed and for rendered stereo, "
+        "otherwise 0)",
         safety=True,
     )
-    flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
+    flight: str = field(
+        default="demo",
+        metadata={
+            "unit": "",
+            "doc": "simulated only: the flight, one of demo, movers, street, trees, alley, window, tilted, by_hand, broken",
+        },
+    )
     follow: str = field(
         default="",
         metadata={
@@ -81,13 +102,15 @@ class CameraConfig:
         default="",
         metadata={
             "unit": "",
-            "doc": "oak: its id (empty: the only one there); zed, v4l2: a path, best in /dev/v4l/by-id; "
-            "simulated: a file that represents its cable, unplugged while the file is missing (empty: plugged in)",
+            "doc": "oak: its id (empty: the only one that is connected); zed, v4l2: a path, best in /dev/v4l/by-id; "
+            "simulated: a file that stands for its cable, unplugged while the file is missing (empty: plugged in)",
         },
     )
     width_px: int = _number(16, 4096, "px", "width of the depth image; of a zed, of one eye", 640)
-    height_px: int = _number(16, 4096, "px", "its height; simulated: always three quarters of the width", 480)
-    fps: float = _number(1.0, 120.0, "Hz", "frames per second requested from the camera", 30.0)
+    height_px: int = _number(
+        16, 4096, "px", "height of the depth image; simulated: always three quarters of the width", 480
+    )
+    fps: float = _number(1.0, 120.0, "Hz", "frames per second that are requested from the camera", 30.0)
     exposure_latency_s: float = _number(
         0.0,
         0.2,
@@ -99,19 +122,27 @@ class CameraConfig:
         -100.0,
         200.0,
         "ms",
-        "subtracted from each exposure timestamp of a live camera: positive if its timestamps are later than the exposure. "
-        "The service measures it while the vehicle turns and reports the value (docs/how-to/measure-exposure-offset.md)",
+        "subtracted from each exposure timestamp of a live camera; positive if its timestamps are late. The "
+        "service measures it while the vehicle turns (docs/how-to/measure-exposure-offset.md)",
         0.0,
     )
-    calibration: str = field(default="", metadata={"unit": "", "doc": "zed only: its SN<serial>.conf"})
+    calibration: str = field(
+        default="", metadata={"unit": "", "doc": "zed only: path of its calibration file SN<serial>.conf"}
+    )
     disparities: int = _number(
-        16, 512, "px", "zed and rendered stereo: disparities searched; more reach nearer and cost more time", 96
+        16,
+        512,
+        "px",
+        "zed and rendered stereo: number of disparities that are searched; larger: nearer objects are "
+        "measured, more time per frame",
+        96,
     )
     match_correlation: float = _number(
         0.0,
         0.99,
         "",
-        "zed only: least correlation of both images around a match; lower values accept weaker texture, 0 accepts every match",
+        "zed only: least correlation of both images around a match; lower: more depth and more false "
+        "obstacles; 0 accepts every match",
         0.7,
         safety=True,
     )
@@ -119,7 +150,8 @@ class CameraConfig:
         0.0,
         100.0,
         "",
-        "zed only: least variance of the texture over that of the sensor noise; 0: off",
+        "zed only: least variance of the texture, relative to the sensor noise; lower: more depth and more "
+        "false obstacles; 0: off",
         3.0,
         safety=True,
     )
@@ -127,7 +159,8 @@ class CameraConfig:
         0.3,
         1.0,
         "",
-        "zed only: correlation of the image with itself from which it counts as repetitive and is not measured; 1: off",
+        "zed only: correlation of the image with itself above which it counts as repetitive and is not "
+        "measured; 1: off",
         0.9,
         safety=True,
     )
@@ -139,14 +172,18 @@ class CameraConfig:
             "doc": "zed and rendered stereo: mark unmeasured pixels whose image is smooth, which `[open_sky]` needs; 16 ms a frame",
         },
     )
-    confidence: int = _number(0, 255, "", "oak only: lower values keep fewer, more reliable pixels", 55, safety=True)
-    emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one", 0.0)
-    depth_unit_mm: float = _number(0.001, 10.0, "mm", "v4l2 only: one unit of depth", 1.0)
+    confidence: int = _number(
+        0, 255, "", "oak only: threshold of its confidence; lower: fewer, more reliable pixels", 55, safety=True
+    )
+    emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one; 0: off", 0.0)
+    depth_unit_mm: float = _number(
+        0.001, 10.0, "mm", "v4l2 only: one unit of the depth image, 1.0 for a RealSense D400, 0.1 for a D405", 1.0
+    )
     fx_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not report it")
     fy_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: vertical focal length")
     cx_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
     cy_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
-    seed: int = _number(0, 1_000_000, "", "simulated only: scene and noise", 0)
+    seed: int = _number(0, 1_000_000, "", "simulated only: seed of scene and noise", 0)
     render: str = _choice(
         "depth",
         ("depth", "stereo"),

@@ -20,18 +20,26 @@ class GuardParams:
     guided: bool = switch(True, "active in Offboard (PX4) and GUIDED (ArduPilot)", safety=True)
     limit_speed: bool = switch(True, "ask for a lower speed before asking to stop", safety=True)
     deceleration_m_s2: float = critical(
-        2.0, 0.3, 10.0, "m/s2", "deceleration that the autopilot reaches when it is asked to stop; measure it"
+        2.0,
+        0.3,
+        10.0,
+        "m/s2",
+        "measured deceleration of the vehicle when the autopilot is asked to stop; larger: later stops",
     )
     reaction_s: float = critical(
         0.8,
         0.2,
         3.0,
         "s",
-        "time from the decision to stop until the deceleration is reached: link, change of mode, limit of the jerk",
+        "measured time from the decision to stop until the deceleration is reached; larger: earlier stops",
     )
-    margin_m: float = critical(1.5, 0.2, 10.0, "m", "distance that must be left between the hull and the obstacle")
-    side_m: float = critical(0.3, 0.0, 3.0, "m", "width that must be free on each side of the hull")
-    horizon_m: float = critical(20.0, 4.0, 60.0, "m", "farthest distance along the path that is used")
+    margin_m: float = critical(
+        1.5, 0.2, 10.0, "m", "distance between hull and obstacle that is kept; larger: earlier stops"
+    )
+    side_m: float = critical(0.3, 0.0, 3.0, "m", "width beside the hull, on each side, that must be free")
+    horizon_m: float = critical(
+        20.0, 4.0, 60.0, "m", "greatest distance along the path that is used; it bounds the speed without a limit"
+    )
     limit_ahead_s: float = critical(
         1.0, 0.0, 5.0, "s", "the speed is limited when the braking distance fits for less than this time"
     )
@@ -41,13 +49,18 @@ class GuardParams:
         0.0,
         30.0,
         "m/s",
-        "greatest speed that the guard commands, also at the end of a limit; 0: the speed of the vehicle just before the limit alone bounds it",
+        "greatest speed that the guard commands, also at the end of a limit; 0: bounded only by the speed "
+        "just before the limit",
     )
     blind_speed_m_s: float = critical(
-        0.7, 0.3, 3.0, "m/s", "slower than this, space that is only unseen does not stop the vehicle; obstacles do"
+        0.7, 0.3, 3.0, "m/s", "below this speed unseen space does not stop the vehicle; obstacles do"
     )
     keep_free_s: float = critical(
-        0.25, 0.0, 0.5, "s", "space seen free counts for this time when newer frames do not see it and show no obstacle"
+        0.25,
+        0.0,
+        0.5,
+        "s",
+        "space that was seen free counts for this time when newer frames do not see it and show no obstacle",
     )
     raise_after_s: float = critical(
         3.0, 0.5, 30.0, "s", "a speed limit is raised after the space was free for this time"

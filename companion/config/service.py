@@ -16,13 +16,19 @@ class AutopilotConfig:
     )
     system_id: int = number(0, 0, 255, "", "system id of the vehicle; 0: taken from its heartbeat")
     component_id: int = number(196, 1, 255, "", "component id of the service; 196 is obstacle avoidance")
-    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "requested rate of the attitude")
-    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "requested rate of the position")
+    attitude_hz: float = number(
+        100.0,
+        5.0,
+        400.0,
+        "Hz",
+        "rate of the attitude that is requested; larger: smaller errors in turns, more load on the line",
+    )
+    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "rate of the position that is requested")
     signing_key: str = text(
         "", "file with the key for MAVLink 2 signing (`companion keys --signing FILE`); empty: no signing"
     )
 
-    computer_status: bool = switch(False, "send ONBOARD_COMPUTER_STATUS at 1 Hz")
+    computer_status: bool = switch(False, "send ONBOARD_COMPUTER_STATUS (load, temperature, memory) once per second")
 
     def __post_init__(self) -> None:
         check("autopilot", self)
@@ -37,14 +43,20 @@ WORLD_STREAMS = ("world", "world_requests")
 class PublishConfig:
     """Where the streams are. {run} stands for the service's run folder."""
 
-    prisms: str = text("ipc://{run}/prisms", "address of the prisms: ipc://PATH, or tcp://HOST:PORT; empty: none")
+    prisms: str = text(
+        "ipc://{run}/prisms", "address of the obstacle stream: ipc://PATH, or tcp://HOST:PORT; empty: none"
+    )
     health: str = text("ipc://{run}/health", "address of the health reports")
-    surround: str = text("ipc://{run}/surround", "address of the model of all cameras, with several cameras")
+    surround: str = text(
+        "ipc://{run}/surround", "address of the joint model of all cameras, where several are configured"
+    )
     tracks: str = text("ipc://{run}/tracks", "address of the tracked obstacles, where [tracking] is enabled")
     world: str = text(
         "", "address of the changes of the merged world, such as ipc://{run}/world; empty: nothing is merged"
     )
-    world_requests: str = text("", "address that answers requests for snapshots, such as ipc://{run}/world-snapshot")
+    world_requests: str = text(
+        "", "address at which snapshots of the merged world are requested, such as ipc://{run}/world-snapshot"
+    )
     neighbours: str = text(
         "ipc://{run}/neighbours", "address of the obstacles that other vehicles have reported, where [share] is enabled"
     )
@@ -52,7 +64,14 @@ class PublishConfig:
         "ipc://{run}/depth",
         "address of small depth images for `companion view --live`, made only while a client listens; empty: none",
     )
-    depth_hz: float = number(5.0, 0.5, 15.0, "Hz", "greatest rate of the small depth images of each camera")
+    depth_hz: float = number(
+        5.0,
+        0.5,
+        15.0,
+        "Hz",
+        "greatest rate of the recorded depth images of each camera; 0: every image. `companion replay` cannot "
+        "compute the images between again",
+    )
     keys: str = text("", "directory of the CURVE keys (`companion keys`), needed for tcp:// addresses")
 
     def __post_init__(self) -> None:
@@ -74,14 +93,14 @@ class PublishConfig:
 class RecordParams:
     """Where, when and how much is recorded."""
 
-    record: str = choice("always", ("always", "armed", "off"), "record always, while the vehicle is armed, or never")
+    record: str = choice("always", ("always", "armed", "off"), "always, only while the vehicle is armed, or off")
     folder: str = text("", "directory of the logs; empty: below the state directory of the service")
     file_mb: float = number(512.0, 1.0, 4096.0, "MB", "a new file is begun at this size")
     file_s: float = number(600.0, 5.0, 7200.0, "s", "a new file is begun at this age")
     budget_mb: float = number(
-        16384.0, 10.0, 1e6, "MB", "total size of all logs; the oldest finished flights are deleted first"
+        16384.0, 10.0, 1e6, "MB", "greatest total size of all logs; the oldest finished flights are deleted first"
     )
-    least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "nothing is recorded with less free space on the disk")
+    least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "recording stops when less is free on the disk")
     queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "greatest amount of data waiting for the disk")
     queue_items: int = number(5000, 100, 100_000, "", "greatest number of items waiting for the disk")
     zstd_level: int = number(-1, -20, 9, "", "compression level; a lower level is faster and gives larger files")
@@ -91,8 +110,8 @@ class RecordParams:
         0.0,
         60.0,
         "Hz",
-        "greatest rate of the recorded depth images of each camera; 0: every image. The images "
-        "between cannot be computed again by `companion replay`",
+        "greatest rate of the recorded depth images of each camera; 0: every image. `companion replay` cannot "
+        "compute the images between again",
     )
     mavlink: bool = switch(True, "record the MAVLink messages of the autopilot")
 
@@ -106,12 +125,16 @@ class RecordParams:
 class SupervisorParams:
     """When a camera is reported as faulty and when its process is restarted."""
 
-    silent_s: float = critical(0.5, 0.05, 10.0, "s", "a camera without a frame for this time is silent")
+    silent_s: float = critical(0.5, 0.05, 10.0, "s", "a camera without a frame for this time counts as silent")
     restart_s: float = critical(
-        3.0, 0.5, 60.0, "s", "the process of a camera that is silent or frozen for this time is restarted"
+        3.0, 0.5, 60.0, "s", "the process of a camera that is silent or frozen for this time is started again"
     )
-    open_s: float = number(30.0, 1.0, 300.0, "s", "a process without a first frame after this time is restarted")
-    frozen_frames: int = critical(4, 2, 1000, "", "repetitions of the same image after which a camera is frozen")
+    open_s: float = number(
+        30.0, 1.0, 300.0, "s", "the process of a camera without a first frame after this time is started again"
+    )
+    frozen_frames: int = critical(
+        4, 2, 1000, "", "number of repetitions of one image after which a camera counts as frozen"
+    )
     first_backoff_s: float = number(
         0.5, 0.0, 60.0, "s", "wait before a restart; doubled while the camera gives no frames"
     )
@@ -126,11 +149,19 @@ class ServiceParams:
     """The service itself."""
 
     timeout_s: float = critical(
-        0.3, 0.05, 2.0, "s", "a camera is blind when its newest valid exposure is older than this"
+        0.3,
+        0.05,
+        2.0,
+        "s",
+        "a camera is blind when its newest valid exposure is older than this; larger: blindness is reported later",
     )
     blind_hz: float = critical(12.5, 10.0, 50.0, "Hz", "rate of messages while a camera is blind")
     hang_s: float = critical(
-        2.0, 0.5, 30.0, "s", "a loop that has not completed a cycle for this time counts as stalled"
+        2.0,
+        0.5,
+        30.0,
+        "s",
+        "a loop that has not completed a cycle for this time counts as stalled, and the watchdog ends the service",
     )
     metrics_port: int = number(0, 0, 65535, "", "port of the Prometheus metrics on 127.0.0.1; 0: none")
 

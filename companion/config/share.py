@@ -25,16 +25,16 @@ class ShareConfig(SharingParams):
     tunnel: str = text(
         "", "line for MAVLink TUNNEL messages: autopilot, or an address as in [autopilot] address; empty: none"
     )
-    tunnel_bytes_per_s: float = number(300.0, 100.0, 20_000.0, "B/s", "most that is sent in TUNNEL messages")
+    tunnel_bytes_per_s: float = number(300.0, 100.0, 20_000.0, "B/s", "greatest rate of the data in TUNNEL messages")
     zenoh: str = text("", "configuration file of zenoh (JSON5), with its TLS or users; empty: none")
     zenoh_team: str = text("team", "name of the team in zenoh's keys")
-    zenoh_bytes_per_s: float = number(20_000.0, 100.0, 1e6, "B/s", "most that is sent over zenoh")
+    zenoh_bytes_per_s: float = number(20_000.0, 100.0, 1e6, "B/s", "greatest rate of the data over zenoh")
     refresh_s: float = number(
-        20.0, 1.0, 300.0, "s", "each plane is sent again after this time; below expire_s of all others"
+        20.0, 1.0, 300.0, "s", "each plane is sent again after this time; less than expire_s of all others"
     )
-    least_hits: int = number(3, 1, 50, "", "a plane is sent when so many frames have observed it")
+    least_hits: int = number(3, 1, 50, "", "a plane is sent when this many frames have observed it")
     range_m: float = number(150.0, 10.0, 1000.0, "m", "planes within this distance of the vehicle are sent")
-    send_planes: int = number(2000, 10, 20_000, "", "most planes that are offered to others, the nearest ones")
+    send_planes: int = number(2000, 10, 20_000, "", "greatest number of planes that are sent, the nearest ones")
 
     def __post_init__(self) -> None:
         check("share", self)

@@ -11,15 +11,28 @@ from core.param_field import check, critical, number
 class SyncParams:
     """Bounds of the synchronisation. Raises ValueError naming the field, its value and its range."""
 
-    max_gap_s: float = critical(0.15, 0.005, 1.0, "s", "widest gap between two attitudes that is interpolated across")
-    max_extrapolation_s: float = critical(0.05, 0.0, 0.5, "s", "farthest an attitude is carried by its body rates")
-    pose_max_gap_s: float = critical(
-        0.5, 0.01, 5.0, "s", "widest gap between two positions that is interpolated across"
+    max_gap_s: float = critical(
+        0.15,
+        0.005,
+        1.0,
+        "s",
+        "greatest gap between two attitudes that is interpolated; frames in wider gaps are dropped",
     )
-    pose_max_extrapolation_s: float = critical(0.2, 0.0, 2.0, "s", "farthest a position is carried by its velocity")
-    restart_step_s: float = number(1.0, 0.1, 60.0, "s", "stamps that step back this far mean a restart: start again")
-    held_samples: int = number(256, 8, 4096, "", "attitudes, and positions, held for late frames")
-    use_pose: bool = field(default=True, metadata={"unit": "", "doc": "publish in ned where the position is known"})
+    max_extrapolation_s: float = critical(
+        0.05, 0.0, 0.5, "s", "greatest time over which the newest attitude is extrapolated by its body rates"
+    )
+    pose_max_gap_s: float = critical(0.5, 0.01, 5.0, "s", "greatest gap between two positions that is interpolated")
+    pose_max_extrapolation_s: float = critical(
+        0.2, 0.0, 2.0, "s", "greatest time over which the newest position is extrapolated by its velocity"
+    )
+    restart_step_s: float = number(
+        1.0, 0.1, 60.0, "s", "timestamps that step back by more than this mean a restart of the autopilot"
+    )
+    held_samples: int = number(256, 8, 4096, "", "number of attitudes, and of positions, that are kept for late frames")
+    use_pose: bool = field(
+        default=True,
+        metadata={"unit": "", "doc": "publish in ned where the position is known, otherwise always in level"},
+    )
 
     def __post_init__(self) -> None:
         check("sync", self)
