@@ -63,7 +63,8 @@ class LoopRecord:
 
 class GuardLoop:
     """`run` flies. kind: PX4 or ArduPilot. blind_ns: from this instant on the camera gives no frames. velocity_noise_m_s: standard
-    deviation of each component of the reported velocity, with the time constant NOISE_S."""
+    deviation of each component of the reported velocity, with the time constant NOISE_S. times_reactions: False saves the time
+    for `LoopRecord.reactions_s`."""
 
     def __init__(
         self,
@@ -90,6 +91,7 @@ class GuardLoop:
         self.now_ns = 100 * NS
         self.blind_ns: int | None = None
         self.velocity_noise_m_s = 0.0
+        self.times_reactions = True
         self._noise_m_s, self._rng = np.zeros(3), np.random.default_rng([30, seed])
         extractor = Extractor()
         self._pipeline = Pipeline((camera,), lambda info: extractor)
@@ -123,9 +125,9 @@ class GuardLoop:
             counts={},
         )
 
-    def _builders(self) -> tuple[ObstacleReportBuilder, ObstacleReportBuilder]:
+    def _builders(self) -> tuple[ObstacleReportBuilder, ...]:
         """The one of the service, and one that shows each plane in its first frame."""
-        return self._builder, self._first_shown
+        return (self._builder, self._first_shown) if self.times_reactions else (self._builder,)
 
     def _note(self, surroundings: Surroundings) -> None:
         """Notes the first exposure that shows an obstacle within the braking distance, confirmed by another frame or not."""

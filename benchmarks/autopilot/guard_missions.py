@@ -174,6 +174,7 @@ def free_flight(name: str, minutes: float, speed_m_s: float, width: int, guard: 
     flight = flight_of(autopilot, ways, 3.0, speed_m_s, guided=False)
     mode = flight.mode
     loop = _loop(scene, flight, autopilot, width, seed, guard)
+    loop.times_reactions = False
     start_ns = _hover(loop)
     least_m, fastest_m_s, false_stops, judged = math.inf, 0.0, 0, 0
     while loop.now_ns - start_ns < minutes * 60.0 * NS:

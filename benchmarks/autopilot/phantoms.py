@@ -1,10 +1,11 @@
 """How often something near is sent to the autopilot in a hover before a bare wall, by single mismatches of the camera.
 
-python -m benchmarks.autopilot.phantoms [frames]
+python -m benchmarks.autopilot.phantoms [frames] [seed ...]
 """
 
 from __future__ import annotations
 
+import itertools
 import sys
 from dataclasses import dataclass, replace
 
@@ -86,13 +87,14 @@ def _has_near(planes: np.ndarray) -> bool:
 
 
 def main() -> None:
-    """Prints the shares with and without confirmation."""
+    """Prints the shares with and without confirmation, for each seed of the sensor's noise."""
     frames = int(sys.argv[1]) if len(sys.argv) > 1 else 600
-    for kind in ("ArduPilot", "PX4"):
+    seeds = [int(seed) for seed in sys.argv[2:]] or [3]
+    for seed, kind in itertools.product(seeds, ("ArduPilot", "PX4")):
         for confirm_px in (0, AvoidParams().confirm_px):
-            h = hover(frames, confirm_px, kind)
+            h = hover(frames, confirm_px, kind, seed=seed)
             print(
-                f"{kind}, confirm_px = {confirm_px}: {100 * h.weak / h.frames:.1f} % of {h.frames} frames with a near plane, "
+                f"seed {seed}, {kind}, confirm_px = {confirm_px}: {100 * h.weak / h.frames:.1f} % of {h.frames} frames with a near plane, "
                 f"{100 * h.near / h.messages:.1f} % of {h.messages} messages with anything nearer than {NEAR_M:g} m"
             )
 
