@@ -51,11 +51,11 @@ def publisher(tmp_path: Path) -> Iterator[zmq.Socket[bytes]]:
 def output_for(program: Path, publisher: zmq.Socket[bytes], message: bytes | None) -> str:
     address = publisher.getsockopt_string(zmq.LAST_ENDPOINT)
     with subprocess.Popen([program, address, "1"], stdout=subprocess.PIPE, text=True) as process:
-        assert publisher.poll(10_000), "it did not subscribe"
+        assert publisher.poll(60_000), "it did not subscribe"
         publisher.recv()
         if message is not None:
             publisher.send(message)
-        output, _ = process.communicate(timeout=20)
+        output, _ = process.communicate(timeout=60)
     assert process.returncode == 0
     return output.strip()
 

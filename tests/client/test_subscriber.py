@@ -113,7 +113,7 @@ def test_the_newest_message_with_its_age(service: Service) -> None:
         assert received is not None
         assert received.valid
         assert received.frame == "level"
-        assert 0.02 <= received.age_s < 5.0
+        assert 0.02 <= received.age_s < 60.0
         assert received.space.knows
         assert received.cause == ""
 
@@ -122,13 +122,13 @@ def test_news_that_grow_old_are_stale(service: Service) -> None:
     with Subscriber(service.address, timeout_s=0.3) as client:
         joined(client, service)
         service.say(a_frame(), age_ms=1.0)
-        received = client.wait(5.0)
+        received = client.wait(60.0)
         assert received is not None
         assert until(lambda: received.stale, 60.0)
         assert client.wait(0.05) is None
         assert client.latest() is received
         service.say(a_frame(), age_ms=301.0)
-        old = client.wait(5.0)
+        old = client.wait(60.0)
         assert old is not None
         assert old.stale
 
@@ -152,7 +152,7 @@ def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: 
         begun_ns = time.monotonic_ns()
         waiting = threading.Timer(0.3, lambda: service.say(a_frame(), age_ms=1.0))
         waiting.start()
-        received = client.wait(20.0)  # it comes while we wait
+        received = client.wait(60.0)  # it comes while we wait
         waiting.join()
         assert received is not None
         assert received.received_ns > begun_ns
@@ -167,7 +167,7 @@ def test_on_the_same_computer_the_stamp_gives_the_age(service: Service) -> None:
             message.sequence = sequence
             message.t_exposure_ns = time.monotonic_ns() - round(age_s * 1e9)
             service.say(message, age_ms=1.0, boot=boot_id())
-            assert until(lambda k=sequence: (n := client.latest()) is not None and n.content.sequence == k, 5.0)
+            assert until(lambda k=sequence: (n := client.latest()) is not None and n.content.sequence == k, 60.0)
             received = client.latest()
             assert received is not None
             assert age_s <= received.age_s < age_s + 20.0
@@ -178,7 +178,7 @@ def test_blind_is_reported_and_leaves_nothing_free(service: Service) -> None:
     with Subscriber(service.address) as client:
         joined(client, service)
         service.say(blind_message("front", 7, 1, "silent: unplugged"))
-        received = client.wait(5.0)
+        received = client.wait(60.0)
         assert received is not None
         assert not received.valid
         assert received.cause == "silent: unplugged"
@@ -194,12 +194,12 @@ def test_several_cameras_as_one(service: Service) -> None:
     with Subscriber(service.address, all_cameras=True) as client:
         joined(client, service, both)
         service.say(both)
-        received = client.wait(5.0)
+        received = client.wait(60.0)
         assert received is not None
         assert received.cause == ""
         many = received.space._rectangles.corner.shape[0]
         service.say(all_cameras_message(only.model(sees), frozenset({"right"})))
-        received = client.wait(5.0)
+        received = client.wait(60.0)
         assert received is not None
         assert not received.valid
         assert received.cause == "right: no frame yet"
@@ -210,7 +210,7 @@ def test_foreign_late_and_doubled_messages_are_counted_and_passed_over(service: 
     with Subscriber(service.address, timeout_s=60.0) as client:
         joined(client, service)
         service.say(a_frame(), number=1000)
-        assert client.wait(5.0) is not None
+        assert client.wait(60.0) is not None
         for number in (1000, 999):
             service.say(a_frame(), number=number)
             assert client.wait(0.3) is None
@@ -222,7 +222,7 @@ def test_foreign_late_and_doubled_messages_are_counted_and_passed_over(service: 
         assert client.stats.undecodable == 2
         assert "schema version 9" in client.stats.last_error
         service.say(a_frame(), boot="another boot", number=3)
-        assert client.wait(5.0) is not None
+        assert client.wait(60.0) is not None
 
 
 def test_numbers_that_do_not_fit_together_leave_all_unknown(service: Service) -> None:
@@ -231,7 +231,7 @@ def test_numbers_that_do_not_fit_together_leave_all_unknown(service: Service) ->
     with Subscriber(service.address) as client:
         joined(client, service)
         service.say(broken)
-        received = client.wait(5.0)
+        received = client.wait(60.0)
         assert received is not None
         assert not received.space.knows
 

@@ -203,7 +203,7 @@ def test_what_waited_while_the_planner_was_busy_is_not_fresh(speaker: Speaker) -
         follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
         look(speaker)
-        assert mirror._updates.socket.poll(5000)
+        assert mirror._updates.socket.poll(60_000)
         speaker.close()
         end_ns = now() + 9 * NS // 10
         assert until(lambda: now() >= end_ns, 60.0)
@@ -307,7 +307,7 @@ def test_a_request_of_many_parts_and_a_listener_that_hangs_cost_nothing(speaker:
     silent_reader.setsockopt(zmq.SUBSCRIBE, b"")
     silent_reader.connect(speaker.addresses[0])
     rude.send_multipart([b"a"] * 50)
-    assert rude.poll(5000)
+    assert rude.poll(60_000)
     assert pb.WorldUpdate.FromString(rude.recv()).snapshot
     rude.send(b"never read")
     with WorldMirror(*speaker.addresses) as mirror:

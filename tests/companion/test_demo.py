@@ -89,7 +89,7 @@ def processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Processes:
 
 def test_a_process_that_ends_unexpectedly_is_reported_with_its_output(processes: Processes) -> None:
     processes.start("service", "fails")
-    next(iter(processes._processes.values())).wait(20.0)
+    next(iter(processes._processes.values())).wait(60.0)
     with pytest.raises(DemoError, match="the service ended unexpectedly with status 1\nno camera"):
         processes.check()
     with pytest.raises(DemoError, match="the service ended with status 1\nno camera"):
@@ -106,7 +106,7 @@ def test_a_process_that_does_not_end_is_killed_and_reported(
         assert process.poll() is None
     with pytest.raises(DemoError, match=r"did not end within 0\.3 s"):
         processes.end("service")
-    assert process.wait(20.0) == -signal.SIGKILL
+    assert process.wait(60.0) == -signal.SIGKILL
 
 
 def test_the_way_to_the_commands_is_named_where_the_shell_does_not_find_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -83,8 +83,8 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
                     depth_mm=np.zeros((120, 160), np.uint16),
                 )
             )
-            assert published.wait(10.0)
-            assert loop.wait_idle(10.0)
+            assert published.wait(60.0)
+            assert loop.wait_idle(60.0)
             if k < 3:  # modules are imported in the first
                 gc.collect()
                 collected.clear()
@@ -182,7 +182,7 @@ def test_the_log_has_the_frame_over_which_the_pipeline_hangs(tmp_path: Path) -> 
 
     loop = two_frames(tmp_path, calls, hang)
     try:
-        assert hangs.wait(10.0)
+        assert hangs.wait(60.0)
         assert calls == FIRST
         loop.close()
         assert calls == [*FIRST, "attitude", "frame 1"]

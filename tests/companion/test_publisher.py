@@ -38,7 +38,7 @@ def frame(sequence: int, size: int = 0) -> pb.PrismsFrame:
 
 def subscriber(context: Context, address: str) -> zmq.Socket[bytes]:
     socket = context.socket(zmq.SUB)
-    socket.setsockopt(zmq.RCVTIMEO, 5000)
+    socket.setsockopt(zmq.RCVTIMEO, 60_000)
     socket.setsockopt(zmq.SUBSCRIBE, b"")
     socket.connect(address)
     return socket

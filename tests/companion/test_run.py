@@ -43,7 +43,7 @@ def test_it_ends_at_once_when_no_obstacles_are_sent_any_more(tmp_path: Path, cap
         loop.join(0.5)
         assert ended == []  # it runs
         service.avoidance.sender._ask = broken
-        loop.join(1.0)
+        loop.join(60.0)
         assert ended == [1]
         assert "the obstacle sender has ended" in caplog.text
     finally:

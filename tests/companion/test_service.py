@@ -198,11 +198,13 @@ def test_a_silent_autopilot_blinds_and_is_named(flying: Flying) -> None:
     flying.line.change(lambda a: setattr(a, "silent", True))
     try:
         flying.blind_frame("attitude is too old", 2.0, begun_ns)
-        flying.health.wait(lambda h: any("the attitude is" in t for t in h.troubles), 3.0, begun_ns)
+        flying.health.wait(lambda h: any("the attitude is" in t for t in h.troubles), PATIENCE_S, begun_ns)
         dark_ns = time.monotonic_ns()
         assert until(lambda: len(flying.prisms.since(dark_ns)) >= 20)
         assert not any(m.valid for m in flying.prisms.since(dark_ns))
-        flying.health.wait(lambda h: any("the autopilot does not send it" in t for t in h.troubles), 6.0, begun_ns)
+        flying.health.wait(
+            lambda h: any("the autopilot does not send it" in t for t in h.troubles), PATIENCE_S, begun_ns
+        )
     finally:
         flying.line.change(lambda a: setattr(a, "silent", False))
     flying.well()
@@ -213,14 +215,14 @@ def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_again(flying
     restarts = flying.health.received[-1][1].autopilot.clock.restarts
     begun_ns = time.monotonic_ns()
     flying.line.change(lambda a: a.reboot(begun_ns))
-    flying.health.wait(lambda h: h.autopilot.clock.restarts == restarts + 1, 4.0, begun_ns)
+    flying.health.wait(lambda h: h.autopilot.clock.restarts == restarts + 1, PATIENCE_S, begun_ns)
     flying.health.wait(
         lambda h: (
             h.autopilot.clock.restarts == restarts + 1
             and h.autopilot.clock.source == pb.ClockEstimate.SOURCE_TIMESYNC
             and h.state == pb.Health.STATE_ACTIVE
         ),
-        15.0,
+        PATIENCE_S,
         begun_ns,
     )
     flying.prisms.wait(lambda m: m.valid, PATIENCE_S)

@@ -143,7 +143,7 @@ def test_each_failure_in_a_flight_is_reported(tmp_path: Path, renders: Path) -> 
         prisms.wait(lambda m: m.valid, PATIENCE_S)
         begun_ns = time.monotonic_ns()
         for cause in ("too few pixels hold a measurement", "frozen: the same image", "attitude is too old"):
-            prisms.wait(lambda m, cause=cause: not m.valid and cause in m.cause_text, 14.0, begun_ns)
+            prisms.wait(lambda m, cause=cause: not m.valid and cause in m.cause_text, PATIENCE_S, begun_ns)
         flight = live.flight()
         valid = [m for m in prisms.since(begun_ns) if m.valid]
         assert max(attitude_error_deg(m, flight) for m in valid) < 1.0

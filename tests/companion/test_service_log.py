@@ -159,7 +159,7 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
         published.append(result.sequence)
         rested.append(loop.wait_idle(0.0))
         if len(published) == 3:
-            assert held.wait(30.0)
+            assert held.wait(60.0)
 
     def published_up_to(frames: int) -> bool:
         return until(lambda: len(published) >= frames)
@@ -176,7 +176,7 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
         event_queue.put_frame(event)
     held.set()
     assert until(lambda: published[-1] == 20)
-    assert loop.wait_idle(30.0)
+    assert loop.wait_idle(60.0)
     assert rested == 4 * [False]  # reports of the service wait for the frame at hand
     loop.close()
     recorder.close()
@@ -240,7 +240,7 @@ def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_w
     event_queue, warm, published = EventQueue(), threading.Event(), list[int]()
 
     def warm_up() -> None:
-        assert warm.wait(30.0)
+        assert warm.wait(60.0)
 
     loop = loop_of(event_queue, recorder, lambda result, prisms: published.append(result.sequence), warm_up)
     recorder.open()
@@ -255,7 +255,7 @@ def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_w
             event_queue.put([replace(info, camera="right")])
     warm.set()
     assert until(lambda: published == [10])
-    assert loop.wait_idle(30.0)
+    assert loop.wait_idle(60.0)
     loop.close()
     recorder.close()
     (log,) = (tmp_path / "logs").iterdir()

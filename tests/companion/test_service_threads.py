@@ -68,7 +68,7 @@ def served(service: Service) -> Iterator[list[int]]:
     finally:
         stop.set()
         if loop.ident is not None:
-            loop.join(10.0)
+            loop.join(60.0)
         service.close()
 
 

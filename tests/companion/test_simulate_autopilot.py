@@ -60,7 +60,7 @@ def flying(*words: str) -> Iterator[dict[str, str]]:
             yield {"pid": str(process.pid), **json.loads(text)}
             assert process.poll() is None
             process.send_signal(signal.SIGTERM)
-            assert process.wait(5.0) == 0
+            assert process.wait(60.0) == 0
         finally:
             process.kill()
 

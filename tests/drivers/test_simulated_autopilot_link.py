@@ -38,7 +38,7 @@ class Counted(SimulatedAutopilot):
 def listening() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(5.0)
+        receiver.settimeout(60.0)
         yield receiver
 
 
