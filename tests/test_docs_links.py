@@ -89,6 +89,12 @@ def test_each_user_page_is_in_the_index() -> None:
     assert [name_of(p) for p in USER_PAGES if index.parent in p.parents and p != index and p not in linked] == []
 
 
+def test_each_research_note_is_in_its_index() -> None:
+    index = CHECKOUT / "docs" / "research" / "README.md"
+    linked = {(index.parent / t.partition("#")[0]).resolve() for t in LINK.findall(index.read_text(encoding="utf-8"))}
+    assert [name_of(p) for p in sorted(index.parent.glob("*.md")) if p != index and p not in linked] == []
+
+
 def snippets(page: Path) -> list[str]:
     """Code lines and the code spans of the other lines."""
     found = []
