@@ -229,7 +229,7 @@ def _compare(args: argparse.Namespace) -> int:
     if args.inputs:
         raise ValueError(f"--compare: takes two results and no logs; leave out {args.inputs[0]}")
     if is_url(args.output):
-        raise ValueError(f"{args.output}: the report of a comparison is written into a local folder; give -o one")
+        raise ValueError(f"{args.output}: the report of a comparison is written into a local folder; name one with -o")
     a, b = (text if is_url(text) else str(Path(text).resolve()) for text in args.compare)
     return run_comparison(a, b, Path(args.output), not args.no_pictures, args.json)
 

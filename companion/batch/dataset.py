@@ -72,7 +72,7 @@ def begin_run(output: str, run: dict[str, Any]) -> None:
             if was.get(k) != now.get(k)
         ]
         raise ValueError(
-            f"{output}: holds results that were made otherwise ({'; '.join(changed)}); give -o another folder, or delete it"
+            f"{output}: holds results of other settings or versions ({'; '.join(changed)}); give -o another folder, or delete it"
         )
     delete_unfinished(output)
 

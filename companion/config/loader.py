@@ -93,7 +93,7 @@ class Config:
     def __post_init__(self) -> None:
         names = [c.name for c in self.cameras]
         for name in sorted({n for n in names if names.count(n) > 1}):
-            raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
+            raise ValueError(f"[[camera]] name = {name!r} occurs {names.count(name)} times; give each camera its own")
         if self.open_sky.presumes:
             check_open_sky(self)
         if self.share.enabled:

@@ -68,5 +68,5 @@ class ShareConfig(SharingParams):
                 f'[share] origin = "{self.origin}": expected latitude, longitude, altitude, such as 47.3977, 8.5456, 488'
             ) from error
         if not (abs(lat) <= 90.0 and abs(lon) <= 180.0 and abs(alt) <= 20_000.0):
-            raise ValueError(f'[share] origin = "{self.origin}": no place on Earth')
+            raise ValueError(f'[share] origin = "{self.origin}": not a place on Earth')
         return lat, lon, alt

@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.base import BadData, DeviceNotFound
 from drivers.logs.reader import McapRecording
+from drivers.optional_library import install_command
 
 from ..console import fail, print_json, print_line
 from ..pipeline.results import PrismsResult
@@ -133,7 +134,7 @@ def _parquet_writer() -> Any:
         arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ImportError as error:
         raise DeviceNotFound(
-            "Parquet needs pyarrow: install the extra `parquet` of osape-companion, or pyarrow; or export csv or npz"
+            f"Parquet needs pyarrow: run {install_command('pyarrow>=16')}, or export csv or npz"
         ) from error
 
     def write(path: Path, table: Table) -> None:

@@ -15,6 +15,7 @@ from typing import Any, Final, Protocol
 from drivers.base import BadData, DeviceNotFound
 from drivers.logs.reader import open_scan
 from drivers.logs.record_scanner import Damage, Logged
+from drivers.optional_library import install_command
 
 from .report import Report
 from .ros2_decode import DECODE_ERRORS, Ros2Decoder, complete, type_of
@@ -105,8 +106,8 @@ class RosBag:
             self._typesys = importlib.import_module("rosbags.typesys")
         except ImportError as error:
             raise DeviceNotFound(
-                f"{paths[0]}: ROS 2 bags need rosbags: install the extra `recordings` of osape-companion, or rosbags; or "
-                "convert the bag to MCAP (ros2 bag convert)"
+                f"{paths[0]}: ROS 2 bags need rosbags: run {install_command('rosbags>=0.10')}, or convert the bag to MCAP "
+                "(ros2 bag convert)"
             ) from error
 
     def items(self) -> Iterator[RosItem]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from core.frames import rotation_frd_optical
 from core.types import CameraInfo, is_measured
 from drivers.base import DeviceNotFound
+from drivers.optional_library import install_command
 
 from .colors import palette, range_index
 from .frame import FrameStatus, ViewFrame
@@ -36,7 +37,7 @@ class RerunWriter:
             self._rr: Any = importlib.import_module("rerun")
         except ImportError as error:
             raise DeviceNotFound(
-                "a Rerun recording needs rerun-sdk: install the extra `rerun` of osape-companion, or rerun-sdk"
+                f"a Rerun recording needs rerun-sdk: run {install_command('rerun-sdk>=0.28')}"
             ) from error
         rr = self._rr
         path.unlink(missing_ok=True)

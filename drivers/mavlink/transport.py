@@ -142,7 +142,7 @@ class SerialLine:
         try:
             select.select([self._port.fileno()], [], [], timeout_s)
         except (OSError, serial.SerialException, TypeError) as error:
-            raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
+            raise DeviceLost(f"{self._address}: {_reason(error)}; check its cable") from error
 
     def read(self, timeout_s: float = 0.0) -> list[Chunk]:
         try:
@@ -153,9 +153,9 @@ class SerialLine:
             arrival_ns = time.monotonic_ns()
             data = os.read(self._port.fileno(), _READ_BYTES)
         except (OSError, serial.SerialException, TypeError) as error:
-            raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
+            raise DeviceLost(f"{self._address}: {_reason(error)}; check its cable") from error
         if not data:
-            raise DeviceLost(f"{self._address}: the device disconnected; was it unplugged?")
+            raise DeviceLost(f"{self._address}: the device disconnected; check its cable")
         return [(data, arrival_ns)]
 
     def write(self, data: bytes) -> None:
@@ -164,7 +164,7 @@ class SerialLine:
         except BlockingIOError:
             return  # the buffer is full: later messages have newer content
         except (OSError, serial.SerialException, TypeError) as error:
-            raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
+            raise DeviceLost(f"{self._address}: {_reason(error)}; check its cable") from error
 
     def answer(self, chunk: int) -> None:
         pass  # a serial line has one other end
@@ -196,7 +196,9 @@ class UdpLine:
             self._socket.bind(("0.0.0.0", 0) if self.sends_first else place)
         except OSError as error:
             self._socket.close()
-            raise DeviceNotFound(f"{address}: {_reason(error)}; is another program bound to this port?") from error
+            raise DeviceNotFound(
+                f"{address}: {_reason(error)}; end the other program on this port, or choose another port"
+            ) from error
 
     @property
     def port(self) -> int:
@@ -272,7 +274,9 @@ class TcpLine:
         try:
             self._socket = socket.create_connection(_resolve(address), timeout=timeout_s)
         except OSError as error:
-            raise DeviceNotFound(f"{address}: {_reason(error)}; does anything listen there?") from error
+            raise DeviceNotFound(
+                f"{address}: {_reason(error)}; check the address, and that the other end listens there"
+            ) from error
         self._socket.setblocking(False)
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base import BadData, DeviceNotFound
+from ..optional_library import install_command
 from .tlog import TlogAttitude, TlogPose, VehicleLog
 
 ATTITUDE: Final = "vehicle_attitude"
@@ -29,9 +30,7 @@ def read_ulog(path: Path) -> VehicleLog:
         pyulog = importlib.import_module("pyulog")
         core = importlib.import_module("pyulog.core")
     except ImportError as error:
-        raise DeviceNotFound(
-            f"{path}: PX4 logs need pyulog: install the extra `recordings` of osape-companion, or pyulog"
-        ) from error
+        raise DeviceNotFound(f"{path}: PX4 logs need pyulog: run {install_command('pyulog>=1.1')}") from error
     try:
         log = pyulog.ULog(str(path), [ATTITUDE, POSITION, *GPS])
     except OSError as error:

@@ -83,7 +83,7 @@ class SimulatedFlight:
         described = cameras or (camera_info(width, height, ke_per_m=ke),)
         self._cameras = tuple(replace(c, marks_smooth=render == "stereo" and mark_smooth) for c in described)
         if len({c.camera for c in self._cameras}) != len(self._cameras):
-            raise ValueError("simulated flight: two cameras bear the same name")
+            raise ValueError("simulated flight: two cameras have the same name; give each its own")
         self._seed, self._rates, self.start_ns = seed, rates or Rates(), start_ns
         self.duration_s = self.plan.path.duration_s if duration_s is None else duration_s
         if render not in RENDERINGS:

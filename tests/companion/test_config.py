@@ -100,7 +100,7 @@ def test_all_mistakes_at_once() -> None:
     [
         ({"camera": {"name": "x"}}, "[[camera]] with double brackets"),
         ({"extractor": 3}, "expected a section [extractor]"),
-        ({"camera": [{"name": "x"}, {"name": "x"}]}, "stands 2 times"),
+        ({"camera": [{"name": "x"}, {"name": "x"}]}, "occurs 2 times"),
         ({"camera": [{"name": "x", "min_range_m": 5.0, "max_range_m": 2.0}]}, "must be less than"),
         ({"camera": [{"name": "a b"}]}, "letters, digits"),
         ({"sync": {"max_gap_s": math.nan}}, "expected 0.005..1 s"),
