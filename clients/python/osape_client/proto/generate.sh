@@ -1,5 +1,5 @@
 #!/bin/sh
-# Writes osape_v1_pb2.py and osape_v1_pb2.pyi anew from osape_v1.proto. Run from anywhere; docs/reference/messages.md says when.
+# Writes osape_v1_pb2.py and osape_v1_pb2.pyi from osape_v1.proto (`make proto`). Run it from anywhere after each change of a field.
 # The compiler is pinned, in an environment of its own: code from a newer one refuses older protobuf runtimes.
 set -eu
 root=$(cd "$(dirname "$0")/../../../.." && pwd)
