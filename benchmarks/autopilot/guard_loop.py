@@ -96,7 +96,9 @@ class GuardLoop:
         extractor = Extractor()
         self._pipeline = Pipeline((camera,), lambda info: extractor)
         self.guard = Guard(self.params, self.avoid, COMPONENT, self._vehicle, self._link_status, self._post, None)
-        self._builder = ObstacleReportBuilder(self.avoid, (camera.camera,), 0.3, observer=self.guard.observe)
+        self._builder = ObstacleReportBuilder(
+            self.avoid, (camera.camera,), 0.3, observer=self.guard.observe, reach_m=self.params.horizon_m
+        )
         self._first_shown = ObstacleReportBuilder(
             replace(self.avoid, confirm_px=0), (camera.camera,), 0.3, observer=self._note
         )

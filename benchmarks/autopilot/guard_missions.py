@@ -1,6 +1,6 @@
 """The guard in the closed loop: random missions past walls, poles, trees and wires, and flights with nothing in the way.
 
-    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--blocked] [--width PX] [--minutes M] [--no-guard]
+    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--blocked] [--guided] [--width PX] [--minutes M] [--no-guard]
         [--gust M_S] [--velocity-noise M_S]
 
 Each mission is flown by a model of PX4 or ArduPilot at 1 to 8 m/s with rendered depth. It ends when the vehicle stands for one
@@ -223,6 +223,7 @@ def main() -> None:
     parser.add_argument(
         "--blocked", action="store_true", help="only those with an obstacle in the way, of so many numbers"
     )
+    parser.add_argument("--guided", action="store_true", help="only those with velocity setpoints, of so many numbers")
     parser.add_argument("--no-guard", action="store_true", help="the autopilot alone, for comparison")
     args = parser.parse_args()
     off = {"mission": False, "guided": False, "return_home": False} if args.no_guard else {}
@@ -230,7 +231,7 @@ def main() -> None:
     flights = []
     for number in range(args.first, args.first + args.missions):
         mission = random_mission(number)
-        if args.blocked and not mission.blocked:
+        if (args.blocked and not mission.blocked) or (args.guided and not mission.guided):
             continue
         disturbance = Disturbance(gust_m_s=args.gust, velocity_noise_m_s=args.velocity_noise)
         flights.append(fly(mission, args.width, guard, disturbance))

@@ -29,10 +29,11 @@ NEVER = -math.inf
 class FreeMemory:
     """`see` with each view, then `free` for places. Not for two threads at once."""
 
-    def __init__(self, avoid: AvoidParams) -> None:
+    def __init__(self, avoid: AvoidParams, reach_m: float = 0.0) -> None:
+        """reach_m: horizontal range to which free space is remembered; at least max_distance_m."""
         self._avoid = avoid
         self._height_m = (avoid.band_above_m + avoid.band_below_m) / avoid.slices
-        across = math.ceil(2.0 * (avoid.max_distance_m + SLACK_M) / avoid.step_m)
+        across = math.ceil(2.0 * (max(avoid.max_distance_m, reach_m) + SLACK_M) / avoid.step_m)
         up = math.ceil((avoid.band_above_m + avoid.band_below_m + 2.0 * SLACK_M) / self._height_m)
         self._cell_m = np.array([self._height_m, avoid.step_m, avoid.step_m])  # z, x, y
         self._seen_s = np.full((up, across, across), NEVER)

@@ -66,6 +66,7 @@ class Avoidance:
         ring_m: float = RING_M,
         observer: Observer | None = None,
         open_counts: bool = False,
+        reach_m: float = 0.0,
     ) -> None:
         """Creates the output without starting its thread.
 
@@ -80,7 +81,8 @@ class Avoidance:
             last: values of the autopilot that were read before this start, used until they are read again.
             ring_m: step of the free-range profiles.
             observer: gets the surroundings of each decision.
-            open_counts: see ObstacleReportBuilder."""
+            open_counts: see ObstacleReportBuilder.
+            reach_m: see ObstacleReportBuilder."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras, self._silent = cameras, silent
         self._next_ask_ns = self._end_ns = 0
@@ -98,7 +100,7 @@ class Avoidance:
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
         self._builder = ObstacleReportBuilder(
-            avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts
+            avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts, reach_m=reach_m
         )
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
@@ -348,6 +350,7 @@ def avoidance_of(
         config.extractor.profile_ring_m,
         observer,
         config.open_sky.presumes,
+        config.guard.horizon_m if config.guard.enabled else 0.0,
     )
 
 

@@ -91,10 +91,12 @@ class ObstacleReportBuilder:
         ring_m: float = RING_M,
         observer: Observer | None = None,
         open_counts: bool = False,
+        reach_m: float = 0.0,
     ) -> None:
         """ill: why the frames of a camera must not be used although they arrive (it repeats an old image under new stamps);
         empty: they may. ring_m: step of the free-range profiles. observer: receives the surroundings of each decision.
-        open_counts: a sector whose band is free or open to the maximum is clear ([open_sky] mode = "presume")."""
+        open_counts: a sector whose band is free or open to the maximum is clear ([open_sky] mode = "presume").
+        reach_m: range to which free space is remembered for the observer; at least max_distance_m."""
         self._observer = observer
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
         self._ill, self._ring_m, self._open_counts = ill, ring_m, open_counts
@@ -113,7 +115,7 @@ class ObstacleReportBuilder:
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
-        self._freed = FreeMemory(avoid)
+        self._freed = FreeMemory(avoid, reach_m)
         self._overhead = Overhead(avoid)
         self._overhead_ns: dict[str, int] = {}
         self._newest_good_ns: int | None = None

@@ -87,6 +87,16 @@ def test_after_a_while_it_is_forgotten() -> None:
     assert not free(memory, START, 4.0, 0.0, 0.0, t_ns=13 * NS + NS // 100)
 
 
+@pytest.mark.parametrize(("reach_m", "to_m"), [(0.0, 12.0), (20.0, 20.0), (5.0, 12.0)])
+def test_it_reaches_as_far_as_is_asked_for(reach_m: float, to_m: float) -> None:
+    """The guard looks farther than the obstacle output sends: a vehicle that leans for its acceleration needs it all."""
+    memory = FreeMemory(AVOID, reach_m)
+    at = Here(0.0, (0.0, 0.0, 0.0), 1)
+    memory.see("front", 10 * NS, replace(looking(0.0), model=model(free_to_m=30.0, view_deg=72.0)), at)
+    assert free(memory, at, to_m - 0.1, 0.0, -0.7)
+    assert not free(memory, at, to_m + 1.5, 0.0, -0.7)
+
+
 def test_without_a_position_and_after_a_jump_of_it_nothing_is_remembered() -> None:
     memory = remembering()
     assert not free(memory, replace(START, position_ned_m=None, section=None), 4.0, 0.0, 0.0)
