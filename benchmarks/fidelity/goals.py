@@ -74,7 +74,7 @@ MEASURES = (
     Measure("missed", lambda r: r.score.missed, "%", 100.0, _obstacle_rays, (("", 0.05),)),
     Measure("missed, margin subtracted", lambda r: r.score.missed_margin, "%", 100.0, _obstacle_rays),
     Measure("missed, of measured rays", lambda r: r.score.missed_measured, "%", 100.0),
-    Measure("obstacle where free is said", lambda r: r.false_free, "%", 100.0, _obstacle_rays),
+    Measure("obstacle in space called free", lambda r: r.false_free, "%", 100.0, _obstacle_rays),
     Measure("phantom", lambda r: r.score.phantom, "%", 100.0, _obstacle_rays, (("", 0.5),)),
     Measure("phantom over ground and sky", lambda r: r.score.phantom_open, "%", 100.0, _open_rays, (("", 0.5),)),
     Measure("open rays stopped", lambda r: r.score.open_stopped, "%", 100.0, _open_rays),

@@ -32,8 +32,8 @@ INTRO = """The true depth of each ray is compared with the model. Scenes are ray
 - *Missed*: of the obstacle rays, those that the model lets pass more than max(0.5 m, 2 sigma) beyond the true surface. *Margin subtracted*: as a consumer must, each plane's margin is taken off.
 - *Phantom*: rays stopped more than max(1 m, 3 sigma) before the truth, farther than that from every visible true surface; the same *over ground and sky* alone.
 - *Open rays stopped*: no obstacle behind, stopped all the same, near one or not; *early*: by more than max(0.5 m, 2 sigma).
-- *Obstacle where free is said*: obstacle rays whose truth lies where the free-range profile says free, more than max(0.5 m, 2 sigma) before its end.
-- Families: *structured* has planar faces, *unstructured* leaves, branches, stones, rubble and mixtures; *thin* is poles, wires, fences; *ground* is hardly anything but ground, or none. A frame of which the model says that it says nothing (`valid = false`) is counted, not scored.
+- *Obstacle in space called free*: obstacle rays whose truth lies where the free-range profile is free, more than max(0.5 m, 2 sigma) before its end.
+- Families: *structured* has planar faces, *unstructured* leaves, branches, stones, rubble and mixtures; *thin* is poles, wires, fences; *ground* is hardly anything but ground, or none. A frame without a model (`valid = false`) is counted, not scored.
 
 Half of the seeds are for tuning; what stands here comes from the other half, but for the comparison of both."""
 

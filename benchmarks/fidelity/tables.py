@@ -15,7 +15,7 @@ from benchmarks.scenes.catalogue import FAMILIES
 SHORT = (
     measure("mean error"),
     measure("missed"),
-    measure("obstacle where free is said"),
+    measure("obstacle in space called free"),
     measure("phantom"),
     measure("phantom over ground and sky"),
     measure("open rays stopped"),

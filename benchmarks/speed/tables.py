@@ -102,7 +102,7 @@ def goals_table(timed: Sequence[Timed], kinds: Sequence[Kind], too_slow_ms: floa
         those = [t for t in timed if t.measured.valid is not blind]
         if {t.ke_per_m for t in those} == set(noises):
             tails = [max(t.tail() for t in those if t.ke_per_m == ke) for ke in noises]
-            name = f"p99 / median, worst kind {'that is blind' if blind else 'that says something'}"
+            name = f"p99 / median, worst kind {'that is blind' if blind else 'with a model'}"
             rows.append([name, f"{TAIL_GOAL:g}", "", "", *_reached(tails, [TAIL_GOAL] * len(noises))])
     foliage = [max(t.p50() for t in timed if t.ke_per_m == ke and t.kind.family == "foliage") for ke in noises]
     for t in (t for t in timed if t.kind.family == "broken" and t.ke_per_m == noises[0]):

@@ -62,7 +62,7 @@ def test_goals_are_compared_with_the_slowest_kind() -> None:
     assert rows["structured, level"] == ["4", "1.2", "0.8", "0.70", "stretch"]
     assert rows["structured, tilted 20 degrees"] == ["4", "1.6", "1.2", "3.00", "must"]
     assert rows["foliage, level and tilted"] == ["8", "3", "", "9.00", "**missed**"]
-    assert rows["p99 / median, worst kind that says something"][-2:] == ["2.22", "**missed**"]
+    assert rows["p99 / median, worst kind with a model"][-2:] == ["2.22", "**missed**"]
     assert "p99 / median, worst kind that is blind" not in rows
     assert rows["noise: no slower than foliage"][-2:] == ["9.50", "**missed**"]
     assert rows["blocks: no slower than foliage"][-2:] == ["over 1000", "**missed**"]
@@ -81,7 +81,7 @@ def test_the_tail_of_blind_frames_is_distinguished() -> None:
         timed(BROKEN, [0.1, 0.1, 0.4], valid=False),
     ]
     rows = rows_of(goals_table(kinds, [t.kind for t in kinds], 1000.0))
-    assert rows["p99 / median, worst kind that says something"][-2:] == ["1.00", "must"]
+    assert rows["p99 / median, worst kind with a model"][-2:] == ["1.00", "must"]
     assert rows["p99 / median, worst kind that is blind"][-2:] == ["4.00", "**missed**"]
 
 
