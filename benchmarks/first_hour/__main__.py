@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -36,6 +37,7 @@ def main() -> int:
     parser.add_argument("--page", type=Path, help="write the table into this page, after its marker line")
     args = parser.parse_args()
     args.out.mkdir(parents=True)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a script inherits "ignored"
     material = args.out.absolute() / "material"
     personas = [p for p in PERSONAS if not args.only or p.name in args.only]
     if any("MATERIAL" in step.text for p in personas for step in p.steps):
