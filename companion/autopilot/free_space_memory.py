@@ -9,7 +9,7 @@ also after the obstacle has left the image. Without a position nothing is rememb
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,8 @@ class FreeMemory:
         up = math.ceil((avoid.band_above_m + avoid.band_below_m + 2.0 * SLACK_M) / self._height_m)
         self._cell_m = np.array([self._height_m, avoid.step_m, avoid.step_m])  # z, x, y
         self._seen_s = np.full((up, across, across), NEVER)
+        self._seen_by = np.zeros(self._seen_s.shape, np.uint8)  # number of the camera that saw it last
+        self._numbers: dict[str, int] = {}
         self._low = np.zeros(3, np.int64)  # the cell of ned at [0, 0, 0]
         self._section: int | None = None
         self._taken_ns: dict[str, int] = {}
@@ -56,7 +58,9 @@ class FreeMemory:
         east, north = np.meshgrid(y_n, x_n)
         x, y = _turned(north, east, here)
         free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
-        self._seen_s[free] = np.maximum(self._seen_s[free], t_ns / NS)
+        free &= self._seen_s <= t_ns / NS
+        self._seen_s[free] = t_ns / NS
+        self._seen_by[free] = self._numbers.setdefault(camera, len(self._numbers))
         self._seen_s[self._occupied(view.model.planes.astype(np.float64), here)] = NEVER
 
     def free(
@@ -67,8 +71,10 @@ class FreeMemory:
         x: NDArray[np.float64],
         y: NDArray[np.float64],
         z: NDArray[np.float64],
+        cameras: Collection[str] | None = None,
     ) -> NDArray[np.bool_]:
-        """(N,) whether places of level were seen free lately and lie in no view's image now. x, y, z: (N,) metres."""
+        """(N,) whether places of level were seen free lately and lie in no view's image now. x, y, z: (N,) metres.
+        cameras: those whose memory counts, None: all; what a blind camera saw last does not count."""
         if here.position_ned_m is None or here.section != self._section:
             return np.zeros(len(x), bool)
         c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
@@ -77,7 +83,11 @@ class FreeMemory:
         cell = np.floor(ned / self._cell_m[:, None]).astype(np.int64) - self._low[:, None]
         inside = ((cell >= 0) & (cell < np.array(self._seen_s.shape)[:, None])).all(axis=0)
         out = np.zeros(len(x), bool)
-        out[inside] = now_ns / NS - self._seen_s[tuple(cell[:, inside])] <= self._avoid.remember_free_s
+        at = tuple(cell[:, inside])
+        out[inside] = now_ns / NS - self._seen_s[at] <= self._avoid.remember_free_s
+        if cameras is not None:
+            counts = [number for camera, number in self._numbers.items() if camera in cameras]
+            out[inside] &= np.isin(self._seen_by[at], counts)
         for view in views:
             out &= ~in_image(view, x, y, z)
         return out
@@ -118,12 +128,12 @@ class FreeMemory:
         shape = np.array(self._seen_s.shape)
         low = np.floor(np.array([z, x, y]) / self._cell_m).astype(np.int64) - shape // 2
         shift = low - self._low
-        fresh = np.full(tuple(shape), NEVER)
+        fresh, fresh_by = np.full(tuple(shape), NEVER), np.zeros(tuple(shape), np.uint8)
         if here.section == self._section and (np.abs(shift) < shape).all():
             to = tuple(slice(max(0, -d), n - max(0, d)) for d, n in zip(shift, shape, strict=True))
             of = tuple(slice(max(0, d), n - max(0, -d)) for d, n in zip(shift, shape, strict=True))
-            fresh[to] = self._seen_s[of]
-        self._seen_s, self._low, self._section = fresh, low, here.section
+            fresh[to], fresh_by[to] = self._seen_s[of], self._seen_by[of]
+        self._seen_s, self._seen_by, self._low, self._section = fresh, fresh_by, low, here.section
 
 
 def _turned(

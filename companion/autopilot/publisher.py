@@ -182,7 +182,7 @@ class ObstacleReportBuilder:
             views = [self._view(self._confirmed.get(c, self._newest[c]), here) for c in seeing]
             for camera, view in zip(seeing, views, strict=True):
                 self._freed.see(camera, seen_ns(self._newest[camera]), view, here)
-            recall = partial(self._freed.free, views, here, now_ns)
+            recall = partial(self._freed.free, views, here, now_ns, cameras=seeing)
         # without an attitude remembered obstacles stay where they were
         self._last_here = here or self._last_here
         found = scan([], self._avoid) if here is None else self._scan(causes, views, recall, here, now_ns)
