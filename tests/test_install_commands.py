@@ -31,6 +31,12 @@ def test_nothing_is_installed_by_a_name_that_is_on_no_index() -> None:
     assert [str(f.relative_to(ROOT)) for f in texts if wrong.search(f.read_text())] == []
 
 
+def test_messages_name_a_command_and_not_an_extra() -> None:
+    """An extra can be installed by the name of the distribution only, which is on no index."""
+    wrong = re.compile(r"install the extra")
+    assert [str(f.relative_to(ROOT)) for f in SOURCES if wrong.search(f.read_text())] == []
+
+
 @pytest.mark.parametrize(("writable", "prefix"), [(True, ""), (False, "sudo ")])
 def test_the_command_is_for_this_environment(writable: bool, prefix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: writable)
