@@ -12,14 +12,15 @@ Kind = type[np.generic] | np.dtype[Any]
 
 
 class Buffers:
-    """Arrays by name that grow to the largest ever asked for; their content is undefined at first."""
+    """Named arrays that grow to the largest size requested. New memory is zero; later requests get what was left in
+    it."""
 
     def __init__(self) -> None:
         self._held: dict[str, NDArray[Any]] = {}
         self._handed: dict[str, tuple[tuple[int, ...], Kind, NDArray[Any]]] = {}
 
     def __call__(self, name: str, shape: tuple[int, ...], dtype: Kind) -> NDArray[Any]:
-        """A C-contiguous array of this shape, the same memory for the same name."""
+        """Returns a C-contiguous array of this shape and dtype. Requests with the same name share memory."""
         handed = self._handed.get(name)
         if handed is not None and handed[0] == shape and handed[1] is dtype:
             return handed[2]

@@ -1,4 +1,4 @@
-"""The paper on one page: `Extractor.extract` follows its Figure 3, with the stages in the order in which they run."""
+"""The algorithm on one page: `Extractor.extract` calls the stages in the order of Figure 3 of the paper."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, measured_mm
 from .stages.free_profile import free_profile
 from .stages.free_space import FreeObservation, observe_free
-from .stages.ground import POINT, find_ground, with_ranges
+from .stages.ground import POINT, find_ground
+from .stages.ground_ranges import with_ranges
 from .stages.level import LevelledView, level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
 from .stages.noise_check import is_no_measurement
@@ -32,9 +33,8 @@ from .types import CameraInfo, ExtractorState, FrameModel, FrameStats, Ground, I
 
 
 class Extractor:
-    """Turns depth frames into planes. Holds its parameters and scratch memory, nothing that outlives a frame.
-
-    Not for two threads at once; make one for each."""
+    """Converts depth images to models. It holds parameters and scratch memory, no state between frames. Not
+    thread-safe."""
 
     def __init__(self, params: Params | None = None, open_sky: OpenSkyParams | None = None) -> None:
         self.params = params or Params()
@@ -53,12 +53,20 @@ class Extractor:
         *,
         keep_strips: bool = False,
     ) -> tuple[FrameModel, ExtractorState]:
-        """(model, next state) of one depth frame.
+        """Returns the model of one depth image, and the state for the next image.
 
-        depth: (H, W) uint16 millimetres or float32 metres along the optical axis. R_level_optical: (3, 3) rotation from
-        `optical` to `level_cam` at mid-exposure. A pure function of its arguments and the parameters. Raises
-        ValueError where the image does not fit the intrinsics; a frame without information is a model with
-        valid = False and its cause."""
+        The result depends on the arguments and the parameters only. A frame without information gives a model with
+        valid = False and its cause.
+
+        Args:
+            depth: (H, W) uint16 millimetres or float32 metres along the optical axis.
+            info: intrinsics, range and noise of the camera.
+            R_level_optical: (3, 3) rotation from `optical` to `level_cam` at mid-exposure.
+            state: state that the last image of this camera returned; None: the first image.
+            keep_strips: the model contains its strips, for drawing and tests.
+
+        Raises:
+            ValueError: the image does not fit the intrinsics."""
         p, k, state = self.params, info.intrinsics, state or ExtractorState()
         R = np.ascontiguousarray(R_level_optical, np.float64)
         depth_mm = depth_to_mm(depth, self._buffers("depth", (k.height, k.width), np.uint16))
@@ -73,11 +81,11 @@ class Extractor:
         if is_no_measurement(depth_mm, info, ke, counts, p):
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
         source = source_of(info, R, clear_range_m(info, ke, p))
-        ke, after = estimate_noise(state, depth_mm, marks, info, ke, p)
+        ke, next_state = estimate_noise(state, depth_mm, marks, info, ke, p)
         points = self._buffers("points", (p.ground_max_samples,), POINT)
         ground = find_ground(marks, info, R, ke, state.ground_height_m, p, points)
-        smear = remove_smeared_edges(after, depth_mm, marks, info, R, ground, ke, p, self._buffers)
-        after, stats = smear.state, pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
+        smear = remove_smeared_edges(next_state, depth_mm, marks, info, R, ground, ke, p, self._buffers)
+        next_state, stats = smear.state, pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)
         free = observe_free(levelled.exact_codes, levelled.exact_view, source, ground, ke, p)
@@ -94,13 +102,16 @@ class Extractor:
         if published is None:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
-            ground, after = with_ranges(ground, points, free.edges_t), replace(after, ground_height_m=ground.height_m)
-        return self._model(published, planes, free, opened, ground, strips, stats, ke, keep_strips), after
+            ground, next_state = (
+                with_ranges(ground, points, free.edges_t),
+                replace(next_state, ground_height_m=ground.height_m),
+            )
+        return self._model(published, planes, free, opened, ground, strips, stats, ke, keep_strips), next_state
 
     def _classify(
         self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
     ) -> tuple[NDArray[np.uint16], tuple[int, int, int]]:
-        """The image with unknown and far pixels marked, flying ones removed; counts (measured, far, flying)."""
+        """Returns the marks of the pixels (see `classify`) and the counts (measured, far, flying)."""
         p, marks = self.params, self._buffers("marks", depth_mm.shape, np.uint16)
         counts = classify(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke, marks)
         return marks, counts
@@ -108,7 +119,7 @@ class Extractor:
     def _observe_open(
         self, depth_mm: NDArray[np.uint16], levelled: LevelledView, source: NDArray[Any], ground: Ground, ke: float
     ) -> FreeObservation | None:
-        """What is free or open, of an image with marks of unmeasured pixels; None: nothing is to be presumed."""
+        """Returns free or open ranges of a camera that marks smooth pixels; None: nothing may be presumed."""
         codes, view = levelled.exact_codes, levelled.exact_view
         found = observe_open(depth_mm, codes, view, source, ground, ke, self.params, self.open_sky, self._buffers)
         return found.seen if found is not None else None
@@ -125,7 +136,7 @@ class Extractor:
         ke: float,
         keep_strips: bool,
     ) -> FrameModel:
-        """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
+        """Returns the model: planes as rectangles, layered prisms (Section 3), and the free-range profile."""
         p, rows, margin, cluster = self.params, published.rows, published.margin_m, published.cluster
         prisms = layered_prisms(rows, margin, cluster, p.layer_join_m, p.profile_join_m)
         return FrameModel.from_trusted(
@@ -155,7 +166,7 @@ class Extractor:
 
 
 def rotation_cause(R: Rotation, params: Params) -> InvalidCause:
-    """Why this rotation gives no model, NONE if it does."""
+    """Returns why a rotation gives no model; NONE if it does."""
     if R.shape != (3, 3) or not is_rotation(R, 1e-3):
         return InvalidCause.BAD_ROTATION
     if abs(R[1, 2]) > 0.02 or R[0, 2] < -0.02:

@@ -15,12 +15,23 @@ def invalid_model(model: FrameModel, cause: InvalidCause) -> FrameModel:
     directions, layers = model.free.end.shape
     nothing = np.zeros((directions, layers), np.float32)
     return FrameModel(
-        valid=False, cause=cause, planes=model.planes[:0], support_px=model.support_px[:0],
-        margin_m=model.margin_m[:0], flags=model.flags[:0], cluster=model.cluster[:0], prisms=(),
+        valid=False,
+        cause=cause,
+        planes=model.planes[:0],
+        support_px=model.support_px[:0],
+        margin_m=model.margin_m[:0],
+        flags=model.flags[:0],
+        cluster=model.cluster[:0],
+        prisms=(),
         free=FreeProfile(
             azimuth_edges_rad=np.linspace(-_SIDE_RAD, _SIDE_RAD, directions + 1, dtype=np.float32),
-            layer_edges_m=np.arange(layers + 1, dtype=np.float32), free_from_m=nothing, free_to_m=nothing,
+            layer_edges_m=np.arange(layers + 1, dtype=np.float32),
+            free_from_m=nothing,
+            free_to_m=nothing,
             end=np.full((directions, layers), FreeEnd.NOT_SEEN, np.uint8),
         ),
-        ground=model.ground, stats=model.stats, ke_per_m=model.ke_per_m, strips=None,
-    )  # fmt: skip
+        ground=model.ground,
+        stats=model.stats,
+        ke_per_m=model.ke_per_m,
+        strips=None,
+    )

@@ -54,7 +54,8 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     from core.stages.classify import depth_to_mm, measured_mm
     from core.stages.noise_check import flying_off_ramps, noisy_share
     from core.stages.pooling import pool_columns
-    from core.stages.smeared_edges import drop_smeared_edges, ramp_limits
+    from core.stages.ramps import ramp_limits
+    from core.stages.smeared_edges import drop_smeared_edges
     from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
 
     find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, record
+from .union_find import root_of
 
 GROUP = record(
     ("ix", np.int32),  # the cell
@@ -79,17 +80,6 @@ def place_strips(strips, n, view):
         s.y_m = x * (s.column - cu) / f * view.lateral[(s.top_row + s.bottom_row) // 2]
         s.top_m = x * view.tan_edge[s.top_row]
         s.bottom_m = x * view.tan_edge[s.bottom_row + 1]
-
-
-@inner
-def root_of(parent, i):
-    """Returns the root of i in the union-find forest, and halves the path."""
-    for _ in range(i + 1):  # parents have lower numbers
-        if parent[i] == i:
-            break
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @inner

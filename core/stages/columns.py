@@ -9,8 +9,19 @@ import numpy as np
 from ..jit import inner_inline, kernel
 from .density import LANES, MAX_PEAKS, count_bins, peaks_of_column, soft_counts
 from .irregular import irregular_rest
-from .row_mask import CLOSED, ROW, free_rows, gate_rises, gather_rows, mark_rows, open_rows, tile_columns, tile_limits
-from .strips import COUNTS, Column, StripOutput, homography_area
+from .row_mask import (
+    CLOSED,
+    ROW,
+    gather_rows,
+    label_rows,
+    limit_rises,
+    mask_open_rows,
+    mask_remaining_rows,
+    tile_columns,
+    tile_limits,
+)
+from .strips import COUNTS, Column, StripOutput
+from .view_geometry import homography_area
 from .windows import Peak, WindowBuffers, slide_windows
 
 
@@ -30,7 +41,7 @@ def extract_strips(codes, ground, view, bins, settings, strips):
     cols, rows = codes.shape
     n_bins, half = bins.disparity_px.shape[0], bins.weights.shape[0] // 2
     whole = (rows + 7) // 8 * 8
-    mask, doubt, label = np.zeros(whole, np.uint8), np.zeros(whole, np.uint8), np.full(whole, CLOSED, np.uint8)
+    mask, undecided, label = np.zeros(whole, np.uint8), np.zeros(whole, np.uint8), np.full(whole, CLOSED, np.uint8)
     below, above = np.zeros(rows, np.uint16), np.zeros(rows, np.uint16)
     measured = np.zeros(rows, np.uint16)
     px = np.zeros((2, rows + 8), np.int32)
@@ -48,9 +59,9 @@ def extract_strips(codes, ground, view, bins, settings, strips):
     found = counted[0]
     out = StripOutput(strips, found)
     H = view.H
-    gate, shift, tan_mid, threshold = ground.limit, ground.shift, view.tan_mid, bins.threshold
+    limit, shift, tan_mid, threshold = ground.limit, ground.shift, view.tan_mid, bins.threshold
     area = homography_area(H)
-    rises = gate_rises(gate)
+    rises = limit_rises(limit)
     tile = tile_columns(tan_mid, shift)
     limited, between = -1, False
     opened = np.int64(0)
@@ -58,9 +69,9 @@ def extract_strips(codes, ground, view, bins, settings, strips):
         if u // tile != limited:
             limited = u // tile
             shifts = shift[limited * tile : (limited + 1) * tile]
-            between = tile_limits(gate, rises, tan_mid, shifts, below, above)
+            between = tile_limits(limit, rises, tan_mid, shifts, below, above)
         line = codes[u]
-        open_rows(line, gate, shift[u], tan_mid, below, above, between, mask, doubt, measured)
+        mask_open_rows(line, limit, shift[u], tan_mid, below, above, between, mask, undecided, measured)
         n = gather_rows(line, mask, px)
         if n == 0:
             continue
@@ -72,12 +83,12 @@ def extract_strips(codes, ground, view, bins, settings, strips):
         peaks = peaks_of_column(counts, begin, end, threshold, p.peak_valley, p.peak_alpha, low, high, top)
         column = Column(u, line, label, H, area)
         if peaks > 0:
-            mark_rows(line, mask, top_row, bottom_row, peaks, low, high, bins.first_code, label)
+            label_rows(line, mask, top_row, bottom_row, peaks, low, high, bins.first_code, label)
         for k in range(peaks):
             peak = peak_of(k, low[k], high[k], top[k], bins, p)
             slide_windows(column, peak, top_row, bottom_row, p, buffers, out)
         if peaks > 0:
-            free_rows(label, top_row, bottom_row, mask)
+            mask_remaining_rows(label, top_row, bottom_row, mask)
             n = gather_rows(line, mask, px)
         irregular_rest(px, n, column, p, pixel_codes[0], out)
     return found.strips, np.int64(measured.sum()) - opened, found.merged

@@ -70,12 +70,12 @@ def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_
             top, bottom = p.top_m - row_m, p.bottom_m + row_m
             for layer in range(layers.shape[0] - 1):
                 if top < layers[layer + 1] and bottom > layers[layer]:
-                    reach, why = max(0.0, x - margin[k]), _OBSTACLE
+                    reach, cause = max(0.0, x - margin[k]), _OBSTACLE
                 else:
-                    reach, why = hidden_from(x, top, bottom, layers[layer], layers[layer + 1]), _UNKNOWN
+                    reach, cause = hidden_from(x, top, bottom, layers[layer], layers[layer + 1]), _UNKNOWN
                 if reach < free_to[d, layer]:
                     free_to[d, layer] = reach
-                    end[d, layer] = why
+                    end[d, layer] = cause
 
 
 def empty_profile(params: Params) -> FreeProfile:

@@ -66,7 +66,7 @@ def _rows_inside(a, b, first, last):
 
 
 @inner
-def seen_rows(H, u, src_cols, src_rows, rows):
+def source_rows_of_column(H, u, src_cols, src_rows, rows):
     """Returns (first, end) of the rows of column u whose nearest pixel lies in the source; first == end if there is
     none."""
     a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
@@ -105,7 +105,7 @@ def codes_of(marks, forward, gain, out):
 def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
     """Computes the nearest source pixel of the cells (u, first), (u, first + 1), ...
 
-    Pixels are clamped to the image; the cells must be those of `seen_rows`.
+    Pixels are clamped to the image; the cells must be those of `source_rows_of_column`.
 
     Args:
         H, u, first: see ViewGeometry.
@@ -157,7 +157,7 @@ def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, tile):
     for u0 in range(0, cols, _TILE_COLS):
         wide = min(_TILE_COLS, cols - u0)
         for k in range(wide):
-            seen[k, 0], seen[k, 1] = seen_rows(H, u0 + k, src_cols, src_rows, rows)
+            seen[k, 0], seen[k, 1] = source_rows_of_column(H, u0 + k, src_cols, src_rows, rows)
             out[u0 + k, : seen[k, 0]] = Q_UNKNOWN
             out[u0 + k, seen[k, 1] :] = Q_UNKNOWN
         for high in range(0, rows, _TILE_HIGH):
@@ -193,7 +193,7 @@ def fetch_pixels(flat, at, n, four_marks, mark, picked):
 
 
 @kernel
-def level_as_it_is(marks, gain, out):
+def transpose_level(marks, gain, out):
     """`level_nearest` for a level camera, whose cells are its pixels: transposes the image.
 
     out: (cols, rows / 4) uint64, four codes each, the upper row in the lowest bits, so that one store writes four
@@ -217,19 +217,19 @@ def level_as_it_is(marks, gain, out):
 
 @kernel
 def level_into(marks, R, k, view, out, picked):
-    """Fills `out` by `level_nearest` and `level_pool`, or by `level_as_it_is` if the camera is level. k: (4,) fx, fy,
+    """Fills `out` by `level_nearest` and `level_pool`, or by `transpose_level` if the camera is level. k: (4,) fx, fy,
     cx, cy."""
     cols, rows = out.shape
     gain = view.f_px * view.lsb_per_px
-    if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_as_it_is(view.H):
-        level_as_it_is(marks, gain, out.view(np.uint64))
+    if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_identity(view.H):
+        transpose_level(marks, gain, out.view(np.uint64))
         return
     level_nearest(marks, view.H, gain, out, picked)
     level_pool(marks, picked, R, k, (view.f_px, view.cu, view.cv, gain), out)
 
 
 @inner
-def is_as_it_is(H):
+def is_identity(H):
     """True if the cells of the view are the pixels of the source: H (3, 3) is the unit matrix."""
     most = 0.0
     for i in range(3):

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..jit import inline_ieee, inner, inner_inline
 from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, SATURATED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
-from .level import seen_rows, source_of_rows
+from .level import source_of_rows, source_rows_of_column
 from .view_geometry import Q_FAR, Q_UNKNOWN
 
 BLOCK = 4
@@ -55,7 +55,7 @@ def level_marks(flat, shape, codes, H, clear_m, gain, scratch, marked):
     src_rows, src_cols = shape
     rows = codes.shape[1]
     for u in range(codes.shape[0]):
-        first, end = seen_rows(H, u, src_cols, src_rows, rows)
+        first, end = source_rows_of_column(H, u, src_cols, src_rows, rows)
         line, mm, kinds = marked.codes[u], marked.mm[u], marked.kinds[u]
         line[:first], mm[:first], kinds[:first] = Q_UNKNOWN, UNKNOWN_MM, _IS_OUTSIDE
         line[end:], mm[end:], kinds[end:] = Q_UNKNOWN, UNKNOWN_MM, _IS_OUTSIDE

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..jit import inner, kernel
 from .prism_table import NO_PRISMS, PrismTable
+from .union_find import root_of
 
 AX, AY, BX, BY, TOP, BOTTOM = range(6)
 """Columns of the planes of a FrameModel, a float32 table."""
@@ -106,21 +107,10 @@ def connect(planes, end_m, component):
                 break
             q = planes[order[m]]
             if meet(p, q, end_m) and min(p[BOTTOM], q[BOTTOM]) > max(p[TOP], q[TOP]):
-                a, b = _root(component, k), _root(component, order[m])
+                a, b = root_of(component, k), root_of(component, order[m])
                 component[max(a, b)] = min(a, b)
     for k in range(n):
-        component[k] = _root(component, k)
-
-
-@inner
-def _root(component, k):
-    """Returns the root of plane k in the union-find forest, and halves the path."""
-    for _ in range(component.shape[0]):
-        if component[k] == k:
-            break
-        component[k] = component[component[k]]
-        k = component[k]
-    return k
+        component[k] = root_of(component, k)
 
 
 @inner

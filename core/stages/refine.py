@@ -62,8 +62,8 @@ def extend_to_corners(count, planes, settings, openings):
             x = distance_at(p, t)
             far = max(_step_m(p, p.t1, t), _step_m(q, q.t0, t))
             # an end is shortened only where the other plane has all of its height
-            cuts_p = t < p.t1 and not _spans(q, p, t, p.t1, slack_m)
-            cuts_q = t > q.t0 and not _spans(p, q, t, q.t0, slack_m)
+            cuts_p = t < p.t1 and not _blocks_same_rays(q, p, t, p.t1, slack_m)
+            cuts_q = t > q.t0 and not _blocks_same_rays(p, q, t, q.t0, slack_m)
             cuts_p = cuts_p or (t < p.t1 and distance_at(q, p.t1) - distance_at(p, p.t1) > safe_m)
             cuts_q = cuts_q or (t > q.t0 and distance_at(p, q.t0) - distance_at(q, q.t0) > safe_m)
             if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:
@@ -72,9 +72,9 @@ def extend_to_corners(count, planes, settings, openings):
             over_q = t < q.t0 and _covers_opening(q, t, q.t0, points, openings)
             if not over_p and not over_q:
                 if t < p.t1:
-                    _take_over(q, p, t, p.t1)
+                    _extend_heights(q, p, t, p.t1)
                 if t > q.t0:
-                    _take_over(p, q, t, q.t0)
+                    _extend_heights(p, q, t, q.t0)
                 p.t1 = t
                 q.t0 = t
 
@@ -92,7 +92,7 @@ def _covers_opening(p, t0, t1, points, openings):
 
 
 @inner
-def _spans(p, q, t, t_end, slack_m):
+def _blocks_same_rays(p, q, t, t_end, slack_m):
     """True if plane p blocks every ray that plane q blocks between the tangents t and t_end, within slack_m of height
     at q.
 
@@ -105,8 +105,8 @@ def _spans(p, q, t, t_end, slack_m):
 
 
 @inner
-def _take_over(p, q, t, t_end):
-    """Extends the heights of plane p by what `_spans` allowed as slack, so that p blocks all rays that q blocked."""
+def _extend_heights(p, q, t, t_end):
+    """Extends the heights of plane p by what `_blocks_same_rays` allowed as slack, so that p blocks all rays that q blocked."""
     for at in (t, t_end):
         ratio = distance_at(p, at) / distance_at(q, at)
         p.top_m, p.bottom_m = min(p.top_m, q.top_m * ratio), max(p.bottom_m, q.bottom_m * ratio)
@@ -186,13 +186,13 @@ def close_concavities(count, room, planes, settings, openings):
             first, planes, i, best, t, z, x, settings.pocket_behind_m
         ):
             continue
-        _span(planes[count], p, q, s0, s1)
+        _fill_chord(planes[count], p, q, s0, s1)
         count += 1
     return count
 
 
 @inner
-def _span(new, p, q, s0, s1):
+def _fill_chord(new, p, q, s0, s1):
     """Makes `new` the plane from the right end of p, at 1/x = s0, to the left end of q, at 1/x = s1."""
     new.b = (s1 - s0) / (q.t0 - p.t1)
     new.a = s0 - new.b * p.t1

@@ -24,10 +24,10 @@ MAX_TILES = 16
 
 
 @inner
-def gate_rises(gate):
+def limit_rises(limit):
     """True if the threshold of the ground increases with the code. It does not if the camera is lower than the
     tolerance."""
-    greater, less = gate[3:], gate[2:-1]
+    greater, less = limit[3:], limit[2:-1]
     falls = 0
     for i in range(less.shape[0]):
         falls += greater[i] < less[i]
@@ -35,31 +35,31 @@ def gate_rises(gate):
 
 
 @inner
-def ground_limits(gate, tan_mid, shift, last_ground):
+def ground_limits(limit, tan_mid, shift, last_ground):
     """Computes the greatest code that is ground in each row of a column with this shift; 1 if none is.
 
-    A code is ground where tan_mid - shift > gate[code]. Both tables increase, so that one pass along both serves all
+    A code is ground where tan_mid - shift > limit[code]. Both tables increase, so that one pass along both serves all
     rows.
 
     Args:
-        gate: (65536,) float32, `limit` of GroundThreshold.
+        limit: (65536,) float32, `limit` of GroundThreshold.
         tan_mid: (V,) float32 of the view.
         shift: of the column, see GroundThreshold.
         last_ground: (V,) uint16 out."""
-    codes = gate.shape[0]
+    codes = limit.shape[0]
     high = 2
     for v in range(tan_mid.shape[0]):
         t = tan_mid[v] - shift
         low, step = high - 1, 1
         for _ in range(20):  # growing steps up to a code that is not ground
-            if high >= codes or not t > gate[high]:
+            if high >= codes or not t > limit[high]:
                 break
             low, high, step = high, min(codes, high + step), 2 * step
         for _ in range(20):  # bisection back to the first such code
             if high - low <= 1:
                 break
             middle = (low + high) // 2
-            if t > gate[middle]:
+            if t > limit[middle]:
                 low = middle
             else:
                 high = middle
@@ -76,13 +76,13 @@ def tile_columns(tan_mid, shift):
 
 
 @kernel
-def tile_limits(gate, rises, tan_mid, shifts, below, above):
+def tile_limits(limit, rises, tan_mid, shifts, below, above):
     """Computes limits of the ground for all columns with these shifts; returns True if codes between them must be
     tested.
 
     Args:
-        gate: (65536,) float32, `limit` of GroundThreshold.
-        rises: of `gate_rises`.
+        limit: (65536,) float32, `limit` of GroundThreshold.
+        rises: of `limit_rises`.
         tan_mid: (V,) float32 of the view.
         shifts: (columns,) float32.
         below: (V,) uint16 out. Codes up to it are ground in all of these columns.
@@ -92,26 +92,26 @@ def tile_limits(gate, rises, tan_mid, shifts, below, above):
         above[:] = 65535
         return True
     least, most = shifts.min(), shifts.max()
-    ground_limits(gate, tan_mid, most, below)
+    ground_limits(limit, tan_mid, most, below)
     if least == most:
         above[:] = below
         return False
-    ground_limits(gate, tan_mid, least, above)
+    ground_limits(limit, tan_mid, least, above)
     return True
 
 
 @inner_inline
-def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, measured):
+def mask_open_rows(line, limit, shift, tan_mid, below, above, between, mask, undecided, measured):
     """Sets mask[v] to 1 where row v of a column is measured and not ground, else to 0.
 
     Args:
         line: (V,) uint16 codes.
-        gate: (65536,) float32, `limit` of GroundThreshold.
+        limit: (65536,) float32, `limit` of GroundThreshold.
         shift: of the column.
         tan_mid: (V,) float32 of the view.
         below, above, between: of `tile_limits`.
         mask: (V rounded up to 8,) uint8 out, zero beyond V.
-        doubt: scratch like mask, the rows that must be tested.
+        undecided: scratch like mask, the rows that must be tested.
         measured: (V,) uint16, increased by 1 where the row has a measurement."""
     rows = line.shape[0]
     for v in range(rows):
@@ -120,12 +120,12 @@ def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, me
         measured[v] += line[v] > 1
     if between:
         for v in range(rows):
-            doubt[v] = mask[v] & (line[v] <= above[v])
-        words = doubt.view(np.uint64)
+            undecided[v] = mask[v] & (line[v] <= above[v])
+        words = undecided.view(np.uint64)
         for w in range(words.shape[0]):
             if words[w] != 0:
                 for v in range(8 * w, min(8 * w + 8, rows)):
-                    if doubt[v] != 0 and tan_mid[v] - shift > gate[line[v]]:
+                    if undecided[v] != 0 and tan_mid[v] - shift > limit[line[v]]:
                         mask[v] = 0
 
 
@@ -158,45 +158,45 @@ def gather_rows(line, mask, px):
 
 
 @inner_inline
-def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
+def label_rows(line, mask, first, last, peaks, low, high, first_code, labels):
     """Labels the rows first..last by the peak whose bins contain their code, else by NO_PEAK or CLOSED.
 
     Args:
         line: (V,) uint16 codes.
-        mask: (V rounded up to 8,) uint8 of `open_rows`.
+        mask: (V rounded up to 8,) uint8 of `mask_open_rows`.
         first, last: rows.
         peaks: number of peaks.
         low, high: (peaks,) bins.
         first_code: of BinTable.
-        mark: (V rounded up to 8,) uint8 out, the labels."""
+        labels: (V rounded up to 8,) uint8 out, the labels."""
     begin, end = np.uint64(first), np.uint64(last + 1)
     for v in range(begin, end):
-        mark[v] = CLOSED - (mask[v] << 1)
+        labels[v] = CLOSED - (mask[v] << 1)
     for p in range(peaks):
         # as narrow as the codes, so that more rows are processed per instruction
         least, most = np.uint16(min(first_code[low[p]], 65535)), np.uint16(max(first_code[high[p] + 1] - 1, 0))
         for v in range(begin, end):
-            inside, so_far = mask[v] & (line[v] >= least) & (line[v] <= most), mark[v]
-            mark[v] = np.uint8(p) if inside else so_far
+            inside, so_far = mask[v] & (line[v] >= least) & (line[v] <= most), labels[v]
+            labels[v] = np.uint8(p) if inside else so_far
 
 
 @inner_inline
-def free_rows(mark, first, last, mask):
+def mask_remaining_rows(labels, first, last, mask):
     """Sets mask[v] to 1 where row v of first..last is open, else to 0."""
     for v in range(np.uint64(first), np.uint64(last + 1)):
-        mask[v] = mark[v] <= NO_PEAK
+        mask[v] = labels[v] <= NO_PEAK
 
 
 @inner_inline
-def ends_of(mark, label, first, last):
+def ends_of(labels, label, first, last):
     """Returns the first and last row of first..last with this label; first > last if there is none."""
     label = np.uint8(label)
     for _ in range(last + 1 - first):
-        if mark[np.uint64(first)] == label:
+        if labels[np.uint64(first)] == label:
             break
         first += 1
     for _ in range(last + 1 - first):
-        if mark[np.uint64(last)] == label:
+        if labels[np.uint64(last)] == label:
             break
         last -= 1
     return first, last

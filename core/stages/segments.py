@@ -129,7 +129,7 @@ def is_jump(strip, last, settings):
 
 
 @inner
-def heights_go_on(cut, top, bottom, track, hs):
+def heights_continue(cut, top, bottom, track, hs):
     """True if a strip from top to bottom (m) continues the heights of a track: tops and bottoms each differ by at
     most hs.
 
@@ -173,7 +173,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
     prior = 1.0 / (settings.link_slope_px * settings.link_slope_px)
     rough_prior = 1.0 / (settings.rough_slope_px * settings.rough_slope_px)
     for u in range(view.cols):
-        size = _go_on(u, settings.link_gap_px, strips, front, size)
+        size = _continuing(u, settings.link_gap_px, strips, front, size)
         for i in range(first_of_column[u], first_of_column[u + 1]):
             strip = strips[i]
             if strip.support == 0:
@@ -195,7 +195,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
                 m = near[q]
                 track, last = tracks[front_track[m]], strips[front_strip[m]]
                 # a depth jump begins another surface, even if the slope of a short track is uncertain
-                if is_jump(strip, last, settings) or not heights_go_on(
+                if is_jump(strip, last, settings) or not heights_continue(
                     strip.cut, ends.top_m, ends.bottom_m, track, settings.height_step_m
                 ):
                     continue
@@ -212,7 +212,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
             k = front_track[best]
             front_strip[best], front_top[best] = i, BEYOND
             strip.track = k
-            _reach(tracks[k], t, ends)
+            _extend_track(tracks[k], t, ends)
             if strip.kind != SMOOTH:
                 tracks[k].prior = rough_prior
             _add_to_line(tracks[k], t, s, 1.0 / variance)
@@ -271,7 +271,7 @@ def _ends_of(strip, t, s, edge_m, openings):
 
 
 @inner_inline
-def _reach(track, t, ends):
+def _extend_track(track, t, ends):
     """Extends a track to tangent t and the heights of its new strip. A cut end is a bound only."""
     track.last_t = t
     track.top_min_m, track.bottom_max_m = min(track.top_min_m, ends.top_m), max(track.bottom_max_m, ends.bottom_m)
@@ -282,7 +282,7 @@ def _reach(track, t, ends):
 
 
 @inner
-def _go_on(u, link, strips, front, size):
+def _continuing(u, link, strips, front, size):
     """Keeps the tracks of the front that may continue in column u, with the rows of their last strips; returns their
     number."""
     kept = 0

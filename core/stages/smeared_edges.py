@@ -17,7 +17,6 @@ Three conditions distinguish a ramp from a slanted surface:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,214 +24,13 @@ from numpy.typing import NDArray
 
 from ..buffers import Buffers
 from ..frames import Rotation
-from ..jit import inner, inner_ieee, inner_inline, kernel
 from ..params import Params
-from ..types import FAR_MM, GREATEST_MARK_MM, SATURATED_MM, CameraInfo, ExtractorState, Ground
+from ..types import CameraInfo, ExtractorState, Ground
+from .ramps import RampLimits, count_edges, drop_ramps, ramp_limits
 
-_SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
-_GREATEST_MARK = np.uint16(GREATEST_MARK_MM)
 _ROW_STEP = 4
 """Edges are counted in every _ROW_STEP-th row."""
 _NEVER_M = 1e9
-_LEVEL_SHARE = np.float32(0.4)
-"""Relative error of the slope of a horizontal surface that is measured over a few pixels. It is not a tuning
-parameter."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RampLimits:
-    """Limits that define a ramp.
-
-    Attributes:
-        span_px: distance from a pixel to the two pixels it is compared with.
-        reach_px: distance from a pixel to the pixel beyond the near end of a ramp.
-        step_per_m: least step of 1/Z to each of the pixels span_px away, 1/m.
-        judged_per_m: the same for the edges by which the camera is judged, 1/m. It is so large that noise does not
-            reach it.
-        relative: least step as a share of the pixel's own 1/Z.
-        straight: greatest change of 1/Z over reach_px towards the near side, relative to the change over span_px."""
-
-    span_px: int
-    reach_px: int
-    step_per_m: float
-    judged_per_m: float
-    relative: float
-    straight: float
-
-
-def ramp_limits(info: CameraInfo, ke_per_m: float, params: Params) -> RampLimits:
-    """Returns the limits for a camera and the noise coefficient in use."""
-    p, k = params, info.intrinsics
-    span = max(round(p.smear_span_px * k.width / 640), 1)
-    reach = max(round(p.smear_reach_px * k.width / 640), span + 1)
-    angle = span / k.fx
-    return RampLimits(
-        span_px=span,
-        reach_px=reach,
-        step_per_m=max(angle / p.smear_passing_m, p.smear_sigmas * ke_per_m),
-        judged_per_m=max(angle / p.smear_passing_m, p.smear_judged_sigmas * ke_per_m),
-        relative=angle * math.tan(math.radians(p.smear_incidence_deg)),
-        straight=max(p.smear_straight_share * reach / span, 1.0),
-    )
-
-
-@inner_inline
-def on_ramp(left, middle, right, far_left, far_right, least, relative, straight):
-    """True if the middle of five values of 1/Z along a line lies on a ramp.
-
-    If 1/Z beyond the near end is unknown, a slanted surface looks the same, and the result is False.
-
-    Args:
-        left, middle, right: 1/Z in 1/m, span_px apart; 0: far, negative: unknown.
-        far_left, far_right: 1/Z reach_px from the middle.
-        least, relative, straight: step_per_m, relative and straight of `RampLimits`."""
-    low, high = min(left, right), max(left, right)
-    step = max(least, relative * middle)
-    beyond = far_left if left > right else far_right
-    return (
-        (low >= np.float32(0.0))
-        & (middle - low > step)
-        & (high - middle > step)
-        & (beyond >= np.float32(0.0))
-        & (beyond - middle <= straight * (high - middle))
-    )
-
-
-@inner_ieee
-def signed_inverse(mm, out):
-    """Computes 1/Z in 1/m of one row: 0 where the sensor reports far, -1 where it reports nothing. out: float32."""
-    for u in range(len(mm)):
-        z = mm[u]
-        d = np.float32(1000.0) / np.float32(z)
-        if z == _FAR:
-            d = np.float32(0.0)
-        if (z <= _GREATEST_MARK) | (z == _SATURATED):
-            d = np.float32(-1.0)
-        out[u] = d
-
-
-@kernel
-def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
-    """Returns (ramps, steps) along every row_step-th row of depth_mm, (H, W) uint16.
-
-    A ramp is a run of pixels for which `on_ramp` is True. A step is a change from one pixel to the next that is as
-    large as the least ramp from end to end. One of its two pixels may be far. The other arguments are those of
-    `RampLimits`."""
-    rows, cols = depth_mm.shape
-    line = np.full(cols + 2 * reach, np.float32(-1.0), np.float32)
-    on = np.zeros(cols + 1, np.uint8)
-    least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
-    ramps, steps = np.int64(0), np.int64(0)
-    for v in range(row_step // 2, rows, row_step):
-        signed_inverse(depth_mm[v], line[reach : reach + cols])
-        far_left, left = line[:cols], line[reach - span : reach - span + cols]
-        middle, right, far_right = line[reach : reach + cols], line[reach + span :], line[2 * reach :]
-        following = line[reach + 1 :]
-        row_ramps, row_steps = np.int32(0), np.int32(0)
-        for u in range(cols):
-            here = on_ramp(left[u], middle[u], right[u], far_left[u], far_right[u], least, relative, straight)
-            on[u + 1] = np.uint8(here)
-        for u in range(cols):
-            a, b = middle[u], following[u]
-            low, high = min(a, b), max(a, b)
-            sharp = (low >= np.float32(0.0)) & (high - low > np.float32(2.0) * max(least, relative * low))
-            row_steps = np.int32(row_steps + np.int32(sharp))
-            row_ramps = np.int32(row_ramps + np.int32(on[u + 1] & ~on[u] & np.uint8(1)))
-        ramps += row_ramps
-        steps += row_steps
-    return ramps, steps
-
-
-@inner_inline
-def is_level(change, middle, height, more):
-    """True if 1/Z changes along the image as on a horizontal surface, within _LEVEL_SHARE.
-
-    On a horizontal surface 1/Z is proportional to the height of the pixel below the camera per metre of depth.
-
-    Args:
-        change: difference of 1/Z between two pixels, 1/m.
-        middle: 1/Z in the middle between them, 1/m.
-        height: height below the camera per metre of depth, in the middle.
-        more: change of that height between the two pixels."""
-    expected = middle * more
-    return abs(change * height - expected) <= _LEVEL_SHARE * abs(expected)
-
-
-@inner
-def near_end(inverse, row, column, span, reach, middle):
-    """Returns 1/Z of the near surface beside the ramp at inverse[row, column].
-
-    It is the greatest 1/Z within half of `reach` along its row and its column, in steps of `span`."""
-    near = middle
-    for k in range(1, reach // (2 * span) + 1):
-        off = k * span
-        near = max(near, max(inverse[row, column - off], inverse[row, column + off]))
-        near = max(near, max(inverse[row - off, column], inverse[row + off, column]))
-    return near
-
-
-@kernel
-def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, keep_m, marks, seen_to):
-    """Makes the pixels of ramps along rows or columns unknown; returns how many of them were measured and how many
-    far.
-
-    A pixel more than keep_m below the camera is part of the ground and is kept, and so are horizontal surfaces at any
-    height.
-
-    Args:
-        depth_mm: (H, W) uint16 as delivered, so that the far end of a ramp may lie beyond the clear range.
-        inverse: (H + 2 reach, W + 2 reach) float32 scratch.
-        span, reach, least, relative, straight: see `RampLimits`.
-        down: (3,) float64. A point at pixel (u, v) lies down[0] u + down[1] v + down[2] below the camera per metre of
-            depth, along the normal of the ground.
-        keep_m: height below the camera.
-        marks: (H, W) uint16 of `classify`, in and out.
-        seen_to: (H, W) uint16 out: the marks before the removal, with the depth of the near end at each pixel of a
-            ramp. The ray is measured up to that depth."""
-    rows, cols = depth_mm.shape
-    nothing = np.float32(-1.0)
-    inverse[:reach] = nothing
-    inverse[rows + reach :] = nothing
-    inverse[:, :reach] = nothing
-    inverse[:, cols + reach :] = nothing
-    for v in range(rows):
-        signed_inverse(depth_mm[v], inverse[reach + v, reach : reach + cols])
-    least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
-    keep, across, along, twice = np.float32(keep_m), np.float32(down[0]), np.float32(down[1]), np.float32(2 * span)
-    column, on = np.arange(cols).astype(np.float32), np.zeros(cols, np.uint8)
-    measured, far = 0, 0
-    for v in range(rows):
-        row = inverse[reach + v]
-        far_left, left = row[:cols], row[reach - span : reach - span + cols]
-        middle, right, far_right = row[reach : reach + cols], row[reach + span :], row[2 * reach :]
-        far_above, above = inverse[v, reach:], inverse[reach + v - span, reach:]
-        below, far_below = inverse[reach + v + span, reach:], inverse[v + 2 * reach, reach:]
-        first = np.float32(down[1] * v + down[2])
-        line, seen = marks[v], seen_to[v]
-        count = np.int32(0)
-        for u in range(cols):
-            m = middle[u]
-            height = first + across * column[u]
-            ramp = on_ramp(left[u], m, right[u], far_left[u], far_right[u], least, relative, straight)
-            ramp &= ~is_level(right[u] - left[u], m, height, twice * across)
-            steep = on_ramp(above[u], m, below[u], far_above[u], far_below[u], least, relative, straight)
-            ramp |= steep & ~is_level(below[u] - above[u], m, height, twice * along)
-            ramp &= height <= keep * m
-            on[u] = np.uint8(ramp)
-            count = np.int32(count + np.int32(ramp))
-            seen[u] = line[u]
-        if count == 0:
-            continue
-        for u in range(cols):
-            if on[u] and line[u] != 0:
-                if line[u] == _FAR:
-                    far += 1
-                else:
-                    measured += 1
-                near_mm = np.float32(1000.0) / near_end(inverse, reach + v, reach + u, span, reach, middle[u])
-                seen[u] = np.uint16(min(max(near_mm, np.float32(1.0)), np.float32(line[u])))
-                line[u] = np.uint16(0)
-    return measured, far
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,13 +111,13 @@ def drop_smeared_edges(
     The ground is kept because it is as steep as a ramp at a grazing angle.
 
     Returns:
-        The image for the free space (`seen_to` of `drop_ramps`); the number of measured pixels and of far pixels
+        The image for the free space (`free_marks` of `drop_ramps`); the number of measured pixels and of far pixels
             removed."""
     rows, cols = depth_mm.shape
     reach = limits.reach_px
     inverse = buffer("inverse", (rows + 2 * reach, cols + 2 * reach), np.float32)
     down, keep_m = ground_line(info, R_level_optical, ground, params)
-    seen_to = buffer("seen_to", marks.shape, np.uint16)
+    free_marks = buffer("free_marks", marks.shape, np.uint16)
     measured, far = drop_ramps(
         depth_mm,
         inverse,
@@ -331,9 +129,9 @@ def drop_smeared_edges(
         down,
         keep_m,
         marks,
-        seen_to,
+        free_marks,
     )
-    return seen_to, int(measured), int(far)
+    return free_marks, int(measured), int(far)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -392,8 +190,10 @@ def remove_smeared_edges(
     after = observe_edges(state, edges, params)
     if not smears(after, edges, params):
         return SmearedEdges(active=False, state=after, free_marks=marks)
-    seen_to, measured, far = drop_smeared_edges(depth_mm, marks, info, R_level_optical, ground, limits, params, buffers)
-    return SmearedEdges(active=True, state=after, free_marks=seen_to, measured=measured, far=far)
+    free_marks, measured, far = drop_smeared_edges(
+        depth_mm, marks, info, R_level_optical, ground, limits, params, buffers
+    )
+    return SmearedEdges(active=True, state=after, free_marks=free_marks, measured=measured, far=far)
 
 
 def ground_line(

@@ -3,8 +3,8 @@
 Input: the levelled view, the ground and the settings. Output: `Strips`, in the order of their columns, with cluster
 and place.
 
-`settle_strips` is one kernel because a call from Python costs some microseconds. Its stages can be traced one by one:
-`settle_strips.py_func` is the same function in Python (see companion/bench/stage_trace.py)."""
+`finish_strips` is one kernel because a call from Python costs some microseconds. Its stages can be traced one by one:
+`finish_strips.py_func` is the same function in Python (see companion/bench/stage_trace.py)."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from .level import LevelledView
 from .settings import Settings
 from .strips import STRIP
 from .support import drop_unsupported, index_columns, mark_cuts, smooth_near, sort_columns
-from .truncation import shift_back
+from .truncation import correct_truncation
 
 _MORE_COLUMNS = 32
 """Tables are allocated for a multiple of this number of columns, so that they are seldom allocated again."""
 
 
 class StripBuffers(NamedTuple):
-    """Scratch memory of `settle_strips` for N strips.
+    """Scratch memory of `finish_strips` for N strips.
 
     Attributes:
         keep: (N,) uint8.
@@ -61,7 +61,7 @@ def strip_buffers(strips: int) -> StripBuffers:
 
 
 @kernel
-def settle_strips(found, codes, view, source, ground, noise_test, settings, strips, first_of_column, buffers):
+def finish_strips(found, codes, view, source, ground, noise_test, settings, strips, first_of_column, buffers):
     """Selects the strips that have enough support, clusters them and fills their gaps.
 
     Args:
@@ -84,7 +84,7 @@ def settle_strips(found, codes, view, source, ground, noise_test, settings, stri
         found = drop_ground_noise(strips, found, codes, view.tan_mid, ground.shift, test, buffers.keep)
     if found > p.most_per_column * cols:
         return 0, found
-    shift_back(strips, found, view, image, p.depth_noise_coeff)
+    correct_truncation(strips, found, view, image, p.depth_noise_coeff)
     index_columns(strips, found, cols, first_of_column)
     sort_columns(strips, cols, first_of_column)
     n = drop_unsupported(strips, found, cols, p, first_of_column, buffers.lowest, buffers.keep)
@@ -142,7 +142,7 @@ class StripSearch:
         found, ground_px, merged = extract_strips(
             levelled.codes, threshold, view, settings.bins, settings.strips, table
         )
-        count, found = settle_strips(
+        count, found = finish_strips(
             found,
             levelled.codes,
             view,

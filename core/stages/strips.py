@@ -157,16 +157,6 @@ def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_
     out.counts.merged += 1
 
 
-@inner
-def homography_area(H):
-    """Returns |det(H)|. Divided by w^3 it is the area of a cell of the levelled view in source pixels (the Jacobian
-    of H)."""
-    a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
-    b = H[0, 1] * (H[1, 0] * H[2, 2] - H[1, 2] * H[2, 0])
-    c = H[0, 2] * (H[1, 0] * H[2, 1] - H[1, 1] * H[2, 0])
-    return abs(a - b + c)
-
-
 @inner_inline
 def support_of(column, top, bottom, count):
     """Returns the number of distinct source pixels, in 1/PX, of `count` cells of a column.

@@ -45,7 +45,7 @@ def drop_unsupported(strips, n, cols, settings, first_of_column, lowest, keep):
         need = max(least, int(per_px * strips[i].disparity_px))
         keep[i] = 1
         if strips[i].support < need:
-            keep[i] = _carried(strips, i, cols, need, settings, first_of_column, lowest, first_below)
+            keep[i] = _is_supported(strips, i, cols, need, settings, first_of_column, lowest, first_below)
     n = compact(strips, n, keep)
     index_columns(strips, n, cols, first_of_column)
     return n
@@ -79,7 +79,7 @@ def index_rows(cols, first_of_column, lowest, first_below):
 
 
 @inner_inline
-def _carried(strips, i, cols, least, settings, first_of_column, lowest, first_below):
+def _is_supported(strips, i, cols, least, settings, first_of_column, lowest, first_below):
     """Returns 1 if strip i is supported by small neighbours and is not noise of a large strip, else 0.
 
     A large strip counts if it touches the rows of strip i in its own column or the next ones, so these are searched

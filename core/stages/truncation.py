@@ -33,7 +33,7 @@ MEANS_LEFT = _means_left()
 
 
 @inner
-def shift_back(strips, n, view, source, ke_per_m):
+def correct_truncation(strips, n, view, source, ke_per_m):
     """Moves smooth strips, disparity and near edge alike, to where they were before the truncation, not beyond the
     clear range.
 
@@ -56,14 +56,14 @@ def shift_back(strips, n, view, source, ke_per_m):
         sigma, cut = ke_per_m * f * per_forward, f * per_forward / source.clear_m
         if not sigma > 0.0 or strips[i].disparity_px >= cut + _MOST * sigma:
             continue
-        mean = whole_mean((strips[i].disparity_px - cut) / sigma, MEANS_LEFT)
+        mean = untruncated_mean((strips[i].disparity_px - cut) / sigma, MEANS_LEFT)
         by = max(0.0, strips[i].disparity_px - max(cut, cut + mean * sigma))
         strips[i].disparity_px -= by
         strips[i].near_px -= by
 
 
 @inner
-def whole_mean(mean, left):
+def untruncated_mean(mean, left):
     """Returns the mean of a normal distribution whose part above 0 has this mean, all in sigma; at least _LEAST."""
     if mean <= left[0]:
         return _LEAST

@@ -145,7 +145,7 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     k = info.intrinsics
     limit = math.tan(math.radians(params.max_elevation_deg))
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
-    cols, rows, f_px, cu, cv, edges, middles, lateral, H = level_view(
+    cols, rows, f_px, cu, cv, edges, middles, lateral, H = levelled_geometry(
         np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio
     )
     return ViewGeometry(
@@ -163,7 +163,7 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
 
 
 @kernel
-def level_view(R, k, width, height, limit, ratio):
+def levelled_geometry(R, k, width, height, limit, ratio):
     """Returns (cols, rows, f_px, cu, cv, tan_edge, tan_mid, lateral, H) of ViewGeometry.
 
     Args:
@@ -216,17 +216,13 @@ def _axis(low_px, high_px, source_centre):
 
 
 @inner
-def source_px_per_cell(H, u, v):
-    """Returns the area of the cell (u, v) in source pixels, the Jacobian det(H) / w^3 of the homography.
-
-    Below 1, neighbouring cells repeat a pixel."""
-    w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
-    if w <= 1e-6:
-        return 0.0
+def homography_area(H):
+    """Returns |det(H)|. Divided by w^3 it is the area of a cell of the levelled view in source pixels (the Jacobian
+    of H)."""
     a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
     b = H[0, 1] * (H[1, 0] * H[2, 2] - H[1, 2] * H[2, 0])
     c = H[0, 2] * (H[1, 0] * H[2, 1] - H[1, 1] * H[2, 0])
-    return abs(a - b + c) / (w * w * w)
+    return abs(a - b + c)
 
 
 @inner

@@ -9,9 +9,9 @@ import numpy as np
 from core.params import Params
 from core.stages import strips as s
 from core.stages.irregular import irregular_rest
-from core.stages.row_mask import CLOSED, NO_PEAK, free_rows, gather_rows
+from core.stages.row_mask import CLOSED, NO_PEAK, gather_rows, mask_remaining_rows
 from core.stages.settings import strip_settings
-from core.stages.view_geometry import ViewGeometry
+from core.stages.view_geometry import ViewGeometry, homography_area
 from core.stages.windows import Peak, WindowBuffers, slide_windows
 
 F, QUANTUM = 100.0, 64.0
@@ -68,7 +68,7 @@ class Column:
         self.counts = np.zeros(1, s.COUNTS)
         g = view(rows)
         self.settings = strip_settings(g, self.sigma_d_px / F, self.sigma_d_px, self.params)[0]
-        self.column = s.Column(0, self.line, self.mark, g.H, s.homography_area(g.H))
+        self.column = s.Column(0, self.line, self.mark, g.H, homography_area(g.H))
 
     @property
     def out(self) -> s.StripOutput:
@@ -106,7 +106,7 @@ class Column:
     def gather(self) -> int:
         """Lists the open rows in px; returns their number."""
         mask = np.zeros_like(self.mark)
-        free_rows(self.mark, 0, len(self.line) - 1, mask)
+        mask_remaining_rows(self.mark, 0, len(self.line) - 1, mask)
         return int(gather_rows(self.line, mask, self.px))
 
     def rest(self) -> int:

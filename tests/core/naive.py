@@ -122,7 +122,7 @@ def peaks(counts, threshold, share):
 # ---- strips -----------------------------------------------------------------------------------------------------
 
 
-def open_rows(line, gate, shift, tan_mid):
+def mask_open_rows(line, gate, shift, tan_mid):
     """Rows with a measurement that is neither ground nor below it."""
     return [v for v in range(len(line)) if line[v] > FAR and not tan_mid[v] - shift > gate[line[v]]]
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.stages import clusters
+from core.stages.union_find import root_of
 
 from . import naive
 from .tables import Strips
@@ -100,4 +100,4 @@ def test_two_arms_that_meet_at_the_end_are_one_cluster() -> None:
 def test_a_long_chain_of_unions_finds_its_root() -> None:
     n = 600
     parent = np.maximum(np.arange(n, dtype=np.int32) - 1, 0).astype(np.int32)
-    assert clusters.root_of(parent, n - 1) == 0
+    assert root_of(parent, n - 1) == 0

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from core.params import Params
 from core.stages import free_space as fs
+from core.stages import free_walk as walk
+from core.stages.free_cells import count_codes
 from core.stages.free_profile import free_profile, stop_at_planes
 from core.stages.ground import NO_GROUND
 from core.stages.view_geometry import SOURCE, ViewGeometry
@@ -83,9 +85,9 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     H[2] = right / F, down / F, ahead - right * 11.5 / F - down * 44.5 / F
     g = view(cols=24, rows=rows)._replace(cv=44.5, cu=11.5, H=H)
     ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
-    w = fs.walk_settings(g, ground, clear_m, KE, Params(profile_block_px=asked))[0]
+    w = walk.walk_settings(g, ground, clear_m, KE, Params(profile_block_px=asked))[0]
     behind = np.full((3, len(ring_m)), -1, np.int32)
-    fs.codes_behind(ring_m, edges_t, layers, w, behind)
+    walk.blocking_codes(ring_m, edges_t, layers, w, behind)
 
     to_source = np.eye(3)  # an image of 40 x 100 pixels that is shifted and turned against the view
     to_source[0, 2], to_source[1] = rng.uniform(0.0, 15.0), [0.3 * rng.standard_normal(), 1.0, rng.uniform(-10.0, 20.0)]
@@ -103,7 +105,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
             first, last, why = naive.free_walk(
                 codes, weight, inside, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
-                lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): fs.lowest_clear(t, x, w),
+                lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): walk.lowest_clear(t, x, w),
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, w.least_m, w.blind_beyond_m,
             )  # fmt: skip
             want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
@@ -116,7 +118,7 @@ def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap:
     x = gain / np.arange(2, 65536)
     reach = x - np.minimum(spread * x * x, cap * x)
     for ring_m in np.arange(0.4, 15.0, 0.7):
-        behind = fs.code_behind(gain, spread, cap, ring_m)
+        behind = walk.least_blocking_code(gain, spread, cap, ring_m)
         np.testing.assert_array_equal(reach >= ring_m, np.arange(2, 65536) < behind)
         assert 2 <= behind <= 65536
 
@@ -128,12 +130,12 @@ def test_codes_are_counted_from_the_first_to_the_last_of_them(seed: int) -> None
     least, most = np.sort(rng.choice([0, 1, 2, 300, 65535], 2))
     first, end = np.sort(rng.integers(0, 201, 2))
     part = cells[first:end]
-    assert fs.count_codes(cells, first, end, least, most) == np.sum((part >= least) & (part <= most))
+    assert count_codes(cells, first, end, least, most) == np.sum((part >= least) & (part <= most))
 
 
 def test_more_cells_are_counted_than_a_narrow_number_holds() -> None:
     cells = np.full(150_000, 9, np.uint16)
-    assert fs.count_codes(cells, 1, 150_000, 9, 9) == 149_999
+    assert count_codes(cells, 1, 150_000, 9, 9) == 149_999
 
 
 THICK: dict[str, float] = {"profile_layers": 7, "profile_layer_m": 2.0, "profile_outer_layers": 0}
@@ -257,12 +259,12 @@ def test_a_ball_between_floor_and_ceiling_fits_into_free_layers() -> None:
 def test_layers_go_down_to_what_can_be_distinguished_from_the_ground() -> None:
     p = Params()
     ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
-    w = fs.walk_settings(view(), ground, 19.0, 0.005, p)[0]
+    w = walk.walk_settings(view(), ground, 19.0, 0.005, p)[0]
     for t in (0.0, 0.4):
         for x in (1.0, 10.0, 18.0):
             surface = 2.0 + 0.02 * x - 0.01 * t * x
-            assert fs.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
-    assert fs.lowest_clear(0.0, 10.0, fs.walk_settings(view(), NO_GROUND, 19.0, 0.005, p)[0]) > 1e5
+            assert walk.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
+    assert walk.lowest_clear(0.0, 10.0, walk.walk_settings(view(), NO_GROUND, 19.0, 0.005, p)[0]) > 1e5
 
 
 def test_nothing_below_the_ground_is_free() -> None:

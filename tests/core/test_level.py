@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages.level import fill_level, level_as_it_is, level_nearest
+from core.stages.level import fill_level, level_nearest, transpose_level
 from core.stages.pooling import pool_columns
 from core.stages.view_geometry import (
     ViewGeometry,
+    homography_area,
     outside_source,
     pooled_geometry,
-    source_px_per_cell,
     view_geometry,
 )
 from core.types import FAR_MM, UNKNOWN_MM, CameraInfo, Intrinsics
@@ -108,7 +108,7 @@ def test_a_level_camera_gets_by_the_short_way_what_the_long_way_gives(size: tupl
     short, long = np.full((g.cols, g.rows), 7, np.uint16), np.full((g.cols, g.rows), 8, np.uint16)
     picked = np.zeros(marks.size, np.uint8)
     gain = g.f_px * g.lsb_per_px
-    level_as_it_is(marks, gain, short.view(np.uint64))
+    transpose_level(marks, gain, short.view(np.uint64))
     level_nearest(marks, g.H, gain, long, picked)
     assert (short > 1).sum() > 0.7 * marks.size
     assert picked.all()
@@ -222,7 +222,8 @@ def test_area_and_edge_of_cells(tilt: tuple[float, float]) -> None:
                 continue
             x, y = np.array([c[0] for c in corners]), np.array([c[1] for c in corners])
             area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / (4 * h * h)
-            assert source_px_per_cell(g.H, u, v) == pytest.approx(area, rel=1e-2)
+            w = g.H[2] @ (u, v, 1.0)
+            assert homography_area(g.H) / w**3 == pytest.approx(area, rel=1e-2)
             inside = 0 <= centre[0] <= SMALL.width - 1 and 0 <= centre[1] <= SMALL.height - 1
             if min(abs(centre[0]), abs(centre[0] - 39), abs(centre[1]), abs(centre[1] - 29)) > 1e-6:
                 assert outside_source(g.H, u, v, SMALL.width, SMALL.height) == (not inside)

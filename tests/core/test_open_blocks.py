@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.params import Params
-from core.stages.level import seen_rows, source_of_rows
+from core.stages.level import source_of_rows, source_rows_of_column
 from core.stages.open_blocks import (
     BEYOND_ALL,
     BLOCK,
@@ -124,7 +124,7 @@ def test_marks_and_blocks_are_those_of_each_cell(seed: int) -> None:
     cols, rows = codes.shape
     expected, kinds = np.zeros((2, cols, rows), np.uint16), np.full((cols, rows), OUTSIDE)
     for u in range(cols):
-        first, end = seen_rows(view.H, u, depth.shape[1], depth.shape[0], rows)
+        first, end = source_rows_of_column(view.H, u, depth.shape[1], depth.shape[0], rows)
         forward, at = np.empty(end - first, np.float32), np.empty(end - first, np.uint32)
         source_of_rows(view.H, u, first, depth.shape[1], depth.shape[0], forward, at)
         for i, v in enumerate(range(first, end)):

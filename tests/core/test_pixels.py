@@ -36,7 +36,7 @@ def test_open_rows_against_their_definition(seed: int, rising: bool, slope: floa
     shift = (slope * np.linspace(-0.5, 0.5, cols)).astype(np.float32)
     codes = rng.integers(0, CODES + 20, (cols, rows)).astype(np.uint16)
     codes[rng.random(codes.shape) < 0.3] = 0
-    assert px.gate_rises(gate) == bool((np.diff(gate[2:CODES]) >= 0).all())
+    assert px.limit_rises(gate) == bool((np.diff(gate[2:CODES]) >= 0).all())
     tile = px.tile_columns(tan_mid, shift)
     assert 1 <= tile <= cols
     assert tile == cols or slope > 0.0
@@ -47,10 +47,10 @@ def test_open_rows_against_their_definition(seed: int, rising: bool, slope: floa
     between = False
     for u in range(cols):
         if u % tile == 0:
-            between = px.tile_limits(gate, px.gate_rises(gate), tan_mid, shift[u : u + tile], below, above)
+            between = px.tile_limits(gate, px.limit_rises(gate), tan_mid, shift[u : u + tile], below, above)
             assert (below <= above).all()
-        px.open_rows(codes[u], gate, shift[u], tan_mid, below, above, between, mask, doubt, measured)
-        want = naive.open_rows(codes[u], gate, shift[u], tan_mid)
+        px.mask_open_rows(codes[u], gate, shift[u], tan_mid, below, above, between, mask, doubt, measured)
+        want = naive.mask_open_rows(codes[u], gate, shift[u], tan_mid)
         assert np.flatnonzero(mask).tolist() == want
         n = px.gather_rows(codes[u], mask, table)
         assert table[px.ROW, :n].tolist() == want
@@ -85,14 +85,14 @@ def test_rows_are_marked_with_the_peak_that_holds_their_code(seed: int, peaks: i
     edges = np.sort(rng.choice(40, 2 * peaks, replace=False))[::-1]
     high, low = edges[::2].astype(np.int32), edges[1::2].astype(np.int32)
     mark = np.full(32, px.CLOSED, np.uint8)
-    px.mark_rows(line, mask, 0, rows - 1, peaks, low, high, first_code, mark)
+    px.label_rows(line, mask, 0, rows - 1, peaks, low, high, first_code, mark)
     for v in range(rows):
         held = [p for p in range(peaks) if low[p] <= bin_of_code[line[v]] <= high[p]]
         assert mark[v] == ((held[0] if held else px.NO_PEAK) if mask[v] else px.CLOSED)
     assert (mark[rows:] == px.CLOSED).all()
     mark[:rows:3] = px.TAKEN
     open_ = mask.copy()
-    px.free_rows(mark, 0, rows - 1, open_)
+    px.mask_remaining_rows(mark, 0, rows - 1, open_)
     assert open_.tolist() == [int(m <= px.NO_PEAK) for m in mark]
 
 

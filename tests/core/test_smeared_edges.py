@@ -13,13 +13,12 @@ from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL
 from core.params import Params
 from core.stages.classify import classify, measured_mm
+from core.stages.ramps import RampLimits, ramp_limits
 from core.stages.smeared_edges import (
     EdgeCounts,
-    RampLimits,
     drop_smeared_edges,
     edges_of,
     observe_edges,
-    ramp_limits,
     smears,
 )
 from core.types import FAR_MM, CameraInfo, ExtractorState, Ground, Intrinsics
@@ -61,15 +60,15 @@ def dropped(depth: Depth, ground: Ground = NO_GROUND, info: CameraInfo = INFO) -
     marks = np.empty_like(depth)
     classify(depth, *measured_mm(info, KE, P), 1e9, 0.0, marks)
     before = marks.copy()
-    seen_to, lost, lost_far = drop_smeared_edges(
+    free_marks, lost, lost_far = drop_smeared_edges(
         depth, marks, info, R_CAMFRD_OPTICAL, ground, limits(info), P, Buffers()
     )
     gone = (marks == 0) & (before > 0)
     assert lost == (gone & (before != FAR_MM)).sum()
     assert lost_far == (gone & (before == FAR_MM)).sum()
     np.testing.assert_array_equal(marks[~gone], before[~gone])
-    np.testing.assert_array_equal(seen_to[~gone], before[~gone])
-    return gone, seen_to
+    np.testing.assert_array_equal(free_marks[~gone], before[~gone])
+    return gone, free_marks
 
 
 def test_a_ramp_between_two_walls_is_dropped_and_the_walls_are_kept() -> None:
@@ -86,18 +85,18 @@ def test_a_ramp_that_ends_beyond_the_range_is_not_seen_through() -> None:
     wide = replace(INFO, intrinsics=Intrinsics(640, 24, 450.0, 450.0, 319.5, 11.5))
     sensor = replace(SMEARED, smear_px=9.0)
     depth = measure(stripes(5.0, 30.0, wide), replace(wide, max_range_m=60.0), sensor, 1)
-    gone, seen_to = dropped(depth, info=wide)
+    gone, free_marks = dropped(depth, info=wide)
     beyond = gone & (depth > 18000) & (depth < 25000)
     assert beyond.sum() > 100
-    assert (seen_to[beyond] < 6500).all(), "free up to the near wall only"
+    assert (free_marks[beyond] < 6500).all(), "free up to the near wall only"
 
 
 def test_what_is_dropped_is_seen_through_to_the_near_surface_at_most() -> None:
     depth = measure(stripes(), INFO, SMEARED, 1)
-    gone, seen_to = dropped(depth)
+    gone, free_marks = dropped(depth)
     assert gone.any()
-    assert (seen_to[gone] <= depth[gone]).all()
-    assert (seen_to[gone] < 5400).mean() > 0.99
+    assert (free_marks[gone] <= depth[gone]).all()
+    assert (free_marks[gone] < 5400).mean() > 0.99
 
 
 @pytest.mark.parametrize("offset_m", [1.2, 2.0, 4.0])

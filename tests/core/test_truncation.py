@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.stages import strips as s
-from core.stages.truncation import MEANS_LEFT, shift_back, whole_mean
+from core.stages.truncation import MEANS_LEFT, correct_truncation, untruncated_mean
 from core.stages.view_geometry import SOURCE
 
 from .columns import F
@@ -27,12 +27,12 @@ def mean_left(whole: float) -> float:
 
 @pytest.mark.parametrize("whole", [-0.9, -0.3, 0.0, 0.4, 1.0, 2.0, 3.0])
 def test_the_mean_of_the_whole_from_that_of_what_is_left(whole: float) -> None:
-    assert whole_mean(mean_left(whole), MEANS_LEFT) == pytest.approx(whole, abs=0.005)
+    assert untruncated_mean(mean_left(whole), MEANS_LEFT) == pytest.approx(whole, abs=0.005)
 
 
 def test_less_than_any_half_can_leave_is_the_least() -> None:
-    assert whole_mean(0.0, MEANS_LEFT) == -1.0
-    assert whole_mean(MEANS_LEFT[-1], MEANS_LEFT) == pytest.approx(3.5)
+    assert untruncated_mean(0.0, MEANS_LEFT) == -1.0
+    assert untruncated_mean(MEANS_LEFT[-1], MEANS_LEFT) == pytest.approx(3.5)
 
 
 def source(axis: np.ndarray, clear_m: float) -> np.ndarray:
@@ -45,7 +45,7 @@ def moved(x_m: float, ke: float, clear_m: float, axis: np.ndarray = LEVEL, kind:
     t.add(20, 10, 80, x_m, near_m=x_m - 0.1)
     t.build()
     t.strips["kind"][0] = kind
-    shift_back(t.strips, t.n, t.view, source(axis, clear_m), ke)
+    correct_truncation(t.strips, t.n, t.view, source(axis, clear_m), ke)
     return F / float(t.strips["disparity_px"][0]), F / float(t.strips["near_px"][0])
 
 
@@ -93,7 +93,7 @@ def test_the_clip_is_one_of_depth_along_the_tilted_axis() -> None:
     ]
     t.strips["disparity_px"] = F * np.array(left)
     t.strips["near_px"] = t.strips["disparity_px"]
-    shift_back(t.strips, t.n, t.view, source(axis, 15.0), 0.005)
+    correct_truncation(t.strips, t.n, t.view, source(axis, 15.0), 0.005)
     np.testing.assert_allclose(F / t.strips["disparity_px"], true_m, rtol=2e-3)
 
 

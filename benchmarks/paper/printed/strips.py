@@ -13,7 +13,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from core.stages.density import LANES, MAX_PEAKS, BinTable, count_bins, peaks_of_column, soft_counts
-from core.stages.row_mask import CLOSED, CODE, NO_PEAK, ROW, TAKEN, ends_of, free_rows, gather_rows, mark_rows
+from core.stages.row_mask import (
+    CLOSED,
+    CODE,
+    NO_PEAK,
+    ROW,
+    TAKEN,
+    ends_of,
+    gather_rows,
+    label_rows,
+    mask_remaining_rows,
+)
 from core.stages.view_geometry import ViewGeometry
 
 from .params import PaperParams
@@ -134,7 +144,7 @@ def _search(
         first, last = count_bins(px, n, bin_of_code, lanes)
         begin, end = soft_counts(lanes, first, last, weights, hist, counts)
         peaks = peaks_of_column(counts, begin, end, threshold, p.valley, p.alpha, low, high, top)
-        mark_rows(line, mask, first_row, last_row, peaks, low, high, first_code, mark)
+        label_rows(line, mask, first_row, last_row, peaks, low, high, first_code, mark)
         for k in range(peaks):
             spread = bin_px[high[k]] - bin_px[low[k]] + bin_width_px[top[k]]
             kernel = 2.0 * p.alpha * weights.shape[0] * bin_width_px[top[k]]
@@ -149,7 +159,7 @@ def _search(
                 for v in range(a, b + 1):
                     mark[v] = TAKEN if mark[v] <= NO_PEAK else mark[v]
         if peaks > 0:
-            free_rows(mark, first_row, last_row, mask)
+            mask_remaining_rows(mark, first_row, last_row, mask)
             n = gather_rows(line, mask, px)
         found = _rest(line, mark, px, n, u, p, strips, found)
     return found

@@ -1,0 +1,277 @@
+"""Walk outward through one direction and one layer of height: which rings are free, and why the walk ends.
+
+Used by free_space.py for each direction and layer. All distances are forward distances X in level_cam, unless they are
+called depth.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, inner_inline, record
+from ..params import Params
+from ..types import FreeEnd, Ground
+from .free_cells import DARK_ROWS, count_codes
+from .level import source_rows_of_column
+from .view_geometry import Q_FAR, ViewGeometry
+
+_NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
+    int(FreeEnd.NOT_SEEN),
+    int(FreeEnd.OBSTACLE),
+    int(FreeEnd.UNKNOWN),
+    int(FreeEnd.FIELD_OF_VIEW),
+    int(FreeEnd.MAX_RANGE),
+)
+WALK_SETTINGS = record(
+    ("f_px", np.float64),
+    ("horizon_row", np.float64),
+    ("rows", np.int64),
+    ("block_rows", np.int64),  # rows that are counted together, an even number
+    ("height_m", np.float64),  # of the ground; infinite if there is none
+    ("slope_x", np.float64),
+    ("slope_y", np.float64),
+    ("tolerance_m", np.float64),  # of the ground
+    ("spread", np.float64),  # noise of the ground's height per metre of distance
+    ("blind_beyond_m", np.float64),  # beyond it low obstacles cannot be distinguished from the ground
+    ("free_share", np.float64),  # share of the cells that makes a ring free
+    ("least_m", np.float64),  # least height of a layer above the ground
+    ("ahead", np.float64),  # the optical depth of a point of level_cam is ahead x + right y + down z
+    ("right", np.float64),
+    ("down", np.float64),
+    ("clear_m", np.float64),  # greatest optical depth that counts as measured
+    ("gain", np.float64),  # f_px * lsb_per_px
+    ("ring_noise", np.float64),  # noise of distance over the square of the distance, 1/m
+    ("ring_noise_cap", np.float64),  # its greatest share of the distance
+    ("ring_m", np.float64),  # step of range
+    ("step_rad", np.float64),  # step of direction
+)
+"""Settings of the walk for one view and ground."""
+
+
+class Sampled(NamedTuple):
+    """Samples of one direction.
+
+    Attributes:
+        cells: (N,) uint16 of `look_at`.
+        begin: (B + 1,) int64 of `look_at`.
+        unknown: (B + 1,) int64, `dark` of `look_at`.
+        in_source: (first, last) row, see `common_source_rows`.
+        dark_blocks: (K, blocks + 1) int16 of `count_dark_blocks`, the columns that have any."""
+
+    cells: Any
+    begin: Any
+    unknown: Any
+    in_source: Any
+    dark_blocks: Any
+
+
+def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke_per_m: float, p: Params) -> NDArray[Any]:
+    """Returns (1,) WALK_SETTINGS of a view and the ground found in it."""
+    out = np.zeros(1, WALK_SETTINGS)
+    right, down = float(g.H[2, 0]) * g.f_px / float(g.lateral[0]), float(g.H[2, 1]) * g.f_px
+    out[0] = (
+        g.f_px,
+        g.cv,
+        g.rows,
+        p.profile_block_px + p.profile_block_px % 2,
+        ground.height_m if ground.seen else math.inf,
+        ground.slope_x,
+        ground.slope_y,
+        p.ground_tolerance_m,
+        p.ground_sigmas * ke_per_m * ground.height_m if ground.seen else 0.0,
+        ground.blind_beyond_m,
+        p.free_share,
+        p.profile_least_m,
+        float(g.H[2, 0]) * g.cu + float(g.H[2, 1]) * g.cv + float(g.H[2, 2]),
+        right,
+        down,
+        clear_m,
+        g.f_px * g.lsb_per_px,
+        p.profile_sigmas * ke_per_m,
+        p.profile_noise_cap,
+        p.profile_ring_m,
+        math.radians(p.profile_step_deg),
+    )
+    return out
+
+
+@inner
+def optical_depth(x, t0, t1, top, bottom, w):
+    """Returns the greatest optical depth Z at forward distance x between two directions and two heights.
+
+    Z is a linear function of the place, so its maximum is at a corner.
+
+    Args:
+        x: forward distance, m.
+        t0, t1: tangents y/x of the directions.
+        top, bottom: heights z, m.
+        w: a record of WALK_SETTINGS."""
+    return x * (w.ahead + max(w.right * t0, w.right * t1)) + max(w.down * top, w.down * bottom)
+
+
+@inner
+def least_blocking_code(gain, spread, cap, x):
+    """Returns the least code whose pixel may lie at or before distance x, 2..65536.
+
+    The measured distance X is reduced by its noise, min(spread X, cap) X. The reduced distance increases with X
+    because cap <= 0.5, so there is one such code. Far pixels are behind all rings, which `walk_rings` limits to the
+    range.
+
+    Args:
+        gain: f_px * lsb_per_px.
+        spread: noise of distance over the square of the distance, 1/m.
+        cap: greatest noise as a share of the distance.
+        x: forward distance, m."""
+    first, last = Q_FAR + 1, 65536
+    for _ in range(17):
+        if first >= last:
+            break
+        q = (first + last) // 2
+        measured = gain / q
+        if measured - min(spread * measured * measured, cap * measured) >= x:
+            first = q + 1
+        else:
+            last = q
+    return first
+
+
+@inner
+def blocking_codes(ring_m, edges_t, layers, w, blocking):
+    """Computes `least_blocking_code` of each layer at each ring: blocking, (L, R) int32 out.
+
+    The noise of forward distance is sigma_X = ke Z X: ring_noise is multiplied by the greatest Z/X of the layer.
+
+    Args:
+        ring_m: (R,) float32 forward distances.
+        edges_t: (D + 1,) tangents of the directions.
+        layers: (L + 1,) heights.
+        w: a record of WALK_SETTINGS.
+        blocking: (L, R) int32 out."""
+    last = len(edges_t) - 1
+    for layer in range(len(layers) - 1):
+        for r in range(len(ring_m)):
+            x = np.float64(ring_m[r])  # without the JIT the comparison would be in float32
+            per_forward = optical_depth(x, edges_t[0], edges_t[last], layers[layer], layers[layer + 1], w) / x
+            blocking[layer, r] = least_blocking_code(w.gain, w.ring_noise * max(per_forward, 0.0), w.ring_noise_cap, x)
+
+
+@inner
+def lowest_clear(t, x, w):
+    """Returns the z down to which free space can be distinguished from the ground, in direction t (y/x) at distance
+    x.
+
+    Pixels within the tolerance of the ground, or within its noise at that distance, were taken for ground. w: a
+    record of WALK_SETTINGS."""
+    return w.height_m + (w.slope_x + w.slope_y * t) * x - max(w.tolerance_m, w.spread * x)
+
+
+@inner_inline
+def rows_between(x, top, lower, w):
+    """Returns (first, last) of the rows from z = top down to lower at distance x; (-1, -1) if the view does not
+    contain all of them."""
+    v0, v1 = math.floor(w.horizon_row + w.f_px * top / x + 0.5), math.ceil(w.horizon_row + w.f_px * lower / x - 0.5)
+    if v0 < 0 or v1 >= w.rows:
+        return -1, -1
+    return int(v0), int(v1)
+
+
+@inner
+def rows_of_rings(ring_m, layers, w, rows):
+    """Computes `rows_between` of each whole layer at each ring: rows, (L, R, 2) int64 out. It is the same in all
+    directions."""
+    for layer in range(len(layers) - 1):
+        for r in range(len(ring_m)):
+            first, last = rows_between(ring_m[r], layers[layer], layers[layer + 1], w)
+            rows[layer, r, 0], rows[layer, r, 1] = first, last
+
+
+@inner
+def common_source_rows(H, u0, u1, src_cols, src_rows, rows):
+    """Returns (first, last) of the rows that lie in the source in all columns u0..u1 - 1; first > last if there are
+    none.
+
+    Cells outside of the source are unknown in one piece, which may hide an obstacle, unlike single missing pixels."""
+    first, last = 0, rows - 1
+    for u in range(u0, u1):
+        begin, end = source_rows_of_column(H, u, src_cols, src_rows, rows)
+        first, last = max(first, begin), min(last, end - 1)
+    return first, last
+
+
+@inner
+def hides_column(dark_blocks, v0, v1):
+    """True if a column is unknown in more than half of its blocks in the rows v0..v1, rounded outward.
+
+    dark_blocks: see `Sampled`."""
+    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
+    most = 0
+    for u in range(dark_blocks.shape[0]):
+        most = max(most, dark_blocks[u, b1] - dark_blocks[u, b0])
+    return 2 * most > b1 - b0
+
+
+@inner
+def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
+    """Walks outward through one direction and layer; returns (first, last, end) of the free rings, (-1, -1, end) if
+    there are none.
+
+    The layer reaches from z = top down to bottom, or to `lowest_clear` if that is higher. If the part below may hide
+    an obstacle of the least height, no part of it is free. Nothing is free beyond the range.
+
+    Args:
+        sampled: Sampled of the direction.
+        t0, t1: tangents of its edges.
+        ring_m: (R,) float32.
+        blocking: (R,) int32 of `blocking_codes`.
+        rows: (R, 2) int64 of `rows_of_rings`.
+        top, bottom: heights of the layer.
+        w: a record of WALK_SETTINGS."""
+    t, block = 0.5 * (t0 + t1), w.block_rows
+    begin, unknown, in_source = sampled.begin, sampled.unknown, sampled.in_source
+    first, last, end = -1, -1, _NOT_SEEN
+    for r in range(len(ring_m)):
+        x, v0, v1 = ring_m[r], rows[r, 0], rows[r, 1]
+        lower = min(bottom, lowest_clear(t, x, w))
+        if lower < bottom and x > w.blind_beyond_m:
+            end = _UNKNOWN
+            break
+        if lower - top < w.least_m:
+            end = _NOT_SEEN if first < 0 else _VIEW
+            if first >= 0:
+                break
+            continue
+        if optical_depth(x, t0, t1, top, lower, w) > w.clear_m:
+            if first >= 0:
+                end = _RANGE
+            break
+        if lower < bottom:
+            v0, v1 = rows_between(x, top, lower, w)
+        if v0 < in_source[0] or v1 > in_source[1]:
+            if first >= 0:
+                end = _VIEW
+                break
+            continue
+        b0, b1 = v0 // block, v1 // block + 1
+        from_cell, to_cell = begin[b0], begin[b1]
+        total, dark = to_cell - from_cell, unknown[b1] - unknown[b0]
+        known, enough, near_enough = total - dark, w.free_share * total, (1.0 - w.free_share) * total
+        if first < 0 and known < enough and known <= near_enough:
+            end = _UNKNOWN  # too few known cells to make the ring free or to end the walk
+            continue
+        seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, blocking[r] - 1)
+        if total > 0 and seen >= enough and not hides_column(sampled.dark_blocks, v0, v1):
+            if first < 0:
+                first = r
+            last = r
+            end = _RANGE
+            continue
+        near = known - seen
+        if first >= 0 or near > near_enough:
+            end = _OBSTACLE if near >= dark else _UNKNOWN
+            break
+        end = _UNKNOWN
+    return first, last, end
