@@ -1,15 +1,14 @@
-"""Rigid motion between two depth images of one camera: direct alignment of their inverse depth.
+"""Rigid motion between two depth images of one camera, by direct alignment of their inverse depth.
 
-Both images are first reduced to a small grid of mean inverse depth. A cell of the first grid is moved by the estimated
-motion and compared with the second grid; the motion that explains the differences best is found by Gauss-Newton steps
-with Cauchy weights. Rotation and translation are separated by the depth: the rotational flow does not depend on it, the
-translational flow is proportional to the inverse depth. Directions that the scene does not determine (the heading above
-a plain without anything on it) keep the guess, as the returned information matrix shows.
+Both images are reduced to a small grid of mean inverse depth. Each cell of the first grid is moved by the estimated
+motion and compared with the second grid; Gauss-Newton steps with Cauchy weights minimise the differences. Rotation
+and translation are separated by the depth: the rotational flow does not depend on it, the translational flow is
+proportional to the inverse depth. Directions that the scene does not determine (the heading above an empty plain)
+keep the guess, as the information matrix shows.
 
-Model: a point with ray r = (x, y, 1) and inverse depth d in the first camera lies in the second along q = R r + d t, with
-the inverse depth d / q_z. Noise of the inverse depth is constant (sigma_Z = ke Z^2), and the interpolation between
-cells is uncertain by a share of the step from cell to cell.
-"""
+Model: a point with ray r = (x, y, 1) and inverse depth d in the first camera lies along q = R r + d t in the second,
+with the inverse depth d / q_z. The noise of the inverse depth is constant (sigma_Z = ke Z^2). The interpolation
+between cells is uncertain by a share of their difference."""
 
 from __future__ import annotations
 
@@ -25,25 +24,28 @@ from ..types import CameraInfo
 Floats = NDArray[np.float64]
 
 GRID_COLUMNS = 80
-"""Columns of the reduced image, about; cells are square."""
+"""Approximate number of columns of the reduced image; cells are square."""
 STEPS_COARSE, STEPS_FINE = 3, 2
 """Gauss-Newton steps on the grid of half the resolution, and on the full one."""
 NOISE_FACTOR = 1.5
-"""Noise of a cell's mean over that of independent pixels: neighbours of a matched image share their errors."""
+"""Noise of the mean of a cell over that of independent pixels: neighbouring pixels of a matched image share errors."""
 TRANSLATION_PRIOR_M = 0.5
 """Standard deviation of the translation between two images, about 0."""
 EDGE_SHARE = 0.1
 """Uncertainty of the interpolation as a share of the difference between neighbouring cells."""
 CAUCHY = 2.5
-"""Residuals beyond this many standard deviations lose most of their weight: what moves, and what was hidden before."""
+"""Residuals of more standard deviations lose most of their weight: moving objects, and surfaces that were hidden
+before."""
 LEAST_CELLS = 100
-"""Fewer compared cells are no measurement."""
+"""Least number of compared cells for a measurement."""
 
 
 @kernel
 def reduce_depth(depth_mm, cell_px, nearest_mm, farthest_mm, out):
-    """Mean inverse depth of each cell (rows, columns), 1/m, from every second pixel of every second row; NaN where less
-    than half of them are measured."""
+    """Computes the mean inverse depth of each cell (rows, columns) in 1/m; NaN where less than half of the samples
+    are measured.
+
+    Every second pixel of every second row is a sample."""
     rows, columns = out.shape
     half = (cell_px + 1) // 2
     least = half * half // 2
@@ -65,7 +67,7 @@ def reduce_depth(depth_mm, cell_px, nearest_mm, farthest_mm, out):
 
 @inner
 def halve(fine, out):
-    """The grid at half the resolution: the mean of each 2 x 2 cells, NaN where one is missing."""
+    """Computes the grid of half the resolution: the mean of 2 x 2 cells, NaN where one is NaN."""
     for r in range(out.shape[0]):
         for c in range(out.shape[1]):
             out[r, c] = 0.25 * (
@@ -75,8 +77,16 @@ def halve(fine, out):
 
 @kernel
 def _accumulate(first, second, lens, R, t, sigma, H, g):
-    """Normal equations of one Gauss-Newton step: H (6, 6), g (6,) for (rotation, translation), applied on the left of R.
-    lens: fx, fy, cx, cy in cells. Returns the number of cells compared."""
+    """Computes the normal equations of one Gauss-Newton step; returns the number of cells compared.
+
+    Args:
+        first, second: grids of inverse depth.
+        lens: fx, fy, cx, cy in cells.
+        R: (3, 3) present rotation.
+        t: (3,) present translation.
+        sigma: noise of a cell.
+        H: (6, 6) out, for rotation and translation, where the rotation is applied on the left of R.
+        g: (6,) out."""
     rows, columns = first.shape
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     J = np.empty(6)
@@ -135,7 +145,7 @@ def _accumulate(first, second, lens, R, t, sigma, H, g):
 
 @inner
 def _turn(R, v, out):
-    """out = exp(v) R, v (3,) a rotation vector."""
+    """Computes out = exp(v) R, where v (3,) is a rotation vector."""
     angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     s = math.sin(angle) / angle if angle > 1e-9 else 1.0
     k = (1.0 - math.cos(angle)) / (angle * angle) if angle > 1e-9 else 0.5
@@ -148,8 +158,10 @@ def _turn(R, v, out):
 
 @kernel
 def _align(first, second, lens, R, t, sigma, steps, H):
-    """Improves R (3, 3) and t (3,) in place so that `first`, moved by them, fits `second`; H (6, 6): information of the
-    last step. Returns the number of cells compared; below LEAST_CELLS nothing was improved."""
+    """Improves R (3, 3) and t (3,) in place, so that `first` fits `second`; returns the number of cells compared.
+
+    H: (6, 6) out, information of the last step. The result is 0, and R and t are not changed, if too few cells are
+    compared."""
     g, turned = np.empty(6), np.empty((3, 3))
     prior = 1.0 / (TRANSLATION_PRIOR_M * TRANSLATION_PRIOR_M)
     cells, least = 0, LEAST_CELLS * first.size // 4800
@@ -160,7 +172,7 @@ def _align(first, second, lens, R, t, sigma, steps, H):
         for i in range(3):
             H[3 + i, 3 + i] += prior
             g[3 + i] += t[i] * prior
-        for i in range(6):  # keeps a direction that the scene does not determine where it is
+        for i in range(6):  # regularisation: a direction that the scene does not determine keeps its value
             H[i, i] += 1e-6 * H[i, i] + 1e-3
         step = np.linalg.solve(H, -g)
         _turn(R, step[:3], turned)
@@ -171,8 +183,10 @@ def _align(first, second, lens, R, t, sigma, steps, H):
 
 @kernel
 def _aligned(first, first_half, second, second_half, lens, lens_half, sigma, R, t, H):
-    """Coarse to fine; R (3, 3), t (3,): the guess, improved in place. H (6, 6): information of rotation (1/rad^2) and
-    translation (1/m^2). Returns whether it could be measured."""
+    """Aligns from coarse to fine; returns True if the motion could be measured.
+
+    R (3, 3) and t (3,): the guess, improved in place. H: (6, 6) out, information of rotation (1/rad^2) and
+    translation (1/m^2)."""
     if _align(first_half, second_half, lens_half, R, t, sigma, STEPS_COARSE, H) == 0:
         return False
     return _align(first, second, lens, R, t, sigma, STEPS_FINE, H) > 0
@@ -180,8 +194,14 @@ def _aligned(first, first_half, second, second_half, lens, lens_half, sigma, R, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseDepthGrid:
-    """A depth image reduced to mean inverse depth, 1/m, NaN where not measured: `fine` (rows, columns) and `half` its
-    resolution. lens, lens_half: fx, fy, cx, cy in cells; sigma_per_m: noise of a cell."""
+    """A depth image reduced to mean inverse depth.
+
+    Attributes:
+        fine: (rows, columns) 1/m, NaN where not measured.
+        half: the same at half the resolution.
+        lens: fx, fy, cx, cy in cells of `fine`.
+        lens_half: the same in cells of `half`.
+        sigma_per_m: noise of a cell, 1/m."""
 
     fine: Floats
     half: Floats
@@ -191,7 +211,7 @@ class InverseDepthGrid:
 
 
 def inverse_depth_grid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> InverseDepthGrid:
-    """The grid of a depth image (H, W) uint16, mm; depths outside of the camera's range are not measured."""
+    """Returns the grid of a depth image (H, W) uint16 mm. Depths outside of the camera's range are not measured."""
     k = info.intrinsics
     cell = max(2, round(k.width / GRID_COLUMNS))
     fine = np.empty((k.height // cell // 2 * 2, k.width // cell // 2 * 2))
@@ -208,20 +228,31 @@ def inverse_depth_grid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> Invers
 def rotation_between(
     first: InverseDepthGrid, second: InverseDepthGrid, R_second_first: Floats
 ) -> tuple[Floats, Floats] | None:
-    """Rotation vector of R_second_first (3,), rad in optical axes, with the standard deviation of each component as far
-    as the depth noise goes (3,), rad; None where too little is measured in both images. R_second_first: the guess (3, 3).
+    """Returns the rotation vector of R_second_first (3,), and its standard deviation (3,), in rad in optical axes.
 
-    Measured in both directions and averaged: the errors of the interpolation depend on which image is interpolated, and
-    would otherwise turn the result systematically."""
+    The standard deviation contains the depth noise only. The motion is measured in both directions and averaged: the
+    errors of interpolation depend on which image is interpolated, and would otherwise bias the result.
+
+    Args:
+        first, second: grids of the two images.
+        R_second_first: (3, 3) the guess.
+
+    Returns:
+        None if too little is measured in both images."""
     motion = motion_between(first, second, R_second_first)
     return None if motion is None else (motion.rotation_rad, motion.rotation_sd_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """p_second = R p_first + t in optical axes, each (3,): rotation vector of R in rad with its standard deviation as far as the
-    depth noise goes; t in m. given_rotation_m: the translation if the rotation is the guess, where that is known better
-    than from the images: an error of the rotation is otherwise made up for by the translation."""
+    """Motion p_second = R p_first + t in optical axes.
+
+    Attributes:
+        rotation_rad: (3,) rotation vector of R.
+        rotation_sd_rad: (3,) its standard deviation by the depth noise.
+        translation_m: (3,) t.
+        given_rotation_m: (3,) t if the rotation is the guess. Use it if the guess is more accurate than the images: t
+            otherwise compensates the error of the rotation."""
 
     rotation_rad: Floats
     rotation_sd_rad: Floats
@@ -236,9 +267,16 @@ def motion_between(
     t_second_first_m: Floats | None = None,
     rounds: int = 1,
 ) -> Motion | None:
-    """Rigid motion between two images; None where too little is measured in both. R_second_first (3, 3), t_second_first_m (3,): the
-    guess, None: no translation; rounds: of all steps, each from the result before. The translation's prior is 0 with a
-    standard deviation of TRANSLATION_PRIOR_M, whatever the guess: where the scene does not determine it, it is too short."""
+    """Returns the rigid motion between two images; None if too little is measured in both.
+
+    The prior of the translation is 0 with a standard deviation of TRANSLATION_PRIOR_M, whatever the guess: if the
+    scene does not determine the translation, the result is too short.
+
+    Args:
+        first, second: grids of the two images.
+        R_second_first: (3, 3) the guess.
+        t_second_first_m: (3,) the guess; None: 0.
+        rounds: number of repetitions of all steps, each from the result before."""
     forward, information = R_second_first.copy(), np.empty((2, 6, 6))
     backward = np.ascontiguousarray(R_second_first.T)
     t_forward = np.zeros(3) if t_second_first_m is None else t_second_first_m.copy()
@@ -266,12 +304,12 @@ def motion_between(
 
 
 def _translation_change(H: Floats, R_estimate_guess: Floats) -> Floats:
-    """What the translation (3,) changes by, m, when the rotation goes back to its guess; H (6, 6) of `_aligned`."""
+    """Returns the change of the translation (3,), m, if the rotation returns to its guess. H: (6, 6) of `_aligned`."""
     return np.asarray(np.linalg.solve(H[3:, 3:], H[3:, :3] @ rotation_vector(R_estimate_guess)))
 
 
 def rotation_vector(R: Floats) -> Floats:
-    """(3,) rotation vector of a rotation (3, 3) of less than a quarter turn."""
+    """Returns the rotation vector (3,) of a rotation (3, 3) by less than a quarter turn."""
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) * 0.5
     sine = math.sqrt(float(axis @ axis))
     return axis if sine < 1e-9 else np.asarray(axis * (math.asin(min(1.0, sine)) / sine))

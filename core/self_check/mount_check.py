@@ -1,9 +1,9 @@
-"""Check, frame by frame, whether a camera is mounted as configured.
+"""Checks, frame by frame, if a camera is mounted as configured.
 
-A mount that is wrong in roll or pitch makes level ground appear inclined and vertical walls lean. Terrain inclines the ground
-too. Two cues separate them: walls (core/self_check/mount_cues.py), and turning (core/self_check/mount_filter.py). While neither does, a large
-apparent slope makes frames invalid: whatever is reported as free would hold under one explanation only.
-"""
+A mount that is wrong in roll or pitch makes level ground appear inclined and vertical walls lean. Terrain inclines
+the ground, too. Two cues separate them: walls (mount_cues.py), and turns of the vehicle (mount_filter.py). As long as
+neither does, a large apparent slope makes frames invalid, because free space would be free under one of both
+explanations only."""
 
 from __future__ import annotations
 
@@ -22,36 +22,37 @@ from .mount_params import MountCheckParams
 
 NS = 1_000_000_000
 FIRST_MEASUREMENTS = 10
-"""So many frames are measured one after the other; then one per interval_s."""
+"""Number of frames that are measured one after the other; then one per interval_s."""
 STREAK, DEGRADED_STREAK = 3, 10
-"""Measurements in a row that must agree before the verdict changes; before it becomes degraded, which is not urgent."""
+"""Consecutive measurements that must agree before the verdict changes; before it becomes DEGRADED, which is not
+urgent."""
 ERROR_SDS, ERROR_SD_RAD = 4.0, math.radians(1.2)
-"""An error that makes frames invalid is this many standard deviations, each of this much at most."""
+"""An error that makes frames invalid has at least ERROR_SDS standard deviations, each of at most ERROR_SD_RAD."""
 DEGRADED_SDS, DEGRADED_SD_RAD = 3.0, math.radians(0.35)
 KEEP = 0.8
-"""An error of this share of the threshold is reported: the estimate has noise, and a verdict is kept down to it."""
+"""Share of the threshold down to which a reported error is kept, because the estimate has noise."""
 CONFIRMATIONS, WALL_CONFIRMATIONS = 100, 34
-"""Measurements in a row that must estimate an error before it counts as one, and for how many one counts whose walls lean:
-within a short turn rolling terrain looks like a wrong mount."""
+"""Consecutive measurements that must estimate an error before it is reported, and the number for which one counts
+whose walls lean. Within a short turn, rolling terrain looks like a wrong mount."""
 RESIDUAL_S, MAX_RESIDUAL_RAD = 1.0, math.radians(0.4)
-"""Time constant of the mean residual of the slope in ned, and its greatest value for a terrain that is one plane. White noise
-of the attitude and a wrong mount leave less."""
+"""Time constant of the mean residual of the slope in ned, and its greatest value for terrain that is one plane. White
+noise of the attitude, or a wrong mount, cause less."""
 RESTLESS_PER_SQRT_S = 3.0
-"""How much faster the terrain is expected to change, in rad/sqrt(s) per rad of residual above MAX_RESIDUAL_RAD."""
+"""Increase of the terrain's random walk, in rad/sqrt(s) per rad of residual above MAX_RESIDUAL_RAD."""
 CONFIRMED_SDS = 2.0
-"""Standard deviations that the apparent slope of level ground may be away from level, see `confirmed_by_ground`."""
+"""Standard deviations by which the apparent slope of level ground may differ from level, see `confirmed_by_ground`."""
 VERIFIED_SDS = 2.0
-"""A slope is the terrain's when the error of the mount in its direction and this many standard deviations are less than
-unverified_deg."""
+"""A slope belongs to the terrain if the error of the mount in its direction, and this many standard deviations, are
+less than unverified_deg."""
 
 Floats = NDArray[np.float64]
 
 
 class MountVerdict(IntEnum):
-    """What is known of the mount, by rising urgency."""
+    """Verdict on the mount, in the order of urgency."""
 
     UNKNOWN = 0
-    """Nothing speaks against it, too little for it."""
+    """No evidence of an error, and not enough to verify the mount."""
     VERIFIED = 1
     DEGRADED = 2
     """Wrong by degraded_deg or more."""
@@ -62,15 +63,25 @@ class MountVerdict(IntEnum):
 
     @property
     def invalid(self) -> bool:
-        """Whether frames are invalid."""
+        """True if frames are invalid."""
         return self >= MountVerdict.UNVERIFIED_SLOPE
 
 
 @dataclass(frozen=True, slots=True)
 class MountState:
-    """The state that one frame passes to the next. t_ns: of the newest measurement; None: there was none. ground: it found a surface that
-    may be the ground; slope_rad: the apparent slope of the newest such surface. confirmations: measurements in a row that estimate
-    an error; residual_rad: mean residual of the slope, north and east."""
+    """State of the check, which one frame passes to the next.
+
+    Attributes:
+        t_ns: newest measurement; None: there was none.
+        measurements: number of measurements.
+        verdict: present verdict.
+        pending: verdict that the newest measurements support.
+        streak: number of these measurements.
+        slope_rad: apparent slope of the newest surface that may be the ground.
+        ground: the newest measurement found such a surface.
+        confirmations: consecutive measurements that estimate an error.
+        residual_rad: mean residual of the slope, north and east.
+        filter: state of the filter."""
 
     t_ns: int | None = None
     measurements: int = 0
@@ -85,19 +96,19 @@ class MountState:
 
     @property
     def error_rad(self) -> tuple[float, float]:
-        """Roll and pitch that the true mount has more than the configured one, as rotations about frd x and y."""
+        """Error of the mount in roll and pitch, true minus configured, as rotations about frd x and y."""
         return self.filter.mean[0], self.filter.mean[1]
 
     @property
     def error_sd_rad(self) -> tuple[float, float]:
-        """Their standard deviations."""
+        """Standard deviations of the error."""
         return math.sqrt(max(0.0, self.filter.covariance[0])), math.sqrt(max(0.0, self.filter.covariance[5]))
 
     def corrected(self, mount: CameraMount) -> tuple[float, float, float]:
-        """(roll, pitch, yaw) in rad of the mount as measured, its yaw as configured.
+        """Returns (roll, pitch, yaw) in rad of the mount as measured, with the configured yaw.
 
-        Gravity in the camera's axes gives roll and pitch whatever the yaw is. The yaw that a rotation about frd x and y
-        changes for a camera that looks down is none that was measured."""
+        Gravity in the camera's axes determines roll and pitch for any yaw. For a camera that looks down, a rotation
+        about frd x and y changes the yaw as well; that change is not a measurement."""
         x, y = self.error_rad
         R = rotation_vector(x, y, 0.0) @ rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad)
         roll_rad, pitch_rad, _ = euler_from_rotation(R)
@@ -105,7 +116,7 @@ class MountState:
 
 
 def due(state: MountState, t_ns: int, params: MountCheckParams) -> bool:
-    """Whether the frame at t_ns is to be measured."""
+    """True if the frame at t_ns must be measured."""
     if not params.enabled:
         return False
     if state.t_ns is None or state.measurements < FIRST_MEASUREMENTS:
@@ -116,12 +127,20 @@ def due(state: MountState, t_ns: int, params: MountCheckParams) -> bool:
 def checked(
     state: MountState, t_ns: int, cues: MountCues, R_ned_frd: Floats, heading_rad: float, params: MountCheckParams
 ) -> MountState:
-    """The state after a measurement at t_ns. heading_rad: of level_cam's x axis, in which the cues are."""
+    """Returns the state after a measurement at t_ns.
+
+    Args:
+        state: the state before.
+        t_ns: exposure.
+        cues: cues of the frame, in level_cam.
+        R_ned_frd: (3, 3) attitude.
+        heading_rad: heading of the x axis of level_cam.
+        params: parameters."""
     mount = MountFilter(state.filter)
     dt_s = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     restless_rad = max(0.0, math.hypot(*state.residual_rad) - MAX_RESIDUAL_RAD)
     mount.predict(dt_s, math.radians(params.terrain_deg_per_sqrt_s) + RESTLESS_PER_SQRT_S * restless_rad)
-    if not cues.ground:  # nothing new; the verdict stays
+    if not cues.ground:  # no measurement; the verdict is kept
         return replace(state, t_ns=t_ns, measurements=state.measurements + 1, ground=False, filter=mount.state())
     R_level_frd = rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd
     rows = slope_rows(R_level_frd, heading_rad)
@@ -141,11 +160,12 @@ def checked(
 
 
 def confirmed_by_ground(state: MountState, R_ned_frd: Floats, heading_rad: float, params: MountCheckParams) -> bool:
-    """Whether the ground in the direction of this heading looks level, within degraded_deg with CONFIRMED_SDS standard deviations.
+    """True if the ground in the direction of a heading appears level, within degraded_deg by CONFIRMED_SDS standard
+    deviations.
 
-    That is the sum of the mount's error and the terrain's slope, which one heading gives. It does not verify the mount: a slope that
-    cancels an error hides it. The ground is as far from level then as from the mount's axes, so what is judged against the
-    ground stays right. heading_rad: of level_cam's x axis."""
+    One heading gives the sum of the mount's error and the terrain's slope. A slope that cancels an error hides it, so
+    this does not verify the mount. But then the ground is as far from level as from the axes of the mount, so that
+    what is judged relative to the ground is correct. heading_rad: heading of the x axis of level_cam."""
     if state.verdict is not MountVerdict.UNKNOWN:
         return False
     rows = slope_rows(rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd, heading_rad)
@@ -156,7 +176,7 @@ def confirmed_by_ground(state: MountState, R_ned_frd: Floats, heading_rad: float
 
 
 def _residual(state: MountState, dt_s: float, rows: Floats, cues: MountCues, mount: MountFilter) -> tuple[float, float]:
-    """The mean residual north and east with this measurement in it. A measurement that is not precise counts less."""
+    """Returns the mean residual north and east, with this measurement. A less precise measurement has less weight."""
     share = 1.0 - math.exp(-max(0.0, dt_s) / RESIDUAL_S)
     share *= SLOPE_SD_RAD**2 / (SLOPE_SD_RAD**2 + cues.slope_sd_rad**2)
     along = np.array([cues.slope_x_rad, cues.slope_y_rad]) - rows @ mount.mean
@@ -169,7 +189,9 @@ def _residual(state: MountState, dt_s: float, rows: Floats, cues: MountCues, mou
 def _confirmations(
     state: MountState, mount: MountFilter, cues: MountCues, residual: tuple[float, float], params: MountCheckParams
 ) -> int:
-    """Measurements in a row that estimate an error. While the residual is large, the terrain is no plane: none counts."""
+    """Returns the number of consecutive measurements that estimate an error.
+
+    While the residual is large, the terrain is not a plane, and no measurement counts."""
     error = mount.mean[:2]
     size = float(math.hypot(error[0], error[1]))
     keep = KEEP if state.verdict is MountVerdict.ERROR else 1.0
@@ -185,10 +207,11 @@ def _confirmations(
 
 
 def settled(state: MountState, wanted: MountVerdict) -> tuple[MountVerdict, MountVerdict, int]:
-    """(verdict, pending, streak): a verdict changes after enough measurements in a row that want another one."""
+    """Returns (verdict, pending, streak). A verdict changes after enough consecutive measurements that support
+    another one."""
     if wanted is state.verdict:
         return state.verdict, wanted, 0
-    # all that want invalid frames agree in that, whichever of them it is; and so do all that want valid ones again
+    # verdicts that invalidate frames agree in that, and so do verdicts that make frames valid again
     alike = wanted is state.pending or (wanted.invalid and state.pending.invalid)
     alike = alike or (state.verdict.invalid and not wanted.invalid and not state.pending.invalid)
     streak = state.streak + 1 if alike and state.streak else 1
@@ -199,7 +222,7 @@ def settled(state: MountState, wanted: MountVerdict) -> tuple[MountVerdict, Moun
 def _verdict(
     now: MountVerdict, mount: MountFilter, cues: MountCues, rows: Floats, confirmations: int, params: MountCheckParams
 ) -> MountVerdict:
-    """The verdict by this measurement. confirmations: see `_confirmations`."""
+    """Returns the verdict of this measurement. confirmations: of `_confirmations`."""
     error = mount.mean[:2]
     size = float(math.hypot(error[0], error[1]))
     sd = _sd_along(mount.P[:2, :2], error / size) if size > 0.0 else 0.0
@@ -221,11 +244,12 @@ def _verdict(
 
 
 def _sd_along(P: Floats, direction: Floats) -> float:
+    """Returns the standard deviation along a direction. P: covariance."""
     return math.sqrt(max(0.0, float(direction @ P @ direction)))
 
 
 def rotation_vector(x: float, y: float, z: float) -> Floats:
-    """(3, 3) rotation by the angle |(x, y, z)| rad about that vector (Rodrigues)."""
+    """Returns the rotation (3, 3) by the angle |(x, y, z)| rad about that vector (Rodrigues)."""
     angle = math.sqrt(x * x + y * y + z * z)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     if angle < 1e-12:

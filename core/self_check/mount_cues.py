@@ -1,7 +1,7 @@
-"""Cues of one frame about the camera's mount: the apparent slope of the ground, and whether walls lean with it.
+"""Cues of one frame on the camera's mount: the apparent slope of the ground, and whether walls lean with it.
 
-A wrong mount inclines everything that is measured by the same angle. Terrain inclines the ground and leaves walls vertical.
-"""
+A wrong mount inclines everything that is measured by the same angle. Terrain inclines the ground and leaves walls
+vertical."""
 
 from __future__ import annotations
 
@@ -14,34 +14,35 @@ import numpy as np
 from .surface_types import Surface, Surfaces
 
 MAX_INCLINATION_RAD = math.radians(35.0)
-"""A surface inclined by less is considered for the ground, a normal inclined by less for a wall."""
+"""Greatest inclination of a surface that may be the ground, and of the normal of a wall."""
 MIN_GROUND_SHARE = 0.03
 """Least share of the image's patches on the ground."""
 MAX_BELOW_SHARE = 0.05
-"""Greatest share of the measured patches below a surface that is the ground."""
+"""Greatest share of the measured patches below the ground."""
 FIT_SDS = 3.0
-"""The ground's slope is taken to be known to this many standard deviations of its fit: noise is correlated, ground not quite
-plane."""
+"""Standard deviations of the fit within which the slope of the ground is known: noise is correlated, and ground is
+not quite plane."""
 EDGE_NOISE = 0.2
-"""And what other things at the edge of a ground of this share of the image incline it, in noise at its distance."""
+"""Inclination by other objects at the edge of the ground, in noise at its distance, for a ground of this share of the
+image."""
 BELOW_M, BELOW_SIGMAS = 0.15, 4.0
 MIN_VERTICAL_SHARE, MIN_LEANING_SHARE = 0.08, 0.03
-"""Least share of the image's patches on walls that show no lean, or the lean of a wrong mount. To be wrong about the former
-makes frames valid that should not be, so it needs more."""
+"""Least share of the image's patches on walls that are vertical, or that lean as for a wrong mount. The former needs
+more, since an error there makes frames valid that should not be."""
 MIN_WALL_SHARE, MAX_MISFIT = 0.015, 1.5
-"""Of a wall that counts: what is smaller or rougher is often several things taken for one plane."""
+"""Least share and greatest misfit of a wall: smaller or rougher surfaces are often several objects."""
 LEAN_TOLERANCE = 0.35
-"""Share of the expected lean by which a wall may deviate from vertical, or from the lean expected of a wrong mount."""
+"""Deviation of a wall from vertical, or from the lean of a wrong mount, as a share of the expected lean."""
 MIN_LEAN_RAD, MIN_LEAN_SHARE = math.radians(1.2), 0.4
-"""Walls of which less is expected do not count: in angle, and as a share of the slope."""
+"""Least expected lean of a wall that counts: an angle, and a share of the slope."""
 MIN_SLOPE_RAD = math.radians(2.0)
-"""Of less slope walls say nothing: their own inclination is of that order."""
+"""Least slope at which walls count: their own inclination is of that order."""
 MAX_WALL_WEIGHT = 0.1
-"""One wall counts as this share of the image at most, so that a single inclined surface does not outweigh several."""
+"""Greatest weight of one wall as a share of the image, so that one inclined surface does not outweigh several."""
 
 
 class Walls(StrEnum):
-    """What the walls say about an inclined ground."""
+    """What the walls show about an inclined ground."""
 
     UNDECIDED = "undecided"
     VERTICAL = "vertical"
@@ -50,8 +51,14 @@ class Walls(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MountCues:
-    """Of one frame, in level_cam. ground: there is one; slope_x, slope_y: its inclination along x and y in rad (positive: it
-    falls away), as angles, not tangents; distance_m: to its plane; slope_sd_rad: how well the slope is known from this frame; walls: what they say about that slope."""
+    """Cues of one frame, in level_cam.
+
+    Attributes:
+        ground: a ground was found.
+        slope_x_rad, slope_y_rad: its inclination along x and y as angles, positive where it descends.
+        distance_m: distance to its plane.
+        slope_sd_rad: standard deviation of the slope from this frame.
+        walls: what the walls show about that slope."""
 
     ground: bool
     slope_x_rad: float = 0.0
@@ -70,7 +77,7 @@ NO_CUES = MountCues(False)
 
 
 def cues_of(surfaces: Surfaces) -> MountCues:
-    """The cues in the surfaces of a frame."""
+    """Returns the cues in the surfaces of a frame."""
     ground = next((plane for plane in surfaces.planes if _is_ground(plane, surfaces)), None)
     if ground is None:
         return NO_CUES
@@ -92,9 +99,9 @@ def _is_ground(plane: Surface, surfaces: Surfaces) -> bool:
 
 
 def walls_of(planes: tuple[Surface, ...], slope_x_rad: float, slope_y_rad: float) -> Walls:
-    """Whether the walls among the planes are vertical, or lean as a mount that is wrong by this slope makes them lean.
+    """Returns whether the walls among the planes are vertical, or lean as with a mount that is wrong by this slope.
 
-    A vertical wall with the horizontal normal (x, y) then has a normal of inclination slope_x x + slope_y y."""
+    A vertical wall with the horizontal normal (x, y) then has a normal with the inclination slope_x x + slope_y y."""
     vertical, leaning = 0.0, 0.0
     if math.hypot(slope_x_rad, slope_y_rad) < MIN_SLOPE_RAD:
         return Walls.UNDECIDED

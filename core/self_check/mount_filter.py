@@ -1,13 +1,13 @@
-"""The error of the mount and the slope of the terrain, separated by a Kalman filter as the vehicle turns.
+"""Separates the error of the mount from the slope of the terrain by a Kalman filter, as the vehicle turns.
 
-State: delta (3), the small rotation in frd from the configured to the true mount, and terrain (2), the inclination of the
-ground north and east. The apparent slope in a heading's level axes is, to first order,
+State: delta (3), the small rotation in frd from the configured to the true mount, and terrain (2), the inclination of
+the ground to the north and east. The apparent slope in the level axes of a heading is, to first order,
 
-    s = terrain turned into these axes + (omega_y, -omega_x),   omega = R_level_frd delta
+    s = terrain rotated into these axes + (omega_y, -omega_x),   omega = R_level_frd delta
 
-so delta turns with the vehicle and the terrain does not. At one heading only their sum is known, as the covariance shows.
-The terrain changes as a random walk; a measurement that fits badly makes the terrain less certain, not the mount.
-"""
+Delta turns with the vehicle and the terrain does not. At one heading only their sum is known, as the covariance
+shows. The terrain is a random walk. A measurement that fits badly increases the uncertainty of the terrain, not of
+the mount."""
 
 from __future__ import annotations
 
@@ -22,25 +22,29 @@ Floats = NDArray[np.float64]
 N = 5
 DELTA_SD_RAD = math.radians(10.0)
 YAW_SD_RAD = math.radians(3.0)
-"""A yaw of the mount shows in a slope only while the vehicle is tilted."""
+"""Prior of the yaw of the mount, which affects a slope only while the vehicle is tilted."""
 TERRAIN_SD_RAD = math.radians(10.0)
 DELTA_WALK_RAD = math.radians(0.02)
-"""Per square root of a second: a mount is fixed; it may work loose."""
+"""Per square root of a second. A mount is fixed, but may come loose."""
 SLOPE_SD_RAD = math.radians(0.5)
-"""Of one measured slope: the ground is not quite plane, an attitude not quite true."""
+"""Noise of one measured slope: the ground is not quite plane, and the attitude has an error."""
 WALLS_SD_RAD = math.radians(2.0)
-"""Of the terrain's slope by the walls."""
+"""Noise of the terrain's slope as the walls show it."""
 GATE = 9.0
-"""Squared innovation over its variance above which the terrain is taken to have changed."""
+"""Squared innovation over its variance above which the terrain has changed."""
 MOUNT_JUMP_RAD = math.radians(0.2)
-"""What each such change makes the mount less certain: it may have been the mount that moved."""
+"""Uncertainty of the mount added by each such change: it may have been the mount that moved."""
 MAX_DT_S = 60.0
 _UPPER = np.triu_indices(N)
 
 
 @dataclass(frozen=True, slots=True)
 class FilterState:
-    """mean: (delta x, y, z, terrain north, east), rad; covariance: its upper triangle row by row, 15 numbers."""
+    """State of the filter.
+
+    Attributes:
+        mean: (delta x, y, z, terrain north, east), rad.
+        covariance: upper triangle row by row, 15 numbers."""
 
     mean: tuple[float, ...] = (0.0,) * N
     covariance: tuple[float, ...] = tuple(
@@ -52,7 +56,7 @@ class FilterState:
 
 
 class MountFilter:
-    """The filter unpacked: `predict`, `slope`, `walls`, then `state`."""
+    """The filter with its state unpacked: `predict`, `slope`, `walls`, then `state`."""
 
     def __init__(self, state: FilterState) -> None:
         self.mean: Floats = np.array(state.mean)
@@ -61,11 +65,11 @@ class MountFilter:
         self.P = self.P + np.triu(self.P, 1).T
 
     def state(self) -> FilterState:
-        """What the next frame goes on from."""
+        """Returns the state from which the next frame continues."""
         return FilterState(tuple(self.mean.tolist()), tuple(self.P[_UPPER].tolist()))
 
     def predict(self, dt_s: float, terrain_walk_rad: float) -> None:
-        """Time passes."""
+        """Adds the process noise of a time step."""
         dt = min(max(dt_s, 0.0), MAX_DT_S)
         walk = [DELTA_WALK_RAD, DELTA_WALK_RAD, DELTA_WALK_RAD, terrain_walk_rad, terrain_walk_rad]
         for i, rate in enumerate(walk):
@@ -73,7 +77,12 @@ class MountFilter:
             self.P[i, i] += min(rate * rate * dt, max(0.0, limit * limit - self.P[i, i]))
 
     def slope(self, rows: Floats, slope: tuple[float, float], sd_rad: float = 0.0) -> bool:
-        """The apparent slope of the ground (rad) by rows (2, 5) of `slope_rows`; sd_rad: of its fit. True: the terrain or the mount changed."""
+        """Adds the apparent slope of the ground; returns True if the terrain or the mount has changed.
+
+        Args:
+            rows: (2, 5) of `slope_rows`.
+            slope: along x and y, rad.
+            sd_rad: standard deviation of its fit."""
         changed, noise = False, SLOPE_SD_RAD**2 + sd_rad**2
         for h, value in zip(rows, slope, strict=True):
             innovation = value - float(h @ self.mean)
@@ -89,11 +98,11 @@ class MountFilter:
         return changed
 
     def walls(self, h: Floats, terrain_rad: float) -> None:
-        """The slope of the terrain in one direction as the walls give it; h: (5,), its row, 0 for delta."""
+        """Adds the slope of the terrain in one direction as the walls show it. h: (5,) its row, 0 for delta."""
         innovation = terrain_rad - float(h @ self.mean)
         variance = float(h @ self.P @ h) + WALLS_SD_RAD**2
         if innovation * innovation > GATE * variance:
-            for i in range(N):  # the mount has moved, or was mistaken
+            for i in range(N):  # the mount has moved, or its estimate was wrong
                 self.P[i, i] += innovation * innovation
         self._update(h, terrain_rad, WALLS_SD_RAD**2)
 
@@ -106,6 +115,7 @@ class MountFilter:
 
 
 def slope_rows(R_level_frd: Floats, heading_rad: float) -> Floats:
-    """(2, 5): apparent slope along x and y of the level axes by the state. heading_rad: of these axes."""
+    """Returns the derivative (2, 5) of the apparent slope along x and y of the level axes by the state. heading_rad:
+    of these axes."""
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     return np.array([[*R_level_frd[1], c, s], [*(-R_level_frd[0]), -s, c]])

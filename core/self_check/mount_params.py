@@ -1,4 +1,4 @@
-"""The parameters of the mount check."""
+"""Parameters of the mount check."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..param_field import check, number, switch
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountCheckParams:
-    """When the check of the camera's mount acts. Raises ValueError out of range."""
+    """Parameters of the mount check. Raises ValueError if one is out of range."""
 
     enabled: bool = switch(
         True, "compare the configured mount of each camera with the ground and the walls it measures"

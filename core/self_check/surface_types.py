@@ -1,4 +1,4 @@
-"""The plane surfaces of one depth image, as `core.self_check.surfaces` finds them."""
+"""Results of `core.self_check.surfaces`: the plane surfaces of one depth image."""
 
 from __future__ import annotations
 
@@ -12,11 +12,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """One plane surface in level_cam: n . P = distance_m.
+    """A plane surface n . P = distance_m in level_cam.
 
-    normal: unit vector away from the camera, so that that of the ground points down (z about 1) and that of a vertical
-    wall is horizontal. share: of the image's patches. lean_sd_rad: standard deviation of the normal's inclination.
-    misfit: residual of the fit over the noise; far above 1 it is no single plane."""
+    Attributes:
+        normal: unit vector away from the camera. That of the ground points down (z about 1), that of a wall is
+            horizontal.
+        distance_m: distance to the camera.
+        share: share of the image's patches.
+        lean_sd_rad: standard deviation of the inclination of the normal.
+        misfit: residual of the fit over the noise; far above 1 it is not a single plane."""
 
     normal: tuple[float, float, float]
     distance_m: float
@@ -27,10 +31,13 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class Surfaces:
-    """What `find_surfaces` found. measured_share: patches with enough measurements, of all. planes: by falling size.
+    """Result of `find_surfaces`.
 
-    centres_m: (M, 3) float64, the mean place of each measured patch in level_cam; noise_per_m: standard deviation of the
-    inverse depth that the search assumed."""
+    Attributes:
+        planes: surfaces, the largest first.
+        measured_share: share of the patches with enough measurements.
+        centres_m: (M, 3) float64, mean place of each measured patch in level_cam.
+        noise_per_m: standard deviation of inverse depth that the search used."""
 
     planes: tuple[Surface, ...]
     measured_share: float

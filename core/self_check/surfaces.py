@@ -1,10 +1,10 @@
-"""Large plane surfaces of one depth image, at any inclination, with their normals and how well these are known.
+"""Large plane surfaces of one depth image at any inclination, with their normals and the accuracy of these.
 
-The mount check reads them: it needs the inclination of the ground and of walls as measured, without the bounds that the
-search for the ground puts on a slope. A plane is linear in inverse depth: n . P = d gives 1/Z = w . (x, y, 1) with w = n / d
-and x, y the pixel's tangents, and the noise of stereo is constant in inverse depth (sigma_Z = ke Z^2 gives sigma(1/Z) = ke).
-So each patch of the image keeps the moments of a linear fit, and a surface is fitted to the sum of its patches' moments.
-"""
+The mount check uses them: it needs the inclination of ground and walls as measured, without the bounds that the
+ground search puts on a slope. A plane is linear in inverse depth: n . P = d gives 1/Z = w . (x, y, 1), with w = n / d
+and the pixel's tangents x, y. The noise of stereo is constant in inverse depth (sigma_Z = ke Z^2 gives sigma(1/Z) =
+ke). Each patch of the image therefore keeps the moments of a linear fit, and a surface is fitted to the sum of the
+moments of its patches."""
 
 from __future__ import annotations
 
@@ -20,32 +20,33 @@ from ..types import FAR_MM, CameraInfo
 from .surface_types import Surface, Surfaces
 
 PATCHES_ACROSS = 32
-"""Patches in a row of the image; each is sampled at 8 x 8 pixels at most."""
+"""Patches per row of the image."""
 SAMPLES = 8
+"""Greatest number of samples of a patch along each side."""
 MIN_FILLED = 0.6
-"""Share of a patch's samples that must hold a measurement."""
+"""Least share of a patch's samples that are measured."""
 MIN_PATCHES = 6
-"""Least patches of a surface: 0.8 % of the image."""
+"""Least number of patches of a surface, 0.8 % of the image."""
 MAX_SURFACES = 6
 MAX_SEEDS = 16
-"""Patches from which a surface is tried to be grown, spread over those that are left."""
+"""Number of patches, spread over those left, from which a surface is tried."""
 FIT_ROUNDS = 4
 MAX_ROUGHNESS = 3.0
-"""A patch is plane when its residual is at most this many times the expected noise."""
+"""Greatest residual of a plane patch, over the expected noise."""
 FINAL_ROUGHNESS = 1.5
-"""And in the last round of a fit: patches that hold the foot of a wall beside the ground would incline it."""
+"""The same in the last round of a fit: patches with the foot of a wall beside the ground would incline it."""
 RELATIVE_ROUGHNESS = 0.01
-"""And this much of the inverse depth, whatever the configured noise."""
+"""Share of the inverse depth that is added to that residual, whatever the configured noise."""
 
 MOMENTS = ("n", "x", "y", "xx", "xy", "yy", "q", "xq", "yq", "qq")
 PATCH = record(*((name, np.float64) for name in (*MOMENTS, "w_x", "w_y", "w_z", "rms")))
-"""A patch of the image: the moments of its samples, x and y the pixel's tangents, q its inverse depth (n: how many; 0: not
-usable, below 0: measured and no plane); w, the solution of the fit; rms: its residual, 1/m."""
+"""A patch of the image. n to qq: moments of its samples (n: their number, 0: not usable, negative: not a plane),
+where x and y are tangents and q the inverse depth. w: solution of the fit. rms: its residual, 1/m."""
 SURFACE = record(
     *((name, np.float64) for name in ("w_x", "w_y", "w_z", "patches", "misfit")),
     *((name, np.float64) for name in ("c_xx", "c_xy", "c_xz", "c_yy", "c_yz", "c_zz")),
 )
-"""A surface: w; its number of patches; its residual over the noise; the inverse of the fit's normal matrix."""
+"""A surface: w, its number of patches, its residual over the noise, and the inverse of the normal matrix of the fit."""
 
 
 @inner
@@ -72,7 +73,7 @@ def add_moments(total, m):
 
 @inner
 def solve(m):
-    """Solves the normal equations of the moments of a record of PATCH for its w; False where they are singular."""
+    """Solves the normal equations of a record of PATCH for its w; returns False if they are singular."""
     if m.n < 3.0:
         return False
     axx, axy, ayy = m.xx - m.x * m.x / m.n, m.xy - m.x * m.y / m.n, m.yy - m.y * m.y / m.n
@@ -87,7 +88,8 @@ def solve(m):
 
 @inner
 def mean_square(m, plane):
-    """Mean squared residual of the inverse depths of a record of PATCH against w of another, from the moments."""
+    """Returns the mean squared residual of the inverse depths of a record of PATCH for w of another record, from the
+    moments."""
     wx, wy, wz = plane.w_x, plane.w_y, plane.w_z
     linear = wx * m.xq + wy * m.yq + wz * m.q
     square = wx * wx * m.xx + wy * wy * m.yy + wz * wz * m.n
@@ -97,9 +99,15 @@ def mean_square(m, plane):
 
 @inner
 def measure_patches(depth_mm, k, low_mm, high_mm, size, patches):
-    """Moments, solution and residual of each patch of size x size pixels, row by row; returns the number of plane patches.
+    """Computes moments, solution and residual of each patch of size x size pixels; returns the number of usable
+    patches.
 
-    depth_mm: (H, W) uint16; k: (4,) fx, fy, cx, cy; patches: (P,) PATCH out, n = 0 where a patch is not usable."""
+    Args:
+        depth_mm: (H, W) uint16.
+        k: (4,) fx, fy, cx, cy.
+        low_mm, high_mm: depths that count as measured.
+        size: side of a patch.
+        patches: (P,) PATCH out, row by row; n = 0 where a patch is not usable."""
     across, down = depth_mm.shape[1] // size, depth_mm.shape[0] // size
     step = max(1, size // SAMPLES)
     least = MIN_FILLED * (-(-size // step)) ** 2
@@ -136,25 +144,25 @@ def measure_patches(depth_mm, k, low_mm, high_mm, size, patches):
 
 @inner
 def allowed_rms(m, noise, times):
-    """Most residual of a patch of a plane: of the noise, and of the roughness of real surfaces."""
+    """Returns the greatest residual of a patch of a plane: `times` the noise, and the roughness of real surfaces."""
     return times * noise + RELATIVE_ROUGHNESS * m.q / m.n
 
 
 @inner
 def is_on(m, plane, noise, times):
-    """Whether a patch lies on the plane w of another record."""
+    """True if a patch lies on the plane w of another record."""
     return math.sqrt(mean_square(m, plane)) <= allowed_rms(m, noise, times)
 
 
 @inner_inline
 def is_free(m, taken):
-    """Whether a patch is plane and belongs to no surface."""
+    """True if a patch is plane and belongs to no surface."""
     return m.n > 0.0 and taken == 0
 
 
 @inner
 def count_on(patches, taken, plane, noise):
-    """How many free patches lie on a plane."""
+    """Returns the number of free patches on a plane."""
     n = 0
     for i in range(patches.shape[0]):
         if is_free(patches[i], taken[i]):
@@ -164,7 +172,8 @@ def count_on(patches, taken, plane, noise):
 
 @inner
 def seed_plane(patches, taken, across, i, noise, total):
-    """The plane of a patch and its neighbour to the right, below, and between, into `total`; False where they are not one."""
+    """Fits a plane to a patch and its neighbours to the right and below into `total`; returns False if they are not
+    one plane."""
     clear_moments(total)
     for j in (i, i + 1, i + across, i + across + 1):
         if j < patches.shape[0] and is_free(patches[j], taken[j]):
@@ -176,7 +185,8 @@ def seed_plane(patches, taken, across, i, noise, total):
 
 @inner
 def best_seed(patches, taken, across, noise, total, best):
-    """Patches on the plane of a seed that holds most; its w in `best`. total, best: records of PATCH."""
+    """Finds the seed whose plane contains most patches; returns their number. best: its w. total, best: records of
+    PATCH."""
     free, at, most = 0, 0, 0
     for i in range(patches.shape[0]):
         free += is_free(patches[i], taken[i])
@@ -196,9 +206,17 @@ def best_seed(patches, taken, across, noise, total, best):
 
 @inner
 def grow_surface(patches, taken, across, noise, scratch, surface, mark):
-    """One more surface: the plane with most patches among those grown from seeds. Returns its number of patches, 0 if none.
+    """Finds one more surface, the plane with most patches of those grown from seeds; returns its number of patches,
+    0: none.
 
-    taken: (P,) uint8, `mark` where a patch now belongs to it; scratch: (2,) PATCH; surface: a record of SURFACE."""
+    Args:
+        patches: (P,) PATCH.
+        taken: (P,) uint8, in and out, `mark` where a patch belongs to it.
+        across: patches per row.
+        noise: of inverse depth.
+        scratch: (2,) PATCH.
+        surface: a record of SURFACE, out.
+        mark: number of the surface."""
     total, best = scratch[0], scratch[1]
     if best_seed(patches, taken, across, noise, total, best) < MIN_PATCHES:
         return 0
@@ -223,7 +241,7 @@ def grow_surface(patches, taken, across, noise, scratch, surface, mark):
 
 @inner
 def _inverse(m, surface):
-    """Writes the inverse of the normal matrix of moments m to a record of SURFACE; False where it is singular."""
+    """Writes the inverse of the normal matrix of moments to a record of SURFACE; returns False if it is singular."""
     a, b, c, d, e, f = m.xx, m.xy, m.x, m.yy, m.y, m.n
     det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
     if not det > 0.0:
@@ -235,10 +253,11 @@ def _inverse(m, surface):
 
 @kernel
 def search_surfaces(depth_mm, k, low_mm, high_mm, size, ke, surfaces, patches):
-    """Fills surfaces (MAX_SURFACES,) SURFACE by falling size, and patches (P,) PATCH; returns (surfaces, noise used)."""
+    """Fills surfaces (MAX_SURFACES,) SURFACE, the largest first, and patches (P,) PATCH; returns (surfaces, noise
+    used)."""
     count = patches.shape[0]
     good = measure_patches(depth_mm, k, low_mm, high_mm, size, patches)
-    # the noise is that of the smoother half of the patches where it is more than the configured noise of the camera
+    # The noise is the lower quartile of the patches' residuals, at least the configured noise of the camera.
     rms, found = np.empty(good), 0
     for i in range(count):
         if patches[i].n > 0.0:
@@ -249,7 +268,7 @@ def search_surfaces(depth_mm, k, low_mm, high_mm, size, ke, surfaces, patches):
     for i in range(count):
         m = patches[i]
         if m.n > 0.0 and m.rms > allowed_rms(m, noise, MAX_ROUGHNESS):
-            m.n = -m.n  # measured, and no plane
+            m.n = -m.n  # measured, but not a plane
     taken, scratch = np.zeros(count, np.uint8), np.zeros(2, PATCH)
     found = 0
     across = depth_mm.shape[1] // size
@@ -261,13 +280,13 @@ def search_surfaces(depth_mm, k, low_mm, high_mm, size, ke, surfaces, patches):
 
 
 def find_surfaces(depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, ke: float) -> Surfaces:
-    """The largest plane surfaces of a depth image (H, W) uint16 mm, in level_cam as R_level_optical (3, 3) has it."""
+    """Returns the largest plane surfaces of a depth image (H, W) uint16 mm in level_cam. R_level_optical: (3, 3)."""
     k = info.intrinsics
     size = max(4, k.width // PATCHES_ACROSS)
     low_mm = info.least_mm
     high_mm = min(FAR_MM - 1, round(1000.0 * info.max_range_m))
     image = np.ascontiguousarray(depth_mm).view()
-    image.flags.writeable = False  # one compiled kernel for frames that may be written and for those that may not
+    image.flags.writeable = False  # read-only, so that one compiled kernel serves all frames
     R, table = np.asarray(R_level_optical, np.float64), np.zeros(MAX_SURFACES, SURFACE)
     patches = np.zeros((image.shape[1] // size) * (image.shape[0] // size), PATCH)
     count, noise = search_surfaces(image, np.array([k.fx, k.fy, k.cx, k.cy]), low_mm, high_mm, size, ke, table, patches)
@@ -281,7 +300,7 @@ def _surface(row: Any, R: Rotation, noise: float, patches: int) -> Surface:
     w = row.w_x, row.w_y, row.w_z
     length = math.sqrt(float(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
     x, y, z = (float(R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2]) / length for i in range(3))
-    # the worst direction's variance bounds that of any inclination
+    # the variance of the worst direction is an upper bound for any inclination
     crosswise = max(abs(row.c_xy), abs(row.c_xz), abs(row.c_yz))
     sd = noise * math.sqrt(max(0.0, float(row.c_xx + row.c_yy + row.c_zz + 2.0 * crosswise))) / length
     return Surface((x, y, z), 1.0 / length, float(row.patches) / max(1, patches), sd, float(row.misfit))

@@ -1,11 +1,12 @@
-"""Where a neighbour's frame lies, by planes that both vehicles have observed: a rigid fit of x, y, z and yaw.
+"""Places the frame of a neighbour by planes that both vehicles have observed: a rigid fit of x, y, z and yaw.
 
-1. The neighbour's planes are shifted and turned on a grid around the place by position, and compared with the own ones
-   (`correlation.py`).
-2. The best shift is refined by least squares: samples of the neighbour's planes to the lines of the own planes, Huber weights.
-3. Heights follow from tops and bottoms of matched planes, where enough agree.
-4. The fit is refused when too little matches, when what overlaps does not agree, when another shift fits almost as well, when
-   the planes do not fix it in every direction, or when it contradicts the position."""
+1. The neighbour's planes are shifted and rotated on a grid around the place given by the positions, and compared with
+the own planes (`correlation.py`).
+2. The best shift is refined by least squares: distances of samples of the neighbour's planes to the lines of the own
+planes, with Huber weights.
+3. The height follows from tops and bottoms of matched planes, if enough agree.
+4. The fit is refused if too little matches, if overlapping planes do not agree, if another shift fits almost as well,
+if the planes do not determine the place in every direction, or if the fit contradicts the positions."""
 
 from __future__ import annotations
 
@@ -20,43 +21,43 @@ from .correlation import FINE, balanced_weights, best_shift
 from .placement import Floats, Placement
 
 SAMPLE_M = 0.5
-"""Distance of the samples along planes."""
+"""Distance of samples along planes."""
 GATE_M, LAST_GATE_M = 1.2, 0.5
-"""Greatest distance of a sample to its line in the first and in the last steps."""
+"""Greatest distance of a sample to its line, in the first and in the last steps."""
 OVERLAP_M = 1.5
-"""Samples with a parallel own plane within this distance should match."""
+"""A sample with a parallel own plane within this distance should match."""
 PARALLEL_RAD = math.radians(15.0)
 STEPS = 12
 HUBER_M = 0.15
 LEAST_MATCHED_M = 20.0
 LEAST_MATCHED_PLANES = 6
-"""Of either vehicle."""
+"""Least number of matched planes of each vehicle."""
 MOST_PRIOR_M, MOST_PRIOR_RAD = 6.0, math.radians(10.0)
-"""Greatest uncertainty of the place by position: the search grows with it."""
+"""Greatest uncertainty of the place by position, which determines the size of the search."""
 MOST_LENGTH_M, AROUND_M = 200.0, 40.0
-"""Longer planes are left out; samples count within this distance of the middle."""
+"""Length of the longest planes that are used; radius around the middle in which samples count."""
 LEAST_AGREEING = 0.6
-"""Of the overlapping length, this share must match."""
+"""Share of the overlapping length that must match."""
 NOISE_M = 0.2
-"""Of one sample; neighbouring samples of a plane are not independent, which it includes."""
+"""Noise of one sample, including that neighbouring samples of a plane are not independent."""
 MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.25, math.radians(0.8)
 POSITION_SIGMAS = 4.0
 Z_TOLERANCE_M, LEAST_HEIGHTS, LEAST_HEIGHT_SHARE = 0.3, 4, 0.35
 START_NOISE = np.array([0.15, 0.15, math.radians(0.6)])
-"""Standard deviation of the fine search on the grid, x, y, yaw."""
+"""Standard deviation of the fine search on the grid: x, y, yaw."""
 MOST_RING = 0.93
-"""Greatest score at 0.7 to 1 m from the best place, as a share of the best."""
+"""Greatest score at 0.7 to 1 m from the best place, over the best score."""
 MOST_RIVAL = 0.9
-"""Greatest score of another place, as a share of the best."""
+"""Greatest score of another place, over the best score."""
 LEAST_SIGMA_M, LEAST_SIGMA_YAW_RAD = 0.5, math.radians(0.8)
-"""No fit is taken for more certain: accepted fits of vehicles that fly in opposite directions were up to 0.9 m wrong."""
+"""Least uncertainty of a fit: accepted fits of vehicles that fly in opposite directions were up to 0.9 m wrong."""
 FINE_REACH_M, FINE_REACH_RAD = 1.1, math.radians(1.5)
 MOST_PLANES = 120
 LEAST_LENGTH_M = 0.8
 
 
 class FitResult(Code):
-    """Why a fit is refused. ACCEPTED: it is not."""
+    """Result of a fit: ACCEPTED, or why it is refused."""
 
     ACCEPTED = "accepted", "the frames are aligned by planes of both vehicles"
     TOO_LITTLE = "too_little", "too few planes in common"
@@ -70,8 +71,13 @@ class FitResult(Code):
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """placement: refined where result is ACCEPTED, otherwise that by position. matched_m: length of matched planes; rms_m: of
-    their distances."""
+    """A fit.
+
+    Attributes:
+        result: result.
+        placement: refined if the result is ACCEPTED, otherwise that by position.
+        matched_m: length of matched planes.
+        rms_m: root mean square of their distances."""
 
     result: FitResult
     placement: Placement
@@ -81,7 +87,13 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class _Segments:
-    """Ends a, b (N, 2), direction (N, 2), length (N,), top and bottom (N,)."""
+    """N planes.
+
+    Attributes:
+        a, b: (N, 2) ends.
+        along: (N, 2) directions.
+        length: (N,).
+        heights: (N, 2) top and bottom."""
 
     a: Floats
     b: Floats
@@ -92,7 +104,12 @@ class _Segments:
 
 @dataclass(frozen=True, slots=True)
 class _Samples:
-    """Points (S, 2) about the pivot, their direction (S, 2) and plane (S,)."""
+    """S samples of planes.
+
+    Attributes:
+        points: (S, 2) relative to the pivot.
+        along: (S, 2) directions of their planes.
+        plane: (S,) indices of their planes."""
 
     points: Floats
     along: Floats
@@ -101,7 +118,12 @@ class _Samples:
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """place: x, y, yaw; info: information matrix (3, 3); gap_m, nearest, matched: of the samples."""
+    """Solution of the least squares.
+
+    Attributes:
+        place: x, y, yaw.
+        info: (3, 3) information matrix.
+        gap_m, nearest, matched: of the samples, see `_matches`."""
 
     place: tuple[float, float, float]
     info: Floats
@@ -111,7 +133,12 @@ class _Solution:
 
 
 def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
-    """The fit. other_box: (M, 6) planes in the other frame; own_box: (N, 6) in the own one; prior: by position."""
+    """Returns the fit of a neighbour's frame.
+
+    Args:
+        other_box: (M, 6) planes in the frame of the neighbour.
+        own_box: (N, 6) planes in the own frame.
+        prior: placement by position."""
     if prior.sigma_m > MOST_PRIOR_M or prior.sigma_yaw_rad > MOST_PRIOR_RAD:
         return Fit(FitResult.TOO_UNCERTAIN, prior)
     reach_m = 3.0 * prior.sigma_m + 1.0
@@ -155,14 +182,14 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
 
 
 def agree(a: Placement, b: Placement) -> bool:
-    """Whether two fits of the same frame say the same, to 0.4 m and 1.2 degrees."""
+    """True if two fits of the same frame agree to 0.4 m and 1.2 degrees."""
     there = a.points(np.array([b.pivot_m]))[0] - np.array(b.at_m)
     turned = abs(math.remainder(a.yaw_rad - b.yaw_rad, math.tau))
     return math.hypot(there[0], there[1]) <= 0.4 and turned <= math.radians(1.2)
 
 
 def _segments(box: Floats) -> _Segments:
-    """The longest planes of finite size."""
+    """Returns the longest planes of finite size."""
     length = np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1])
     fits = (length >= LEAST_LENGTH_M) & (length <= MOST_LENGTH_M)
     good = np.flatnonzero(np.isfinite(box).all(axis=1) & fits)
@@ -172,7 +199,7 @@ def _segments(box: Floats) -> _Segments:
 
 
 def _overlapping(other: _Segments, own: _Segments, prior: Placement, reach_m: float) -> _Segments:
-    """The planes of the other that may have been observed here, too."""
+    """Returns the planes of the neighbour that may have been observed by the own vehicle, too."""
     if not len(own.length) or not len(other.length):
         return other
     c, s = math.cos(prior.yaw_rad), math.sin(prior.yaw_rad)
@@ -185,7 +212,7 @@ def _overlapping(other: _Segments, own: _Segments, prior: Placement, reach_m: fl
 
 
 def _samples(segments: _Segments) -> _Samples:
-    """Points along all planes, at least two on each."""
+    """Returns samples along all planes, at least two on each."""
     count = np.maximum(2, np.ceil(segments.length / SAMPLE_M).astype(int))
     plane = np.repeat(np.arange(len(count)), count)
     share = np.concatenate([(np.arange(n) + 0.5) / n for n in count])
@@ -194,7 +221,8 @@ def _samples(segments: _Segments) -> _Samples:
 
 
 def _around(other: _Samples, own: _Samples, prior: Placement) -> tuple[_Samples, _Samples]:
-    """The samples within AROUND_M of the middle of those of the other vehicle, which bounds the grid of the search."""
+    """Returns the samples within AROUND_M of the middle of those of the neighbour, which limits the grid of the
+    search."""
     if not len(other.points):
         return other, own
     middle = np.median(other.points, axis=0)
@@ -209,7 +237,7 @@ def _within(samples: _Samples, middle: Floats, radius_m: float) -> _Samples:
 
 
 def _refined(samples: _Samples, own: _Segments, start: tuple[float, float, float]) -> _Solution | None:
-    """The least squares solution from a start; None: too little matches."""
+    """Returns the least-squares solution from a start; None: too little matches."""
     x, y, yaw = start
     info = np.zeros((3, 3))
     balance = balanced_weights(samples.along)
@@ -222,7 +250,7 @@ def _refined(samples: _Samples, own: _Segments, start: tuple[float, float, float
         normal = np.column_stack([-own.along[nearest, 1], own.along[nearest, 0]])[near]
         rows = _rows(normal, p[near] - np.array([x, y]), gap_m[near], NOISE_M)
         weight = balance[near]
-        # the grid fixes what few planes fix: the place along a street
+        # the grid search determines what few planes show, such as the place along a street
         off = np.array([x - start[0], y - start[1], yaw - start[2]]) / START_NOISE
         J, r = np.concatenate([rows[0], np.diag(1.0 / START_NOISE)]), np.concatenate([rows[1], off])
         w = np.concatenate([weight, np.ones(3)])
@@ -239,7 +267,9 @@ def _refined(samples: _Samples, own: _Segments, start: tuple[float, float, float
 
 
 def _rows(direction: Floats, arm: Floats, gap_m: Floats, noise_m: float) -> tuple[Floats, Floats]:
-    """(J (K, 3), residuals (K,)) in units of their noise, with Huber weights. direction: of the distances; arm: of the turn."""
+    """Returns (J (K, 3), residuals (K,)) in units of their noise, with Huber weights.
+
+    direction: of the distances; arm: of the rotation."""
     J = np.column_stack([direction, direction[:, 1] * arm[:, 0] - direction[:, 0] * arm[:, 1]])
     scale = np.sqrt(np.minimum(1.0, HUBER_M / np.maximum(np.abs(gap_m), 1e-9))) / noise_m
     return J * scale[:, None], gap_m * scale
@@ -248,8 +278,11 @@ def _rows(direction: Floats, arm: Floats, gap_m: Floats, noise_m: float) -> tupl
 def _matches(
     samples: _Samples, own: _Segments, place: tuple[float, float, float], gate_m: float
 ) -> tuple[Floats, Floats, NDArray[np.intp], NDArray[np.bool_]]:
-    """Samples (S, 2) in the own frame, signed distance of each to the nearest parallel own plane, that plane, and whether it is
-    within the gate."""
+    """Matches samples with own planes.
+
+    Returns:
+        Samples (S, 2) in the own frame; signed distance of each to the nearest parallel own plane; that plane; True
+            if it is within the gate."""
     x, y, yaw = place
     c, s = math.cos(yaw), math.sin(yaw)
     R = np.array([[c, s], [-s, c]])
@@ -267,7 +300,7 @@ def _matches(
 
 
 def _judged(samples: _Samples, own: _Segments, solution: _Solution, rival: float, ring: float) -> FitResult:
-    """rival, ring: of `best_shift`."""
+    """Returns the result of a fit. rival, ring: of `best_shift`."""
     matched, info = solution.matched, solution.info
     if SAMPLE_M * int(matched.sum()) < LEAST_MATCHED_M or len(np.unique(samples.plane[matched])) < LEAST_MATCHED_PLANES:
         return FitResult.TOO_LITTLE
@@ -291,7 +324,8 @@ def _judged(samples: _Samples, own: _Segments, solution: _Solution, rival: float
 def _height(
     other: _Segments, own: _Segments, other_rows: NDArray[np.intp], own_rows: NDArray[np.intp], prior: Placement
 ) -> tuple[float, float]:
-    """(z, its standard deviation): the difference on which most tops and bottoms agree, otherwise that by position."""
+    """Returns (z, its standard deviation): the difference on which most tops and bottoms agree, otherwise that by
+    position."""
     pairs = np.unique(np.column_stack([other_rows, own_rows]), axis=0)
     difference = (own.heights[pairs[:, 1]] - other.heights[pairs[:, 0]]).ravel()
     difference = difference[np.abs(difference - prior.at_m[2]) <= POSITION_SIGMAS * prior.sigma_z_m]

@@ -1,4 +1,4 @@
-"""The bodies of the vehicles of a team: what neighbours report at these places is no further obstacle.
+"""Bodies of the vehicles of a team. Obstacles that neighbours report at these places are the vehicles themselves.
 
 Only reports of neighbours are compared with them, never obstacles of the own sensors."""
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BODY_SIZE_M = 1.5
-"""Greatest radius of a vehicle of a team, whatever it claims."""
+"""Greatest radius of a vehicle, whatever it reports."""
 SLACK_M = 0.5
 MOST_SLACK_M = 3.0
 """Greatest distance at which a report counts as a body, whatever the uncertainty."""
@@ -30,8 +30,8 @@ class Body:
     def contains(
         self, centre_m: tuple[float, float, float], half_size_m: tuple[float, float, float], margin_m: float
     ) -> bool:
-        """Whether a reported mover is this vehicle."""
-        # the radius is what the sender claims: it must not swallow other obstacles
+        """True if a reported mover is this vehicle."""
+        # the reported radius is limited, so that it cannot remove other obstacles
         radius_m = min(self.radius_m, BODY_SIZE_M)
         if max(half_size_m[:2]) > 2.0 * radius_m + SLACK_M:
             return False
@@ -41,7 +41,7 @@ class Body:
 
 
 def is_body(body: Body, box: NDArray[np.float32] | NDArray[np.float64], sigma_m: float = 0.0) -> bool:
-    """Whether a reported plane (6,) is a side of this vehicle. sigma_m: of the place of the plane."""
+    """True if a reported plane (6,) is a side of this vehicle. sigma_m: uncertainty of the place of the plane."""
     length = math.hypot(float(box[2] - box[0]), float(box[3] - box[1]))
     height = float(box[5] - box[4])
     if max(length, height) > 2.0 * (2.0 * min(body.radius_m, BODY_SIZE_M) + SLACK_M):

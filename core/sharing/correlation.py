@@ -1,5 +1,6 @@
-"""The shift and turn at which samples of planes lie best on other planes: search on a grid (correlative scan matching,
-Olson 2009), with the direction of the planes."""
+"""Finds the shift and rotation at which samples of planes fit other planes best, by a search on a grid.
+
+The method is correlative scan matching (Olson 2009), with the direction of the planes in addition."""
 
 from __future__ import annotations
 
@@ -12,19 +13,20 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 DIRECTIONS = 12
 RIVAL_M = 1.6
-"""A second place counts as another one from this distance on."""
+"""Least distance of another place."""
 RING_M = (0.7, 1.0)
-"""A score that is hardly lower at this distance does not fix the place."""
+"""If the score is hardly lower at this distance, the place is not determined."""
 MOST_SAMPLES = 250
 HALF_SAMPLE_M = 0.25
-"""Half the distance of samples along a plane: between them the score is that on them."""
+"""Half of the distance of samples along a plane, up to which the score is that of the sample."""
 LEAST_SAMPLES = 40
-"""A direction with fewer samples does not count as much as the others."""
+"""A direction with fewer samples has less weight than the others."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Steps of a search. cell_m, turn_rad: of shift and turn; spread_m: width of the score around a plane, standard deviation."""
+    """Steps of a search. cell_m, turn_rad: of shift and rotation; spread_m: standard deviation of the score around a
+    plane."""
 
     cell_m: float
     turn_rad: float
@@ -45,8 +47,20 @@ def best_shift(
     reach_rad: float,
     grid: Grid = COARSE,
 ) -> tuple[tuple[float, float, float], float, float]:
-    """((x, y, yaw), score of the best other place and of the best place at RING_M, as shares of the best). points, along: (S, 2) samples and directions of
-    their planes; own_points, own_along: those they are to lie on; prior: middle of the search. The same input gives the same result."""
+    """Finds the best shift and rotation. The same input gives the same result.
+
+    Args:
+        points: (S, 2) samples.
+        along: (S, 2) directions of their planes.
+        own_points: (T, 2) samples of the planes to fit.
+        own_along: (T, 2) their directions.
+        prior: (x, y, yaw), middle of the search.
+        reach_m, reach_rad: limits of the search.
+        grid: steps of the search.
+
+    Returns:
+        (x, y, yaw); the score of the best other place; the best score at RING_M. Both scores are shares of the best
+            one."""
     step = max(1, math.ceil(len(points) / MOST_SAMPLES))
     points, along = points[::step], along[::step]
     weight = balanced_weights(along)
@@ -69,7 +83,7 @@ def best_shift(
 
 
 def _share(scores: Floats, some: NDArray[np.bool_], best: float) -> float:
-    """The greatest score of some shifts, as a share of the best; 1 where nothing fits at all."""
+    """Returns the greatest score of some shifts over the best score; 1 if nothing fits."""
     if best <= 0.0:
         return 1.0
     return float(scores[:, some].max()) / best if some.any() else 0.0
@@ -82,13 +96,14 @@ def _turned(points: Floats, along: Floats, yaw_rad: float) -> tuple[Floats, Floa
 
 
 def _direction(along: Floats) -> NDArray[np.intp]:
-    """The bin of each direction."""
+    """Returns the bin of each direction."""
     angle = np.arctan2(along[:, 1], along[:, 0])
     return np.rint(angle * DIRECTIONS / math.tau).astype(int) % DIRECTIONS
 
 
 def _fields(points: Floats, along: Floats, low: NDArray[np.int_], high: NDArray[np.int_], grid: Grid) -> Floats:
-    """(DIRECTIONS, X, Y) score of a sample in each cell, by its direction; neighbouring directions count, too."""
+    """Returns the score of a sample in each cell by its direction, (DIRECTIONS, X, Y). Neighbouring directions count,
+    too."""
     cell_m, spread_m = grid.cell_m, grid.spread_m
     fields = np.zeros((DIRECTIONS, *(high - low)))
     cell = np.floor(points / cell_m).astype(int)
@@ -109,8 +124,9 @@ def _fields(points: Floats, along: Floats, low: NDArray[np.int_], high: NDArray[
 
 
 def balanced_weights(along: Floats) -> Floats:
-    """(S,) weights of samples: planes of each direction count about as much in all, so that long facades do not outweigh the few
-    planes across them, which alone fix the place along a street."""
+    """Returns weights of samples, (S,), so that planes of each direction have about the same weight in total.
+
+    Otherwise long facades would outweigh the few planes across them, which alone determine the place along a street."""
     axis = _direction(along) % (DIRECTIONS // 2)
     count = np.bincount(axis, minlength=DIRECTIONS // 2)
     return np.asarray(1.0 / np.maximum(count[axis], LEAST_SAMPLES))
@@ -119,7 +135,7 @@ def balanced_weights(along: Floats) -> Floats:
 def _scores(
     fields: Floats, points: Floats, along: Floats, weight: Floats, low: NDArray[np.int_], cells: int, cell_m: float
 ) -> Floats:
-    """(2 cells + 1, 2 cells + 1) summed score of all shifts."""
+    """Returns the summed score of all shifts, (2 cells + 1, 2 cells + 1)."""
     side = 2 * cells + 1
     total = np.zeros((side, side))
     cell = np.floor(points / cell_m).astype(int) - low - cells

@@ -1,4 +1,4 @@
-"""One neighbour: what it has sent, how old that is, and where its frame lies."""
+"""One neighbour: its reports, their age, and the place of its frame."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .records import Header, LocalFrame, Packet, SharedMover, SharedPlanes, Vehi
 
 NS = 1_000_000_000
 CLOCK_DRIFT = 2e-4
-"""Greatest difference of the rates of two clocks."""
+"""Greatest relative difference of the rates of two clocks."""
 OLDEST_S = 4096.0
 """Age of planes whose age is beyond the largest class."""
 KEEP_FIT_NS = 30 * NS
-"""An alignment that newer fits do not confirm is dropped after this time,"""
+"""An alignment that newer fits do not confirm is dropped after this time."""
 SILENT_NS = 10 * NS
-"""After this silence any packet is accepted: the sender may have been restarted with its clock set back."""
+"""After this silence any packet is accepted, because the sender may have been restarted with its clock set back."""
 MOST_RETIRED = 8
-"""Frames that a neighbour has left and whose planes have not expired; a further change is refused."""
+"""Greatest number of frames that a neighbour has left and whose planes have not expired; a further change is refused."""
 MOST_CONTRADICTIONS = 2
-"""or when so many fits in a row had enough planes and do not agree with it."""
+"""An alignment is also dropped after this number of consecutive fits with enough planes that do not agree with it."""
 
 
 @dataclass(slots=True)
@@ -44,14 +44,14 @@ class _HeldMover:
 
 @dataclass(slots=True)
 class Retired:
-    """Planes of a frame that the neighbour has left, with the place of that frame: they count until they expire."""
+    """Planes of a frame that the neighbour has left, with the place of that frame. They count until they expire."""
 
     state: VehicleState | None
     aligned: Placement | None
     planes: dict[int, HeldPlane]
 
     def placement(self, own: LocalFrame | None) -> Placement | None:
-        """Where the frame lies; None: not known."""
+        """Returns the place of the frame; None: not known."""
         if self.aligned is not None or own is None or self.state is None:
             return self.aligned
         return placement_by_position(own, self.state.frame, self.state.position_m)
@@ -59,7 +59,7 @@ class Retired:
 
 @dataclass(slots=True)
 class Neighbour:
-    """What one vehicle has sent. Times are of the own clock; what is older than allowed is removed by `expire`."""
+    """The reports of one vehicle. Times are on the own clock; `expire` removes reports that are too old."""
 
     vehicle: int
     stream: int
@@ -83,7 +83,7 @@ class Neighbour:
 
     @classmethod
     def first(cls, header: Header, arrival_ns: int) -> Neighbour:
-        """A neighbour by the header of its first packet, which is not counted yet."""
+        """Returns a neighbour from the header of its first packet, which is not counted yet."""
         return cls(
             vehicle=header.vehicle,
             stream=header.stream,
@@ -94,7 +94,7 @@ class Neighbour:
         )
 
     def refusal(self, header: Header, arrival_ns: int, params: SharingParams) -> str:
-        """Why a packet must not count, as a code; empty: it may. Changes nothing."""
+        """Returns why a packet must not be used, as a code; empty: it may. Changes nothing."""
         if arrival_ns - self.received_ns > SILENT_NS:
             return ""
         if header.stream != self.stream and header.stream < self.stream:
@@ -109,7 +109,7 @@ class Neighbour:
         return "delayed" if self._delay_s(header, arrival_ns) > params.max_delay_s else ""
 
     def take(self, packet: Packet, arrival_ns: int, params: SharingParams) -> None:
-        """A packet that `refusal` accepts."""
+        """Uses a packet that `refusal` accepts."""
         header, content = packet.header, packet.content
         if header.stream != self.stream or not self._continues(header, arrival_ns, params):
             self._restart(header, arrival_ns)
@@ -130,7 +130,7 @@ class Neighbour:
                 self.movers[mover.id] = _HeldMover(mover, sent_ns - round(mover.age_s * NS), arrival_ns)
 
     def expire(self, now_ns: int, params: SharingParams) -> None:
-        """Removes what is too old."""
+        """Removes reports that are too old."""
         oldest_ns = now_ns - round(params.expire_s * NS)
         self.planes = {k: p for k, p in self.planes.items() if p.received_ns > oldest_ns}
         for former in self.retired:
@@ -142,7 +142,7 @@ class Neighbour:
             self._aligned = None
 
     def align(self, own_box: Floats, own: LocalFrame, now_ns: int) -> None:
-        """Tries to refine the place of the frame by own planes (N, 6). Two consecutive fits must agree."""
+        """Tries to refine the place of the frame by own planes, (N, 6). Two consecutive fits must agree."""
         prior = self._by_position(own)
         if prior is None or not self.planes:
             return
@@ -163,17 +163,17 @@ class Neighbour:
             self._aligned, self._contradictions = None, 0
 
     def forget_alignment(self) -> None:
-        """The own frame has changed."""
+        """Discards the alignment, because the own frame has changed."""
         self._aligned = self._candidate = self.last_fit = None
         for former in self.retired:
             former.aligned = None
 
     def placement(self, own: LocalFrame | None) -> Placement | None:
-        """Where the frame lies; None: not known."""
+        """Returns the place of the frame; None: not known."""
         return self._aligned if self._aligned is not None or own is None else self._by_position(own)
 
     def boxes(self) -> Floats:
-        """(N, 6) its planes in its own frame."""
+        """Returns its planes in its own frame, (N, 6)."""
         return boxes_of(self.planes)
 
     def _by_position(self, own: LocalFrame) -> Placement | None:
@@ -182,12 +182,12 @@ class Neighbour:
         return placement_by_position(own, self.state.frame, self.state.position_m)
 
     def _continues(self, header: Header, arrival_ns: int, params: SharingParams) -> bool:
-        """Whether the time of a packet of the same stream is later than that of the packets before, and not ahead of its arrival."""
+        """True if a packet of the same stream is later than those before, and not ahead of its arrival."""
         ahead_ms = header.sent_ms + self.least_offset_ms - arrival_ns / 1e6
         return header.sent_ms > self.sent_ms and ahead_ms <= params.max_delay_s * 1e3
 
     def _delay_s(self, header: Header, arrival_ns: int) -> float:
-        """How much later than the fastest packet it came; 0 for another stream, of which nothing is known."""
+        """Returns the delay of a packet relative to the fastest packet; 0 for another stream."""
         if header.stream != self.stream:
             return 0.0
         return max(0.0, (arrival_ns / 1e6 - header.sent_ms - self.least_offset_ms) / 1e3)
@@ -198,13 +198,14 @@ class Neighbour:
         self._new_section(header.section)
 
     def _new_section(self, section: int) -> None:
-        """Its frame has changed."""
+        """Begins a new frame."""
         self.section = section
         self._retire()
         self.state = None
 
     def _retire(self) -> None:
-        """What it reported keeps the place of the frame in which it was reported, and expires there."""
+        """Moves the planes to `retired`: they keep the place of the frame in which they were reported, and expire
+        there."""
         if self.planes:
             self.retired.append(Retired(self.state, self._aligned, self.planes))
             self.planes = {}
@@ -230,7 +231,7 @@ class Neighbour:
 
 
 def boxes_of(planes: dict[int, HeldPlane]) -> Floats:
-    """(N, 6) of held planes."""
+    """Returns held planes, (N, 6)."""
     return np.array([p.box for p in planes.values()], np.float64).reshape(-1, 6)
 
 

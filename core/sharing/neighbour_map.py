@@ -1,7 +1,7 @@
-"""The obstacles that neighbours have reported, beside the own model and apart from it.
+"""Obstacles that neighbours have reported, separate from the own model.
 
-`receive` takes packets of any origin: damaged, replayed, delayed ones and those of other vehicles are refused and counted.
-`obstacles` gives what counts now, in the own frame. The own model is never an argument that could be changed."""
+`receive` takes packets of any origin: damaged, replayed and delayed packets and those of other vehicles are refused
+and counted. `obstacles` returns the obstacles that count now, in the own frame. The own model is never changed."""
 
 from __future__ import annotations
 
@@ -29,15 +29,19 @@ from .placement import Floats, Placement
 from .records import LocalFrame, Packet, PacketError, SharedMover, VehicleState
 
 VEHICLE_ID = 0xFFFF
-"""Number of the moving obstacle that stands for the neighbour itself."""
+"""Number of the moving obstacle that represents the neighbour itself."""
 GROWTH_M_S2 = 2.0
-"""Margins of moving obstacles grow with this acceleration."""
+"""Acceleration by which margins of moving obstacles grow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnState:
-    """The own vehicle. state: None: its frame on Earth is not known; section: of the own frame; movers: centres (x, y, z) of
-    moving obstacles that the own sensors observe."""
+    """State of the own vehicle.
+
+    Attributes:
+        state: None: the place of its frame on Earth is not known.
+        section: number of the own frame.
+        movers: centres (x, y, z) of moving obstacles that the own sensors observe."""
 
     state: VehicleState | None
     section: int
@@ -45,7 +49,9 @@ class OwnState:
 
 
 class NeighbourMap:
-    """own_vehicle: own number, 1..255; members: numbers of the accepted vehicles, empty: all; own_stream: of the
+    """Map of the reports of all neighbours.
+
+    own_vehicle: own number, 1..255; members: numbers of the accepted vehicles, empty: all; own_stream: stream of the
     own packets, 0: not known."""
 
     def __init__(
@@ -60,11 +66,11 @@ class NeighbourMap:
         self._neighbours: dict[int, Neighbour] = {}
         self._section = -1
         self._frame: LocalFrame | None = None
-        self._own_bodies: list[Body] = []
         self.counts: Counter[str] = Counter()
 
     def receive(self, data: bytes, arrival_ns: int, sender: int | None = None) -> str:
-        """Takes a packet; returns why it is refused, as a code, or "". sender: the vehicle by the transport, None: not known."""
+        """Takes a packet; returns why it is refused, as a code, or "". sender: the vehicle by the transport; None:
+        not known."""
         try:
             packet = decoded(data)
         except PacketError as error:
@@ -94,7 +100,7 @@ class NeighbourMap:
         return ""
 
     def align(self, own_box: Floats, own: OwnState, now_ns: int) -> None:
-        """Refines the places of the neighbours' frames by own planes (N, 6) in the own frame."""
+        """Refines the places of the neighbours' frames by own planes, (N, 6) in the own frame."""
         self._follow(own)
         if own.state is None or not self.params.align:
             return
@@ -103,7 +109,7 @@ class NeighbourMap:
             neighbour.align(own_box, own.state.frame, now_ns)
 
     def obstacles(self, own: OwnState, now_ns: int) -> SharedObstacles:
-        """What counts now."""
+        """Returns the obstacles that count now."""
         self._follow(own)
         parts, movers, statuses = [], [], []
         bodies = self.bodies(own, now_ns)
@@ -116,7 +122,7 @@ class NeighbourMap:
         return _joined(parts, tuple(movers), tuple(statuses), now_ns)
 
     def bodies(self, own: OwnState, now_ns: int) -> list[Body]:
-        """The vehicles of the team in the own frame, the own one first."""
+        """Returns the vehicles of the team in the own frame, the own one first."""
         found = []
         if own.state is not None:
             found.append(Body(self._own_vehicle, own.state.position_m, own.state.radius_m, 0.0))
@@ -164,7 +170,7 @@ class NeighbourMap:
     def _frames_of(
         self, neighbour: Neighbour, placement: Placement | None, own: OwnState
     ) -> list[tuple[dict[int, HeldPlane], Placement]]:
-        """(planes, place) of its frame and of those it has left, where their place is known well enough."""
+        """Returns (planes, place) of the present frame and of former ones, if their place is known well enough."""
         frame = None if own.state is None else own.state.frame
         found = [(neighbour.planes, placement), *((f.planes, f.placement(frame)) for f in neighbour.retired)]
         if own.state is None:
@@ -194,7 +200,8 @@ class NeighbourMap:
     def _movers_of(
         self, neighbour: Neighbour, placement: Placement, own: OwnState, bodies: list[Body], now_ns: int
     ) -> list[SharedMovingObstacle]:
-        """Its moving obstacles, without those that are vehicles of the team, and itself, unless the own sensors observe it."""
+        """Returns the moving obstacles without vehicles of the team, and the neighbour itself unless the own sensors
+        observe it."""
         found = []
         for number, held in sorted(neighbour.movers.items()):
             mover = _placed_mover(neighbour.vehicle, number, held.mover, placement, (now_ns - held.seen_ns) / NS)
@@ -208,7 +215,7 @@ class NeighbourMap:
         return found
 
     def _body(self, neighbour: Neighbour, placement: Placement, now_ns: int) -> SharedMovingObstacle | None:
-        """The neighbour itself; None: its place is too old."""
+        """Returns the neighbour itself; None: its place is too old."""
         state, age_s = neighbour.state, (now_ns - neighbour.state_ns) / NS
         if state is None or age_s > max(2.5, self.params.mover_expire_s):
             return None
@@ -235,7 +242,7 @@ class NeighbourMap:
                 neighbour.forget_alignment()
 
     def _make_room(self, now_ns: int) -> bool:
-        """Removes the neighbour with the longest silence, if it is longer than expire_s."""
+        """Removes the neighbour with the longest silence, if it exceeds expire_s."""
         oldest = min(self._neighbours.values(), key=lambda n: n.received_ns)
         if now_ns - oldest.received_ns <= self.params.expire_s * NS:
             return False
@@ -248,7 +255,7 @@ class NeighbourMap:
 
 
 def own_frame(params: SharingParams, latitude_deg: float, longitude_deg: float, altitude_m: float) -> LocalFrame:
-    """The own frame with the configured errors: axes north, east, down."""
+    """Returns the own frame with the configured errors. Its axes are north, east, down."""
     return LocalFrame(
         latitude_deg=latitude_deg,
         longitude_deg=longitude_deg,
@@ -270,7 +277,7 @@ def _state_of(placement: Placement | None, max_sigma_m: float) -> PlacementState
 def _placed_mover(
     vehicle: int, number: int, mover: SharedMover, placement: Placement, age_s: float
 ) -> SharedMovingObstacle:
-    """The mover in the own frame, carried to now by its velocity; its margin grows."""
+    """Returns the mover in the own frame, moved to the present by its velocity. Its margin grows with its age."""
     centre = placement.points(np.array([mover.centre_m]))[0]
     velocity = placement.velocity(mover.velocity_m_s)
     sigma_m = float(placement.sigma_at_m(np.array([mover.centre_m[:2]]))[0])

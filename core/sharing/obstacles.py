@@ -1,6 +1,6 @@
-"""What neighbours have reported, in the own local frame, for planners. It holds obstacles only.
+"""Obstacles that neighbours have reported, in the own local frame, for planners.
 
-There is no free space in these types and no way to remove an own obstacle with them: a report of a neighbour can only add
+These types contain no free space, and no own obstacle can be removed by them: a report of a neighbour can only add
 obstacles."""
 
 from __future__ import annotations
@@ -35,8 +35,16 @@ class MoverKind(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedMovingObstacle:
-    """A moving obstacle in the own frame at the instant of the snapshot. centre_m, half_size_m: its box; margin_m: around it,
-    2 sigma of everything; age_s: since its newest observation."""
+    """A moving obstacle in the own frame at the instant of the snapshot.
+
+    Attributes:
+        sender: number of the vehicle.
+        id: number of the obstacle.
+        kind: obstacle or vehicle.
+        centre_m, half_size_m: its box.
+        velocity_m_s: horizontal.
+        margin_m: around the box, 2 sigma of all errors.
+        age_s: since its newest observation."""
 
     sender: int
     id: int
@@ -50,8 +58,20 @@ class SharedMovingObstacle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NeighbourStatus:
-    """One neighbour. silent_s: since its newest packet; fit: code of the newest alignment, empty: none was tried; sigma_m: of its
-    place, horizontally; vehicle_m: where it is in the own frame, None: not known; withheld: planes that are not published."""
+    """State of one neighbour.
+
+    Attributes:
+        vehicle: its number.
+        silent_s: time since its newest packet.
+        placement: how well its frame is known.
+        fit: code of the newest alignment; empty: none was tried.
+        sigma_m: horizontal uncertainty of its frame.
+        planes: published planes.
+        movers: published moving obstacles.
+        withheld: planes that are not published.
+        packets: accepted packets.
+        refused: refused packets.
+        vehicle_m: its position in the own frame; None: not known."""
 
     vehicle: int
     silent_s: float
@@ -70,9 +90,17 @@ class NeighbourStatus:
 class SharedObstacles:
     """N planes and the moving obstacles of all neighbours at now_ns, in the own local frame (ned).
 
-    sender: (N,) uint8 vehicle; ids: (N,) uint16 the sender's number; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom;
-    margin_m: (N,) float32, 2 sigma of the sender's place included; age_s: (N,) float32 since the sender observed it; flags:
-    (N,) uint8 PlaneFlags; aligned: (N,) uint8, 1: the sender's frame is aligned by planes of both."""
+    Attributes:
+        now_ns: instant.
+        sender: (N,) uint8 vehicle.
+        ids: (N,) uint16, the sender's number.
+        planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom.
+        margin_m: (N,) float32, including 2 sigma of the place of the sender's frame.
+        age_s: (N,) float32 since the sender observed it.
+        flags: (N,) uint8 PlaneFlags.
+        aligned: (N,) uint8, 1: the frame of the sender is aligned by planes of both vehicles.
+        movers: moving obstacles.
+        neighbours: state of all neighbours."""
 
     now_ns: int
     sender: NDArray[np.uint8]
@@ -117,7 +145,8 @@ class SharedObstacles:
 def placed_planes(
     box: NDArray[np.float64], margin_m: NDArray[np.float64], placement: Placement
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
-    """(planes (N, 6), margin_m (N,), horizontal sigma (N,)) in the own frame: margins and heights with 2 sigma of the place."""
+    """Returns (planes (N, 6), margin_m (N,), horizontal sigma (N,)) in the own frame. Margins and heights contain 2
+    sigma of the place."""
     sigma_m = np.maximum(placement.sigma_at_m(box[:, 0:2]), placement.sigma_at_m(box[:, 2:4]))
     out = placement.boxes(box)
     out[:, 4] -= 2.0 * placement.sigma_z_m

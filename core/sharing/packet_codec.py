@@ -28,7 +28,7 @@ _TINY = 1e-9
 
 
 def anchor_of(x_m: float, y_m: float, z_m: float) -> Anchor:
-    """The anchor nearest to a place. Raises PacketError for a place that is too far from the origin."""
+    """Returns the anchor nearest to a place. Raises PacketError for a place that is too far from the origin."""
     codes = [round(v / ANCHOR_STEP_M) if math.isfinite(v) else 1 << 20 for v in (x_m, y_m, z_m)]
     if not all(abs(code) < limit for code, limit in zip(codes, (1 << 15, 1 << 15, 1 << 7), strict=True)):
         raise PacketError("too_far", f"({x_m:g}, {y_m:g}, {z_m:g}) m is too far from the origin of the frame")
@@ -36,18 +36,18 @@ def anchor_of(x_m: float, y_m: float, z_m: float) -> Anchor:
 
 
 def planes_packet(header: Header, planes: SharedPlanes, anchor_m: Anchor) -> bytes:
-    """Planes with one anchor. Raises PacketError where one does not fit."""
+    """Returns a packet of planes with one anchor. Raises PacketError if one does not fit."""
     parts = [encoded_plane(planes, row, anchor_m) for row in range(len(planes))]
     return _head(header, PLANES_KIND) + _anchor(anchor_m) + b"".join(parts)
 
 
 def movers_packet(header: Header, movers: tuple[SharedMover, ...], anchor_m: Anchor) -> bytes:
-    """Moving obstacles with one anchor. Raises PacketError where one does not fit."""
+    """Returns a packet of moving obstacles with one anchor. Raises PacketError if one does not fit."""
     return _head(header, MOVERS_KIND) + _anchor(anchor_m) + b"".join(_mover(m, anchor_m) for m in movers)
 
 
 def state_packet(header: Header, state: VehicleState) -> bytes:
-    """The sender's frame and place. Raises PacketError for values out of range."""
+    """Returns a packet with the sender's frame and place. Raises PacketError for values out of range."""
     f = state.frame
     try:
         body = _STATE.pack(
@@ -70,8 +70,10 @@ def state_packet(header: Header, state: VehicleState) -> bytes:
 
 
 def decoded(data: bytes) -> Packet:
-    """The packet. Raises PacketError for everything that no encoder writes: another version, a wrong length, values out of
-    range."""
+    """Returns the decoded packet.
+
+    Raises:
+        PacketError: another version, a wrong length, or values out of range."""
     if len(data) < _HEADER.size or len(data) > MOST_BYTES:
         raise PacketError("bad_length", f"a packet of {len(data)} bytes")
     first, vehicle, stream, sent_ms, section = _HEADER.unpack_from(data)
@@ -91,7 +93,7 @@ def decoded(data: bytes) -> Packet:
 
 
 def mover_fits(mover: SharedMover, anchor_m: Anchor) -> bool:
-    """Whether a moving obstacle can be sent with this anchor."""
+    """True if a moving obstacle can be sent with this anchor."""
     try:
         _mover(mover, anchor_m)
     except PacketError:
@@ -100,7 +102,7 @@ def mover_fits(mover: SharedMover, anchor_m: Anchor) -> bool:
 
 
 def plane_fits(planes: SharedPlanes, row: int, anchor_m: Anchor) -> bool:
-    """Whether a plane can be sent with this anchor."""
+    """True if a plane can be sent with this anchor."""
     return fits(tuple(planes.box[row].tolist()), float(planes.margin_m[row]), anchor_m)
 
 
@@ -117,7 +119,7 @@ def _up(value: float, step: float) -> int:
 
 
 def _mover(m: SharedMover, anchor_m: Anchor) -> bytes:
-    """16 bytes; sizes, deviations and the age are rounded up, the size contains the error of the centre."""
+    """Returns 16 bytes. Sizes, deviations and the age are rounded up; the size contains the error of the centre."""
     try:
         places = [round((c - a) / _MOVER_STEP_M) for c, a in zip(m.centre_m, anchor_m, strict=True)]
         sizes = [_up(s + 0.5 * _MOVER_STEP_M, _SIZE_STEP_M) for s in m.half_size_m]

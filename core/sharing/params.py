@@ -1,4 +1,4 @@
-"""How long reports of neighbours count and when their frame is used: the part of `[share]` that the map needs."""
+"""Parameters of the reports of neighbours: the part of `[share]` that `NeighbourMap` needs."""
 
 from __future__ import annotations
 

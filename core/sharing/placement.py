@@ -1,4 +1,4 @@
-"""Where the local frame of a neighbour lies in the own one, and how certain that is."""
+"""Place of a neighbour's local frame in the own one, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -16,8 +16,14 @@ WGS84_A_M, WGS84_F = 6_378_137.0, 1.0 / 298.257_223_563
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """p_own = Rz(yaw_rad) (p_other - pivot_m) + at_m. sigma_m: of the pivot on each horizontal axis; sigma_z_m;
-    sigma_yaw_rad: of the rotation about the pivot. refined: found by planes of both vehicles."""
+    """Transform p_own = Rz(yaw_rad) (p_other - pivot_m) + at_m.
+
+    Attributes:
+        yaw_rad, pivot_m, at_m: see above.
+        sigma_m: uncertainty of the pivot on each horizontal axis.
+        sigma_z_m: uncertainty of the height.
+        sigma_yaw_rad: uncertainty of the rotation about the pivot.
+        refined: found by planes of both vehicles."""
 
     yaw_rad: float
     pivot_m: tuple[float, float, float]
@@ -28,14 +34,14 @@ class Placement:
     refined: bool = False
 
     def points(self, points_m: Floats) -> Floats:
-        """(P, 3) points of the other frame in the own one."""
+        """Returns points of the other frame, (P, 3), in the own one."""
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         p = points_m - np.array(self.pivot_m)
         turned = np.column_stack([c * p[:, 0] - s * p[:, 1], s * p[:, 0] + c * p[:, 1], p[:, 2]])
         return np.asarray(turned + np.array(self.at_m))
 
     def boxes(self, box: Floats) -> Floats:
-        """(N, 6) planes a_x, a_y, b_x, b_y, top, bottom of the other frame in the own one."""
+        """Returns planes a_x, a_y, b_x, b_y, top, bottom of the other frame, (N, 6), in the own one."""
         out = np.empty_like(box)
         for k in (0, 2):
             out[:, k : k + 2] = self.points(np.column_stack([box[:, k : k + 2], box[:, 4]]))[:, :2]
@@ -43,19 +49,21 @@ class Placement:
         return out
 
     def velocity(self, velocity_m_s: tuple[float, float]) -> tuple[float, float]:
-        """A horizontal velocity of the other frame in the own one."""
+        """Returns a horizontal velocity of the other frame in the own one."""
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return c * velocity_m_s[0] - s * velocity_m_s[1], s * velocity_m_s[0] + c * velocity_m_s[1]
 
     def sigma_at_m(self, xy_m: Floats) -> Floats:
-        """(P,) horizontal standard deviation of points (P, 2) of the other frame."""
+        """Returns the horizontal standard deviation, (P,), of points (P, 2) of the other frame."""
         r = np.hypot(xy_m[:, 0] - self.pivot_m[0], xy_m[:, 1] - self.pivot_m[1])
         return np.asarray(np.hypot(self.sigma_m, r * self.sigma_yaw_rad))
 
 
 def placement_by_position(own: LocalFrame, other: LocalFrame, pivot_m: tuple[float, float, float]) -> Placement:
-    """From the origins on Earth alone. pivot_m: place in the other frame about which its error of heading turns it: that of
-    the other vehicle, whose position the receiver of satellites measures."""
+    """Returns the placement by the origins on Earth alone.
+
+    pivot_m: place in the other frame about which its heading error rotates it: that of the other vehicle, whose
+    position is measured."""
     east_north_up = _enu_of(own) @ (_ecef(other) - _ecef(own))
     c, s = math.cos(own.yaw_rad), math.sin(own.yaw_rad)
     north, east, down = east_north_up[1], east_north_up[0], -east_north_up[2]

@@ -15,7 +15,7 @@ from .steps import AGES_S, HEIGHT_M, MARGIN_M, age_code
 
 PLANE_BYTES: Final = 14
 STEP_M: Final = 0.02
-"""Of horizontal coordinates."""
+"""Step of horizontal coordinates."""
 PLACE_ERROR_M: Final = STEP_M * math.sqrt(0.5)
 """Greatest distance of a decoded end from the encoded one; the margin contains it."""
 TOP_STEP_M: Final = 0.1
@@ -28,12 +28,12 @@ Anchor = tuple[float, float, float]
 
 
 def fits(box: tuple[float, ...], margin_m: float, anchor_m: Anchor) -> bool:
-    """Whether a plane can be encoded with this anchor."""
+    """True if a plane can be encoded with this anchor."""
     return _codes(box, margin_m, anchor_m) is not None
 
 
 def encoded_plane(planes: SharedPlanes, row: int, anchor_m: Anchor) -> bytes:
-    """One plane. Raises PacketError where it does not fit."""
+    """Returns the encoded plane. Raises PacketError if it does not fit."""
     box = tuple(planes.box[row].tolist())
     codes = _codes(box, float(planes.margin_m[row]), anchor_m)
     if codes is None:
@@ -49,8 +49,10 @@ def encoded_plane(planes: SharedPlanes, row: int, anchor_m: Anchor) -> bytes:
 
 
 def decoded_planes(data: bytes, anchor_m: Anchor) -> SharedPlanes:
-    """The planes of consecutive records. Raises PacketError for a length that is no multiple of PLANE_BYTES, and for a plane
-    without a length."""
+    """Returns the planes of consecutive records.
+
+    Raises:
+        PacketError: the length is not a multiple of PLANE_BYTES, or a plane has no length or height."""
     count, rest = divmod(len(data), PLANE_BYTES)
     if rest:
         raise PacketError("bad_length", f"{len(data)} bytes of planes are no multiple of {PLANE_BYTES}")
@@ -74,7 +76,7 @@ def decoded_planes(data: bytes, anchor_m: Anchor) -> SharedPlanes:
 
 
 def _codes(box: tuple[float, ...], margin_m: float, anchor_m: Anchor) -> tuple[int, ...] | None:
-    """Codes of both ends, top, height and margin; None where one is out of range, or the plane has no size."""
+    """Returns the codes of both ends, top, height and margin; None if one is out of range, or the plane has no size."""
     if not all(map(math.isfinite, (*box, margin_m))) or margin_m < 0.0:
         return None
     ends = [round((v - anchor_m[k % 2]) / STEP_M) for k, v in enumerate(box[:4])]

@@ -1,4 +1,4 @@
-"""The content of messages between vehicles: typed values in the sender's local frame (north-east-down, metres)."""
+"""Content of the messages between vehicles: typed values in the sender's local frame (north-east-down, metres)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..types import PlaneFlags, readonly
 
 SHARED_FLAGS = PlaneFlags.INFERRED | PlaneFlags.UNKNOWN_BEHIND | PlaneFlags.CUT_LEFT | PlaneFlags.IRREGULAR
-"""The flags that are sent. CUT_LEFT stands for either end."""
+"""Flags that are sent. CUT_LEFT represents either end."""
 
 
 class PacketError(ValueError):
@@ -23,8 +23,14 @@ class PacketError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SharedPlanes:
-    """N planes of one sender. ids: (N,) uint16, the sender's number of each; box: (N, 6) float64 a_x, a_y, b_x, b_y, top,
-    bottom; margin_m: (N,) float64; flags: (N,) uint8 of SHARED_FLAGS; age_s: (N,) float64 since the newest observation."""
+    """N planes of one sender.
+
+    Attributes:
+        ids: (N,) uint16, the sender's number of each plane.
+        box: (N, 6) float64 a_x, a_y, b_x, b_y, top, bottom.
+        margin_m: (N,) float64.
+        flags: (N,) uint8 of SHARED_FLAGS.
+        age_s: (N,) float64 since the newest observation."""
 
     ids: NDArray[np.uint16]
     box: NDArray[np.float64]
@@ -44,7 +50,7 @@ class SharedPlanes:
         return len(self.ids)
 
     def part(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> SharedPlanes:
-        """Some of the planes."""
+        """Returns some of the planes."""
         return SharedPlanes(
             ids=self.ids[rows],
             box=self.box[rows],
@@ -55,7 +61,7 @@ class SharedPlanes:
 
     @classmethod
     def empty(cls) -> SharedPlanes:
-        """No plane."""
+        """Returns no planes."""
         none = np.zeros(0)
         return cls(
             ids=np.zeros(0, np.uint16), box=np.zeros((0, 6)), margin_m=none, flags=np.zeros(0, np.uint8), age_s=none
@@ -64,8 +70,14 @@ class SharedPlanes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedMover:
-    """A moving obstacle. centre_m, half_size_m: of its box; velocity_m_s: horizontal; sigma_m, sigma_m_s: standard
-    deviations of position and velocity on each axis; age_s: since its newest observation."""
+    """A moving obstacle.
+
+    Attributes:
+        id: its number.
+        centre_m, half_size_m: its box.
+        velocity_m_s: horizontal.
+        sigma_m, sigma_m_s: standard deviations of position and velocity on each axis.
+        age_s: since its newest observation."""
 
     id: int
     centre_m: tuple[float, float, float]
@@ -78,8 +90,14 @@ class SharedMover:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalFrame:
-    """The local frame of a vehicle. latitude_deg, longitude_deg, altitude_m: its origin, WGS-84; yaw_rad: of its x axis,
-    clockwise from true north; sigma_m: of the origin on each horizontal axis; sigma_z_m; sigma_yaw_rad."""
+    """The local frame of a vehicle.
+
+    Attributes:
+        latitude_deg, longitude_deg, altitude_m: its origin, WGS-84.
+        yaw_rad: direction of its x axis, clockwise from true north.
+        sigma_m: uncertainty of the origin on each horizontal axis.
+        sigma_z_m: uncertainty of its height.
+        sigma_yaw_rad: uncertainty of the direction."""
 
     latitude_deg: float
     longitude_deg: float
@@ -92,7 +110,7 @@ class LocalFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleState:
-    """The vehicle itself: its frame, its position and velocity in it, and the radius of a ball that contains it."""
+    """A vehicle: its frame, its position and velocity in it, and the radius of a sphere that contains it."""
 
     frame: LocalFrame
     position_m: tuple[float, float, float]
@@ -102,9 +120,13 @@ class VehicleState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """Of each packet. vehicle: 1..255; stream: of one start of the sender, larger than that of each earlier start; sent_ms:
-    time since that start, larger than that of each earlier packet; section: number of the sender's frame, which changes when
-    its position jumps."""
+    """Header of a packet.
+
+    Attributes:
+        vehicle: 1..255.
+        stream: number of a start of the sender, increasing with each start.
+        sent_ms: time since that start, increasing with each packet.
+        section: number of the sender's frame, which changes when its position jumps."""
 
     vehicle: int
     stream: int

@@ -1,7 +1,8 @@
-"""Chooses what is sent next within a budget of bytes: what is new, near the paths of others and complete comes first.
+"""Chooses what is sent next within a data rate: new planes, planes near the paths of other vehicles, and complete
+planes first.
 
-The planes of the own world are given with `offer`; `packets` returns what may go out now. Each plane is sent `REPEATS` times
-when it is new, since packets are lost, and later once in `refresh_s`, so that receivers do not let it expire."""
+The planes of the own world are given with an `Offer`; `packets` returns what to send now. A new plane is sent REPEATS
+times, because packets are lost, and later once per `refresh_s`, so that it does not expire."""
 
 from __future__ import annotations
 
@@ -29,34 +30,39 @@ from .records import Header, PacketError, SharedMover, SharedPlanes, VehicleStat
 
 NS = 1_000_000_000
 REPEATS = 2
-"""A new plane is sent so often at once."""
+"""Number of times a new plane is sent at once."""
 REPEAT_NS = 3 * NS // 20
 """Least time between two of these."""
 CHANGED_NS = NS
-"""Least time between two sendings of a plane that changes all the time."""
+"""Least time between two packets with a plane that changes all the time."""
 STATE_NS, MOVERS_NS = NS, NS // 4
 MOVED_M, GROWN_M = 0.3, 0.5
-"""A plane counts as new when an end moved by MOVED_M or its top or bottom by GROWN_M outwards."""
+"""A plane counts as new if an end has moved by MOVED_M, or its top or bottom outward by GROWN_M."""
 NEAR_M = 40.0
-"""A plane within this distance of the way of another vehicle is preferred."""
+"""A plane within this distance of the path of another vehicle is preferred."""
 AHEAD_S = 8.0
-"""Length of this way."""
+"""Length of that path."""
 BURST_S = 0.4
 """The budget of this time may be sent at once."""
 WINDOW_S = 10.0
 RESERVE_BYTES = 75.0
-"""Of the budget, kept for new planes when others are repeated."""
+"""Part of the budget that is kept for new planes while others are repeated."""
 MOST_IDS = 1 << 16
 LAST_MS = (1 << 32) - 1
 NEVER_NS = -(1 << 62)
 MOST_WAITING = 8
-"""Packets of one step."""
+"""Greatest number of packets per call."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """bytes_per_s: of everything, with the overhead of the transport, over ten seconds; overhead_bytes: of it for each packet; packet_bytes: greatest
-    packet; refresh_s: interval in which a plane is repeated."""
+    """Budget of a link.
+
+    Attributes:
+        bytes_per_s: of all packets, with the overhead of the transport, over ten seconds.
+        overhead_bytes: overhead per packet.
+        packet_bytes: greatest size of a packet.
+        refresh_s: interval in which a plane is repeated."""
 
     bytes_per_s: float
     overhead_bytes: int
@@ -65,14 +71,20 @@ class Budget:
 
     @property
     def planes_per_packet(self) -> int:
-        """The most planes of one packet."""
+        """Greatest number of planes of one packet."""
         return max(1, (self.packet_bytes - OVERHEAD_BYTES) // PLANE_BYTES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
-    """The own side at one instant. planes: of the own world, ids are their slots; movers: of the own sensors; others: the other
-    vehicles in the own frame."""
+    """What may be sent at one instant.
+
+    Attributes:
+        planes: planes of the own world; their ids are their slots.
+        movers: moving obstacles of the own sensors.
+        state: the own vehicle; None: not known.
+        section: number of the own frame.
+        others: the other vehicles in the own frame."""
 
     planes: SharedPlanes
     movers: tuple[SharedMover, ...]
@@ -82,7 +94,7 @@ class Offer:
 
 
 class SendQueue:
-    """vehicle: own number; stream: number of this start, larger than that of each start before."""
+    """Chooses packets. vehicle: own number; stream: number of this start, greater than that of each earlier start."""
 
     def __init__(self, vehicle: int, stream: int, begun_ns: int, budget: Budget) -> None:
         self._vehicle, self._stream, self._begun_ns, self._budget = vehicle, stream, begun_ns, budget
@@ -93,14 +105,14 @@ class SendQueue:
         self._most_tokens = max(
             BURST_S * budget.bytes_per_s, budget.packet_bytes + budget.overhead_bytes + RESERVE_BYTES
         )
-        # so much less that the budget holds in each WINDOW_S, with what may be sent at once
+        # reduced so that the budget holds in each WINDOW_S, including what may be sent at once
         self._fill_bytes_per_s = max(0.5 * budget.bytes_per_s, budget.bytes_per_s - self._most_tokens / WINDOW_S)
         self._tokens, self._tokens_ns = self._most_tokens, begun_ns
         self._state_ns = self._movers_ns = NEVER_NS
         self.unencodable = self.sent_bytes = self.sent_packets = 0
 
     def packets(self, offer: Offer, now_ns: int) -> list[bytes]:
-        """What to send now; call it about ten times a second."""
+        """Returns the packets to send now; call it about ten times per second."""
         self._refill(now_ns)
         if offer.section != self._section:
             self._section, self._state_ns = offer.section, NEVER_NS
@@ -127,7 +139,7 @@ class SendQueue:
         return Header(vehicle=self._vehicle, stream=self._stream, sent_ms=self._sent_ms, section=self._section & 0xFF)
 
     def _add(self, out: list[bytes], now_ns: int, encode: Callable[[Header], bytes]) -> None:
-        """Encodes a packet and takes it from the budget; counts one that cannot be encoded."""
+        """Encodes a packet and deducts it from the budget; counts packets that cannot be encoded."""
         try:
             data = encode(self._header(now_ns))
         except PacketError:
@@ -140,7 +152,7 @@ class SendQueue:
         self.sent_packets += 1
 
     def _add_movers(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
-        """The nearest moving obstacles; of more than a packet holds in turn."""
+        """Adds the nearest moving obstacles. If they do not fit into one packet, they are sent in turns."""
         state = offer.state
         if state is None:
             return
@@ -189,22 +201,22 @@ class SendQueue:
         self._add(out, now_ns, lambda header: planes_packet(header, part, anchor_m))
 
     def _room(self, reserve_bytes: float) -> int:
-        """How many planes of one packet the budget allows now."""
+        """Returns the number of planes of one packet that the budget allows now."""
         return int((self._tokens - reserve_bytes - self._budget.overhead_bytes - OVERHEAD_BYTES) // PLANE_BYTES)
 
     def _note(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> None:
-        """Remembers what was sent."""
+        """Records what was sent."""
         ids = planes.ids[rows]
         self._times[ids] += 1
         self._boxes[ids], self._sent_ns[ids] = planes.box[rows], now_ns
 
     def _overdue(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> bool:
-        """Whether a plane has waited too long for a full packet."""
+        """True if a plane has waited too long for a full packet."""
         limit_ns = now_ns - round(1.25 * self._budget.refresh_s * NS)
         return bool((self._sent_ns[planes.ids[rows]] <= limit_ns).any())
 
     def _ranked(self, offer: Offer, now_ns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """(rows of the planes that are new, rows that are to be repeated), each with the most important first."""
+        """Returns the rows of the new planes and those of the planes to repeat, each with the most important first."""
         planes, ids = offer.planes, offer.planes.ids
         times, waited_ns = self._times[ids], now_ns - self._sent_ns[ids]
         changed = _changed(self._boxes[ids], planes.box) & (times > 0) & (waited_ns >= CHANGED_NS)
@@ -214,14 +226,14 @@ class SendQueue:
             for row in np.flatnonzero(due & _small(planes.box)):
                 due[row] &= not is_body(body, planes.box[row])
         cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
-        # never sent, sent once, changed; then near others; then complete planes; then those that waited longest
+        # Order: never sent, sent once, changed; then near other vehicles; then complete; then waiting longest.
         rank = np.where(times < REPEATS, times, np.where(changed, REPEATS, REPEATS + 1))
         order = np.lexsort((np.arange(len(planes)), -waited_ns, cut, ~_near(planes.box, offer), rank))
         order = order[due[order]]
         return order[new[order]], order[~new[order]]
 
     def _forget(self, ids: NDArray[np.uint16]) -> None:
-        """What is no longer in the own world is new when its number comes again."""
+        """Forgets planes that are no longer in the own world: if their number is used again, the plane is new."""
         there = np.zeros(MOST_IDS, bool)
         there[ids] = True
         gone = (self._times > 0) & ~there
@@ -236,19 +248,19 @@ def _anchor(box: NDArray[np.float64]) -> Anchor:
 
 
 def _changed(old: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) whether planes (N, 6) have moved or grown enough to be sent again at once."""
+    """Returns (N,): planes (N, 6) that have moved or grown enough to be sent again at once."""
     moved_m = [np.hypot(*(new[:, k : k + 2] - old[:, k : k + 2]).T) for k in (0, 2)]
     grown_m = np.maximum(old[:, 4] - new[:, 4], new[:, 5] - old[:, 5])
     return np.asarray((np.maximum(*moved_m) > MOVED_M) | (grown_m > GROWN_M))
 
 
 def _small(box: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) whether planes are small enough for a side of a vehicle."""
+    """Returns (N,): planes that are small enough for a side of a vehicle."""
     return np.asarray(np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]) <= 4.0 * BODY_SIZE_M)
 
 
 def _near(box: NDArray[np.float64], offer: Offer) -> NDArray[np.bool_]:
-    """(N,) whether the middle of each plane is near the way ahead of another vehicle."""
+    """Returns (N,): planes whose middle is near the path of another vehicle."""
     middle = 0.5 * (box[:, 0:2] + box[:, 2:4])
     near = np.zeros(len(box), bool)
     for body in offer.others:

@@ -10,7 +10,8 @@ _TINY = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """codes 0..fine_codes are multiples of fine, the codes above continue in steps of coarse. codes: how many there are."""
+    """Codes 0..fine_codes are multiples of `fine`; greater codes continue in steps of `coarse`. codes: number of
+    codes."""
 
     codes: int
     fine_codes: int
@@ -23,11 +24,11 @@ class Steps:
         return self.value(self.codes - 1)
 
     def value(self, code: int) -> float:
-        """The value of a code."""
+        """Returns the value of a code."""
         return self.fine * min(code, self.fine_codes) + self.coarse * max(0, code - self.fine_codes)
 
     def code_up(self, value: float) -> int:
-        """The code of the least value that is not smaller; `codes` or more where there is none."""
+        """Returns the code of the least value that is not smaller; `codes` or more if there is none."""
         limit = self.fine * self.fine_codes
         if value <= limit:
             return max(0, math.ceil(value / self.fine - _TINY))
@@ -43,5 +44,5 @@ AGES_S = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 51
 
 
 def age_code(age_s: float) -> int:
-    """The code of the least age of AGES_S that is not smaller."""
+    """Returns the code of the least age of AGES_S that is not smaller."""
     return next(k for k, limit in enumerate(AGES_S) if not age_s > limit)

@@ -1,4 +1,6 @@
-"""Planes of the world are seen again, joined and changed in the table; `join_cost` decides which are one."""
+"""Changes of planes in the table of the merged world: new planes, observations of known planes, and joined planes.
+
+`join_cost` decides which planes are one."""
 
 from __future__ import annotations
 
@@ -17,21 +19,21 @@ OBSERVATION = record(
     ("top_m", np.float64),
     ("bottom_m", np.float64),
     ("margin_m", np.float64),
-    ("weight", np.float64),
-    ("sigma_m", np.float64),
+    ("weight", np.float64),  # inverse variance, per metre of length
+    ("sigma_m", np.float64),  # noise of its distance
     ("plane_flags", np.int64),
 )
-"""A plane of a frame in the world's frame. weight: of each metre, inverse variance; sigma_m: noise of its distance."""
+"""A plane of a frame, in the frame of the world."""
 _OVER = int(PlaneFlags.IRREGULAR) | int(PlaneFlags.UNKNOWN_BEHIND)
-"""Flags of a join when either has them; the others when both have."""
+"""Flags that a joined plane has if either plane has them. It has the others if both planes have them."""
 _INFERRED = int(PlaneFlags.INFERRED)
 _WHOLE = 0.9
-"""Not tuning: an observation of so much of a plane has measured all of it."""
+"""An observation of this share of a plane has measured all of it. It is not a tuning parameter."""
 
 
 @inner
 def box_of(plane):
-    """Box of a record of SLOT or OBSERVATION."""
+    """Returns the Box of a record of SLOT or OBSERVATION."""
     return Box(
         float(plane.ax_m),
         float(plane.ay_m),
@@ -44,7 +46,7 @@ def box_of(plane):
 
 @inner
 def moments_of(plane, x, y):
-    """Moments of a record of SLOT about the point (x, y)."""
+    """Returns the Moments of a record of SLOT about the point (x, y)."""
     m = Moments(plane.weight, plane.x, plane.y, plane.xx, plane.xy, plane.yy)
     return moved_moments(m, float(plane.anchor_x_m) - x, float(plane.anchor_y_m) - y)
 
@@ -57,7 +59,7 @@ def put_moments(plane, m):
 
 @inner
 def put_box(tables, i, box):
-    """Moves slot i to another box, its lists too. What was seen through keeps its place."""
+    """Changes the box of slot i and its links. The part that was observed as clear keeps its place."""
     plane = tables.planes[i]
     if plane.clears > 0:
         length = length_of(box.ax, box.ay, box.bx, box.by)
@@ -74,7 +76,7 @@ def put_box(tables, i, box):
 
 @inner
 def new_plane(tables, seen, t_ns):
-    """A slot for a plane observed for the first time. seen: a record of OBSERVATION."""
+    """Creates a plane from its first observation; returns its slot. seen: a record of OBSERVATION."""
     i = new_slot(tables, t_ns)
     plane, box = tables.planes[i], box_of(seen)
     plane.anchor_x_m, plane.anchor_y_m = 0.5 * (box.ax + box.bx), 0.5 * (box.ay + box.by)
@@ -87,14 +89,16 @@ def new_plane(tables, seen, t_ns):
 
 @inner
 def score_observation(plane, seen, rules):
-    """`joined` of a record of SLOT and one of OBSERVATION, ends counted from the plane's anchor, and the share that the
-    plane's past keeps."""
+    """Returns Joined of a plane and an observation, relative to the anchor of the plane, and the share of the plane's
+    past that is kept.
+
+    plane: a record of SLOT; seen: a record of OBSERVATION."""
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     a, b = shifted(box_of(plane), x, y), shifted(box_of(seen), x, y)
     length = length_of(b.ax, b.ay, b.bx, b.by)
     n = segment_moments(b, seen.weight * length, seen.sigma_m)
     past = moments_of(plane, x, y)
-    # per metre, or a small new piece of a long wall would count for nothing
+    # The limit is per metre: otherwise a short observation of a long wall would have no effect.
     most = rules.memory_frames * seen.weight * length_of(a.ax, a.ay, a.bx, a.by)
     share = min(1.0, most / past.w)
     return joined(a, b, together(past, n, share), seen.sigma_m, rules), share
@@ -102,7 +106,7 @@ def score_observation(plane, seen, rules):
 
 @inner
 def join_box(found, plane, other):
-    """Box of two planes that are one. found: their Joined, ends counted from the anchor of `plane`; other: Box."""
+    """Returns the Box of two joined planes. found: their Joined, relative to the anchor of `plane`; other: Box."""
     x, y, a = float(plane.anchor_x_m), float(plane.anchor_y_m), box_of(plane)
     top, bottom = min(a.top, other.top), max(a.bottom, other.bottom)
     return Box(found.ax + x, found.ay + y, found.bx + x, found.by + y, top, bottom)
@@ -110,7 +114,7 @@ def join_box(found, plane, other):
 
 @inner
 def add_observation(tables, i, seen, rules, t_ns):
-    """Adds a record of OBSERVATION to slot i."""
+    """Adds an observation, a record of OBSERVATION, to slot i."""
     plane = tables.planes[i]
     found, share = score_observation(plane, seen, rules)
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
@@ -121,13 +125,13 @@ def add_observation(tables, i, seen, rules, t_ns):
     part = weight / m.w
     put_moments(plane, m)
     length = length_of(found.ax, found.ay, found.bx, found.by)
-    nx, ny = -(found.by - found.ay) / length, (found.bx - found.ax) / length  # to the right of a -> b: the free side
+    nx, ny = -(found.by - found.ay) / length, (found.bx - found.ax) / length  # towards the free side, right of a -> b
     ahead = max(
         (b.ax - found.ax) * nx + (b.ay - found.ay) * ny,
         (b.bx - found.ax) * nx + (b.by - found.ay) * ny,
     )
     mean = (1.0 - part) * float(plane.margin_m) + part * seen.margin_m
-    plane.margin_m = max(mean, ahead)  # nothing seen lies before the plane and its margin
+    plane.margin_m = max(mean, ahead)  # no part of the observation lies in front of the plane and its margin
     measured = seen.plane_flags & _INFERRED == 0 and length_of(b.ax, b.ay, b.bx, b.by) >= _WHOLE * length
     inferred = found.gap > rules.corner_m or ((plane.plane_flags | seen.plane_flags) & _INFERRED != 0 and not measured)
     plane.plane_flags = joined_flags(plane.plane_flags, seen.plane_flags, inferred)
@@ -139,13 +143,14 @@ def add_observation(tables, i, seen, rules, t_ns):
 
 @inner
 def joined_flags(a, b, inferred):
-    """Flags of two planes that are one; inferred: it covers something that was not measured."""
+    """Returns the flags of two joined planes. inferred: the joined plane covers space that was not measured."""
     return ((a & b) & ~_OVER) | ((a | b) & _OVER) | (_INFERRED if inferred else 0)
 
 
 @inner
 def cancel_clears(plane, seen, rules):
-    """An observation (Box) of the part of a plane that others observed as clear cancels some of those."""
+    """Cancels some observations of a part as clear, because that part was observed again. seen: Box of the
+    observation."""
     if plane.clears == 0:
         return
     a = box_of(plane)
@@ -158,7 +163,7 @@ def cancel_clears(plane, seen, rules):
 
 @inner
 def score_planes(plane, other, rules):
-    """`joined` of two records of SLOT, ends counted from the anchor of the first."""
+    """Returns Joined of two records of SLOT, relative to the anchor of the first."""
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     m = together(moments_of(plane, x, y), moments_of(other, x, y), 1.0)
     a, b = shifted(box_of(plane), x, y), shifted(box_of(other), x, y)
@@ -167,7 +172,7 @@ def score_planes(plane, other, rules):
 
 @inner
 def absorb_plane(tables, i, k, rules):
-    """Slot i takes slot k in, which is then empty."""
+    """Joins slot k into slot i, and empties slot k."""
     plane, other = tables.planes[i], tables.planes[k]
     found = score_planes(plane, other, rules)
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)

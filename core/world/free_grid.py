@@ -1,9 +1,8 @@
-"""Observed free space of the world: a grid with one bit per cell, in blocks that are found by a hash.
+"""Observed free space of the merged world: a grid with one bit per cell, in blocks that are found by a hash.
 
-A cell is free when one frame observed all of it free. Each block holds the bits of the present epoch and of the previous
-one; an epoch is half of the age after which free space becomes unknown again, so no older cell is ever reported free. An
-observed obstacle clears the free bits of its cells at once.
-"""
+A cell is free if one frame observed all of it free. Each block contains the bits of the present epoch and of the
+previous one. An epoch is half of the age after which free space becomes unknown, so that no older cell is reported
+free. An observed obstacle clears the free bits of its cells at once."""
 
 from __future__ import annotations
 
@@ -16,31 +15,36 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel, record
 
 CELL_M = 0.5
-"""Width and height of a cell, m; docs/research/world-notes.md compares other sizes."""
+"""Width and height of a cell; docs/research/world-notes.md compares other sizes."""
 SIDE, TALL = 16, 64
-"""Columns along each side of a block, and cells of a column: a block covers 8 x 8 x 32 m and takes 4 KiB."""
+"""Columns along each side of a block, and cells of a column. A block covers 8 x 8 x 32 m and has 4 KiB."""
 _HALF_M = CELL_M * 0.7072
-"""Not tuning: radius of the circle around a cell seen from above."""
+"""Radius of the circle around a cell seen from above."""
 _EDGE_M = 1e-3
-"""Not tuning: more than float32 rounds by; a plane stands in a cell that it nearly touches."""
+"""Tolerance greater than the rounding of float32: a plane is in a cell that it nearly touches."""
 _NONE = -1
 BLOCK = record(
-    ("ix", np.int32),
+    ("ix", np.int32),  # indices of the block
     ("iy", np.int32),
     ("iz", np.int32),
-    ("epoch", np.int32),
-    ("next", np.int32),
-    ("touched", np.int32),
+    ("epoch", np.int32),  # of its first mask
+    ("next", np.int32),  # next slot in the list of its hash
+    ("touched", np.int32),  # frame of its last change
 )
-"""ix, iy, iz: indices of the block; epoch: of its first mask; next: slot in the list of its hash; touched: frame that
-changed it last."""
+"""A block of the grid."""
 FREE_STATE = record(("blocks", np.int64), ("dropped", np.int64), ("frame", np.int64), ("epoch", np.int64))
-"""blocks: slots in use; dropped: blocks that others replaced; frame, epoch: present ones."""
+"""blocks: slots in use; dropped: blocks that others replaced; frame, epoch: the present ones."""
 
 
 class FreeTables(NamedTuple):
-    """blocks: (B,) BLOCK; masks: (B, 2, 256) uint64, of the block's epoch and of the one before; heads: (H,) int32, first
-    block of each list; ground: (B, 256, 2) float32, see ground.py; state: (1,) FREE_STATE."""
+    """Tables of B blocks.
+
+    Attributes:
+        blocks: (B,) BLOCK.
+        masks: (B, 2, 256) uint64, bits of the block's epoch and of the epoch before.
+        heads: (H,) int32, first block of each list.
+        ground: (B, 256, 2) float32, see ground.py.
+        state: (1,) FREE_STATE."""
 
     blocks: NDArray[Any]
     masks: NDArray[np.uint64]
@@ -50,11 +54,12 @@ class FreeTables(NamedTuple):
 
 
 GroundPlane = tuple[float, float, float, float, float]
-"""z at the camera's foot (inf: no ground was found), slope_x, slope_y, tolerance_m, noise_per_m, in the world's frame."""
+"""Ground of a frame in the frame of the world: z below the camera (inf: no ground was found), slope_x, slope_y,
+tolerance_m, noise_per_m."""
 
 
 def empty_free(most: int) -> FreeTables:
-    """Tables for at most so many blocks."""
+    """Returns empty tables for this number of blocks."""
     heads = np.full(1 << max(6, math.ceil(math.log2(most))), _NONE, np.int32)
     masks = np.zeros((most, 2, SIDE * SIDE), np.uint64)
     ground = np.full((most, SIDE * SIDE, 2), np.nan, np.float32)
@@ -63,19 +68,20 @@ def empty_free(most: int) -> FreeTables:
 
 @inner
 def cell(x):
-    """Index of the cell that a coordinate falls into."""
+    """Returns the index of the cell of a coordinate."""
     return int(math.floor(x / CELL_M))
 
 
 @inner
 def _list_of(ix, iy, iz, size):
+    """Returns the list of a block's hash."""
     h = (int(ix) * 73856093) ^ (int(iy) * 19349663) ^ (int(iz) * 83492791)
     return (h ^ (h >> 15)) & (size - 1)
 
 
 @inner
 def find_block(free, ix, iy, iz):
-    """The slot of a block, -1: there is none."""
+    """Returns the slot of a block; -1 if there is none."""
     blocks, heads = free.blocks, free.heads
     k = heads[_list_of(ix, iy, iz, heads.shape[0])]
     for _ in range(blocks.shape[0]):
@@ -87,8 +93,9 @@ def find_block(free, ix, iy, iz):
 
 @inner
 def block_for(free, ix, iy, iz):
-    """The slot of a block, made where there is none, its masks brought to this epoch. The one touched longest ago goes
-    where all slots are taken."""
+    """Returns the slot of a block with its masks in the present epoch. It is created if there is none.
+
+    If all slots are used, the block that was not changed for the longest time is replaced."""
     blocks, masks, heads, ground, state = free.blocks, free.masks, free.heads, free.ground, free.state[0]
     k = find_block(free, ix, iy, iz)
     if k == _NONE:
@@ -122,6 +129,7 @@ def block_for(free, ix, iy, iz):
 
 @inner
 def _unlink(free, k):
+    """Removes slot k from the list of its hash."""
     blocks, heads = free.blocks, free.heads
     head = _list_of(blocks[k].ix, blocks[k].iy, blocks[k].iz, heads.shape[0])
     if heads[head] == k:
@@ -137,7 +145,7 @@ def _unlink(free, k):
 
 @inner
 def any_free(free, x, y, z):
-    """Whether the cell of a point is known to be free."""
+    """True if the cell of a point is free."""
     blocks, masks, state = free.blocks, free.masks, free.state[0]
     ix, iy, iz = cell(x), cell(y), cell(z)
     k = find_block(free, ix >> 4, iy >> 4, iz >> 6)
@@ -152,7 +160,7 @@ def any_free(free, x, y, z):
 
 @inner
 def bits(first, end):
-    """The bits first..end - 1 of 64, whatever lies outside."""
+    """Returns the bits first..end - 1 of 64; both are limited to 0..64."""
     first, end = max(first, 0), min(end, 64)
     if end <= first:
         return np.uint64(0)
@@ -162,7 +170,7 @@ def bits(first, end):
 
 @inner
 def direction_of(edges, azimuth):
-    """The direction of a profile that an azimuth between its first and last edge falls into."""
+    """Returns the direction of a profile that contains an azimuth between its first and last edge."""
     low, high = 0, edges.shape[0] - 1
     for _ in range(32):
         if high - low <= 1:
@@ -177,7 +185,7 @@ def direction_of(edges, azimuth):
 
 @inner
 def lowest_free(x, y, r, plane):
-    """z down to which a column at (x, y) from the camera, at range r, can be free above a GroundPlane."""
+    """Returns the z down to which a column at (x, y) from the camera, at range r, can be free above a GroundPlane."""
     z, slope_x, slope_y, tolerance, noise = plane
     highest = z + slope_x * x + slope_y * y - math.sqrt(slope_x**2 + slope_y**2) * _HALF_M
     return highest - max(tolerance, noise * (r + _HALF_M))
@@ -185,8 +193,19 @@ def lowest_free(x, y, r, plane):
 
 @inner
 def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
-    """What a profile sees free of a column at (x, y) from the camera: its cells whose circle, seen from above, and whose
-    heights lie in directions and layers that are free there, above the ground. Adds bits to span, from cell low_bin on."""
+    """Adds the cells of a column that a profile shows free to `span`, as bits from cell low_bin on.
+
+    A cell is free if its circle, seen from above, and its heights are in directions and layers that are free there,
+    above the ground.
+
+    Args:
+        x, y: the column, relative to the camera.
+        edges: (D + 1,) azimuths.
+        layers: (L + 1,) heights.
+        near_m, far_m: (D, L) free ranges.
+        plane: GroundPlane.
+        low_bin: index of the first cell.
+        span: (2,) uint64 out."""
     span[0] = span[1] = np.uint64(0)
     r = math.sqrt(x * x + y * y)
     if r <= 2.0 * _HALF_M:
@@ -218,16 +237,18 @@ def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
 
 @inner
 def ground_cell(free, k, c):
-    """Index, from the block's first on, of the cell that holds the ground of column c of slot k; -1: none is known."""
+    """Returns the cell of the ground of column c of slot k, relative to the block's first cell; -1 if it is not
+    known."""
     z = free.ground[k, c, 0]
     return -1 if math.isnan(z) else min(max(cell(z - _EDGE_M) - free.blocks[k].iz * TALL, 0), TALL - 1)
 
 
 @inner
 def beside_ground(free, bx, by, low, c, found, span):
-    """Settles what a frame sees free of a column of blocks low and low + 1 with the ground that is remembered there.
+    """Compares the free cells of a column, `span`, with the remembered ground of its blocks low and low + 1.
 
-    found: whether the frame found its own ground, see `see_free`."""
+    Without a ground in the frame (`found`), cells at or below the remembered ground are removed from the span. With
+    one, a remembered ground in a free cell is deleted."""
     below = False
     for part in range(-1, 2):
         k = find_block(free, bx, by, low + part)
@@ -246,11 +267,18 @@ def beside_ground(free, bx, by, low, c, found, span):
 
 @kernel
 def see_free(free, x, y, edges, layers, near_m, far_m, plane):
-    """Remembers what a profile saw free from (x, y). edges (D + 1,), layers (L + 1,) float64 in the world's frame;
-    near_m, far_m (D, L) float32; plane: GroundPlane of the same frame.
+    """Adds the free space that a profile shows from (x, y).
 
-    A frame that found no ground frees nothing at or below ground that is remembered: it may have overlooked it. One that
-    found its ground and sees the cell of a remembered surface free takes that surface away."""
+    A frame without ground frees nothing at or below remembered ground, which it may have failed to detect. A frame
+    with ground that shows the cell of a remembered ground free deletes that ground.
+
+    Args:
+        free: FreeTables.
+        x, y: place of the camera.
+        edges: (D + 1,) float64 azimuths in the frame of the world.
+        layers: (L + 1,) float64 heights in the frame of the world.
+        near_m, far_m: (D, L) float32 free ranges.
+        plane: GroundPlane of the frame."""
     masks = free.masks
     span = np.zeros(2, np.uint64)
     reach = 0.0
@@ -280,7 +308,7 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
 
 @inner
 def stand_in(free, ax, ay, bx, by, top, bottom):
-    """Takes the cells that a plane crosses out of what is known to be free."""
+    """Clears the free bits of the cells that a plane crosses."""
     masks = free.masks
     if bx < ax:
         ax, ay, bx, by = bx, by, ax, ay
@@ -307,10 +335,13 @@ def stand_in(free, ax, ay, bx, by, top, bottom):
 def seen_blocks(
     free: FreeTables, now: int, since: int = -1
 ) -> tuple[NDArray[np.int32], NDArray[np.uint64], NDArray[np.float32]]:
-    """(indices (B, 3), masks (B, 256), ground (B, 256, 2)) of the blocks with anything known free in epoch `now`, or any
-    ground, ordered by index.
+    """Returns indices (B, 3), masks (B, 256) and ground (B, 256, 2) of the blocks with any free cell or ground,
+    ordered by index.
 
-    since: 0 or more: only those that a later frame changed, also where nothing is known any more."""
+    Args:
+        free: tables.
+        now: the present epoch.
+        since: 0 or more: only blocks that a later frame changed, also if nothing in them is known any more."""
     used = int(free.state["blocks"][0])
     blocks, masks, ground = free.blocks[:used], free.masks, free.ground
     behind = now - blocks["epoch"].astype(np.int64)

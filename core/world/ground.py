@@ -1,9 +1,8 @@
-"""The ground in the merged world: for each column of cells the height at which it was measured last, and its noise.
+"""The ground of the merged world: for each column of cells, the height of its last measurement and its noise.
 
-It is kept in the blocks of free space (free_grid.py), ground (B, 256, 2) float32: z of its highest point in the column,
-and its noise, both in metres; nan where none is known. It does not age. A newer measurement replaces it, but for one of
-more noise that agrees with it. Below it no cell stays free.
-"""
+It is kept in the blocks of free space (free_grid.py): ground, (B, 256, 2) float32, is the z of the highest point of
+the ground in the column and its noise in metres, nan if it is not known. It does not age. A newer measurement
+replaces it, unless that agrees with it and has more noise. No cell below the ground stays free."""
 
 from __future__ import annotations
 
@@ -30,7 +29,7 @@ from .free_grid import (
 
 
 def ground_plane(model: FrameModel, place_z_m: float) -> GroundPlane:
-    """The ground of a frame whose camera is at that z."""
+    """Returns the GroundPlane of a frame. place_z_m: z of its camera."""
     g = model.ground
     if not g.seen:
         return math.inf, 0.0, 0.0, 0.0, 0.0
@@ -39,7 +38,7 @@ def ground_plane(model: FrameModel, place_z_m: float) -> GroundPlane:
 
 @inner
 def clear_below(free, ix, iy, z):
-    """Takes the cells of a column at z and below, down through the next block, out of what is known to be free."""
+    """Clears the free bits of a column at z and below, including the next block."""
     masks = free.masks
     first, c = cell(z - _EDGE_M), (ix & 15) * SIDE + (iy & 15)
     for iz in range(first >> 6, (first >> 6) + 2):
@@ -55,10 +54,11 @@ def clear_below(free, ix, iy, z):
 
 @inner
 def put_ground(free, ix, iy, z, noise):
-    """Remembers the ground of a column, unless what is remembered agrees with it and has less noise; returns its z."""
+    """Stores the ground of a column, unless the stored one agrees with it and has less noise; returns the z that is
+    stored."""
     ground, c = free.ground, (ix & 15) * SIDE + (iy & 15)
     at = cell(z - _EDGE_M) >> 6
-    for iz in range(at - 1, at + 2):  # noise may lift it across the border of two blocks
+    for iz in range(at - 1, at + 2):  # noise may move it across the border of two blocks
         k = find_block(free, ix >> 4, iy >> 4, iz)
         if k == _NONE or math.isnan(ground[k, c, 0]):
             continue
@@ -75,7 +75,8 @@ def put_ground(free, ix, iy, z, noise):
 
 @inner
 def measured_at(x, y, edges, seen_from, seen_to):
-    """Whether all directions that a column at (x, y) from the camera reaches into measured the ground there."""
+    """True if the ground was measured in all directions that a column at (x, y) from the camera extends into, at its
+    range."""
     r = math.sqrt(x * x + y * y)
     if r <= 2.0 * _HALF_M:
         return False
@@ -92,9 +93,14 @@ def measured_at(x, y, edges, seen_from, seen_to):
 
 @kernel
 def see_ground(free, x, y, edges, seen_from, seen_to, plane):
-    """Remembers the ground that a frame measured from (x, y), and frees nothing at or below it.
+    """Stores the ground that a frame measured from (x, y), and clears the free bits at and below it.
 
-    edges (D + 1,) float64 azimuths in the world's frame; seen_from, seen_to (D,) float64 ranges; plane: GroundPlane."""
+    Args:
+        free: FreeTables.
+        x, y: place of the camera.
+        edges: (D + 1,) float64 azimuths in the frame of the world.
+        seen_from, seen_to: (D,) float64 ranges at which the ground was measured.
+        plane: GroundPlane of the frame."""
     z, slope_x, slope_y, _tolerance, noise = plane
     reach = 0.0
     for d in range(len(seen_to)):

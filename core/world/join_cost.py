@@ -1,8 +1,8 @@
-"""When two planes of the world are one: section 5.3 over time, with the moments of Eq. 17 in full.
+"""Cost of joining two planes of the merged world (Section 5.3 over time), from their moments (Eq. 17, complete).
 
-A plane's moments (weight, x, y, xx, xy, yy) are those of its ends and all between them, weighted by inverse variance;
-the paper's lack zz, without which walls along one axis have no fit and no fit has a residual.
-"""
+The moments of a plane (weight, x, y, xx, xy, yy) are those of its ends and of all points between them, weighted by
+inverse variance. The paper's set of moments has no zz: without it a fit has no residual, and walls along one axis
+cannot be fitted."""
 
 from __future__ import annotations
 
@@ -17,36 +17,34 @@ from .free_grid import any_free
 
 REFUSED = 2.0
 WORLD_RULES = record(
-    ("turn_cos", np.float64),
-    ("gap_m", np.float64),
+    ("turn_cos", np.float64),  # cosine of `plane_angle_deg`
+    ("gap_m", np.float64),  # `passable_width_m`
     ("join_m", np.float64),
     ("join_sigmas", np.float64),
-    ("noise_cap_m", np.float64),
-    ("corner_m", np.float64),
+    ("noise_cap_m", np.float64),  # `join_noise_cap_m`
+    ("corner_m", np.float64),  # `join_corner_m`
     ("short_m", np.float64),
     ("longest_m", np.float64),
     ("memory_frames", np.float64),
     ("free_evidence_limit", np.float64),
     ("free_evidence_per_hit", np.float64),
-    ("behind_m", np.float64),
+    ("behind_m", np.float64),  # `free_evidence_behind_m`
     ("free_evidence_sigmas", np.float64),
     ("free_evidence_share", np.float64),
-    ("step_m", np.float64),
+    ("step_m", np.float64),  # `free_evidence_step_m`
     ("pose_sigma_m", np.float64),
     ("free_evidence_limit_extra", np.float64),
 )
-"""Rules of the merged world, see `update.rules_of`. turn_cos: cosine of plane_angle_deg; gap_m: passable_width_m; join_m,
-join_sigmas, noise_cap_m, corner_m: how far off a line, and how empty a corner, joined planes may be; short_m, longest_m:
-lengths of planes; memory_frames: observations that count; free_evidence_limit to free_evidence_limit_extra: when an observed part is removed."""
+"""Rules of the merged world, see `update.rules_of`. Fields without a comment are the parameters of the same names."""
 
 _GAP_POINTS = 3
-"""Not tuning: a gap is asked for free space at so many places along it and so many heights."""
+"""Number of places along a gap, and of heights, at which free space is tested. It is not a tuning parameter."""
 _IRREGULAR = int(PlaneFlags.IRREGULAR)
 _TINY = 1e-9
 
 
 class Box(NamedTuple):
-    """A plane: its ends a, b seen from above and its heights, m, z down."""
+    """Box of a plane: its ends a and b seen from above, and its heights, z down, in metres."""
 
     ax: Any
     ay: Any
@@ -68,7 +66,12 @@ class Moments(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """cost: of joining two planes, below 1 when they may be; the ends of the joined plane; gap: between both, m."""
+    """Result of joining two planes.
+
+    Attributes:
+        cost: below 1 if they may be joined.
+        ax, ay, bx, by: ends of the joined plane.
+        gap: gap between both planes, m."""
 
     cost: Any
     ax: Any
@@ -80,13 +83,13 @@ class Joined(NamedTuple):
 
 @inner
 def length_of(ax, ay, bx, by):
-    """Of a segment, never 0."""
+    """Returns the length of a segment, never 0."""
     return max(math.sqrt((bx - ax) ** 2 + (by - ay) ** 2), _TINY)
 
 
 @inner
 def segment_moments(box, weight, sigma):
-    """Moments of points spread evenly over a plane, each with a round error."""
+    """Returns the Moments of points spread evenly over a plane, each with an error of `sigma` in x and y."""
     x, y, dx, dy, v = 0.5 * (box.ax + box.bx), 0.5 * (box.ay + box.by), box.bx - box.ax, box.by - box.ay, sigma * sigma
     return Moments(
         weight,
@@ -100,7 +103,7 @@ def segment_moments(box, weight, sigma):
 
 @inner
 def moved_moments(m, ox, oy):
-    """Moments about a point that lies (ox, oy) back."""
+    """Returns Moments about a point that lies at (-ox, -oy)."""
     return Moments(
         m.w,
         m.x + m.w * ox,
@@ -113,7 +116,7 @@ def moved_moments(m, ox, oy):
 
 @inner
 def together(m, n, share):
-    """Moments of both, the former by a share."""
+    """Returns the sum of two Moments, the first multiplied by a share."""
     return Moments(
         share * m.w + n.w,
         share * m.x + n.x,
@@ -126,15 +129,16 @@ def together(m, n, share):
 
 @inner
 def shifted(box, x, y):
-    """A box with its ends counted from (x, y)."""
+    """Returns a Box with its ends relative to (x, y)."""
     return Box(box.ax - x, box.ay - y, box.bx - x, box.by - y, box.top, box.bottom)
 
 
 @inner
 def line_of(m, ux, uy, least_cos):
-    """(x, y, dx, dy): middle and direction of the line nearest to what has these moments, by total least squares.
+    """Returns (x, y, dx, dy), middle and direction of the line that fits these moments best, by total least squares.
 
-    It runs the way of (ux, uy); a line that turns farther than least_cos from it is of something short: it keeps that."""
+    The direction is that of (ux, uy). A line that is turned from it by more than least_cos allows belongs to a short
+    plane, which keeps (ux, uy)."""
     x, y = m.x / m.w, m.y / m.w
     cxx, cxy, cyy = m.xx / m.w - x * x, m.xy / m.w - x * y, m.yy / m.w - y * y
     turn = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
@@ -148,7 +152,7 @@ def line_of(m, ux, uy, least_cos):
 
 
 class Extent(NamedTuple):
-    """A plane along a line: begin, end, m; its heights."""
+    """A plane along a line: begin, end and heights, m."""
 
     begin: Any
     end: Any
@@ -158,13 +162,14 @@ class Extent(NamedTuple):
 
 @inner
 def corner_cost(p, q, most):
-    """Side of the largest empty corner that the rectangle around Extents p and q takes in, over `most`; 1 and more: too large.
+    """Returns the side of the largest empty corner in the rectangle around the Extents p and q, over `most`; 1 or
+    more: too large.
 
-    At each end one of the two reaches farther; where the other is taller, a corner beside it is empty."""
+    At each end one of the two extends farther. If the other one is taller, a corner beside it is empty."""
     worst = 0.0
     for end in range(2):
         reach = q.begin - p.begin if end == 0 else p.end - q.end
-        if reach >= 0.0:  # p reaches farther: q's heights beyond p's
+        if reach >= 0.0:  # p extends farther: heights of q beyond those of p
             tall = max(p.top - q.top, q.bottom - p.bottom)
         else:
             tall = max(q.top - p.top, p.bottom - q.bottom)
@@ -174,7 +179,7 @@ def corner_cost(p, q, most):
 
 @inner
 def off_line(box, x, y, dx, dy):
-    """Distance of the farther end of a box from the line through (x, y) along (dx, dy)."""
+    """Returns the distance of the farther end of a box from the line through (x, y) along (dx, dy)."""
     return max(
         max(0.0, abs((box.ay - y) * dx - (box.ax - x) * dy)),
         abs((box.by - y) * dx - (box.bx - x) * dy),
@@ -183,7 +188,13 @@ def off_line(box, x, y, dx, dy):
 
 @inner
 def joined(a, b, m, sigma, rules):
-    """Joined of boxes a and b. m: their moments together; sigma: noise of the farther one."""
+    """Returns Joined of the boxes a and b.
+
+    Args:
+        a, b: Box.
+        m: the sum of their Moments.
+        sigma: noise of the farther one.
+        rules: a record of WORLD_RULES."""
     no = Joined(REFUSED, 0.0, 0.0, 0.0, 0.0, 0.0)
     if min(a.bottom, b.bottom) <= max(a.top, b.top):
         return no
@@ -211,8 +222,10 @@ def joined(a, b, m, sigma, rules):
 
 @inner
 def stays_open(free, a, b, flags, gap, rules):
-    """Whether the gap between two boxes stays open: it is wide, and seen free anywhere at the heights of both, or beside
-    scattered things (flags of either): the extent of leaves beyond their ends is unknown."""
+    """True if the gap between two boxes must stay open.
+
+    It must if it is wide, and observed free at any place at the heights of both, or beside an irregular plane (flags
+    of either), because the extent of foliage beyond its ends is not known."""
     if gap <= rules.corner_m:
         return False
     if flags & _IRREGULAR:

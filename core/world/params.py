@@ -1,4 +1,4 @@
-"""Every constant of the merged world: a name, a default, a range, a unit and what it means."""
+"""Parameters of the merged world."""
 
 from __future__ import annotations
 

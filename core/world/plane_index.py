@@ -1,9 +1,10 @@
-"""The table of a world's planes and its spatial index: the cost of a frame does not depend on the number of planes.
+"""The table of planes of the merged world and its spatial index. The cost of a frame does not depend on the number of
+planes.
 
-Planes are in slots of a table of fixed size. A slot is in the list of each square of the ground that its plane crosses. A
-hash maps squares to lists: a search may return a few planes of other squares, and never misses one. A further list has the
-slots in the order of their last observation (LRU): when the table is full, the first one is removed.
-"""
+Planes are in slots of a table of fixed size. A slot is in the list of each square of the ground that its plane
+crosses. A hash maps squares to lists: a search may return a few planes of other squares, and never misses one. A
+further list contains the slots in the order of their last observation (LRU). If the table is full, its first one is
+removed."""
 
 from __future__ import annotations
 
@@ -16,58 +17,60 @@ from numpy.typing import NDArray
 from ..jit import inner, record
 
 SQUARE_M = 8.0
-"""Not tuning: side of a square; a frame sees some dozen of them."""
+"""Side of a square, of which a frame covers some dozen. It is not a tuning parameter."""
 _EDGE_M = 1e-3
-"""Not tuning: more than float32 rounds by; a plane is in the list of a square that it nearly touches."""
+"""Tolerance greater than the rounding of float32: a plane is in the list of a square that it nearly touches."""
 _LINKS = 4
-"""Links for each slot: long planes take more than one."""
+"""Links per slot: long planes need more than one."""
 NONE = -1
 BOX = ("ax_m", "ay_m", "bx_m", "by_m", "top_m", "bottom_m")
 MOMENTS = ("weight", "x", "y", "xx", "xy", "yy")
 SLOT = record(
     *((name, np.float64) for name in MOMENTS),
-    ("seen_ns", np.int64),
+    ("seen_ns", np.int64),  # newest observation
     *((name, np.float32) for name in BOX),
-    ("anchor_x_m", np.float32),
+    ("anchor_x_m", np.float32),  # the moments are about this point
     ("anchor_y_m", np.float32),
     ("margin_m", np.float32),
-    ("clear_from_m", np.float32),
+    ("clear_from_m", np.float32),  # the part that was observed as clear, relative to a
     ("clear_to_m", np.float32),
-    ("hits", np.int32),
-    ("clears", np.int32),
-    ("plane_flags", np.int32),
-    ("older", np.int32),
+    ("hits", np.int32),  # observations; 0: an empty slot
+    ("clears", np.int32),  # observations as clear
+    ("plane_flags", np.int32),  # PlaneFlags
+    ("older", np.int32),  # neighbours in the LRU list; of an empty slot newer is the next empty one
     ("newer", np.int32),
-    ("look", np.int32),
-    ("changed", np.int32),
+    ("look", np.int32),  # newest search that found it
+    ("changed", np.int32),  # frame of the newest change
 )
-"""A plane. weight to yy: its moments about the anchor. seen_ns: newest observation. ax_m to bottom_m: its ends a, b and its
-heights. clear_from_m, clear_to_m: the part that was observed as clear, from a. hits: observations (0: an empty slot);
-clears: observations as clear; plane_flags: PlaneFlags. older, newer: slots of the LRU list; in an empty slot newer is the next
-empty one. look: the newest search that found it; changed: frame of the newest change."""
+"""A plane of the world."""
 LINK = record(("slot", np.int32), ("next", np.int32))
 """An entry of the list of a square."""
 TABLE_STATE = record(
-    ("used", np.int64),
-    ("free_slot", np.int64),
-    ("oldest", np.int64),
+    ("used", np.int64),  # slots that were ever in use
+    ("free_slot", np.int64),  # first empty slot of these
+    ("oldest", np.int64),  # ends of the LRU list
     ("newest", np.int64),
-    ("free_link", np.int64),
-    ("links_used", np.int64),
-    ("looks", np.int64),
-    ("live", np.int64),
-    ("frame", np.int64),
-    ("dropped", np.int64),
+    ("free_link", np.int64),  # first empty link
+    ("links_used", np.int64),  # links that were ever in use
+    ("looks", np.int64),  # searches
+    ("live", np.int64),  # planes
+    ("frame", np.int64),  # frames
+    ("dropped", np.int64),  # counts for the log
     ("cleared", np.int64),
     ("joined", np.int64),
     ("overflow", np.int64),
 )
-"""used, links_used: slots and links that were ever in use; free_slot, free_link: first empty one of those; oldest, newest:
-ends of the LRU list; looks: searches; live: planes; frame: frames. dropped to overflow: counts for the log."""
+"""State of the tables."""
 
 
 class Tables(NamedTuple):
-    """planes: (P,) SLOT; heads: (H,) int32, first link of each list; links: (L,) LINK; state: (1,) TABLE_STATE."""
+    """Tables of P planes.
+
+    Attributes:
+        planes: (P,) SLOT.
+        heads: (H,) int32, first link of each list.
+        links: (L,) LINK.
+        state: (1,) TABLE_STATE."""
 
     planes: NDArray[Any]
     heads: NDArray[np.int32]
@@ -76,7 +79,7 @@ class Tables(NamedTuple):
 
 
 def empty_tables(most: int) -> Tables:
-    """Tables for at most so many planes. What is never used takes no memory: the system gives pages when written to."""
+    """Returns empty tables for this number of planes. Pages that are never written take no memory."""
     heads = np.full(1 << max(6, math.ceil(math.log2(max(1, most // 4)))), NONE, np.int32)
     state = np.zeros(1, TABLE_STATE)
     for name in ("free_slot", "oldest", "newest", "free_link"):
@@ -85,31 +88,32 @@ def empty_tables(most: int) -> Tables:
 
 
 def plane_bytes(tables: Tables) -> float:
-    """Bytes of memory that each plane takes where the tables are full."""
+    """Returns the bytes of memory per plane if the tables are full."""
     return sum(t.nbytes for t in tables) / len(tables.planes)
 
 
 def columns(planes: NDArray[Any], names: tuple[str, ...]) -> NDArray[Any]:
-    """(N, len(names)): fields of the same type of (N,) SLOT, such as BOX."""
+    """Returns fields of the same type of (N,) SLOT as an array (N, len(names)), such as BOX."""
     return np.stack([planes[name] for name in names], axis=1)
 
 
 @inner
 def square(x):
-    """The square that a coordinate falls into."""
+    """Returns the square of a coordinate."""
     return int(math.floor(x / SQUARE_M))
 
 
 @inner
 def bucket(ix, iy, size):
-    """The list of a square; size: a power of two."""
+    """Returns the list of a square. size: a power of two."""
     h = (int(ix) * 73856093) ^ (int(iy) * 19349663)
     return (h ^ (h >> 15)) & (size - 1)
 
 
 @inner
 def set_links(tables, i, add):
-    """Adds slot i to the lists of its squares (add), or removes it from them; False: there are no links left."""
+    """Adds slot i to the lists of its squares (add), or removes it from them; returns False if there are no links
+    left."""
     plane, heads, links, state = tables.planes[i], tables.heads, tables.links, tables.state[0]
     x0, y0, x1, y1 = float(plane.ax_m), float(plane.ay_m), float(plane.bx_m), float(plane.by_m)
     if x1 < x0:
@@ -141,7 +145,7 @@ def set_links(tables, i, add):
 
 @inner
 def unlink(tables, head, i):
-    """Takes one link to slot i out of a list, where there is one."""
+    """Removes one link to slot i from a list, if there is one."""
     heads, links, state = tables.heads, tables.links, tables.state[0]
     before, k = NONE, heads[head]
     for _ in range(links.shape[0]):
@@ -176,7 +180,7 @@ def lru_remove(tables, i):
 
 @inner
 def lru_insert(tables, i):
-    """Puts slot i at the newest end of the LRU list."""
+    """Appends slot i at the newest end of the LRU list."""
     planes, state = tables.planes, tables.state[0]
     planes[i].older, planes[i].newer = state.newest, NONE
     if state.newest == NONE:
@@ -188,7 +192,7 @@ def lru_insert(tables, i):
 
 @inner
 def seen_again(tables, i, t_ns):
-    """Slot i was seen: it goes last."""
+    """Records an observation of slot i and moves it to the newest end of the LRU list."""
     lru_remove(tables, i)
     lru_insert(tables, i)
     tables.planes[i].seen_ns = t_ns
@@ -196,7 +200,7 @@ def seen_again(tables, i, t_ns):
 
 @inner
 def new_slot(tables, t_ns):
-    """A slot for a plane, in the LRU list and not yet in any other; where there is none, the plane not seen longest goes."""
+    """Returns a slot for a plane, which is in the LRU list and in no other list. A full table loses its oldest plane."""
     planes, state = tables.planes, tables.state[0]
     if state.free_slot == NONE and state.used == planes.shape[0]:
         drop_oldest(tables)
@@ -216,19 +220,19 @@ def new_slot(tables, t_ns):
 
 @inner
 def insert(tables, i):
-    """Slot i into the lists of its squares; where links are out, planes not seen longest go until there are some."""
+    """Adds slot i to the lists of its squares. If there are no links left, the oldest planes are removed."""
     for _ in range(tables.planes.shape[0]):
         if set_links(tables, i, True):
             return
         set_links(tables, i, False)
         if tables.state[0].oldest == i:
-            return  # alone it does not fit: it is longer than any plane may be
+            return  # it is longer than any plane may be
         drop_oldest(tables)
 
 
 @inner
 def drop_oldest(tables):
-    """Makes room."""
+    """Removes the plane that was not observed for the longest time."""
     state = tables.state[0]
     i = state.oldest
     set_links(tables, i, False)
@@ -238,7 +242,7 @@ def drop_oldest(tables):
 
 @inner
 def remove(tables, i):
-    """Empties slot i, whose links are gone already."""
+    """Empties slot i, whose links have been removed."""
     plane, state = tables.planes[i], tables.state[0]
     lru_remove(tables, i)
     plane.hits, plane.changed = 0, state.frame
@@ -249,7 +253,8 @@ def remove(tables, i):
 
 @inner
 def gather(tables, x0, y0, x1, y1, top, bottom, out):
-    """Slots of the planes whose boxes touch a box, into out; returns how many. Those that do not fit are counted."""
+    """Writes the slots of the planes whose boxes touch a box to `out`; returns their number. Those that do not fit
+    are counted."""
     planes, heads, links, state = tables.planes, tables.heads, tables.links, tables.state[0]
     state.looks = (state.looks + 1) & 0x3FFFFFFF
     look, n = state.looks, 0

@@ -1,8 +1,8 @@
 """Removal of planes, or parts of them, that later frames observe to be clear.
 
-A part is removed when it was observed to be clear more often than occupied, by a number of observations: a moved object is
-removed within half a second, and a wall that noise hides now and then stays. Growing needs one observation, shrinking many.
-"""
+A part is removed if it was observed to be clear more often than occupied, by a number of observations. A moved object
+is then removed within half a second, and a wall that noise hides now and then is kept. A plane grows by one
+observation and shrinks by many."""
 
 from __future__ import annotations
 
@@ -17,14 +17,23 @@ from .plane_index import insert, lru_insert, lru_remove, new_slot, remove, set_l
 
 _OBSTACLE = 1
 _HITS_PER_CLEAR = 4
-"""Not tuning: observations of a plane that require one more observation of it as clear."""
+"""Observations of a plane per additional observation as clear that its removal requires. It is not a tuning
+parameter."""
 _LEAST_M = 0.1
-"""Not tuning: what is left of a plane is kept when it is longer."""
+"""A remaining part of a plane is kept if it is longer. It is not a tuning parameter."""
 
 
 class FrameView(NamedTuple):
-    """What removal needs of a frame: the camera's place x_m, y_m; the noise constant ke, 1/m; edges_rad and layers_m float64,
-    near_m, far_m and end of its FreeProfile; plane: its GroundPlane."""
+    """A frame as removal needs it.
+
+    Attributes:
+        x_m, y_m: place of the camera.
+        ke_per_m: noise coefficient, 1/m.
+        edges_rad: (D + 1,) float64 of its FreeProfile.
+        layers_m: (L + 1,) float64.
+        near_m, far_m: (D, L) free ranges.
+        end: (D, L) uint8.
+        plane: its GroundPlane."""
 
     x_m: Any
     y_m: Any
@@ -39,11 +48,18 @@ class FrameView(NamedTuple):
 
 @inner
 def is_observed_clear(x, y, top, bottom, slack, rules, view):
-    """Whether a profile is free beyond a place (x, y from the camera) over enough of the heights top..bottom.
+    """True if a profile is free beyond a place over enough of the heights top..bottom.
 
-    slack: how far behind it must be free, noise added. Not when any layer there ends at an obstacle at about that range:
-    that may be the plane itself. A layer that the ground cuts is free as a whole, and was judged above the ground only:
-    heights below the ground, or within its noise, do not count as free. view: FrameView."""
+    It is not if any layer there ends at an obstacle at about that range, which may be the plane itself. A layer that
+    the ground cuts is free as a whole, but was tested only above the ground: heights below the ground, or within its
+    noise, do not count.
+
+    Args:
+        x, y: the place, relative to the camera.
+        top, bottom: heights.
+        slack: distance behind the place to which it must be free, without noise.
+        rules: a record of WORLD_RULES.
+        view: FrameView."""
     edges, layers, near_m, far_m = view.edges_rad, view.layers_m, view.near_m, view.far_m
     r = math.sqrt(x * x + y * y)
     turn = math.atan2(y, x) - edges[0]
@@ -66,7 +82,7 @@ def is_observed_clear(x, y, top, bottom, slack, rules, view):
 
 @inner
 def count_clear_view(tables, i, rules, view):
-    """Counts one observation of a frame that the longest part of slot i is clear. view: FrameView."""
+    """Counts one observation that the longest clear part of slot i is clear. view: FrameView."""
     x, y = view.x_m, view.y_m
     plane = tables.planes[i]
     a = box_of(plane)
@@ -92,7 +108,9 @@ def count_clear_view(tables, i, rules, view):
 
 @inner
 def count_clear_part(plane, begin, end):
-    """One more observation of begin..end of a plane as clear: the part that all agree on, or a new one where they do not."""
+    """Counts one observation of begin..end of a plane as clear.
+
+    The counted part is the one that all observations share. If they do not overlap enough, a new part begins."""
     if plane.clears > 0:
         both0, both1 = max(begin, float(plane.clear_from_m)), min(end, float(plane.clear_to_m))
         if both1 - both0 >= 0.5 * (end - begin):
@@ -108,9 +126,9 @@ def count_clear_part(plane, begin, end):
 
 @inner
 def cut_cleared(tables, i, rules):
-    """Removes the part of slot i that frames observed to be clear often enough; a remaining part on the far side gets a new slot.
+    """Removes the part of slot i that was observed to be clear often enough; returns True if any part was removed.
 
-    Returns whether any part was removed."""
+    Of two remaining parts, the second one gets a new slot."""
     plane = tables.planes[i]
     need = rules.free_evidence_limit + min(float(plane.hits // _HITS_PER_CLEAR), rules.free_evidence_limit_extra)
     if plane.hits == 0 or plane.clears < need:
@@ -132,17 +150,17 @@ def cut_cleared(tables, i, rules):
         copy_part(tables, i, far_part)
     if left:
         put_box(tables, i, near_part)
-    else:  # another type in a kernel: its float64 are elsewhere
+    else:  # a separate call, because in a kernel the two boxes have different types
         put_box(tables, i, far_part)
     return True
 
 
 @inner
 def copy_part(tables, i, box):
-    """A part of slot i in a slot of its own, with the same moments. box: of the part."""
+    """Copies a part of slot i, with the same moments, to a new slot. box: of the part."""
     planes = tables.planes
     lru_remove(tables, i)
-    lru_insert(tables, i)  # or it might be the one that goes for the new slot
+    lru_insert(tables, i)  # otherwise slot i might be removed to make room for the new one
     k = new_slot(tables, planes[i].seen_ns)
     part, plane = planes[k], planes[i]
     part.weight, part.x, part.y, part.xx, part.xy, part.yy = (

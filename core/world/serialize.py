@@ -1,9 +1,9 @@
-"""A world as bytes, 55 for each plane; and two saved worlds made one.
+"""A world as bytes, 55 per plane, and its transform to another frame.
 
-Coordinates are centimetres as integers, ends counted from the plane's middle; moments are float32 about it. Rounding makes
-no plane lower than it was. Parts of a file carry their length and a checksum, so that of a file cut or damaged anywhere the
-whole parts are read, and the place where it ends is reported. Free space is not saved: what was free then is not known to be free now.
-"""
+Coordinates are integer centimetres, ends relative to the middle of the plane; moments are float32 about it. Rounding
+makes no plane lower than it was. Each part of a file has its length and a checksum, so that the complete parts of a
+damaged file are read, and the place of the damage is reported. Free space is not saved: it may have changed
+meanwhile."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAGIC = b"OSAPE world 1\n"
 NS = 1_000_000_000
 _CM = 100.0
 _MOST_PLANES = 4096
-"""Planes of one part of a file: so many are lost where it is cut, at the most."""
+"""Planes per part of a file, which is the greatest number that is lost at a damaged place."""
 _PART = struct.Struct("<4sII")
 _SECTION = struct.Struct("<IIqq")
 _PLACE = [
@@ -39,8 +39,19 @@ ON_DISK = np.dtype([*_PLACE, ("moments", "<f4", (6,))])
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SavedSection:
-    """One section's planes, in ned: box (N, 6) float64, moments (N, 6) float64 about the middle of each, margin_m (N,),
-    flags (N,) uint8, hits (N,) int32, age_s (N,) since it was last seen, at newest_ns."""
+    """Planes of one section, in ned.
+
+    Attributes:
+        number: of the section.
+        reset_counter: of the position estimate.
+        begun_ns: first frame.
+        newest_ns: newest frame.
+        box: (N, 6) float64.
+        moments: (N, 6) float64, about the middle of each plane.
+        margin_m: (N,) float64.
+        flags: (N,) uint8.
+        hits: (N,) int32.
+        age_s: (N,) float64, time since the last observation, at newest_ns."""
 
     number: int
     reset_counter: int
@@ -55,7 +66,7 @@ class SavedSection:
 
 
 def packed(kind: np.dtype[Any], box: Any, margin_m: Any, flags: Any, hits: Any, age_s: Any) -> NDArray[np.void]:
-    """(N,) records of a kind with all but slot or moments filled in."""
+    """Returns (N,) records of a dtype, filled except for slot or moments."""
     out = np.zeros(len(box), kind)
     box = box.astype(np.float64)
     x, y = np.rint(50.0 * (box[:, 0] + box[:, 2])), np.rint(50.0 * (box[:, 1] + box[:, 3]))
@@ -71,7 +82,7 @@ def packed(kind: np.dtype[Any], box: Any, margin_m: Any, flags: Any, hits: Any, 
 
 
 def box_of_records(records: NDArray[np.void]) -> NDArray[np.float64]:
-    """(N, 6) metres."""
+    """Returns the boxes of records, (N, 6) in metres."""
     x, y = records["x_cm"].astype(np.float64), records["y_cm"].astype(np.float64)
     top = records["top_cm"].astype(np.float64)
     ends = records["ends_cm"] + np.column_stack([x, y, x, y])
@@ -79,7 +90,7 @@ def box_of_records(records: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 def bytes_of(sections: tuple[SavedSection, ...]) -> bytes:
-    """The file of a world."""
+    """Returns the content of the file of a world."""
     out = [MAGIC]
     for s in sections:
         head = _SECTION.pack(s.number, s.reset_counter & 0xFFFFFFFF, s.begun_ns, s.newest_ns)
@@ -93,9 +104,10 @@ def bytes_of(sections: tuple[SavedSection, ...]) -> bytes:
 
 
 def sections_of(data: bytes) -> tuple[tuple[SavedSection, ...], str]:
-    """(sections, fault) of a file: the complete sections, and where the file ends too early, as text; empty: it is complete.
+    """Returns the complete sections of a file, and where it is damaged, as text; empty: it is not.
 
-    Raises ValueError for what is no world at all."""
+    Raises:
+        ValueError: the content is not a saved world."""
     if not data.startswith(MAGIC):
         raise ValueError(f"no saved world: it begins with {data[: len(MAGIC)]!r}, expected {MAGIC!r}")
     heads: list[tuple[int, int, int, int]] = []
@@ -125,7 +137,7 @@ def _part(tag: bytes, payload: bytes) -> bytes:
 
 
 def _read_part(data: bytes, at: int) -> tuple[bytes, bytes, int, str]:
-    """(tag, payload, place after it, fault)."""
+    """Returns (tag, payload, position after the part, fault)."""
     if at + _PART.size > len(data):
         return b"", b"", at, f"byte {at}: it is cut in the head of a part"
     tag, length, checksum = _PART.unpack_from(data, at)
@@ -156,7 +168,10 @@ def _section(head: tuple[int, int, int, int], parts: list[NDArray[np.void]]) -> 
 
 
 def moved(section: SavedSection, yaw_rad: float, translation_m: tuple[float, float, float]) -> SavedSection:
-    """The section in another frame: p' = Rz(yaw) p + translation. Raises ValueError for what is no number."""
+    """Returns the section in another frame: p' = Rz(yaw) p + translation.
+
+    Raises:
+        ValueError: an argument is not finite."""
     if not all(math.isfinite(v) for v in (yaw_rad, *translation_m)):
         raise ValueError(f"a world cannot be moved by {yaw_rad} rad and {translation_m}: not finite")
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)

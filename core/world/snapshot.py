@@ -1,4 +1,4 @@
-"""The merged world at one moment, as plain arrays: for planners and queries. Needs numpy only."""
+"""The merged world at one instant, as plain arrays, for planners and queries. It needs numpy only."""
 
 from __future__ import annotations
 
@@ -12,14 +12,20 @@ from ..types import readonly
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WorldSnapshot:
-    """Planes and free space of one section, in ned, metres.
+    """Planes and free space of one section, in ned, in metres.
 
-    slots: (N,) int32, the number of each plane for as long as it exists; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top,
-    bottom, free space on the right of a -> b seen from above; margin_m: (N,) float32; flags: (N,) uint8 PlaneFlags; hits:
-    (N,) int32 observations; seen_ns: (N,) int64 the newest one. blocks: (B, 3) int32 indices of blocks of 8 x 8 x 32 m;
-    masks: (B, 256) uint64, a bit for each of the 64 cells of 0.5 m in a column: known to be free (free_grid.py).
-    ground: (B, 256, 2) float32 z of the ground's highest point in each column and its noise, nan where none is known
-    (ground.py); None: known nowhere."""
+    Attributes:
+        section: number of the section.
+        slots: (N,) int32, number of each plane as long as it exists.
+        planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom. Free space is on the right of a -> b, seen from above.
+        margin_m: (N,) float32.
+        flags: (N,) uint8 PlaneFlags.
+        hits: (N,) int32, observations.
+        seen_ns: (N,) int64, newest observation.
+        blocks: (B, 3) int32, indices of blocks of 8 x 8 x 32 m.
+        masks: (B, 256) uint64, a bit per cell of 0.5 m in each column: 1, free (free_grid.py).
+        ground: (B, 256, 2) float32, z of the highest point of the ground in each column and its noise, nan where it
+            is not known (ground.py); None: known nowhere."""
 
     section: int
     slots: NDArray[np.int32]
@@ -47,7 +53,7 @@ class WorldSnapshot:
 
     @classmethod
     def empty(cls) -> WorldSnapshot:
-        """Nothing is known."""
+        """Returns a world of which nothing is known."""
         return cls(
             section=0,
             slots=np.zeros(0, np.int32),

@@ -1,4 +1,4 @@
-"""Adds one frame to the world: observed free space, planes observed again, new planes, and planes observed to be clear."""
+"""Adds one frame to the merged world: free space, planes observed again, new planes, and planes observed to be clear."""
 
 from __future__ import annotations
 
@@ -28,15 +28,16 @@ from .plane_index import BOX, MOMENTS, gather, new_slot
 from .removal import count_clear_view, cut_cleared
 
 _LEAST_M = 0.01
-"""Not tuning: a plane shorter than this has no direction."""
+"""A shorter plane has no direction. It is not a tuning parameter."""
 _NEAR = 4096
-"""Planes considered for one plane, or for the view of one frame; more are counted as overflow."""
+"""Greatest number of planes considered for one plane, or for the view of one frame; more are counted as overflow."""
 _JOINS = 4
-"""Not tuning: neighbours that one plane may take in at one frame; others follow with the next."""
+"""Greatest number of neighbours that one plane absorbs per frame; others follow with later frames. It is not a tuning
+parameter."""
 
 
 def rules_of(p: WorldParams) -> NDArray[Any]:
-    """(1,) WORLD_RULES."""
+    """Returns (1,) WORLD_RULES."""
     return record_of(
         WORLD_RULES,
         p,
@@ -50,10 +51,10 @@ def rules_of(p: WorldParams) -> NDArray[Any]:
 
 
 def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: WorldParams) -> NDArray[Any]:
-    """(N,) OBSERVATION of the planes of a frame in the world's frame.
+    """Returns (N,) OBSERVATION of the planes of a frame, in the frame of the world.
 
-    Planes with a number that is none, and those without a length, are left out. Weight is inverse variance: of the noise
-    sigma = ke r^2 at the plane's nearest point to the camera's foot, and of the frame's own error."""
+    Planes that are not finite or have no length are left out. The weight is the inverse variance of the noise, sigma
+    = ke r^2 at the nearest point of the plane, and of the position of the frame."""
     planes, margin = model.planes.astype(np.float64), model.margin_m.astype(np.float64)
     along = planes[:, 2:4] - planes[:, 0:2]
     length2 = (along**2).sum(axis=1)
@@ -73,7 +74,7 @@ def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: W
 
 @inner
 def gather_around(tables, box, grow, near):
-    """Slots of the planes within `grow` of a box as seen from above that share heights with it, into near; how many."""
+    """Writes the slots of planes within `grow` of a box, at its heights, to `near`; returns their number."""
     x0, y0 = min(box.ax, box.bx) - grow, min(box.ay, box.by) - grow
     x1, y1 = max(box.ax, box.bx) + grow, max(box.ay, box.by) + grow
     return gather(tables, x0, y0, x1, y1, box.top, box.bottom, near)
@@ -81,7 +82,8 @@ def gather_around(tables, box, grow, near):
 
 @inner
 def add_observations(tables, free, observations, rules, t_ns, near, touched):
-    """Adds each observation to the plane that it fits best, or makes a new one; returns how many slots are in `touched`."""
+    """Adds each observation to the plane that it fits best, or creates a plane; returns the number of slots in
+    `touched`."""
     planes, count = tables.planes, 0
     for j in range(observations.shape[0]):
         seen = observations[j]
@@ -107,7 +109,7 @@ def add_observations(tables, free, observations, rules, t_ns, near, touched):
 
 @inner
 def join_neighbours(tables, free, i, rules, near):
-    """Slot i takes in the neighbours that are one with it by now."""
+    """Joins slot i with neighbours that are now one plane with it."""
     planes = tables.planes
     plane = planes[i]
     for _ in range(_JOINS):
@@ -133,7 +135,15 @@ def join_neighbours(tables, free, i, rules, near):
 
 @kernel
 def add_frame(tables, free, observations, settings, t_ns, view):
-    """One frame's observations, (N,) OBSERVATION, and its free profile. settings: (1,) WORLD_RULES; view: FrameView."""
+    """Adds the observations and the free profile of one frame.
+
+    Args:
+        tables: Tables.
+        free: FreeTables.
+        observations: (N,) OBSERVATION.
+        settings: (1,) WORLD_RULES.
+        t_ns: exposure of the frame.
+        view: FrameView."""
     rules = settings[0]
     near, touched = np.empty(_NEAR, np.int32), np.empty(observations.shape[0], np.int32)
     count = add_observations(tables, free, observations, rules, t_ns, near, touched)
@@ -161,13 +171,19 @@ SAVED_PLANE = record(
     ("hits", np.int64),
     ("plane_flags", np.int64),
 )
-"""A plane of a saved world: its moments about its middle; the rest as in SLOT."""
+"""A plane of a saved world: its moments about its middle; all else as in SLOT."""
 
 
 @kernel
 def put_saved(tables, free, saved, settings, join):
-    """Planes of a saved world, (N,) SAVED_PLANE, into slots, oldest first; join: those that are one with what is there are
-    joined. settings: (1,) WORLD_RULES."""
+    """Adds planes of a saved world, the oldest first.
+
+    Args:
+        tables: Tables.
+        free: FreeTables.
+        saved: (N,) SAVED_PLANE.
+        settings: (1,) WORLD_RULES.
+        join: planes that are one with a plane of the world are joined with it."""
     rules, near = settings[0], np.empty(_NEAR, np.int32)
     for k in range(saved.shape[0]):
         row = saved[k]
@@ -175,7 +191,7 @@ def put_saved(tables, free, saved, settings, join):
         plane = tables.planes[i]
         x, y = 0.5 * (row.ax_m + row.bx_m), 0.5 * (row.ay_m + row.by_m)
         plane.anchor_x_m, plane.anchor_y_m, plane.margin_m = x, y, row.margin_m
-        # the anchor is float32: the moments are moved to where it is
+        # the anchor is rounded to float32, and the moments are moved to it
         dx, dy = x - float(plane.anchor_x_m), y - float(plane.anchor_y_m)
         m = Moments(row.weight, row.x, row.y, row.xx, row.xy, row.yy)
         put_moments(plane, moved_moments(m, dx, dy))

@@ -1,9 +1,8 @@
 """The merged world: planes and free space of all frames of a flight, in ned by the autopilot's position estimate.
 
 A jump of the estimate begins a new section. The previous section is kept apart, because its place in the new frame is
-unknown. Without a position there is no merged world; clients then use the newest frame and a short memory
-(osape_client/world/level_memory.py).
-"""
+not known. Without a position there is no merged world; clients then use the newest frame and a short memory
+(osape_client/world/level_memory.py)."""
 
 from __future__ import annotations
 
@@ -27,14 +26,22 @@ from .update import SAVED_PLANE, add_frame, observations_of, put_saved, rules_of
 
 NS = 1_000_000_000
 FARTHEST_M = 1e6
-"""Not tuning: farther from the origin float32 resolves no centimetres; an estimate beyond it is wrong."""
+"""Greatest distance from the origin: beyond it float32 does not resolve centimetres, and the position estimate is
+wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """The model of one frame in ned, and the place of its camera. place_m: of the camera; reset_counter: of the position's estimate.
+    """The model of one frame in ned.
 
-    Raises ValueError for a place that is no number, or beyond FARTHEST_M."""
+    Attributes:
+        model: the model.
+        place_m: place of the camera.
+        t_ns: exposure.
+        reset_counter: of the position estimate.
+
+    Raises:
+        ValueError: the place is not finite, or beyond FARTHEST_M."""
 
     model: FrameModel
     place_m: tuple[float, float, float]
@@ -51,7 +58,17 @@ class Observation:
 
 @dataclass(slots=True, kw_only=True)
 class Section:
-    """Planes and free space observed between two jumps of the position. number: counts the sections of this world."""
+    """Planes and free space observed between two jumps of the position.
+
+    Attributes:
+        number: counts the sections of this world.
+        tables: planes.
+        free: free space.
+        begun_ns: first frame.
+        reset_counter: of the position estimate.
+        newest_ns: newest frame.
+        place_m: place of the newest frame's camera.
+        vouched: the section begins with saved planes, and the next frame belongs to it at any position."""
 
     number: int
     tables: Tables
@@ -61,22 +78,29 @@ class Section:
     newest_ns: int
     place_m: tuple[float, float, float]
     vouched: bool = False
-    """The section was begun with saved planes: the next frame belongs to it at any position."""
 
     @property
     def used_slots(self) -> NDArray[Any]:
-        """The slots that were ever in use: SLOT, empty ones too."""
+        """The slots that were ever in use, SLOT, including empty ones."""
         return self.tables.planes[: int(self.tables.state["used"][0])]
 
     @property
     def planes(self) -> int:
-        """How many planes it holds."""
+        """Number of planes."""
         return int(self.tables.state["live"][0])
 
 
 @dataclass(slots=True)
 class WorldCounts:
-    """Counts. blind: invalid frames; bad_planes: planes that are not finite, or without a length."""
+    """Counts of a world.
+
+    Attributes:
+        frames: frames added.
+        blind: invalid frames.
+        bad_planes: planes that are not finite, or without a length.
+        sections: sections begun.
+        sections_dropped: sections removed.
+        why: reasons for new sections, and their number."""
 
     frames: int = 0
     blind: int = 0
@@ -87,7 +111,7 @@ class WorldCounts:
 
 
 class World:
-    """Frames in, one model out. The same frames in the same order make the same world, bit for bit."""
+    """Merges frames into one world. The same frames in the same order give the same world, bit for bit."""
 
     def __init__(self, params: WorldParams | None = None) -> None:
         self.params = params or WorldParams()
@@ -98,7 +122,7 @@ class World:
         self._epoch_ns = round(0.5 * self.params.free_age_s * NS)
 
     def add(self, observation: Observation) -> None:
-        """Adds one frame. An invalid one changes nothing but the time."""
+        """Adds one frame. An invalid frame changes only the counts."""
         self.counts.frames += 1
         if not observation.model.valid:
             self.counts.blind += 1
@@ -107,7 +131,7 @@ class World:
         tables, free = section.tables, section.free
         tables.state["frame"] += 1
         free.state["frame"] += 1
-        # of several cameras one may be a little behind: an epoch never goes back
+        # frames of several cameras may be out of order; an epoch never decreases
         free.state["epoch"] = max(int(free.state["epoch"][0]), observation.t_ns // self._epoch_ns)
         observations = observations_of(observation.model, observation.place_m, self.params)
         self.counts.bad_planes += len(observation.model.planes) - len(observations)
@@ -118,7 +142,7 @@ class World:
         if all(np.isfinite(a).all() for a in (edges, layers, near_m, far_m)) and not np.isnan(plane).any():
             see_free(free, x, y, edges, layers, near_m, far_m, plane)
             self._see_ground(free, observation, edges, plane)
-        else:  # such a profile neither frees cells nor shows that a plane is gone
+        else:  # a profile that is not finite neither frees cells nor removes planes
             near_m = far_m = np.zeros_like(near_m)
         ke, end = observation.model.ke_per_m, profile.end
         view = FrameView(float(x), float(y), float(ke), edges, layers, near_m, far_m, end, plane)
@@ -135,12 +159,14 @@ class World:
             see_ground(free, x, y, edges, np.array(ground.seen_from_m), np.array(ground.seen_to_m), plane)
 
     def picture(self, now_ns: int) -> WorldSnapshot:
-        """The present state, for queries and drawings. now_ns: free space that is too old at this time is left out."""
+        """Returns the present state. Free space that is too old at now_ns is left out."""
         return self._picture(now_ns, -1, -1)
 
     def changes(self, now_ns: int, since: int) -> tuple[WorldSnapshot, NDArray[np.int32]]:
-        """(what changed after frame `since` of this section, slots whose planes are gone since). A block is in it whose
-        free space changed, but not those that only aged: a full picture is due at each epoch."""
+        """Returns the changes after frame `since` of this section, and the slots that were emptied since.
+
+        A block is included if its free space changed, but not if it only aged: a complete picture is due at each
+        epoch."""
         if self.section is None:
             return WorldSnapshot.empty(), np.zeros(0, np.int32)
         planes = self.section.used_slots
@@ -149,11 +175,11 @@ class World:
 
     @property
     def frame(self) -> int:
-        """How many frames are in this section."""
+        """Number of frames in this section."""
         return 0 if self.section is None else int(self.section.tables.state["frame"][0])
 
     def epoch(self, now_ns: int) -> int:
-        """Of the free space's age: at each new one the oldest becomes unknown."""
+        """Returns the epoch of the free space. At each new epoch the oldest free space becomes unknown."""
         newest_ns = 0 if self.section is None else self.section.newest_ns
         return max(now_ns, newest_ns) // self._epoch_ns
 
@@ -178,12 +204,14 @@ class World:
         )
 
     def saved(self) -> tuple[SavedSection, ...]:
-        """All sections, the newest last, to be written (serialize.bytes_of)."""
+        """Returns all sections, the newest last, for `serialize.bytes_of`."""
         return tuple(_saved(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
 
     def load(self, sections: tuple[SavedSection, ...]) -> None:
-        """Begins a section with saved planes; planes of one surface are joined, and no space becomes free. The next frame belongs
-        to this section: the caller must have moved the planes into its frame (serialize.moved)."""
+        """Begins a section with saved planes. Planes of one surface are joined, and no space becomes free.
+
+        The next frame belongs to this section: the caller must have moved the planes into its frame
+        (`serialize.moved`)."""
         self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
         assert self.section is not None
         self.section.vouched = True
@@ -191,7 +219,7 @@ class World:
             put_saved(self.section.tables, self.section.free, _planes_of(s), self._rules, k > 0)
 
     def numbers(self) -> dict[str, int]:
-        """Counts for the log and the health report."""
+        """Returns counts for the log and the health report."""
         found = {
             "frames": self.counts.frames,
             "blind": self.counts.blind,
@@ -226,7 +254,7 @@ class World:
         return self._begin(why, observation.t_ns, observation.reset_counter, observation.place_m)
 
     def _begin(self, why: str, t_ns: int, reset_counter: int, place_m: tuple[float, float, float]) -> Section:
-        """A new section; the one before is kept apart."""
+        """Begins a section; the one before is kept apart."""
         if self.section is not None:
             self.past.append(self.section)
             while len(self.past) > self.params.most_sections:
@@ -246,7 +274,7 @@ class World:
         return self.section
 
     def _jump(self, section: Section, observation: Observation) -> str:
-        """Why a frame cannot belong to the section, as text; empty: it can."""
+        """Returns why a frame cannot belong to the section, as text; empty: it can."""
         p, dt_s = self.params, (observation.t_ns - section.newest_ns) / NS
         if observation.reset_counter != section.reset_counter:
             return "the estimate of the position was reset"
@@ -260,11 +288,11 @@ class World:
 
 
 def _saved(section: Section) -> SavedSection:
-    """A section's planes, moments moved to the middle of each."""
+    """Returns the planes of a section, with moments about the middle of each."""
     planes = section.used_slots
     planes = planes[planes["hits"] > 0]
     rows = columns(planes, BOX).astype(np.float64)
-    # whole centimetres, as the file has them: moments are about the middle that will be read
+    # rounded to centimetres as in the file, so that the moments are about the middle that will be read
     middle = 0.01 * np.rint(50.0 * (rows[:, 0:2] + rows[:, 2:4]))
     ox, oy = (columns(planes, ("anchor_x_m", "anchor_y_m")).astype(np.float64) - middle).T
     w, x, y, xx, xy, yy = (planes[name] for name in MOMENTS)
@@ -291,7 +319,7 @@ def _saved(section: Section) -> SavedSection:
 
 
 def _planes_of(section: SavedSection) -> NDArray[Any]:
-    """(N,) SAVED_PLANE, oldest first; seen before the first frame, whatever its stamp."""
+    """Returns (N,) SAVED_PLANE, the oldest first, with stamps before the first frame."""
     order = np.argsort(-section.age_s, kind="stable")
     out = np.zeros(len(order), SAVED_PLANE)
     for k, name in enumerate(MOMENTS):
