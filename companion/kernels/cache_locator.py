@@ -1,8 +1,9 @@
-"""Where numba stores compiled kernels: by module and by content, so that every installation of a version shares them.
+"""Places of compiled kernels: by module and by code, so that all installations of a version share them.
 
-numba's own locators name a directory by the path of the source file, and until 0.67 compare its modification time: a
-second installation of the same sources would compile everything again. numba imports the class that the variable
-NUMBA_CACHE_LOCATOR_CLASSES names; `companion.kernels.jit_cache` sets it."""
+numba's own locators name a directory by the path of the source file and a kernel by its line, and until 0.67 compare
+the modification time of the file: a second installation of the same sources, or an edited comment, would compile
+kernels again. numba imports the class that the variable NUMBA_CACHE_LOCATOR_CLASSES names;
+`companion.kernels.jit_cache` sets it."""
 
 from __future__ import annotations
 
@@ -17,13 +18,13 @@ from . import jit_cache
 
 
 class SourceCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
-    """Below NUMBA_CACHE_DIR one directory per package, such as `core.stages`; fresh while the source's content is equal.
+    """One directory per package below NUMBA_CACHE_DIR, such as `core.stages`. Kernels are valid while their code is equal.
 
     Modules outside of this software's root keep the directories that numba gives them."""
 
     @classmethod
     def get_suitable_cache_subpath(cls, py_file: str) -> str:
-        """The directory for a source file, relative to NUMBA_CACHE_DIR."""
+        """Returns the directory for a source file, relative to NUMBA_CACHE_DIR."""
         path = Path(os.path.abspath(py_file))
         if path.is_relative_to(jit_cache.ROOT):
             return jit_cache.cache_subfolder(path.relative_to(jit_cache.ROOT))
@@ -34,10 +35,19 @@ class SourceCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
         self._source = py_file
 
     def get_source_stamp(self) -> str:
-        """SHA-256 of the source file."""
-        return _hash_of(self._source)
+        """Returns a hash of the code of the source file, which docstrings and comments do not affect."""
+        return _stamp_of(self._source)
+
+    def get_disambiguator(self) -> str:
+        """Returns the part of a file name that numba fills with the line number, which an edit above a kernel changes.
+
+        Functions of one module have different names, so none is needed."""
+        return "0"
 
 
 @functools.cache
-def _hash_of(path: str) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+def _stamp_of(path: str) -> str:
+    source = Path(os.path.abspath(path))
+    if source.is_relative_to(jit_cache.ROOT):
+        return jit_cache.source_stamp(source)
+    return hashlib.sha256(source.read_bytes()).hexdigest()

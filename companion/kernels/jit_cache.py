@@ -1,17 +1,18 @@
 """Keeps compiled kernels in one directory per state of the sources.
 
-numba checks only whether a cached kernel's own file has changed. A kernel contains the machine code of those it calls
-in other files, and would keep the old code after a change there. Every state of the sources therefore has a directory
-of its own, named by a hash of all sources; a few old ones are kept. A new directory starts with links to the kernels of
+numba checks only if a cached kernel's own file has changed. A kernel contains the machine code of the kernels that it
+calls in other files, and would keep the old code after a change there. Each state of the sources therefore has its own
+directory, named by a hash of all sources; a few old ones are kept. A new directory starts with links to the kernels of
 older ones whose import closure is unchanged (see `seed`), so that a change recompiles only the kernels of the changed
-file and of the files that import it.
+file and of the files that import it. Docstrings, comments and the position of a function in its file do not count.
 
-An installation may bring compiled kernels along, in `share/osape-companion/kernels` of its environment: a new directory
-starts with those too. They are trusted as far as the code beside them.
+An installation may contain compiled kernels, in `share/osape-companion/kernels` of its environment. A new directory
+starts with those, too. They are trusted like the code of the installation.
 
-numba wants to write where it reads: kernels of a directory that cannot be written are linked into a temporary one.
+numba writes to the directory from which it reads. Kernels of a directory that cannot be written are therefore linked
+into a temporary one.
 
-numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls use_own_cache() first."""
+numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls `use_own_cache` first."""
 
 from __future__ import annotations
 
@@ -56,13 +57,15 @@ _KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
 _LINKED: Final = "osape-companion-kernels-"
 _LOCK: Final = "in-use"
 _CLOSURES: Final = "closures.json"
-"""In each directory: the hash of the import closure of every module at the time of its creation."""
+"""File in each directory: of each module the hashes of its import closure and of its content when it was created."""
 KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py",)
 """Files with kernels outside of core, relative to the root."""
 _NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world.params"})
 """Modules of parameter classes. Kernels cannot read them, so they do not affect machine code."""
 
 Link = Callable[[Path, Path], None]
+Closure = tuple[str, str]
+"""Hashes of a module: of its import closure, see `import_closures`, and of its file's content."""
 
 _held: list[int] = []
 """Open files whose locks mark the directory as in use; the system closes them with the process."""
@@ -196,7 +199,7 @@ def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = No
     missing = dict(closures)
     for other in older:
         there = _closures_of(other)
-        same = [name for name, key in missing.items() if there.get(name) == key]
+        same = [name for name, (key, _) in missing.items() if name in there and there[name][0] == key]
         files = {name: _link_kernels(other, folder, name, link or _link_or_copy) for name in same}
         copy_entries(other, folder, [file for linked_files in files.values() for file in linked_files])
         if other.name == folder.name:  # the same state, brought along by the installation
@@ -209,10 +212,12 @@ def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = No
     part.replace(folder / _CLOSURES)  # last: it shows that the directory is whole
 
 
-def import_closures(root: Path) -> dict[str, str]:
-    """Hash per module (`core.stages.level`): its own source, the syntax trees without docstrings of all kernel files it
-    imports, and the names of all named tuples. numba's index of a kernel refers to the classes of its arguments, which
-    other modules may define: it cannot be read when one of them was moved or removed."""
+def import_closures(root: Path) -> dict[str, Closure]:
+    """Returns the closure of each module, such as `core.stages.level`.
+
+    Its first hash contains the syntax trees without docstrings of the module and of all kernel files that it imports,
+    and the names of all named tuples. numba's index of a kernel refers to the classes of its arguments, which other
+    modules may define: it cannot be read if one of them was moved or removed."""
     files = {_module_name(path.relative_to(root)): path for path in kernel_files(root)}
     trees = {name: _without_docstrings(ast.parse(path.read_text())) for name, path in files.items()}
     packages = {name for name, path in files.items() if path.stem == "__init__"}
@@ -230,11 +235,24 @@ def import_closures(root: Path) -> dict[str, str]:
             new = imports[todo.pop()] - reached
             reached |= new
             todo += new
-        text = "\n".join(
-            [version, *tuples, files[name].read_text(), *(dumped[other] for other in sorted(reached - {name}))]
-        )
-        closures[name] = hashlib.sha256(text.encode()).hexdigest()[:16]
+        text = "\n".join([version, *tuples, name, *(dumped[other] for other in sorted(reached))])
+        closures[name] = hashlib.sha256(text.encode()).hexdigest()[:16], _content_hash(files[name])
     return closures
+
+
+def source_stamp(source: Path) -> str:
+    """Returns the stamp by which numba recognises that the kernels of a source file are up to date.
+
+    It is the import closure of the file, as the directory in use contains it. If the directory contains none, or was
+    created for another content of the file, it is the content."""
+    content = _content_hash(source)
+    closures = _closures_of(Path(os.environ.get(VARIABLE, "")))
+    key, known = closures.get(_module_name(source.relative_to(ROOT)), ("", ""))
+    return key if known == content else content
+
+
+def _content_hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def kernel_files(root: Path) -> list[Path]:
@@ -274,10 +292,11 @@ def _imported(tree: ast.Module, package: str, known: Collection[str]) -> set[str
     return found & set(known)
 
 
-def _closures_of(folder: Path) -> dict[str, str]:
+def _closures_of(folder: Path) -> dict[str, Closure]:
     try:
-        return dict(json.loads((folder / _CLOSURES).read_text()))
-    except (OSError, ValueError, TypeError, RecursionError):  # a damaged file counts as missing
+        content = json.loads((folder / _CLOSURES).read_text())
+        return {str(name): (str(key), str(digest)) for name, (key, digest) in content.items()}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):  # a damaged file counts as missing
         return {}
 
 

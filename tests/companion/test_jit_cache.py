@@ -104,10 +104,10 @@ def kernels(folder: Path) -> set[str]:
 @pytest.mark.parametrize(
     ("changed", "added", "kept"),
     [
-        ("core/outer.py", "\n", {"inner.inner"}),
+        ("core/outer.py", "\nx = 1\n", {"inner.inner"}),
         ("core/inner.py", "\nx = 1\n", set()),
         ("core/other.py", "\nx = 1\n", {"inner.inner", "outer.outer"}),
-        ("core/inner.py", '\n"""A sentence that no machine code depends on."""\n', {"outer.outer"}),
+        ("core/inner.py", '\n"""A sentence that no machine code depends on."""\n', {"inner.inner", "outer.outer"}),
     ],
 )
 def test_a_new_directory_starts_with_the_kernels_that_did_not_change(
@@ -122,6 +122,20 @@ def test_a_new_directory_starts_with_the_kernels_that_did_not_change(
     python(open_cache, cache)
     assert kernels(cache / f"kernels-{source_key(root)}") == kept
     assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
+
+
+def test_a_docstring_above_a_kernel_does_not_compile_it_again(tmp_path: Path) -> None:
+    """It moves the kernel to another line; numba distinguishes kernels of one name by their lines otherwise."""
+    root, cache = sources(tmp_path / "project", factor=2), tmp_path / "cache"
+    run = KEYED.format(root=str(root)) + RUN.format(root=str(root))
+    hits = "print(sum(outer.stats.cache_hits.values()), sum(outer.stats.cache_misses.values()))"
+    assert python(run + hits, cache) == "21\n0 1"
+    for name in ("outer", "inner"):
+        file = root / "core" / f"{name}.py"
+        file.write_text('"""What this module is for,\n\nin several lines."""\n' + file.read_text())
+    assert python(run + hits, cache) == "21\n1 0"
+    sources(root, factor=3)
+    assert python(run, cache) == "31"
 
 
 def test_modules_of_the_same_name_in_two_packages_are_distinguished(tmp_path: Path) -> None:
