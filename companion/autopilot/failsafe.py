@@ -23,8 +23,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mavlink.session_types import PX4
+
 from ..config.avoidance import AvoidParams
-from .obstacle_distance import PX4, UNKNOWN, always_sent_cm, clear_cm, encoded, limits_cm, near_cm
+from .obstacle_distance import UNKNOWN, always_sent_cm, clear_cm, encoded, limits_cm, near_cm
 from .obstacle_memory import Remembered
 from .polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mavlink.ardupilot_faces import face_of
-from drivers.mavlink.session_types import Vehicle
+from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from .obstacle_distance import UNKNOWN
 from .parameter_advice import AutopilotFacts, position_mode_fault
@@ -25,7 +25,6 @@ SLACK_CM = 60
 """Tolerance between sent and echoed distances: an echo may belong to one or two messages before, at some metres per
 second."""
 FACES = 8
-PX4, ARDUPILOT = "PX4", "ArduPilot"
 CAUSES = {
     PX4: "is CP_DIST above 0, and is MAV_n_MODE of its link Onboard?",
     ARDUPILOT: "is PRX1_TYPE = 2, and was the autopilot restarted since?",

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from drivers.mavlink.session_types import Vehicle
+from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from .parameter_advice import AutopilotFacts, position_mode_fault
-
-PX4, ARDUPILOT = "PX4", "ArduPilot"
 
 
 class Effect(StrEnum):

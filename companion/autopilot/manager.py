@@ -12,7 +12,7 @@ from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.session_types import LinkStatus, Vehicle
+from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import Mask
@@ -41,7 +41,7 @@ from .view_free import RING_M
 
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
-ECHOES = {"PX4": 330, "ArduPilot": 132}
+ECHOES = {PX4: 330, ARDUPILOT: 132}
 """The message that each autopilot sends back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 PARAM_VALUE = 22
 READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, EXTENDED_SYS_STATE, *ECHOES.values()})
@@ -364,13 +364,13 @@ def shutdown_text(facts: AutopilotFacts) -> str:
     """Returns a text on what the vehicle does when the service has ended.
 
     ArduPilot flies on. PX4 does not move in Position mode, if that mode brakes at all."""
-    stands = facts.kind == "PX4" and not position_mode_fault(facts)
+    stands = facts.kind == PX4 and not position_mode_fault(facts)
     return "OA: stopped, Position mode stands" if stands else "OA: stopped, vehicle does not brake"
 
 
 def echoes(vehicle: Vehicle) -> bool:
     """True if this autopilot should send obstacles back now: PX4 evaluates them only in Position mode, and sends its
     map only then."""
-    if vehicle.autopilot != "PX4":
+    if vehicle.autopilot != PX4:
         return True
     return vehicle.armed and (vehicle.custom_mode >> 16) & 0xFF == PX4_POSITION_MODE

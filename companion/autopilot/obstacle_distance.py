@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session_types import ARDUPILOT, PX4
 
 from ..config.avoidance import AvoidParams
 from .polar_histogram import SECTORS, SectorScan, SectorState
 
 UNKNOWN = 65535
 BODY_FRD = 12
-PX4, ARDUPILOT = "PX4", "ArduPilot"
 SENSOR_UNKNOWN = 4
 """MAV_DISTANCE_SENSOR_UNKNOWN: there is no value for stereo."""
 

@@ -6,10 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from drivers.mavlink.session_types import ARDUPILOT, PX4
+
 from ..config.avoidance import AvoidParams
 from ..pipeline.latency import LatencyStage
 from .firmware_version import PX4_ACCELERATION_MODE, FirmwareVersion
-from .parameters import ARDUPILOT, PX4, RC_OPTIONS
+from .parameters import RC_OPTIONS
 
 RC_PROXIMITY_SWITCH = 40
 """RCn_OPTION of ArduPilot for a switch that turns proximity avoidance on and off."""

@@ -14,13 +14,14 @@ from typing import Any
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session_types import ARDUPILOT, PX4
 from drivers.mavlink.transport import parse_address
 
 from ..config.loader import Config
 from ..paths import folders
 from .firmware_version import VersionReader
 from .parameter_advice import AutopilotFacts, braking_position_modes
-from .parameters import ARDUPILOT, PX4, WHOLE, ParameterReader, value_of
+from .parameters import WHOLE, ParameterReader, value_of
 from .restart_pending import TEXT as RESTART_TEXT
 from .session_factory import params_of, signing_of
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.session_types import ARDUPILOT, PX4
 
 NS = 1_000_000_000
-PX4, ARDUPILOT = "PX4", "ArduPilot"
 RC_OPTIONS = tuple(f"RC{n}_OPTION" for n in range(5, 17))
 WANTED = {
     PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "MPC_POS_MODE"),

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Any, Final
 
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.session_types import ARDUPILOT
 
 from .firmware_version import REQUEST_MESSAGE
 from .parameter_advice import AutopilotFacts
-from .parameters import ARDUPILOT
 
 NS: Final = 1_000_000_000
 SYS_STATUS: Final = 1

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from drivers.mavlink.session_types import ARDUPILOT
 from drivers.watched_thread import WatchedThread
 
 from ..config.avoidance import AvoidParams
 from .distance_sensor import DOWNWARD, UPWARD, distance_sensor_message
 from .failsafe import AutopilotNow
-from .obstacle_distance import ARDUPILOT, obstacle_distance_message
+from .obstacle_distance import obstacle_distance_message
 from .obstacle_distance_3d import level_points, obstacle_points_messages
 from .publisher import ObstacleReport, ObstacleReportBuilder
 

@@ -12,8 +12,9 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from drivers.mavlink.session_types import ARDUPILOT, PX4
+
 from ..autopilot.parameter_advice import AutopilotFacts
-from ..autopilot.parameters import ARDUPILOT, PX4
 from ..config.guard import GuardParams
 
 PX4_YAW_FIRST: Final = 4

@@ -16,13 +16,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from drivers.mavlink.commands import COPTER_LOITER, DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MODE
-from drivers.mavlink.session_types import Vehicle
+from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from ..config.guard import GuardParams
 from .assessment import Action, Verdict
 from .attempt import ACK_NS, MODE_NS, Attempt
 from .hold_motion import HoldMotion
-from .modes import ARDUPILOT, PX4, STOP_MODES, STOP_ORDER, StopMethod, Watched, takes_speed, watched_mode
+from .modes import STOP_MODES, STOP_ORDER, StopMethod, Watched, takes_speed, watched_mode
 from .speed_limit import ACCEPTED, IN_PROGRESS, SpeedLimiter
 from .states import (
     INTERVENES,

@@ -6,10 +6,10 @@ from enum import StrEnum
 from typing import Final
 
 from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, PX4_AUTO, PX4_AUTO_LOITER, px4_mode_number
+from drivers.mavlink.session_types import ARDUPILOT, PX4
 
 from ..config.guard import GuardParams
 
-PX4, ARDUPILOT = "PX4", "ArduPilot"
 MULTICOPTERS: Final = frozenset({2, 3, 13, 14, 15, 29, 35})
 """MAV_TYPE quadrotor, coaxial, hexarotor, octorotor, tricopter, dodecarotor and decarotor. The numbers of modes below
 are those of multicopters: mode 17 of ArduPlane is a different mode."""

@@ -86,11 +86,21 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
     """Message of one camera."""
     s = view.status
     message = pb.CameraHealth(
-        camera=s.camera, condition=str(s.condition), cause=view.blind or s.cause, required=view.required,
-        blind=bool(view.blind), frames=s.frames, dropped=s.dropped, starts=s.starts, restart_count=max(0, s.starts - 1), last_loss=s.last_loss, hz=view.hz,
-        info=None if s.info is None else wire.camera_message(s.info), mount=view.mount,
+        camera=s.camera,
+        condition=str(s.condition),
+        cause=view.blind or s.cause,
+        required=view.required,
+        blind=bool(view.blind),
+        frames=s.frames,
+        dropped=s.dropped,
+        starts=s.starts,
+        restart_count=max(0, s.starts - 1),
+        last_loss=s.last_loss,
+        hz=view.hz,
+        info=None if s.info is None else wire.camera_message(s.info),
+        mount=view.mount,
         condition_enum=f"CONDITION_{s.condition.name}",
-    )  # fmt: skip
+    )
     if view.age_ns is not None:
         message.age_ns = view.age_ns
     if view.exposure_offset is not None:

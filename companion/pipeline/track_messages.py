@@ -63,14 +63,25 @@ def tracker_messages(states: NamedStates) -> list[pb.TrackerState]:
     """Encodes the states of the trackers."""
     return [
         pb.TrackerState(
-            camera=camera, format=s.version, next_id=s.next_id, next_object_id=s.next_object_id, last_ns=s.last_ns,
-            positioned=s.positioned, reset_counter=s.reset_counter,
-            origin_m=pb.Vector3(x=s.origin_m[0], y=s.origin_m[1], z=s.origin_m[2]), velocity_x_m_s=s.velocity_m_s[0],
-            velocity_y_m_s=s.velocity_m_s[1], slots=s.slots, tracks=s.tracks, cells=s.cells, objects=s.objects,
-            history=s.history, views=s.views,
+            camera=camera,
+            format=s.version,
+            next_id=s.next_id,
+            next_object_id=s.next_object_id,
+            last_ns=s.last_ns,
+            positioned=s.positioned,
+            reset_counter=s.reset_counter,
+            origin_m=pb.Vector3(x=s.origin_m[0], y=s.origin_m[1], z=s.origin_m[2]),
+            velocity_x_m_s=s.velocity_m_s[0],
+            velocity_y_m_s=s.velocity_m_s[1],
+            slots=s.slots,
+            tracks=s.tracks,
+            cells=s.cells,
+            objects=s.objects,
+            history=s.history,
+            views=s.views,
         )
         for camera, s in states
-    ]  # fmt: skip
+    ]
 
 
 def trackers_from_message(message: pb.StateSnapshot) -> NamedStates:

@@ -1,4 +1,4 @@
-"""What is counted of messages that were not used as they came, each kind with its code."""
+"""Codes of messages that were not used as received."""
 
 from __future__ import annotations
 

@@ -6,5 +6,5 @@ FACES = 8
 
 
 def face_of(angle_deg: float) -> int:
-    """The face a direction belongs to: 0 ahead, then clockwise."""
+    """Returns the face of a direction: 0 ahead, then clockwise."""
     return int(((angle_deg + 22.5) % 360.0) / 45.0)

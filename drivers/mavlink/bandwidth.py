@@ -1,5 +1,6 @@
-"""The requested and sent messages in bytes per second, compared with the capacity of the line. Serial lines carry their rate
-in each direction at once; UDP and TCP have no relevant limit."""
+"""Data rate of the requested and sent messages, compared with the capacity of the link.
+
+Serial lines have their rate in each direction at once. UDP and TCP have no relevant limit."""
 
 from __future__ import annotations
 
@@ -10,20 +11,28 @@ from .session_types import MavlinkParams
 
 SLOW_BAUD = 230_400
 BITS_PER_BYTE = 10
-"""8 bits, start and stop."""
+"""8 data bits, start bit and stop bit."""
 SHARE = 0.5
-"""Of the line, for us: autopilots send more than what we ask for, and in bursts."""
+"""Share of the line available to this service: autopilots send more than it requests, and in bursts."""
 FRAME, SIGNATURE = 12, 13
-"""Bytes around a payload."""
+"""Bytes of a frame in addition to its payload: header with checksum, and signature."""
 ATTITUDE, POSITION, OBSTACLES, POINT, FACE, HEARTBEAT, TIMESYNC = 32, 28, 167, 28, 39, 9, 16
-"""Payloads in bytes."""
+"""Sizes of payloads in bytes."""
 TIMESYNC_HZ, ECHO_HZ, FACES = 10.0, 2.0, 8
-"""While the clock is learned, and PX4 asks as often for itself; eight faces come back from ArduPilot."""
+"""Greatest rate of TIMESYNC, while the clock is estimated and PX4 sends its own requests; rate of the echoes; number
+of faces that ArduPilot echoes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkBudget:
-    """In: from the autopilot to us. Bytes a second; line: what the line carries each way."""
+    """Data rates of a link.
+
+    Attributes:
+        need_in: from the autopilot, bytes/s.
+        need_out: to the autopilot, bytes/s.
+        line: capacity of each direction, bytes/s.
+        attitude_hz: requested rate of the attitude.
+        attitude_bytes: size of its message."""
 
     need_in: float
     need_out: float
@@ -32,14 +41,14 @@ class LinkBudget:
     attitude_bytes: float
 
     def text(self) -> str:
-        """The figures."""
+        """Returns the figures."""
         return f"needs {self.need_in / 1000:.1f} kB/s in and {self.need_out / 1000:.1f} out of {self.line / 1000:.1f} each way"
 
     def warning(self) -> str:
-        """What to say of a line too slow; empty when it is fast enough."""
+        """Returns the warning for a slow line; empty: it is fast enough."""
         most, baud = max(self.need_in, self.need_out), round(self.line * BITS_PER_BYTE)
         if most > SHARE * self.line:
-            # what remains for the attitude once all else has its share
+            # the rate that remains for the attitude
             room = SHARE * self.line - (self.need_in - self.attitude_hz * self.attitude_bytes)
             hz = max(5, math.floor(room / self.attitude_bytes))
             remedy = f", or attitude_hz = {hz}" if self.need_in > SHARE * self.line and hz < self.attitude_hz else ""
@@ -64,8 +73,14 @@ def link_budget(
     signed: bool = False,
     obstacles: tuple[int, ...] = (OBSTACLES,),
 ) -> LinkBudget:
-    """The budget of a link. obstacles_hz: how often obstacles are sent, 0: never; obstacles: the payloads of one time;
-    line: bytes a second."""
+    """Returns the budget of a link.
+
+    Args:
+        attitude_hz, position_hz: requested rates.
+        obstacles_hz: rate of the obstacles; 0: none are sent.
+        line: capacity, bytes/s.
+        signed: messages are signed.
+        obstacles: payloads of the messages of one time."""
     around = FRAME + (SIGNATURE if signed else 0)
     attitude_bytes = ATTITUDE + around
     always = (HEARTBEAT + around) + TIMESYNC_HZ * (TIMESYNC + around)
@@ -80,7 +95,7 @@ def link_budget(
 
 
 def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
-    """What a conversation with these parameters needs of a line; None for a line without a bound."""
+    """Returns the budget of a session with these parameters; None for a link without a limit."""
     if bytes_per_s is None:
         return None
     payloads = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points

@@ -1,11 +1,12 @@
-"""The autopilot's boot clock on our monotonic clock, with a bound that is proven, not hoped for.
+"""Estimates the autopilot's boot clock on the local monotonic clock, with a guaranteed bound.
 
-local = boot + offset. Two facts bound the offset, whatever the delays of the link are: an answer to our TIMESYNC was
-stamped after we asked and before we had it (ts1 - tc1 <= offset <= now - tc1), and no message arrives before it was
-measured (offset <= arrival - boot). Between two instants the offset moves by at most `max_drift` of the time between
-them. All bounds together leave an interval; the estimate is the line through the quickest exchanges, kept inside it.
-Nothing here looks at a clock or does input or output, so a replay finds the same estimates.
-"""
+local = boot + offset. Two facts limit the offset, whatever the delays of the link are. The answer to a TIMESYNC
+request was stamped after the request was sent and before the answer arrived (ts1 - tc1 <= offset <= now - tc1). No
+message arrives before it was measured (offset <= arrival - boot). Between two instants the offset changes by at most
+`max_drift` times the time between them. All bounds together give an interval. The estimate is the line through the
+fastest exchanges, limited to the interval.
+
+This module uses no clock and no input or output, so that a replay gives the same estimates."""
 
 from __future__ import annotations
 
@@ -19,17 +20,17 @@ NS = 1_000_000_000
 
 
 class ClockSource(IntEnum):
-    """What an estimate rests on."""
+    """The basis of an estimate."""
 
     NONE = 0
     ENVELOPE = 1
-    """No answer to TIMESYNC yet: the quickest messages are taken to have needed no time. Late by their least delay."""
+    """No answer to TIMESYNC yet: the fastest messages count as not delayed. The estimate is late by their least delay."""
     TIMESYNC = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockParams:
-    """Raises ValueError naming the field, its value and its range."""
+    """Parameters of the clock estimate. Raises ValueError naming the field, its value and its range."""
 
     max_drift: float = number(150e-6, 1e-6, 1e-3, "", "largest frequency difference of both clocks")
     window_s: float = number(60.0, 2.0, 600.0, "s", "older exchanges are not used")
@@ -48,10 +49,17 @@ class ClockParams:
 
 @dataclass(frozen=True, slots=True)
 class ClockEstimate:
-    """local_ns = boot_ns + offset_ns + drift * (boot_ns - at_boot_ns), surely within bound_ns at at_boot_ns.
+    """Estimate local_ns = boot_ns + offset_ns + drift * (boot_ns - at_boot_ns), guaranteed within bound_ns at
+    at_boot_ns.
 
-    bound_ns: None where only the envelope is known: the true instant may be earlier by any delay. rtt_ns: the quickest
-    exchange of the window."""
+    Attributes:
+        source: its basis.
+        offset_ns: see above.
+        drift: see above.
+        at_boot_ns: see above.
+        bound_ns: None: only the envelope is known, and the true instant may be earlier by any delay.
+        rtt_ns: round-trip time of the fastest exchange in the window.
+        exchanges: number of exchanges in the window."""
 
     source: ClockSource
     offset_ns: int = 0
@@ -62,13 +70,13 @@ class ClockEstimate:
     exchanges: int = 0
 
     def local_ns(self, boot_ns: int) -> int:
-        """An instant of the autopilot's boot clock on ours."""
+        """Returns an instant of the autopilot's boot clock on the local clock."""
         return boot_ns + self.offset_ns + round(self.drift * (boot_ns - self.at_boot_ns))
 
 
 @dataclass(frozen=True, slots=True)
 class _Bound:
-    """offset >= low, offset <= high at boot_ns (None: not bounded on that side)."""
+    """low <= offset <= high at boot_ns. low None: no lower bound."""
 
     boot_ns: int
     low: int | None
@@ -76,8 +84,13 @@ class _Bound:
 
 
 class ClockFilter:
-    """Takes exchanges and arrivals in, gives the estimate. `restarts` counts reboots and steps, `strange` answers that
-    contradicted the rest, `slow` answers that came too late."""
+    """Estimates the clock from exchanges and arrivals.
+
+    Attributes:
+        estimate: the present estimate.
+        restarts: number of reboots and steps.
+        strange: number of answers that contradicted the others.
+        slow: number of answers that arrived too late."""
 
     def __init__(self, params: ClockParams | None = None) -> None:
         self.params = params or ClockParams()
@@ -90,7 +103,7 @@ class ClockFilter:
         self._back = 0
 
     def restart(self) -> None:
-        """Forgets everything: the autopilot is another one, or has booted."""
+        """Discards everything: the autopilot has been replaced, or has rebooted."""
         self.restarts += 1
         self._forget()
 
@@ -102,12 +115,13 @@ class ClockFilter:
         self._newest_boot_ns = None
         self.estimate = ClockEstimate(ClockSource.NONE)
 
-    # ---- what comes in --------------------------------------------------------------------------------------------
+    # ---- input ----------------------------------------------------------------------------------------------------
 
     def arrival(self, boot_ns: int, arrival_ns: int) -> bool:
-        """A message measured at boot_ns (rounded down) arrived at arrival_ns: it was not measured later than that.
+        """Adds the arrival of a message that was measured at boot_ns (rounded down); returns True if its stamp may be
+        used.
 
-        False: it lies so far back that it is either very late or the first after a reboot; do not use it."""
+        False: the stamp is so far back that the message is very late, or the first one after a reboot."""
         if self._is_back(boot_ns):
             self._back += 1
             if self._back < self.params.reboot_messages:
@@ -128,7 +142,12 @@ class ClockFilter:
         return True
 
     def exchange(self, ts1_ns: int, tc1_ns: int, now_ns: int) -> bool:
-        """An answer: we asked at ts1_ns, the autopilot's clock said tc1_ns, we had it at now_ns. False: not used."""
+        """Adds an answer to TIMESYNC; returns False if it is not used.
+
+        Args:
+            ts1_ns: local time of the request.
+            tc1_ns: time of the autopilot's clock.
+            now_ns: local time of the arrival."""
         if not 0 <= now_ns - ts1_ns <= self.params.max_rtt_s * NS:
             self.slow += 1
             return False
@@ -149,7 +168,8 @@ class ClockFilter:
         return newest is not None and boot_ns < newest - self.params.reboot_step_s * NS
 
     def _doubt(self, new: _Bound) -> bool:
-        """One contradiction is ignored; several in a row that agree with each other are a step."""
+        """Handles an answer that contradicts the others: one is ignored, several in a row that agree are a step of
+        the clock."""
         self.strange += 1
         if self._doubtful and not _common([*self._doubtful, new], new.boot_ns, self.params.max_drift):
             self._doubtful.clear()
@@ -172,7 +192,7 @@ class ClockFilter:
             while len(bounds) > 1 and bounds[0].boot_ns < oldest:
                 bounds.popleft()
 
-    # ---- what it says -----------------------------------------------------------------------------------------------
+    # ---- estimate -------------------------------------------------------------------------------------------------
 
     def _envelope(self, at_ns: int) -> None:
         drift = self.params.max_drift
@@ -183,7 +203,7 @@ class ClockFilter:
         p = self.params
         bounds = [*self._exchanges, *self._arrivals]
         interval = _common(bounds, at_ns, p.max_drift) or _common(list(self._exchanges), at_ns, p.max_drift)
-        if interval is None:  # exchanges agree with each other, see exchange()
+        if interval is None:  # impossible: `exchange` keeps only exchanges that agree
             raise AssertionError("the exchanges held contradict each other")
         if len(self._exchanges) < p.min_exchanges:
             return
@@ -200,10 +220,10 @@ class ClockFilter:
         )
 
     def _line(self, at_ns: int) -> tuple[int, float]:
-        """(offset at at_ns, drift): the weighted least-squares line through the middles of the exchanges.
+        """Returns (offset at at_ns, drift) of the weighted least-squares line through the middles of the exchanges.
 
-        An exchange's middle is off by at most half of what its RTT exceeds the quickest one's (plus what is common to
-        all); weights are the inverse square of that."""
+        The error of a middle is at most half of the difference between its round-trip time and the shortest one, plus
+        an error that all share. The weights are the inverse square of that."""
         quickest = min(_rtt(b) for b in self._exchanges)
         first = self._exchanges[0]
         base = first.high
@@ -224,11 +244,12 @@ class ClockFilter:
 
 
 def _rtt(bound: _Bound) -> int:
+    """Returns the round-trip time of an exchange."""
     return bound.high - (bound.low if bound.low is not None else bound.high)
 
 
 def _common(bounds: list[_Bound], at_ns: int, drift: float) -> tuple[int, int] | None:
-    """The offsets at at_ns that no bound forbids, None when there are none."""
+    """Returns the least and greatest offset at at_ns that no bound excludes; None if there are none."""
     low: int | None = None
     high: int | None = None
     for b in bounds:

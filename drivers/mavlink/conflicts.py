@@ -1,5 +1,6 @@
-"""Detects other senders that use the autopilot's ids or ours, or that also send obstacles. Only signing prevents them;
-without it they are reported."""
+"""Detects other senders that use the ids of the autopilot or of this service, or that also send obstacles.
+
+Only signing prevents them; without signing they are reported."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ from .dialect import MAV_COMP_ID_AUTOPILOT1
 RECENT_NS = 10 * NS
 """A conflict is reported for this time after the last message that caused it."""
 SEVERAL_NS = 60 * NS
-"""For this time after the last heartbeat of a second vehicle it is open which of them carries this computer."""
+"""For this time after the last heartbeat of a second vehicle it is not known which vehicle carries this computer."""
 OBSTACLES = frozenset({330, 11037})
 """OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D."""
 _SENT, _MOST = 256, 16
 
 
 class ConflictDetector:
-    """Finds senders that conflict with us or with the autopilot. `sent` receives what is sent, `received` what arrives."""
+    """Detects conflicts. `sent` gets what is sent, `received` what arrives."""
 
     def __init__(self, component_id: int) -> None:
         self._component = component_id
@@ -34,11 +35,11 @@ class ConflictDetector:
         self._contradicting = ""
 
     def sent(self, frame: bytes) -> None:
-        """A frame of ours; a router may bring it back."""
+        """Records a frame of this service; a router may send it back."""
         self._sent.append(frame)
 
     def received(self, message: Any, system: int, now_ns: int) -> None:
-        """A received message. system: that of the vehicle, 0: not known yet."""
+        """Takes a received message. system: that of the vehicle, 0: not known yet."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         if source[1] == MAV_COMP_ID_AUTOPILOT1 or not system or source[0] != system:
             return
@@ -53,28 +54,32 @@ class ConflictDetector:
             _remember(self._rivals, source, now_ns)
 
     def left_out(self, system: int, now_ns: int) -> None:
-        """An autopilot that is ignored because its system id is not the configured one."""
+        """Records an autopilot that is ignored because its system id is not the configured one."""
         _remember(self._left_out, system, now_ns)
 
     def vehicle(self, system: int, now_ns: int) -> None:
-        """A heartbeat of an autopilot whose system id the configuration does not exclude."""
+        """Records a heartbeat of an autopilot whose system id the configuration does not exclude."""
         _remember(self._vehicles, system, now_ns)
 
     def kind(self, kind: str, now_ns: int) -> str:
-        """The kind to use for an autopilot whose heartbeat reports `kind`: both names while heartbeats contradict each other, so
-        that only what is safe for either is sent."""
+        """Returns the kind to use for an autopilot whose heartbeat reports `kind`.
+
+        It contains both names while heartbeats contradict each other, so that only what is safe for both kinds is
+        sent."""
         if self._kind and kind != self._kind:
             self._contradiction_ns, self._contradicting = now_ns, " or ".join(sorted({kind, self._kind}))
         self._kind = kind
         return self._contradicting if _recent(self._contradiction_ns, now_ns) else kind
 
     def another(self) -> None:
-        """Another vehicle is used from now on."""
+        """Records that another vehicle is used from now on."""
         self._kind, self._contradiction_ns = "", None
         self._replaced = True
 
     def texts(self, now_ns: int, configured: int, *, connected: bool) -> dict[str, str]:
-        """Topic -> the conflict, as text. configured: the only accepted system id, 0: any; connected: an autopilot is received."""
+        """Returns topic -> conflict, as text.
+
+        configured: the only accepted system id, 0: any; connected: an autopilot is received."""
         texts_by_topic: dict[str, str] = {}
         if _recent(self._contradiction_ns, now_ns):
             texts_by_topic["two autopilots"] = (
@@ -107,7 +112,7 @@ class ConflictDetector:
 
 
 def _remember(seen: OrderedDict[Any, int], key: Any, now_ns: int) -> None:
-    """Keeps the newest entries only: a sender with many ids must not fill the memory."""
+    """Keeps the newest entries only, because a sender with many ids must not fill the memory."""
     seen.pop(key, None)
     seen[key] = now_ns
     if len(seen) > _MOST:

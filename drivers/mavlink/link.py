@@ -1,7 +1,8 @@
 """Runs a MAVLink session in a thread of its own: reads, writes, and opens the link again when it is lost.
 
-Waking for each message costs ten times what reading it takes. Once the clocks are synchronised, messages are therefore read
-together, the last time shortly before a frame is expected. `catch_up` reads at once what has arrived."""
+Waking the thread for each message costs ten times as much as reading it. Once the clocks are synchronised, messages
+are therefore read together, the last time shortly before a frame is expected. `catch_up` reads at once what has
+arrived."""
 
 from __future__ import annotations
 
@@ -26,10 +27,11 @@ NS = 1_000_000_000
 READ_S = 0.01
 """Longest wait for bytes while each chunk is read on arrival."""
 PAUSE_S = 0.042
-"""Time between two reads of a link where messages may wait: the largest delay of reading, and of what the session sends by
-itself. Posted messages are sent at once. A little more than half a frame interval at 12 Hz."""
+"""Time between two reads of a link on which messages may wait: the greatest delay of reading, and of messages that
+the session sends by itself. Posted messages are sent at once. It is slightly more than half a frame interval at 12
+Hz."""
 LONGEST_PAUSE_S = 0.11
-"""The same pause while little data arrives and `catch_up` will read it anyway: a read costs more than it brings."""
+"""The same while little data arrives and `catch_up` will read it."""
 LEAD_NS = 3_000_000
 """The link is read this long before a frame is expected, so that little is left to read when it arrives."""
 LEAST_APART_NS = 5_000_000
@@ -37,7 +39,7 @@ LEAST_APART_NS = 5_000_000
 MUCH_BYTES = 2048
 """After a read of this many bytes the next one follows at once: the buffer of a serial line holds 4096."""
 LITTLE_BYTES = 1024
-"""Below this number of bytes a read may pause for LONGEST_PAUSE_S: what waits next stays well below that buffer."""
+"""Below this number of bytes a read may pause for LONGEST_PAUSE_S: the next bytes stay well below that buffer."""
 FEW_BYTES, MOST_WAIT_S = 4096, 0.005
 """Limits of bytes and time of one `catch_up`; an autopilot sends a tenth of it in a pause."""
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
@@ -45,9 +47,15 @@ FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
 
 @dataclass(frozen=True, slots=True)
 class LinkState:
-    """open: whether there is a line; error: why not, as text; warning: that it is slow, as text; flood: that datagrams are
-    dropped, as text; losses: how often it was lost; alive_ns: time of the
-    last cycle of the thread."""
+    """State of a link.
+
+    Attributes:
+        open: the link is open.
+        error: why it is not, as text.
+        warning: that it is slow, as text.
+        losses: how often it was lost.
+        alive_ns: time of the last cycle of the thread.
+        flood: that datagrams are dropped, as text."""
 
     open: bool
     error: str
@@ -104,12 +112,14 @@ class MavlinkLink:
         self._thread = WatchedThread(self._run, "mavlink")
 
     def open(self) -> None:
-        """Starts the thread; the line itself may come later."""
+        """Starts the thread. The link may be opened later."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stops the thread and closes the line. May be called twice. Where an exception has ended the thread, what was posted
-        since goes out from here: the autopilot is to know that nothing is seen any more."""
+        """Stops the thread and closes the link. May be called twice.
+
+        If an exception has ended the thread, messages posted since are sent from here: the autopilot must learn that
+        the service is blind."""
         self._stop.set()
         self._wake_event.set()
         if self._thread.ident is not None:
@@ -124,24 +134,25 @@ class MavlinkLink:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the thread, as text; empty: none did."""
+        """The exception that ended the thread, as text; empty: none."""
         return self._thread.failure
 
     @property
     def state(self) -> LinkState:
-        """How the line is."""
+        """State of the link."""
         return self._state
 
     def post(self, message: Any) -> None:
-        """Sends a message as soon as the thread comes round, if an autopilot is there to hear it."""
+        """Sends a message with the next cycle of the thread, if an autopilot is received."""
         with self._lock:
             self._session.post(message)
         self._wake_event.set()
 
     def catch_up(self) -> None:
-        """Reads and delivers what has arrived by now, in the caller's thread. Without a line it does nothing, and what is
-        wrong with one is the link's own affair: its thread meets it, too. So is more than comes in a moment: noise takes
-        long to look through, and no frame may wait for that."""
+        """Reads and delivers what has arrived, in the caller's thread.
+
+        Without an open link it does nothing. Errors, and amounts that take long to parse such as noise, are left to
+        the link's thread, because no frame may wait for them."""
         self._poll_scheduler.asked(time.monotonic_ns())
         if not self._turn.acquire(timeout=MOST_WAIT_S):
             return
@@ -159,12 +170,13 @@ class MavlinkLink:
             self._turn.release()
 
     def set_system_status(self, status: int) -> None:
-        """The MAV_STATE of our heartbeat: how the pipeline is."""
+        """Sets the MAV_STATE of the heartbeat, the state of the pipeline."""
         with self._lock:
             self._session.system_status = status
 
     def status(self) -> LinkStatus:
-        """What the session knows, and how many datagrams were dropped as a flood since the line was opened."""
+        """Returns the status of the session, and the number of datagrams dropped as a flood since the link was
+        opened."""
         transport = self._transport
         dropped = transport.flood.dropped if transport is not None and transport.flood is not None else 0
         with self._lock:

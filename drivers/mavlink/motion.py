@@ -1,4 +1,4 @@
-"""What an autopilot says of its motion, as samples on our clock. Nothing that is not a number gets through."""
+"""Converts the autopilot's messages of motion to samples on the local clock. Values that are not finite are refused."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ MS = 1_000_000
 HALF_MS = 500_000
 """time_boot_ms is rounded down: on average the measurement is half a millisecond later."""
 PREFER_FOR_NS = NS // 2
-"""A better kind of message silences a poorer one for this long."""
+"""Time for which a better kind of message replaces a poorer one."""
 UNIX_NS = 10**17
-"""Stamps beyond 3 years are no time since boot: some senders put unix time into time_usec."""
+"""Stamps beyond 3 years are no time since boot: some senders use unix time in time_usec."""
 ATTITUDE_ID = 30
 MOTION = frozenset({ATTITUDE_ID, 31, 32, 331})
 """ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ODOMETRY."""
 _FIELDS = {ATTITUDE_ID: struct.Struct("<I6f"), 31: struct.Struct("<I7f"), 32: struct.Struct("<I6f")}
-"""Of those that come a hundred times a second, what is read here: time_boot_ms and numbers, as they lie in the payload. The
-dialect's decoding takes as long as all else that a sample needs on its way."""
+"""time_boot_ms and the numbers of the messages that arrive a hundred times per second, as in the payload. Decoding by
+the dialect would take as long as all other steps of a sample together."""
 LOCAL_FRAMES = frozenset({1, 20})
 """MAV_FRAME_LOCAL_NED, MAV_FRAME_LOCAL_FRD."""
 BODY_FRAMES = frozenset({8, 12})
-"""MAV_FRAME_BODY_NED, MAV_FRAME_BODY_FRD: the velocity of ODOMETRY turns with the vehicle."""
+"""MAV_FRAME_BODY_NED, MAV_FRAME_BODY_FRD: the velocity of ODOMETRY is in body axes."""
 
 
 class MotionDecoder:
-    """Turns ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED and ODOMETRY into samples.
+    """Converts ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED and ODOMETRY to samples.
 
-    `counts`: messages that were refused, by cause. Of two kinds with the same content the better one is used: the
-    quaternion (no gimbal lock) and ODOMETRY (it reports jumps of the estimate)."""
+    Of two kinds with the same content the better one is used: the quaternion (no gimbal lock), and ODOMETRY (it
+    reports jumps of the estimate). counts: refused messages, by cause."""
 
     def __init__(self, clock: ClockFilter) -> None:
         self._clock = clock
@@ -52,7 +52,7 @@ class MotionDecoder:
         return message_id in MOTION
 
     def decode(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
-        """The sample in a message of motion, or None."""
+        """Returns the sample in a message of motion, or None."""
         fields = motion_fields(frame)
         if fields is None:
             message = frame.message()
@@ -130,7 +130,7 @@ class MotionDecoder:
 
 
 def motion_fields(frame: Frame) -> tuple[float, ...] | None:
-    """time_boot_ms and the numbers of a message of motion that are read here; None for other messages."""
+    """Returns time_boot_ms and the numbers of a message of motion that are used here; None for other messages."""
     fields = _FIELDS.get(frame.id)
     return frame.fields(fields) if fields is not None else None
 
@@ -146,7 +146,7 @@ def _three(numbers: tuple[float, ...]) -> tuple[float, float, float] | None:
 
 
 def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:
-    """Velocity in ned: ODOMETRY gives it in child_frame_id."""
+    """Returns the velocity in ned. ODOMETRY gives it in child_frame_id."""
     v = (float(m.vx), float(m.vy), float(m.vz))
     if not all(map(math.isfinite, v)):
         return None

@@ -1,4 +1,5 @@
-"""Messages that wait to be sent. Of distances to obstacles only the newest wait: after a gap of the link older ones are wrong."""
+"""Messages that wait to be sent. Of obstacle distances only the newest ones wait: after a gap of the link older ones
+are wrong."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ _MOST = 256
 
 
 class Outbox:
-    """`post` messages, then `take` them. Bounded: the oldest are dropped."""
+    """Queue of messages: `post`, then `take`. If it is full, the oldest messages are dropped."""
 
     def __init__(self) -> None:
         self._waiting: deque[Any] = deque(maxlen=_MOST)
@@ -30,25 +31,25 @@ class Outbox:
         self._waiting.append(message)
 
     def take(self) -> list[Any]:
-        """All waiting messages, in order."""
+        """Returns all waiting messages, in order, and removes them."""
         messages = list(self._waiting)
         self._waiting.clear()
         return messages
 
     def take_only(self, ids: Collection[int]) -> tuple[list[Any], int]:
-        """(waiting messages of these ids, number of the others), which are dropped."""
+        """Returns the waiting messages with these ids, and the number of the others, which are dropped."""
         messages = self.take()
         kept = [m for m in messages if m.get_msgId() in ids]
         return kept, len(messages) - len(kept)
 
 
 def _one_scan(a: Any, b: Any) -> bool:
-    """Whether two messages are of one scan of points, which all messages of one time are."""
+    """True if two messages are of one scan of points, which has one time."""
     return a.get_msgId() == b.get_msgId() == OBSTACLE_DISTANCE_3D_ID and bool(a.time_boot_ms == b.time_boot_ms)
 
 
 def _replaced(waiting: Any, new: Any) -> bool:
-    """Whether a waiting message holds older obstacles of the same kind than a new one."""
+    """True if a waiting message has older obstacles of the same kind than a new one."""
     old_id, new_id = waiting.get_msgId(), new.get_msgId()
     if old_id in _SCANS and new_id in _SCANS:
         return not _one_scan(waiting, new)

@@ -1,7 +1,7 @@
-"""Bytes of a line cut into MAVLink messages whose checksum is right.
+"""Divides the bytes of a link into MAVLink messages with a correct checksum.
 
-The library's own stream parser throws away all bytes that a false start claimed, and with them true messages; here a
-start that turns out false costs one byte."""
+The stream parser of the library discards all bytes that a false start claimed, and with them valid messages. Here a
+false start costs one byte."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ _DECODER = dialect.MAVLink(None)
 
 
 class Frame:
-    """A message whose checksum is right, with what its header says; `message` decodes the rest, which takes ten times as
-    long. Its methods are named as those of the dialect's messages are; who asks it a hundred times a second reads `id`,
-    `system`, `component` and `data`."""
+    """A message with a correct checksum and its decoded header. `message` decodes the payload, which takes ten times
+    as long.
+
+    The methods have the names of those of the dialect's messages. Frequent callers read `id`, `system`, `component`
+    and `data`."""
 
     __slots__ = ("component", "crc_extra", "data", "id", "system")
 
@@ -45,7 +47,7 @@ class Frame:
         return self.data
 
     def fields(self, fields: struct.Struct) -> tuple[Any, ...]:
-        """The first ones of its payload; zeros at the end are not sent."""
+        """Returns the first fields of the payload. Zeros at its end are not transmitted."""
         data = self.data
         begin, length = (6 if data[0] == MAVLINK1 else 10), data[1]
         if length >= fields.size:
@@ -53,7 +55,7 @@ class Frame:
         return fields.unpack(data[begin : begin + length].ljust(fields.size, b"\0"))
 
     def message(self) -> Any:
-        """The dialect's message; None where it cannot be made of the payload."""
+        """Returns the dialect's message; None if the payload cannot be decoded."""
         try:
             return _DECODER.decode(bytearray(self.data))
         except (dialect.MAVError, struct.error):

@@ -1,6 +1,6 @@
-"""Requests for message rates, repeated when the measured rate is too low.
+"""Requests message rates, and repeats a request while the measured rate is too low.
 
-The rate that arrives counts, not the acknowledgement: other stations reset intervals, and a reboot clears them."""
+The measured rate counts, not the acknowledgement: other stations reset intervals, and a reboot clears them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .clock_sync import NS
 from .dialect import dialect
 
 WINDOW_NS = 2 * NS
-"""Over which a rate is measured."""
+"""Time over which a rate is measured."""
 FIRST_WAIT_NS, LONGEST_WAIT_NS = 2 * NS, 30 * NS
-"""After a request, before the next one; doubled each time."""
+"""Time after a request before the next one; doubled each time."""
 ENOUGH = 0.8
-"""Share of the wanted rate that is enough."""
+"""Sufficient share of the wanted rate."""
 MAV_CMD_SET_MESSAGE_INTERVAL = 511
 MAV_RESULT_UNSUPPORTED = 3
 STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
-"""Message -> data stream of the old request: MAV_DATA_STREAM_EXTRA1, MAV_DATA_STREAM_POSITION."""
+"""Data stream of a message in the old request: MAV_DATA_STREAM_EXTRA1, MAV_DATA_STREAM_POSITION."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class RateRequest:
 
 
 class RateMonitor:
-    """Measures the rates that arrive and gives the requests to send."""
+    """Measures the rates that arrive and returns the requests to send."""
 
     def __init__(self, requests: tuple[RateRequest, ...]) -> None:
         self.requests = requests
@@ -65,7 +65,7 @@ class RateMonitor:
             self.knows_intervals = False
 
     def restart(self) -> None:
-        """Another autopilot, or a reboot: all intervals are requested again."""
+        """Requests all intervals again, after a reboot or for another autopilot."""
         self._next_ns.clear()
         self._wait_ns.clear()
         self._first_asked_ns.clear()

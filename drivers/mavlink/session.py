@@ -1,8 +1,7 @@
-"""The companion's side of a MAVLink link, without input, output or clock: bytes and times in, samples and bytes out.
-`drivers.mavlink.link` connects it to a transport.
+"""The companion's side of a MAVLink link: bytes and times to samples, and messages to bytes.
 
-Before the first heartbeat of the autopilot only heartbeats are sent, and only on links whose other end waits for them.
-"""
+It has no input, output or clock; `drivers.mavlink.link` connects it to a transport. Before the first heartbeat of the
+autopilot only heartbeats are sent, and only on links whose other end waits for them."""
 
 from __future__ import annotations
 
@@ -21,7 +20,16 @@ from .motion import MOTION, MotionDecoder
 from .outbox import OBSTACLE_IDS, Outbox
 from .parser import MAVLINK1, Frame, MessageSplitter
 from .rates import RateMonitor
-from .session_types import ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID, LinkStatus, MavlinkParams, Vehicle
+from .session_types import (
+    ARDUPILOT,
+    ATTITUDE_ID,
+    ATTITUDE_QUATERNION_ID,
+    LOCAL_POSITION_ID,
+    PX4,
+    LinkStatus,
+    MavlinkParams,
+    Vehicle,
+)
 from .signing import Signing, for_the_log
 from .timesync import TimeSync
 from .transport import Chunk, Source
@@ -29,7 +37,7 @@ from .transport import Chunk, Source
 MAV_TYPE_ONBOARD_CONTROLLER = 18
 MAV_STATE_STANDBY, MAV_STATE_ACTIVE, MAV_STATE_CRITICAL = 3, 4, 5
 MAV_MODE_FLAG_SAFETY_ARMED = 128
-AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
+AUTOPILOTS = {3: ARDUPILOT, 12: PX4}
 SILENT_NS = 3 * NS
 """Without messages for this long an autopilot counts as disconnected; another one may take its place."""
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
@@ -41,7 +49,7 @@ STATUSTEXT_ID = 253
 
 
 class MavlinkSession:
-    """`receive` and `due` are called in the order of events, by one thread at a time."""
+    """State of a link. `receive` and `due` must be called in the order of events, by one thread at a time."""
 
     def __init__(
         self,
@@ -55,12 +63,19 @@ class MavlinkSession:
         on_foreign: Callable[[Frame, int], None] | None = None,
         foreign_ids: frozenset[int] = frozenset(),
     ) -> None:
-        """on_foreign: called with accepted messages of other vehicles of the kinds in `foreign_ids`, not decoded.
-        on_frame: called with every accepted frame as received (without its signature) and its arrival time, for the log.
-        on_message: called with every accepted message of the autopilot of the kinds in `reads` (None: all but its motion),
-        decoded, which is most of the work. signing: with the companion's key; without a key nothing is signed and unsigned
-        messages are accepted. expected: the autopilot of the run before: any message of it counts before its first
-        heartbeat."""
+        """Creates a session without a received autopilot.
+
+        Args:
+            params: ids and requested rates.
+            clock: parameters of the clock estimate.
+            on_frame: called with every accepted frame as received, without its signature, and its arrival time, for
+                the log.
+            on_message: called with every accepted message of the autopilot of the kinds in `reads`, decoded.
+            signing: with the companion's key. Without a key nothing is signed and unsigned messages are accepted.
+            reads: ids of messages for on_message; None: all but motion. Decoding takes most of the time.
+            expected: the autopilot of the last run. Any message of it counts before its first heartbeat.
+            on_foreign: called with accepted messages of other vehicles, not decoded.
+            foreign_ids: ids of messages for on_foreign."""
         self.params = params or MavlinkParams()
         self.clock = ClockFilter(clock)
         self.system_status = MAV_STATE_STANDBY
@@ -95,9 +110,14 @@ class MavlinkSession:
     def receive(
         self, chunks: list[Chunk], sources: Sequence[Source] | None = None
     ) -> list[AttitudeSample | PoseSample]:
-        """The samples in the received chunks, in their order. sources: the sender of each chunk, None: the same for all; a
-        partial message of one sender does not affect those of another. `last_chunk` is then the index of the newest chunk
-        of the autopilot, None: there is none."""
+        """Returns the samples in the received chunks, in order.
+
+        `last_chunk` is then the index of the newest chunk of the autopilot; None: there is none.
+
+        Args:
+            chunks: bytes and arrival times.
+            sources: sender of each chunk; None: the same for all. A partial message of one sender does not affect
+                those of another."""
         samples: list[AttitudeSample | PoseSample] = []
         self.last_chunk = None
         for self._place, (data, arrival_ns) in enumerate(chunks):
@@ -157,7 +177,8 @@ class MavlinkSession:
         return None
 
     def _recognised(self, frame: Frame) -> Vehicle | None:
-        """The expected vehicle, if the frame is of its autopilot. Its heartbeat, once a second, may take too long in flight."""
+        """Returns the expected vehicle if the frame is of its autopilot. In flight its next heartbeat may arrive too
+        late."""
         expected = self._expected
         if expected is None or (frame.system, frame.component) != (expected.system_id, MAV_COMP_ID_AUTOPILOT1):
             return None
@@ -244,32 +265,37 @@ class MavlinkSession:
         self.rates.restart()
 
     def can_defer_read(self, now_ns: int) -> bool:
-        """Whether what comes may lie for a moment before it is read. Not while the clock is found by the instants of
-        arrivals, nor while an answer to TIMESYNC is awaited: the time that it lies would count as the line's."""
+        """True if received bytes may wait before they are read.
+
+        They may not while the clock is estimated from arrival times, nor while an answer to TIMESYNC is awaited: the
+        time of waiting would count as delay of the link."""
         return self.clock.estimate.source is ClockSource.TIMESYNC and not self._timesync.awaits(now_ns)
 
     # ---- out ----------------------------------------------------------------------------------------------------
 
     def connected(self, now_ns: int) -> bool:
-        """Whether any message of the autopilot arrived lately; on a bad link heartbeats alone are lost too easily."""
+        """True if any message of the autopilot arrived recently. On a bad link, single heartbeats are lost too
+        easily."""
         return self.vehicle is not None and now_ns - self._received_ns < SILENT_NS
 
     def fell_silent(self, now_ns: int) -> bool:
-        """Whether the autopilot was armed at its last message: it may still receive on a link that works one way only."""
+        """True if the autopilot was armed at its last message and is not received any more. It may still receive."""
         return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)
 
     def post(self, message: Any) -> None:
-        """A message to send with the next `due`. Without a received autopilot it is dropped and counted, except
-        obstacles for one that fell silent in flight."""
+        """Adds a message that the next `due` sends.
+
+        Without a received autopilot it is dropped and counted, except for obstacles to one that fell silent in
+        flight."""
         self._outbox.post(message)
 
     @property
     def has_posted(self) -> bool:
-        """Whether a message waits to be sent."""
+        """True if a message waits to be sent."""
         return bool(self._outbox)
 
     def due(self, now_ns: int, sends_first: bool = False) -> list[bytes]:
-        """What to send now, ready for the line. sends_first: the other end waits for a first message."""
+        """Returns the bytes to send now. sends_first: the other end waits for a first message."""
         messages: list[Any] = []
         if not self.connected(now_ns):
             rejected = self._signing.rejects_autopilot(now_ns)
@@ -294,7 +320,7 @@ class MavlinkSession:
         )
 
     def _pack(self, message: Any) -> bytes:
-        # a companion shares the vehicle's system id; before it is known, 1 is what autopilots are delivered with
+        # a companion shares the vehicle's system id; before it is known 1, the default of autopilots
         system = self.vehicle.system_id if self.vehicle else self.params.system_id or self._signing.claimed_system
         self._encoder.srcSystem = system or 1
         self._signing.prepare(self._encoder)

@@ -1,4 +1,4 @@
-"""What a MAVLink session is configured with and what it reports: parameters, the autopilot, the state of the link."""
+"""Types of a MAVLink session: its parameters, the autopilot, and the status of the link."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from core.param_field import check, number
 from .clock_sync import ClockEstimate
 from .rates import RateRequest
 
+PX4, ARDUPILOT = "PX4", "ArduPilot"
+"""Kinds of autopilots, see `Vehicle.autopilot`."""
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MavlinkParams:
-    """Who we are and what we ask for. Raises ValueError naming the field, its value and its range."""
+    """Ids of this service and requested messages. Raises ValueError naming the field, its value and its range."""
 
     system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
     component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
@@ -40,8 +42,9 @@ class MavlinkParams:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The autopilot we listen to, by its newest heartbeat. heartbeat_ns: 0, none was received since the start.
-    system_status: MAV_STATE, 0: not known."""
+    """The received autopilot, by its newest heartbeat.
+
+    heartbeat_ns: 0, none was received since the start. system_status: MAV_STATE, 0: not known."""
 
     system_id: int
     autopilot: str
@@ -55,7 +58,7 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkStatus:
-    """What the health report holds about the link. Rates in Hz over two seconds; ages of None: never."""
+    """Status of the link for the health report. Rates in Hz over two seconds; ages of None: never."""
 
     vehicle: Vehicle | None
     clock: ClockEstimate

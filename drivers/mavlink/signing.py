@@ -1,12 +1,11 @@
-"""Signatures of MAVLink 2 on one line: ours on all that we send, and what to believe of what comes.
+"""Signatures of MAVLink 2 on one link: signs what is sent, and verifies what is received.
 
-The library signs and checks too, with two faults that are kept out here. Its timestamp advances by one a packet, which is
-not the time: here each packet gets one of `SigningClock`. And it notes the timestamp of a packet before it looks at its
-signature, so that one forged packet with a far timestamp locks out all true ones: here the signature comes first.
+The library can do both, with two faults. Its timestamp advances by one per packet and is not the time: here each
+packet gets a timestamp of `SigningClock`. And it stores the timestamp of a packet before it verifies the signature,
+so that one forged packet with a late timestamp locks out all valid ones: here the signature is verified first.
 
-With a key only messages signed with it are accepted. An autopilot that is not accepted is still sent our heartbeat:
-it may have been off for long and hold an old time, and learns ours by our signed heartbeat.
-"""
+With a key, only messages signed with it are accepted. An autopilot that is not accepted is still sent the heartbeat:
+its clock may be behind after a long time without power, and it learns the time from the signed heartbeat."""
 
 from __future__ import annotations
 
@@ -30,7 +29,7 @@ SETUP_SIGNING_ID, HEARTBEAT_ID = 256, 0
 
 
 class Verdict(Enum):
-    """What a message's signature is worth."""
+    """Result of the verification of a signature."""
 
     UNSIGNED = "unsigned"
     UNCHECKED = "signed, and we have no key"
@@ -49,7 +48,8 @@ REJECTED = frozenset(ANOMALIES)
 
 
 class Signing:
-    """key None: nothing is signed and everything is accepted. Messages are those of the dialect, as they came."""
+    """Signatures of one link. Without a key nothing is signed and everything is accepted. Messages are those of the
+    dialect, as received."""
 
     def __init__(self, key: SigningKey | None = None, clock: SigningClock | None = None) -> None:
         self._key, self._clock = key, clock or SigningClock()
@@ -66,11 +66,11 @@ class Signing:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the keeping of timestamps, as text; empty: none did."""
+        """The exception that ended the storing of timestamps, as text; empty: none."""
         return self._clock.failure
 
     def close(self) -> None:
-        """Ends the keeping of timestamps."""
+        """Ends the storing of timestamps."""
         self._clock.close()
 
     # ---- in ---------------------------------------------------------------------------------------------------------
@@ -174,8 +174,9 @@ class Signing:
 
 
 def for_the_log(message: Any) -> bytes | None:
-    """A message's frame as a log may hold it: without its signature, which is food for those who look for the key; None
-    for the one message that holds the key itself."""
+    """Returns a message's frame for the log, without its signature; None for SETUP_SIGNING, which contains the key.
+
+    Signatures are left out because they help to find the key."""
     if message.get_msgId() == SETUP_SIGNING_ID:
         return None
     frame = bytes(message.get_msgbuf())

@@ -1,9 +1,8 @@
-"""The timestamps of our signatures: the wall clock in units of 10 us since 2015, and never back.
+"""Timestamps of signatures: the wall clock in units of 10 us since 2015, never decreasing.
 
-A receiver refuses what is not newer than what it had from us before, so neither a wall clock that is set back nor a
-crash may bring an old timestamp again. A file holds one that is ahead of all that were used: it is written before they
-are needed, in a thread of its own, since a disk may hang and the line must not.
-"""
+A receiver refuses timestamps that are not newer than those received before, so that neither a wall clock that is set
+back nor a crash may repeat a timestamp. A file contains a timestamp ahead of all that were used. A separate thread
+writes it before the timestamps are needed, since a slow disk must not delay the link."""
 
 from __future__ import annotations
 
@@ -23,21 +22,23 @@ LAST_TICK = (1 << 48) - 1
 AHEAD = 10 * TICKS_PER_S
 """The file reserves timestamps this far ahead of the wall clock. Ground stations accept a difference of a minute."""
 AHEAD_OF_LAST = TICKS_PER_S // 10
-"""And at least so many packets beyond the last timestamp: what restarts in a row can bring us ahead of the wall clock."""
+"""Number of packets beyond the last timestamp that the file reserves at least, since repeated restarts may lead ahead
+of the wall clock."""
 AGAIN_S = 1.0
-"""After a failure to write."""
+"""Time until the next attempt after a failure to write."""
 
 
 def wall_ticks(unix_ns: int) -> int:
-    """The timestamp of a wall clock; 0 for one that was never set, or shows an instant no timestamp can."""
+    """Returns the timestamp of a wall clock; 0 for one that was never set or is out of range."""
     ticks = (unix_ns - EPOCH_UNIX_S * 10**9) // 10_000
     return ticks if 0 <= ticks < LAST_TICK else 0
 
 
 class SigningClock:
-    """`next` for each packet; `received` with each verified timestamp of others: ours must not be behind.
+    """Timestamps of signatures: `next` for each packet, `received` with each verified timestamp of others.
 
-    fault: why timestamps cannot be kept, as text; empty: they are. file None: for this run alone."""
+    Timestamps must not be behind those of others. fault: why they cannot be stored, as text; empty: they are. file
+    None: they are not stored."""
 
     def __init__(self, file: Path | None = None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._file, self._wall_ns = file, wall_ns
@@ -53,11 +54,11 @@ class SigningClock:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the keeping of timestamps, as text; empty: none did."""
+        """The exception that ended the storing of timestamps, as text; empty: none."""
         return self._thread.failure if self._thread is not None else ""
 
     def next(self) -> int:
-        """A timestamp that was never used, and never will be again."""
+        """Returns a timestamp that was never used before."""
         self._last = max(self._last + 1, self.now())
         self._want()
         return self._last

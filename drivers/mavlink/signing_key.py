@@ -16,7 +16,7 @@ _REMEDY = "`companion keys --signing FILE` makes one"
 
 
 class SigningKey:
-    """A key that shows itself in no message and no trace."""
+    """A key that does not appear in messages or traces."""
 
     __slots__ = ("secret",)
 

@@ -1,8 +1,8 @@
-"""TIMESYNC: our requests, paired exactly with their answers, into the clock filter.
+"""TIMESYNC: sends requests, and passes their answers to the clock filter.
 
-Other parties ask on the same link (tc1 = 0) and several may answer us: only an answer of the autopilot itself that
-mirrors a stamp we sent, once, counts. We answer nobody's request: another companion may be the one the autopilot
-synchronises with."""
+Other senders use TIMESYNC on the same link (tc1 = 0), and several may answer a request: only an answer of the
+autopilot itself that returns a stamp of a request, once, counts. Requests of others are not answered: the autopilot
+may synchronise with another companion."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from .dialect import dialect
 from .parser import Frame
 
 FAST_NS, SLOW_NS = NS // 10, NS // 2
-"""Between requests: until the clock is synchronised and for FAST_FOR_NS after that, and from then on."""
+"""Interval of the requests: until the clock is synchronised and for FAST_FOR_NS after that, and later."""
 FAST_FOR_NS = 3 * NS
 _PENDING = 64
 _FIELDS = struct.Struct("<qq")
-"""tc1 and ts1, as they lie in the payload: autopilots ask ten times a second for themselves."""
+"""tc1 and ts1 as in the payload: autopilots send ten requests per second themselves."""
 UNANSWERED_NS = 4 * NS
-"""Without any answer for this time TIMESYNC counts as not answered."""
+"""TIMESYNC counts as not answered after this time without an answer."""
 AWAITED_NS = NS // 10
-"""After a request, so long its answer is waited for at the line: later than that it would say little."""
+"""Time after a request for which reads are not deferred; a later answer gives little information."""
 
 
 class TimeSync:
-    """Asks and pairs. `unpaired`: answers that mirror nothing we asked; `others`: those not from the autopilot."""
+    """Sends requests and matches answers. unpaired: answers to no request; others: answers not from the autopilot."""
 
     def __init__(self, clock: ClockFilter) -> None:
         self._clock = clock
@@ -39,7 +39,7 @@ class TimeSync:
         self.asked = self.answered = self.unpaired = self.others = 0
 
     def due(self, now_ns: int) -> list[Any]:
-        """The request to send now, if it is time for one. ts1 is now_ns: send it at once."""
+        """Returns the request to send now, if any. Its ts1 is now_ns: it must be sent at once."""
         if now_ns < self._next_ns:
             return []
         if self._clock.estimate.source is not ClockSource.TIMESYNC:
@@ -58,7 +58,7 @@ class TimeSync:
         return [dialect.MAVLink_timesync_message(tc1=0, ts1=now_ns)]
 
     def take(self, frame: Frame, arrival_ns: int, *, from_autopilot: bool) -> None:
-        """A TIMESYNC that came in."""
+        """Handles a received TIMESYNC."""
         tc1, ts1 = frame.fields(_FIELDS)
         if tc1 == 0:
             return
@@ -74,7 +74,7 @@ class TimeSync:
         self._clock.exchange(ts1, tc1, arrival_ns)
 
     def awaits(self, now_ns: int) -> bool:
-        """Whether the newest request was sent a moment ago and its answer has not come."""
+        """True if the newest request was sent a moment ago and is not answered yet."""
         return self._asked_ns in self._pending and now_ns - self._asked_ns < AWAITED_NS
 
     def answers(self, now_ns: int) -> bool:
@@ -82,7 +82,7 @@ class TimeSync:
         return self._waits_since_ns is None or now_ns - self._waits_since_ns < UNANSWERED_NS
 
     def restart(self) -> None:
-        """Another autopilot, or the same one booted: what was asked before is void."""
+        """Discards earlier requests: the autopilot has been replaced or has rebooted."""
         self._pending.clear()
         self._next_ns = 0
         self._synchronised_ns = self._waits_since_ns = None

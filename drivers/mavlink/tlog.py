@@ -1,10 +1,9 @@
 """MAVLink telemetry logs (.tlog): 8 bytes of big-endian microseconds, then a raw MAVLink frame, repeated.
 
-Two clocks meet in such a file: the stamp of each record is when the recording host had the message (unix time), and
-`time_boot_ms` inside the message is when the autopilot measured. A message is never recorded before it was sent, so
-the line under all points (time_boot, stamp) is the best guess of how one clock runs against the other: the lower
-envelope. `map_boot_clock` finds it, per boot of the autopilot.
-"""
+Such a file contains two clocks: the stamp of each record is the time when the recording host received the message
+(unix time), and `time_boot_ms` in the message is the time when the autopilot measured. No message is recorded before
+it was sent. The line under all points (time_boot, stamp), the lower envelope, is therefore the best estimate of one
+clock on the other. `map_boot_clock` computes it for each boot of the autopilot."""
 
 from __future__ import annotations
 
@@ -23,14 +22,14 @@ from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 MAVLINK1, MAVLINK2 = 0xFE, 0xFD
 _MARK = re.compile(b"[\xfd\xfe]")
 MAX_DRIFT = 200e-6
-"""Crystals differ by up to about 75 ppm: a fitted drift beyond this is noise, and the drift is then taken as 0."""
+"""Clocks differ by up to about 75 ppm: a greater fitted drift is noise, and the drift is then 0."""
 DRIFT_SPAN_MS = 30_000
-"""Over less than this a drift cannot be distinguished from the 1 ms resolution of time_boot_ms."""
+"""Over a shorter span a drift cannot be distinguished from the 1 ms resolution of time_boot_ms."""
 TIMED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
 STRANGE_US = 10_000_000
-"""A record stamp this far from where the others of its boot put it is damaged: it has no checksum."""
+"""A record stamp that differs by more from the others of its boot is damaged; it has no checksum."""
 BOOT_STEP_MS = 1_000
-"""time_boot going back by more than this is a reboot of the autopilot; by less, messages that overtook each other."""
+"""A decrease of time_boot by more is a reboot of the autopilot; a smaller one is a change of the order of messages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,12 @@
-"""Transports to an autopilot: serial, UDP in and out, TCP. Bytes with their arrival times.
+"""Transports to an autopilot: serial, UDP in and out, TCP. They give bytes with their arrival times.
 
     serial:/dev/serial/by-id/usb-...:921600      (the rate may be left out: 921600)
     udpin:0.0.0.0:14540                          waits for the autopilot; answers go to its address
     udpout:127.0.0.1:14550                       sends first, to a router or a ground station
     tcp:127.0.0.1:5760
 
-A transport does not depend on MAVLink. Every failure is a DriverError that names the address, the cause and the remedy; the
-owner then closes the transport and opens a new one later.
-"""
+A transport does not depend on MAVLink. Every failure is a DriverError that names the address, the cause and the
+remedy; the owner then closes the transport and opens a new one later."""
 
 from __future__ import annotations
 
@@ -28,28 +27,29 @@ from .udp_flood import FloodFilter
 DEFAULT_BAUD = 921_600
 _READ_BYTES = 65_536
 _MOST_DATAGRAMS = 1024
-"""Taken in one read. What is dropped as a flood costs some microseconds each; the socket's buffer holds about as many."""
+"""Greatest number of datagrams per read. Dropping one as a flood takes some microseconds; the buffer of the socket
+holds about as many."""
 _LONGEST_NS = 10_000_000
-"""No read spends longer on a flood: a frame may wait for it."""
+"""Longest time of one read during a flood, since a frame may wait for it."""
 _BUFFER_BYTES = 1 << 20
-"""Of a UDP socket, as far as the system allows: room for the autopilot beside a flood until the next read."""
+"""Buffer of a UDP socket, if the system allows it: room for the autopilot beside a flood until the next read."""
 Chunk = tuple[bytes, int]
 """Bytes and their arrival time, monotonic ns."""
 Source = tuple[str, int] | None
-"""The sender: host and port; None: a line with one other end."""
+"""Host and port of the sender; None: the transport has one other end."""
 
 
 class Transport(Protocol):
-    """An open line."""
+    """An open transport."""
 
     @property
     def bytes_per_s(self) -> float | None:
-        """Data rate of the line; None: no relevant limit."""
+        """Data rate; None: no relevant limit."""
         ...
 
     @property
     def sends_first(self) -> bool:
-        """Whether the other end sends nothing before it has received a message."""
+        """True if the other end sends nothing before it has received a message."""
         ...
 
     @property
@@ -63,20 +63,21 @@ class Transport(Protocol):
         ...
 
     def wait(self, timeout_s: float) -> None:
-        """Until something has arrived, at most timeout_s. Raises DeviceLost."""
+        """Waits until something has arrived, for at most timeout_s. Raises DeviceLost."""
         ...
 
     def read(self, timeout_s: float = 0.0) -> list[Chunk]:
-        """What has arrived, waiting at most timeout_s for it. Raises DeviceLost."""
+        """Returns what has arrived, after waiting for at most timeout_s. Raises DeviceLost."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Sends at once; what the line cannot take now is lost (a message cut short fails its checksum). Raises
+        """Sends at once. Bytes that cannot be sent now are lost; a message cut short fails its checksum. Raises
         DeviceLost."""
         ...
 
     def answer(self, chunk: int) -> None:
-        """From now on `write` sends to the sender of this chunk of the newest `read`: others may send to the port, too."""
+        """Makes `write` send to the sender of this chunk of the newest `read`, since others may send to the port,
+        too."""
         ...
 
     def close(self) -> None: ...
@@ -84,7 +85,7 @@ class Transport(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where an autopilot is. kind: serial, udpin, udpout or tcp; place: device or host; number: baud or port."""
+    """Address of an autopilot. kind: serial, udpin, udpout or tcp; place: device or host; number: baud rate or port."""
 
     kind: str
     place: str
@@ -95,7 +96,7 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """The address in `text`. Raises ValueError with the forms there are."""
+    """Returns the address in a text. Raises ValueError that names the valid forms."""
     kind, _, rest = text.partition(":")
     forms = "serial:/dev/serial/by-id/NAME[:BAUD], udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
     place, _, number = rest.rpartition(":")
@@ -110,7 +111,7 @@ def parse_address(text: str) -> Address:
 
 
 def open_transport(address: Address) -> Transport:
-    """Opens the line. Raises DeviceNotFound or BadData."""
+    """Opens a transport. Raises DeviceNotFound or BadData."""
     if address.kind == "serial":
         return SerialLine(address)
     if address.kind == "tcp":

@@ -1,9 +1,9 @@
 """Drops floods of datagrams before they are parsed.
 
-Reading a datagram takes microseconds, looking through its bytes for messages up to a hundred times as long. While the
-autopilot's own address is known, other addresses may therefore send a bounded number of datagrams: enough for a second
-autopilot, another companion or an autopilot with a new port to be noticed, and too few to keep the autopilot's attitude
-from the frame at hand."""
+Reading a datagram takes microseconds, searching it for messages up to a hundred times as long. While the address of
+the autopilot is known, other addresses may therefore send a limited number of datagrams: enough to detect a second
+autopilot, another companion, or an autopilot with a new port, and too few to delay the attitude for the present
+frame."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from collections import OrderedDict
 NS = 1_000_000_000
 WINDOW_NS = NS // 2
 PER_SOURCE, ALL_SOURCES = 64, 256
-"""Datagrams of one foreign address, and of all of them, that are passed on in one window."""
+"""Greatest number of datagrams of one foreign address, and of all of them, that are parsed per window."""
 TRUST_NS = 3 * NS
-"""An address whose last message of the autopilot is older is no longer trusted: it may have a new one."""
+"""An address is not trusted any more if its last message of the autopilot is older: the autopilot may have a new one."""
 MOST_TRUSTED = 4
-"""Addresses from which the autopilot may speak at the same time, as over two radios."""
+"""Addresses that an autopilot may use at the same time, for example over two radios."""
 
 
 class FloodFilter:
-    """`trust` the address from which the autopilot spoke, then ask of each datagram whether it `passes`. One thread at a
-    time; `text` may be called from another."""
+    """Filter of floods: `trust` the address of the autopilot, then test each datagram by `passes`.
+
+    One thread at a time; `text` may be called from another one."""
 
     def __init__(self) -> None:
         self._trusted: OrderedDict[tuple[str, int], int] = OrderedDict()
@@ -34,14 +35,14 @@ class FloodFilter:
         self.dropped = 0
 
     def trust(self, source: tuple[str, int], now_ns: int) -> None:
-        """The autopilot spoke from there."""
+        """Records that the autopilot has sent from this address."""
         self._trusted[source] = now_ns
         self._trusted.move_to_end(source)
         if len(self._trusted) > MOST_TRUSTED:
             self._trusted.popitem(last=False)
 
     def passes(self, source: tuple[str, int], now_ns: int) -> bool:
-        """Whether a datagram from there is to be parsed. All pass while no address is trusted."""
+        """True if a datagram from this address must be parsed. All pass while no address is trusted."""
         if source in self._trusted or not any(now_ns - t_ns < TRUST_NS for t_ns in self._trusted.values()):
             return True
         if now_ns - self._begun_ns >= WINDOW_NS:

@@ -14,6 +14,7 @@ from typing import Any
 
 from ..mavlink.dialect import dialect
 from ..mavlink.parser import MessageSplitter
+from ..mavlink.session_types import ARDUPILOT, PX4
 from .firmware_models.ardupilot import ArduPilotReader
 from .firmware_models.ardupilot_layers import ArduPilotHeights, ArduPilotLayers
 from .firmware_models.auto_flight import AutoFlight
@@ -22,7 +23,6 @@ from .firmware_models.timed_flight import TimedFlight
 from .flight_path import VehicleState
 
 NS = 1_000_000_000
-PX4, ARDUPILOT = "PX4", "ArduPilot"
 AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
 _SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE, _REQUEST_CAPABILITIES, _AUTOPILOT_VERSION = 511, 512, 520, 148
 _INT32, _REAL32 = 6, 9
