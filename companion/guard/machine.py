@@ -20,10 +20,11 @@ from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from ..config.guard import GuardParams
 from .assessment import Action, Verdict
-from .attempt import ACK_NS, MODE_NS, Attempt
+from .attempt import FAILED_AFTER, Attempt, next_method
+from .availability import Availability
 from .hold_motion import HoldMotion
-from .modes import STOP_MODES, STOP_ORDER, StopMethod, Watched, takes_speed, watched_mode
-from .speed_limit import ACCEPTED, IN_PROGRESS, SpeedLimiter
+from .modes import STOP_MODES, STOP_ORDER, StopMethod, Watched, returns_by_failsafe, takes_speed, watched_mode
+from .speed_limit import IN_PROGRESS, SpeedLimiter
 from .states import (
     INTERVENES,
     Announcement,
@@ -39,20 +40,12 @@ NS = 1_000_000_000
 REARM_NS = 5 * NS
 """After a stop for unseen space, the path must be seen for this time without interruption before unseen space stops
 the vehicle again."""
-FAILSAFE_STATES = frozenset({5, 6})
-"""MAV_STATE CRITICAL and EMERGENCY: a failsafe is active."""
-FIRST_METHOD_TIMES = 2
-"""ArduCopter: number of attempts with BRAKE before LOITER."""
 FREE_NS = 2 * NS
 """A stop without effect ends if the path is free for this time."""
-FAILED_AFTER = 3
-"""Attempts without effect until the failure is announced. Further attempts follow, one per MODE_NS."""
 STANDS_M_S = 0.4
 """A slower vehicle counts as stopped."""
 SPARE_STOP_NS = 2 * NS
 """Time added to the computed braking time before the next command is sent to a vehicle that does not brake."""
-DOUBT_NS = 2 * NS
-"""A doubt is announced if it lasts this long: after a start, the first COMMAND_ACK takes a moment."""
 GAP_NS = 5 * NS
 """If the vehicle was not received for longer, an unconfirmed stop is decided again: another station may have had
 control."""
@@ -80,9 +73,7 @@ class GuardMachine:
     _reason: Verdict | None = None
     _sees_since_ns: int | None = None
     _motion: HoldMotion = field(default_factory=HoldMotion)
-    _doubt_since_ns: int = 0
-    _doubt_announced: str = ""
-    _silent: bool = False
+    _availability: Availability = field(default_factory=Availability)
 
     def __post_init__(self) -> None:
         memory = self.memory
@@ -151,23 +142,13 @@ class GuardMachine:
         if self.memory.state is GuardState.UNAVAILABLE:
             limited = self.memory.limit_m_s > 0.0
             self._change(now, state=GuardState.LIMITED if limited else GuardState.WATCHING, cause="")
-            if self._doubt_announced:
-                self._doubt_announced = ""
-                out.append(Announcement("guard: active"))
+            out += self._availability.restored()
         verdict = now.verdict
         assert verdict is not None
-        out += self._follow_answers(now)
+        out += self._availability.vehicle_answers(not now.silent)
         if self._wants_stop(now):  # also if the vehicle does not acknowledge commands: they may still arrive
             return out + self._stop(vehicle, verdict, now)
         return out if now.silent else out + self._adjust_speed(vehicle, group, verdict, now)
-
-    def _follow_answers(self, now: GuardInput) -> list[Output]:
-        """Announces when the vehicle stops acknowledging commands, and when it acknowledges them again."""
-        if now.silent == self._silent:
-            return []
-        self._silent = now.silent
-        text = "guard: vehicle does not answer, stop may fail" if now.silent else "guard: vehicle answers again"
-        return [Announcement(text, critical=now.silent)]
 
     def _follow_sight(self, now: GuardInput) -> None:
         """Records that the path is seen.
@@ -201,26 +182,16 @@ class GuardMachine:
         verdict = now.verdict
         if verdict is None or verdict.action is not Action.STOP:
             return False
-        if self._failsafe_return(now):
+        if returns_by_failsafe(now.vehicle, self.guard):
             return verdict.firm_stop
         return verdict.obstacle_stop if now.near_ground else True
 
-    def _failsafe_return(self, now: GuardInput) -> bool:
-        """True if a failsafe has commanded a return, as far as the heartbeat shows it."""
-        vehicle = now.vehicle
-        if vehicle is None or vehicle.system_status not in FAILSAFE_STATES:
-            return False
-        return watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is Watched.RETURN
-
     def _doubts(self, doubt: str, now: GuardInput) -> list[Output]:
-        """Handles a step in which no command may be sent, and announces the doubt once it has lasted for DOUBT_NS."""
+        """Handles a step in which no command may be sent. doubt: why, as text."""
         if self.memory.state is not GuardState.UNAVAILABLE or self.memory.cause != doubt:
             self._change(now, state=GuardState.UNAVAILABLE, cause=doubt)
-            self._doubt_since_ns = now.now_ns
-        if now.now_ns - self._doubt_since_ns < DOUBT_NS or self._doubt_announced == doubt:
-            return []
-        self._doubt_announced = doubt
-        return [Announcement(f"guard: off, {doubt}", critical=True)]
+            self._availability.lost(now.now_ns)
+        return self._availability.still_lost(doubt, now.now_ns)
 
     # ---- speed ------------------------------------------------------------------------------------------------------
 
@@ -265,27 +236,12 @@ class GuardMachine:
 
     def _try_to_stop(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """Sends a stop command and counts the attempt."""
-        method = self._next_method(vehicle)
+        method = next_method(vehicle, self._attempt, self.memory.attempts)
         command = DO_REPOSITION if method is StopMethod.PX4_REPOSITION else DO_SET_MODE
         self._attempt = Attempt(method, command, now.now_ns)
         modes = tuple(sorted({*self.memory.stop_modes, STOP_MODES[method]}))
         self._change(now, attempts=self.memory.attempts + 1, stop_modes=modes)
         return [StopCommand(vehicle.system_id, method)]
-
-    def _next_method(self, vehicle: Vehicle) -> StopMethod:
-        """Returns the method of the next attempt.
-
-        PX4 alternates between both methods. ArduCopter's LOITER reads the throttle stick, which may be low. It is
-        used only after two attempts with BRAKE and evidence that the last one had no effect. Lost acknowledgements
-        and heartbeats are no such evidence."""
-        first, second = STOP_ORDER[vehicle.autopilot]
-        if vehicle.autopilot != ARDUPILOT:
-            return second if self.memory.attempts % 2 else first
-        last = self._attempt
-        if last is None or last.method is not first or vehicle.custom_mode == STOP_MODES[first]:
-            return first
-        failed = last.refused or last.shown_without_effect(vehicle)
-        return second if failed and self.memory.attempts >= FIRST_METHOD_TIMES else first
 
     def _intervene(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """Handles a step of an intervention, by the mode of the vehicle."""
@@ -305,7 +261,7 @@ class GuardMachine:
         if not self._still_needed(now):
             return self._leave_when_free(vehicle, now)
         self._free_since_ns = None
-        if self._attempt is not None and not self._is_over(self._attempt, vehicle, now.now_ns):
+        if self._attempt is not None and not self._attempt.is_over(vehicle, now.now_ns, self.memory.attempts):
             return []
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
 
@@ -316,7 +272,7 @@ class GuardMachine:
             return True
         if now.verdict is not None and now.verdict.sees:
             return False
-        unseen_stops = not now.near_ground and not self._failsafe_return(now)
+        unseen_stops = not now.near_ground and not returns_by_failsafe(now.vehicle, self.guard)
         return unseen_stops or self._wants_stop(replace(now, verdict=self._reason))
 
     def _leave_when_free(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
@@ -329,17 +285,6 @@ class GuardMachine:
             return []
         self._begin(GuardState.WATCHING, now)
         return [Announcement("guard: stop ended, not needed now")]
-
-    def _is_over(self, attempt: Attempt, vehicle: Vehicle, now_ns: int) -> bool:
-        """True if an attempt had no effect, so that the next one is due."""
-        waited_ns = now_ns - attempt.t_ns
-        if self.memory.attempts >= FAILED_AFTER:
-            return waited_ns >= MODE_NS
-        if attempt.result is None:
-            return waited_ns >= ACK_NS
-        if attempt.result in (ACCEPTED, IN_PROGRESS):
-            return waited_ns >= MODE_NS or attempt.shown_without_effect(vehicle)
-        return True  # refused: the next attempt follows at once
 
     def _in_stop_mode(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """Handles a step in a stop mode: waits until the vehicle rests, and repeats the command if it does not brake.

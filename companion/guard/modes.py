@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Final
 
 from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, PX4_AUTO, PX4_AUTO_LOITER, px4_mode_number
-from drivers.mavlink.session_types import ARDUPILOT, PX4
+from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from ..config.guard import GuardParams
 
@@ -55,7 +55,9 @@ STOP_ORDER: Final = {
     PX4: (StopMethod.PX4_HOLD, StopMethod.PX4_REPOSITION),
     ARDUPILOT: (StopMethod.COPTER_BRAKE, StopMethod.COPTER_LOITER),
 }
-"""First and second stop command; GuardMachine chooses between them."""
+"""First and second stop command; `attempt.next_method` chooses between them."""
+FAILSAFE_STATES: Final = frozenset({5, 6})
+"""MAV_STATE CRITICAL and EMERGENCY: a failsafe is active."""
 
 
 def watched_mode(kind: str, custom_mode: int, guard: GuardParams) -> Watched | None:
@@ -70,3 +72,10 @@ def takes_speed(kind: str, group: Watched) -> bool:
     """True if MAV_CMD_DO_CHANGE_SPEED has an effect: not in PX4's Offboard mode, which follows the setpoints that it
     receives."""
     return not (kind == PX4 and group is Watched.GUIDED)
+
+
+def returns_by_failsafe(vehicle: Vehicle | None, guard: GuardParams) -> bool:
+    """True if the heartbeat shows that a failsafe has commanded a return."""
+    if vehicle is None or vehicle.system_status not in FAILSAFE_STATES:
+        return False
+    return watched_mode(vehicle.autopilot, vehicle.custom_mode, guard) is Watched.RETURN

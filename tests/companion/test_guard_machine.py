@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from companion.config.guard import GuardParams
 from companion.guard.assessment import Action, Verdict
-from companion.guard.attempt import MODE_NS, SETTLE_NS
-from companion.guard.machine import FAILED_AFTER, GAP_NS, REARM_NS, GuardMachine
+from companion.guard.attempt import FAILED_AFTER, MODE_NS, SETTLE_NS
+from companion.guard.machine import GAP_NS, REARM_NS, GuardMachine
 from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
 from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
 from companion.guard.states import (

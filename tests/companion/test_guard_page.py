@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import companion.guard.guard
-import companion.guard.machine
 from companion.guard import (
     assessment,
     attempt,
+    availability,
     certainty,
     hold_motion,
     machine,
@@ -128,7 +128,7 @@ def plain(text: ast.expr) -> str:
 
 
 def test_the_guide_explains_each_text() -> None:
-    in_code = announced(companion.guard.machine) | announced(companion.guard.guard)
+    in_code = announced(machine) | announced(availability) | announced(companion.guard.guard)
     explained = {text for row in table(HOW_TO, "text") for text in re.findall("`([^`]+)`", row[0])}
     assert explained == in_code
 
@@ -141,7 +141,7 @@ TIMES = {
     "longer than the computed braking time, until the next command": machine.SPARE_STOP_NS,
     "an unconfirmed stop is judged again after a gap of": machine.GAP_NS,
     "unseen space stops again when the path was seen for": machine.REARM_NS,
-    "doubt is announced after": machine.DOUBT_NS,
+    "doubt is announced after": availability.DOUBT_NS,
     "a vehicle in a stop mode flies again after": hold_motion.RISE_NS,
     "a speed limit without effect is noticed after": speed_limit.EXCESS_NS,
     "oldest heartbeat": certainty.LONGEST_HEARTBEAT_NS,
