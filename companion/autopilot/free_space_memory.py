@@ -1,10 +1,10 @@
-"""Memory of free space for a leaning vehicle: in forward flight the upper part of the near space leaves the image. It was
-seen a moment before, from farther away or while level.
+"""Remembers free space that has left the image because the vehicle leans.
 
-Cells of a grid in ned hold when they were last seen free. They count only at places outside of all views, in sectors of which
-the cameras see `seen_share` now, and for `remember_free_s`. A cell in which a later frame finds an obstacle is not free any more,
-also after the obstacle has left the image. Without a position nothing is remembered.
-"""
+In forward flight the vehicle pitches down and the upper part of the near space leaves the image. It was seen a moment
+before, from farther away or while level. The cells of a grid in ned hold when they were last seen free. A cell counts
+as free only if it lies outside of all views, in a sector of which the cameras see `seen_share` now, and for
+`remember_free_s`. A cell in which a later frame finds an obstacle stops being free, also after the obstacle has left
+the image. Without a position nothing is remembered."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .view_free import View, in_image, points_free
 
 NS = 1_000_000_000
 LEAST_APART_NS = NS // 10
-"""Least time between two frames of a camera that are used: more frames cost time and add nothing."""
+"""Least time between two frames of a camera that are used. More frames take time and add nothing."""
 SLACK_M = 1.0
-"""The grid reaches so far beyond what is asked for, since the vehicle moves and climbs."""
+"""Distance by which the grid extends beyond the range of the obstacle output, since the vehicle moves and climbs."""
 NEVER = -math.inf
 
 
 class FreeMemory:
-    """`see` with each view, then `free` for places. Not for two threads at once."""
+    """A grid around the vehicle with the time at which each cell was last seen free. Not thread-safe."""
 
     def __init__(self, avoid: AvoidParams, reach_m: float = 0.0) -> None:
         """reach_m: horizontal range to which free space is remembered; at least max_distance_m."""
@@ -44,8 +44,15 @@ class FreeMemory:
         self._taken_ns: dict[str, int] = {}
 
     def see(self, camera: str, t_ns: int, view: View, here: Here) -> None:
-        """Takes in what a camera saw free at t_ns. view: in level, here. Open space, which is presumed free, is not remembered:
-        it counts only as long as its evidence is in view."""
+        """Records the cells that a camera sees free.
+
+        Open space is presumed free and is not recorded: it counts only as long as its evidence is in view.
+
+        Args:
+            camera: name.
+            t_ns: exposure of the frame.
+            view: the frame, in level.
+            here: position and heading of the vehicle."""
         if self._avoid.remember_free_s == 0.0 or here.position_ned_m is None or not view.model.valid:
             return
         if t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) < LEAST_APART_NS:
@@ -73,8 +80,9 @@ class FreeMemory:
         z: NDArray[np.float64],
         cameras: Collection[str] | None = None,
     ) -> NDArray[np.bool_]:
-        """(N,) whether places of level were seen free lately and lie in no view's image now. x, y, z: (N,) metres.
-        cameras: those whose memory counts, None: all; what a blind camera saw last does not count."""
+        """Returns (N,) bool: True for points that were seen free lately and are in the image of no view now.
+
+        x, y, z: (N,) m in level. cameras: those whose memory counts; None: all. What a blind camera saw does not count."""
         if here.position_ned_m is None or here.section != self._section:
             return np.zeros(len(x), bool)
         c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
@@ -93,7 +101,8 @@ class FreeMemory:
         return out
 
     def _occupied(self, planes: NDArray[np.float64], here: Here) -> NDArray[np.bool_]:
-        """Of the shape of the grid: cells through which planes (N, 6) of level pass, and their neighbours to all sides."""
+        """Returns the cells, in the shape of the grid, through which planes pass, and their neighbours. planes: (N,
+        6) in level."""
         assert here.position_ned_m is not None
         up, across, _ = self._seen_s.shape
         out = np.zeros(self._seen_s.shape, bool)
@@ -122,7 +131,7 @@ class FreeMemory:
         return out
 
     def _move_to(self, here: Here) -> None:
-        """Lays the grid around the vehicle. Another estimate of the position restarts the memory."""
+        """Moves the grid to the vehicle. Another section of the position estimate empties it."""
         assert here.position_ned_m is not None
         x, y, z = here.position_ned_m
         shape = np.array(self._seen_s.shape)
@@ -139,7 +148,7 @@ class FreeMemory:
 def _turned(
     north: NDArray[np.float64], east: NDArray[np.float64], here: Here
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places of ned, seen from here along the heading."""
+    """Transforms points of ned to level: relative to the vehicle, along its heading."""
     assert here.position_ned_m is not None
     c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
     dn, de = north - here.position_ned_m[0], east - here.position_ned_m[1]

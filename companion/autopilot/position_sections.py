@@ -1,8 +1,8 @@
-"""Sections of the autopilot's position estimate: between two jumps of it, positions can be compared.
+"""Divides the autopilot's position estimate into sections between its jumps.
 
-ODOMETRY counts its jumps (reset_counter). LOCAL_POSITION_NED, which both autopilots send, does not: there a position that the
-velocity does not explain is a jump. What was remembered in ned before a jump stands at another place after it.
-"""
+Positions can be compared only within a section: after a jump, what was remembered in ned is at another place.
+ODOMETRY counts the jumps of the estimate (reset_counter). LOCAL_POSITION_NED, which both autopilots send, does not:
+there, a step that the velocity does not explain counts as a jump."""
 
 from __future__ import annotations
 
@@ -14,26 +14,30 @@ from core.types import PoseSample
 
 NS: Final = 1_000_000_000
 JUMP_M: Final = 0.5
-"""A smaller step is the estimate's correction, within the margins of the obstacle output."""
+"""Smallest step that counts as a jump. A smaller one is a correction of the estimate within the margins of the
+obstacle output."""
 JUMP_SPEED_M_S: Final = 5.0
-"""Greater by this times the time between two positions: the velocity may change between them."""
+"""The limit grows by this times the time between two positions, because the velocity may change between them."""
 UNKNOWN_SPEED_M_S: Final = 30.0
-"""The same without a velocity."""
+"""The same if no velocity is known."""
 LONGEST_NS: Final = NS
-"""After a longer time without a position the two are not compared: it may have jumped meanwhile."""
+"""After a longer time without a position a new section begins, because the estimate may have jumped meanwhile."""
 
 
 @dataclass(slots=True)
 class PositionSections:
-    """`take` the positions as they come. number: of the present section; since_ns: arrival of its first position, from which on
-    all parts of the service use it."""
+    """Number and beginning of the present section.
+
+    Attributes:
+        number: number of the section.
+        since_ns: arrival of its first position. All parts of the service use the section from then on."""
 
     number: int = 0
     since_ns: int = 0
     _newest: PoseSample | None = None
 
     def take(self, sample: PoseSample) -> None:
-        """A position. One that is older than the newest changes nothing."""
+        """Handles a position. One that is not newer than the newest changes nothing."""
         newest = self._newest
         if newest is not None and sample.t_ns <= newest.t_ns:
             return
@@ -43,7 +47,7 @@ class PositionSections:
 
 
 def _jumped(before: PoseSample, after: PoseSample) -> bool:
-    """Whether the velocities at both positions do not explain the way between them."""
+    """True if the velocities at two positions do not explain the distance between them."""
     if after.t_ns - before.t_ns > LONGEST_NS:
         return True
     time_s = (after.t_ns - before.t_ns) / NS

@@ -1,8 +1,8 @@
-"""Decides what is sent to the autopilot, independent of cameras and pipeline.
+"""Decides what is sent to the autopilot, without cameras, pipeline, clock or link.
 
-A decision uses the newest frame of each camera and its age at the moment of sending. If no new frame arrives, the exposures
-get too old and the failsafe policy decides: no fault of another thread lets an old result go out as a new one.
-"""
+A decision uses the newest frame of each camera and its age at the moment of sending. If no new frame arrives, the age
+of the newest one grows beyond the limit and the failsafe policy decides. A fault of another thread therefore cannot
+let an old result go out as a new one."""
 
 from __future__ import annotations
 
@@ -50,24 +50,31 @@ from .view_free import RING_M, View, ground_z_m
 
 NS = 1_000_000_000
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
-"""How far attitude and position may be carried to the moment of sending; beyond it the vehicle's heading is unknown."""
+"""Limits within which attitude and position are interpolated or extrapolated to the moment of sending. Outside of
+them the vehicle's heading is unknown."""
 
 STANDING_M = 0.8
-"""Greatest height of the vehicle's middle above the ground on which it stands."""
+"""Greatest height of the vehicle's middle above the ground while the vehicle stands on it."""
 
 EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
-"""View of a camera that was never opened: it may cover any direction."""
+"""Coverage of a camera that was never opened: it may cover any direction."""
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
-"""Errors of the computation after which all cameras count as blind; the thread goes on."""
+"""Errors of the computation after which all cameras count as blind. The thread continues."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleReport:
-    """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, as text.
+    """One decision about what to send.
 
-    policy: name of the failsafe policy. fault: error of the computation, as text; empty: none.
-    points_m: (N, 3) obstacles above and below the band, if they are sent; up_m, down_m: distance to the lowest obstacle above
-    the vehicle and to the ground below it; None: not sent."""
+    Attributes:
+        t_ns: instant of the decision.
+        values: (72,) uint16 distances in cm that were sent; None: nothing was sent.
+        blind: camera -> cause, as text, of each blind camera.
+        policy: name of the failsafe policy.
+        fault: error of the computation, as text; empty: none.
+        points_m: (N, 3) obstacles above and below the band, if they are sent.
+        up_m: distance to the lowest obstacle above the vehicle; None: not sent.
+        down_m: distance to the ground below the vehicle; None: not sent."""
 
     t_ns: int
     values: NDArray[np.uint16] | None
@@ -80,7 +87,7 @@ class ObstacleReport:
 
 
 class ObstacleReportBuilder:
-    """What to send at an instant, without thread, clock or link. All methods may be called from different threads."""
+    """Decides what to send at an instant. It has no thread, clock or link; all methods may be called from any thread."""
 
     def __init__(
         self,
@@ -93,10 +100,19 @@ class ObstacleReportBuilder:
         open_counts: bool = False,
         reach_m: float = 0.0,
     ) -> None:
-        """ill: why the frames of a camera must not be used although they arrive (it repeats an old image under new stamps);
-        empty: they may. ring_m: step of the free-range profiles. observer: receives the surroundings of each decision.
-        open_counts: a sector whose band is free or open to the maximum is clear ([open_sky] mode = "presume").
-        reach_m: range to which free space is remembered for the observer; at least max_distance_m."""
+        """Makes a builder without any frame yet.
+
+        Args:
+            avoid: parameters of the obstacle output.
+            cameras: names of all configured cameras.
+            stale_s: age above which a camera's newest frame does not count.
+            ill: returns why the frames of a camera must not be used although they arrive, such as an image repeated
+                under new stamps; empty: they may be used.
+            ring_m: step of the free-range profiles.
+            observer: receives the surroundings of each decision.
+            open_counts: True if a sector whose band is free or open up to the maximum is clear ([open_sky] mode =
+                "presume").
+            reach_m: range to which free space is remembered for the observer; at least max_distance_m."""
         self._observer = observer
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
         self._ill, self._ring_m, self._open_counts = ill, ring_m, open_counts
@@ -122,11 +138,11 @@ class ObstacleReportBuilder:
         self._ended = ""
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
-        """Attitudes and positions, as they come."""
+        """Adds attitudes and positions in the order in which they arrive."""
         self._moved.extend(samples)  # without the lock: the caller must not wait
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
-        """A camera was opened: the directions it covers. hidden: pixels that are never measured."""
+        """Records the directions that a camera covers, once it is open. hidden: pixels that are never measured."""
         looks = looked_into(info, self._avoid, hidden)
         with self._lock:
             self._infos[info.camera] = info
@@ -134,7 +150,7 @@ class ObstacleReportBuilder:
             self._confirmation[info.camera] = PlaneConfirmation(self._avoid, info.intrinsics)
 
     def result(self, result: PrismsResult) -> None:
-        """The result of a frame, valid or not."""
+        """Adds the result of a frame, valid or not."""
         with self._lock:
             self._newest[result.camera] = result
             self._confirmed.pop(result.camera, None)
@@ -145,12 +161,12 @@ class ObstacleReportBuilder:
                 self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
 
     def end(self, cause: str) -> None:
-        """From now on all cameras count as blind, for this cause."""
+        """Makes all cameras count as blind from now on, for this cause."""
         with self._lock:
             self._ended = cause
 
     def decide(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
-        """What to send now."""
+        """Returns what to send now."""
         with self._lock:
             try:
                 return self._decided(autopilot, now_ns)
@@ -197,8 +213,10 @@ class ObstacleReportBuilder:
     def _scan(
         self, causes: dict[str, str], views: list[View], recall: Recall | None, here: Here, now_ns: int
     ) -> SectorScan:
-        """The sectors. One that a single frame does not see may stay as it was, where no camera that covers it is blind.
-        causes: why each camera is blind, empty where it is not."""
+        """Returns the sectors, completed by what recent frames have shown.
+
+        A sector that the newest frames do not see may keep its earlier value if no camera that covers it is blind.
+        causes: camera -> why it is blind; empty: it is not."""
         exposed_ns = np.zeros(SECTORS, np.int64)
         for camera in self._cameras:
             if not causes[camera]:
@@ -215,7 +233,7 @@ class ObstacleReportBuilder:
     def _with_heights(
         self, report: ObstacleReport, views: dict[str, View], here: Here | None, now_ns: int
     ) -> ObstacleReport:
-        """Adds the obstacles above and below, where that is switched on. views: of the seeing cameras."""
+        """Adds the obstacles above and below to a report, where that is switched on. views: of the cameras that see."""
         avoid, points_m, up_m, down_m = self._avoid, report.points_m, None, None
         if avoid.points:
             points_m = other_points(list(views.values()), avoid)
@@ -239,7 +257,8 @@ class ObstacleReportBuilder:
         fault: str = "",
         low: bool = True,
     ) -> ObstacleReport:
-        """low: no camera sees the ground farther below than it is when the vehicle stands on it."""
+        """Applies the failsafe policy and makes the report. low: True if no camera sees the ground farther below than
+        it is while the vehicle stands on it."""
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
         seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
         edge = too_near_the_edge([self._looks[c] for c in self._cameras if not causes[c]], self._avoid)
@@ -253,7 +272,7 @@ class ObstacleReportBuilder:
         return ObstacleReport(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
-        """Why a camera is blind at this instant; empty: it is not."""
+        """Returns why a camera is blind at this instant; empty: it is not."""
         newest = self._newest.get(camera)
         if self._ended:
             return self._ended
@@ -310,12 +329,12 @@ class ObstacleReportBuilder:
         )
 
     def _velocity_ned_m_s(self, now_ns: int) -> tuple[float, float, float] | None:
-        """Of the vehicle; None: not known."""
+        """Returns the vehicle's velocity (north, east, down); None: not known."""
         pose = self._newest_pose
         return None if pose is None or now_ns - pose.t_ns > NS // 2 else pose.velocity_ned_m_s
 
     def _velocity_m_s(self, now_ns: int) -> tuple[float, float] | None:
-        """Of the vehicle, forward and right; None: not known."""
+        """Returns the vehicle's horizontal velocity (forward, right); None: not known."""
         velocity, here = self._velocity_ned_m_s(now_ns), self._last_here
         if velocity is None or here is None:
             return None
@@ -325,7 +344,7 @@ class ObstacleReportBuilder:
         return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None
 
     def _view(self, result: PrismsResult, here: Here) -> View:
-        """A result in level at the moment of sending."""
+        """Returns a result as a view in level, at the moment of sending."""
         assert result.model is not None
         assert result.transform is not None
         same = result.t_exposure_ns >= self._sections.since_ns
@@ -345,16 +364,17 @@ class ObstacleReportBuilder:
 
 
 def _sees_ground_below(views: list[View]) -> bool:
-    """Whether any camera sees the ground farther than STANDING_M below the vehicle's middle: it flies, whatever is said."""
+    """True if any camera sees the ground farther than STANDING_M below the vehicle's middle: then the vehicle flies,
+    whatever the autopilot reports."""
     here = np.zeros(1)
     return any(STANDING_M < ground_z_m(view, here, here)[0] < math.inf for view in views)
 
 
 def seen_ns(result: PrismsResult) -> int:
-    """When the frame was exposed, at the latest when it arrived: a stamp in the future would never be stale."""
+    """Returns the instant of exposure, at most that of arrival: a stamp in the future would never become stale."""
     return min(result.t_exposure_ns, result.t_arrival_ns)
 
 
 def all_numbers(model: FrameModel) -> bool:
-    """Whether all planes are finite; one that is not would hide all others."""
+    """True if all planes are finite. A plane that is not would hide all others."""
     return bool(np.isfinite(model.planes).all() and np.isfinite(model.margin_m).all())

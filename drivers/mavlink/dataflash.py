@@ -27,7 +27,7 @@ _WEEK_S: Final = 7 * 86_400
 
 
 def read_dataflash(path: Path) -> VehicleLog:
-    """Raises DeviceNotFound (no file) and BadData (not an ArduPilot log, no attitude in it)."""
+    """Reads an ArduPilot log. Raises DeviceNotFound (no file) and BadData (not an ArduPilot log, no attitude in it)."""
     try:
         with path.open("rb") as stream:
             head = stream.read(len(MAGIC))
@@ -66,7 +66,7 @@ def read_dataflash(path: Path) -> VehicleLog:
 
 
 def _messages(path: Path) -> list[Any]:
-    """All messages of the kinds that are used."""
+    """Returns all messages of the kinds that are used."""
     try:
         log = DFReader.DFReader_binary(str(path), zero_time_base=True)
         try:
@@ -82,5 +82,5 @@ def _messages(path: Path) -> list[Any]:
 
 
 def _unix_us(gps: Any) -> int:
-    """Unix microseconds of a GPS message: week and milliseconds of the week."""
+    """Returns the unix time in microseconds of a GPS message, which has week and milliseconds of the week."""
     return (GPS_EPOCH_UNIX_S + int(gps.GWk) * _WEEK_S - LEAP_S) * 1_000_000 + int(gps.GMS) * 1000

@@ -72,12 +72,14 @@ class PollScheduler:
         self._last_ns = self._apart_ns = 0
 
     def asked(self, now_ns: int) -> None:
-        """Somebody catches up."""
+        """Records a call of `catch_up`."""
         self._last_ns, self._apart_ns = now_ns, now_ns - self._last_ns
 
     def pause_s(self, now_ns: int, *, little: bool = False) -> float:
-        """Until the next look: PAUSE_S or less, so that one of those that follow comes LEAD_NS before it is asked, and
-        never less than half of it. little: little comes, and LONGEST_PAUSE_S or less will do."""
+        """Returns the time until the next read.
+
+        It is at most PAUSE_S and at least half of it, and chosen such that one of the following reads comes LEAD_NS
+        before the next expected `catch_up`. little: little data arrives; LONGEST_PAUSE_S is then the limit."""
         last_ns, apart_ns = self._last_ns, self._apart_ns
         if not LEAST_APART_NS <= apart_ns <= NS or now_ns - last_ns > 2 * apart_ns:
             return PAUSE_S
@@ -88,8 +90,10 @@ class PollScheduler:
 
 
 class MavlinkLink:
-    """Runs a session until closed. `deliver` is called with the samples of each read that brought any bytes, in order of
-    arrival, from the link's thread or that of who calls `catch_up`; it must not block."""
+    """Runs a session until closed.
+
+    `deliver` is called after each read that brought bytes, with the samples in order of arrival. It runs in the
+    link's thread or in that of the caller of `catch_up`, and must not block."""
 
     def __init__(
         self,
@@ -134,7 +138,7 @@ class MavlinkLink:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the thread, as text; empty: none."""
+        """Exception that ended the thread, as text; empty: none."""
         return self._thread.failure
 
     @property
@@ -226,15 +230,15 @@ class MavlinkLink:
         self._send_posted(transport)
 
     def _send_posted(self, transport: Transport) -> None:
-        """What was posted before the link is closed."""
+        """Sends the posted messages before the link is closed."""
         with self._lock:
             if self._session.has_posted:
                 for data in self._session.due(time.monotonic_ns(), transport.sends_first):
                     transport.write(data)
 
     def _await(self, transport: Transport, *, little: bool) -> None:
-        """Until there is something to do: for a pause, or while instants count until the first byte. little: came the last
-        time."""
+        """Waits until there is something to do: for a pause if received bytes may wait, otherwise until the first
+        byte. little: little data came with the last read."""
         now_ns = time.monotonic_ns()
         if self._session.can_defer_read(now_ns):
             self._wake_event.wait(self._poll_scheduler.pause_s(now_ns, little=little))
@@ -243,8 +247,8 @@ class MavlinkLink:
             transport.wait(READ_S)
 
     def _round(self, transport: Transport) -> int:
-        """Takes what was left or reads what is there, delivers, sends what is due; the number of bytes. One thread at a
-        time."""
+        """Reads, delivers the samples and sends what is due; returns the number of bytes read. Bytes that `catch_up`
+        has left come first. Only one thread may call this at a time."""
         chunks, self._left = self._left or transport.read(), []
         with self._lock:
             samples = self._session.receive(chunks, transport.sources)
@@ -258,7 +262,7 @@ class MavlinkLink:
         return _bytes(chunks)
 
     def _wait(self, seconds: float, error: str, losses: int) -> None:
-        """Waits and stays alive: a missing line is a state, not a hang."""
+        """Waits between two attempts to open the link, and reports that the thread is alive."""
         until_ns = time.monotonic_ns() + round(seconds * NS)
         while time.monotonic_ns() < until_ns and not self._stop.wait(0.1):
             self._state = LinkState(False, error, "", losses, time.monotonic_ns())

@@ -46,7 +46,7 @@ class MotionDecoder:
         self.counts: Counter[LinkAnomaly] = Counter()
 
     def wants(self, message_id: int, arrival_ns: int) -> bool:
-        """Whether such a message would be read now: one of motion, and not silenced by a better kind."""
+        """True if such a message would be decoded now: it is of motion, and no better kind replaces it."""
         if message_id == ATTITUDE_ID:
             return not _recent(self._quaternion_ns, arrival_ns)
         return message_id in MOTION
@@ -63,7 +63,7 @@ class MotionDecoder:
         return _READERS[frame.id](self, int(fields[0]), fields[1:], arrival_ns)
 
     def _stamp(self, boot_ns: int, rounded_ns: int, arrival_ns: int) -> int | None:
-        """When something of the autopilot's boot time happened on our clock; never after it arrived."""
+        """Returns an instant of the autopilot's boot clock on the local clock, at most the time of arrival."""
         if not self._clock.arrival(boot_ns, arrival_ns):
             self.counts[LinkAnomaly.STAMP_BEHIND] += 1
             return None
@@ -140,7 +140,7 @@ def _recent(received_ns: int | None, now_ns: int) -> bool:
 
 
 def _three(numbers: tuple[float, ...]) -> tuple[float, float, float] | None:
-    """Rates or a velocity; None where one of them is no number."""
+    """Returns three rates or a velocity; None if one of them is not finite."""
     x, y, z = numbers
     return (x, y, z) if math.isfinite(x) and math.isfinite(y) and math.isfinite(z) else None
 

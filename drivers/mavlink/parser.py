@@ -63,20 +63,23 @@ class Frame:
 
 
 class MessageSplitter:
-    """`feed` it as bytes come. counts: bytes of noise, messages unknown to the dialect (their checksum cannot be checked)."""
+    """Divides received bytes into messages.
+
+    Attributes:
+        counts: bytes of noise, and messages unknown to the dialect, whose checksum cannot be verified."""
 
     def __init__(self, counts: Counter[LinkAnomaly] | None = None) -> None:
-        """counts: those of several splitters together."""
+        """Starts without partial message. counts: counter to use, which several splitters may share."""
         self._cached = b""
         self._unknown_end = 0
         self.counts: Counter[LinkAnomaly] = Counter() if counts is None else counts
 
     def feed(self, data: bytes) -> list[Any]:
-        """The messages completed by these bytes, in order."""
+        """Returns the messages completed by these bytes, in order."""
         return [message for frame in self.frames(data) if (message := frame.message()) is not None]
 
     def frames(self, data: bytes) -> list[Frame]:
-        """The same, not decoded yet."""
+        """Returns the messages completed by these bytes, in order, with their payload not decoded."""
         cached, at = self._cached + data if self._cached else data, 0
         found: list[Frame] = []
         size = len(cached)
@@ -99,8 +102,10 @@ class MessageSplitter:
         return found
 
     def _checked(self, data: bytes, at: int) -> Frame | None:
-        """The frame, if its checksum is right. Of an unknown message only a byte is passed by, as of noise: no checksum
-        says that it is one, and a true message may begin inside of it."""
+        """Returns the frame if its checksum is correct, otherwise None.
+
+        After an unknown message the search continues at its second byte, as after noise: without a checksum it is not
+        certain to be a message, and a valid one may begin inside of it."""
         if data[0] == MAVLINK1:
             message_id, system, component, end = data[5], data[3], data[4], len(data) - 2
         else:
@@ -117,13 +122,14 @@ class MessageSplitter:
         return Frame(data, message_id, system, component, kind.crc_extra)
 
     def clear(self) -> None:
-        """Forgets a message begun."""
+        """Discards a partial message."""
         self._cached = b""
         self._unknown_end = 0
 
 
 def _frame_end(data: bytes, at: int) -> int | None:
-    """Where a frame that starts at `at` ends (beyond the data while its header is incomplete), None when none does."""
+    """Returns the end of a frame that starts at `at`; None: no frame starts there. While its header is incomplete,
+    the end is beyond the data."""
     start = data[at]
     if start not in (MAVLINK1, MAVLINK2):
         return None

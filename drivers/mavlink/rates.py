@@ -47,20 +47,21 @@ class RateMonitor:
         self.asked = 0
 
     def received(self, message_id: int, now_ns: int) -> None:
-        """A message arrived."""
+        """Records the arrival of a message."""
         arrivals = self._arrivals.get(message_id)
         if arrivals is not None:
             arrivals.append(now_ns)
             _forget_old(arrivals, now_ns)
 
     def rate_hz(self, message_id: int, now_ns: int) -> float:
-        """Arrivals a second over the last two seconds."""
+        """Returns the rate of a message over the last two seconds."""
         arrivals = self._arrivals[message_id]
         _forget_old(arrivals, now_ns)
         return len(arrivals) * NS / WINDOW_NS
 
     def acknowledged(self, command: int, result: int) -> None:
-        """A COMMAND_ACK: an autopilot that does not know SET_MESSAGE_INTERVAL is asked in the old way, once."""
+        """Handles a COMMAND_ACK. An autopilot that does not know SET_MESSAGE_INTERVAL gets REQUEST_DATA_STREAM
+        instead, once."""
         if command == MAV_CMD_SET_MESSAGE_INTERVAL and result == MAV_RESULT_UNSUPPORTED:
             self.knows_intervals = False
 
@@ -73,7 +74,7 @@ class RateMonitor:
         self.knows_intervals = True
 
     def due(self, now_ns: int, system: int, component: int) -> list[Any]:
-        """The requests to send now."""
+        """Returns the requests to send now."""
         wanted = [w for w in self.requests if self._wanting(w, now_ns)]
         if not wanted:
             return []

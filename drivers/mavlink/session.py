@@ -133,7 +133,7 @@ class MavlinkSession:
         self._splitters.clear()
 
     def _splitter(self, source: Source) -> MessageSplitter:
-        """The splitter of a sender. Only the newest senders have one, since addresses can be forged."""
+        """Returns the splitter of a sender. Only the newest senders have one, because addresses can be forged."""
         splitter = self._splitters.get(source)
         if splitter is None:
             splitter = self._splitters[source] = MessageSplitter(self._splitter_counts)
@@ -186,7 +186,8 @@ class MavlinkSession:
         return expected
 
     def _is_read(self, kind: int) -> bool:
-        """Whether a message of this kind, other than motion, is used: decoding takes most of the time."""
+        """True if a message of this kind, other than motion, is used. Others are not decoded, because decoding takes
+        most of the time."""
         return kind in _READ or (self._on_message is not None and (self._reads is None or kind in self._reads))
 
     def _moves(self, frame: Frame, kind: int, arrival_ns: int) -> AttitudeSample | PoseSample | None:
@@ -332,11 +333,11 @@ class MavlinkSession:
     # ---- status -------------------------------------------------------------------------------------------------
 
     def budget(self, bytes_per_s: float | None) -> LinkBudget | None:
-        """What is asked for and sent against what a line carries; None for a line without a bound."""
+        """Returns the data rate compared with the capacity of a line; None for a line without a limit."""
         return budget_of(self.params, bytes_per_s, signed=self._signing.on)
 
     def status(self, now_ns: int) -> LinkStatus:
-        """For the health report."""
+        """Returns the status for the health report."""
         rate = self.rates.rate_hz
         counts: Counter[LinkAnomaly] = Counter({LinkAnomaly.TIMESYNC_UNPAIRED: self._timesync.unpaired})
         for some in (self.counts, self._motion.counts, self._splitter_counts, self._signing.counts):

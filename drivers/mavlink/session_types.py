@@ -32,7 +32,7 @@ class MavlinkParams:
         check("mavlink", self)
 
     def rate_requests(self) -> tuple[RateRequest, ...]:
-        """The messages we ask for."""
+        """Returns the requested messages."""
         return (
             RateRequest(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
             RateRequest(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
@@ -44,7 +44,9 @@ class MavlinkParams:
 class Vehicle:
     """The received autopilot, by its newest heartbeat.
 
-    heartbeat_ns: 0, none was received since the start. system_status: MAV_STATE, 0: not known."""
+    Attributes:
+        heartbeat_ns: arrival of the newest heartbeat; 0: none since the start.
+        system_status: MAV_STATE; 0: not known."""
 
     system_id: int
     autopilot: str
@@ -58,7 +60,8 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkStatus:
-    """Status of the link for the health report. Rates in Hz over two seconds; ages of None: never."""
+    """Status of the link for the health report. Rates are in Hz over two seconds. An age is None if there was no such
+    message."""
 
     vehicle: Vehicle | None
     clock: ClockEstimate

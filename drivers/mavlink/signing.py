@@ -44,7 +44,7 @@ ANOMALIES = {
     Verdict.OLD: LinkAnomaly.SIGNATURE_REPLAYED,
 }
 REJECTED = frozenset(ANOMALIES)
-"""By those who have a key."""
+"""Verdicts on messages that do not count if a key is configured."""
 
 
 class Signing:
@@ -61,12 +61,12 @@ class Signing:
 
     @property
     def on(self) -> bool:
-        """Whether we have a key."""
+        """True if a key is configured."""
         return self._key is not None
 
     @property
     def failure(self) -> str:
-        """The exception that ended the storing of timestamps, as text; empty: none."""
+        """Exception that ended the storing of timestamps, as text; empty: none."""
         return self._clock.failure
 
     def close(self) -> None:
@@ -76,7 +76,7 @@ class Signing:
     # ---- in ---------------------------------------------------------------------------------------------------------
 
     def believes(self, message: Any, arrival_ns: int, vehicle: int = 0) -> bool:
-        """Whether a message may count. Those that may not are counted. vehicle: the system id of ours; 0: any may be it."""
+        """True if a message may be used; others are counted. vehicle: system id of the vehicle; 0: any."""
         if self._key is None and not _signed(message.get_msgbuf()):
             return True  # an unsigned heartbeat reveals nothing
         verdict = self._verdict(message)
@@ -114,7 +114,7 @@ class Signing:
     # ---- out --------------------------------------------------------------------------------------------------------
 
     def prepare(self, encoder: Any) -> None:
-        """Makes the library sign the next packet with a timestamp of ours."""
+        """Makes the library sign the next packet with a timestamp of `SigningClock`."""
         if self._key is None:
             return
         encoder.signing.secret_key = self._key.secret
@@ -122,18 +122,18 @@ class Signing:
         encoder.signing.timestamp = self._clock.next()
 
     def rejects_autopilot(self, now_ns: int) -> bool:
-        """Whether an autopilot sends that is not accepted: it is sent our heartbeat only."""
+        """True if messages of an autopilot were rejected lately. Only the heartbeat is then sent to it."""
         return self._key is not None and any(self._recent(v, now_ns) for v in REJECTED)
 
     # ---- faults -----------------------------------------------------------------------------------------
 
     def good(self, now_ns: int) -> bool:
-        """Whether the autopilot's signatures are right at present."""
+        """True if the autopilot's signatures are correct at present."""
         return self._recent(Verdict.GOOD, now_ns)
 
     def fault(self, now_ns: int, *, answered: bool) -> str:
-        """What is wrong, with its remedy; empty: nothing. answered: the autopilot answers what we ask, so it takes what
-        we send."""
+        """Returns the fault of the signatures with its remedy, as text; empty: none. answered: the autopilot answers
+        requests of this service, so it accepts its messages."""
         text = self._with_key(now_ns, answered) if self.on else self._without_key(now_ns, answered)
         return text or self._clock.fault
 

@@ -37,8 +37,10 @@ def wall_ticks(unix_ns: int) -> int:
 class SigningClock:
     """Timestamps of signatures: `next` for each packet, `received` with each verified timestamp of others.
 
-    Timestamps must not be behind those of others. fault: why they cannot be stored, as text; empty: they are. file
-    None: they are not stored."""
+    Timestamps must not be behind those of others.
+
+    Attributes:
+        fault: why timestamps cannot be stored, as text; empty: they are stored, or no file was given."""
 
     def __init__(self, file: Path | None = None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._file, self._wall_ns = file, wall_ns
@@ -54,7 +56,7 @@ class SigningClock:
 
     @property
     def failure(self) -> str:
-        """The exception that ended the storing of timestamps, as text; empty: none."""
+        """Exception that ended the storing of timestamps, as text; empty: none."""
         return self._thread.failure if self._thread is not None else ""
 
     def next(self) -> int:
@@ -64,11 +66,11 @@ class SigningClock:
         return self._last
 
     def now(self) -> int:
-        """The newest timestamp, by the wall clock or by what was sent and received."""
+        """Returns the newest timestamp: that of the wall clock, or one sent or received if it is later."""
         return max(self._last, wall_ticks(self._wall_ns()))
 
     def received(self, ticks: int) -> None:
-        """A timestamp whose signature is right."""
+        """Records a timestamp with a verified signature."""
         self._last = max(self._last, ticks)
         self._want()
 
@@ -80,7 +82,7 @@ class SigningClock:
             self._thread.join(2.0)
 
     def _want(self) -> None:
-        """Has the file written where half of what it reaches ahead is used up."""
+        """Requests a new reservation in the file if half of the last one is used up."""
         wall = wall_ticks(self._wall_ns())
         if self._reserved < max(self._last + AHEAD_OF_LAST // 2, wall + AHEAD // 2):
             self._wanted.set()
@@ -114,7 +116,7 @@ class SigningClock:
         self._reserved, self.fault = ticks, ""
 
     def _read(self, file: Path) -> int:
-        """What the file holds; 0 where there is none, or nothing that we wrote."""
+        """Returns the timestamp in the file; 0 if there is no file or its checksum is wrong."""
         try:
             text, _, check = file.read_bytes().strip().partition(b" ")
             if int(check, 16) == zlib.crc32(text) and 0 <= int(text) <= LAST_TICK:

@@ -21,7 +21,8 @@ class SigningKey:
     __slots__ = ("secret",)
 
     def __init__(self, secret: bytes) -> None:
-        """Raises ValueError for other than 32 bytes, and for zeros alone, which to autopilots mean no signing."""
+        """Raises ValueError unless the key has 32 bytes that are not all 0: autopilots take zeros as a request not to
+        sign."""
         if len(secret) != KEY_BYTES or not any(secret):
             raise ValueError(f"a signing key has {KEY_BYTES} bytes, not all of them 0; {_REMEDY}")
         self.secret = bytes(secret)
@@ -30,14 +31,14 @@ class SigningKey:
         return "SigningKey(...)"
 
     def signature(self, signed: bytes) -> bytes:
-        """The 6 bytes that end a frame. signed: the frame up to them (MAVLink 2: the first 48 bits of SHA-256 of key and
-        frame)."""
+        """Returns the 6 bytes that end a frame: the first 48 bits of SHA-256 of key and frame. signed: the frame up
+        to them."""
         return hashlib.sha256(self.secret + signed).digest()[:6]
 
 
 def load_key(path: Path) -> SigningKey:
-    """The key in a file: 64 hexadecimal digits, or 32 bytes. Raises DeviceNotFound and BadData, also for a file that
-    others can read; its content is never printed."""
+    """Returns the key in a file of 64 hexadecimal digits or 32 bytes. Raises DeviceNotFound and BadData, also for a
+    file that others can read. The content is never printed."""
     try:
         mode = path.stat().st_mode
         content = path.read_bytes()
@@ -62,8 +63,8 @@ def load_key(path: Path) -> SigningKey:
 
 
 def make_key(path: Path, passphrase: str = "") -> None:
-    """Writes a new key: a random one, or, as ground stations make theirs, SHA-256 of a passphrase. Raises ValueError
-    where the file is there already, OSError where it cannot be written."""
+    """Writes a new key: a random one, or SHA-256 of a passphrase, as ground stations do. Raises ValueError if the
+    file exists, OSError if it cannot be written."""
     secret = hashlib.sha256(passphrase.encode()).digest() if passphrase else secrets.token_bytes(KEY_BYTES)
     try:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

@@ -78,7 +78,7 @@ class TimeSync:
         return self._asked_ns in self._pending and now_ns - self._asked_ns < AWAITED_NS
 
     def answers(self, now_ns: int) -> bool:
-        """Whether what we ask is answered, or it is too early to say."""
+        """True if requests are answered, or if it is too early to tell."""
         return self._waits_since_ns is None or now_ns - self._waits_since_ns < UNANSWERED_NS
 
     def restart(self) -> None:

@@ -34,7 +34,7 @@ BOOT_STEP_MS = 1_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TlogRecord:
-    """One good message of pymavlink, who sent it, and when the recorder had it (unix microseconds)."""
+    """A valid message of pymavlink, its sender, and the time at which the recorder received it (unix microseconds)."""
 
     stamp_us: int
     system: int
@@ -44,8 +44,13 @@ class TlogRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tlog:
-    """A parsed log. bad_frames: framed but with a wrong checksum; skipped_bytes: noise between frames; truncated:
-    the file ends within a record."""
+    """A parsed log.
+
+    Attributes:
+        bad_frames: number of frames with a wrong checksum.
+        unknown_messages: number of messages unknown to the dialect.
+        skipped_bytes: bytes of noise between frames.
+        truncated: the file ends within a record."""
 
     path: Path
     records: list[TlogRecord]
@@ -57,7 +62,7 @@ class Tlog:
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """When something was measured and when the recorder had it, both unix microseconds on the recorder's clock."""
+    """Time of a measurement and of its recording, both unix microseconds on the recorder's clock."""
 
     t_us: float
     stamp_us: int
@@ -65,7 +70,12 @@ class Timed:
 
 @dataclass(frozen=True, slots=True)
 class TlogAttitude(Timed):
-    """q_ned_frd (w, x, y, z) or None where euler_rad (roll, pitch, yaw) is what was sent; body rates in frd, rad/s."""
+    """Attitude of the vehicle.
+
+    Attributes:
+        q_wxyz: q_ned_frd; None: the message contains euler_rad instead.
+        euler_rad: roll, pitch, yaw; None: the message contains q_wxyz instead.
+        rates_rad_s: body rates in frd."""
 
     q_wxyz: tuple[float, float, float, float] | None
     euler_rad: tuple[float, float, float] | None
@@ -82,10 +92,16 @@ class TlogPose(Timed):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleLog:
-    """Attitudes and poses of one vehicle's autopilot. kind: the message of the attitudes; boots: how often it (re)started;
-    drift: of its clock against the recorder's, largest of all boots; strange: messages left out because their record stamp
-    is damaged; unix: whether stamps are unix time, otherwise they count from the autopilot's start; damaged: a part of the
-    file could not be read."""
+    """Attitudes and poses of one vehicle's autopilot.
+
+    Attributes:
+        system: system id.
+        kind: name of the message of the attitudes.
+        boots: number of starts of the autopilot.
+        drift: greatest drift over all boots of its clock relative to the recorder's.
+        strange: number of messages left out because their record stamp is damaged.
+        unix: stamps are unix time; otherwise they count from the autopilot's start.
+        damaged: a part of the file could not be read."""
 
     system: int
     kind: str
@@ -99,9 +115,9 @@ class VehicleLog:
 
 
 def read_tlog(path: Path) -> Tlog:
-    """All messages of a log in file order. Noise, bad checksums and a cut end are counted, never raised.
+    """Returns all messages of a log in file order. Noise, wrong checksums and a truncated end are counted.
 
-    Raises DeviceNotFound when there is no such file and BadData when it holds no MAVLink message at all."""
+    Raises DeviceNotFound if there is no such file and BadData if it contains no MAVLink message."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -142,7 +158,7 @@ def read_tlog(path: Path) -> Tlog:
 
 
 def _record_end(data: bytes, at: int) -> int | None:
-    """Where the record at `at` would end; None when no frame starts behind its stamp."""
+    """Returns the end of a record that starts at `at`; None if no frame follows its stamp."""
     frame = at + 8
     if frame + 3 > len(data):
         return None
@@ -158,13 +174,13 @@ def _starts_record(data: bytes, at: int) -> bool:
 
 
 def _next_start(data: bytes, at: int) -> int:
-    """The next place at which a record may start, or the end of the data."""
+    """Returns the next position at which a record may start, or the end of the data."""
     mark = _MARK.search(data, at + 8)
     return mark.start() - 8 if mark is not None else len(data)
 
 
 def _more(data: bytes, at: int) -> bool:
-    """Whether a whole record may still start at or behind `at` (a damaged length byte must not end the reading)."""
+    """True if a whole record may still start at or after `at`. A damaged length byte must not end the reading."""
     while at < len(data):
         at = _next_start(data, at)
         end = _record_end(data, at)
@@ -175,7 +191,7 @@ def _more(data: bytes, at: int) -> bool:
 
 
 def _decode(decoder: Any, frame: bytes) -> Any:
-    """pymavlink's message, or None when its checksum or length is wrong."""
+    """Returns pymavlink's message; None if its checksum or length is wrong."""
     try:
         return decoder.decode(bytearray(frame))
     except (dialect.MAVError, struct.error):
@@ -183,10 +199,11 @@ def _decode(decoder: Any, frame: bytes) -> Any:
 
 
 def vehicle_log(log: Tlog, system: int | None = None) -> VehicleLog:
-    """Attitudes and poses of the autopilot (component 1) of one vehicle, on the recorder's clock.
+    """Returns attitudes and poses of the autopilot (component 1) of one vehicle, on the recorder's clock.
 
-    ATTITUDE_QUATERNION is preferred when it comes at least half as often as ATTITUDE. Messages of other components
-    (gimbals, cameras, ground stations) never count. Raises BadData without an attitude or with several vehicles."""
+    ATTITUDE_QUATERNION is preferred if it comes at least half as often as ATTITUDE. Messages of other components
+    (gimbals, cameras, ground stations) never count. Raises BadData if there is no attitude or if there are several
+    vehicles."""
     system = _vehicle(log, system)
     own = [r for r in log.records if r.system == system and r.component == MAV_COMP_ID_AUTOPILOT1]
     timed = [r for r in own if r.message.get_type() in TIMED]
@@ -233,7 +250,7 @@ def _vehicle(log: Tlog, system: int | None) -> int:
 
 
 def _boots(records: list[TlogRecord]) -> list[list[TlogRecord]]:
-    """The records of each boot of the autopilot, in order."""
+    """Returns the records of each boot of the autopilot, in order."""
     boots: list[list[TlogRecord]] = []
     for r in records:
         if not boots or r.message.time_boot_ms < boots[-1][-1].message.time_boot_ms - BOOT_STEP_MS:
@@ -243,10 +260,10 @@ def _boots(records: list[TlogRecord]) -> list[list[TlogRecord]]:
 
 
 def map_boot_clock(points: list[tuple[int, int]]) -> tuple[float, float]:
-    """(drift, offset_us): stamp_us ~ time_boot_ms * 1000 * (1 + drift) + offset_us, the line under all points with the
-    least sum of distances: the edge of the lower convex hull above which the mean of time_boot lies.
+    """Returns (drift, offset_us) with stamp_us = time_boot_ms * 1000 * (1 + drift) + offset_us.
 
-    points: (time_boot_ms, stamp_us); those STRANGE_US off their median delay do not count. Over a short span, or with an impossible slope, drift is 0."""
+    The line lies below all points and has the least sum of distances to them: it is an edge of their lower convex
+    hull."""
     delays: dict[int, int] = {}
     usual = median_low(stamp - boot_ms * 1000 for boot_ms, stamp in points)
     for boot_ms, stamp in points:
@@ -272,7 +289,7 @@ def map_boot_clock(points: list[tuple[int, int]]) -> tuple[float, float]:
 
 
 def _turns_right(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> bool:
-    """Whether b does not lie below the chord a -> c."""
+    """True if b does not lie below the chord from a to c."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0
 
 
@@ -281,7 +298,8 @@ def _boot_us(r: TlogRecord, clock: tuple[float, float]) -> float:
 
 
 def _measured_us(r: TlogRecord, clock: tuple[float, float]) -> float:
-    """The envelope is a fit: never let a message arrive before it was measured."""
+    """Returns the time of measurement, at most that of recording: the line is a fit, and no message arrives before it
+    is measured."""
     return min(_boot_us(r, clock), float(r.stamp_us))
 
 

@@ -25,7 +25,8 @@ _PARSE_ERRORS: Final = (struct.error, ValueError, TypeError, LookupError, Attrib
 
 
 def read_ulog(path: Path) -> VehicleLog:
-    """Raises DeviceNotFound (no file, pyulog missing) and BadData (not a PX4 log, no attitude in it)."""
+    """Reads a PX4 log. Raises DeviceNotFound (no file, pyulog missing) and BadData (not a PX4 log, no attitude in
+    it)."""
     try:
         pyulog = importlib.import_module("pyulog")
         core = importlib.import_module("pyulog.core")
@@ -55,13 +56,13 @@ def read_ulog(path: Path) -> VehicleLog:
 
 
 def _first(log: Any, name: str) -> dict[str, NDArray[Any]] | None:
-    """The columns of the first instance of a topic; None: not in the log."""
+    """Returns the columns of the first instance of a topic; None: not in the log."""
     found = sorted((d for d in log.data_list if d.name == name), key=lambda d: int(d.multi_id))
     return found[0].data if found else None
 
 
 def _unix_offset_us(log: Any) -> int | None:
-    """Unix time minus the autopilot's time, the median over all GPS times; None without one."""
+    """Returns the median over all GPS times of unix time minus the autopilot's time; None without a GPS time."""
     for name in GPS:
         data = _first(log, name)
         if data is not None and "time_utc_usec" in data:
@@ -73,7 +74,7 @@ def _unix_offset_us(log: Any) -> int | None:
 
 
 def _measured_us(data: dict[str, NDArray[Any]]) -> NDArray[np.int64]:
-    """Time of the measurement, where the log has it apart from that of the publication."""
+    """Returns the times of measurement; the times of publication if the log has no others."""
     sample = data.get("timestamp_sample")
     published = data["timestamp"].astype(np.int64)
     return published if sample is None else np.where(sample > 0, sample.astype(np.int64), published)
@@ -89,7 +90,7 @@ def _attitudes(data: dict[str, NDArray[Any]], offset_us: int) -> list[TlogAttitu
 
 
 def _poses(data: dict[str, NDArray[Any]] | None, offset_us: int) -> list[TlogPose]:
-    """Positions that the estimator called valid."""
+    """Returns the positions that the estimator marked as valid."""
     if data is None:
         return []
     values = np.stack([data[name] for name in ("x", "y", "z", "vx", "vy", "vz")], axis=1).astype(float)
