@@ -93,7 +93,7 @@ def test_with_a_typed_yes_all_is_written_and_read_back(
 ) -> None:
     type_in("yes\n", monkeypatch)
     with flying(kind, tmp_path, BAD[kind]) as (line, config):
-        main(["doctor", "-c", str(config), "--apply", "--patience", "10"])
+        main(["doctor", "-c", str(config), "--apply", "--patience", "60"])
         output = capsys.readouterr().out
         assert line.change(lambda a: dict(a.parameters)) == pytest.approx(DEFAULTS[kind] | GOOD[kind])
         assert {type(v) for v in line.change(lambda a: list(a.parameters.values()))} <= {int, float}
@@ -117,7 +117,7 @@ def test_without_confirmation_nothing_is_written(
 ) -> None:
     type_in("y\n", monkeypatch)
     with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
-        assert main(["doctor", "-c", str(config), "--apply", "--patience", "6"]) == 1
+        assert main(["doctor", "-c", str(config), "--apply", "--patience", "60"]) == 1
         assert sets(line) == []
     assert "nothing is written: without a yes" in capsys.readouterr().out
 
@@ -128,7 +128,7 @@ def test_without_apply_nothing_is_written(
 ) -> None:
     type_in("yes\n", monkeypatch)
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
-        assert main(["doctor", "-c", str(config), "--patience", "6", *options]) == 1
+        assert main(["doctor", "-c", str(config), "--patience", "60", *options]) == 1
         assert sets(line) == []
     assert "will not brake" in capsys.readouterr().out
 
@@ -142,13 +142,13 @@ def test_only_one_file_can_write_a_parameter() -> None:
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_nothing_is_written_to_an_armed_vehicle(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with flying(kind, tmp_path, BAD[kind], armed=True) as (line, config):
-        assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "6"]) == 1
+        assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "60"]) == 1
         assert sets(line) == []
     (finding,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "apply"]
     assert "ARMED" in finding["text"]
 
 
-def steps(config: Path, agreed: Callable[[list[Change]], bool], patience_s: float = 10.0) -> list[tuple[bool, str]]:
+def steps(config: Path, agreed: Callable[[list[Change]], bool], patience_s: float = 60.0) -> list[tuple[bool, str]]:
     return list(apply(load_config(config), patience_s, agreed))
 
 
@@ -205,15 +205,15 @@ def test_a_pending_restart_is_reported_until_the_autopilot_was_restarted(
     """By the run that wrote PRX1_TYPE and by each later one."""
     bad = GOOD[ARDUPILOT] | {"PRX1_TYPE": 0}
     with flying(ARDUPILOT, tmp_path, bad, proximity_started=False) as (line, config):
-        assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "8"]) == 1
+        assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "60"]) == 1
         found = json.loads(capsys.readouterr().out)["findings"]
         assert [f["part"] for f in found if "restart the autopilot:" in f["text"]] == ["apply", "parameters"]
-        assert main(["doctor", "-c", str(config), "--patience", "8"]) == 1
+        assert main(["doctor", "-c", str(config), "--patience", "60"]) == 1
         output = capsys.readouterr().out
         assert "restart the autopilot" in output
         assert "as it should be" not in output
         line.change(lambda a: setattr(a.profile, "proximity_started", True))
-        main(["doctor", "-c", str(config), "--patience", "8"])
+        main(["doctor", "-c", str(config), "--patience", "60"])
         assert "restart the autopilot" not in capsys.readouterr().out
 
 

@@ -59,7 +59,7 @@ def line(live: Live, request: pytest.FixtureRequest) -> Iterator[AutopilotLink]:
         yield line
 
 
-def examined(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "20") -> tuple[int, dict[str, dict]]:
+def examined(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "60") -> tuple[int, dict[str, dict]]:
     """(status, part -> the worst finding of it)."""
     status = main(["doctor", "-c", str(live.config), "--json", "--patience", patience])
     findings = json.loads(capsys.readouterr().out)

@@ -68,7 +68,7 @@ def measured(live: Live, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[
     autopilot.profile.motion = vehicle_of(live.flight().state, live)
     autopilot.profile.boot_at_ns = time.monotonic_ns() - 30 * NS
     with AutopilotLink(autopilot, UdpEnd("127.0.0.1", live.port)):
-        status = main(["doctor", "-c", str(live.config), "--json", "--mount", "--seconds", "40"])
+        status = main(["doctor", "-c", str(live.config), "--json", "--mount", "--seconds", "120"])
     (finding,) = json.loads(capsys.readouterr().out)["mounts"]
     return status, finding
 
