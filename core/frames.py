@@ -1,4 +1,7 @@
-"""Frames and their rotations. Signs are MAVLink's: nose up, right wing down and clockwise from north are positive."""
+"""Frames and their rotations.
+
+Signs are those of MAVLink: roll is positive with the right wing down, pitch with the nose up, yaw clockwise from
+north."""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ from .types import CameraMount
 Rotation = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Rows = tuple[Vector, Vector, Vector]
-"""A rotation in plain numbers: what is asked for with each frame is not worth numpy's calls."""
+"""A rotation as plain numbers, for computations of each frame: numpy calls take longer at this size."""
 
 R_CAMFRD_OPTICAL: Rotation = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""The camera's own forward-right-down triad from its optical axes."""
+"""Rotation from the optical axes (right, down, forward) to the camera's own forward-right-down axes."""
 
 
 def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Rotation:
-    """R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3): intrinsic ZYX, as in MAVLink ATTITUDE (R_ned_frd)."""
+    """Returns R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3): intrinsic ZYX, as in MAVLink ATTITUDE (R_ned_frd)."""
     cr, sr = math.cos(roll_rad), math.sin(roll_rad)
     cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
     cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
@@ -35,7 +38,7 @@ def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Ro
 
 
 def euler_from_rotation(R: Rotation) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) in rad of R = Rz Ry Rx; at |pitch| = 90 degrees roll is taken as 0."""
+    """Returns (roll, pitch, yaw) in rad of R = Rz Ry Rx. At |pitch| = 90 degrees, roll is 0."""
     pitch = math.asin(max(-1.0, min(1.0, -float(R[2, 0]))))
     if abs(R[2, 0]) > 1.0 - 1e-9:
         return 0.0, pitch, math.atan2(-float(R[0, 1]), float(R[1, 1]))
@@ -43,7 +46,7 @@ def euler_from_rotation(R: Rotation) -> tuple[float, float, float]:
 
 
 def rotation_from_quaternion(q_wxyz: tuple[float, float, float, float]) -> Rotation:
-    """(3, 3) rotation of a quaternion (w, x, y, z), normalised here."""
+    """Returns the (3, 3) rotation of a quaternion (w, x, y, z), which need not be normalised."""
     return np.array(_rows_of_quaternion(q_wxyz))
 
 
@@ -59,7 +62,7 @@ def _rows_of_quaternion(q_wxyz: tuple[float, float, float, float]) -> Rows:
 
 
 def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Returns the unit quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll)."""
     cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
     cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
     cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
@@ -73,7 +76,8 @@ def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> 
 
 @lru_cache(maxsize=16)
 def rotation_frd_optical(mount: CameraMount) -> Rotation:
-    """R_frd_optical of a mounted camera, (3, 3), read-only: asked for with each frame, and the same each time."""
+    """Returns R_frd_optical of a mounted camera, (3, 3), read-only. The result is cached, because each frame needs
+    it."""
     R = rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad) @ R_CAMFRD_OPTICAL
     R.setflags(write=False)
     return R
@@ -86,16 +90,16 @@ def _rows_frd_optical(mount: CameraMount) -> Rows:
 
 
 def horizontal_heading_rad(R_ned_optical: Rotation) -> float:
-    """Heading of the optical axis projected on the horizontal, rad clockwise from north.
+    """Returns the heading of the optical axis projected onto the horizontal plane, rad clockwise from north.
 
-    Of a camera that looks straight up or down it is the heading of its image's upward or downward edge, so that a
-    number always comes out; the extractor refuses such a tilt by itself (InvalidCause.TOO_STEEP)."""
+    For a camera that looks straight up or down it is the heading of the lower or upper edge of the image, so that the
+    result is always defined. The extractor refuses such a tilt (InvalidCause.TOO_STEEP)."""
     _, down, forward = R_ned_optical.T.tolist()
     return _heading_rad(down, forward)
 
 
 def _heading_rad(down: Sequence[float], forward: Sequence[float]) -> float:
-    """`horizontal_heading_rad` by the camera's own axes in ned."""
+    """Returns `horizontal_heading_rad`. down, forward: the camera's optical y and z axes in ned."""
     x, y, z = forward
     if math.hypot(x, y) < 1e-6:
         turn = -1.0 if z > 0 else 1.0
@@ -104,17 +108,17 @@ def _heading_rad(down: Sequence[float], forward: Sequence[float]) -> float:
 
 
 def rotation_level_cam_optical(R_ned_optical: Rotation) -> Rotation:
-    """R_level_cam_optical, (3, 3): gravity-aligned, x along the camera's own horizontal heading."""
+    """Returns R_level_cam_optical, (3, 3): level_cam is gravity-aligned with x along the camera's horizontal heading."""
     return rotation_from_euler(0.0, 0.0, -horizontal_heading_rad(R_ned_optical)) @ R_ned_optical
 
 
 def rotation_level_ned(yaw_rad: float) -> Rotation:
-    """R_level_ned of a vehicle with heading yaw_rad."""
+    """Returns R_level_ned of a vehicle with heading yaw_rad, (3, 3)."""
     return rotation_from_euler(0.0, 0.0, -yaw_rad)
 
 
 def level_from_level_cam(R_ned_frd: Rotation, mount: CameraMount) -> tuple[float, NDArray[np.float64]]:
-    """(yaw_rad, t_m): p_level = Rz(yaw) p_level_cam + t, from the camera's heading and lever arm."""
+    """Returns (yaw_rad, t_m) of p_level = Rz(yaw) p_level_cam + t, from the camera's heading and lever arm."""
     R_ned_optical = R_ned_frd @ rotation_frd_optical(mount)
     vehicle_yaw = math.atan2(float(R_ned_frd[1, 0]), float(R_ned_frd[0, 0]))
     yaw = horizontal_heading_rad(R_ned_optical) - vehicle_yaw
@@ -125,8 +129,13 @@ def level_from_level_cam(R_ned_frd: Rotation, mount: CameraMount) -> tuple[float
 def level_cam_at(
     q_ned_frd_wxyz: tuple[float, float, float, float], mount: CameraMount
 ) -> tuple[Rotation, float, float, Vector]:
-    """(R_level_cam_optical (3, 3), heading of the camera and of the vehicle, rad, lever arm in ned, m) at an attitude: all
-    that a frame asks for, `rotation_level_cam_optical` and what `level_from_level_cam` is made of."""
+    """Returns what a frame needs of the attitude, in one computation.
+
+    Equal to `rotation_level_cam_optical` and the parts of `level_from_level_cam`.
+
+    Returns:
+        R_level_cam_optical (3, 3), heading of the camera in rad, heading of the vehicle in rad, lever arm in ned in
+            m."""
     frd = _rows_of_quaternion(q_ned_frd_wxyz)
     optical = _rows_frd_optical(mount)
     n0, n1, n2 = _times(frd[0], optical)
@@ -147,7 +156,7 @@ def level_cam_at(
 
 
 def _times(row: Vector, b: Rows) -> Vector:
-    """One row of the product of two rotations."""
+    """Returns one row of the product of two rotations."""
     x, y, z = row
     (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
     return x * b00 + y * b10 + z * b20, x * b01 + y * b11 + z * b21, x * b02 + y * b12 + z * b22

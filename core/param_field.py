@@ -33,14 +33,14 @@ def switch(default: bool, doc: str, *, safety: bool = False) -> Any:
 
 
 def is_safety_key(f: Field[Any]) -> bool:
-    """Whether a field is marked as a safety key.
+    """Returns True if a field is marked as a safety key.
 
-    A field is marked when its purpose is one of these, so that a changed value can report occupied or unknown space as
-    free: it decides when a frame, an attitude, a camera or a loop counts as unusable, and how soon that is reported; it
-    decides what counts as free, or when an obstacle is removed or forgotten; it sets the least size or number of
-    measurements of a reported obstacle, the noise that is assumed, or a margin; it sets the measured range, or hides a
-    part of the image or of the vehicle's surroundings. Fields that only trade speed, size of the log or smoothness, and
-    those that describe the installation (mount, device, address), are not marked."""
+    A field is marked if a changed value can make occupied or unknown space be reported as free. That is the case if
+    it decides when a frame, an attitude, a camera or a loop counts as unusable, or how soon that is reported; if it
+    decides what counts as free, or when an obstacle is removed or forgotten; if it sets the least size or number of
+    measurements of a reported obstacle, the assumed noise, or a margin; or if it sets the measured range, or hides a
+    part of the image or of the vehicle's surroundings. Fields that only affect speed, the size of the log or
+    smoothness, and those that describe the installation (mount, device, address), are not marked."""
     return bool(f.metadata.get("safety", False))
 
 
@@ -55,7 +55,7 @@ def check(section: str, parameters: Any) -> None:
 
 
 def _wanted(kind: Any, value: Any, meta: Mapping[str, Any]) -> str:
-    """What a value of this field may be, empty if it is that. kind: the field's annotation."""
+    """Returns the valid values of a field as text; empty: the value is valid. kind: the field's annotation."""
     if "choices" in meta:
         return "" if value in meta["choices"] else f"one of {', '.join(meta['choices'])}"
     if "min" in meta:

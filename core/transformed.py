@@ -1,4 +1,4 @@
-"""A frame's model turned about the vertical and shifted, in float64, all of it at once."""
+"""Rotates the model of a frame about the vertical and shifts it. Computes in float64."""
 
 from __future__ import annotations
 
@@ -17,8 +17,14 @@ _INFINITY = np.float32(np.inf)
 
 
 class Placed(NamedTuple):
-    """What of a model has a place: planes (N, 6), heights (P, 2) and vertices (V, 2) of prisms, azimuth edges (D + 1,) and
-    layer edges (L + 1,) of the free profile, all float32."""
+    """The parts of a model that contain positions, all float32.
+
+    Fields:
+        planes: (N, 6) planes.
+        heights: (P, 2) top and bottom of prisms.
+        vertices: (V, 2) vertices of prisms.
+        azimuths: (D + 1,) azimuth edges of the free profile.
+        layers: (L + 1,) layer edges of the free profile."""
 
     planes: Any
     heights: Any
@@ -28,7 +34,7 @@ class Placed(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A turn about the vertical, clockwise from above, and then a shift in metres."""
+    """A rotation about the vertical, clockwise seen from above, followed by a shift in metres."""
 
     cos: float
     sin: float
@@ -39,11 +45,11 @@ class Motion(NamedTuple):
 
 
 def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float]) -> FrameModel:
-    """The model turned clockwise from above by this angle, then shifted. Ranges and the ground's height stay relative to
-    the camera; strips, which are drawn over the image, are left out.
+    """Returns the model rotated by yaw_rad, clockwise seen from above, and then shifted.
 
-    Where not all of its numbers are finite, before or after, the result is invalid (InvalidCause.NON_FINITE): such a plane
-    has no place, and one that cannot be compared with anything may hide all others."""
+    Ranges and the height of the ground stay relative to the camera. Strips are left out, because they are only drawn
+    over the image. The result is invalid (InvalidCause.NON_FINITE) if any number is not finite, before or after: such
+    a plane cannot be compared with others and may hide all of them."""
     motion = Motion(math.cos(yaw_rad), math.sin(yaw_rad), float(yaw_rad), *(float(v) for v in shift_m))
     free, ground = model.free, model.ground
     table = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS
@@ -82,7 +88,8 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
 
 @inner
 def turn_all(before, motion, after):
-    """Writes `after`; returns how many numbers are not finite, before and after. before, after: Placed; motion: Motion."""
+    """Computes `after` and returns the number of values that are not finite, before and after. before, after: Placed;
+    motion: Motion."""
     _turn(before.planes, 0, motion, after.planes)
     _turn(before.planes, 2, motion, after.planes)
     _shift(before.planes, 4, motion.z_m, after.planes)
@@ -103,13 +110,13 @@ def _non_finite(placed):
 
 @inner
 def count_non_finite(margin, free_from, free_to):
-    """How many numbers of a row (N,) and of two tables (D, L) are not finite."""
+    """Returns the number of values that are not finite in an array (N,) and in two tables (D, L)."""
     return _count_in_row(margin) + _count_in_table(free_from) + _count_in_table(free_to)
 
 
 @inner
 def _count_in_table(table):
-    """How many numbers of a table (N, C) are not finite."""
+    """Returns the number of values that are not finite in a table (N, C)."""
     count = 0
     for k in range(table.shape[0]):
         for c in range(table.shape[1]):
@@ -127,7 +134,7 @@ def _count_in_row(row):
 
 @inner
 def _turn(table, column, motion, out):
-    """Turns and shifts x and y, in a column of the table and the one after it."""
+    """Rotates and shifts x and y, which are in `column` and the next one."""
     for k in range(table.shape[0]):
         x, y = float(table[k, column]), float(table[k, column + 1])
         out[k, column] = motion.cos * x - motion.sin * y + motion.x_m
@@ -136,7 +143,10 @@ def _turn(table, column, motion, out):
 
 @inner
 def _shift(table, column, shift_z, out):
-    """Top and bottom. Far from the origin of ned float32 may round a very low plane to nothing: it stays one."""
+    """Shifts top and bottom, which are in `column` and the next one.
+
+    Far from the origin of ned, rounding to float32 may make top and bottom equal. The plane then gets the least
+    height instead of none."""
     for k in range(table.shape[0]):
         top, bottom = np.float32(table[k, column] + shift_z), np.float32(table[k, column + 1] + shift_z)
         least = np.nextafter(top, _INFINITY)

@@ -215,7 +215,7 @@ class BlindPolicy:
         self._sector_blind, self._seeing, self._policy_name = blind, sight.seeing.copy(), policy.name
 
     def _brakes(self, now_ns: int) -> bool:
-        """Whether any sector that is blind became so within silence_s."""
+        """True if any blind sector became blind within silence_s."""
         since_ns = self._sector_since_ns[self._sector_blind]
         return bool((now_ns - since_ns <= self._avoid.silence_s * NS).any())
 

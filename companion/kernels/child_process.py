@@ -35,8 +35,10 @@ class Children:
     def run(
         self, command: Sequence[str], timeout_s: float, has_progressed: Callable[[], bool] = lambda: False
     ) -> subprocess.CompletedProcess[str]:
-        """As `subprocess.run`, with its output. has_progressed: called every POLL_S; the timeout begins anew when it is true.
-        Raises CancelledError once cancelled, TimeoutExpired."""
+        """Runs a command like `subprocess.run` with captured output.
+
+        has_progressed is called every POLL_S; the timeout begins anew when it returns True. Raises CancelledError
+        once cancelled, and TimeoutExpired."""
         with self._lock:
             self.raise_if_cancelled()
             theirs, ours = os.pipe()  # `ours` closes when this process ends in any way, see `end_with_parent`
@@ -64,7 +66,7 @@ class Children:
 
 
 def _output_of(process: subprocess.Popen[str], timeout_s: float, has_progressed: Callable[[], bool]) -> tuple[str, str]:
-    """Its stdout and stderr at its end. Raises TimeoutExpired."""
+    """Returns stdout and stderr of a process at its end. Raises TimeoutExpired."""
     end_s = time.monotonic() + timeout_s
     while True:
         try:

@@ -72,9 +72,13 @@ _held: list[int] = []
 
 
 def use_own_cache() -> Path | None:
-    """Sets NUMBA_CACHE_DIR to the directory of the present sources, below its previous value or below the user's cache;
-    where none can be written but one has all kernels of a group, to a temporary one with links to those. Returns it;
-    None when nothing was changed: numba is already imported, or there is neither."""
+    """Sets NUMBA_CACHE_DIR to the directory of the present state of the sources.
+
+    The directory is below the previous value of NUMBA_CACHE_DIR, otherwise below the user's cache. If none can be
+    written, but one has all kernels of a group, it is a temporary one with links to those kernels.
+
+    Returns:
+        The directory; None: nothing was changed, because numba is already imported or there is no such directory."""
     if "numba" in sys.modules:
         return None
     named = os.environ.get(VARIABLE)
@@ -101,7 +105,7 @@ def _set_variables(folder: Path) -> Path:
 
 
 def _is_complete(folder: Path) -> bool:
-    """Whether all kernels of a group are in it."""
+    """True if a directory has all kernels of a group."""
     try:
         return any(name.startswith(COMPLETE) for name in os.listdir(folder))
     except OSError:
@@ -109,8 +113,9 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _linked_copy(folder: Path) -> Path | None:
-    """A temporary directory with symbolic links to these kernels, deleted at the end of this process; None where none
-    can be made. Child processes use it too, and what one of them compiles is written into it."""
+    """Returns a temporary directory with symbolic links to these kernels; None if it cannot be made.
+
+    It is deleted at the end of this process. Child processes use it too, and write into it what they compile."""
     try:
         _delete_left_over()
         base = Path(tempfile.mkdtemp(prefix=f"{_LINKED}{os.getpid()}-"))
@@ -124,7 +129,7 @@ def _linked_copy(folder: Path) -> Path | None:
 
 
 def _delete_left_over() -> None:
-    """The directories of this user's processes that were killed."""
+    """Deletes the temporary directories of this user's processes that were killed."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_LINKED}*"):
         owner = folder.name.removeprefix(_LINKED).partition("-")[0]
         if owner.isdecimal() and not Path("/proc", owner).exists() and folder.stat().st_uid == os.geteuid():
@@ -132,25 +137,25 @@ def _delete_left_over() -> None:
 
 
 def is_linked_copy(folder: Path) -> bool:
-    """Whether a directory of kernels is a temporary one with links to those of a directory that cannot be written."""
+    """True if a directory is a temporary one with links to the kernels of a directory that cannot be written."""
     return base_of(folder).name.startswith(_LINKED)
 
 
 def _delete_own(folder: Path, owner: int) -> None:
-    """Not in a fork of the owner, which the parent outlives."""
+    """Deletes a temporary directory, except in a fork of its owner, which may end before the owner."""
     if os.getpid() == owner:
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def unwritable_bases() -> list[Path]:
-    """The folders of `use_own_cache`, if none of them can be written; [] where one can."""
+    """Returns the directories that `use_own_cache` tries, if none of them can be written, otherwise []."""
     named = os.environ.get(VARIABLE)
     bases = [base_of(Path(named))] if named else _usual_bases()
     return [] if any(_can_write(base) for base in bases) else bases
 
 
 def _can_write(folder: Path) -> bool:
-    """Whether files can be made in a folder, or the folder itself can be made."""
+    """True if files can be created in a directory, or the directory itself can be created."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -159,23 +164,25 @@ def _can_write(folder: Path) -> bool:
 
 
 def base_of(folder: Path) -> Path:
-    """The parent of the per-state directories: a child process inherits the directory of its parent."""
+    """Returns the parent of the per-state directories. A child process inherits the per-state directory of its
+    parent."""
     return folder.parent if _KEYED.fullmatch(folder.name) else folder
 
 
 def cache_subfolder(source: Path) -> str:
-    """The directory of the kernels of a source file, relative to the cache. source: relative to the root."""
+    """Returns the directory of the kernels of a source file, relative to the cache. source: relative to the root."""
     return ".".join(source.parent.parts) or "root"
 
 
 def _compiler() -> str:
-    """What beside the sources decides on the machine code. numba's own key has the processor."""
+    """Returns what affects the machine code besides the sources. numba's own key contains the processor."""
     options = [f"{name}={os.environ[name]}" for name in CODE_OPTIONS if name in os.environ]
     return " ".join([metadata.version("numba"), str(sys.implementation.cache_tag), *options])
 
 
 def source_key(root: Path) -> str:
-    """16 hex digits: hash of the sources of all kernels, the versions of numba and Python, and options of the compiler."""
+    """Returns 16 hex digits: hash of the sources of all kernels, the versions of numba and Python, and compiler
+    options."""
     digest = hashlib.sha256(_compiler().encode())
     for path in kernel_files(root):
         content = path.read_bytes()
@@ -185,11 +192,16 @@ def source_key(root: Path) -> str:
 
 
 def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = None) -> None:
-    """Links the cached kernels of older directories into a new one, for each module whose import closure is unchanged.
-    link: makes a link to a file at a path; default: a hard link, or a copy where that is impossible.
+    """Links the cached kernels of older directories into a new one, for each module with an unchanged import closure.
 
-    numba replaces its files by renaming, so a link never changes the older directory. numba itself checks the kernel's
-    own file."""
+    numba replaces its files by renaming, so a link never changes the older directory. numba itself checks the
+    kernel's own file.
+
+    Args:
+        bases: parents of older directories.
+        folder: the new directory.
+        root: root of the sources.
+        link: makes a link to a file at a path; default: a hard link, or a copy if that is impossible."""
     older = [f for b in bases if b.is_dir() for f in b.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
     older.sort(key=lambda f: (f.name == folder.name, _last_use(f)), reverse=True)
     # those of the same state need not be computed, which takes a second on a fast computer
@@ -256,7 +268,7 @@ def _content_hash(path: Path) -> str:
 
 
 def kernel_files(root: Path) -> list[Path]:
-    """The sources whose content decides on the machine code of the kernels."""
+    """Returns the sources whose content affects the machine code of the kernels."""
     return [*sorted((root / "core").rglob("*.py")), *(root / name for name in KERNELS_OUTSIDE_CORE)]
 
 
@@ -274,13 +286,13 @@ def _named_tuples(tree: ast.Module) -> list[str]:
 
 
 def _module_name(path: Path) -> str:
-    """`core.stages.level`; of `core/types/__init__.py` the package, `core.types`."""
+    """Returns the name of a module, such as `core.stages.level`; of `core/types/__init__.py` it is `core.types`."""
     parts = path.with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def _imported(tree: ast.Module, package: str, known: Collection[str]) -> set[str]:
-    """The known modules that a module of a package imports, by any form of import."""
+    """Returns the known modules that a module of a package imports, by any form of import."""
     parents, found = package.split("."), set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -301,7 +313,7 @@ def _closures_of(folder: Path) -> dict[str, Closure]:
 
 
 def _link_kernels(source: Path, target: Path, module: str, link: Link) -> list[str]:
-    """Links the kernels of this module into the target directory; returns their paths relative to the source directory."""
+    """Links the kernels of a module into the target directory. Returns their paths relative to the source directory."""
     package, _, stem = module.rpartition(".")
     files = [f for f in (source / package).glob(f"{stem}.*") if f.suffix in (".nbi", ".nbc")]
     # each data file before the index that refers to it
@@ -314,7 +326,7 @@ def _link_kernels(source: Path, target: Path, module: str, link: Link) -> list[s
 
 
 def _link_or_copy(file: Path, place: Path) -> None:
-    """A link where the system allows one; kernels of another user or file system are copied, with their times."""
+    """Makes a hard link if the system allows one, otherwise a copy with the same times."""
     try:
         os.link(file, place)
     except OSError:
@@ -328,8 +340,10 @@ def _symbolic_link(file: Path, place: Path) -> None:
 
 
 def prune(base: Path, current: Path) -> None:
-    """Deletes the directories of old states except the latest MAX_CACHES (with `current`) and those in use by a running
-    process. Nothing else below `base` is deleted."""
+    """Deletes directories of old states.
+
+    It keeps the latest MAX_CACHES (including `current`) and those in use by a running process, and deletes nothing
+    else below `base`."""
     others = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f.is_dir() and f != current]
     for folder in sorted(others, key=_last_use, reverse=True)[MAX_CACHES - 1 :]:
         descriptor = _lock(folder, fcntl.LOCK_EX)
@@ -339,7 +353,7 @@ def prune(base: Path, current: Path) -> None:
 
 
 def _usual_bases() -> list[Path]:
-    """The user's cache; where it cannot be written, beside the sources, as numba does."""
+    """Returns the user's cache and, as a second choice, the directory beside the sources, as numba does."""
     beside = ROOT / "core" / "__pycache__"
     home = Path(os.path.expanduser("~"))
     named = os.environ.get("XDG_CACHE_HOME")
@@ -349,7 +363,7 @@ def _usual_bases() -> list[Path]:
 
 
 def _open(folder: Path) -> bool:
-    """Creates the directory and marks it as used; False when it cannot be written."""
+    """Creates the directory and marks it as used. Returns False if it cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = _lock(folder, fcntl.LOCK_SH)
@@ -364,7 +378,7 @@ def _open(folder: Path) -> bool:
 
 
 def _lock(folder: Path, kind: int) -> int | None:
-    """An open file with the lock; None when another process has a conflicting one."""
+    """Returns an open file with the lock; None if another process has a conflicting one."""
     try:
         descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError:

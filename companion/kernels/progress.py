@@ -1,4 +1,4 @@
-"""How far the compilation of kernels is, and a line that shows it."""
+"""Progress of the compilation of kernels, and a line that shows it."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class CompiledCount:
             self._modules.setdefault(folder / cache_subfolder(path), set()).add(path.stem)
 
     def done(self) -> int:
-        """Kernels that are compiled by now."""
+        """Returns the number of compiled kernels."""
         return min(self.total, sum(_indices(folder, modules) for folder, modules in self._modules.items()))
 
 
 def _indices(folder: Path, modules: set[str]) -> int:
-    """Index files of these modules, such as `level.pool_columns-34.py311.nbi`."""
+    """Returns the index files of these modules, such as `level.pool_columns-34.py311.nbi`."""
     try:
         names = os.listdir(folder)
     except OSError:
@@ -51,7 +51,7 @@ def _group_of(source: Path) -> str:
 
 
 def progress_text(done: int, total: int) -> str:
-    """The line that every command shows."""
+    """Returns the line that every command shows."""
     return f"compiling kernels {done} of {total}, once for this version"
 
 

@@ -34,19 +34,24 @@ log = logging.getLogger("companion")
 
 CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(sys.argv[1:])"
 TIMEOUT_S = 1200.0
-"""Longest time without another compiled kernel. All take two minutes on two idle cores; on a busy computer more than 20."""
+"""Longest time without another compiled kernel. All kernels take two minutes on two idle cores, and more than 20 on a
+busy computer."""
 MARK = "loading"
 """A file beside the cached kernels while a service loads them."""
 LOCK = "compiling"
 """A file beside the cached kernels that is locked while a process compiles them."""
 COMPILED_S = 5.0
-"""Loading cached kernels takes less time, compiling them far more."""
+"""Loading cached kernels takes less time than this, compiling them much more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Warmup:
-    """cache: directories of compiled kernels (several when NUMBA_CACHE_DIR is not set); deleted: damaged cache files
-    and their companions; cached: present files."""
+    """Result of `warm_up`.
+
+    Attributes:
+        cache: directories of compiled kernels; several if NUMBA_CACHE_DIR is not set.
+        deleted: number of deleted files of damaged kernels.
+        cached: number of present files."""
 
     cache: tuple[str, ...]
     deleted: int
@@ -54,13 +59,13 @@ class Warmup:
 
 
 def add_parser(subparsers: Any) -> None:
-    """The command line of `companion warmup`."""
+    """Adds the command line of `companion warmup`."""
     parser = subparsers.add_parser("warmup")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: all kernels are compiled; 1: an error."""
+    """Runs `companion warmup`. Returns 0: all kernels are compiled; 1: an error."""
     try:
         done = warm_up()
     except WarmupError as error:
@@ -102,8 +107,9 @@ def _link_remark() -> str:
 
 
 def cache_warning(modes: Sequence[str]) -> str:
-    """That kernels of these groups are missing and cannot be stored, with the remedy; "": they can, or none is. Each
-    process then compiles its own."""
+    """Returns a warning with a remedy if kernels of these groups are missing and cannot be stored, otherwise "".
+
+    Each process would compile its own kernels then."""
     if is_linked_copy(folder := cache_folders()[0]) and (missing := _incomplete(folder, modes)):
         return (
             f"the cache of compiled kernels cannot be written and has none of {', '.join(missing)} for this processor: each "
@@ -118,15 +124,16 @@ def cache_warning(modes: Sequence[str]) -> str:
 
 
 def _space_remedy(child: subprocess.CompletedProcess[str], folder: Path) -> str:
-    """What to do about a disk that is full; "" for other failures."""
+    """Returns the remedy for a full disk; "" for other failures."""
     if "No space left" not in _last_line(child):
         return ""
     return f"; the disk of {folder} is full: free 200 MB, or set {VARIABLE} to a folder on another disk"
 
 
 def ensure_compiled(*modes: str) -> None:
-    """Compiles the missing kernels of these groups in a child process, with a line of progress on stderr. Returns at once
-    where all are compiled. Raises WarmupError."""
+    """Compiles the missing kernels of these groups in a child process, with a line of progress on stderr.
+
+    Returns at once if all are compiled. Raises WarmupError."""
     if warning := cache_warning(modes):
         warn(warning)
     if named := os.environ.get(VARIABLE):
@@ -145,8 +152,9 @@ def _progress_line() -> Iterator[Report]:
 
 
 def _compile_missing(folder: Path, modes: Sequence[str], report: Report) -> bool:
-    """Whether kernels were missing. A child that fails leaves them so: they are compiled at their first use, which shows
-    the error."""
+    """Compiles missing kernels; returns True if there were any.
+
+    If the child fails, they stay missing: they are compiled at their first use, which shows the error."""
     if not _incomplete(folder, modes):
         return False
     count = CompiledCount(folder, modes)
@@ -159,7 +167,7 @@ def _compile_missing(folder: Path, modes: Sequence[str], report: Report) -> bool
 
 @contextlib.contextmanager
 def _one_at_a_time(folder: Path, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Waits while another process compiles into this directory. One that cannot be written is not locked."""
+    """Waits while another process compiles into this directory. A directory that cannot be written is not locked."""
     try:
         descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError:
@@ -187,7 +195,10 @@ _CHILDREN = Children()
 
 
 class Loading(threading.Thread):
-    """Runs make_ready in a thread. Loading releases the interpreter for most of the time."""
+    """Runs make_ready in a thread. Loading releases the interpreter for most of the time.
+
+    Attributes:
+        text: the present activity, for the status of the service."""
 
     def __init__(self, *modes: str) -> None:
         super().__init__(name="loading", daemon=True)
@@ -208,11 +219,11 @@ class Loading(threading.Thread):
             log.info(self.text)
 
     def cancel(self) -> None:
-        """Ends a compiling child; `finish` then raises. Loading in this process continues."""
+        """Ends a compiling child process; `finish` then raises. Loading in this process continues."""
         _CHILDREN.cancel()
 
     def finish(self) -> None:
-        """Waits until the kernels are loaded. Raises WarmupError where that fails."""
+        """Waits until the kernels are loaded. Raises WarmupError if that fails."""
         self.join()
         if not self._done:
             raise WarmupError("the kernels could not be loaded: the cause is printed above; run `companion warmup`")
@@ -248,8 +259,10 @@ def make_ready(*modes: str, report: Report = lambda done, total: None) -> None:
 
 @contextlib.contextmanager
 def _marked(mark: Path | None) -> Iterator[None]:
-    """The mark stays only where the process crashes or is killed, not where it ends in another way meanwhile: its main
-    thread may fail or be stopped while another thread loads."""
+    """Keeps a mark file while kernels are loaded.
+
+    It remains only if the process crashes or is killed. If the main thread fails or is stopped while another thread
+    loads, it is removed at exit."""
     if mark is None:
         yield
         return
@@ -266,8 +279,9 @@ def _marked(mark: Path | None) -> Iterator[None]:
 
 
 def discard_damaged() -> int:
-    """Deletes the kernels that differ from the manifest, and the marks that all are cached; returns the number of
-    deleted files. A cache that cannot be written is left unchanged."""
+    """Deletes the kernels that differ from the manifest, and the marks that all are cached.
+
+    A cache that cannot be written is left unchanged. Returns the number of deleted files."""
     named = os.environ.get(VARIABLE)
     damaged = damaged_kernels(Path(named)) if named else []
     if not named or not damaged:
@@ -285,7 +299,7 @@ def discard_damaged() -> int:
 
 
 def _incomplete(folder: Path, modes: Sequence[str]) -> list[str]:
-    """The groups that are not marked as compiled for this processor."""
+    """Returns the groups that are not marked as compiled for this processor."""
     if not folder.is_dir():
         return []
     here = processor()
@@ -309,7 +323,7 @@ def _mark_complete(*modes: str) -> None:
 
 
 def run_child(modes: Sequence[str]) -> None:
-    """The child process: runs the kernels of these groups; all groups without arguments."""
+    """Runs the kernels of these groups in the child process; without arguments, those of all groups."""
     threading.Thread(target=end_with_parent, name="parent", daemon=True).start()
     if modes:
         run_kernels(modes, metres=False)
@@ -318,8 +332,10 @@ def run_child(modes: Sequence[str]) -> None:
 
 
 def cache_folders() -> list[Path]:
-    """Directories of numba's cache for these sources: NUMBA_CACHE_DIR as set by jit_cache; otherwise (not writable, or
-    numba imported before this package) beside the sources and in the user's cache."""
+    """Returns the directories of numba's cache for these sources.
+
+    They are NUMBA_CACHE_DIR as set by jit_cache; otherwise (not writable, or numba imported before this package) the
+    directories beside the sources and in the user's cache."""
     named = os.environ.get(VARIABLE)
     if named:
         return [Path(named)]
@@ -342,7 +358,8 @@ def _delete(folders: list[Path]) -> int:
 
 
 def _check_cache_place() -> None:
-    """Checks the cache directory: numba's own error for one that cannot be written names neither it nor a remedy."""
+    """Raises WarmupError if the cache directory cannot be written: numba's own error names neither the directory nor
+    a remedy."""
     named = os.environ.get(VARIABLE)
     if not named:
         return
@@ -361,7 +378,7 @@ def _check_cache_place() -> None:
 
 
 def _child(*modes: str, report: Report) -> subprocess.CompletedProcess[str]:
-    """Runs the kernels of these groups, of all without arguments, in a child process; reports what it compiles."""
+    """Runs the kernels of these groups, or of all without arguments, in a child process and reports what it compiles."""
     command = [sys.executable, "-c", CHILD, *modes]
     count = CompiledCount(cache_folders()[0], modes or MODES)
     cached = newest = count.done()

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkCallbacks:
-    """What receives the data of the link, in its thread. frame: raw MAVLink frames for the log, with the time of arrival in
-    ns; None: they are not recorded."""
+    """Receivers of the data of the link, called in its thread.
+
+    frame: gets raw MAVLink frames for the log, with the time of arrival in ns; None: they are not recorded."""
 
     samples: Callable[[list[AttitudeSample | PoseSample]], None]
     message: Callable[[Any, int], None]

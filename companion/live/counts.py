@@ -22,7 +22,7 @@ class FrameRates:
 
 
 class RecentLosses:
-    """Whether samples were lost within the last REPORT_NS."""
+    """Detects losses of samples within the last REPORT_NS."""
 
     def __init__(self) -> None:
         self._lost = self._until_ns = 0

@@ -1,4 +1,4 @@
-"""Where and how much a service records, as lines of its journal."""
+"""Lines of the journal about the recording: its place and its data rate."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ NS = 1_000_000_000
 
 
 def record_note(config: Config, folders: Folders) -> str:
-    """Where this configuration records, and how much a minute at most: depth images before their compression."""
+    """Returns where this configuration records, and the greatest amount per minute, with depth images before
+    compression."""
     record = config.record
     if record.record == "off":
         return 'nothing is recorded: [record] record = "off"'
@@ -36,14 +37,14 @@ def _raw_mb_per_minute(camera: CameraConfig, depth_hz: float) -> float:
 
 
 class RecordRate:
-    """Measures how much is recorded in the first minute."""
+    """Measures the amount recorded in the first minute."""
 
     def __init__(self) -> None:
         self._begun: tuple[int, int] | None = None
         self._done = False
 
     def note(self, status: RecordStatus, now_ns: int) -> str:
-        """The measured rate, once; otherwise empty. A stop of the recording restarts the measurement."""
+        """Returns the measured rate, once; otherwise empty. A stop of the recording restarts the measurement."""
         if self._done or not status.recording:
             self._begun = None
             return ""

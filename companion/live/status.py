@@ -29,8 +29,9 @@ PROBE_S = 1.0
 
 
 def address_in_use(address: str) -> bool:
-    """Whether a process listens on an address. Raises PermissionError where this user may not connect. True where it
-    cannot be determined."""
+    """Returns True if a process listens on an address, or if that cannot be determined.
+
+    Raises PermissionError if this user may not connect."""
     try:
         if address.startswith("ipc://"):
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:

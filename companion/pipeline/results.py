@@ -1,4 +1,4 @@
-"""What the pipeline puts out for each frame: the decision whether it is used, and its result."""
+"""Outputs of the pipeline for each frame: the decision whether it is used, and its result."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from .transform import LevelTransform
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameDecision:
-    """Whether a frame was used, and the cause if not. attitude_cutoff_ns: stamp of the newest attitude that had
-    arrived."""
+    """Decision whether a frame is used, with the cause if it is not.
+
+    attitude_cutoff_ns: stamp of the newest attitude that had arrived."""
 
     camera: str
     sequence: int

@@ -26,7 +26,7 @@ MAX_DISTANCE_M = 100_000.0
 
 
 class Source(IntEnum):
-    """How a value was obtained; the numbers are those of osape.v1.AttitudeUsed.Source."""
+    """Origin of a value; the numbers are those of osape.v1.AttitudeUsed.Source."""
 
     NONE = 0
     EXACT = 1
@@ -35,7 +35,7 @@ class Source(IntEnum):
 
 
 class DropCause(Code):
-    """Why a frame was not used; NONE: it was used."""
+    """Cause for which a frame was not used; NONE: it was used."""
 
     NONE = "", ""
     NO_ATTITUDE = "no_attitude", "no attitude had arrived"

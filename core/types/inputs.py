@@ -1,4 +1,4 @@
-"""What a frame is computed from: the camera's constants, one depth image, the vehicle's attitude and position."""
+"""Inputs of the extraction: constants of the camera, a depth image, attitude and position of the vehicle."""
 
 from __future__ import annotations
 
@@ -33,14 +33,17 @@ SATURATED_MM = 65535
 
 
 def is_measured(depth_mm: NDArray[np.uint16]) -> NDArray[np.bool_]:
-    """Which pixels hold a measured distance, of the same shape: none of the values above. The camera's range is not applied."""
+    """Returns the pixels with a measured distance, bool of the same shape.
+
+    A pixel is measured unless it has one of the special values above. The range of the camera is not applied."""
     return (depth_mm > GREATEST_MARK_MM) & (depth_mm < FAR_MM)
 
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """A pinhole camera without distortion. Pixel (u, v) has its centre at integer coordinates; its ray in
-    `optical` is ((u - cx)/fx, (v - cy)/fy, 1)."""
+    """A pinhole camera without distortion.
+
+    The centre of pixel (u, v) has integer coordinates. Its ray in `optical` is ((u - cx)/fx, (v - cy)/fy, 1)."""
 
     width: int
     height: int
@@ -66,8 +69,11 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class CameraMount:
-    """Where a camera sits on the vehicle: angles of R_frd_camfrd = Rz(yaw) Ry(pitch) Rx(roll), where camfrd is
-    the camera's own forward-right-down triad, and its lever arm in frd, metres. Zeros: looks forward, level."""
+    """Position and orientation of a camera on the vehicle.
+
+    The angles are those of R_frd_camfrd = Rz(yaw) Ry(pitch) Rx(roll), where camfrd is the camera's own
+    forward-right-down frame. x_m, y_m and z_m are the lever arm in frd. With zeros the camera looks forward and is
+    level."""
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -84,9 +90,13 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
-    """Constants of one camera. `max_range_m` and `min_range_m` bound what it measures;
-    `ke_per_m` is the prior of its noise, sigma_Z = ke * Z^2. marks_smooth: its driver writes TEXTURELESS_MM, BEYOND_MM and
-    GREATEST_MARK_MM; without it these values are raw depths that are unknown, and no evidence of open space."""
+    """Constants of one camera.
+
+    Attributes:
+        min_range_m, max_range_m: limits of the measured distance.
+        ke_per_m: initial value of the noise coefficient, sigma_Z = ke * Z^2.
+        marks_smooth: the driver writes TEXTURELESS_MM, BEYOND_MM and GREATEST_MARK_MM. Otherwise these values are raw
+            depths of unknown pixels, and no evidence of open space."""
 
     camera: str
     intrinsics: Intrinsics
@@ -98,7 +108,7 @@ class CameraInfo:
 
     @property
     def least_mm(self) -> int:
-        """Least millimetres that count as measured: what is nearer than min_range_m is unknown, and so is every mark."""
+        """Least value in millimetres that counts as measured: at least min_range_m, and above every special value."""
         return math.ceil(max(GREATEST_MARK_MM + 1.0, 1000.0 * self.min_range_m))
 
     def __post_init__(self) -> None:
@@ -114,8 +124,13 @@ class CameraInfo:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DepthFrame:
-    """One depth image. depth_mm: (H, W) uint16, Z along the optical axis; UNKNOWN_MM, SATURATED_MM: no measurement;
-    FAR_MM: free up to the camera's maximum. t_exposure_ns: mid-exposure; t_arrival_ns: when the host received it."""
+    """One depth image.
+
+    Attributes:
+        depth_mm: (H, W) uint16, distance Z along the optical axis. UNKNOWN_MM and SATURATED_MM: not measured; FAR_MM:
+            free up to the maximum of the camera.
+        t_exposure_ns: middle of the exposure.
+        t_arrival_ns: when the host received the image."""
 
     camera: str
     sequence: int
@@ -129,8 +144,10 @@ class DepthFrame:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeSample:
-    """Attitude of the vehicle at t_ns: q_ned_frd (w, x, y, z) unit quaternion, body rates in frd, rad/s (None: not known).
-    t_arrival_ns: when the host received it."""
+    """Attitude of the vehicle at t_ns.
+
+    q_ned_frd_wxyz is a unit quaternion. Body rates are in frd, rad/s; None: not known. t_arrival_ns: when the host
+    received the sample."""
 
     t_ns: int
     t_arrival_ns: int
@@ -148,7 +165,7 @@ class AttitudeSample:
 
 @dataclass(frozen=True, slots=True)
 class PoseSample:
-    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s (None: not known)."""
+    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s; None: not known."""
 
     t_ns: int
     t_arrival_ns: int

@@ -1,4 +1,4 @@
-"""The result of one depth frame, and what one frame passes to the next."""
+"""The result of one depth frame, and the state passed to the next frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .arrays import NOTHING_OPEN, readonly, unchecked
 
 
 class InvalidCause(Code):
-    """Why a frame is invalid. NONE: it is valid."""
+    """Cause of an invalid frame. NONE: the frame is valid."""
 
     NONE = "", ""
     NO_MEASUREMENT = "no_measurement", "too few pixels hold a measurement"
@@ -46,7 +46,7 @@ class PlaneFlags(IntFlag):
 
 
 class FreeEnd(IntEnum):
-    """Why a direction's free range ends."""
+    """Cause of the end of a free range."""
 
     NOT_SEEN = 0
     OBSTACLE = 1
@@ -57,15 +57,21 @@ class FreeEnd(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """The horizontal surface under the camera. seen = False: none was found, none is assumed.
+    """The horizontal surface under the camera.
 
-    height_m: camera above it, positive (z of the surface in level_cam); slope_x, slope_y: dz/dx, dz/dy of the fit;
-    share: of the measured pixels; blind_beyond_m: forward distance beyond which an obstacle of the minimum height
-    cannot be distinguished from it with this noise (inf: never).
-    noise_per_m: noise of its height per metre of horizontal range, in metres; what lies closer above it is part of it.
-    tolerance_m: nothing closer above it is ever free, at any range.
-    seen_from_m, seen_to_m: for each direction of the frame's FreeProfile the horizontal ranges between which it was
-    measured, up to blind_beyond_m; to <= from: not measured in this direction; empty: in none."""
+    Attributes:
+        seen: False: no ground was found, and none is assumed.
+        height_m: height of the camera above the ground, positive; equal to z of the ground in level_cam below the
+            camera.
+        slope_x, slope_y: dz/dx and dz/dy of the fitted plane.
+        share: share of the measured pixels that belong to it.
+        blind_beyond_m: forward distance beyond which the noise hides an obstacle of the minimum height on the ground;
+            inf: at no distance.
+        noise_per_m: noise of the ground's height per metre of horizontal range, in metres. A point above it by less
+            than this belongs to the ground.
+        tolerance_m: space above the ground by less than this is never free, at any range.
+        seen_from_m, seen_to_m: for each direction of the FreeProfile, the horizontal ranges between which the ground
+            was measured, up to blind_beyond_m. to <= from: not measured in this direction; empty: in none."""
 
     seen: bool
     height_m: float = math.nan
@@ -81,14 +87,17 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FreeProfile:
-    """Observed free space, per direction and layer of height, in level_cam.
+    """Observed free space for each direction and layer of height, in level_cam.
 
-    azimuth_edges_rad: (D + 1,) float32, increasing, clockwise from above; layer_edges_m: (L + 1,) float32 in z (down),
-    increasing. free_from_m, free_to_m: (D, L) float32 horizontal ranges between which the whole layer was
-    observed to be free in that direction (free_to <= free_from: nothing is); end: (D, L) uint8, FreeEnd of free_to_m.
-    open_from_dm, open_to_dm: (D, L) uint8 horizontal ranges in decimetres, rounded inwards, between which the layer is free or open,
-    that is presumed free without a measurement (core/stages/open_space.py); both 0 where that is no farther than what is free.
-    (0, 0): nothing is presumed."""
+    Attributes:
+        azimuth_edges_rad: (D + 1,) float32, increasing, clockwise from above.
+        layer_edges_m: (L + 1,) float32 in z (down), increasing.
+        free_from_m, free_to_m: (D, L) float32 horizontal ranges between which the whole layer was observed to be
+            free. free_to <= free_from: nothing is free.
+        end: (D, L) uint8, FreeEnd of free_to_m.
+        open_from_dm, open_to_dm: (D, L) uint8 horizontal ranges in decimetres, rounded inwards, between which the
+            layer is free or open, that is, presumed free without a measurement (core/stages/open_space.py). Both are
+            0 if the open range is not longer than the free one."""
 
     azimuth_edges_rad: NDArray[np.float32]
     layer_edges_m: NDArray[np.float32]
@@ -112,17 +121,17 @@ class FreeProfile:
 
     @property
     def has_open(self) -> bool:
-        """Whether the profile holds open ranges."""
+        """True if the profile contains open ranges."""
         return self.open_from_dm.size > 0 or self.open_to_dm.size > 0
 
     @property
     def open_from_m(self) -> NDArray[np.float32]:
-        """open_from_dm in metres; without open ranges (0, 0)."""
+        """open_from_dm in metres, (D, L); shape (0, 0) if there are no open ranges."""
         return self.open_from_dm * np.float32(0.1)
 
     @property
     def open_to_m(self) -> NDArray[np.float32]:
-        """open_to_dm in metres; without open ranges (0, 0)."""
+        """open_to_dm in metres, (D, L); shape (0, 0) if there are no open ranges."""
         return self.open_to_dm * np.float32(0.1)
 
     @classmethod
@@ -137,7 +146,7 @@ class FreeProfile:
         open_from_dm: NDArray[np.uint8] = NOTHING_OPEN,
         open_to_dm: NDArray[np.uint8] = NOTHING_OPEN,
     ) -> FreeProfile:
-        """A profile without checks, of arrays that a kernel has just written; they become read-only."""
+        """Makes a profile without checks, from arrays that a kernel has just written. The arrays become read-only."""
         return unchecked(
             cls,
             azimuth_edges_rad=azimuth_edges_rad,
@@ -152,10 +161,13 @@ class FreeProfile:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Prism:
-    """One layer of one obstacle: the side profile between two heights.
+    """One layer of one obstacle: its outline between two heights.
 
-    vertices_m: (M, 2) float32 x, y; walking from each vertex to the next, free space is on the right seen from above.
-    closed: the last vertex joins the first. plane: (M - 1,) int32 (M when closed), the plane each edge belongs to."""
+    Attributes:
+        vertices_m: (M, 2) float32 x, y. Seen from above, free space is on the right on the way from each vertex to
+            the next.
+        closed: the last vertex is connected to the first.
+        plane: (M - 1,) int32, or (M,) if closed: the plane of each edge."""
 
     cluster: int
     top_m: float
@@ -175,7 +187,7 @@ class Prism:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameStats:
-    """Counts of one frame, for the log: never wall times."""
+    """Counts of one frame, for the log. It contains no times."""
 
     measured_share: float = 0.0
     unknown_share: float = 1.0
@@ -194,8 +206,10 @@ class FrameStats:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StripTable:
-    """The strips of one frame, for drawing and tests. All (S,): virtual column u, first and last row (inclusive) of the
-    levelled view, forward distance x_m (level_cam), lateral y_m, top_m < bottom_m in z, cluster (-1: none)."""
+    """The strips of one frame, for drawing and tests.
+
+    All arrays are (S,): column u, first and last row (inclusive) of the levelled view, forward distance x_m
+    (level_cam), lateral position y_m, top_m < bottom_m in z, cluster (-1: none)."""
 
     u: NDArray[np.int32]
     row_top: NDArray[np.int32]
@@ -210,12 +224,17 @@ class StripTable:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameModel:
-    """The result of one depth frame, in level_cam. `valid = False`: it holds no information, nothing may be taken as free.
+    """The result of one depth frame, in level_cam.
 
-    planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom, metres, top < bottom (z down); free space lies on the right
-    of a -> b seen from above. support_px: (N,) int32 distinct source pixels; margin_m: (N,) float32, what a consumer
-    subtracts from free space in front of the plane; flags: (N,) uint8 PlaneFlags; cluster: (N,) int32.
-    ke_per_m: the noise estimate used, sigma_Z = ke * Z^2."""
+    Attributes:
+        valid: False: the model contains no information, and no space may be taken as free.
+        planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in metres, top < bottom (z down). Free space is on the
+            right of a -> b seen from above.
+        support_px: (N,) int32, number of different source pixels.
+        margin_m: (N,) float32, to be subtracted from the free space in front of the plane.
+        flags: (N,) uint8 PlaneFlags.
+        cluster: (N,) int32.
+        ke_per_m: noise coefficient in use, sigma_Z = ke * Z^2."""
 
     valid: bool
     cause: InvalidCause
@@ -260,8 +279,10 @@ class FrameModel:
         ke_per_m: float,
         strips: StripTable | None = None,
     ) -> FrameModel:
-        """A model without checks, of arrays that kernels have written and checked; they become read-only. A second check
-        would take longer than many a stage."""
+        """Makes a model without checks, from arrays that kernels have written and checked. The arrays become
+        read-only.
+
+        A second check would take longer than many stages."""
         return unchecked(
             cls,
             valid=valid,
@@ -282,12 +303,14 @@ class FrameModel:
 
 @dataclass(frozen=True, slots=True)
 class ExtractorState:
-    """What one frame passes to the next: height of the ground and noise estimates (nan: none yet).
+    """State passed to the next frame. nan: not known yet.
 
-    ke_per_m: noise in use. still_ke_per_m: noise measured over time, from frames between which the camera stood still.
-    samples_mm, samples_age: sampled pixels of an earlier frame, little-endian uint16 millimetres (b"": none), and how many
-    frames ago that was; see `temporal_noise`.
-    edge_ramps, edge_steps: weighted shares of edges that are smeared and that are not; see `observe_edges`."""
+    Attributes:
+        ke_per_m: noise coefficient in use.
+        still_ke_per_m: noise coefficient measured over time, from frames between which the camera did not move.
+        samples_mm: sampled pixels of an earlier frame, little-endian uint16 millimetres; b"": none.
+        samples_age: number of frames since then, see `temporal_noise`.
+        edge_ramps, edge_steps: weighted shares of edges that are smeared and that are not, see `observe_edges`."""
 
     ground_height_m: float = math.nan
     ke_per_m: float = math.nan
