@@ -1,4 +1,4 @@
-"""Writes docs/research/tracking.md: `python -m benchmarks.tracking [--out FILE] [--quick]`."""
+"""Writes docs/research/tracking.md: `python -m benchmarks.tracking [--out FILE] [--quick] [--only SECTION]`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import dataclasses
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ OUT = Path("docs/research/tracking.md")
 SCENES = ("street", "trees", "alley")
 KES = (0.0015, 0.005)
 WARM = 10
+SECTIONS = ("still", "flight", "moving", "false", "vanish", "cost")
 FALSE_SCENES = ("poles", "mixture", "trees", "demo")
 FALSE_S = 15.0
 
@@ -32,20 +34,24 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.tracking", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--quick", action="store_true", help="fewer frames and scenes")
+    parser.add_argument("--only", action="append", choices=SECTIONS, help="this section; may be given several times")
     args = parser.parse_args()
     frames, scenes = (22, SCENES[:1]) if args.quick else (40, SCENES)
     begun = time.monotonic()
+    makers: dict[str, Callable[[], str]] = {
+        "still": lambda: still(scenes, frames),
+        "flight": lambda: flight(scenes, frames if args.quick else 48),
+        "moving": lambda: moving(movers.CASES[:2] if args.quick else movers.CASES),
+        "false": lambda: false(FALSE_SCENES[:1] if args.quick else FALSE_SCENES, 3.0 if args.quick else FALSE_S),
+        "vanish": vanish,
+        "cost": cost,
+    }
     with one_core():
-        parts = [HEAD, still(scenes, frames), flight(scenes, frames if args.quick else 48)]
-        parts += [moving(movers.CASES[:2] if args.quick else movers.CASES)]
-        parts += [
-            false(FALSE_SCENES[:1] if args.quick else FALSE_SCENES, 3.0 if args.quick else FALSE_S),
-            vanish(),
-            cost(),
-        ]
+        parts = [HEAD, *(makers[name]() for name in args.only or SECTIONS)]
     args.out.parent.mkdir(parents=True, exist_ok=True)
     minutes = (time.monotonic() - begun) / 60.0
-    made = stamp(["--quick"] if args.quick else [], minutes=minutes, quick=args.quick)
+    given = ["--quick"] * args.quick + [word for name in args.only or [] for word in ("--only", name)]
+    made = stamp(given, minutes=minutes, quick=args.quick)
     made = dataclasses.replace(made, command=made.command.replace("benchmarks", "benchmarks.tracking", 1))
     args.out.write_text("\n".join([parts[0], made.markdown(), *parts[1:]]))
     return 0

@@ -27,6 +27,11 @@ _APART_M = 0.2
 """Not tuning: detections of one frame that overlap by more are different surfaces."""
 _EMPTY_SHARE, _EMPTY_M2 = 0.15, 0.1
 """Not tuning: a rectangle around two others may hold this share of its area, and this area, that neither covers."""
+STEADY_HITS = 5
+"""Not tuning: a track observed as often is steady."""
+_TALLER_M = 0.5
+"""Not tuning: one detection makes a steady track taller by at most this, at each edge."""
+_CUT_TOP, _CUT_BOTTOM = 16, 32
 SIDEWAYS_M = 0.15
 """Not tuning: a detection is seen at most this far beside the line of its track."""
 CONTINUES, COVERS = 1, 2
@@ -59,6 +64,18 @@ def fits_one_rectangle(low, high, top, bottom, track):
 
 
 @inner
+def is_much_taller(d, flags, track):
+    """Whether a detection, or another track, reaches far beyond the upper or lower edge of a steady track: one detection of
+    a crown with its trunk would hide the open space beside the trunk for long. Where the border of the image cut either of
+    them, the rest may be the same surface. flags: of d."""
+    if track.hits < STEADY_HITS:
+        return False
+    cut = flags | track.plane_flags
+    above = track.top_m - d.top_m > _TALLER_M and cut & _CUT_TOP == 0
+    return above or (d.bottom_m - track.bottom_m > _TALLER_M and cut & _CUT_BOTTOM == 0)
+
+
+@inner
 def continues(d, track, rules, eye_x, eye_y):
     """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye_x,
     eye_y: of the camera; the track must hide what the detection hides from it."""
@@ -77,7 +94,7 @@ def continues(d, track, rules, eye_x, eye_y):
     sa, sb = along(track, d.ax_m, d.ay_m), along(track, d.bx_m, d.by_m)
     over = min(max(sa, sb), track.s1_m) - max(min(sa, sb), track.s0_m)
     height = heights_overlap(d, track)
-    if over < -_TOUCH_M or height < 0.3:
+    if over < -_TOUCH_M or height < 0.3 or is_much_taller(d, d.plane_flags, track):
         return 0.0
     if not fits_one_rectangle(min(sa, sb), max(sa, sb), d.top_m, d.bottom_m, track):
         return 0.0
@@ -92,7 +109,7 @@ def covers(d, track, rules):
     """Whether a detection covers a track: it reaches over most of its length and height, no more than the gate in front of
     it and no more than its own margin behind it."""
     height = min(d.bottom_m, track.bottom_m) - max(d.top_m, track.top_m)
-    if height < 0.8 * (track.bottom_m - track.top_m):
+    if height < 0.8 * (track.bottom_m - track.top_m) or is_much_taller(d, d.plane_flags, track):
         return False
     front = max(rules.gate_min_m, min(_FRONT_M, d.margin_m))
     x0, y0 = track.x_m + track.s0_m * track.tx, track.y_m + track.s0_m * track.ty

@@ -23,7 +23,7 @@ MEMORY_HITS = 10
 """Not tuning: observations after which a cell is kept for the whole memory."""
 _LEAST_MEMORY_NS = 200_000_000
 """Not tuning: nothing is forgotten sooner."""
-_INFERRED = 1
+_INFERRED, _UNKNOWN_BEHIND = 1, 2
 _OBSTACLE = 1
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
@@ -206,7 +206,7 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
         t = table.tracks[j]
         if t.hits == 0:
             continue
-        best, missed = OUT_OF_VIEW, False
+        best, missed, gap = OUT_OF_VIEW, False, is_gap(t)
         for k in range(t.cells):
             c = table.cells[j, k]
             if c.hits == 0 or c.seen_ns == t_ns:
@@ -221,18 +221,25 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
                 if is_seen_through(x, y, t, detections, crossing, rules.behind_m, view.x_m, view.y_m, eye_z):
                     seen = CLEAR
             if seen >= EXPLAINED:
-                c.against += 2
+                c.against += 4 if gap else 2
             missed = missed or seen >= EXPLAINED
             best = max(best, seen)
-            if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or t_ns - c.seen_ns > max(
-                _LEAST_MEMORY_NS, memory_ns * min(1.0, (c.hits / MEMORY_HITS) ** 2)
-            ):
+            share = 0.0 if gap else min(1.0, (c.hits / MEMORY_HITS) ** 2)
+            too_old = t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory_ns * share)
+            if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or too_old:
                 c.hits = 0
                 removed += 1
-        if t.first_detection == NONE and missed:
+        if t.seen_ns != t_ns and missed:
             t.hit_rate -= _RATE_STEP * t.hit_rate
-        t.state = state_of(t, best)
+        t.state = state_of(t, best, t_ns)
     return removed
+
+
+@inner
+def is_gap(d):
+    """Whether a detection or track is a filled gap that was observed to be open: no obstacle was measured in it. It joins two
+    obstacles, and is part of neither."""
+    return d.plane_flags & (_INFERRED | _UNKNOWN_BEHIND) == _INFERRED
 
 
 @inner
@@ -243,9 +250,9 @@ def cell_middle(t, k):
 
 
 @inner
-def state_of(t, best):
+def state_of(t, best, t_ns):
     """The state of a track. best: the most that this frame observed of its cells."""
-    if t.first_detection != NONE:
+    if t.seen_ns == t_ns:
         return S_NEW if t.hits < NEW_HITS else S_DETECTED
     if best >= EXPLAINED:
         return S_MISSED
@@ -282,7 +289,7 @@ def split_tracks(table, next_id, t_ns):
                     next_id += 1
             begin = NONE
         keep_part(table, j, best0, best1)
-        if t.s1_m - t.s0_m < _LEAST_M and t.first_detection == NONE:
+        if t.s1_m - t.s0_m < _LEAST_M and t.seen_ns != t_ns:
             t.s0_m -= 0.5 * _LEAST_M
             t.s1_m += 0.5 * _LEAST_M
     return next_id, ended, evicted
@@ -332,7 +339,7 @@ def copy_part(table, j, other, begin, end, track_id):
     o.x_m, o.y_m, o.tx, o.ty = t.x_m, t.y_m, t.tx, t.ty
     o.s0_m, o.s1_m, o.top_m, o.bottom_m = t.s0_m, t.s1_m, t.top_m, t.bottom_m
     o.p00, o.p01, o.p11 = t.p00, t.p01, t.p11
-    o.margin_m, o.excess_m, o.hit_rate = t.margin_m, t.excess_m, t.hit_rate
+    o.margin_m, o.excess_m, o.nearer_m, o.hit_rate = t.margin_m, t.excess_m, t.nearer_m, t.hit_rate
     o.cell_m, o.first_cell, o.cells = t.cell_m, t.first_cell, t.cells
     o.plane_flags, o.cluster, o.state, o.first_detection = t.plane_flags, t.cluster, t.state, t.first_detection
     o.frame_s0_m, o.frame_s1_m = t.frame_s0_m, t.frame_s1_m

@@ -7,15 +7,13 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel, record
-from .evidence import turn_between
+from .evidence import is_gap, turn_between
 
 GAP_M = 0.4
 """Not tuning: detections closer together belong to one group."""
 _CUT_SIDES = 4 | 8
 _BORDER_RAD = 0.01
 """Not tuning: what ends so close to the border of the measured directions may continue."""
-_INFERRED, _UNKNOWN_BEHIND = 1, 2
-
 _TALL_SHARE = 0.5
 """Not tuning: a plane of less of its group's height is a roof or an edge, and not the face that is followed."""
 _FACING = 0.3
@@ -64,12 +62,6 @@ def root(parents, i):
         parents[i] = parents[parents[i]]
         i = parents[i]
     return i
-
-
-@inner
-def is_gap(d):
-    """Whether a detection is a filled gap that was observed to be open: it joins two obstacles, and is part of neither."""
-    return d.plane_flags & (_INFERRED | _UNKNOWN_BEHIND) == _INFERRED
 
 
 @kernel

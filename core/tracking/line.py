@@ -7,7 +7,7 @@ import math
 from ..jit import inner
 from .tables import SHIFT_M
 
-_EDGE_ON = 0.4
+EDGE_ON = 0.4
 """Not tuning: sine of the angle between a viewing ray and a line that is seen edge-on."""
 _SLOPE_VARIANCE = 0.25
 """Not tuning: variance of the slope of a line without a direction, rad^2."""
@@ -46,7 +46,7 @@ def seen_at(track, x, y, eye_x, eye_y):
     if r < 1e-6:
         return s
     facing = (dy * track.tx - dx * track.ty) / r
-    if abs(facing) < _EDGE_ON:
+    if abs(facing) < EDGE_ON:
         return s
     return s - offset(track, x, y) * (dx * track.tx + dy * track.ty) / r / facing
 

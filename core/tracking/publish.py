@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner
-from .line import variance_at
+from .line import EDGE_ON, along, offset, variance_at
 from .snapshot import MovingObject, TrackSnapshot
 
 NS = 1_000_000_000
@@ -35,12 +35,14 @@ class Columns(NamedTuple):
     object_id: NDArray[np.int64]
 
 
-def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m_s: float) -> TrackSnapshot:
+def snapshot_of(
+    tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m_s: float, camera_m: tuple[float, float, float]
+) -> TrackSnapshot:
     """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
     since the newest observation.
 
     A plane lies no farther behind the newest observation than BEHIND_M or a quarter of its margin, and the margin contains
-    the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the
+    the rest; it returns slowly, so that it does not jump with the noise. camera_m: of the frame. No consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the
     share of frames in view that observed the track, and at most 1 - 0.5^hits."""
     n = int(np.count_nonzero(tracks["hits"]))
     columns = Columns(
@@ -56,12 +58,12 @@ def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m
         np.empty(n, np.uint8),
         np.empty(n, np.int64),
     )
-    fill_columns(tracks, t_ns, growth_m_s, columns)
+    fill_columns(tracks, t_ns, growth_m_s, camera_m, columns)
     return TrackSnapshot(**columns._asdict(), objects=moving_objects(objects, t_ns))
 
 
 @inner
-def fill_columns(tracks, t_ns, growth_m_s, out):
+def fill_columns(tracks, t_ns, growth_m_s, eye, out):
     """Fills the columns with the tracks in use."""
     n = 0
     for j in range(tracks.shape[0]):
@@ -69,19 +71,31 @@ def fill_columns(tracks, t_ns, growth_m_s, out):
         if t.hits == 0:
             continue
         excess = max(0.0, t.excess_m)
-        nearer = max(0.0, excess - max(BEHIND_M, 0.25 * t.margin_m)) if t.s1_m - t.s0_m >= WIDE_M else 0.0
+        nearer = t.nearer_m if t.s1_m - t.s0_m >= WIDE_M else 0.0
         x, y = t.x_m - nearer * t.ty, t.y_m + nearer * t.tx
-        out.planes[n, 0], out.planes[n, 1] = x + t.s0_m * t.tx, y + t.s0_m * t.ty
-        out.planes[n, 2], out.planes[n, 3] = x + t.s1_m * t.tx, y + t.s1_m * t.ty
+        s0, s1 = moved_end(t, t.s0_m, nearer, eye), moved_end(t, t.s1_m, nearer, eye)
+        out.planes[n, 0], out.planes[n, 1] = x + s0 * t.tx, y + s0 * t.ty
+        out.planes[n, 2], out.planes[n, 3] = x + s1 * t.tx, y + s1 * t.ty
         out.planes[n, 4], out.planes[n, 5] = t.top_m, t.bottom_m
         unseen_ns = t_ns - t.seen_ns
-        out.margin_m[n] = t.margin_m + excess - nearer + growth_m_s * unseen_ns / NS
+        out.margin_m[n] = t.margin_m + max(0.0, excess - nearer) + growth_m_s * unseen_ns / NS
         out.sigma_m[n] = math.sqrt(max(0.0, variance_at(t, 0.5 * (t.s0_m + t.s1_m))))
         out.confidence[n] = t.hit_rate * (1.0 - 0.5 ** min(t.hits, 60))
         out.ids[n], out.state[n], out.hits[n] = t.id, t.state, t.hits
         out.age_ns[n], out.unseen_ns[n] = t_ns - t.first_ns, unseen_ns
         out.flags[n], out.object_id[n] = t.plane_flags, t.object_id
         n += 1
+
+
+@inner
+def moved_end(t, s, nearer_m, eye):
+    """Where an end of a track is after its plane has been moved by nearer_m: on the same viewing ray, so that it hides the
+    same directions; unchanged where the plane is seen edge-on."""
+    x, y = t.x_m + s * t.tx - eye[0], t.y_m + s * t.ty - eye[1]
+    far = offset(t, eye[0], eye[1])
+    if nearer_m <= 0.0 or far < EDGE_ON * math.sqrt(x * x + y * y) or far <= nearer_m:
+        return s
+    return s + (along(t, eye[0], eye[1]) - s) * nearer_m / far
 
 
 def moving_objects(objects: NDArray[Any], t_ns: int) -> tuple[MovingObject, ...]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
-from .association import SIDEWAYS_M
+from .association import SIDEWAYS_M, STEADY_HITS
 from .line import along, offset, seen_at, shift_line, sideways, update_line
 
 _LOST_M = 0.02
 """Not tuning: what a track may leave uncovered of a detection, at each end."""
-_STEADY_HITS, _SAME_COS = 5, 0.98
-"""Not tuning: a track observed as often keeps its line, where a detection has its direction."""
+_SAME_COS = 0.98
+"""Not tuning: a steady track keeps its line where a detection has its direction."""
 _WITHIN = 0.95
 """Not tuning: share of the tolerances that a moved line leaves, since moving turns it."""
 
@@ -67,7 +67,7 @@ def correct_line(t, d, rules, eye_x, eye_y):
     if lies_on(t, d, rules, eye_x, eye_y):
         update_line(t, d)
         return True
-    if t.hits < _STEADY_HITS or t.tx * d.tx + t.ty * d.ty < _SAME_COS:
+    if t.hits < STEADY_HITS or t.tx * d.tx + t.ty * d.ty < _SAME_COS:
         return False
     update_line(t, d)
     move_towards(t, d, rules.gate_max_m, eye_x, eye_y)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..codes import Code
 from ..types import FrameModel
 
-STATE_VERSION = 3
+STATE_VERSION = 4
 """Of the layout of the tracker's tables; to be raised when it changes."""
 S_NEW, S_DETECTED, S_MISSED, S_HIDDEN, S_OUT_OF_VIEW = 1, 2, 3, 4, 5
 """TrackState as kernels and messages use it."""

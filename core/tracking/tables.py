@@ -23,6 +23,13 @@ CELL_M = 0.25
 SHIFT_M = 4.0
 """Not tuning: the anchor follows a track whose middle is farther from it."""
 NONE = -1
+_RATE_STEP = 0.1
+"""Not tuning: weight of a frame in the hit rate."""
+_MOST_HITS = 1 << 20
+_CONFIRMING_SHARE = 0.3
+"""Not tuning: an observation of less of a cell's height does not confirm the cell."""
+_HIT_WEIGHT = 4
+"""Not tuning: free evidence that an observation cancels; free space, or another obstacle there, adds 2."""
 
 TRACK = record(
     ("id", np.int64),
@@ -42,6 +49,7 @@ TRACK = record(
     ("p11", np.float64),
     ("margin_m", np.float64),
     ("excess_m", np.float64),
+    ("nearer_m", np.float64),
     ("hit_rate", np.float64),
     ("cell_m", np.float64),
     ("frame_s0_m", np.float64),
@@ -59,7 +67,8 @@ TRACK = record(
 )
 """A track, without padding, so that equal tables have equal bytes. x_m, y_m: anchor; tx, ty: unit tangent; s0_m, s1_m: extent; top_m < bottom_m (z down). p00, p01, p11:
 covariance of the line's offset (m) at the anchor and of its slope (rad). margin_m: of its observations, filtered;
-excess_m: how much nearer than the line the newest observation was. hit_rate: share of the frames in view that observed
+excess_m: how much nearer than the line the newest observation was; nearer_m: how much nearer than the line the plane is
+published. hit_rate: share of the frames in view that observed
 it, weighted by age. frame_...: extent of this frame's observations. first_cell, cells: index of the first cell, and
 their number. hits: frames that observed it; 0: the slot is empty. first_detection: of this frame, -1: none;
 merged_into: slot of the track that an empty slot was merged into."""
@@ -212,6 +221,33 @@ def clear_cell(table, j, k):
     """Empties a cell."""
     cells = table.cells
     cells[j, k].seen_ns, cells[j, k].against, cells[j, k].hits = 0, 0, 0
+
+
+@inner
+def observe_cells(table, j, low, high, height_m, t_ns):
+    """One observation of the cells of slot j over low..high (s, m) and so much of their height. A small part of the height
+    keeps the cells in this frame, and is no evidence for the rest of them."""
+    t = table.tracks[j]
+    first = max(0, int(math.floor(low / t.cell_m)) - t.first_cell)
+    last = min(t.cells - 1, int(math.floor(high / t.cell_m)) - t.first_cell)
+    small = height_m < _CONFIRMING_SHARE * (t.bottom_m - t.top_m)
+    for k in range(first, last + 1):
+        c = table.cells[j, k]
+        if c.hits > 0 and small:
+            c.seen_ns = t_ns
+        elif c.hits == 0 or c.seen_ns != t_ns:
+            c.seen_ns = t_ns
+            c.hits = min(c.hits + 1, _MOST_HITS)
+            c.against = max(0, c.against - _HIT_WEIGHT)
+
+
+@inner
+def count_observation(t, t_ns):
+    """Counts the first observation of a track in a frame."""
+    if t.seen_ns != t_ns:
+        t.hit_rate += _RATE_STEP * (1.0 - t.hit_rate)
+        t.hits = min(t.hits + 1, _MOST_HITS)
+        t.seen_ns = t_ns
 
 
 @inner

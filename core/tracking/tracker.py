@@ -123,7 +123,7 @@ class Tracker:
         )
         self._keep_view(view, frame)
         growth_m_s = 0.0 if frame.positioned else self.params.speed_error_m_s
-        return snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s)
+        return snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s, frame.camera_m)
 
     def _limit_table(self, detections: int) -> None:
         """Limits the table to the slots in use and as many as the detections of a frame can need. Slots are taken from the
@@ -200,8 +200,7 @@ class Tracker:
             self._pairs,
             order,
             self._rules[0],
-            view.x_m,
-            view.y_m,
+            frame.camera_m,
             self._state.next_id,
             frame.t_ns,
         )

@@ -5,23 +5,28 @@ from __future__ import annotations
 import math
 
 from ..jit import inner, kernel
-from .association import CONTINUES, COVERS, SIDEWAYS_M, fits_one_rectangle, heights_overlap
+from .association import (
+    CONTINUES,
+    COVERS,
+    SIDEWAYS_M,
+    STEADY_HITS,
+    fits_one_rectangle,
+    heights_overlap,
+    is_much_taller,
+)
+from .cover import is_hidden, new_parts, support
 from .line import along, begin_line, offset, predict_line, seen_at, sideways
+from .publish import BEHIND_M
 from .representation import correct_line, lies_on, represents
-from .tables import CELL_M, NONE, clear_cell, free_slot, make_room
+from .tables import CELL_M, NONE, clear_cell, count_observation, free_slot, make_room, observe_cells
 
 _CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = 4, 8, 16, 32
 _SHRINK_REACH_M = 0.75
 """Not tuning: an end that is observed farther inside belongs to a part of the surface."""
 _MERGE_M = 0.2
 """Not tuning: tracks farther apart are not merged."""
-_RATE_STEP = 0.1
-"""Not tuning: weight of a frame in the hit rate."""
-_MOST_HITS = 1 << 20
 _SHORT_M, _TURN_COS = 0.6, 0.9
 """Not tuning: a shorter track takes the direction of a detection that is turned by more."""
-_HIT_WEIGHT = 4
-"""Not tuning: free evidence that an observation cancels; free space, or another obstacle there, adds 2."""
 
 
 @kernel
@@ -39,28 +44,20 @@ def begin_frame(table, dt_s, rules):
 
 
 @kernel
-def apply_detections(table, detections, pairs, order, rules, eye_x, eye_y, next_id, t_ns):
-    """Updates, begins and merges tracks. eye_x, eye_y: of the camera. Returns (next id, tracks removed for want of slots, detections left out)."""
+def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns):
+    """Updates, begins and merges tracks. eye: x, y, z of the camera. Returns (next id, tracks removed for want of slots,
+    detections left out)."""
     removed, left_out = 0, 0
+    eye_x, eye_y = eye[0], eye[1]
     for i in range(detections.shape[0]):
         j = detections[i].track
         if j == NONE:
-            j, evicted = free_slot(table, t_ns)
-            removed += 1 if evicted else 0
-            if j == NONE:
-                left_out += 1
-                continue
-            detections[i].track = j
-            detections[i].next = NONE
-            begin_track(table, j, detections[i], i, next_id, t_ns)
-            next_id += 1
-        elif table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], rules, eye_x, eye_y):
-            continue  # another detection of this frame has moved the line; it gets a track of its own below
+            continue  # it is hidden by several tracks, or gets a track of its own below
+        if table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], rules, eye_x, eye_y):
+            continue  # another detection of this frame has moved the line
         observe(table, j, detections[i], rules, eye_x, eye_y, t_ns)
-    for j in range(table.tracks.shape[0]):
-        if table.tracks[j].hits > 0 and table.tracks[j].first_detection != NONE:
-            end_observation(table.tracks[j], detections, rules)
     merge_pairs(table, detections, pairs, order, rules, eye_x, eye_y)
+    parts, borders = new_parts()
     for i in range(detections.shape[0]):
         j = detections[i].track
         for _ in range(table.tracks.shape[0]):
@@ -70,15 +67,22 @@ def apply_detections(table, detections, pairs, order, rules, eye_x, eye_y, next_
         detections[i].track = j
         if j != NONE and represents(table.tracks[j], detections[i], rules, eye_x, eye_y):
             continue
+        count = is_hidden(table.tracks, detections[i], rules.gate_max_m, eye, parts, borders)
+        if count > 0:
+            support(table, detections[i], parts, count, borders, eye, t_ns)
+            continue
         j, evicted = free_slot(table, t_ns)
         removed += 1 if evicted else 0
         if j == NONE:
-            left_out += 1 if detections[i].track != NONE else 0
+            left_out += 1
             continue
         detections[i].track, detections[i].next = j, NONE
         begin_track(table, j, detections[i], i, next_id, t_ns)
         next_id += 1
         observe(table, j, detections[i], rules, eye_x, eye_y, t_ns)
+    for j in range(table.tracks.shape[0]):
+        if table.tracks[j].hits > 0 and table.tracks[j].seen_ns == t_ns:
+            end_observation(table.tracks[j], detections, rules)
     return next_id, removed, left_out
 
 
@@ -90,7 +94,7 @@ def begin_track(table, j, d, i, track_id, t_ns):
     begin_line(t, d)
     t.s0_m, t.s1_m = -0.5 * d.length_m, 0.5 * d.length_m
     t.top_m, t.bottom_m = d.top_m, d.bottom_m
-    t.margin_m, t.excess_m, t.hit_rate = d.margin_m, 0.0, 1.0
+    t.margin_m, t.excess_m, t.nearer_m, t.hit_rate = d.margin_m, 0.0, 0.0, 1.0
     t.frame_s0_m, t.frame_s1_m = math.inf, -math.inf
     t.frame_top_m, t.frame_bottom_m = math.inf, -math.inf
     t.cell_m, t.first_cell, t.cells = CELL_M, int(math.floor(t.s0_m / CELL_M)), 1
@@ -118,21 +122,14 @@ def observe(table, j, d, rules, eye_x, eye_y, t_ns):
     t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)
     t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, d.top_m), max(t.frame_bottom_m, d.bottom_m)
     make_room(table, j, low, high)
-    for k in range(int(math.floor(low / t.cell_m)), int(math.floor(high / t.cell_m)) + 1):
-        c = table.cells[j, k - t.first_cell]
-        if c.hits == 0 or c.seen_ns != t_ns:
-            c.seen_ns = t_ns
-            c.hits = min(c.hits + 1, _MOST_HITS)
-            c.against = max(0, c.against - _HIT_WEIGHT)
+    observe_cells(table, j, low, high, d.bottom_m - d.top_m, t_ns)
     near = max(offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m))
     t.excess_m = max(t.excess_m, near)
     if t.seen_ns != t_ns:
-        t.hit_rate += _RATE_STEP * (1.0 - t.hit_rate)
-        t.hits = min(t.hits + 1, _MOST_HITS)
-        t.seen_ns = t_ns
         t.cluster = d.cluster
         if d.margin_m < t.margin_m:
             t.margin_m += rules.shrink_share * (d.margin_m - t.margin_m)
+    count_observation(t, t_ns)
     t.margin_m = max(t.margin_m, d.margin_m)
 
 
@@ -144,6 +141,7 @@ def replace_line(table, j, d):
     for k in range(t.cells):
         hits = max(hits, table.cells[j, k].hits)
     begin_line(t, d)
+    t.nearer_m = 0.0
     t.s0_m, t.s1_m = -0.5 * d.length_m, 0.5 * d.length_m
     t.top_m, t.bottom_m = d.top_m, d.bottom_m
     t.cell_m, t.first_cell, t.cells = CELL_M, int(math.floor(t.s0_m / CELL_M)), 1
@@ -157,7 +155,9 @@ def replace_line(table, j, d):
 @inner
 def end_observation(t, detections, rules):
     """Lets the extent of an observed track shrink towards this frame's observations, where no border of the image cut
-    them."""
+    them, and its published plane return to the line."""
+    behind_m = max(BEHIND_M, 0.25 * t.margin_m)
+    t.nearer_m = max((1.0 - rules.shrink_share) * t.nearer_m, t.excess_m - behind_m)
     cut = 0
     k = t.first_detection
     for _ in range(detections.shape[0]):
@@ -213,6 +213,10 @@ def same_surface(t, other, rules, eye_x, eye_y):
         if sideways(t, x, y, off, eye_x, eye_y) > SIDEWAYS_M:
             return False
     if far > min(_MERGE_M, rules.gate_max_m):
+        return False
+    if other.hits < STEADY_HITS and is_much_taller(other, other.plane_flags, t):
+        return False
+    if t.hits < STEADY_HITS and is_much_taller(t, t.plane_flags, other):
         return False
     if min(high, t.s1_m) - max(low, t.s0_m) <= 0.0 or heights_overlap(other, t) < 0.5:
         return False

@@ -1,0 +1,294 @@
+"""Whether several tracks together hide from the camera what one detection hides.
+
+In foliage and along cluttered surfaces the planes of one surface change from frame to frame: a detection continues no
+track, although all of it stands where tracks stand already. Then the tracks that hide it are observed, and no track is
+added beside them.
+
+A track can hide the part of a detection over which it is seen, a short distance behind it or at most the gate in front of
+it. The detection is divided along its length where such a part begins or ends, and each of these pieces must be hidden over
+its whole height. A track that hides a part of the detection, and is too short for the rest by less than GROW_M, is extended.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inner, kernel, record
+from .line import EDGE_ON, offset, seen_at, sideways
+from .publish import BEHIND_M
+from .tables import NONE, count_observation, make_room, observe_cells
+
+LOST_M = 0.02
+"""Not tuning: a track seen edge-on is too narrow for what lies farther beside it."""
+BEHIND_MAX_M, BEHIND_SHARE = 0.2, 0.5
+"""Not tuning: a track may lie behind a detection by this share of the detection's margin, between BEHIND_M and this."""
+MOST_PARTS = 32
+"""Not tuning: tracks that are considered for one detection."""
+_EXACT_M = 1e-3
+"""Not tuning: narrower pieces are not looked at."""
+
+GROW_M = 0.25
+"""Not tuning: a track that is too short by less is extended."""
+
+PART = record(
+    ("s0_m", np.float64),
+    ("s1_m", np.float64),
+    ("wide0_m", np.float64),
+    ("wide1_m", np.float64),
+    ("slot", np.int32),
+    ("hits", np.int32),
+)
+"""A part of a detection that a track can hide. s0_m, s1_m: along the detection from its first end; slot: of the track;
+hits: its observations; wide0_m, wide1_m: the part when the track is extended."""
+
+
+@kernel
+def new_parts():
+    """Scratch of `is_hidden`: (MOST_PARTS,) PART, and float64 for the borders of the pieces."""
+    return np.zeros(MOST_PARTS, PART), np.zeros(4 * MOST_PARTS + 2)
+
+
+@inner
+def is_hidden(tracks, d, gate_m, eye, parts, borders):
+    """Number of parts found where the tracks together hide a detection, else 0. eye: x, y, z of the camera."""
+    count = find_parts(tracks, d, gate_m, eye, parts)
+    if count == 0:
+        return 0
+    n = find_borders(parts, count, d, borders)
+    for k in range(n - 1):
+        if borders[k + 1] - borders[k] < _EXACT_M:
+            continue
+        middle = 0.5 * (borders[k] + borders[k + 1])
+        z = d.top_m + _EXACT_M
+        for _ in range(2 * count + 1):
+            if z >= d.bottom_m - _EXACT_M:
+                break
+            best, slack = next_part(tracks, d, parts, count, middle, z, eye)
+            if best == NONE:
+                return 0
+            z = max(z, lower_edge(tracks[parts[best].slot], d, middle, eye) + slack)
+        if z < d.bottom_m - _EXACT_M:
+            return 0
+    return count
+
+
+@inner
+def behind_of(d):
+    """How far a track may lie behind a detection that it hides, m."""
+    return min(BEHIND_MAX_M, max(BEHIND_M, BEHIND_SHARE * d.margin_m))
+
+
+@inner
+def find_parts(tracks, d, gate_m, eye, parts):
+    """The parts of a detection that tracks can hide, those observed most often first where there are too many."""
+    count = 0
+    reach = gate_m + GROW_M
+    low_x, high_x = min(d.ax_m, d.bx_m) - reach, max(d.ax_m, d.bx_m) + reach
+    low_y, high_y = min(d.ay_m, d.by_m) - reach, max(d.ay_m, d.by_m) + reach
+    for j in range(tracks.shape[0]):
+        t = tracks[j]
+        if t.hits == 0 or t.top_m > d.bottom_m + reach or t.bottom_m < d.top_m - reach:
+            continue
+        x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
+        x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+        if min(x0, x1) > high_x or max(x0, x1) < low_x or min(y0, y1) > high_y or max(y0, y1) < low_y:
+            continue
+        if offset(t, eye[0], eye[1]) <= 0.0:
+            continue  # seen from behind
+        a, b = seen_on(d, x0, y0, eye), seen_on(d, x1, y1, eye)
+        low, high = min(a, b), max(a, b)
+        wide0, wide1 = within(t, d, max(0.0, low - GROW_M), min(d.length_m, high + GROW_M), gate_m, eye)
+        if min(high, wide1) - max(low, wide0) < _EXACT_M:
+            continue  # a track that hides nothing of the detection is not extended to it
+        at = count
+        if count == parts.shape[0]:
+            at = 0
+            for k in range(count):
+                at = k if parts[k].hits < parts[at].hits else at
+            if parts[at].hits >= t.hits:
+                continue
+        else:
+            count += 1
+        p = parts[at]
+        p.s0_m, p.s1_m, p.wide0_m, p.wide1_m, p.slot, p.hits = (
+            max(low, wide0),
+            min(high, wide1),
+            wide0,
+            wide1,
+            j,
+            t.hits,
+        )
+    return count
+
+
+@inner
+def within(t, d, low, high, gate_m, eye):
+    """The part of low..high of a detection over which the line of a track is seen within the tolerances."""
+    first = offset(t, d.ax_m, d.ay_m)
+    slope = (offset(t, d.bx_m, d.by_m) - first) / d.length_m
+    behind, gate_m = behind_of(d), gate_m * max(EDGE_ON, facing_of(t, d, eye))
+    if abs(slope) < 1e-9:
+        if first > behind or first < -gate_m:
+            return 0.0, 0.0
+    else:
+        enter, leave = (-gate_m - first) / slope, (behind - first) / slope
+        low, high = max(low, min(enter, leave)), min(high, max(enter, leave))
+    if high <= low:
+        return 0.0, 0.0
+    for end in range(2):
+        s = low if end == 0 else high
+        x, y = d.ax_m + s * d.tx, d.ay_m + s * d.ty
+        if edge_on(t, x, y, eye) and sideways(t, x, y, offset(t, x, y), eye[0], eye[1]) > LOST_M:
+            return 0.0, 0.0
+    return low, high
+
+
+@inner
+def facing_of(t, d, eye):
+    """Sine of the angle between the line of a track and the viewing ray of the middle of a detection."""
+    dx, dy = 0.5 * (d.ax_m + d.bx_m) - eye[0], 0.5 * (d.ay_m + d.by_m) - eye[1]
+    return abs(dy * t.tx - dx * t.ty) / max(1e-6, math.sqrt(dx * dx + dy * dy))
+
+
+@inner
+def edge_on(t, x, y, eye):
+    """Whether the line of a track is seen edge-on at a point."""
+    dx, dy = x - eye[0], y - eye[1]
+    return abs(dy * t.tx - dx * t.ty) < EDGE_ON * math.sqrt(dx * dx + dy * dy)
+
+
+@inner
+def seen_on(d, x, y, eye):
+    """Where the viewing ray of a point meets the line of a detection, m from its first end; the foot of the point where the
+    line is seen edge-on."""
+    dx, dy = x - eye[0], y - eye[1]
+    r = math.sqrt(dx * dx + dy * dy)
+    s = (x - d.ax_m) * d.tx + (y - d.ay_m) * d.ty
+    if r < 1e-6:
+        return s
+    facing = (dy * d.tx - dx * d.ty) / r
+    if abs(facing) < EDGE_ON:
+        return s
+    off = (y - d.ay_m) * d.tx - (x - d.ax_m) * d.ty
+    return s - off * (dx * d.tx + dy * d.ty) / r / facing
+
+
+@inner
+def find_borders(parts, count, d, borders):
+    """Sorted ends of the parts and of the detection; returns how many."""
+    borders[0], borders[1], n = 0.0, d.length_m, 2
+    for k in range(count):
+        for end in range(4):
+            s = parts[k].s0_m
+            if end == 1:
+                s = parts[k].s1_m
+            elif end == 2:
+                s = parts[k].wide0_m
+            elif end == 3:
+                s = parts[k].wide1_m
+            if not 0.0 < s < d.length_m:
+                continue
+            at = n
+            while at > 0 and borders[at - 1] > s:
+                borders[at] = borders[at - 1]
+                at -= 1
+            borders[at] = s
+            n += 1
+    return n
+
+
+@inner
+def next_part(tracks, d, parts, count, s, z, eye):
+    """(The part that hides a detection at s from height z downwards, how far its track may be extended for it). The track
+    observed most often is taken, and one is extended only where none hides it as it is. NONE: there is none."""
+    for way in range(2):
+        slack = 0.0 if way == 0 else GROW_M
+        best = NONE
+        for k in range(count):
+            p = parts[k]
+            if way == 0 and (p.s0_m > s or p.s1_m < s):
+                continue
+            if p.wide0_m > s or p.wide1_m < s or (best != NONE and p.hits <= parts[best].hits):
+                continue
+            t = tracks[p.slot]
+            upper, lower = upper_edge(t, d, s, eye), lower_edge(t, d, s, eye)
+            if min(lower, d.bottom_m) - max(upper, d.top_m) < _EXACT_M:
+                continue
+            if upper <= z + _EXACT_M + slack and lower + slack > z + _EXACT_M:
+                best = k
+        if best != NONE:
+            return best, slack
+    return NONE, 0.0
+
+
+@inner
+def upper_edge(t, d, s, eye):
+    """Height at which the upper edge of a track is seen on a detection at s."""
+    return eye[2] + (t.top_m - eye[2]) / range_share(t, d, s, eye)
+
+
+@inner
+def lower_edge(t, d, s, eye):
+    """Height at which the lower edge of a track is seen on a detection at s."""
+    return eye[2] + (t.bottom_m - eye[2]) / range_share(t, d, s, eye)
+
+
+@inner
+def range_share(t, d, s, eye):
+    """Range of a track over that of a detection at s, on the same viewing ray."""
+    off = offset(t, d.ax_m + s * d.tx, d.ay_m + s * d.ty)
+    whole = offset(t, eye[0], eye[1])
+    if whole < 1.0:
+        return 1.0  # seen edge-on: the foot is compared
+    return min(2.0, max(0.5, whole / (whole - off)))
+
+
+@inner
+def support(table, d, parts, count, borders, eye, t_ns):
+    """Observes the tracks that hide a detection. Their lines remain; those that are too short for it are extended, and their
+    margins reach its nearest face."""
+    n = find_borders(parts, count, d, borders)
+    for k in range(n - 1):
+        if borders[k + 1] - borders[k] < _EXACT_M:
+            continue
+        middle = 0.5 * (borders[k] + borders[k + 1])
+        z = d.top_m + _EXACT_M
+        for _ in range(2 * count + 1):
+            if z >= d.bottom_m - _EXACT_M:
+                break
+            best, slack = next_part(table.tracks, d, parts, count, middle, z, eye)
+            if best == NONE:
+                break
+            j, low = parts[best].slot, z
+            z = max(z, lower_edge(table.tracks[j], d, middle, eye) + slack)
+            support_part(table, j, d, borders[k], borders[k + 1], low, min(z, d.bottom_m), slack, eye, t_ns)
+
+
+@inner
+def support_part(table, j, d, s0, s1, top, bottom, slack, eye, t_ns):
+    """One track over one piece of a detection, at heights top..bottom of it."""
+    t = table.tracks[j]
+    ax, ay = d.ax_m + s0 * d.tx, d.ay_m + s0 * d.ty
+    bx, by = d.ax_m + s1 * d.tx, d.ay_m + s1 * d.ty
+    sa, sb = seen_at(t, ax, ay, eye[0], eye[1]), seen_at(t, bx, by, eye[0], eye[1])
+    low, high = min(sa, sb), max(sa, sb)
+    share = range_share(t, d, 0.5 * (s0 + s1), eye)
+    top, bottom = eye[2] + share * (top - _EXACT_M - eye[2]), eye[2] + share * (bottom + _EXACT_M - eye[2])
+    if slack > 0.0:
+        t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)
+        t.top_m, t.bottom_m = min(t.top_m, top), max(t.bottom_m, bottom)
+        make_room(table, j, low, high)
+    else:
+        low, high = max(t.s0_m, low), min(t.s1_m, high)
+        top, bottom = max(t.top_m, top), min(t.bottom_m, bottom)
+    if high < low:
+        return
+    t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)
+    t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, top), max(t.frame_bottom_m, bottom)
+    near = max(offset(t, ax, ay), offset(t, bx, by))
+    t.excess_m = max(t.excess_m, near)
+    t.margin_m = max(t.margin_m, d.margin_m + min(0.0, near))
+    observe_cells(table, j, low, high, bottom - top, t_ns)
+    count_observation(t, t_ns)

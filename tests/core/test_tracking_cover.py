@@ -1,0 +1,118 @@
+"""A detection that several tracks together hide adds no track; what they do not hide appears at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from core.tracking.snapshot import TrackingFrame
+from core.tracking.tracker import Tracker
+
+from .test_tracking import SMALL, WALL, distance, frame, with_margin
+from .worlds import wall
+
+pytestmark = pytest.mark.nojit
+LEFT, RIGHT = wall(6.0, -1.5, 6.0, 0.0), wall(6.1, 0.0, 6.1, 1.5)
+FLAT = wall(6.2, -1.4, 6.2, 1.4)
+"""Lies 0.2 m and 0.1 m behind the two."""
+
+
+def settled(walls: list[list[float]], frames: int = 10) -> Tracker:
+    tracker = Tracker(SMALL)
+    for k in range(frames):
+        tracker.observe(frame(walls, k))
+    return tracker
+
+
+def only(planes: list[list[float]], k: int, flags: int = 0) -> TrackingFrame:
+    """Frame k with these planes, whatever they hide of each other."""
+    f = frame([WALL], k)
+    n = len(planes)
+    model = dataclasses.replace(
+        f.model,
+        planes=np.array(planes, np.float32),
+        support_px=np.full(n, 50, np.int32),
+        margin_m=np.full(n, 0.05, np.float32),
+        flags=np.full(n, flags, np.uint8),
+        cluster=np.zeros(n, np.int32),
+    )
+    return dataclasses.replace(f, model=model)
+
+
+def test_a_detection_behind_two_tracks_adds_none() -> None:
+    tilted = wall(6.05, -1.2, 6.45, 1.2)
+    tracker = settled([LEFT, RIGHT])
+    s = tracker.observe(only([tilted], 10))
+    assert sorted(s.ids.tolist()) == [1, 2]
+    assert s.unseen_ns.tolist() == [0, 0]
+
+
+def test_the_margin_of_the_tracks_reaches_the_nearest_face_of_what_they_hide() -> None:
+    tracker = settled([LEFT, RIGHT])
+    s = tracker.observe(with_margin(only([FLAT], 10), 0.5))
+    assert (s.planes[:, [0, 2]].max(axis=1) - s.margin_m <= 6.2 - 0.5 + 0.01).all()
+
+
+def test_a_detection_in_front_of_the_tracks_is_a_track_at_once() -> None:
+    tracker = settled([LEFT, RIGHT])
+    s = tracker.observe(only([wall(5.2, -1.2, 5.2, 1.2)], 10))
+    assert distance(s, 5.2, 0.0) < 1e-3
+
+
+@pytest.mark.parametrize("gap_m", [0.1, 0.5])
+def test_a_gap_between_the_tracks_is_covered_where_a_detection_lies_in_it(gap_m: float) -> None:
+    left, right = wall(6.0, -1.5, 6.0, -gap_m / 2), wall(6.1, gap_m / 2, 6.1, 1.5)
+    tracker = settled([left, right])
+    s = tracker.observe(only([wall(6.05, -1.2, 6.45, 1.2)], 10))
+    for y in np.linspace(-1.2, 1.2, 25):
+        assert distance(s, 6.05 + (y + 1.2) / 6.0, float(y)) <= SMALL.gate_max_m + 0.01
+        angle = math.atan2(y, 6.25)
+        assert any(
+            min(math.atan2(b, a), math.atan2(d, c)) <= angle + 1e-3
+            and max(math.atan2(b, a), math.atan2(d, c)) >= angle - 1e-3
+            for a, b, c, d, *_ in s.planes.tolist()
+        )
+
+
+def test_two_posts_are_not_joined_by_growth() -> None:
+    tracker = Tracker(SMALL)
+    for k in range(5):
+        s = tracker.observe(only([wall(6.0, -0.3, 6.0, -0.1), wall(6.0, 0.1, 6.0, 0.3)], k))
+    assert len(s.ids) == 2
+    assert distance(s, 6.0, 0.0) >= 0.1 - 1e-3
+
+
+def test_a_filled_gap_seen_open_goes_after_one_frame_that_sees_through_it() -> None:
+    tracker = settled([WALL])
+    s = tracker.observe(only([wall(4.0, -0.5, 4.0, 0.5), WALL], 10, flags=1))
+    assert distance(s, 4.0, 0.0) < 0.1
+    assert distance(tracker.observe(frame([WALL], 11)), 4.0, 0.0) > 3.0
+
+
+def test_a_measured_obstacle_needs_more_than_one_frame_that_sees_through_it() -> None:
+    tracker = settled([WALL])
+    tracker.observe(only([wall(4.0, -0.5, 4.0, 0.5), WALL], 10, flags=3))
+    assert distance(tracker.observe(frame([WALL], 11)), 4.0, 0.0) < 0.1
+
+
+def test_one_tall_detection_does_not_make_a_steady_track_taller() -> None:
+    low, tall = wall(6.0, -1.0, 6.0, 1.0, -3.0, -1.0), wall(6.0, -1.0, 6.0, 1.0, -3.0, 1.5)
+    tracker = Tracker(SMALL)
+    for k in range(10):
+        tracker.observe(only([low], k))
+    s = tracker.observe(only([tall], 10))
+    assert s.planes[s.ids == 1, 5] <= -0.9
+    assert s.planes[:, 5].max() >= 1.5 - 1e-3, "what the detection hides is hidden at once"
+
+
+def test_a_plane_moved_towards_the_camera_hides_the_same_directions() -> None:
+    tracker = settled([wall(6.0, 1.0, 6.0, 5.0)], 20)
+    near = wall(5.7, 0.95, 5.7, 4.75)
+    s = tracker.observe(with_margin(only([near], 20), 0.05))
+    ax, ay, bx, by = s.planes[0, :4].tolist()
+    assert min(ax, bx) < 5.95
+    assert min(math.atan2(ay, ax), math.atan2(by, bx)) <= math.atan2(0.95, 5.7) + 2e-3
+    assert max(math.atan2(ay, ax), math.atan2(by, bx)) >= math.atan2(4.75, 5.7) - 2e-3
