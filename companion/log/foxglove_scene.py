@@ -20,8 +20,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.duration_pb2 import Duration
 
 from core.frames import quaternion_from_euler, rotation_from_quaternion
-from core.stages.prism_table import PrismTable, prism_table
-from core.types import CameraInfo
+from core.types import CameraInfo, Prism
 from drivers.logs.codec import optical_frame, stamp
 
 from ..pipeline.quaternion import Quaternion as Wxyz
@@ -47,7 +46,8 @@ def scene_message(result: PrismsResult) -> SceneUpdate:
         return SceneUpdate(deletions=[deletion])
     x_m, y_m, _ = result.transform.translation_m if result.transform is not None else (0.0, 0.0, 0.0)
     triangles = TriangleListPrimitive(pose=_pose())
-    _draw(triangles, prism_table(result.model.prisms), (x_m, y_m))
+    for prism in result.model.prisms:
+        _draw(triangles, prism, (x_m, y_m))
     entity = SceneEntity(
         timestamp=timestamp,
         frame_id=result.frame,
@@ -95,20 +95,16 @@ def _pose() -> Pose:
     return Pose(position=Vector3(), orientation=Quaternion(w=1.0))
 
 
-def _draw(triangles: TriangleListPrimitive, prisms: PrismTable, camera_xy: tuple[float, float]) -> None:
-    """Two triangles per edge of the side profiles; the four corners are stored once, since the service draws in flight."""
-    heights, vertices = prisms.heights_m.tolist(), prisms.vertices_m.tolist()
-    begins, closed = prisms.vertex_begin.tolist(), prisms.closed.tolist()
-    points = triangles.points
-    for k, (top, bottom) in enumerate(heights):
-        xy = vertices[begins[k] : begins[k + 1]]
-        ends = xy[1:] + xy[:1] if closed[k] else xy[1:]
-        for a, b in zip(xy, ends, strict=False):
-            first = len(points)
-            for p, z in ((a, top), (b, top), (b, bottom), (a, bottom)):
-                points.add(x=p[0], y=p[1], z=z)
-            triangles.colors.extend([distance_colour(_distance(a, b, camera_xy))] * 4)
-            triangles.indices.extend((first, first + 1, first + 2, first, first + 2, first + 3))
+def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float, float]) -> None:
+    """Two triangles per edge of the side profile; the four corners are stored once, since the service draws in flight."""
+    xy = prism.vertices_m.tolist()
+    ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
+    for a, b in zip(xy, ends, strict=False):
+        first = len(triangles.points)
+        for p, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m)):
+            triangles.points.add(x=p[0], y=p[1], z=z)
+        triangles.colors.extend([distance_colour(_distance(a, b, camera_xy))] * 4)
+        triangles.indices.extend([first + i for i in (0, 1, 2, 0, 2, 3)])
 
 
 def _distance(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:

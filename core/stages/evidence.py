@@ -113,8 +113,7 @@ def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
         rules: a record of MERGE_RULES.
         evidence: Evidence.
         openings: OpeningMasks.
-        run: (R + 2,) int32 scratch: side of the empty square that ends in each row of the previous column. The first
-            and the last row move one way from column to column, so entries beyond them are not read again."""
+        run: (R + 2,) int32 scratch."""
     grid, noise_s = evidence.nearest, rules.sigmas * rules.sigma_s
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))
     i1 = min(grid.shape[0], first_cell(joined.t1 * evidence.across + evidence.cu))
@@ -148,6 +147,7 @@ def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
                     continue
                 if is_open(openings, t, m, 1.0 / s):
                     return 2.0
+        run[j1 + 1 :] = 0
         cells += max(0, j1 - j0)
     return empty / max(cells, 1)
 

@@ -78,20 +78,16 @@ def count_dark_blocks(codes, u0, u1, dark_blocks):
         dark_blocks: (cols, rows // DARK_ROWS + 1) int16 out. Line k is the k-th of these columns; element b is the
             number of such blocks before block b."""
     one, two, three, step = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(DARK_ROWS)
-    blocks = np.uint64(dark_blocks.shape[1])
     found = 0
     for u in range(u0, u1):
-        column, counts, total = codes[u], dark_blocks[found], np.int16(0)
+        column, counts, total, v = codes[u], dark_blocks[found], np.int16(0), np.uint64(0)
         counts[0] = 0
-        # apart from the sum, which would keep blocks from being looked at many at a time
-        for b in range(one, blocks):
-            v = step * (b - one)
-            p, q = column[v] == Q_UNKNOWN, column[v + one] == Q_UNKNOWN
-            r, s = column[v + two] == Q_UNKNOWN, column[v + three] == Q_UNKNOWN
-            counts[b] = np.int16((p & q & (r | s)) | (r & s & (p | q)))
-        for b in range(one, blocks):
-            total = np.int16(total + counts[b])
+        for b in range(1, counts.shape[0]):
+            upper = np.int16(column[v] == Q_UNKNOWN) + np.int16(column[v + one] == Q_UNKNOWN)
+            lower = np.int16(column[v + two] == Q_UNKNOWN) + np.int16(column[v + three] == Q_UNKNOWN)
+            total += np.int16(upper + lower > 2)
             counts[b] = total
+            v += step
         if total > 0:
             found += 1
     return found

@@ -71,7 +71,7 @@ def merge_buffers(planes: int, partners: int) -> MergeBuffers:
         np.zeros(planes, np.int32),
         np.zeros(planes, np.int32),
         np.zeros(-(-planes // TILE) * TRAITS * TILE),
-        np.zeros(-(-planes // TILE) * TILE),
+        np.zeros(planes),
         queue_buffers(planes * partners),
     )
 

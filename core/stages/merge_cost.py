@@ -75,8 +75,6 @@ class Piece(NamedTuple):
 TRAITS = len(Piece._fields)
 TILE = 64
 """Number of pieces whose traits are stored side by side. It is not a tuning parameter."""
-_GROUP = 8
-"""Number of pieces that are scored together, a divisor of TILE. It is not a tuning parameter."""
 _SURELY = 2.0
 """Factor on the allowed deviation, beyond which `surely_apart` refuses a pair without a fit. It is not a tuning
 parameter."""
@@ -241,21 +239,17 @@ def of_tile(tiles, at):
 def costs_of_next(tiles, k, end, rules, costs):
     """Computes `pair_cost` of piece k with each of the pieces k + 1..end - 1; REFUSED where `surely_apart`.
 
-    Whole groups of _GROUP pieces are scored, since the rest of a group, piece by piece, takes as long as all groups
-    before it. Costs of pieces outside of k + 1..end - 1 have no meaning.
-
     Args:
         tiles: of `fill_tiles`.
         k: a piece, by its position in the order.
         end: end of the pieces.
         rules: a record of MERGE_RULES.
-        costs: (N,) float64 out, N a multiple of TILE."""
+        costs: (N,) float64 out."""
     p = of_tile(tiles, np.uint64(k // TILE * TRAITS * TILE + k % TILE))
     gap = rules.gap_m
-    first, last = (k + 1) // _GROUP * _GROUP, -(-end // _GROUP) * _GROUP
-    for tile in range(first // TILE, (last - 1) // TILE + 1):
+    for tile in range((k + 1) // TILE, (end - 1) // TILE + 1):
         begin, before = np.uint64(tile * TRAITS * TILE), np.uint64(tile * TILE)
-        for lane in range(np.uint64(max(first - tile * TILE, 0)), np.uint64(min(last - tile * TILE, TILE))):
+        for lane in range(np.uint64(max(k + 1 - tile * TILE, 0)), np.uint64(min(end - tile * TILE, TILE))):
             q = of_tile(tiles, begin + lane)
             cost, _, _ = pair_cost(p, q, rules)
             costs[before + lane] = REFUSED if surely_apart(p, q, gap) else cost

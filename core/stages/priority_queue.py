@@ -24,8 +24,6 @@ ENTRY = record(
     ("after", np.int32),  # next entry of its list, -1: none
 )
 """An entry of the queue."""
-HEAPED = record(("cost", np.float64), ("entry", np.int64))
-"""Index of an entry in the heap and its cost, so that costs are compared without access to the entries."""
 
 QUEUE_STATE = record(("list", np.int64), ("waiting", np.int64))
 """The list that is being emptied, and the number of entries in the heap."""
@@ -37,12 +35,12 @@ class Queue(NamedTuple):
     Attributes:
         entries: (M,) ENTRY, whose positions do not change.
         lists: (STEPS,) int32, first entry of each list, -1: none.
-        heap: (M,) HEAPED.
+        heap: (M,) int32, indices of entries.
         state: (1,) QUEUE_STATE."""
 
     entries: NDArray[Any]
     lists: NDArray[np.int32]
-    heap: NDArray[Any]
+    heap: NDArray[np.int32]
     state: NDArray[Any]
 
 
@@ -51,7 +49,7 @@ def queue_buffers(entries: int) -> Queue:
     return Queue(
         np.zeros(entries, ENTRY),
         np.zeros(STEPS, np.int32),
-        np.zeros(entries, HEAPED),
+        np.zeros(entries, np.int32),
         np.zeros(1, QUEUE_STATE),
     )
 
@@ -68,8 +66,7 @@ def clear_queue(queue):
 def push(queue, k):
     """Inserts entry k. Its cost must be below 1 and not below that of the entry taken last."""
     entries, heap, state = queue.entries, queue.heap, queue.state[0]
-    cost = entries[k].cost
-    step = np.int64(cost * STEPS)
+    step = np.int64(entries[k].cost * STEPS)
     if step > state.list:
         entries[k].after, queue.lists[step] = queue.lists[step], k
         return
@@ -77,11 +74,11 @@ def push(queue, k):
     state.waiting += 1
     for _ in range(64):
         up = (at - 1) >> 1
-        if at == 0 or not _before(entries, cost, k, heap[up].cost, heap[up].entry):
+        if at == 0 or not _before(entries[k], entries[heap[up]]):
             break
         heap[at] = heap[up]
         at = up
-    heap[at].cost, heap[at].entry = cost, k
+    heap[at] = k
 
 
 @inner_inline
@@ -103,30 +100,26 @@ def pop(queue):
             k = following
             if k < 0:
                 break
-    taken, state.waiting = heap[0].entry, state.waiting - 1
-    count = state.waiting
-    cost, last = heap[count].cost, heap[count].entry
+    taken, state.waiting = heap[0], state.waiting - 1
+    count, last = state.waiting, heap[state.waiting]
     at = 0
     for _ in range(64):
         child = 2 * at + 1
         if child >= count:
             break
-        left, right = heap[child], heap[child + 1]
-        if child + 1 < count and _before(entries, right.cost, right.entry, left.cost, left.entry):
+        if child + 1 < count and _before(entries[heap[child + 1]], entries[heap[child]]):
             child += 1
-        least = heap[child]
-        if not _before(entries, least.cost, least.entry, cost, last):
+        if not _before(entries[heap[child]], entries[last]):
             break
-        heap[at] = least
+        heap[at] = heap[child]
         at = child
-    heap[at].cost, heap[at].entry = cost, last
-    return taken
+    heap[at] = last
+    return np.int64(taken)
 
 
-@inner_inline
-def _before(entries, cost, k, other_cost, other):
-    """True if entry k, of this cost, comes before the entry `other`."""
-    if cost != other_cost:
-        return cost < other_cost
-    a, b = entries[k], entries[other]
+@inner
+def _before(a, b):
+    """True if entry a comes before entry b."""
+    if a.cost != b.cost:
+        return a.cost < b.cost
     return a.first < b.first or (a.first == b.first and a.second < b.second)

@@ -289,8 +289,7 @@ def test_costs_side_by_side_are_those_of_each_pair(seed: int, n: int) -> None:
     planes["bottom_m"] = planes["top_m"] + 1.0
     rules = pairs.merge_rules(view(), 0.0005, Params())[0]
     traits, order = traits_of(planes, rules), rng.permutation(n).astype(np.int32)
-    whole = -(-n // pairs.TILE) * pairs.TILE
-    tiles, costs = np.zeros(whole * pairs.TRAITS), np.zeros(whole)
+    tiles, costs = np.zeros(-(-n // pairs.TILE) * pairs.TRAITS * pairs.TILE), np.zeros(n)
     pairs.fill_tiles(order, n, traits, tiles)
     k = int(rng.integers(0, n - 1))
     end = int(rng.integers(k + 2, n + 1))
