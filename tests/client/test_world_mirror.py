@@ -321,7 +321,7 @@ def test_frames_that_wait_too_long_are_dropped_the_oldest_first(speaker: Speaker
         speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, now() + k)))
     assert speaker.service.dropped == 12
     speaker.service.open()
-    with WorldMirror(*speaker.addresses) as mirror:
+    with WorldMirror(*speaker.addresses, timeout_s=60.0) as mirror:
         assert until(lambda: mirror.update(0.1), 60.0)
         assert mirror._newest is not None
         assert mirror._newest.counts["frames_dropped"] == 12
