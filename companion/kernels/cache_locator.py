@@ -15,6 +15,7 @@ from pathlib import Path
 from numba.core.caching import UserProvidedCacheLocator
 
 from . import jit_cache
+from .source_state import cache_subfolder
 
 
 class SourceCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
@@ -27,7 +28,7 @@ class SourceCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
         """Returns the directory for a source file, relative to NUMBA_CACHE_DIR."""
         path = Path(os.path.abspath(py_file))
         if path.is_relative_to(jit_cache.ROOT):
-            return jit_cache.cache_subfolder(path.relative_to(jit_cache.ROOT))
+            return cache_subfolder(path.relative_to(jit_cache.ROOT))
         return str(super().get_suitable_cache_subpath(py_file))
 
     def __init__(self, py_func: object, py_file: str) -> None:

@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from .jit_cache import ROOT, cache_subfolder, kernel_files
+from .jit_cache import ROOT
+from .source_state import cache_subfolder, kernel_files
 
 _DECORATED: Final = re.compile(r"^@(?:_?kernel|kernel_ieee|inner|inner_inline|inner_ieee|inline_ieee)$", re.MULTILINE)
 """The decorators of core/jit.py and of drivers/simulation/ray_caster.py."""

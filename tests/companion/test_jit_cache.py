@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 import companion.kernels.jit_cache as jit_cache
-from companion.kernels.jit_cache import VARIABLE, base_of, import_closures, prune, seed, source_key, use_own_cache
+from companion.kernels.jit_cache import VARIABLE, base_of, prune, seed, use_own_cache
 from companion.kernels.manifest import delete_kernels
+from companion.kernels.source_state import CODE_OPTIONS, KERNELS_OUTSIDE_CORE, import_closures, source_key
 
 pytestmark = pytest.mark.process
 
@@ -59,7 +60,7 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def sources(root: Path, factor: int) -> Path:
     """A small core of two files, one calling the other."""
-    for name in ("core/__init__.py", *jit_cache.KERNELS_OUTSIDE_CORE):
+    for name in ("core/__init__.py", *KERNELS_OUTSIDE_CORE):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text("")
     (root / "core" / "inner.py").write_text(INNER.format(factor=factor))
@@ -221,7 +222,7 @@ def test_kernels_of_the_installation_are_taken_over(tmp_path: Path) -> None:
     assert (own / state.name / "complete-extractor").read_text() == "some processor"
 
 
-@pytest.mark.parametrize("variable", jit_cache.CODE_OPTIONS)
+@pytest.mark.parametrize("variable", CODE_OPTIONS)
 def test_options_of_the_compiler_have_kernels_of_their_own(
     tmp_path: Path, variable: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 import companion.kernels.warmup as warmup
-from companion.kernels.jit_cache import KERNELS_OUTSIDE_CORE, seed
+from companion.kernels.jit_cache import seed
 from companion.kernels.manifest import MANIFEST, copy_entries, damaged_kernels, delete_kernels, write_manifest
+from companion.kernels.source_state import KERNELS_OUTSIDE_CORE
 
 KERNELS = """
 from numba import njit
