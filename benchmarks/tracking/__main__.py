@@ -17,14 +17,14 @@ from benchmarks.speed.tables import table
 from companion.bench.timing import one_core
 from drivers.simulation.scene_library import make_scene
 
-from . import movers, stability, timing
+from . import movers, stability, timing, wires
 from .sequences import HZ, Pose, along, drifting, exposures, hovering, swinging, true_pose, vibrating
 
 OUT = Path("docs/research/tracking.md")
 SCENES = ("street", "trees", "alley")
 KES = (0.0015, 0.005)
 WARM = 10
-SECTIONS = ("still", "flight", "moving", "false", "vanish", "cost")
+SECTIONS = ("still", "flight", "moving", "false", "vanish", "wires", "cost")
 FALSE_SCENES = ("poles", "mixture", "trees", "demo")
 FALSE_S = 15.0
 
@@ -44,6 +44,7 @@ def main() -> int:
         "moving": lambda: moving(movers.CASES[:2] if args.quick else movers.CASES),
         "false": lambda: false(FALSE_SCENES[:1] if args.quick else FALSE_SCENES, 3.0 if args.quick else FALSE_S),
         "vanish": vanish,
+        "wires": thin,
         "cost": cost,
     }
     with one_core():
@@ -171,6 +172,28 @@ def vanish() -> str:
         gone, kept = timing.vanishing(ke, False), timing.vanishing(ke, True)
         rows.append([f"{ke:g}", f"{gone:.2f}", "kept" if math.isinf(kept) else f"removed after {kept:.2f} s"])
     return f"## Vanishing\n\nA box at 6 m before a wall at 14 m is removed, or hidden by a screen, after 1.5 s.\n\n{table(['ke, 1/m', 'removed box is gone after, s', 'hidden box, 3 s later'], rows)}"
+
+
+def thin() -> str:
+    """Wires of 2 cm."""
+    rows = []
+    for ke in KES:
+        for x_m in wires.RANGES_M:
+            _say(f"wire {x_m:g} m {ke:g}")
+            for r in wires.run(x_m, ke):
+                rows.append(
+                    [
+                        f"{x_m:g}",
+                        f"{ke:g}",
+                        str(r.frames),
+                        f"{100 * r.frame_kept:.1f}",
+                        str(r.frame_planes),
+                        f"{100 * r.tracks_kept:.1f}",
+                        str(r.tracks_planes),
+                    ]
+                )
+    head = ["range, m", "ke, 1/m", "frames", "frame: rays, %", "planes", "tracks: rays, %", "planes"]
+    return f"## Wires\n\nA wire of 2 cm across the view of a still camera, a wall behind it. *Rays*: share of its rays that are stopped within max(0.5 m, 2 sigma) of it; *planes*: those that stop any of them there.\n\n{table(head, rows)}"
 
 
 def cost() -> str:
