@@ -10,13 +10,12 @@ from drivers.mavlink.session_types import ARDUPILOT, PX4
 
 from ..config.avoidance import AvoidParams
 from ..pipeline.latency import LatencyStage
+from .failsafe import FENCE_SHARE
 from .firmware_version import PX4_ACCELERATION_MODE, FirmwareVersion
 from .parameters import RC_OPTIONS
 
 RC_PROXIMITY_SWITCH = 40
 """RCn_OPTION of ArduPilot for a switch that turns proximity avoidance on and off."""
-FENCE_SHARE = 0.92
-"""Distance of ArduPilot's fence over the distance of the obstacle, in the middle of a face."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,7 +40,6 @@ MIN_SPREAD_RAD = 1e-3
 """Pairs whose predicted rotation varies less than this over all lags do not determine the lag and are not registered.
 """
 LAGS_NS = np.round(LAGS_S * NS).astype(np.int64)
-ZERO_LAG = int(np.argmin(np.abs(LAGS_NS)))
 
 
 class ExposureOffsetMonitor:
@@ -138,7 +137,6 @@ class _Camera:
         self._waiting: deque[_Image] = deque()
         self._last: _Image | None = None
         self._guess_s = 0.0
-        self._still = 0
         self._fresh = 0
         self._measured: deque[NDArray[np.float64]] = deque(maxlen=MAX_PAIRS)
         self._sigma: deque[NDArray[np.float64]] = deque(maxlen=MAX_PAIRS)
@@ -177,7 +175,6 @@ class _Camera:
         R_b_a = R_b.transpose(0, 2, 1) @ R_a
         predicted = _rotation_vectors(R_b_a)
         if float(np.max(np.ptp(predicted, axis=0))) < MIN_SPREAD_RAD:
-            self._still += 1
             if self.offset.state is OffsetState.NO_ATTITUDE:
                 self.offset = ExposureOffset(camera=self.info.camera, state=OffsetState.NOT_ENOUGH_MOTION)
             return

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, inner_inline, kernel
+from ..jit import inner_inline, kernel
 from .evidence import Rectangle, uncovered_share
 from .line_fit import add_moments
 from .merge_cost import (
@@ -31,6 +31,7 @@ from .merge_cost import (
 )
 from .planes import distance_at
 from .priority_queue import Queue, clear_queue, pop, push, queue_buffers
+from .union_find import root_of
 
 _SAME = 1e-9
 """Costs that differ by less are equal except for rounding. It is not a tuning parameter."""
@@ -220,17 +221,6 @@ def was_scored(scored, i, j, version):
         return True
     scored[slot, 0], scored[slot, 1], scored[slot, 2] = i, j, version
     return False
-
-
-@inner
-def root_of(parent, k):
-    """Returns the plane into which plane k was merged, and halves the path."""
-    for _ in range(parent.shape[0]):
-        if parent[k] == k:
-            break
-        parent[k] = parent[parent[k]]
-        k = parent[k]
-    return k
 
 
 @inner_inline

@@ -53,13 +53,13 @@ class LinkBudget:
             hz = max(5, math.floor(room / self.attitude_bytes))
             remedy = f", or attitude_hz = {hz}" if self.need_in > SHARE * self.line and hz < self.attitude_hz else ""
             return (
-                f"the line of {baud} baud carries {self.line:.0f} bytes/s, and of what we ask for and send {most:.0f} go one "
-                f"way: set 921600 baud{remedy}"
+                f"the line of {baud} baud carries {self.line:.0f} bytes/s each way; the requested and sent messages "
+                f"need {most:.0f} bytes/s: set 921600 baud{remedy}"
             )
         if baud < SLOW_BAUD:
             return (
-                f"the line of {baud} baud is slow: we need {most:.0f} of its {self.line:.0f} bytes/s, and what else the "
-                "autopilot sends makes attitudes late; set 921600 baud"
+                f"the line of {baud} baud is slow: the service needs {most:.0f} of its {self.line:.0f} bytes/s, and other "
+                "messages of the autopilot delay the attitudes; set 921600 baud"
             )
         return ""
 

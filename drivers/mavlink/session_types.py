@@ -71,7 +71,7 @@ class LinkStatus:
     received: int
     counts: dict[str, int]
     signed: bool = False
-    """The autopilot's messages are signed with our key."""
+    """The autopilot's messages are signed with the configured key."""
     signing_fault: str = ""
     conflicts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is wrong with others on the line, as text."""

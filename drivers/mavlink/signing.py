@@ -32,10 +32,10 @@ class Verdict(Enum):
     """Result of the verification of a signature."""
 
     UNSIGNED = "unsigned"
-    UNCHECKED = "signed, and we have no key"
-    GOOD = "signed with our key"
+    UNCHECKED = "signed, and no key is configured"
+    GOOD = "signed with the configured key"
     FORGED = "signed with another key"
-    OLD = "signed with our key, but not newer than others before"
+    OLD = "signed with the configured key, but not newer than earlier messages"
 
 
 ANOMALIES = {
@@ -144,13 +144,15 @@ class Signing:
     def _without_key(self, now_ns: int, answered: bool) -> str:
         if not self._recent(Verdict.UNCHECKED, now_ns):
             return ""
-        does = "what it says may be forged" if answered else "it drops what we send, heartbeats aside"
-        return f"the autopilot signs and we have no key: {does}; name the file of its key in [autopilot] signing_key"
+        does = "its messages may be forged" if answered else "it drops all messages of this service but heartbeats"
+        return (
+            f"the autopilot signs and no key is configured: {does}; name the file of its key in [autopilot] signing_key"
+        )
 
     def _with_key(self, now_ns: int, answered: bool) -> str:
         if self._recent(Verdict.GOOD, now_ns):
             if not answered:
-                return "the autopilot takes nothing that we sign: its key is ours; is this machine's clock behind?"
+                return "the autopilot ignores signed messages: its key is the same; set the clock of this computer, which may be behind"
             # unsigned messages from before the key was set are of the autopilot itself
             wrong = [
                 v
@@ -162,12 +164,12 @@ class Signing:
             )
         ignored = "its messages are rejected, and no obstacles are sent to it"
         if self._recent(Verdict.FORGED, now_ns):
-            return f"the autopilot signs with another key than ours: {ignored}; give both the same key"
+            return f"the autopilot signs with another key: {ignored}; give both the same key"
         if self._recent(Verdict.OLD, now_ns):
-            return f"the autopilot's signatures are of the past: {ignored} before it has taken the time from us"
+            return f"the autopilot's signatures are too old: {ignored} until it has taken the time from this service"
         if self._recent(Verdict.UNSIGNED, now_ns):
             return (
-                f"the autopilot does not sign and we have a key: {ignored}; give it the key from the ground station, or "
+                f"the autopilot does not sign, but a key is set: {ignored}; give it the key from the ground station, or "
                 "leave [autopilot] signing_key empty"
             )
         return ""

@@ -109,8 +109,8 @@ class SigningClock:
             new.replace(file)
         except OSError as error:
             self.fault = (
-                f"the timestamps of signatures cannot be kept in {file} ({error.strerror}): after the next start with a "
-                "clock set back the autopilot would take what we say for old; make room or correct its rights"
+                f"the timestamps of signatures cannot be kept in {file} ({error.strerror}): if the clock is set back before "
+                "the next start, the autopilot will ignore this service; make room or correct the rights of the file"
             )
             return
         self._reserved, self.fault = ticks, ""

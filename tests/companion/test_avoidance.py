@@ -265,7 +265,13 @@ def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     [
         (PX4, {"CP_DIST": -1.0}, "", False, "CP_DIST = -1 switches collision prevention off"),
         (ARDUPILOT, {"PRX1_TYPE": 0.0}, "", False, "PRX1_TYPE = 0; set it to 2"),
-        (PX4, {"CP_DIST": -1.0}, "the autopilot signs and we have no key: x", False, "signs and we have no key"),
+        (
+            PX4,
+            {"CP_DIST": -1.0},
+            "the autopilot signs and no key is configured: x",
+            False,
+            "signs and no key is configured",
+        ),
         (PX4, {"CP_DIST": 3.0}, "", True, "MAV_PROTO_VER = 2"),
         (ARDUPILOT, {"PRX1_TYPE": 2.0}, "", True, "SERIALn_PROTOCOL = 2"),
         (PX4, {"CP_DIST": 3.0}, "", False, "MAV_n_MODE of its link Onboard"),

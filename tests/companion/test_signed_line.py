@@ -59,8 +59,8 @@ def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_report
     avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
     assert avoiding.line.change(lambda a: a.dropped) == []
     sign(avoiding.line, None)
-    avoiding.health.wait(lambda h: any("does not sign and we have a key" in t for t in h.troubles), PATIENCE_S)
-    assert until(lambda: "OA: the autopilot does not sign and we have a key" in avoiding.texts())
+    avoiding.health.wait(lambda h: any("does not sign, but a key is set" in t for t in h.troubles), PATIENCE_S)
+    assert until(lambda: "OA: the autopilot does not sign, but a key is set" in avoiding.texts())
     silent_from = len(avoiding.messages())
     health = avoiding.health.wait(
         lambda h: h.state == pb.Health.STATE_BLIND, 10.0
@@ -68,7 +68,7 @@ def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_report
     assert health.autopilot.counts["unsigned"] > 0
     assert len(avoiding.messages()) == silent_from
     sign(avoiding.line, bytes(reversed(KEY)))
-    avoiding.health.wait(lambda h: any("signs with another key than ours" in t for t in h.troubles), PATIENCE_S)
+    avoiding.health.wait(lambda h: any("signs with another key" in t for t in h.troubles), PATIENCE_S)
     sign(avoiding.line, KEY)
     avoiding.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
     assert until(lambda: any(t.startswith("OA: cleared: the autopilot") for t in avoiding.texts()))
@@ -93,11 +93,11 @@ def test_without_the_key_it_is_reported_that_the_autopilot_drops_messages(tmp_pa
         avoiding = AvoidingService(live, line, PX4)
         try:
             live.start()
-            fault = "signs and we have no key: it drops what we send"
+            fault = "signs and no key is configured: it drops all messages"
             avoiding.health.wait(lambda h: any(fault in t for t in h.troubles), 60.0)
             assert avoiding.messages() == []
             assert line.change(lambda a: len(a.of_kind("HEARTBEAT"))) > 0  # which it accepts unsigned
-            text = "OA: the autopilot signs and we have no key"
+            text = "OA: the autopilot signs and no key is configured"
             assert until(lambda: text in [m.text for m in line.change(lambda a: a.dropped) if m.get_msgId() == 253])
             assert live.stop() == 0
         finally:
@@ -122,7 +122,7 @@ def test_a_key_that_others_can_read_stops_the_start(tmp_path: Path, renders: Pat
     ("ours", "theirs", "good", "text"),
     [
         (KEY, KEY, True, "both ends sign"),
-        (None, KEY, False, "we have no key"),
+        (None, KEY, False, "no key is configured"),
         (KEY, None, False, "does not sign"),
         (KEY, bytes(32 * [7]), False, "another key"),
     ],

@@ -425,7 +425,7 @@ def test_what_we_send_and_its_signatures_count() -> None:
     out = [b.need_out for b in budgets if b is not None]
     assert out[1] - out[0] == pytest.approx(20 * (167 + 12))
     assert out[2] > out[1] + 20 * 13
-    assert "one way" in warning(5_760.0, telling)
+    assert "each way" in warning(5_760.0, telling)
 
 
 def test_points_and_distances_up_and_down_count_too() -> None:
