@@ -27,6 +27,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "temporal_noise": "noise estimate",
     "view_geometry": "level",
     "ground": "ground",
+    "ground_ranges": "ground",
     "ground_threshold": "ground",
     "density": "density, windows, strips, rest",
     "settings": "density, windows, strips, rest",
