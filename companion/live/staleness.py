@@ -12,7 +12,8 @@ NS = 1_000_000_000
 
 @dataclass(slots=True)
 class _Camera:
-    exposure_ns: int | None = None
+    exposure_ns: int | None = None  # of the newest valid frame
+    newest_ns: int | None = None  # of the newest frame, valid or not
     cause: str = "no frame yet"
     sequence: int = 0
 
@@ -28,7 +29,9 @@ class StalenessMonitor:
     def result(self, result: PrismsResult) -> None:
         """Adds the result of a frame."""
         seen = self._cameras[result.camera]
-        seen.sequence = result.sequence
+        # a valid frame is the newest also after its exposures began again at an earlier time
+        if result.valid or seen.newest_ns is None or result.t_exposure_ns >= seen.newest_ns:
+            seen.newest_ns, seen.sequence = result.t_exposure_ns, result.sequence
         if result.valid:
             seen.exposure_ns, seen.cause = result.t_exposure_ns, ""
         else:
@@ -51,6 +54,10 @@ class StalenessMonitor:
             return seen.cause
         return f"the newest valid exposure is {(age_ns or 0) / NS:.1f} s old"
 
+    def newest_ns(self, camera: str) -> int | None:
+        """Exposure of the newest frame with a result, valid or not; None: there was none."""
+        return self._cameras[camera].newest_ns
+
     def sequence(self, camera: str) -> int:
-        """Sequence number of the newest frame with a result."""
+        """Sequence number of the newest frame with a result, valid or not; 0: there was none."""
         return self._cameras[camera].sequence

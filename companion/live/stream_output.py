@@ -71,11 +71,12 @@ class StreamOutput:
         self._send("tracks", pb.Tracks, data, result.t_exposure_ns)
 
     def publish_blind(self, view: CameraView, now_ns: int) -> None:
-        """Publishes an invalid frame for a blind camera, with the stamp of its newest valid exposure."""
+        """Publishes an invalid frame for a blind camera, with the number and exposure of its newest frame, valid or not.
+        Before the first frame the exposure is now_ns."""
         camera = view.status.camera
-        t_ns = now_ns - (view.age_ns or 0)
         with self._state_lock:
-            sequence = self._staleness.sequence(camera)
+            sequence, newest_ns = self._staleness.sequence(camera), self._staleness.newest_ns(camera)
+        t_ns = now_ns if newest_ns is None else newest_ns
         message = blind_message(camera, sequence, t_ns, view.blind)
         self._send("prisms", pb.PrismsFrame, wire_bytes(message), t_ns)
 

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import socket
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.config.loader import Config
 from companion.live.event_queue import WAKE_ITEMS, EventQueue
+from companion.live.health import CameraView
 from companion.live.sd_notify import Notifier
 from companion.live.staleness import StalenessMonitor
+from companion.live.stream_output import StreamOutput
 from companion.pipeline.events import RawFrame, SupersededFrame
 from companion.pipeline.latency import Latencies, LatencyStage
 from companion.pipeline.results import PrismsResult
@@ -22,6 +27,7 @@ from companion.pipeline.sync import DropCause
 from core.params import Params
 from core.stages.model import blind_model
 from core.types import AttitudeSample, DepthFrame, InvalidCause
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .made_up import INFO, EasyExtractor, frame
 
@@ -171,6 +177,42 @@ def test_the_fault_of_a_camera_is_reported_first_once_its_frames_are_old() -> No
     ill = status(CameraCondition.SILENT, "no frame for 0.6 s")
     assert staleness.cause("front", 1100 * MS, ill) == ""
     assert staleness.cause("front", 1600 * MS, ill) == "silent: no frame for 0.6 s"
+
+
+def test_the_newest_frame_is_the_one_with_the_newest_exposure_valid_or_not() -> None:
+    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    assert staleness.newest_ns("front") is None
+    staleness.result(result(1000 * MS))
+    staleness.result(replace(result(6000 * MS, drop=DropCause.NO_ATTITUDE), sequence=9))
+    staleness.result(replace(result(5000 * MS, drop=DropCause.LATE_FRAME), sequence=8))
+    assert staleness.newest_ns("front") == 6000 * MS
+    assert staleness.sequence("front") == 9
+    assert staleness.age_ns("front", 6100 * MS) == 5100 * MS  # of the newest valid exposure
+    staleness.result(replace(result(3000 * MS), sequence=10))  # the exposures began again
+    assert (staleness.newest_ns("front"), staleness.sequence("front")) == (3000 * MS, 10)
+
+
+def test_blind_frames_carry_the_exposure_of_the_newest_frame() -> None:
+    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    output = StreamOutput(Config(), "boot", staleness, threading.Lock())
+    sent = output.publishers["prisms"] = _Publisher()  # type: ignore[assignment]
+    view = CameraView(status=status(CameraCondition.RUNNING, ""), required=True, blind="blind", age_ns=None, hz=0.0)
+    output.publish_blind(view, 500 * MS)
+    staleness.result(result(1000 * MS))
+    staleness.result(replace(result(6000 * MS, drop=DropCause.NO_ATTITUDE), sequence=9))
+    output.publish_blind(replace(view, age_ns=5100 * MS), 6100 * MS)
+    frames = [pb.PrismsFrame.FromString(data) for data in sent.sent]
+    assert [(f.sequence, f.t_exposure_ns, f.valid) for f in frames] == [(0, 500 * MS, False), (9, 6000 * MS, False)]
+
+
+class _Publisher:
+    """Keeps what is published."""
+
+    def __init__(self) -> None:
+        self.published, self.sent = 0, list[bytes]()
+
+    def publish(self, data: bytes) -> None:
+        self.sent.append(data)
 
 
 # ---- systemd --------------------------------------------------------------------------------------------------------------
