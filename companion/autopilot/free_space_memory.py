@@ -24,10 +24,12 @@ LEAST_APART_NS = NS // 10
 SLACK_M = 1.0
 """Distance by which the grid extends beyond the range of the obstacle output, since the vehicle moves and climbs."""
 NEVER = -math.inf
+OBSTACLE = 0
+"""Number that stands for an obstacle in place of a camera that saw a cell free."""
 
 
 class FreeMemory:
-    """A grid around the vehicle with the time at which each cell was last seen free. Not thread-safe."""
+    """A grid around the vehicle with the time at which each cell was last seen free or occupied. Not thread-safe."""
 
     def __init__(self, avoid: AvoidParams, reach_m: float = 0.0) -> None:
         """reach_m: horizontal range to which free space is remembered; at least max_distance_m."""
@@ -37,14 +39,15 @@ class FreeMemory:
         up = math.ceil((avoid.band_above_m + avoid.band_below_m + 2.0 * SLACK_M) / self._height_m)
         self._cell_m = np.array([self._height_m, avoid.step_m, avoid.step_m])  # z, x, y
         self._seen_s = np.full((up, across, across), NEVER)
-        self._seen_by = np.zeros(self._seen_s.shape, np.uint8)  # number of the camera that saw it last
+        self._seen_by = np.zeros(self._seen_s.shape, np.uint8)  # number of the camera that saw it free, or OBSTACLE
         self._numbers: dict[str, int] = {}
         self._low = np.zeros(3, np.int64)  # the cell of ned at [0, 0, 0]
         self._section: int | None = None
         self._taken_ns: dict[str, int] = {}
 
     def see(self, camera: str, t_ns: int, view: View, here: Here) -> None:
-        """Records the cells that a camera sees free.
+        """Records the cells that a camera sees free or occupied. A frame frees no cell in which one of the same time or
+        a newer one has found an obstacle.
 
         Open space is presumed free and is not recorded: it counts only as long as its evidence is in view.
 
@@ -65,10 +68,12 @@ class FreeMemory:
         east, north = np.meshgrid(y_n, x_n)
         x, y = _turned(north, east, here)
         free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
-        free &= self._seen_s <= t_ns / NS
+        free &= self._seen_s < t_ns / NS
         self._seen_s[free] = t_ns / NS
-        self._seen_by[free] = self._numbers.setdefault(camera, len(self._numbers))
-        self._seen_s[self._occupied(view.model.planes.astype(np.float64), here)] = NEVER
+        self._seen_by[free] = self._numbers.setdefault(camera, OBSTACLE + 1 + len(self._numbers))
+        occupied = self._occupied(view.model.planes.astype(np.float64), here)
+        self._seen_s[occupied] = np.maximum(self._seen_s[occupied], t_ns / NS)
+        self._seen_by[occupied] = OBSTACLE
 
     def free(
         self,
@@ -93,6 +98,7 @@ class FreeMemory:
         out = np.zeros(len(x), bool)
         at = tuple(cell[:, inside])
         out[inside] = now_ns / NS - self._seen_s[at] <= self._avoid.remember_free_s
+        out[inside] &= self._seen_by[at] != OBSTACLE
         if cameras is not None:
             counts = [number for camera, number in self._numbers.items() if camera in cameras]
             out[inside] &= np.isin(self._seen_by[at], counts)

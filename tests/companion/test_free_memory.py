@@ -74,6 +74,17 @@ def test_where_a_later_frame_finds_an_obstacle_nothing_is_free() -> None:
     assert free(memory, START, 7.0, 0.0, -0.7, t_ns=11 * NS)
 
 
+def test_an_older_frame_of_another_camera_does_not_free_the_place_of_an_obstacle() -> None:
+    memory = FreeMemory(AVOID)
+    found = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
+    memory.see("left", 11 * NS, replace(looking(0.0), model=found), START)
+    memory.see("front", 11 * NS - NS // 20, looking(0.0), START)
+    assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=11 * NS)
+    assert free(memory, START, 5.0, 2.0, -0.7, t_ns=11 * NS)
+    memory.see("front", 11 * NS + NS // 10, looking(0.0), START)
+    assert free(memory, START, 5.0, 0.0, -0.7, t_ns=12 * NS)
+
+
 def test_below_an_obstacle_it_stays_free() -> None:
     memory = remembering()
     memory.see("front", 11 * NS, replace(looking(0.0), model=model((5.0, -1.0, 5.0, 1.0, -2.0, -0.6))), START)
