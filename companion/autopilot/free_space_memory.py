@@ -45,7 +45,7 @@ class FreeMemory:
         self._section: int | None = None
         self._taken_ns: dict[str, int] = {}
 
-    def see(self, camera: str, t_ns: int, view: View, here: Here) -> None:
+    def see(self, camera: str, t_ns: int, view: View, here: Here, placed: bool = True) -> None:
         """Records the cells that a camera sees free or occupied. A frame frees no cell in which one of the same time or
         a newer one has found an obstacle.
 
@@ -55,7 +55,9 @@ class FreeMemory:
             camera: name.
             t_ns: exposure of the frame.
             view: the frame, in level.
-            here: position and heading of the vehicle."""
+            here: position and heading of the vehicle.
+            placed: True if the view is placed by positions of the section of `here`. Otherwise the distance flown
+                since the exposure is not known: obstacles are recorded, free space is not."""
         if self._avoid.remember_free_s == 0.0 or here.position_ned_m is None or not view.model.valid:
             return
         if t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) < LEAST_APART_NS:
@@ -68,7 +70,7 @@ class FreeMemory:
         east, north = np.meshgrid(y_n, x_n)
         x, y = _turned(north, east, here)
         free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
-        free &= self._seen_s < t_ns / NS
+        free &= (self._seen_s < t_ns / NS) & placed
         self._seen_s[free] = t_ns / NS
         self._seen_by[free] = self._numbers.setdefault(camera, OBSTACLE + 1 + len(self._numbers))
         occupied = self._occupied(view.model.planes.astype(np.float64), here)

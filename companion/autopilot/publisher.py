@@ -197,7 +197,8 @@ class ObstacleReportBuilder:
         if here is not None:
             views = [self._view(self._confirmed.get(c, self._newest[c]), here) for c in seeing]
             for camera, view in zip(seeing, views, strict=True):
-                self._freed.see(camera, seen_ns(self._newest[camera]), view, here)
+                newest = self._newest[camera]
+                self._freed.see(camera, seen_ns(newest), view, here, self._placed(newest, here))
             recall = partial(self._freed.free, views, here, now_ns, cameras=seeing)
         # without an attitude remembered obstacles stay where they were
         self._last_here = here or self._last_here
@@ -343,12 +344,17 @@ class ObstacleReportBuilder:
         forward, right = c * north + s * east, c * east - s * north
         return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None
 
+    def _placed(self, result: PrismsResult, here: Here) -> bool:
+        """True if a result and the vehicle have positions of the same section."""
+        same = result.t_exposure_ns >= self._sections.since_ns
+        return result.frame == "ned" and here.position_ned_m is not None and same
+
     def _view(self, result: PrismsResult, here: Here) -> View:
         """Returns a result as a view in level, at the moment of sending."""
         assert result.model is not None
         assert result.transform is not None
-        same = result.t_exposure_ns >= self._sections.since_ns
-        if result.frame == "ned" and here.position_ned_m is not None and same:
+        if self._placed(result, here):
+            assert here.position_ned_m is not None
             step = LevelTransform(here.heading_rad, here.position_ned_m).inverse()
         else:
             step = transform_to_level(result, here.heading_rad)

@@ -102,3 +102,13 @@ def test_a_frame_from_before_a_jump_stays_where_it_was_seen() -> None:
     chain.fly(0.02, frames=False)
     chain.report(PX4)
     assert seen[-1].views[0].model.planes[0, 0] == pytest.approx(before_m, abs=0.3)
+
+
+def test_a_frame_from_before_a_jump_adds_no_remembered_free_space() -> None:
+    """It is not known where the vehicle was at the exposure, in the positions after the jump."""
+    chain, seen = jumping_chain()
+    chain.fly(0.1)  # a frame that no decision has used yet
+    chain.position = (2.0, 0.0, -2.0)
+    chain.fly(0.02, frames=False)
+    chain.report(PX4)
+    assert not recalled(seen[-1])
