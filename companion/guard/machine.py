@@ -267,13 +267,18 @@ class GuardMachine:
 
     def _still_needed(self, now: GuardInput) -> bool:
         """True if a stop without effect is repeated: unless the path is seen and the braking distance fits. Where unseen
-        space does not stop the vehicle, the reason for the stop counts until the path is seen."""
+        space does not stop the vehicle, the reason for the stop counts until the path is seen. After a restart the
+        reason is known only as an obstacle or unseen space."""
         if self._wants_stop(now):
             return True
         if now.verdict is not None and now.verdict.sees:
             return False
-        unseen_stops = not now.near_ground and not returns_by_failsafe(now.vehicle, self.guard)
-        return unseen_stops or self._wants_stop(replace(now, verdict=self._reason))
+        failsafe = returns_by_failsafe(now.vehicle, self.guard)
+        if not failsafe and not now.near_ground:
+            return True
+        if self._reason is None:
+            return not failsafe and not self.memory.blind_stop
+        return self._wants_stop(replace(now, verdict=self._reason))
 
     def _leave_when_free(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """Ends a stop without effect that is not needed any more, unless a command that was sent may still take

@@ -286,6 +286,17 @@ def test_a_stop_before_an_obstacle_is_repeated_in_take_off_landing_and_failsafe_
     assert len(commands(f.step(100))) > 3
 
 
+@pytest.mark.parametrize(("reason", "repeated"), [(BLOCKED, True), (BLIND, False)])
+def test_a_restart_in_landing_repeats_a_stop_before_an_obstacle(reason: Verdict, repeated: bool) -> None:
+    f = Flight()
+    f.step()
+    f.verdict = reason
+    assert len(commands(f.step())) == 1
+    f.machine = GuardMachine(GUARD, f.machine.memory, f.machine.received_ns)
+    f.near_ground, f.verdict = True, BLIND
+    assert (len(commands(f.step(100))) > 3) is repeated
+
+
 def test_a_failsafe_that_begins_during_a_stop_needs_a_firm_obstacle() -> None:
     f = Flight("PX4", RETURN)
     f.step()
