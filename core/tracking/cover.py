@@ -6,7 +6,7 @@ added beside them.
 
 A track can hide the part of a detection over which it is seen, a short distance behind it or at most the gate in front of
 it. The detection is divided along its length where such a part begins or ends, and each of these pieces must be hidden over
-its whole height. A track that hides a part of the detection, and is too short for the rest by less than GROW_M, is extended.
+its whole height. No track is extended: what they leave uncovered makes the detection a track of its own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from ..jit import inner, kernel, record
 from .line import EDGE_ON, offset, seen_at, sideways
 from .publish import BEHIND_M
-from .tables import NONE, count_observation, make_room, observe_cells
+from .tables import NONE, count_observation, observe_cells
 
 LOST_M = 0.02
 """Not tuning: a track seen edge-on is too narrow for what lies farther beside it."""
@@ -29,25 +29,20 @@ MOST_PARTS = 32
 _EXACT_M = 1e-3
 """Not tuning: narrower pieces are not looked at."""
 
-GROW_M = 0.25
-"""Not tuning: a track that is too short by less is extended."""
-
 PART = record(
     ("s0_m", np.float64),
     ("s1_m", np.float64),
-    ("wide0_m", np.float64),
-    ("wide1_m", np.float64),
     ("slot", np.int32),
     ("hits", np.int32),
 )
 """A part of a detection that a track can hide. s0_m, s1_m: along the detection from its first end; slot: of the track;
-hits: its observations; wide0_m, wide1_m: the part when the track is extended."""
+hits: its observations."""
 
 
 @kernel
 def new_parts():
     """Scratch of `is_hidden`: (MOST_PARTS,) PART, and float64 for the borders of the pieces."""
-    return np.zeros(MOST_PARTS, PART), np.zeros(4 * MOST_PARTS + 2)
+    return np.zeros(MOST_PARTS, PART), np.zeros(2 * MOST_PARTS + 2)
 
 
 @inner
@@ -65,10 +60,10 @@ def is_hidden(tracks, d, gate_m, eye, parts, borders):
         for _ in range(2 * count + 1):
             if z >= d.bottom_m - _EXACT_M:
                 break
-            best, slack = next_part(tracks, d, parts, count, middle, z, eye)
+            best = next_part(tracks, d, parts, count, middle, z, eye)
             if best == NONE:
                 return 0
-            z = max(z, lower_edge(tracks[parts[best].slot], d, middle, eye) + slack)
+            z = max(z, lower_edge(tracks[parts[best].slot], d, middle, eye))
         if z < d.bottom_m - _EXACT_M:
             return 0
     return count
@@ -84,7 +79,7 @@ def behind_of(d):
 def find_parts(tracks, d, gate_m, eye, parts):
     """The parts of a detection that tracks can hide, those observed most often first where there are too many."""
     count = 0
-    reach = gate_m + GROW_M
+    reach = max(gate_m, BEHIND_MAX_M)
     low_x, high_x = min(d.ax_m, d.bx_m) - reach, max(d.ax_m, d.bx_m) + reach
     low_y, high_y = min(d.ay_m, d.by_m) - reach, max(d.ay_m, d.by_m) + reach
     for j in range(tracks.shape[0]):
@@ -98,10 +93,9 @@ def find_parts(tracks, d, gate_m, eye, parts):
         if offset(t, eye[0], eye[1]) <= 0.0:
             continue  # seen from behind
         a, b = seen_on(d, x0, y0, eye), seen_on(d, x1, y1, eye)
-        low, high = min(a, b), max(a, b)
-        wide0, wide1 = within(t, d, max(0.0, low - GROW_M), min(d.length_m, high + GROW_M), gate_m, eye)
-        if min(high, wide1) - max(low, wide0) < _EXACT_M:
-            continue  # a track that hides nothing of the detection is not extended to it
+        low, high = within(t, d, max(0.0, min(a, b)), min(d.length_m, max(a, b)), gate_m, eye)
+        if high - low < _EXACT_M:
+            continue
         at = count
         if count == parts.shape[0]:
             at = 0
@@ -112,14 +106,7 @@ def find_parts(tracks, d, gate_m, eye, parts):
         else:
             count += 1
         p = parts[at]
-        p.s0_m, p.s1_m, p.wide0_m, p.wide1_m, p.slot, p.hits = (
-            max(low, wide0),
-            min(high, wide1),
-            wide0,
-            wide1,
-            j,
-            t.hits,
-        )
+        p.s0_m, p.s1_m, p.slot, p.hits = low, high, j, t.hits
     return count
 
 
@@ -180,14 +167,8 @@ def find_borders(parts, count, d, borders):
     """Sorted ends of the parts and of the detection; returns how many."""
     borders[0], borders[1], n = 0.0, d.length_m, 2
     for k in range(count):
-        for end in range(4):
-            s = parts[k].s0_m
-            if end == 1:
-                s = parts[k].s1_m
-            elif end == 2:
-                s = parts[k].wide0_m
-            elif end == 3:
-                s = parts[k].wide1_m
+        for end in range(2):
+            s = parts[k].s0_m if end == 0 else parts[k].s1_m
             if not 0.0 < s < d.length_m:
                 continue
             at = n
@@ -201,26 +182,19 @@ def find_borders(parts, count, d, borders):
 
 @inner
 def next_part(tracks, d, parts, count, s, z, eye):
-    """(The part that hides a detection at s from height z downwards, how far its track may be extended for it). The track
-    observed most often is taken, and one is extended only where none hides it as it is. NONE: there is none."""
-    for way in range(2):
-        slack = 0.0 if way == 0 else GROW_M
-        best = NONE
-        for k in range(count):
-            p = parts[k]
-            if way == 0 and (p.s0_m > s or p.s1_m < s):
-                continue
-            if p.wide0_m > s or p.wide1_m < s or (best != NONE and p.hits <= parts[best].hits):
-                continue
-            t = tracks[p.slot]
-            upper, lower = upper_edge(t, d, s, eye), lower_edge(t, d, s, eye)
-            if min(lower, d.bottom_m) - max(upper, d.top_m) < _EXACT_M:
-                continue
-            if upper <= z + _EXACT_M + slack and lower + slack > z + _EXACT_M:
-                best = k
-        if best != NONE:
-            return best, slack
-    return NONE, 0.0
+    """The part that hides a detection at s from height z downwards: of the track observed most often. NONE: there is none."""
+    best = NONE
+    for k in range(count):
+        p = parts[k]
+        if p.s0_m > s or p.s1_m < s or (best != NONE and p.hits <= parts[best].hits):
+            continue
+        t = tracks[p.slot]
+        upper, lower = upper_edge(t, d, s, eye), lower_edge(t, d, s, eye)
+        if min(lower, d.bottom_m) - max(upper, d.top_m) < _EXACT_M:
+            continue
+        if upper <= z + _EXACT_M and lower > z + _EXACT_M:
+            best = k
+    return best
 
 
 @inner
@@ -247,8 +221,7 @@ def range_share(t, d, s, eye):
 
 @inner
 def support(table, d, parts, count, borders, eye, t_ns):
-    """Observes the tracks that hide a detection. Their lines remain; those that are too short for it are extended, and their
-    margins reach its nearest face."""
+    """Observes the tracks that hide a detection. Their lines and extents remain, and their margins reach its nearest face."""
     n = find_borders(parts, count, d, borders)
     for k in range(n - 1):
         if borders[k + 1] - borders[k] < _EXACT_M:
@@ -258,16 +231,16 @@ def support(table, d, parts, count, borders, eye, t_ns):
         for _ in range(2 * count + 1):
             if z >= d.bottom_m - _EXACT_M:
                 break
-            best, slack = next_part(table.tracks, d, parts, count, middle, z, eye)
+            best = next_part(table.tracks, d, parts, count, middle, z, eye)
             if best == NONE:
                 break
             j, low = parts[best].slot, z
-            z = max(z, lower_edge(table.tracks[j], d, middle, eye) + slack)
-            support_part(table, j, d, borders[k], borders[k + 1], low, min(z, d.bottom_m), slack, eye, t_ns)
+            z = max(z, lower_edge(table.tracks[j], d, middle, eye))
+            support_part(table, j, d, borders[k], borders[k + 1], low, min(z, d.bottom_m), eye, t_ns)
 
 
 @inner
-def support_part(table, j, d, s0, s1, top, bottom, slack, eye, t_ns):
+def support_part(table, j, d, s0, s1, top, bottom, eye, t_ns):
     """One track over one piece of a detection, at heights top..bottom of it."""
     t = table.tracks[j]
     ax, ay = d.ax_m + s0 * d.tx, d.ay_m + s0 * d.ty
@@ -276,13 +249,8 @@ def support_part(table, j, d, s0, s1, top, bottom, slack, eye, t_ns):
     low, high = min(sa, sb), max(sa, sb)
     share = range_share(t, d, 0.5 * (s0 + s1), eye)
     top, bottom = eye[2] + share * (top - _EXACT_M - eye[2]), eye[2] + share * (bottom + _EXACT_M - eye[2])
-    if slack > 0.0:
-        t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)
-        t.top_m, t.bottom_m = min(t.top_m, top), max(t.bottom_m, bottom)
-        make_room(table, j, low, high)
-    else:
-        low, high = max(t.s0_m, low), min(t.s1_m, high)
-        top, bottom = max(t.top_m, top), min(t.bottom_m, bottom)
+    low, high = max(t.s0_m, low), min(t.s1_m, high)
+    top, bottom = max(t.top_m, top), min(t.bottom_m, bottom)
     if high < low:
         return
     t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)

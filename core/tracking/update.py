@@ -82,7 +82,7 @@ def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns)
         observe(table, j, detections[i], rules, eye_x, eye_y, t_ns)
     for j in range(table.tracks.shape[0]):
         if table.tracks[j].hits > 0 and table.tracks[j].seen_ns == t_ns:
-            end_observation(table.tracks[j], detections, rules)
+            end_observation(table.tracks[j], detections, rules, eye_x, eye_y)
     return next_id, removed, left_out
 
 
@@ -153,10 +153,22 @@ def replace_line(table, j, d):
 
 
 @inner
-def end_observation(t, detections, rules):
+def most_behind(t, eye_x, eye_y):
+    """How far a published plane may lie behind the newest observation, m, measured across it. Seen edge-on, a viewing ray
+    goes on far between two planes that lie close together; along the ray the distance is at most the margin, which a
+    consumer subtracts."""
+    ax, ay = t.x_m + t.frame_s0_m * t.tx - eye_x, t.y_m + t.frame_s0_m * t.ty - eye_y
+    bx, by = t.x_m + t.frame_s1_m * t.tx - eye_x, t.y_m + t.frame_s1_m * t.ty - eye_y
+    r = math.sqrt(max(ax * ax + ay * ay, bx * bx + by * by))
+    facing = max(0.0, offset(t, eye_x, eye_y)) / max(1e-6, r)
+    return min(max(BEHIND_M, 0.25 * t.margin_m), facing * max(BEHIND_M, t.margin_m))
+
+
+@inner
+def end_observation(t, detections, rules, eye_x, eye_y):
     """Lets the extent of an observed track shrink towards this frame's observations, where no border of the image cut
     them, and its published plane return to the line."""
-    behind_m = max(BEHIND_M, 0.25 * t.margin_m)
+    behind_m = most_behind(t, eye_x, eye_y)
     t.nearer_m = max((1.0 - rules.shrink_share) * t.nearer_m, t.excess_m - behind_m)
     cut = 0
     k = t.first_detection

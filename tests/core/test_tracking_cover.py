@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
@@ -15,6 +16,7 @@ from .test_tracking import SMALL, WALL, distance, frame, with_margin
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
+Floats = NDArray[np.float32]
 LEFT, RIGHT = wall(6.0, -1.5, 6.0, 0.0), wall(6.1, 0.0, 6.1, 1.5)
 FLAT = wall(6.2, -1.4, 6.2, 1.4)
 """Lies 0.2 m and 0.1 m behind the two."""
@@ -43,11 +45,18 @@ def only(planes: list[list[float]], k: int, flags: int = 0) -> TrackingFrame:
 
 
 def test_a_detection_behind_two_tracks_adds_none() -> None:
-    tilted = wall(6.05, -1.2, 6.45, 1.2)
-    tracker = settled([LEFT, RIGHT])
+    tracker, tilted = settled([LEFT, wall(6.25, 0.0, 6.25, 1.5)]), wall(5.98, -1.2, 6.35, 1.0)
     s = tracker.observe(only([tilted], 10))
     assert sorted(s.ids.tolist()) == [1, 2]
     assert s.unseen_ns.tolist() == [0, 0]
+
+
+def test_tracks_are_not_extended_into_a_gap_between_them() -> None:
+    tracker = settled([wall(6.0, -1.5, 6.0, -0.1), wall(6.1, 0.1, 6.1, 1.5)])
+    s = tracker.observe(only([wall(6.05, -1.2, 6.45, 1.2)], 10))
+    assert len(s.ids) == 3
+    widths_m = abs(s.planes[s.ids != 3][:, 3] - s.planes[s.ids != 3][:, 1])
+    assert widths_m.max() <= 1.41
 
 
 def test_the_margin_of_the_tracks_reaches_the_nearest_face_of_what_they_hide() -> None:
@@ -116,3 +125,35 @@ def test_a_plane_moved_towards_the_camera_hides_the_same_directions() -> None:
     assert min(ax, bx) < 5.95
     assert min(math.atan2(ay, ax), math.atan2(by, bx)) <= math.atan2(0.95, 5.7) + 2e-3
     assert max(math.atan2(ay, ax), math.atan2(by, bx)) >= math.atan2(4.75, 5.7) - 2e-3
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("frames", [1, 8])
+def test_a_wall_seen_edge_on_stays_where_a_frame_with_a_heading_error_of_one_degree_shows_it(
+    side: float, frames: int
+) -> None:
+    margin_m, turn = 0.3, math.radians(1.0) * side
+    ends = np.array([[2.5, 1.5 * side], [13.0, 1.5 * side]])[:: -int(side)]  # the free side is that of the camera
+    tracker = Tracker(SMALL)
+    for k in range(20):
+        tracker.observe(with_margin(only([wall(*ends[0], *ends[1])], k), margin_m))
+    c, s = math.cos(turn), math.sin(turn)
+    (ax, ay), (bx, by) = ends @ np.array([[c, -s], [s, c]])  # turned towards the axis of the camera
+    for k in range(frames):
+        shown = tracker.observe(with_margin(only([wall(ax, ay, bx, by)], 20 + k), margin_m))
+        for share in (0.3, 0.6, 0.95):
+            x, y = ax + share * (bx - ax), ay + share * (by - ay)
+            assert stop_behind(shown.planes, x, y) <= margin_m + 0.02
+
+
+def stop_behind(planes: Floats, x: float, y: float) -> float:
+    """How far behind a point the viewing ray through it meets the first plane, m; inf: none."""
+    r = math.hypot(x, y)
+    found = [math.inf]
+    for ax, ay, bx, by, *_ in planes.tolist():
+        m = np.array([[x / r, ax - bx], [y / r, ay - by]])
+        if abs(np.linalg.det(m)) > 1e-9:
+            range_m, share = np.linalg.solve(m, [ax, ay])
+            if range_m > 0.0 and -1e-6 <= share <= 1.0 + 1e-6:
+                found.append(float(range_m) - r)
+    return min(found)
