@@ -48,7 +48,7 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 
 # Tests that start processes or wait for the clock come last and apart: beside computing tests, even with the lowest priority of
 # those, a browser or a service did not answer in time. A failed pass ends none of the others (-k).
-test: lint ## all checks, about 15 minutes on two cores
+test: lint ## all checks, about 11 minutes on two cores
 	@$(MAKE) --no-print-directory -k test-computing test-processes
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
