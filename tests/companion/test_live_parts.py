@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from google.protobuf.message import Message
 
 from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.config.loader import Config
@@ -24,6 +25,7 @@ from companion.pipeline.events import RawFrame, SupersededFrame
 from companion.pipeline.latency import Latencies, LatencyStage
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause
+from companion.streams.publisher import Publisher
 from core.params import Params
 from core.stages.model import blind_model
 from core.types import AttitudeSample, DepthFrame, InvalidCause
@@ -195,7 +197,8 @@ def test_the_newest_frame_is_the_one_with_the_newest_exposure_valid_or_not() -> 
 def test_blind_frames_carry_the_exposure_of_the_newest_frame() -> None:
     staleness = StalenessMonitor(("front",), stale_s=0.3)
     output = StreamOutput(Config(), "boot", staleness, threading.Lock())
-    sent = output.publishers["prisms"] = _Publisher()  # type: ignore[assignment]
+    sent = _Publisher()
+    output.publishers["prisms"] = sent
     view = CameraView(status=status(CameraCondition.RUNNING, ""), required=True, blind="blind", age_ns=None, hz=0.0)
     output.publish_blind(view, 500 * MS)
     staleness.result(result(1000 * MS))
@@ -205,14 +208,15 @@ def test_blind_frames_carry_the_exposure_of_the_newest_frame() -> None:
     assert [(f.sequence, f.t_exposure_ns, f.valid) for f in frames] == [(0, 500 * MS, False), (9, 6000 * MS, False)]
 
 
-class _Publisher:
-    """Keeps what is published."""
+class _Publisher(Publisher):
+    """Collects the messages instead of sending them; it has no socket."""
 
     def __init__(self) -> None:
         self.published, self.sent = 0, list[bytes]()
 
-    def publish(self, data: bytes) -> None:
-        self.sent.append(data)
+    def publish(self, message: Message | bytes) -> None:
+        assert isinstance(message, bytes)
+        self.sent.append(message)
 
 
 # ---- systemd --------------------------------------------------------------------------------------------------------------
