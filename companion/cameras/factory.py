@@ -25,7 +25,8 @@ def make_source(section: CameraConfig) -> DepthSource:
 
 
 def _oak(section: CameraConfig) -> DepthSource:
-    from drivers.cameras.oak import OakSettings, OakSource
+    from drivers.cameras.oak import OakSource
+    from drivers.cameras.oak_pipeline import OakSettings
 
     return OakSource(
         OakSettings(

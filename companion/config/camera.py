@@ -173,7 +173,12 @@ class CameraConfig:
         },
     )
     confidence: int = _number(
-        0, 255, "", "oak only: threshold of its confidence; lower: fewer, more reliable pixels", 55, safety=True
+        0,
+        255,
+        "",
+        "oak only: least confidence of a pixel, as the device reports it; higher: fewer, more reliable pixels",
+        55,
+        safety=True,
     )
     emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one; 0: off", 0.0)
     depth_unit_mm: float = _number(

@@ -14,7 +14,7 @@ os.environ.setdefault("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0")
 import depthai as dai
 import numpy as np
 
-from drivers.cameras.oak import OakSettings
+from drivers.cameras.oak_pipeline import OakSettings
 
 WIDTH, HEIGHT = 64, 40
 MATRIX = [[45.0, 0.0, 31.5], [0.0, 45.0, 19.5], [0.0, 0.0, 1.0]]
@@ -54,7 +54,7 @@ class HostCamera(dai.node.ThreadedHostNode):
 
 
 class HostLink:
-    """What drivers.cameras.oak.connect_device gives, on the host."""
+    """What drivers.cameras.oak_pipeline.connect_device gives, on the host."""
 
     baseline_m: float | None = 0.075
 

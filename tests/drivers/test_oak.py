@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 import textwrap
@@ -12,8 +13,10 @@ import depthai as dai
 import numpy as np
 import pytest
 
+from companion.config.camera import CameraConfig
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.cameras.oak import OakSettings, OakSource
+from drivers.cameras.oak import OakSource
+from drivers.cameras.oak_pipeline import OakSettings, configure
 
 from .oak_host import HEIGHT, MATRIX, WIDTH, HostLink, depth_message
 
@@ -113,8 +116,38 @@ def test_reading_before_opening_is_reported() -> None:
         OakSource(SETTINGS).read(0.1)
 
 
+def test_the_device_accepts_confident_pixels_and_invents_none() -> None:
+    config = dai.StereoDepthConfig()
+    # defaults of the library that would fill pixels of little confidence, on an OAK4
+    assert config.postProcessing.holeFilling.enable
+    configure(config, 80)
+    assert config.getConfidenceThreshold() == 80
+    assert config.costMatching.enableSwConfidenceThresholding
+    assert not config.postProcessing.holeFilling.enable
+    assert not config.postProcessing.adaptiveMedianFilter.enable
+    assert config.postProcessing.median == dai.StereoDepthConfig.MedianFilter.MEDIAN_OFF
+    for smoothing in ("spatialFilter", "temporalFilter"):
+        assert not getattr(config.postProcessing, smoothing).enable
+    control = config.algorithmControl
+    assert control.depthAlign == dai.StereoDepthConfig.AlgorithmControl.DepthAlign.RECTIFIED_LEFT
+    assert control.depthUnit == dai.StereoDepthConfig.AlgorithmControl.DepthUnit.MILLIMETER
+    assert control.enableLeftRightCheck
+    assert control.enableSubpixel
+
+
+def test_a_high_confidence_is_a_reliable_pixel() -> None:
+    """DepthAI 2 had it the other way round. A library that turns it again must be noticed."""
+    stated = dai.StereoDepthConfig.CostMatching.confidenceThreshold.__doc__ or ""
+    assert "over this threshold are accepted" in stated
+    key = next(f for f in dataclasses.fields(CameraConfig) if f.name == "confidence")
+    assert "least confidence" in key.metadata["doc"]
+    assert "higher: fewer, more reliable" in key.metadata["doc"]
+    assert key.default == dai.StereoDepthConfig().getConfidenceThreshold()
+
+
 ABORTS = textwrap.dedent("""
-    from drivers.cameras.oak import OakSettings, OakSource
+    from drivers.cameras.oak import OakSource
+    from drivers.cameras.oak_pipeline import OakSettings, configure
     from tests.drivers.oak_host import HostLink, depth_message
 
     def make(k):

@@ -12,7 +12,8 @@ import pytest
 from companion.log.log_writer import write_recording
 from core.types import DepthFrame
 from drivers.base import DepthSource, DeviceLost, DeviceNotFound, EventSource
-from drivers.cameras.oak import OakSettings, OakSource
+from drivers.cameras.oak import OakSource
+from drivers.cameras.oak_pipeline import OakSettings
 from drivers.cameras.v4l2_depth import V4l2Source
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource
 from drivers.logs.reader import McapRecording

@@ -1,0 +1,158 @@
+"""The pipeline on a Luxonis OAK: rectified cameras, stereo matching on the device, and the queue of its results."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ..base import DeviceNotFound
+from ..optional_library import install_command
+
+# read by the library at its import: no signal handlers, no telemetry
+for _name, _value in (
+    ("DEPTHAI_LEVEL", "error"),
+    ("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0"),
+    ("DEPTHAI_DISABLE_CRASHDUMP_COLLECTION", "1"),
+):
+    os.environ.setdefault(_name, _value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OakSettings:
+    """Settings of the device. device: its id, USB port or address; empty: the only device. confidence: 0..255, see
+    `configure`. emitter: intensity of the dot projector, 0..1. first_frame_s: time limit to find, boot and deliver."""
+
+    camera: str
+    device: str = ""
+    width: int = 640
+    height: int = 400
+    fps: float = 30.0
+    confidence: int = 55
+    emitter: float = 0.0
+    max_range_m: float = 15.0
+    min_range_m: float = 0.4
+    find_s: float = 5.0
+    first_frame_s: float = 20.0
+
+
+class OakLink(Protocol):
+    """A running pipeline: its depth queue and its end."""
+
+    queue: Any
+    baseline_m: float | None
+
+    def running(self) -> bool: ...
+    def close(self) -> None: ...
+
+
+def configure(config: Any, confidence: int) -> None:
+    """Sets a dai.StereoDepthConfig. confidence: disparities of a higher confidence are accepted, the others have no depth.
+    In DepthAI 2 a low value meant high confidence, in DepthAI 3 a high one does (its commit ab4e2ddd4); 55 is its default.
+
+    Nothing is filled, smoothed or decimated: that would create depths where no surface is. What only an OAK4 (RVC4) does has
+    no effect on other devices."""
+    import depthai as dai
+
+    control = dai.StereoDepthConfig.AlgorithmControl
+    config.setConfidenceThreshold(confidence)
+    # an OAK4 applies the threshold by software, and only where it is switched on
+    config.costMatching.enableSwConfidenceThresholding = True
+    config.setLeftRightCheck(True)
+    config.setSubpixel(True)
+    # the default takes the side that is closer to the colour camera
+    config.setDepthAlign(control.DepthAlign.RECTIFIED_LEFT)
+    config.setDepthUnit(control.DepthUnit.MILLIMETER)
+    config.setMedianFilter(dai.StereoDepthConfig.MedianFilter.MEDIAN_OFF)
+    # both are on by default: pixels of little confidence would get the mean disparity of their surroundings
+    config.postProcessing.holeFilling.enable = False
+    config.postProcessing.adaptiveMedianFilter.enable = False
+
+
+class DeviceLink:
+    """A pipeline on a device: two rectified cameras, stereo depth, and a queue of the newest two frames."""
+
+    def __init__(self, settings: OakSettings, device: Any) -> None:
+        import depthai as dai
+
+        self._device = device
+        device.setMaxReconnectionAttempts(0)
+        self.baseline_m: float | None = _baseline_m(device)
+        self._pipeline = dai.Pipeline(device)
+        sides = []
+        for socket in (dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C):
+            camera = self._pipeline.create(dai.node.Camera).build(socket)
+            sides.append(
+                camera.requestOutput((settings.width, settings.height), dai.ImgFrame.Type.GRAY8, fps=settings.fps)
+            )
+        stereo = self._pipeline.create(dai.node.StereoDepth)
+        sides[0].link(stereo.left)
+        sides[1].link(stereo.right)
+        stereo.setRectification(True)
+        configure(stereo.initialConfig, settings.confidence)
+        self.queue = stereo.depth.createOutputQueue(maxSize=2, blocking=False)
+        self._pipeline.start()
+        if settings.emitter > 0.0:
+            device.setIrLaserDotProjectorIntensity(settings.emitter)
+
+    def running(self) -> bool:
+        """Whether the pipeline runs."""
+        return bool(self._pipeline.isRunning()) and not self._device.isClosed()
+
+    def close(self) -> None:
+        """Calls stop() without wait(): wait() deadlocks before the release."""
+        self._pipeline.stop()
+        self._pipeline.wait()
+        self._device.close()
+
+
+def connect_device(settings: OakSettings) -> DeviceLink:
+    """Finds the device and starts its pipeline. Raises DeviceNotFound."""
+    try:
+        import depthai as dai
+    except ImportError as error:
+        raise DeviceNotFound(
+            f"camera {settings.camera}: depthai is not installed; run {install_command('depthai>=3.0,<4')}"
+        ) from error
+    found = _find(dai, settings)
+    try:
+        return DeviceLink(settings, dai.Device(found))
+    except RuntimeError as error:
+        raise DeviceNotFound(
+            f"camera {settings.camera}: the device {found.getDeviceId()} does not start ({first_line(error)}); "
+            "another program may use it, or the udev rule is missing"
+        ) from error
+
+
+def _find(dai: Any, settings: OakSettings) -> Any:
+    """The requested device, by polling: the library itself would wait 11 s and then raise."""
+    until_s = time.monotonic() + settings.find_s
+    while True:
+        there = dai.Device.getAllAvailableDevices()
+        match = [d for d in there if settings.device in ("", d.getDeviceId(), d.name)]
+        if len(match) == 1:
+            return match[0]
+        if len(match) > 1:
+            ids = ", ".join(d.getDeviceId() for d in match)
+            raise DeviceNotFound(f"camera {settings.camera}: several OAK devices ({ids}); set device to one of them")
+        if time.monotonic() >= until_s:
+            break
+        time.sleep(0.2)
+    wanted = f"OAK device {settings.device}" if settings.device else "OAK device"
+    others = ", ".join(d.getDeviceId() for d in there) or "none"
+    raise DeviceNotFound(
+        f"camera {settings.camera}: no {wanted} (available: {others}); check the cable, the power and the udev rule"
+    )
+
+
+def _baseline_m(device: Any) -> float | None:
+    try:
+        return float(device.readCalibration().getBaselineDistance()) / 100.0
+    except RuntimeError:
+        return None  # without calibration: the frame's intrinsics will be invalid
+
+
+def first_line(error: Exception) -> str:
+    """The first line of an error's text, its type where it has none."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
