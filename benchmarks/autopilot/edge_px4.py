@@ -123,7 +123,7 @@ class Service:
         x, y = (float(c) for c in self._loop.vehicle.position_m)
         relative = self._pole_m[0] - x, self._pole_m[1] - y
         self.clearance_m = min(self.clearance_m, math.hypot(*relative) - POLE_RADIUS_M - AVOID.radius_m)
-        view = View(seen_from(relative, self._empty), LevelTransform(0.0, (0.0, 0.0, 0.0)))
+        view = View(seen_from(relative, self._empty), LevelTransform(0.0, (0.0, 0.0, 0.0)), t_ns=now_ns)
         found = scan([view], AVOID)
         recalled = self._memory.recall(found, [view], Here(0.0, (x, y, -3.0), 1), now_ns)
         vx, vy = (float(c) for c in self._loop.vehicle.velocity_m_s)

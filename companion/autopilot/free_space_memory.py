@@ -20,12 +20,14 @@ from .view_free import View, in_image, points_free
 
 NS = 1_000_000_000
 LEAST_APART_NS = NS // 10
-"""Least time between two frames of a camera that are used. More frames take time and add nothing."""
+"""Least time between two frames of a camera that are searched for free space. More frames take time and add nothing."""
 SLACK_M = 1.0
 """Distance by which the grid extends beyond the range of the obstacle output, since the vehicle moves and climbs."""
 NEVER = -math.inf
 OBSTACLE = 0
 """Number that stands for an obstacle in place of a camera that saw a cell free."""
+FREE_ONCE = 255
+"""Number of a cell that one frame has seen free after an obstacle was found in it."""
 
 
 class FreeMemory:
@@ -39,10 +41,12 @@ class FreeMemory:
         up = math.ceil((avoid.band_above_m + avoid.band_below_m + 2.0 * SLACK_M) / self._height_m)
         self._cell_m = np.array([self._height_m, avoid.step_m, avoid.step_m])  # z, x, y
         self._seen_s = np.full((up, across, across), NEVER)
-        self._seen_by = np.zeros(self._seen_s.shape, np.uint8)  # number of the camera that saw it free, or OBSTACLE
+        # number of the camera that saw it free, or OBSTACLE, or FREE_ONCE; of cells never seen: OBSTACLE
+        self._seen_by = np.zeros(self._seen_s.shape, np.uint8)
         self._numbers: dict[str, int] = {}
         self._low = np.zeros(3, np.int64)  # the cell of ned at [0, 0, 0]
         self._section: int | None = None
+        self._newest_ns: dict[str, int] = {}
         self._taken_ns: dict[str, int] = {}
 
     def see(self, camera: str, t_ns: int, view: View, here: Here, placed: bool = True) -> None:
@@ -53,29 +57,38 @@ class FreeMemory:
 
         Args:
             camera: name.
-            t_ns: exposure of the frame.
-            view: the frame, in level.
+            t_ns: exposure of the frame. Several calls with one exposure count once.
+            view: the frame, in level, with all of its planes, confirmed or not.
             here: position and heading of the vehicle.
             placed: True if the view is placed by positions of the section of `here`. Otherwise the distance flown
                 since the exposure is not known: obstacles are recorded, free space is not."""
         if self._avoid.remember_free_s == 0.0 or here.position_ned_m is None or not view.model.valid:
             return
-        if t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) < LEAST_APART_NS:
+        if t_ns == self._newest_ns.get(camera):
             return
-        self._taken_ns[camera] = t_ns
+        self._newest_ns[camera] = t_ns
         self._move_to(here)
+        if t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) >= LEAST_APART_NS:
+            self._taken_ns[camera] = t_ns
+            if placed:
+                self._see_free(self._numbers.setdefault(camera, OBSTACLE + 1 + len(self._numbers)), t_ns, view, here)
+        occupied = self._occupied(view.model.planes.astype(np.float64), here)
+        self._seen_s[occupied] = np.maximum(self._seen_s[occupied], t_ns / NS)
+        self._seen_by[occupied] = OBSTACLE
+
+    def _see_free(self, number: int, t_ns: int, view: View, here: Here) -> None:
+        """Records the cells that a view shows free. number: of its camera."""
+        assert here.position_ned_m is not None
         z_n, x_n, y_n = (
             (self._low[k] + np.arange(self._seen_s.shape[k]) + 0.5) * self._cell_m[k] for k in range(3)
         )  # middles of the cells in ned
         east, north = np.meshgrid(y_n, x_n)
         x, y = _turned(north, east, here)
         free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
-        free &= (self._seen_s < t_ns / NS) & placed
+        free &= self._seen_s < t_ns / NS
+        after_obstacle = (self._seen_by[free] == OBSTACLE) & (self._seen_s[free] > NEVER)
+        self._seen_by[free] = np.where(after_obstacle, FREE_ONCE, number)
         self._seen_s[free] = t_ns / NS
-        self._seen_by[free] = self._numbers.setdefault(camera, OBSTACLE + 1 + len(self._numbers))
-        occupied = self._occupied(view.model.planes.astype(np.float64), here)
-        self._seen_s[occupied] = np.maximum(self._seen_s[occupied], t_ns / NS)
-        self._seen_by[occupied] = OBSTACLE
 
     def free(
         self,
@@ -100,7 +113,7 @@ class FreeMemory:
         out = np.zeros(len(x), bool)
         at = tuple(cell[:, inside])
         out[inside] = now_ns / NS - self._seen_s[at] <= self._avoid.remember_free_s
-        out[inside] &= self._seen_by[at] != OBSTACLE
+        out[inside] &= (self._seen_by[at] != OBSTACLE) & (self._seen_by[at] != FREE_ONCE)
         if cameras is not None:
             counts = [number for camera, number in self._numbers.items() if camera in cameras]
             out[inside] &= np.isin(self._seen_by[at], counts)

@@ -1,8 +1,8 @@
 """Memory of near obstacles that have left the view, such as those beside the vehicle and below the image.
 
-An obstacle is kept as a point in ned, or without a position in level, turned with the heading. It is deleted if a
-camera sees its place and both sides of it free, and after remember_s. If the position estimate jumps, begins or ends,
-the point keeps its place relative to the vehicle."""
+An obstacle is kept as a point in ned, or without a position in level, turned with the heading. It is deleted if two
+frames in a row see its place and both sides of it free, since a thin obstacle is not found in every frame, and after
+remember_s. If the position estimate jumps, begins or ends, the point keeps its place relative to the vehicle."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from .polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState
 from .view_free import View, points_free
 
 NS = 1_000_000_000
+NEVER = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,7 @@ class ObstacleMemory:
         self._avoid = avoid
         # x, y of the world, instant in s, 1 where the way was seen, x, y of the place that it was seen from
         self._points = np.zeros((0, 6))
+        self._free_ns = np.zeros(0, np.int64)  # exposure of the frame that saw the place of the point free; NEVER: none
         self._same_way_m = avoid.near_m * math.tan(0.5 * STEP_RAD)
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(2)
@@ -77,10 +79,14 @@ class ObstacleMemory:
             self._points[:, 3] = 0.0  # the distance flown is not known
         self._section, self._place_m = section, place_m
         now_s = now_ns / NS
-        points = self._points[now_s - self._points[:, 2] <= self._avoid.remember_s]
+        young = now_s - self._points[:, 2] <= self._avoid.remember_s
+        points, before_ns = self._points[young], self._free_ns[young]
         xy = _moved(points[:, :2], here.from_world())
-        kept = ~self._seen_through(xy, views)
+        free_ns = self._seen_free_ns(xy, views)
+        kept = (free_ns == NEVER) | (before_ns == NEVER) | (free_ns <= before_ns)
         points, xy = points[kept], xy[kept]
+        again = (free_ns != NEVER) & (before_ns != NEVER)  # the same frame in another decision
+        free_ns = np.where(again, before_ns, free_ns)[kept]
         recalled = nothing_remembered()
         if len(xy):
             sector = np.round(np.arctan2(xy[:, 1], xy[:, 0]) / STEP_RAD).astype(int) % SECTORS
@@ -88,7 +94,9 @@ class ObstacleMemory:
             np.minimum.at(recalled.distance_m, sector, hull)
             way_seen = (points[:, 3] > 0.0) & self._same_way(points, place_m)
             np.minimum.at(recalled.way_seen_m, sector[way_seen], hull[way_seen])
-        self._points = np.concatenate([points, self._seen_now(scan, here, now_s)])
+        seen = self._seen_now(scan, here, now_s)
+        self._points = np.concatenate([points, seen])
+        self._free_ns = np.concatenate([free_ns, np.full(len(seen), NEVER)])
         return recalled
 
     def _seen_now(self, scan: SectorScan, here: Here, now_s: float) -> NDArray[np.float64]:
@@ -113,19 +121,21 @@ class ObstacleMemory:
         aside = line[:, 0] * (place_m[1] - points[:, 5]) - line[:, 1] * (place_m[0] - points[:, 4])
         return np.asarray(np.abs(aside) <= self._same_way_m * np.hypot(line[:, 0], line[:, 1]))
 
-    def _seen_through(self, xy: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.bool_]:
-        """Returns (N,): places that views show free over the whole band, together with half a sector on either side.
+    def _seen_free_ns(self, xy: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.int64]:
+        """Returns the exposure, (N,), of the frame that shows a place free over the whole band, together with half a
+        sector on either side; of several frames that do so together, of the oldest one. NEVER: none does.
 
         The sides are tested so that a pole just outside of the view is not deleted by free space beside it."""
         half = np.linspace(-self._avoid.band_above_m, self._avoid.band_below_m, self._avoid.slices + 2)[1:-1]
         c, s = math.cos(0.5 * STEP_RAD), math.sin(0.5 * STEP_RAD)
         x = np.stack([c * xy[:, 0] + s * xy[:, 1], xy[:, 0], c * xy[:, 0] - s * xy[:, 1]])
         y = np.stack([c * xy[:, 1] - s * xy[:, 0], xy[:, 1], c * xy[:, 1] + s * xy[:, 0]])
-        free = np.zeros((len(half), *x.shape), bool)
+        free_ns = np.full((len(half), *x.shape), NEVER)
         for view in views:
             if view.model.valid:
-                free |= points_free(view, x, y, half, measured=True)
-        return np.asarray(free.all(axis=(0, 1)))
+                free = points_free(view, x, y, half, measured=True)
+                free_ns[free] = np.maximum(free_ns[free], view.t_ns)
+        return np.asarray(free_ns.min(axis=(0, 1)))
 
 
 def _moved(xy: NDArray[np.float64], transform: LevelTransform) -> NDArray[np.float64]:

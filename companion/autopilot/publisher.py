@@ -198,7 +198,9 @@ class ObstacleReportBuilder:
             views = [self._view(self._confirmed.get(c, self._newest[c]), here) for c in seeing]
             for camera, view in zip(seeing, views, strict=True):
                 newest = self._newest[camera]
-                self._freed.see(camera, seen_ns(newest), view, here, self._placed(newest, here))
+                # a plane that is not confirmed yet is an obstacle to the memory of free space
+                complete = view if self._confirmed.get(camera, newest) is newest else self._view(newest, here)
+                self._freed.see(camera, seen_ns(newest), complete, here, self._placed(newest, here))
             recall = partial(self._freed.free, views, here, now_ns, cameras=seeing)
         # without an attitude remembered obstacles stay where they were
         self._last_here = here or self._last_here
@@ -365,7 +367,13 @@ class ObstacleReportBuilder:
             R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
         model = transform_model(replace(result.model, prisms=()), step)
         return View(
-            model, compose(step, result.transform), info.intrinsics, R_optical_level, self._ring_m, self._open_counts
+            model=model,
+            transform=compose(step, result.transform),
+            intrinsics=info.intrinsics,
+            R_optical_level=R_optical_level,
+            ring_m=self._ring_m,
+            open_counts=self._open_counts,
+            t_ns=seen_ns(result),
         )
 
 

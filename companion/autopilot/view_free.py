@@ -33,7 +33,8 @@ class View:
         R_optical_level: (3, 3) direction of the camera; None: not known.
         ring_m: step of its free-range profile.
         open_counts: sectors count open space as free. The memories of obstacles and of free space, and the guard,
-            never do."""
+            never do.
+        t_ns: exposure of the frame."""
 
     model: FrameModel
     transform: LevelTransform
@@ -41,6 +42,7 @@ class View:
     R_optical_level: NDArray[np.float64] | None = None
     ring_m: float = RING_M
     open_counts: bool = False
+    t_ns: int = 0
 
     @property
     def place_m(self) -> tuple[float, float, float]:

@@ -288,9 +288,42 @@ def test_without_a_position_the_turn_is_taken_into_account() -> None:
 def test_what_is_seen_through_is_forgotten() -> None:
     memory = ObstacleMemory(AVOID)
     memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.0), NS)
-    clear = View(model(free_to_m=13.0, view_deg=72.0), HERE)
+    clear = View(model(free_to_m=13.0, view_deg=72.0), HERE, t_ns=2 * NS)
+    memory.recall(scan([clear], AVOID), [clear], Here(0.0), 2 * NS)
+    clear = replace(clear, t_ns=2 * NS + NS // 12)
     assert np.isinf(memory.recall(scan([clear], AVOID), [clear], Here(0.0), 2 * NS).distance_m).all()
     assert np.isinf(memory.recall(scan([], AVOID), [], Here(0.0), 2 * NS).distance_m).all()
+
+
+def test_one_frame_that_does_not_find_an_obstacle_removes_nothing() -> None:
+    """A thin obstacle is not found in every frame, and a frame may be used by several decisions."""
+    memory = ObstacleMemory(AVOID)
+    pole = View(model(wall_at(0.0, 3.0)), HERE, t_ns=NS)
+    clear = View(model(free_to_m=13.0, view_deg=72.0), HERE)
+    memory.recall(scan([pole], AVOID), [pole], Here(0.0), NS)
+    for frame_ns in (NS + 1, NS + 1):
+        lost = replace(clear, t_ns=frame_ns)
+        assert np.isfinite(memory.recall(scan([lost], AVOID), [lost], Here(0.0), frame_ns).distance_m[0])
+    hidden = View(model(free_to_m=2.0, view_deg=72.0), HERE, t_ns=NS + 2)
+    memory.recall(scan([hidden], AVOID), [hidden], Here(0.0), NS + 2)
+    lost = replace(clear, t_ns=NS + 3)
+    assert np.isfinite(memory.recall(scan([lost], AVOID), [lost], Here(0.0), NS + 3).distance_m[0])
+
+
+def test_two_cameras_that_see_through_a_place_together_count_by_their_older_frame() -> None:
+    """The left one shows the left side of the place, in one frame; the right one the rest, in two frames."""
+    memory = ObstacleMemory(AVOID)
+    memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.0), NS)
+    whole = model(free_to_m=13.0, view_deg=72.0)
+    half = replace(whole.free, azimuth_edges_rad=np.linspace(-0.6, 0.0, 37, dtype=np.float32))
+    left = View(replace(whole, free=half), HERE, t_ns=2 * NS)
+    half = replace(whole.free, azimuth_edges_rad=np.linspace(0.0, 0.6, 37, dtype=np.float32))
+    for frame_ns, seen in ((2 * NS, True), (2 * NS + NS // 12, True)):
+        views = [left, View(replace(whole, free=half), HERE, t_ns=frame_ns)]
+        then = memory.recall(scan(views, AVOID), views, Here(0.0), frame_ns).distance_m
+        assert np.isfinite(then[0]) == seen
+    views = [replace(left, t_ns=2 * NS + NS // 12), views[1]]
+    assert np.isinf(memory.recall(scan(views, AVOID), views, Here(0.0), 2 * NS + NS // 10).distance_m[0])
 
 
 @pytest.mark.parametrize("after", [Here(0.0, (40.0, -7.0, -3.0), 2), Here(0.0), Here(0.0, (12.0, 5.0, -3.0), 1)])

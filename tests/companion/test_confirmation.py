@@ -12,6 +12,7 @@ from companion.autopilot.confirmation import SectorSight, SeenSectors
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.surroundings import Surroundings
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, FrameModel
@@ -52,6 +53,30 @@ def test_few_pixels_on_one_frame_are_neither_sent_nor_remembered(autopilot: obje
     for _ in range(30):
         assert chain.ahead(autopilot) == CLEAR_CM
         chain.fly(0.1)
+
+
+def test_what_is_not_sent_yet_ends_the_memory_of_free_space_at_its_place() -> None:
+    """A thin obstacle may be found in a single frame only before it leaves the image."""
+    shown: list[Surroundings] = []
+    chain = Chain(CLEAR)
+    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3, observer=shown.append)
+    chain.builder.announce(CAMERA)
+    chain.position = (0.0, 0.0, -2.0)
+    for _ in range(10):
+        one_frame(chain, CLEAR)
+
+    def free_above() -> bool:
+        """At the pole's place, above the image."""
+        assert shown[-1].recall is not None
+        return bool(shown[-1].recall(np.array([2.6]), np.array([0.0]), np.array([-1.6]))[0])
+
+    assert free_above()
+    one_frame(chain, pole(2.6, 3))
+    assert len(shown[-1].views[0].model.planes) == 0
+    assert not free_above()
+    for _ in range(3):
+        one_frame(chain, CLEAR)
+    assert free_above()
 
 
 @pytest.mark.parametrize("distance_m", [1.5, 3.0, 5.5])

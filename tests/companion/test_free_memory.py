@@ -81,8 +81,31 @@ def test_an_older_frame_of_another_camera_does_not_free_the_place_of_an_obstacle
     memory.see("front", 11 * NS - NS // 20, looking(0.0), START)
     assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=11 * NS)
     assert free(memory, START, 5.0, 2.0, -0.7, t_ns=11 * NS)
+
+
+WALL = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
+
+
+def test_an_obstacle_in_a_frame_soon_after_the_last_one_counts() -> None:
+    """Frames of a camera with 30 Hz: not all of them are searched for free space."""
+    memory = remembering()
+    memory.see("front", 10 * NS + NS // 30, replace(looking(0.0), model=WALL), START)
+    assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=10 * NS + NS // 30)
+    assert free(memory, START, 5.0, 2.0, -0.7, t_ns=10 * NS + NS // 30)
+
+
+@pytest.mark.parametrize("again", [0, 1])
+def test_the_place_of_an_obstacle_is_free_only_after_two_frames_that_see_it_free(again: int) -> None:
+    """A thin obstacle is not found in every frame."""
+    memory = remembering()
+    memory.see("front", 11 * NS, replace(looking(0.0), model=WALL), START)
     memory.see("front", 11 * NS + NS // 10, looking(0.0), START)
-    assert free(memory, START, 5.0, 0.0, -0.7, t_ns=12 * NS)
+    memory.see("front", 11 * NS + NS // 10, looking(0.0), START)  # used by another decision
+    assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=12 * NS)
+    if again:
+        memory.see("front", 11 * NS + 2 * NS // 10, replace(looking(0.0), model=WALL), START)
+    memory.see("front", 11 * NS + 3 * NS // 10, looking(0.0), START)
+    assert free(memory, START, 5.0, 0.0, -0.7, t_ns=12 * NS) == (not again)
 
 
 def test_below_an_obstacle_it_stays_free() -> None:

@@ -74,8 +74,9 @@ def test_open_space_does_not_remove_a_remembered_obstacle() -> None:
     opened = View(open_ahead(free_to_m=0.0), HERE, open_counts=True)
     kept = memory.recall(scan([opened], AVOID), [opened], here, NS // 10)
     assert np.isfinite(kept.distance_m[0])
-    free = View(open_ahead(free_to_m=13.0), HERE, open_counts=True)
-    gone = memory.recall(scan([free], AVOID), [free], here, NS // 5)
+    for t_ns in (NS // 5, 3 * NS // 10):
+        free = View(open_ahead(free_to_m=13.0), HERE, open_counts=True, t_ns=t_ns)
+        gone = memory.recall(scan([free], AVOID), [free], here, t_ns)
     assert not np.isfinite(gone.distance_m[0])
 
 
