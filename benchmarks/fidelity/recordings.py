@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.fidelity.recorded_directions import HALF_HEIGHT_M, TO_M, count_recording
 from benchmarks.fidelity.stability import BORDER_PX, STEP_M, Found, Seen, found_again
 from benchmarks.hardware_info import CHECKOUT
 from benchmarks.paper.plots import figure, label
@@ -96,7 +97,7 @@ def section(out: Path, quick: bool, data: Path = DATA) -> str:
         if len(f.results) > 20:
             draw(out / f"recording_{f.name}.png", f)
             pictures.append(f"![{f.words}: time, planes, share found again](recording_{f.name}.png)\n")
-    return "\n".join([summary(flown), *tables(flown), *pictures])
+    return "\n".join([summary(flown), *tables(flown), *free_directions(there, data), *pictures])
 
 
 def fly(folder: Path, name: str, words: str, config_name: str, rounds: int) -> Flown:
@@ -212,6 +213,23 @@ def tables(flown: Sequence[Flown]) -> list[str]:
             ],
             again,
         ),
+    ]
+
+
+def free_directions(recordings: Sequence[tuple[str, str, str]], data: Path) -> list[str]:
+    """How many of the free directions of each recording are called free, with the default configuration and that of rooms."""
+    rows = []
+    for name, _, words in recordings:
+        for config in ("default.toml", "indoor.toml"):
+            c = count_recording(data / name, CHECKOUT / "configs" / config)
+            share = f"{100 * c.called / c.truly_free:.1f} %" if c.truly_free else ""
+            rows.append([words, config, str(c.frames), str(c.truly_free), share, str(c.wrong)])
+    return [
+        "## Free directions\n",
+        f"A direction is truly free if something is measured within {HALF_HEIGHT_M:g} m above and below the camera, and nothing nearer than {TO_M:g} m. "
+        f"*Called free*: up to {TO_M:g} m in the layer at the camera's height. *Wrong*: a measured point lies in what is called free. "
+        "The default configuration closes openings that are narrower than 2 m, that of rooms those narrower than 0.6 m.\n",
+        table(["recording", "configuration", "frames", "truly free directions", "called free", "wrong"], rows),
     ]
 
 
