@@ -75,10 +75,11 @@ def _cost(measured: Floats, predicted: Floats, weights: Floats) -> tuple[Floats,
     """Weighted sum of squares at each lag (L,) with the best mount rotation there, and these rotations (L, 3)."""
     difference = measured[:, None, :] - predicted
     basis = _turned_by(predicted)
-    normal = np.einsum("nlka,na,nlma->lkm", basis, weights, basis) + np.eye(3) / MOUNT_PRIOR_RAD**2
-    right = np.einsum("nlka,na,nla->lk", basis, weights, difference)
+    weighted = basis * weights[:, None, None, :]
+    normal = np.einsum("nlka,nlma->lkm", weighted, basis) + np.eye(3) / MOUNT_PRIOR_RAD**2
+    right = np.einsum("nlka,nla->lk", weighted, difference)
     turns = np.linalg.solve(normal, right[..., None])[..., 0]
-    cost = np.einsum("nla,na,nla->l", difference, weights, difference) - np.einsum("lk,lk->l", right, turns)
+    cost = np.einsum("nla,nla->l", difference * weights[:, None, :], difference) - np.einsum("lk,lk->l", right, turns)
     return cost, turns
 
 
