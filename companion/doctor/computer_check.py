@@ -9,8 +9,10 @@ from pathlib import Path
 
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
+from ..kernels.cache_state import discard_damaged
+from ..kernels.loading import COMPILED_S
 from ..kernels.run_kernels import run_kernels
-from ..kernels.warmup import COMPILED_S, discard_damaged, ensure_compiled
+from ..kernels.warmup import ensure_compiled
 from ..log.log_directory import free_bytes
 from ..paths import FolderError, folders
 from .finding import Finding

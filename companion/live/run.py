@@ -123,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
     config = load_config(config_path(args.config))
     from ..kernels.child_process import WarmupError
-    from ..kernels.warmup import Loading
+    from ..kernels.loading import Loading
 
     world = ("world",) if config.publish.world else ()
     tracking = ("tracking",) if config.tracking.enabled else ()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import companion.kernels.loading as loading
 import companion.kernels.warmup as warmup
 from companion.kernels.jit_cache import seed
 from companion.kernels.manifest import MANIFEST, copy_entries, damaged_kernels, delete_kernels, write_manifest
@@ -151,7 +152,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
     code = "from small_kernels import twice, thrice; assert twice(3) == 6 and thrice(3) == 9"
     monkeypatch.setattr(warmup, "CHILD", code)
-    monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: None)
+    monkeypatch.setattr(loading, "run_kernels", lambda modes, metres: None)
     yield tmp_path / "cache"
     gc.unfreeze()
 
@@ -163,13 +164,13 @@ def test_a_start_makes_a_damaged_kernel_again(cache: Path, caplog: pytest.LogCap
     content, stamp = file.read_bytes(), whole.stat().st_mtime_ns
     changed(file, content[:-8] + bytes(8))
     with caplog.at_level(logging.WARNING):
-        warmup.make_ready("safe")
+        loading.make_ready("safe")
     assert "damaged: 2 files deleted" in caplog.text
     assert file.stat().st_size == len(content)
     assert whole.stat().st_mtime_ns == stamp
     assert damaged_kernels(cache) == []
     caplog.clear()
-    warmup.make_ready("safe")
+    loading.make_ready("safe")
     assert caplog.text == ""
 
 
@@ -185,5 +186,5 @@ def test_the_command_makes_a_damaged_kernel_again(cache: Path) -> None:
 def test_a_cache_without_a_manifest_gets_one(cache: Path) -> None:
     warmup.warm_up()
     (cache / MANIFEST).unlink()
-    warmup.make_ready("safe")
+    loading.make_ready("safe")
     assert (cache / MANIFEST).exists()

@@ -12,9 +12,11 @@ import pytest
 from companion.config.loader import Config, load_config
 from companion.doctor.autopilot_check import autopilot_findings
 from companion.kernels import jit_cache
+from companion.kernels.cache_state import cache_warning
+from companion.kernels.child_process import WarmupError
 from companion.kernels.processor import processor
 from companion.kernels.run_kernels import MODES
-from companion.kernels.warmup import WarmupError, cache_warning, warm_up
+from companion.kernels.warmup import warm_up
 from companion.paths import FolderError, folders
 from companion.whole_file import whole_file, write_whole
 

@@ -18,8 +18,10 @@ from pathlib import Path
 import pytest
 
 import companion.kernels.child_process as child_process
+import companion.kernels.loading as loading
 import companion.kernels.warmup as warmup
 from companion.cli import main
+from companion.kernels.jit_cache import COMPLETE
 from companion.kernels.processor import processor
 from companion.kernels.progress import CompiledCount, Report
 
@@ -200,19 +202,21 @@ def test_every_kernel_that_python_calls_is_run_for_any_parameters() -> None:
 
 DIES_WHILE_LOADING = """
 import os
+import companion.kernels.loading as loading
 import companion.kernels.warmup as warmup
 warmup.CHILD = "raise SystemExit(1)"
-warmup.run_kernels = lambda modes, metres: os._exit(9)
-warmup.make_ready("extractor")
+loading.run_kernels = lambda modes, metres: os._exit(9)
+loading.make_ready("extractor")
 """
 
 ENDS_WHILE_LOADING = """
 import sys, threading, time
+import companion.kernels.loading as loading
 import companion.kernels.warmup as warmup
 begun = threading.Event()
 warmup.CHILD = "raise SystemExit(1)"
-warmup.run_kernels = lambda modes, metres: (begun.set(), time.sleep(60))
-threading.Thread(target=warmup.make_ready, args=("extractor",), daemon=True).start()
+loading.run_kernels = lambda modes, metres: (begun.set(), time.sleep(60))
+threading.Thread(target=loading.make_ready, args=("extractor",), daemon=True).start()
 begun.wait()
 sys.exit(1)
 """
@@ -222,17 +226,17 @@ sys.exit(1)
 def ready(small: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, ...]]]:
     """What make_ready would run, recorded and not run; objects are the collector's again at the end."""
     ran: list[tuple[str, ...]] = []
-    monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: ran.append(tuple(modes)))
+    monkeypatch.setattr(loading, "run_kernels", lambda modes, metres: ran.append(tuple(modes)))
     yield ran
     gc.unfreeze()
 
 
 def test_a_start_loads_the_mode_that_is_asked_for(small: Path, ready: list[tuple[str, ...]]) -> None:
     small.mkdir()
-    warmup.make_ready("world")
+    loading.make_ready("world")
     assert ready == [("world",)]
     assert gc.get_freeze_count() > 0
-    assert not (small / warmup.MARK).exists()
+    assert not (small / loading.MARK).exists()
 
 
 def test_what_was_never_compiled_is_compiled_by_a_child_once(
@@ -244,10 +248,10 @@ def test_what_was_never_compiled_is_compiled_by_a_child_once(
     monkeypatch.chdir(small.parent)
     small.mkdir()
     for _ in range(2):
-        warmup.make_ready("extractor")
+        loading.make_ready("extractor")
         assert (small.parent / "extractor.ran").read_text() == "x"
         assert len(list(small.rglob("*.nbc"))) == 1
-    warmup.make_ready("world")  # another mode has kernels of its own
+    loading.make_ready("world")  # another mode has kernels of its own
     assert (small.parent / "world.ran").read_text() == "x"
     assert ready == [("extractor",), ("extractor",), ("world",)]
 
@@ -257,16 +261,16 @@ def test_a_child_that_cannot_compile_is_asked_again_and_the_service_tries_itself
 ) -> None:
     monkeypatch.setattr(warmup, "CHILD", "raise SystemExit(3)")
     small.mkdir()
-    warmup.make_ready("extractor")
+    loading.make_ready("extractor")
     assert ready == [("extractor",)]
-    assert not list(small.glob(warmup.COMPLETE + "*"))
+    assert not list(small.glob(COMPLETE + "*"))
 
 
 def test_after_the_command_a_start_needs_no_child(
     filled: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(warmup, "_child", lambda *modes, report: pytest.fail("a child was started"))
-    warmup.make_ready("extractor")
+    loading.make_ready("extractor")
     assert ready == [("extractor",)]
 
 
@@ -274,12 +278,12 @@ def test_kernels_of_another_processor_are_compiled_again(
     filled: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A disk that was moved to another computer: the mark must not hide that numba compiles."""
-    for mark in filled.glob(warmup.COMPLETE + "*"):
+    for mark in filled.glob(COMPLETE + "*"):
         mark.write_text("cortex-a53 +neon")
     asked: list[tuple[str, ...]] = []
     monkeypatch.setattr(warmup, "_child", lambda *modes, report: asked.append(modes) or SUCCESS)
     for _ in range(2):
-        warmup.make_ready("extractor")
+        loading.make_ready("extractor")
     assert asked == [("extractor",)]
 
 
@@ -297,7 +301,7 @@ def test_of_two_processes_one_compiles(
         waiting.join(0.1)
         assert waiting.is_alive()
         assert asked == []
-        (small / (warmup.COMPLETE + "extractor")).write_text(processor())  # the other one has finished
+        (small / (COMPLETE + "extractor")).write_text(processor())  # the other one has finished
     waiting.join()
     assert asked == []
     assert "compiling kernels 0 of" in capsys.readouterr().err  # the one that waits does not look hung
@@ -339,11 +343,11 @@ def test_kernels_that_cannot_be_loaded_end_the_start(small: Path, monkeypatch: p
     def refuse(mode: str, report: Report) -> None:
         raise SystemExit  # a thread's end without a word on stderr
 
-    monkeypatch.setattr(warmup, "make_ready", refuse)
-    loading = warmup.Loading("extractor")
-    loading.start()
+    monkeypatch.setattr(loading, "make_ready", refuse)
+    thread = loading.Loading("extractor")
+    thread.start()
     with pytest.raises(warmup.WarmupError, match="companion warmup"):
-        loading.finish()
+        thread.finish()
 
 
 def test_after_a_death_while_loading_a_damaged_cache_is_mended(
@@ -353,15 +357,15 @@ def test_after_a_death_while_loading_a_damaged_cache_is_mended(
     environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[2])}
     died = subprocess.run([sys.executable, "-c", DIES_WHILE_LOADING], env=environment, check=False)
     assert died.returncode == 9
-    (mark,) = filled.rglob(warmup.MARK)
-    mark.rename(filled / warmup.MARK)  # that process had a folder of its own below, for the state of its sources
+    (mark,) = filled.rglob(loading.MARK)
+    mark.rename(filled / loading.MARK)  # that process had a folder of its own below, for the state of its sources
     (file,) = filled.rglob("*.nbc")
     file.write_bytes(b"")
-    warmup.make_ready("extractor")
+    loading.make_ready("extractor")
     assert ready == [("extractor",)]
     (mended,) = filled.rglob("*.nbc")
     assert mended.stat().st_size > 0
-    assert not (filled / warmup.MARK).exists()
+    assert not (filled / loading.MARK).exists()
 
 
 def test_a_start_that_fails_while_kernels_are_loaded_leaves_no_mark(filled: Path) -> None:
@@ -369,12 +373,12 @@ def test_a_start_that_fails_while_kernels_are_loaded_leaves_no_mark(filled: Path
     environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[2])}
     ended = subprocess.run([sys.executable, "-c", ENDS_WHILE_LOADING], env=environment, check=False)
     assert ended.returncode == 1
-    assert list(filled.rglob(warmup.MARK)) == []
+    assert list(filled.rglob(loading.MARK)) == []
 
 
 def test_where_the_cache_cannot_be_written_a_start_goes_on(
     tmp_path: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "none" / "cache"))
-    warmup.make_ready("extractor")
+    loading.make_ready("extractor")
     assert ready == [("extractor",)]
