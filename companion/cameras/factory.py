@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from core.types import CameraInfo, Intrinsics
 from drivers.base import DepthSource
 
 from ..config.camera import CameraConfig
 from ..paths import cache_folder
+
+if TYPE_CHECKING:
+    from drivers.cameras.stereo import MatchParams
 
 
 def make_source(section: CameraConfig) -> DepthSource:
@@ -36,6 +39,7 @@ def _oak(section: CameraConfig) -> DepthSource:
             height=section.height_px,
             fps=section.fps,
             confidence=section.confidence,
+            match=_match(section),
             emitter=section.emitter,
             **_range(section),
         )
@@ -43,7 +47,6 @@ def _oak(section: CameraConfig) -> DepthSource:
 
 
 def _zed(section: CameraConfig) -> DepthSource:
-    from drivers.cameras.stereo import MatchParams
     from drivers.cameras.zed_uvc import ZedSettings, ZedSource
 
     return ZedSource(
@@ -55,15 +58,21 @@ def _zed(section: CameraConfig) -> DepthSource:
             height=section.height_px,
             fps=section.fps,
             exposure_latency_s=section.exposure_latency_s,
-            match=MatchParams(
-                disparities=section.disparities,
-                correlation=section.match_correlation,
-                texture=section.match_texture,
-                period=section.match_period,
-                mark_smooth=section.mark_smooth,
-            ),
+            match=_match(section),
             **_range(section),
         )
+    )
+
+
+def _match(section: CameraConfig) -> MatchParams:
+    from drivers.cameras.stereo import MatchParams
+
+    return MatchParams(
+        disparities=section.disparities,
+        correlation=section.match_correlation,
+        texture=section.match_texture,
+        period=section.match_period,
+        mark_smooth=section.marks_smooth,
     )
 
 

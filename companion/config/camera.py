@@ -141,7 +141,7 @@ class CameraConfig:
         0.0,
         0.99,
         "",
-        "zed only: least correlation of both images around a match; lower: more depth and more false "
+        "zed and oak: least correlation of both images around a match; lower: more depth and more false "
         "obstacles; 0 accepts every match",
         0.7,
         safety=True,
@@ -150,7 +150,7 @@ class CameraConfig:
         0.0,
         100.0,
         "",
-        "zed only: least variance of the texture, relative to the sensor noise; lower: more depth and more "
+        "zed and oak: least variance of the texture, relative to the sensor noise; lower: more depth and more "
         "false obstacles; 0: off",
         3.0,
         safety=True,
@@ -159,7 +159,7 @@ class CameraConfig:
         0.3,
         1.0,
         "",
-        "zed only: correlation of the image with itself above which it counts as repetitive and is not "
+        "zed and oak: correlation of the image with itself above which it counts as repetitive and is not "
         "measured; 1: off",
         0.9,
         safety=True,
@@ -218,7 +218,7 @@ class CameraConfig:
 
     @property
     def can_mark(self) -> bool:
-        """Whether the driver of such a camera holds both images of a stereo pair, which `mark_smooth` needs."""
+        """Whether the driver of such a camera marks pixels: it matches both images of a stereo pair itself."""
         return self.kind == "zed" or (self.kind == "simulated" and self.render == "stereo" and not self.follow)
 
     @property

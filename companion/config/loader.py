@@ -154,7 +154,7 @@ def _why_unmarked(camera: CameraConfig) -> str:
     """Why the depth images of a camera bear no marks."""
     if camera.can_mark:
         return f'"{camera.name}" has mark_smooth = false; set it to true'
-    return f'"{camera.name}" of kind "{camera.kind}" delivers depth without its images, so mark_smooth has no effect'
+    return f'"{camera.name}" of kind "{camera.kind}" delivers matched depth, so mark_smooth has no effect'
 
 
 class ConfigError(Exception):

@@ -17,11 +17,25 @@ from numpy.typing import NDArray
 from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
-from .oak_pipeline import OakLink, OakSettings, connect_device, first_line
+from .device_matches import confirmed_depth
+from .oak_pipeline import (
+    DEPTH,
+    LEFT,
+    RIGHT,
+    SAME_FRAME_S,
+    OakLink,
+    OakSettings,
+    connect_device,
+    first_line,
+)
 
 DISPARITY_SIGMA_PX = 0.25
 """Noise of the device's subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
 _POLL_S = 0.002
+_UNTESTED = (
+    "Restart the device; to fly by the device's own confidence alone, set match_correlation = 0, match_texture = 0 "
+    "and match_period = 1"
+)
 
 
 class OakSource:
@@ -48,11 +62,12 @@ class OakSource:
         try:
             message = self._next(self._settings.first_frame_s)
             if message is None:
+                what = "depth frame with both rectified images" if self._settings.with_images else "depth frame"
                 raise DeviceLost(
-                    f"camera {self._settings.camera}: no depth frame within {self._settings.first_frame_s:g} s; check "
+                    f"camera {self._settings.camera}: no {what} within {self._settings.first_frame_s:g} s; check "
                     "that the cable is USB 3 and the power supply sufficient (OAK needs up to 1.5 A)"
                 )
-            self._info = self._describe(message)
+            self._info = self._describe(self._part(message, DEPTH))
             self._waiting = self._frame(message)
         except (DeviceLost, BadData):
             self.close()
@@ -97,8 +112,9 @@ class OakSource:
 
     def _frame(self, message: Any) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
-        depth = self._pixels(message)
-        exposure_ns = _middle_ns(message)
+        of_depth = self._part(message, DEPTH)
+        depth = self._pixels(of_depth)
+        exposure_ns = _middle_ns(of_depth)
         if not 0 < exposure_ns <= arrival_ns:
             raise BadData(
                 f"camera {self._settings.camera}: a frame is stamped {(exposure_ns - arrival_ns) / 1e9:+.3f} s from "
@@ -106,11 +122,50 @@ class OakSource:
             )
         return DepthFrame(
             camera=self._settings.camera,
-            sequence=int(message.getSequenceNum()) % (1 << 32),
+            sequence=int(of_depth.getSequenceNum()) % (1 << 32),
             t_exposure_ns=exposure_ns,
             t_arrival_ns=arrival_ns,
-            depth_mm=depth,
+            depth_mm=self._confirmed(depth, message) if self._settings.with_images else depth,
         )
+
+    def _part(self, message: Any, name: str) -> Any:
+        """The message of a name in a group; without images the message is the depth. Raises BadData."""
+        if not self._settings.with_images:
+            return message
+        import depthai as dai
+
+        if not isinstance(message, dai.MessageGroup) or name not in message.getMessageNames():
+            raise BadData(
+                f"camera {self._settings.camera}: a frame without its {name} image, with which the depth is tested. {_UNTESTED}"
+            )
+        return message[name]
+
+    def _confirmed(self, depth: NDArray[np.uint16], group: Any) -> NDArray[np.uint16]:
+        """The depth whose matches the rectified images confirm. Raises BadData where they are not those of the depth."""
+        of_depth = self._part(group, DEPTH)
+        pair = []
+        for name in (LEFT, RIGHT):
+            message = self._part(group, name)
+            apart_s = abs((message.getTimestamp() - of_depth.getTimestamp()).total_seconds())
+            image = message.getFrame()
+            if image.dtype != np.uint8 or image.shape != depth.shape:
+                raise BadData(
+                    f"camera {self._settings.camera}: a {name} image of {image.dtype}, rows and columns {image.shape}, for "
+                    f"depth of {depth.shape}; expected RAW8 of the same size. {_UNTESTED}"
+                )
+            if apart_s > SAME_FRAME_S:
+                raise BadData(
+                    f"camera {self._settings.camera}: a {name} image is stamped {apart_s:.3f} s from its depth. {_UNTESTED}"
+                )
+            pair.append(np.asarray(image, np.uint8))
+        baseline_m = self._link.baseline_m if self._link is not None else None
+        if not baseline_m:
+            raise BadData(
+                f"camera {self._settings.camera}: the device reports no baseline; check that it has its factory "
+                f"calibration. {_UNTESTED}"
+            )
+        f_b_px_m = self.info.intrinsics.fx * baseline_m
+        return confirmed_depth(depth, (pair[0], pair[1]), f_b_px_m, self._settings.match)
 
     def _pixels(self, message: Any) -> NDArray[np.uint16]:
         pixels = message.getCvFrame()

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import timedelta
 from typing import Any, Protocol
 
 from ..base import DeviceNotFound
 from ..optional_library import install_command
+from .device_matches import needs_images
+from .stereo import MatchParams
 
 # read by the library at its import: no signal handlers, no telemetry
 for _name, _value in (
@@ -22,7 +25,8 @@ for _name, _value in (
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OakSettings:
     """Settings of the device. device: its id, USB port or address; empty: the only device. confidence: 0..255, see
-    `configure`. emitter: intensity of the dot projector, 0..1. first_frame_s: time limit to find, boot and deliver."""
+    `configure`. match: rules by which the device's matches are tested on the host; without any the images are not
+    requested. emitter: intensity of the dot projector, 0..1. first_frame_s: time limit to find, boot and deliver."""
 
     camera: str
     device: str = ""
@@ -30,15 +34,28 @@ class OakSettings:
     height: int = 400
     fps: float = 30.0
     confidence: int = 55
+    match: MatchParams = field(default_factory=MatchParams)
     emitter: float = 0.0
     max_range_m: float = 15.0
     min_range_m: float = 0.4
     find_s: float = 5.0
     first_frame_s: float = 20.0
 
+    @property
+    def with_images(self) -> bool:
+        """Whether the rectified images are requested beside the depth."""
+        return needs_images(self.match)
+
+
+DEPTH, LEFT, RIGHT = "depth", "left", "right"
+"""Names in a group of messages."""
+SAME_FRAME_S = 0.001
+"""Messages of one exposure bear the same stamp; it must not differ by more."""
+
 
 class OakLink(Protocol):
-    """A running pipeline: its depth queue and its end."""
+    """A running pipeline: its queue and its end. queue: of depth (dai.ImgFrame), or with_images of depth and rectified images
+    (dai.MessageGroup)."""
 
     queue: Any
     baseline_m: float | None
@@ -70,6 +87,19 @@ def configure(config: Any, confidence: int) -> None:
     config.postProcessing.adaptiveMedianFilter.enable = False
 
 
+def synchronised(pipeline: Any, outputs: dict[str, Any]) -> Any:
+    """The output of groups of messages of one exposure. outputs: by name. The host groups them: where one of them is missing, no
+    group comes."""
+    import depthai as dai
+
+    sync = pipeline.create(dai.node.Sync)
+    sync.setRunOnHost(True)
+    sync.setSyncThreshold(timedelta(seconds=SAME_FRAME_S))
+    for name, output in outputs.items():
+        output.link(sync.inputs[name])
+    return sync.out
+
+
 class DeviceLink:
     """A pipeline on a device: two rectified cameras, stereo depth, and a queue of the newest two frames."""
 
@@ -91,7 +121,12 @@ class DeviceLink:
         sides[1].link(stereo.right)
         stereo.setRectification(True)
         configure(stereo.initialConfig, settings.confidence)
-        self.queue = stereo.depth.createOutputQueue(maxSize=2, blocking=False)
+        output = stereo.depth
+        if settings.with_images:
+            output = synchronised(
+                self._pipeline, {DEPTH: stereo.depth, LEFT: stereo.rectifiedLeft, RIGHT: stereo.rectifiedRight}
+            )
+        self.queue = output.createOutputQueue(maxSize=2, blocking=False)
         self._pipeline.start()
         if settings.emitter > 0.0:
             device.setIrLaserDotProjectorIntensity(settings.emitter)

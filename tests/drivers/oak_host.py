@@ -14,24 +14,67 @@ os.environ.setdefault("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0")
 import depthai as dai
 import numpy as np
 
-from drivers.cameras.oak_pipeline import OakSettings
+from drivers.cameras.oak_pipeline import OakSettings, synchronised
+from drivers.cameras.stereo import MatchParams
 
 WIDTH, HEIGHT = 64, 40
+DEVICE_ALONE = MatchParams(correlation=0.0, texture=0.0, period=1.0)
+"""No rule of the host: the images are not requested."""
 MATRIX = [[45.0, 0.0, 31.5], [0.0, 45.0, 19.5], [0.0, 0.0, 1.0]]
 
 
+def now() -> timedelta:
+    """The host's monotonic clock."""
+    return timedelta(microseconds=time.monotonic_ns() // 1000)
+
+
 def depth_message(number: int, **changes: Any) -> dai.ImgFrame:
-    """A RAW16 frame as StereoDepth sends it. changes: pixels, age_s, matrix, kind."""
+    """A RAW16 frame as StereoDepth sends it. changes: pixels, age_s or stamp, matrix, kind."""
     message = dai.ImgFrame()
     pixels = changes.get("pixels", np.full((HEIGHT, WIDTH), 1000 + number, np.uint16))
     message.setCvFrame(pixels, changes.get("kind", dai.ImgFrame.Type.RAW16))
-    age_us = round(changes.get("age_s", 0.02) * 1e6)
-    message.setTimestamp(timedelta(microseconds=time.monotonic_ns() // 1000 - age_us))
+    message.setTimestamp(changes.get("stamp", now() - timedelta(seconds=changes.get("age_s", 0.02))))
     message.setSequenceNum(number)
     transformation = dai.ImgTransformation(WIDTH, HEIGHT)
     transformation.setIntrinsicMatrix(changes.get("matrix", MATRIX))
     message.setTransformation(transformation)
     return message
+
+
+def image_message(
+    number: int, pixels: np.ndarray, stamp: timedelta, kind: Any = dai.ImgFrame.Type.RAW8
+) -> dai.ImgFrame:
+    """A rectified image as StereoDepth sends it."""
+    message = dai.ImgFrame()
+    message.setCvFrame(pixels, kind)
+    message.setTimestamp(stamp)
+    message.setSequenceNum(number)
+    return message
+
+
+def group_message(parts: dict[str, dai.ImgFrame]) -> dai.MessageGroup:
+    """A group as a Sync node sends it."""
+    group = dai.MessageGroup()
+    for name, message in parts.items():
+        group[name] = message
+    return group
+
+
+class HostPair(dai.node.ThreadedHostNode):
+    """Sends what `make` gives for 0, 1, 2, ..., each part at the output of its name; a part may be missing."""
+
+    def __init__(self, names: tuple[str, ...], make: Callable[[int], dict[str, dai.ImgFrame]], period_s: float) -> None:
+        super().__init__()
+        self._make, self._period_s = make, period_s
+        self.outs = {name: self.createOutput(name) for name in names}
+
+    def run(self) -> None:
+        number = 0
+        while self.isRunning():
+            for name, message in self._make(number).items():
+                self.outs[name].send(message)
+            number += 1
+            time.sleep(self._period_s)
 
 
 class HostCamera(dai.node.ThreadedHostNode):
@@ -79,3 +122,15 @@ class HostLink:
     def close(self) -> None:
         self._pipeline.stop()
         self._pipeline.wait()
+
+
+class HostPairLink(HostLink):
+    """The same with rectified images: the driver's synchronisation of three streams."""
+
+    def __init__(self, make: Callable[[int], dict[str, dai.ImgFrame]], baseline_m: float | None = 0.075) -> None:
+        self.baseline_m = baseline_m
+        self._pipeline = dai.Pipeline(createImplicitDevice=False)
+        node = self._pipeline.create(HostPair, ("depth", "left", "right"), make, 0.01)
+        self.queue = synchronised(self._pipeline, node.outs).createOutputQueue(2, False)
+        self._pipeline.start()
+        self._stopped = False

@@ -18,11 +18,11 @@ from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import OakSettings, configure
 
-from .oak_host import HEIGHT, MATRIX, WIDTH, HostLink, depth_message
+from .oak_host import DEVICE_ALONE, HEIGHT, MATRIX, WIDTH, HostLink, depth_message
 
 pytestmark = pytest.mark.process
 
-SETTINGS = OakSettings(camera="front", first_frame_s=3.0, find_s=0.1)
+SETTINGS = OakSettings(camera="front", match=DEVICE_ALONE, first_frame_s=3.0, find_s=0.1)
 
 
 def test_frames_come_with_intrinsics_stamps_and_millimetres() -> None:
@@ -82,7 +82,7 @@ def read_all(source: OakSource) -> None:
 
 
 def test_a_device_that_never_delivers_is_lost_with_a_remedy() -> None:
-    source = OakSource(OakSettings(camera="front", first_frame_s=0.2), HostLink(lambda k: None))
+    source = OakSource(OakSettings(camera="front", match=DEVICE_ALONE, first_frame_s=0.2), HostLink(lambda k: None))
     with pytest.raises(
         DeviceLost, match=r"no depth frame within 0.2 s; check that the cable is USB 3|the device stopped"
     ):
@@ -148,14 +148,14 @@ def test_a_high_confidence_is_a_reliable_pixel() -> None:
 ABORTS = textwrap.dedent("""
     from drivers.cameras.oak import OakSource
     from drivers.cameras.oak_pipeline import OakSettings, configure
-    from tests.drivers.oak_host import HostLink, depth_message
+    from tests.drivers.oak_host import DEVICE_ALONE, HostLink, depth_message
 
     def make(k):
         if k == 3:
             raise ValueError("a defect in a host node")
         return depth_message(k)
 
-    source = OakSource(OakSettings(camera="front"), HostLink(make))
+    source = OakSource(OakSettings(camera="front", match=DEVICE_ALONE), HostLink(make))
     source.open()
     while True:
         source.read(0.1)

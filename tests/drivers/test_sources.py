@@ -24,7 +24,7 @@ from drivers.simulation.looping_flight import EndlessFlight
 from drivers.simulation.source import camera_info
 from osape_client.proto import osape_v1_pb2 as pb
 
-from .oak_host import HostLink, depth_message
+from .oak_host import DEVICE_ALONE, HostLink, depth_message
 from .test_v4l2_depth import SETTINGS, FakeStream, buffer
 from .test_zed import CALIBRATION, side_by_side
 
@@ -49,7 +49,9 @@ def at_the_end(stop: Callable[[], None]) -> Callable[[], None]:
 def oak(folder: Path) -> Camera:
     """A pipeline on the host, which stops."""
     link = HostLink(depth_message)
-    return OakSource(OakSettings(camera="front", first_frame_s=20.0, find_s=0.1), link), at_the_end(link.stop)
+    return OakSource(OakSettings(camera="front", match=DEVICE_ALONE, first_frame_s=20.0, find_s=0.1), link), at_the_end(
+        link.stop
+    )
 
 
 def zed(folder: Path) -> Camera:

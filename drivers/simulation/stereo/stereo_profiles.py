@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo, CameraMount, Intrinsics
 
-from ...cameras.match_confidence import accepted_matches
-from ...cameras.stereo import MatchParams, StereoMatcher, confidence_limits, depth_mm
+from ...cameras.device_matches import confirmed_depth
+from ...cameras.stereo import MatchParams, StereoMatcher, depth_mm
 from ...cameras.textureless import SmoothLimits, mark_unmeasured
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
@@ -29,8 +29,9 @@ Disparity = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoProfile:
-    """One kind of stereo camera. match: the host's matcher; census: the device's own, then `match` is not used, but for its confidence rules where
-    host_check applies them to the device's disparity and rectified images. disparity_sigma_px: prior of the noise, as the driver states it."""
+    """One kind of stereo camera. match: the host's matcher; census: the device's own, then only the confidence rules
+    of `match` are used, and only with host_check: the driver tests the device's depth with its rectified images.
+    disparity_sigma_px: prior of the noise, as the driver states it."""
 
     name: str
     view: StereoView
@@ -52,8 +53,13 @@ class StereoProfile:
             min_range_m=self.min_range_m,
             max_range_m=self.max_range_m,
             ke_per_m=min(max(ke, 1e-4), 0.05),
-            marks_smooth=self.match.mark_smooth,
+            marks_smooth=self.marks_smooth,
         )
+
+    @property
+    def marks_smooth(self) -> bool:
+        """Whether unmeasured pixels are marked; depth that a device has matched has no marks."""
+        return self.census is None and self.match.mark_smooth
 
     @property
     def unmatched_left_px(self) -> int:
@@ -66,12 +72,11 @@ class StereoProfile:
         return 0 if self.census is not None else self.match.edge_px
 
     def matching(self) -> Callable[[Gray, Gray], Disparity]:
-        """A function from both images to disparity (H, W) float32 px, negative: none. Not for two threads at once."""
+        """A function from both images to disparity (H, W) float32 px, negative: none; of a device that matches, before the test of
+        the host. Not for two threads at once."""
         if self.census is not None:
-            census, limits = self.census, confidence_limits(self.match)
-            if not self.host_check:
-                return lambda left, right: census_disparity(left, right, census)
-            return lambda left, right: accepted_matches(left, right, census_disparity(left, right, census), limits)
+            census = self.census
+            return lambda left, right: census_disparity(left, right, census)
         return StereoMatcher(self.match).disparity
 
 
@@ -93,9 +98,8 @@ OAK = StereoProfile(
     census=CensusParams(subpixel_bits=5, threshold_grey=1, least_margin=0.15, most_cost=0.25),
     min_range_m=0.4,
     disparity_sigma_px=0.25,
+    host_check=True,
 )
-OAK_CHECKED = replace(OAK, name="oak_checked", host_check=True)
-"""An OAK whose rectified images are sent too and checked on the host as those of a ZED are."""
 D400 = StereoProfile(
     name="d400",
     view=_view(640, 480, 385.0, 0.05),
@@ -106,7 +110,7 @@ D400 = StereoProfile(
     max_range_m=6.0,
 )
 D400_ACTIVE = replace(D400, name="d400_active", projector=Projector(offset_m=0.025, strength=2.0))
-PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, LONG, OAK, OAK_CHECKED, D400, D400_ACTIVE)}
+PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, LONG, OAK, D400, D400_ACTIVE)}
 
 
 class StereoCamera:
@@ -131,13 +135,15 @@ class StereoCamera:
         return expose_pair(bright, self.profile.view.exposure, seed, frame)
 
     def disparity(self, pair: StereoPair) -> Disparity:
-        """(H, W) float32 px in the left image, negative: none."""
+        """(H, W) float32 px in the left image, negative: none; see `StereoProfile.matching`."""
         return self._matching(pair.left, pair.right)
 
     def depth_of(self, pair: StereoPair) -> NDArray[np.uint16]:
         """(H, W) uint16 mm in the left image."""
-        disparity, view = self.disparity(pair), self.profile.view
-        depth = depth_mm(disparity, view.intrinsics.fx, view.baseline_m)
-        if self.profile.match.mark_smooth:
+        disparity, k, baseline_m = self.disparity(pair), self.profile.view.intrinsics, self.profile.view.baseline_m
+        depth = depth_mm(disparity, k.fx, baseline_m)
+        if self.profile.host_check:
+            return confirmed_depth(depth, (pair.left, pair.right), k.fx * baseline_m, self.profile.match)
+        if self.profile.marks_smooth:
             return mark_unmeasured(depth, disparity, pair.left, pair.right, SmoothLimits())
         return depth

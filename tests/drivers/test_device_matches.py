@@ -1,0 +1,89 @@
+"""Depth matched by a device, tested with its rectified images: what the images do not confirm is not measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from core.types import UNKNOWN_MM
+from drivers.cameras.device_matches import confirmed_depth, disparity_of, needs_images
+from drivers.cameras.stereo import MatchParams
+
+HEIGHT, WIDTH, SHIFT = 80, 240, 12
+F_PX, BASELINE_M = 400.0, 0.075
+F_B_PX_M = F_PX * BASELINE_M
+WALL_MM = round(1000.0 * F_B_PX_M / SHIFT)
+OFF = MatchParams(correlation=0.0, texture=0.0, period=1.0)
+
+
+def scene(sky_rows: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A textured wall at WALL_MM in both images, under a blank sky of sky_rows; noise of one grey level."""
+    rng = np.random.Generator(np.random.PCG64(1))
+    wall = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH + SHIFT)), (0, 0), 1.2)
+    wall = 120.0 + 30.0 * wall / wall.std()
+    wall[:sky_rows] = 200.0
+    views = (wall[:, :WIDTH], wall[:, SHIFT : SHIFT + WIDTH])
+    left, right = (np.clip(np.rint(v + rng.standard_normal(v.shape)), 0, 255).astype(np.uint8) for v in views)
+    return left, right
+
+
+def device_depth(value_mm: int = WALL_MM) -> np.ndarray:
+    return np.full((HEIGHT, WIDTH), value_mm, np.uint16)
+
+
+def test_right_matches_keep_the_depth_of_the_device() -> None:
+    tested = confirmed_depth(device_depth(), scene(), F_B_PX_M, MatchParams())
+    inner = tested[8:-8, 24:-8]
+    assert np.mean(inner == WALL_MM) > 0.97
+    assert set(np.unique(tested)) <= {UNKNOWN_MM, WALL_MM}
+
+
+@pytest.mark.parametrize("wrong_mm", [1200, 5000, 20_000])
+def test_wrong_matches_of_a_texture_are_not_measured(wrong_mm: int) -> None:
+    depth = device_depth()
+    depth[20:60, 100:160] = wrong_mm
+    tested = confirmed_depth(depth, scene(), F_B_PX_M, MatchParams())
+    assert np.mean(tested[20:60, 100:160] == wrong_mm) < 0.005
+    assert np.mean(tested[70:76, 100:160] == WALL_MM) > 0.9
+
+
+def test_chance_depths_of_a_noisy_sky_are_not_measured() -> None:
+    rng = np.random.Generator(np.random.PCG64(2))
+    depth = device_depth()
+    depth[:40] = cv2.resize(rng.integers(1500, 9000, (5, 30)).astype(np.uint16), (WIDTH, 40), interpolation=0)
+    tested = confirmed_depth(depth, scene(sky_rows=40), F_B_PX_M, MatchParams())
+    assert not tested[:34].any()
+    without_rules = confirmed_depth(
+        depth, scene(sky_rows=40), F_B_PX_M, replace(OFF, patch_px=0, smear_px=0, smear_rows=0)
+    )
+    assert np.array_equal(without_rules, depth)
+
+
+def test_images_of_another_scene_confirm_nothing() -> None:
+    """Exchanged, mirrored or foreign images: no depth, and so nothing free."""
+    left, right = scene()
+    for pair in ((right, left), (left[:, ::-1].copy(), right[:, ::-1].copy()), (left, np.flipud(right).copy())):
+        assert np.mean(confirmed_depth(device_depth(), pair, F_B_PX_M, MatchParams()) > 0) < 0.01
+
+
+def test_no_depth_is_changed_or_added() -> None:
+    rng = np.random.Generator(np.random.PCG64(3))
+    depth = rng.integers(0, 65536, (HEIGHT, WIDTH)).astype(np.uint16)
+    depth[::3] = 0
+    tested = confirmed_depth(depth, scene(), F_B_PX_M, OFF)
+    assert ((tested == depth) | (tested == UNKNOWN_MM)).all()
+
+
+def test_the_disparity_is_that_of_the_depth() -> None:
+    depth = np.array([[0, 400, 30_000, 65_535]], np.uint16)
+    assert disparity_of(depth, F_B_PX_M) == pytest.approx(np.array([[-1.0, 75.0, 1.0, 30_000 / 65_535]]), rel=1e-5)
+
+
+def test_the_images_are_needed_by_each_rule() -> None:
+    assert not needs_images(OFF)
+    for change in ({"correlation": 0.7}, {"texture": 3.0}, {"period": 0.9}):
+        assert needs_images(replace(OFF, **change))
+    assert needs_images(MatchParams())

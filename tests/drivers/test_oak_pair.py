@@ -1,0 +1,139 @@
+"""The OAK driver with rectified images: real depthai messages and the real Sync node, without a device."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from datetime import timedelta
+
+import depthai as dai
+import numpy as np
+import pytest
+
+from drivers.base import BadData, DeviceLost
+from drivers.cameras.oak import OakSource
+from drivers.cameras.oak_pipeline import OakSettings
+
+from .oak_host import HostLink, HostPairLink, depth_message, group_message, image_message, now
+from .test_device_matches import F_PX, WALL_MM, WIDTH, device_depth, scene
+
+pytestmark = pytest.mark.process
+
+SETTINGS = OakSettings(camera="front", first_frame_s=3.0)
+MATRIX = [[F_PX, 0.0, 119.5], [0.0, F_PX, 39.5], [0.0, 0.0, 1.0]]
+LEFT, RIGHT = scene(sky_rows=40)
+DEPTH = device_depth()
+DEPTH[:40] = 2000
+"""The device gives the blank sky a depth of 2 m."""
+
+
+def parts(number: int) -> dict[str, dai.ImgFrame]:
+    stamp = now() - timedelta(milliseconds=20)
+    return {
+        "depth": depth_message(number, pixels=DEPTH, matrix=MATRIX, stamp=stamp),
+        "left": image_message(number, LEFT, stamp),
+        "right": image_message(number, RIGHT, stamp, dai.ImgFrame.Type.GRAY8),
+    }
+
+
+def test_depth_that_the_images_do_not_confirm_is_unknown() -> None:
+    source = OakSource(SETTINGS, HostPairLink(parts))
+    source.open()
+    try:
+        assert not source.info.marks_smooth
+        for _ in range(3):
+            frame = source.read(2.0)
+            assert frame is not None
+            assert not frame.depth_mm[:34].any()
+            assert np.mean(frame.depth_mm[48:-8, 24:-8] == WALL_MM) > 0.95
+            assert 0.02 <= (frame.t_arrival_ns - frame.t_exposure_ns) / 1e9 < 1.0
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize("missing", ["left", "right", "depth"])
+def test_a_stream_that_never_comes_is_a_lost_device(missing: str) -> None:
+    def without(number: int) -> dict[str, dai.ImgFrame]:
+        return {name: message for name, message in parts(number).items() if name != missing}
+
+    source = OakSource(replace(SETTINGS, first_frame_s=0.5), HostPairLink(without))
+    with pytest.raises(
+        DeviceLost, match=r"no depth frame with both rectified images within 0.5 s; check that the cable"
+    ):
+        source.open()
+
+
+def test_streams_of_different_exposures_are_no_frames() -> None:
+    def late(number: int) -> dict[str, dai.ImgFrame]:
+        found = parts(number)
+        found["right"].setTimestamp(found["right"].getTimestamp() - timedelta(milliseconds=5, seconds=number % 2))
+        return found
+
+    source = OakSource(replace(SETTINGS, first_frame_s=0.5), HostPairLink(late))
+    with pytest.raises(DeviceLost, match="no depth frame with both rectified images"):
+        source.open()
+
+
+def test_a_stream_that_ends_in_operation_ends_the_frames() -> None:
+    """No depth is delivered untested, and none with images of an earlier exposure: the service becomes blind."""
+
+    def ending(number: int) -> dict[str, dai.ImgFrame]:
+        return {name: message for name, message in parts(number).items() if number < 4 or name != "right"}
+
+    source = OakSource(SETTINGS, HostPairLink(ending))
+    source.open()
+    try:
+        source.read(1.0)
+        time.sleep(0.3)
+        newest = source.read(0.1)
+        assert newest is None or newest.sequence < 4
+        assert source.read(0.3) is None
+    finally:
+        source.close()
+
+
+def changed(name: str, message: dai.ImgFrame | None) -> dai.MessageGroup:
+    """A group with another message in the place of one, or without it."""
+    found = parts(0) | ({name: message} if message is not None else {})
+    if message is None:
+        del found[name]
+    return group_message(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "cause"),
+    [
+        ("left", lambda: None, "a frame without its left image"),
+        ("depth", lambda: None, "a frame without its depth image"),
+        (
+            "right",
+            lambda: image_message(0, RIGHT[:, : WIDTH // 2].copy(), now()),
+            r"\(80, 120\), for depth of \(80, 240\)",
+        ),
+        ("left", lambda: depth_message(0, pixels=DEPTH), r"a left image of uint16, .* expected RAW8"),
+        (
+            "right",
+            lambda: image_message(0, RIGHT, now() - timedelta(seconds=0.2)),
+            r"a right image is stamped 0\.1\d\d s",
+        ),
+    ],
+)
+def test_groups_that_cannot_be_used_name_the_cause_and_the_remedy(name: str, make: object, cause: str) -> None:
+    assert callable(make)
+    group = changed(name, make())
+    source = OakSource(SETTINGS, HostLink(lambda k: group))
+    with pytest.raises(BadData, match=cause) as error:
+        source.open()
+    assert "set match_correlation = 0" in str(error.value)
+
+
+def test_depth_alone_is_refused_where_images_were_requested() -> None:
+    message = depth_message(0)
+    with pytest.raises(BadData, match="a frame without its depth image"):
+        OakSource(SETTINGS, HostLink(lambda k: message)).open()
+
+
+def test_a_device_without_a_baseline_is_refused() -> None:
+    source = OakSource(SETTINGS, HostPairLink(parts, baseline_m=None))
+    with pytest.raises(BadData, match="reports no baseline; check that it has its factory calibration"):
+        source.open()
