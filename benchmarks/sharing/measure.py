@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import pickle
 import tempfile
@@ -16,7 +15,8 @@ from numpy.typing import NDArray
 
 from benchmarks.fidelity.metrics import judge
 from benchmarks.paper.cases import EXACT, rays_under
-from benchmarks.sharing.flights import FrameError, Part, errors, flown, judged_poses, length_of, scene_of, ways
+from benchmarks.sharing.flights import Part, errors, flown, judged_poses, length_of, scene_of, ways
+from benchmarks.sharing.pairs import Pair, pairs_of
 from benchmarks.sharing.radio import Channel, Traffic, radio
 from benchmarks.sharing.vehicle import Outcome, Task, fly
 from benchmarks.sharing.virtual import play
@@ -41,7 +41,7 @@ class Figures:
     from the confirmation of a plane by its owner until it is published by another vehicle, in flight; start_s: p95 with all that is in view at
     the start; never: share of planes that never
     arrived; missed_joint, missed_all: share of obstacle rays, by the first vehicle with its neighbours, and by one vehicle
-    that flew all parts; aligned: pairs with an aligned frame, of pairs; place_m, yaw_deg: worst error of an aligned frame."""
+    that flew all parts; pairs: of receivers and senders."""
 
     scene: str
     vehicles: int
@@ -54,10 +54,7 @@ class Figures:
     missed_joint: float
     missed_all: float
     missed_alone: float
-    pairs: int
-    aligned: int
-    place_m: float
-    yaw_deg: float
+    pairs: tuple[Pair, ...]
     lost: float
     late_frames: int
     refused: dict[str, int]
@@ -134,8 +131,7 @@ def _figures(
     rates = [_rates(sent, begin_ns) for sent in traffic.sent]
     delays, never = _latencies(outcomes, begin_ns + round(START_UP_S * NS))
     early, _ = _latencies(outcomes, 0)
-    pairs = [_pair(parts, outcomes, a, b) for a in range(len(parts)) for b in range(len(parts)) if a != b]
-    aligned = [p for p in pairs if p is not None]
+    pairs = pairs_of(parts, outcomes)
     flown_by = [r for part in parts for r in part.rendered]
     first = outcomes[0]
     assert first.shared is not None
@@ -154,8 +150,7 @@ def _figures(
         latency_s=(float(np.percentile(delays, 50)), float(np.percentile(delays, 95)), float(delays.max())),
         start_s=float(np.percentile(early, 95)), never=never,
         missed_joint=_missed(views, np.concatenate([own, shared]), flown_by), missed_all=_missed(views, _all_planes(everything), flown_by),
-        missed_alone=_missed(views, own, flown_by), pairs=len(pairs), aligned=len(aligned),
-        place_m=max((p[0] for p in aligned), default=math.nan), yaw_deg=max((p[1] for p in aligned), default=math.nan),
+        missed_alone=_missed(views, own, flown_by), pairs=tuple(pairs),
         lost=traffic.lost / max(1, datagrams), late_frames=sum(o.late_frames for o in outcomes), refused=refused,
         planes=len(own),
     )  # fmt: skip
@@ -197,49 +192,6 @@ def _latencies(outcomes: Sequence[Outcome], since_ns: int) -> tuple[Floats, floa
                 elif own_ns < last_ns:
                     missing += 1
     return np.array(delays), missing / max(1, missing + len(delays))
-
-
-def _pair(parts: Sequence[Part], outcomes: Sequence[Outcome], a: int, b: int) -> tuple[float, float] | None:
-    """(error of the place in m, of the yaw in deg) of the frame of b as a sees it, at the place where b hovers in the end; None: not
-    aligned."""
-    shared, sender = outcomes[a].shared, outcomes[b]
-    assert shared is not None
-    status = next((n for n in shared.neighbours if n.vehicle == sender.number), None)
-    rows = np.flatnonzero((shared.sender == sender.number) & (shared.aligned == 1))
-    if status is None or status.vehicle_m is None or not len(rows):
-        return None
-    true = parts[a].error.local(parts[b].error.true(np.array([parts[b].seen[-1].place_m])))[0]
-    off_m = math.hypot(status.vehicle_m[0] - true[0], status.vehicle_m[1] - true[1])
-    slots = {int(slot): k for k, slot in enumerate(sender.own_ids)}
-    turns = []
-    for row in rows:
-        k = slots.get(int(shared.ids[row]))
-        if k is not None:
-            sent = _carried(sender.own[k : k + 1], parts[b].error, parts[a].error)[0]
-            got = shared.planes[row].astype(np.float64)
-            turns.append(
-                (
-                    min(_length(sent), _length(got)),
-                    math.degrees(math.remainder(_heading(got) - _heading(sent), math.tau)),
-                )
-            )
-    long = [turn for length_m, turn in turns if length_m >= 3.0]  # rounding turns short planes
-    return off_m, abs(float(np.median(long))) if long else math.nan
-
-
-def _length(box: Floats) -> float:
-    return float(np.hypot(box[2] - box[0], box[3] - box[1]))
-
-
-def _heading(box: Floats) -> float:
-    return math.atan2(float(box[3] - box[1]), float(box[2] - box[0]))
-
-
-def _carried(box: Floats, begin: FrameError, to: FrameError) -> Floats:
-    """Planes of one local frame in another one, exactly."""
-    true = begin.true_boxes(box)
-    ends = [to.local(np.column_stack([true[:, k : k + 2], true[:, 4]]))[:, :2] for k in (0, 2)]
-    return np.column_stack([*ends, true[:, 4:]])
 
 
 def _missed(views: Sequence[Rendered], planes: Floats, flown_by: Sequence[Rendered]) -> float:

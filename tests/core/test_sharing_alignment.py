@@ -126,7 +126,7 @@ def test_two_bare_walls_do_not_fix_the_place_along_them() -> None:
 
 def test_a_row_of_equal_pillars_is_ambiguous() -> None:
     rows = []
-    for k in range(12):
+    for k in range(24):
         x = 3.0 * k
         rows += [(x, 0, x + 1, 0, -4, 0), (x + 1, 0, x + 1, 1, -4, 0), (x + 1, 1, x, 1, -4, 0), (x, 1, x, 0, -4, 0)]
     box = np.array(rows, np.float64)
@@ -166,3 +166,51 @@ def test_a_claimed_uncertainty_does_not_widen_the_search() -> None:
     assert refused(own, own, placed(20.0, 0.0, -3.0, 0.0, yaw=1.0)) is FitResult.TOO_UNCERTAIN
     long = np.vstack([other_of(true, own), [[-400.0, 0.0, 500.0, 0.0, -5.0, 0.0]] * 50])
     fit(long, own, true)
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 8.0, 15.0])
+def test_walls_that_end_where_the_views_end_do_not_fix_the_place_along_them(shift_m: float) -> None:
+    """Each vehicle has observed another part of the same walls: their ends must not be fitted to each other."""
+    rows = [[0, 6, 40, 6, -6, 0], [40, -6, 0, -6, -6, 0], [0, 8, 40, 8, -9, 0], [40, -9, 0, -9, -9, 0]]
+    own = np.array(rows * 2, np.float64)
+    own[4:, [1, 3]] *= 1.7
+    other = own + shift_m * np.array([1.0, 0, 1, 0, 0, 0])
+    true = placed(20.0 + shift_m / 2, 0.0, -3.0, 0.0)
+    prior = placed(22.0 + shift_m / 2, 1.0, -3.0, 0.02)
+    assert refused(other_of(true, other), own, prior) in (FitResult.UNOBSERVABLE, FitResult.AMBIGUOUS)
+
+
+def one_way(seed: int, ahead: float) -> Floats:
+    """Planes (N, 6) of a street with cars, flown along x (ahead = 1) or against it (-1): facades that end where the
+    view ends, the sides of cars towards the street, and of their ends those that face the vehicle."""
+    world = np.random.Generator(np.random.PCG64([seed, 1]))
+    rng = np.random.Generator(np.random.PCG64([seed, 2 + int(ahead)]))
+    rows: list[tuple[float, ...]] = []
+    for side in (-1.0, 1.0):
+        for k in range(5):
+            begin, length, y = 10.0 * k - 5.0, world.uniform(6.0, 9.5), side * world.uniform(6.5, 8.0)
+            cut = rng.uniform(0.0, 2.0, 2)
+            rows.append((begin + cut[0], y, begin + length - cut[1], y, -8.0, 0.0))
+    for _ in range(6):
+        x, y = world.uniform(0.0, 40.0), world.choice([-1.0, 1.0]) * world.uniform(3.5, 4.8)
+        street = y - math.copysign(0.9, y)
+        end = x - 2.1 * ahead
+        rows += [(x - 2.1, street, x + 2.1, street, -1.5, 0.0), (end, y - 0.9, end, y + 0.9, -1.5, 0.0)]
+    box = np.array(rows)
+    return np.asarray(box + rng.normal(0.0, 0.05, box.shape))
+
+
+def test_fits_from_opposite_directions_are_right_within_their_margins() -> None:
+    """Both see other ends of each car: they must not be fitted to each other."""
+    errors = []
+    for seed in range(12):
+        true = placed(40.0, 0.0, -3.0, 0.4)
+        off = 3.0 * np.array([math.cos(seed), math.sin(seed)])
+        found = fit(other_of(true, one_way(seed, -1.0)), one_way(seed, 1.0), placed(40.0 + off[0], off[1], -3.0, 0.42))
+        if found.result is FitResult.ACCEPTED:
+            middle = np.array([found.placement.pivot_m])
+            error_m = math.hypot(*(found.placement.points(middle) - true.points(middle))[0, :2])
+            assert error_m < 2.0 * found.placement.sigma_m
+            errors.append(error_m)
+    assert len(errors) >= 6
+    assert np.median(errors) < 0.3
