@@ -80,7 +80,7 @@ def new_plane(tables, seen, t_ns):
     i = new_slot(tables, t_ns)
     plane, box = tables.planes[i], box_of(seen)
     plane.anchor_x_m, plane.anchor_y_m = 0.5 * (box.ax + box.bx), 0.5 * (box.ay + box.by)
-    plane.margin_m, plane.plane_flags = seen.margin_m, seen.plane_flags
+    plane.margin_m, plane.noise_m, plane.plane_flags = seen.margin_m, seen.margin_m, seen.plane_flags
     a = shifted(box, float(plane.anchor_x_m), float(plane.anchor_y_m))
     put_moments(plane, segment_moments(a, seen.weight * length_of(a.ax, a.ay, a.bx, a.by), seen.sigma_m))
     put_box(tables, i, box)
@@ -113,6 +113,20 @@ def join_box(found, plane, other):
 
 
 @inner
+def ahead_of(found, box):
+    """Returns the distance of the nearer end of a Box in front of the joined plane, on its free side; negative: behind it.
+
+    The margin of a joined plane contains this distance of its parts, so that nothing that was observed lies in front of
+    the plane and its margin. found: Joined; box: relative to the same anchor."""
+    length = length_of(found.ax, found.ay, found.bx, found.by)
+    nx, ny = -(found.by - found.ay) / length, (found.bx - found.ax) / length  # to the right of a -> b
+    return max(
+        (box.ax - found.ax) * nx + (box.ay - found.ay) * ny,
+        (box.bx - found.ax) * nx + (box.by - found.ay) * ny,
+    )
+
+
+@inner
 def add_observation(tables, i, seen, rules, t_ns):
     """Adds an observation, a record of OBSERVATION, to slot i."""
     plane = tables.planes[i]
@@ -125,13 +139,10 @@ def add_observation(tables, i, seen, rules, t_ns):
     part = weight / m.w
     put_moments(plane, m)
     length = length_of(found.ax, found.ay, found.bx, found.by)
-    nx, ny = -(found.by - found.ay) / length, (found.bx - found.ax) / length  # towards the free side, right of a -> b
-    ahead = max(
-        (b.ax - found.ax) * nx + (b.ay - found.ay) * ny,
-        (b.bx - found.ax) * nx + (b.by - found.ay) * ny,
-    )
+    ahead, moved = ahead_of(found, b), ahead_of(found, shifted(box_of(plane), x, y))
     mean = (1.0 - part) * float(plane.margin_m) + part * seen.margin_m
-    plane.margin_m = max(mean, ahead)  # no part of the observation lies in front of the plane and its margin
+    plane.margin_m = max(mean, max(ahead, moved))
+    plane.noise_m = max((1.0 - part) * float(plane.noise_m) + part * seen.margin_m, ahead)
     measured = seen.plane_flags & _INFERRED == 0 and length_of(b.ax, b.ay, b.bx, b.by) >= _WHOLE * length
     inferred = found.gap > rules.corner_m or ((plane.plane_flags | seen.plane_flags) & _INFERRED != 0 and not measured)
     plane.plane_flags = joined_flags(plane.plane_flags, seen.plane_flags, inferred)
@@ -167,7 +178,7 @@ def score_planes(plane, other, rules):
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     m = together(moments_of(plane, x, y), moments_of(other, x, y), 1.0)
     a, b = shifted(box_of(plane), x, y), shifted(box_of(other), x, y)
-    return joined(a, b, m, max(float(plane.margin_m), float(other.margin_m)) / 2.0, rules)
+    return joined(a, b, m, max(float(plane.noise_m), float(other.noise_m)) / 2.0, rules)
 
 
 @inner
@@ -178,7 +189,9 @@ def absorb_plane(tables, i, k, rules):
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     put_moments(plane, together(moments_of(plane, x, y), moments_of(other, x, y), 1.0))
     box = join_box(found, plane, box_of(other))
-    plane.margin_m = max(plane.margin_m, other.margin_m)
+    ahead = max(ahead_of(found, shifted(box_of(plane), x, y)), ahead_of(found, shifted(box_of(other), x, y)))
+    plane.margin_m = max(max(float(plane.margin_m), float(other.margin_m)), ahead)
+    plane.noise_m = max(plane.noise_m, other.noise_m)
     inferred = found.gap > rules.corner_m or (plane.plane_flags | other.plane_flags) & _INFERRED != 0
     plane.plane_flags = joined_flags(plane.plane_flags, other.plane_flags, inferred)
     plane.hits = max(plane.hits, other.hits)

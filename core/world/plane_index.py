@@ -32,6 +32,7 @@ SLOT = record(
     ("anchor_x_m", np.float32),  # the moments are about this point
     ("anchor_y_m", np.float32),
     ("margin_m", np.float32),
+    ("noise_m", np.float32),  # the margin without the offsets of joined parts; it determines what may be joined
     ("clear_from_m", np.float32),  # the part that was observed as clear, relative to a
     ("clear_to_m", np.float32),
     ("hits", np.int32),  # observations; 0: an empty slot

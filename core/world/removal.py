@@ -171,7 +171,8 @@ def copy_part(tables, i, box):
         plane.xy,
         plane.yy,
     )
-    part.anchor_x_m, part.anchor_y_m, part.margin_m = plane.anchor_x_m, plane.anchor_y_m, plane.margin_m
+    part.anchor_x_m, part.anchor_y_m = plane.anchor_x_m, plane.anchor_y_m
+    part.margin_m, part.noise_m = plane.margin_m, plane.noise_m
     part.clear_from_m, part.clear_to_m = plane.clear_from_m, plane.clear_to_m
     part.hits, part.plane_flags, part.changed = plane.hits, plane.plane_flags, tables.state[0].frame
     part.ax_m, part.ay_m, part.bx_m, part.by_m = box.ax, box.ay, box.bx, box.by

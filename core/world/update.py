@@ -190,7 +190,8 @@ def put_saved(tables, free, saved, settings, join):
         i = new_slot(tables, row.seen_ns)
         plane = tables.planes[i]
         x, y = 0.5 * (row.ax_m + row.bx_m), 0.5 * (row.ay_m + row.by_m)
-        plane.anchor_x_m, plane.anchor_y_m, plane.margin_m = x, y, row.margin_m
+        plane.anchor_x_m, plane.anchor_y_m = x, y
+        plane.margin_m = plane.noise_m = row.margin_m
         # the anchor is rounded to float32, and the moments are moved to it
         dx, dy = x - float(plane.anchor_x_m), y - float(plane.anchor_y_m)
         m = Moments(row.weight, row.x, row.y, row.xx, row.xy, row.yy)

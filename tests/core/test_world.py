@@ -139,6 +139,28 @@ def test_drift_is_followed_and_nothing_seen_stands_before_the_plane_and_its_marg
     assert p.planes[0, 0] == pytest.approx(8.0, abs=0.5)
 
 
+@pytest.mark.parametrize("saved", [False, True])
+@pytest.mark.parametrize("y", [(-4.2, -3.9), (-3.9, -4.2)])
+def test_no_part_of_joined_planes_stands_before_them_and_their_margin(y: tuple[float, float], saved: bool) -> None:
+    """Two parts of a wall, one 0.3 m in front of the other, as observations and as planes of saved worlds."""
+    walls = [wall(0.0, y[0], 5.0, y[0]), wall(4.0, y[1], 9.0, y[1])]
+    worlds = [World(), World()]
+    for k, part in enumerate(walls):
+        model = seen(np.array([part]), (6.0, 8.0), -math.pi / 2, 0).model
+        whole = replace(model, planes=np.array([part], np.float32))
+        worlds[k * saved].add(Observation(model=whole, place_m=(6.0, 8.0, 0.0), t_ns=k * STEP))
+    world = worlds[0]
+    if saved:
+        world = World()
+        world.load((*worlds[0].saved(), *worlds[1].saved()))
+    p = world.picture(STEP)
+    assert len(p.planes) == 1
+    a, b = p.planes[0, 0:2].astype(float), p.planes[0, 2:4].astype(float)
+    free_side = np.array([a[1] - b[1], b[0] - a[0]]) / math.dist(a, b)
+    ahead = max((np.array(part[k : k + 2]) - a) @ free_side for part in walls for k in (0, 2))
+    assert 0.07 < ahead <= p.margin_m[0] + 0.001
+
+
 # ---- what goes, what stays --------------------------------------------------------------------------------------------
 
 
