@@ -16,7 +16,7 @@ from drivers.mavlink.dialect import dialect
 
 from ..config.avoidance import AvoidParams
 from .obstacle_distance import SENSOR_UNKNOWN, limits_cm
-from .obstacle_memory import Here
+from .obstacle_memory import Here, rotated
 from .view_free import View
 
 NS = 1_000_000_000
@@ -35,6 +35,7 @@ class Overhead:
         self._known = np.zeros((0, 7))  # a_x, a_y, b_x, b_y, underside z, margin, instant in s
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(3)
+        self._turned_rad = 0.0
 
     def see(self, view: View, here: Here, now_ns: int) -> None:
         """Adds the planes of a new frame whose undersides are above the vehicle's middle."""
@@ -65,14 +66,17 @@ class Overhead:
         return float(np.maximum(0.0, self._place_m[2] - above[:, 4] - above[:, 5]).min())
 
     def _follow(self, here: Here) -> None:
-        """Forgets the memory if the position is lost, and moves the memory if the position jumps."""
+        """Forgets the memory if the position is lost, and moves the memory if the position or the heading jumps."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array(here.position_ned_m or (0.0, 0.0, 0.0))
+        for ends in (slice(0, 2), slice(2, 4)):
+            turned_rad = here.turned_rad - self._turned_rad
+            self._known[:, ends] = rotated(self._known[:, ends], self._place_m[:2], turned_rad)
         if section != self._section:
             step = place_m - self._place_m
             self._known[:, 0:4] += np.tile(step[:2], 2)
             self._known[:, 4] += step[2]
-        self._section, self._place_m = section, place_m
+        self._section, self._place_m, self._turned_rad = section, place_m, here.turned_rad
         if here.position_ned_m is None:
             self._known = self._known[:0]
 

@@ -45,7 +45,7 @@ class FreeMemory:
         self._seen_by = np.zeros(self._seen_s.shape, np.uint8)
         self._numbers: dict[str, int] = {}
         self._low = np.zeros(3, np.int64)  # the cell of ned at [0, 0, 0]
-        self._section: int | None = None
+        self._estimate: tuple[int | None, int] | None = None
         self._newest_ns: dict[str, int] = {}
         self._taken_ns: dict[str, int] = {}
 
@@ -103,7 +103,7 @@ class FreeMemory:
         """Returns (N,) bool: True for points that were seen free lately and are in the image of no view now.
 
         x, y, z: (N,) m in level. cameras: those whose memory counts; None: all. What a blind camera saw does not count."""
-        if here.position_ned_m is None or here.section != self._section:
+        if here.position_ned_m is None or here.estimate != self._estimate:
             return np.zeros(len(x), bool)
         c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
         px, py, pz = here.position_ned_m
@@ -152,18 +152,18 @@ class FreeMemory:
         return out
 
     def _move_to(self, here: Here) -> None:
-        """Moves the grid to the vehicle. Another section of the position estimate empties it."""
+        """Moves the grid to the vehicle. Another section of the estimate of position or heading empties it."""
         assert here.position_ned_m is not None
         x, y, z = here.position_ned_m
         shape = np.array(self._seen_s.shape)
         low = np.floor(np.array([z, x, y]) / self._cell_m).astype(np.int64) - shape // 2
         shift = low - self._low
         fresh, fresh_by = np.full(tuple(shape), NEVER), np.zeros(tuple(shape), np.uint8)
-        if here.section == self._section and (np.abs(shift) < shape).all():
+        if here.estimate == self._estimate and (np.abs(shift) < shape).all():
             to = tuple(slice(max(0, -d), n - max(0, d)) for d, n in zip(shift, shape, strict=True))
             of = tuple(slice(max(0, d), n - max(0, -d)) for d, n in zip(shift, shape, strict=True))
             fresh[to], fresh_by[to] = self._seen_s[of], self._seen_by[of]
-        self._seen_s, self._seen_by, self._low, self._section = fresh, fresh_by, low, here.section
+        self._seen_s, self._seen_by, self._low, self._estimate = fresh, fresh_by, low, here.estimate
 
 
 def _turned(

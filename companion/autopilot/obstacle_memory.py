@@ -2,7 +2,8 @@
 
 An obstacle is kept as a point in ned, or without a position in level, turned with the heading. It is deleted if two
 frames in a row see its place and both sides of it free, since a thin obstacle is not found in every frame, and after
-remember_s. If the position estimate jumps, begins or ends, the point keeps its place relative to the vehicle."""
+remember_s. If the position estimate jumps, begins or ends, or the
+heading jumps, the point keeps its place relative to the vehicle."""
 
 from __future__ import annotations
 
@@ -29,11 +30,20 @@ class Here:
     Attributes:
         heading_rad: clockwise from north.
         position_ned_m: None: not known.
-        section: reset counter of the position estimate; it changes when the estimate jumps."""
+        section: number of the section of the position estimate; it changes when the estimate jumps.
+        heading_section: changes when the heading jumps, or may have jumped.
+        turned_rad: sum of the known jumps of the heading, clockwise."""
 
     heading_rad: float
     position_ned_m: tuple[float, float, float] | None = None
     section: int | None = None
+    heading_section: int = 0
+    turned_rad: float = 0.0
+
+    @property
+    def estimate(self) -> tuple[int | None, int]:
+        """Sections of the estimate, within which places in ned can be compared."""
+        return self.section, self.heading_section
 
     def from_world(self) -> LevelTransform:
         """Returns the transform from ned, or from north-aligned axes at the vehicle, to level."""
@@ -69,15 +79,19 @@ class ObstacleMemory:
         self._same_way_m = avoid.near_m * math.tan(0.5 * STEP_RAD)
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(2)
+        self._turned_rad = 0.0
 
     def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> Remembered:
         """Returns the obstacles remembered before, and adds those that are seen now."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
+        if here.turned_rad != self._turned_rad:  # the heading has changed, not the direction of the vehicle
+            self._points[:, :2] = rotated(self._points[:, :2], self._place_m, here.turned_rad - self._turned_rad)
+            self._points[:, 3] = 0.0
         if section != self._section:  # the origin of the estimate has changed, not the place of the vehicle
             self._points[:, :2] += place_m - self._place_m
             self._points[:, 3] = 0.0  # the distance flown is not known
-        self._section, self._place_m = section, place_m
+        self._section, self._place_m, self._turned_rad = section, place_m, here.turned_rad
         now_s = now_ns / NS
         young = now_s - self._points[:, 2] <= self._avoid.remember_s
         points, before_ns = self._points[young], self._free_ns[young]
@@ -136,6 +150,13 @@ class ObstacleMemory:
                 free = points_free(view, x, y, half, measured=True)
                 free_ns[free] = np.maximum(free_ns[free], view.t_ns)
         return np.asarray(free_ns.min(axis=(0, 1)))
+
+
+def rotated(xy: NDArray[np.float64], middle: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
+    """Returns places (north, east), (N, 2), turned clockwise about one of them, (2,)."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    x, y = (xy - middle).T
+    return np.stack([c * x - s * y, s * x + c * y], axis=1) + middle
 
 
 def _moved(xy: NDArray[np.float64], transform: LevelTransform) -> NDArray[np.float64]:

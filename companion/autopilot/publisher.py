@@ -44,7 +44,6 @@ from .polar_histogram import (
     scan,
     too_near_the_edge,
 )
-from .position_sections import PositionSections
 from .surroundings import Observer, Surroundings
 from .view_free import RING_M, View, ground_z_m
 
@@ -127,7 +126,6 @@ class ObstacleReportBuilder:
         self._looks: dict[str, NDArray[np.uint8]] = {}
         self._last_here: Here | None = None
         self._newest_pose: PoseSample | None = None
-        self._sections = PositionSections()
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
@@ -179,11 +177,8 @@ class ObstacleReportBuilder:
     def _decided(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         while self._moved:
             sample = self._moved.popleft()
-            if isinstance(sample, AttitudeSample):
-                self._motion.attitudes.add(sample)
-            else:
-                self._motion.poses.add(sample)
-                self._sections.take(sample)
+            self._motion.add(sample)
+            if isinstance(sample, PoseSample):
                 self._newest_pose = sample
         here = self._here(now_ns)
         causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
@@ -301,10 +296,11 @@ class ObstacleReportBuilder:
             return None
         w, x, y, z = attitude.q_ned_frd_wxyz
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        pose = self._motion.pose_at(now_ns)
+        headings, pose = self._motion.headings, self._motion.pose_at(now_ns)
+        here = Here(heading, heading_section=headings.number, turned_rad=headings.turned_rad)
         if isinstance(pose, PoseAt):
-            return Here(heading, pose.position_ned_m, self._sections.number)
-        return Here(heading)
+            return replace(here, position_ned_m=pose.position_ned_m, section=self._motion.sections.number)
+        return here
 
     def _surroundings(
         self,
@@ -347,24 +343,29 @@ class ObstacleReportBuilder:
         return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None
 
     def _placed(self, result: PrismsResult, here: Here) -> bool:
-        """True if a result and the vehicle have positions of the same section."""
-        same = result.t_exposure_ns >= self._sections.since_ns
+        """True if a result and the vehicle have positions of the same section, and no jump of the heading is between."""
+        same = seen_ns(result) >= self._motion.sections.since_ns and self._jumped_rad(result) == 0.0
         return result.frame == "ned" and here.position_ned_m is not None and same
+
+    def _jumped_rad(self, result: PrismsResult) -> float:
+        """Returns the jumps of the heading since a result, clockwise."""
+        return 0.0 if result.attitude is None else self._motion.headings.since_rad(result.attitude.jump_ns)
 
     def _view(self, result: PrismsResult, here: Here) -> View:
         """Returns a result as a view in level, at the moment of sending."""
         assert result.model is not None
         assert result.transform is not None
+        heading_rad = here.heading_rad - self._jumped_rad(result)  # by the estimate that the result was computed with
         if self._placed(result, here):
             assert here.position_ned_m is not None
-            step = LevelTransform(here.heading_rad, here.position_ned_m).inverse()
+            step = LevelTransform(heading_rad, here.position_ned_m).inverse()
         else:
-            step = transform_to_level(result, here.heading_rad)
+            step = transform_to_level(result, heading_rad)
         info, attitude = self._infos[result.camera], result.attitude
         R_optical_level = None
         if attitude is not None:
             R_ned_optical = rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
-            R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
+            R_optical_level = (rotation_level_ned(heading_rad) @ R_ned_optical).T
         model = transform_model(replace(result.model, prisms=()), step)
         return View(
             model=model,

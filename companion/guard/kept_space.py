@@ -69,7 +69,7 @@ def reach_m(sight: PathSight, newest: PathSight, within: Tolerance, ahead: bool 
     ahead: along the course that follows in a turn."""
     if sight is newest:
         return math.inf
-    if sight.course_rad is None or newest.course_rad is None:
+    if sight.course_rad is None or newest.course_rad is None or not _one_estimate(sight, newest):
         return 0.0
     beside_m, height_m = 0.0, 0.0
     if sight.position_ned_m is not None and newest.position_ned_m is not None:
@@ -84,6 +84,12 @@ def reach_m(sight: PathSight, newest: PathSight, within: Tolerance, ahead: bool 
         max(0.0, within.beside_m - beside_m) / max(abs(math.sin(turned)), 1e-6),
         max(0.0, within.height_m - height_m) / max(abs(sight.slope - newest.slope), 1e-6),
     )
+
+
+def _one_estimate(a: PathSight, b: PathSight) -> bool:
+    """True if neither the position nor the heading has jumped between two sights: their corridors can be compared."""
+    (section_a, heading_a), (section_b, heading_b) = a.estimate, b.estimate
+    return heading_a == heading_b and (section_a == section_b or section_a is None or section_b is None)
 
 
 def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: float) -> float:

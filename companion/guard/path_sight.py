@@ -77,7 +77,8 @@ class PathSight:
         velocity_ns: instant of the velocity; None: that of the decision.
         slope: way down per metre along the path.
         rays_free_m: (N,) distance to which each ray of the corridor is seen free; None: not known.
-        ahead_rad: angle from the path to the course that follows, clockwise."""
+        ahead_rad: angle from the path to the course that follows, clockwise.
+        estimate: section of the position, None: not known; and section of the heading."""
 
     t_ns: int
     exposed_ns: int | None
@@ -96,6 +97,7 @@ class PathSight:
     slope: float = 0.0
     rays_free_m: Floats | None = field(default=None, compare=False)
     ahead_rad: float = 0.0
+    estimate: tuple[int | None, int] = (None, 0)
 
     def frame_of(self, obstacle_m: float) -> Frame:
         """Returns the frame that shows the obstacle at this distance, obstacle_m or weak_obstacle_m."""
@@ -170,6 +172,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         rays_free_m=rays_m,
         ahead_rad=turn_rad_s * AHEAD_S,
         position_ned_m=None if s.here is None else s.here.position_ned_m,
+        estimate=(None, 0) if s.here is None else s.here.estimate,
         cause=cause,
     )
 

@@ -210,4 +210,5 @@ def observation_of(result: PrismsResult) -> Observation | None:
         place_m=result.transform.translation_m,
         t_ns=result.t_exposure_ns,
         reset_counter=result.pose.reset_counter,
+        estimate=(result.pose.section.jump_ns, 0 if result.attitude is None else result.attitude.jump_ns),
     )

@@ -86,12 +86,25 @@ class AllCamerasModelBuilder:
 
 
 def common_frame(results: list[PrismsResult]) -> tuple[str, float]:
-    """("ned", 0) where all results are in one section of ned; otherwise ("level", heading of the newest exposure, rad)."""
-    sections = {None if r.pose is None else r.pose.reset_counter for r in results}
+    """("ned", 0) where all results are in one section of ned; otherwise ("level", heading of the newest exposure, rad, by
+    the estimate before its first jump)."""
+    sections = {_section(r) for r in results}
     if len(sections) == 1 and None not in sections and all(r.frame == "ned" for r in results):
         return "ned", 0.0
     newest = max(results, key=lambda r: r.t_exposure_ns, default=None)
-    return "level", 0.0 if newest is None else heading_rad(newest)
+    return "level", 0.0 if newest is None else heading_rad(newest) - _turned_rad(newest)
+
+
+def _section(result: PrismsResult) -> tuple[int, int, int] | None:
+    """What changes when the estimate of position or heading jumps; None: no position."""
+    if result.pose is None or result.attitude is None:
+        return None
+    return result.pose.reset_counter, result.pose.section.number, result.attitude.jump_ns
+
+
+def _turned_rad(result: PrismsResult) -> float:
+    """The jumps of the heading that are in a result's attitude, clockwise: the vehicle has not turned by them."""
+    return 0.0 if result.attitude is None else result.attitude.turned_rad
 
 
 def heading_rad(result: PrismsResult) -> float:
@@ -104,7 +117,9 @@ def heading_rad(result: PrismsResult) -> float:
 
 
 def to_common_frame(result: PrismsResult, frame: str, target_heading_rad: float) -> PrismsResult:
-    """The result in the common frame; the same object where it is in that frame already."""
+    """The result in the common frame; the same object where it is in that frame already. target_heading_rad: of
+    `common_frame`."""
+    target_heading_rad += _turned_rad(result)
     if result.frame == frame and (frame == "ned" or heading_rad(result) == target_heading_rad):
         return result
     step = transform_to_level(result, target_heading_rad)

@@ -117,9 +117,9 @@ class Pipeline:
             if name in self._states:
                 self._states[name] = camera
         for attitude in state.attitudes:
-            self._sync.attitudes.add(attitude)
+            self._sync.add(attitude)
         for pose in state.poses:
-            self._sync.poses.add(pose)
+            self._sync.add(pose)
         if self._tracks is not None:
             self._tracks.resume(state.trackers)
 
@@ -184,11 +184,8 @@ class Pipeline:
     def handle(self, event: Event) -> tuple[Output, ...]:
         """The outputs of one event: none for a sample; for a frame its decision and its prisms, unless the same or a
         newer exposure has been handled. Raises ValueError for a camera that was not announced."""
-        if isinstance(event, AttitudeSample):
-            self._sync.attitudes.add(event)
-            return ()
-        if isinstance(event, PoseSample):
-            self._sync.poses.add(event)
+        if isinstance(event, AttitudeSample | PoseSample):
+            self._sync.add(event)
             return ()
         return self._frame(event)
 

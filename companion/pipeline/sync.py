@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Generic, Protocol, TypeVar
 
@@ -16,6 +16,8 @@ from core.codes import Code
 from core.types import AttitudeSample, PoseSample
 
 from ..config.sync import SyncParams
+from .heading_jumps import HeadingJumps
+from .position_sections import NO_SECTION, PositionSections, Section
 from .quaternion import Quaternion, Vector, rates_between, rotate_by_rates, slerp
 
 NS = 1_000_000_000
@@ -51,21 +53,29 @@ class DropCause(Code):
 
 @dataclass(frozen=True, slots=True)
 class AttitudeAt:
-    """q_ned_frd at an instant and how it was obtained. distance_ns: to the nearest sample used."""
+    """q_ned_frd at an instant and how it was obtained.
+
+    Attributes:
+        distance_ns: to the nearest sample used.
+        jump_ns: first stamp after the newest jump of the heading that is in it; 0: there was none.
+        turned_rad: sum of the jumps of the heading that are in it, clockwise. Neither of both is in the messages."""
 
     q_ned_frd_wxyz: Quaternion
     source: Source
     distance_ns: int
+    jump_ns: int = field(default=0, compare=False)
+    turned_rad: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class PoseAt:
-    """Position in ned at an instant, m, and how it was obtained."""
+    """Position in ned at an instant, m, and how it was obtained. section: see PositionSections; not in the messages."""
 
     position_ned_m: Vector
     source: Source
     distance_ns: int
     reset_counter: int
+    section: Section = field(default=NO_SECTION, compare=False)
 
 
 class _Stamped(Protocol):
@@ -132,26 +142,43 @@ class SampleBuffer(Generic[S]):
 
 
 class Synchroniser:
-    """Stores the samples that have arrived and gives the vehicle's attitude and position at instants near them."""
+    """Stores the samples that have arrived and gives the vehicle's attitude and position at instants near them.
+
+    Attributes:
+        attitudes, poses: the stored samples; `add` adds to them.
+        headings: jumps of the heading.
+        sections: of the position, between its jumps."""
 
     def __init__(self, params: SyncParams) -> None:
         self.params = params
         self.attitudes: SampleBuffer[AttitudeSample] = SampleBuffer(params.held_samples, params.restart_step_s)
         self.poses: SampleBuffer[PoseSample] = SampleBuffer(params.held_samples, params.restart_step_s)
+        self.headings = HeadingJumps()
+        self.sections = PositionSections()
+
+    def add(self, sample: AttitudeSample | PoseSample) -> None:
+        """Adds a sample and detects jumps of the estimate."""
+        if isinstance(sample, AttitudeSample):
+            self.attitudes.add(sample)
+            self.headings.take(sample)
+        else:
+            self.poses.add(sample)
+            self.sections.take(sample)
 
     def attitude_at(self, t_ns: int) -> AttitudeAt | DropCause:
-        """The attitude at t_ns, or why there is none: exact; interpolated between two samples that are close enough;
-        extrapolated from the nearest sample by its body rates, or by those between its neighbour and itself."""
+        """The attitude at t_ns, or why there is none: exact; interpolated between two samples that are close enough,
+        without a jump of the heading between them; extrapolated from the nearest sample by its body rates, or by those
+        between its neighbour and itself."""
         before, after = self.attitudes.around(t_ns)
         if before is None and after is None:
             return DropCause.NO_ATTITUDE
         if before is not None and before is after:
-            return AttitudeAt(before.q_ned_frd_wxyz, Source.EXACT, 0)
+            return self._attitude(before.q_ned_frd_wxyz, Source.EXACT, 0, before)
         if before is not None and after is not None:
             gap_ns = after.t_ns - before.t_ns
-            if gap_ns <= self.params.max_gap_s * NS:
+            if gap_ns <= self.params.max_gap_s * NS and not self._jumped_between(before, after):
                 q = slerp(before.q_ned_frd_wxyz, after.q_ned_frd_wxyz, (t_ns - before.t_ns) / gap_ns)
-                return AttitudeAt(q, Source.INTERPOLATED, min(t_ns - before.t_ns, after.t_ns - t_ns))
+                return self._attitude(q, Source.INTERPOLATED, min(t_ns - before.t_ns, after.t_ns - t_ns), before)
         return self._extrapolated(t_ns, before, after)
 
     def _extrapolated(
@@ -167,12 +194,24 @@ class Synchroniser:
         if rates is None:
             return DropCause.NO_RATES
         q = rotate_by_rates(nearest.q_ned_frd_wxyz, rates, (t_ns - nearest.t_ns) / NS)
-        return AttitudeAt(q, Source.EXTRAPOLATED, distance_ns)
+        return self._attitude(q, Source.EXTRAPOLATED, distance_ns, nearest)
+
+    def _attitude(self, q: Quaternion, source: Source, distance_ns: int, sample: AttitudeSample) -> AttitudeAt:
+        """The attitude with the jumps up to the sample that it was obtained from."""
+        turned_rad = self.headings.turned_rad - self.headings.since_rad(sample.t_ns)
+        return AttitudeAt(q, source, distance_ns, self.headings.newest_ns(sample.t_ns), turned_rad)
+
+    def _jumped_between(self, a: AttitudeSample, b: AttitudeSample) -> bool:
+        return self.headings.newest_ns(a.t_ns) != self.headings.newest_ns(b.t_ns)
 
     def _neighbour_rates(self, sample: AttitudeSample) -> Vector | None:
         """Body rates between the sample and its neighbour, where these are close enough."""
-        neighbour = self.attitudes.before(sample) or self.attitudes.around(sample.t_ns + 1)[1]
-        if neighbour is None or abs(sample.t_ns - neighbour.t_ns) > self.params.max_gap_s * NS:
+        neighbour = self.attitudes.before(sample)
+        if neighbour is None or self._jumped_between(neighbour, sample):
+            neighbour = self.attitudes.around(sample.t_ns + 1)[1]
+        if neighbour is None or self._jumped_between(sample, neighbour):
+            return None
+        if abs(sample.t_ns - neighbour.t_ns) > self.params.max_gap_s * NS:
             return None
         return rates_between(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
 
@@ -189,14 +228,16 @@ class Synchroniser:
         if before is None and after is None:
             return "no position had arrived"
         if before is not None and before is after:
-            return PoseAt(before.position_ned_m, Source.EXACT, 0, before.reset_counter)
+            return PoseAt(before.position_ned_m, Source.EXACT, 0, before.reset_counter, self.sections.at(before.t_ns))
         if before is not None and after is not None:
             gap_ns = after.t_ns - before.t_ns
-            if gap_ns <= self.params.pose_max_gap_s * NS and before.reset_counter == after.reset_counter:
+            section = self.sections.at(before.t_ns)
+            one_section = before.reset_counter == after.reset_counter and section == self.sections.at(after.t_ns)
+            if gap_ns <= self.params.pose_max_gap_s * NS and one_section:
                 share = (t_ns - before.t_ns) / gap_ns
                 between = _interpolated(before.position_ned_m, after.position_ned_m, share)
                 distance_ns = min(t_ns - before.t_ns, after.t_ns - t_ns)
-                return PoseAt(between, Source.INTERPOLATED, distance_ns, after.reset_counter)
+                return PoseAt(between, Source.INTERPOLATED, distance_ns, after.reset_counter, section)
         nearest = _nearest(t_ns, before, after)
         distance_ns = abs(t_ns - nearest.t_ns)
         if nearest.velocity_ned_m_s is None:
@@ -207,7 +248,8 @@ class Synchroniser:
         px, py, pz = nearest.position_ned_m
         vx, vy, vz = nearest.velocity_ned_m_s
         moved = (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s)
-        return PoseAt(moved, Source.EXTRAPOLATED, distance_ns, nearest.reset_counter)
+        section = self.sections.at(nearest.t_ns)
+        return PoseAt(moved, Source.EXTRAPOLATED, distance_ns, nearest.reset_counter, section)
 
 
 def _plausible(rates_rad_s: Vector | None) -> Vector | None:

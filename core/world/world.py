@@ -39,6 +39,7 @@ class Observation:
         place_m: place of the camera.
         t_ns: exposure.
         reset_counter: of the position estimate.
+        estimate: numbers that change when position or heading jump without that counter.
 
     Raises:
         ValueError: the place is not finite, or beyond FARTHEST_M."""
@@ -47,6 +48,7 @@ class Observation:
     place_m: tuple[float, float, float]
     t_ns: int
     reset_counter: int = 0
+    estimate: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not all(abs(c) <= FARTHEST_M for c in self.place_m):
@@ -68,7 +70,8 @@ class Section:
         reset_counter: of the position estimate.
         newest_ns: newest frame.
         place_m: place of the newest frame's camera.
-        vouched: the section begins with saved planes, and the next frame belongs to it at any position."""
+        vouched: the section begins with saved planes, and the next frame belongs to it at any position.
+        estimate: that of its frames."""
 
     number: int
     tables: Tables
@@ -78,6 +81,7 @@ class Section:
     newest_ns: int
     place_m: tuple[float, float, float]
     vouched: bool = False
+    estimate: tuple[int, ...] = ()
 
     @property
     def used_slots(self) -> NDArray[Any]:
@@ -246,12 +250,15 @@ class World:
             section.vouched = False
             section.begun_ns, section.newest_ns = observation.t_ns, observation.t_ns
             section.reset_counter, section.place_m = observation.reset_counter, observation.place_m
+            section.estimate = observation.estimate
             section.used_slots["seen_ns"] += observation.t_ns
             return section
         why = "first" if section is None else self._jump(section, observation)
         if section is not None and not why:
             return section
-        return self._begin(why, observation.t_ns, observation.reset_counter, observation.place_m)
+        begun = self._begin(why, observation.t_ns, observation.reset_counter, observation.place_m)
+        begun.estimate = observation.estimate
+        return begun
 
     def _begin(self, why: str, t_ns: int, reset_counter: int, place_m: tuple[float, float, float]) -> Section:
         """Begins a section; the one before is kept apart."""
@@ -278,6 +285,8 @@ class World:
         p, dt_s = self.params, (observation.t_ns - section.newest_ns) / NS
         if observation.reset_counter != section.reset_counter:
             return "the estimate of the position was reset"
+        if observation.estimate != section.estimate:
+            return "the estimate of position or heading jumped"
         if dt_s < -p.restart_s:
             return "the clock went back"
         if dt_s > p.jump_gap_s:

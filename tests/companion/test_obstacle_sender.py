@@ -64,15 +64,16 @@ class Chain:
         self.builder.announce(CAMERA)
         self.now_ns, self.sequence, self.yaw_rad = 10 * NS, 0, 0.0
         self.position: tuple[float, float, float] | None = None
-        self.speed = (0.0, 0.0, 0.0)
+        self.speed, self.turn_rad_s = (0.0, 0.0, 0.0), 0.0
 
     def fly(self, seconds: float, frames: bool = True, attitudes: bool = True, deliver: bool = True) -> None:
         for _ in range(round(100 * seconds)):
             self.now_ns += 10 * MS
             if attitudes:
+                self.yaw_rad += 0.01 * self.turn_rad_s
                 q = quaternion_from_euler(0.0, 0.0, self.yaw_rad)
                 samples: list[AttitudeSample | PoseSample] = [
-                    AttitudeSample(self.now_ns, self.now_ns, q, (0.0, 0.0, 0.0))
+                    AttitudeSample(self.now_ns, self.now_ns, q, (0.0, 0.0, self.turn_rad_s))
                 ]
                 if self.position is not None:
                     x, y, z = self.position
@@ -214,7 +215,7 @@ def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> 
     chain.fly(1.0)
     exposed = chain.position
     assert chain.ahead() == 770
-    chain.yaw_rad = math.radians(20.0)
+    chain.turn_rad_s = math.radians(20.0) / 0.2
     chain.fly(0.2, frames=False)
     assert chain.position is not None
     assert chain.position[0] - exposed[0] == pytest.approx(1.0)
@@ -228,7 +229,7 @@ def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> 
 def test_without_a_position_the_turn_alone_is_taken_into_account() -> None:
     chain = Chain(model(wall_at(0.0, 8.0), free_to_m=13.0, view_deg=72.0))
     chain.fly(1.0)
-    chain.yaw_rad = math.radians(-30.0)
+    chain.turn_rad_s = math.radians(-30.0) / 0.2
     chain.fly(0.2, frames=False)
     values = chain.report().values
     assert values is not None

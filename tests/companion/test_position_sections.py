@@ -5,13 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.autopilot.position_sections import PositionSections
 from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
+from companion.config.sync import SyncParams
+from companion.live.world_thread import observation_of
+from companion.pipeline.position_sections import PositionSections
+from companion.pipeline.results import PrismsResult
+from companion.pipeline.sync import PoseAt, Synchroniser
 from core.types import PoseSample
+from core.world.world import World
 
+from .made_up import frame
 from .test_obstacle_sender import AVOID, CLEAR, NS, PX4, Chain
-from .test_sectors import model
+from .test_sectors import model, wall_at
 
 Vector = tuple[float, float, float]
 MS = NS // 1000
@@ -112,3 +118,89 @@ def test_a_frame_from_before_a_jump_adds_no_remembered_free_space() -> None:
     chain.fly(0.02, frames=False)
     chain.report(PX4)
     assert not recalled(seen[-1])
+
+
+@pytest.mark.parametrize("every_ms", [33, 250])
+def test_small_steps_that_add_up_begin_a_section(every_ms: int) -> None:
+    """Each of them is below the limit. Together they displace what was remembered by metres."""
+    flown = [sample(k * every_ms, (0.4 * k, 0.0, 0.0)) for k in range(12)]
+    assert numbers(*flown)[-1] > 1
+    back_and_forth = [sample(k * every_ms, (0.2 * (k % 2), 0.0, 0.0)) for k in range(40)]
+    assert set(numbers(*back_and_forth)) == {1}
+
+
+def test_slow_drift_of_the_estimate_is_no_jump() -> None:
+    """0.1 m/s that the velocity does not show."""
+    assert set(numbers(*(sample(33 * k, (0.0033 * k, 0.0, 0.0)) for k in range(3000)))) == {1}
+
+
+def test_the_section_of_a_position_is_told_by_its_stamp() -> None:
+    sections = PositionSections()
+    for one in (sample(0, (0.0, 0.0, 0.0)), sample(33, (0.0, 0.0, 0.0)), sample(66, (9.0, 0.0, 0.0))):
+        sections.take(one)
+    assert [sections.at(t_ms * MS).number for t_ms in (0, 65, 66, 90)] == [1, 1, 2, 2]
+    assert [sections.at(t_ms * MS).jump_ns for t_ms in (0, 66)] == [0, 66 * MS]
+
+
+def test_a_restart_of_the_stamps_begins_a_section() -> None:
+    assert numbers(sample(5000, (0.0, 0.0, 0.0)), sample(100, (0.0, 0.0, 0.0)), sample(133, (0.0, 0.0, 0.0))) == [
+        1,
+        2,
+        2,
+    ]
+
+
+def test_no_position_is_interpolated_across_a_jump_that_nothing_counts() -> None:
+    sync = Synchroniser(SyncParams())
+    for one in (sample(0, (0.0, 0.0, 0.0)), sample(40, (4.0, 0.0, 0.0))):
+        sync.add(one)
+    found = [sync.pose_at(t_ms * MS) for t_ms in (10, 30)]
+    assert [p.position_ned_m[0] for p in found if isinstance(p, PoseAt)] == [0.0, 4.0]
+    assert [p.section.number for p in found if isinstance(p, PoseAt)] == [1, 2]
+
+
+def test_a_frame_stamped_after_its_arrival_is_not_placed_by_a_jump_it_did_not_know() -> None:
+    """Its pose is of before the jump, its stamp of after it."""
+    chain, seen = jumping_chain()
+    chain.sees.found = model((8.0, -6.0, 8.0, 6.0, -2.0, 2.0), free_to_m=7.5, view_deg=72.0)
+    chain.fly(0.09, frames=False)
+    ahead_ns = 40 * 1_000_000
+    for output in chain.pipeline.handle(frame(chain.sequence + 1, chain.now_ns + ahead_ns, chain.now_ns)):
+        if isinstance(output, PrismsResult):
+            chain.builder.result(output)
+    chain.position = (-5.0, 0.0, -2.0)
+    chain.fly(0.02, frames=False)
+    chain.report(PX4)
+    assert seen[-1].views[0].model.planes[0, 0] == pytest.approx(8.0, abs=0.3)
+
+
+def test_a_gap_and_small_steps_are_told_from_a_jump() -> None:
+    """The merged world goes on after them: it allows for drift, and for gaps of `jump_gap_s`."""
+    sections = PositionSections()
+    for k in range(12):
+        sections.take(sample(33 * k, (0.4 * k, 0.0, 0.0)))
+    sections.take(sample(3000, (4.4, 0.0, 0.0)))
+    assert sections.number > 2
+    assert sections.at(3000 * MS).jump_ns == 0
+    sections.take(sample(3033, (9.4, 0.0, 0.0)))
+    assert sections.at(3033 * MS).jump_ns == 3033 * MS
+
+
+@pytest.mark.parametrize(("north_m", "yaw_rad"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.7)])
+def test_the_merged_world_begins_a_section_where_the_estimate_jumps(north_m: float, yaw_rad: float) -> None:
+    """A step of 2 m is within what its own rule allows for the time between two frames."""
+    chain = Chain(model(wall_at(0.0, 8.0, 4.0), free_to_m=7.5, view_deg=72.0))
+    world, chain.position = World(), (0.0, 0.0, -2.0)
+
+    class IntoWorld(ObstacleReportBuilder):
+        def result(self, result: PrismsResult) -> None:
+            observation = observation_of(result)
+            assert observation is not None
+            world.add(observation)
+
+    chain.builder = IntoWorld(AVOID, ("front",), 0.3)
+    chain.fly(0.5)
+    chain.position, chain.yaw_rad = (north_m, 0.0, -2.0), yaw_rad
+    chain.fly(0.5)
+    assert world.section is not None
+    assert world.section.number == (1 if north_m == yaw_rad == 0.0 else 2)

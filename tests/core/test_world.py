@@ -259,6 +259,7 @@ def test_blind_frames_change_nothing_and_an_empty_world_is_unknown() -> None:
     ("change", "why"),
     [
         ({"reset_counter": 1}, "the estimate of the position was reset"),
+        ({"estimate": (1, 7)}, "the estimate of position or heading jumped"),
         ({"place_m": (3.5, 0.0, 0.0)}, "the position stepped"),
         ({"t_ns": -2 * NS}, "the clock went back"),
         ({"t_ns": 20 * NS}, "there was no position for too long"),
