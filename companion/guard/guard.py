@@ -183,7 +183,9 @@ class Guard:
         if vehicle is not None:
             if self._link is None or now_ns - self._link_ns >= LINK_NS:
                 self._link, self._link_ns = self._link_status(), now_ns
-            doubt = self._certainty.doubt(vehicle, self._link.conflicts, self._link.signing_fault, now_ns)
+            # while the vehicle's signatures are right, a fault concerns the disk, or other senders that are not accepted
+            signing_fault = "" if self._link.signed else self._link.signing_fault
+            doubt = self._certainty.doubt(vehicle, self._link.conflicts, signing_fault, now_ns)
             in_air = not self._landed.on_ground(vehicle, now_ns) or self._flies()
         return GuardInput(
             now_ns=now_ns,

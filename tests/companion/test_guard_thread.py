@@ -39,6 +39,7 @@ class Flight:
     def __init__(self, folder: Any = None) -> None:
         self.now_ns = START_NS
         self.sent: list[Any] = []
+        self.link = LINK
         self.wall_m = 19.0
         self.velocity: tuple[float, float, float] | None = (3.0, 0.0, 0.0)
         self.guard = Guard(
@@ -46,7 +47,7 @@ class Flight:
             AvoidParams(radius_m=0.4),
             196,
             self._vehicle,
-            lambda: LINK,
+            lambda: self.link,
             self.sent.append,
             folder,
         )
@@ -83,6 +84,18 @@ class Flight:
 
     def stops(self) -> list[Any]:
         return [m for m in self.sent if m.get_type() == "COMMAND_LONG" and m.command == 176]
+
+
+@pytest.mark.parametrize("signed", [True, False])
+def test_a_fault_of_signing_that_does_not_concern_the_vehicle_takes_no_stop_away(signed: bool) -> None:
+    """Timestamps that cannot be stored, or forged messages that are dropped, while the vehicle's signatures are right."""
+    flight = Flight()
+    flight.link = replace(LINK, signed=signed, signing_fault="another sender uses the autopilot's ids")
+    flight.step(5)
+    flight.wall_m = 5.0
+    flight.step()
+    assert len(flight.stops()) == signed
+    assert (flight.state is GuardState.UNAVAILABLE) == (not signed)
 
 
 def test_a_slow_disk_does_not_delay_the_stop(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
