@@ -17,6 +17,11 @@ from enum import IntEnum
 from core.param_field import check, number
 
 NS = 1_000_000_000
+MS = 1_000_000
+WRAP_NS = 2**32 * MS
+"""time_boot_ms has 32 bits and begins again after 49.7 days. The times of TIMESYNC and ODOMETRY do not."""
+NEAR_WRAP_NS = 600 * NS
+"""Longest time without a message in which the wrap is recognised. Any other step back is a reboot."""
 
 
 class ClockSource(IntEnum):
@@ -116,6 +121,14 @@ class ClockFilter:
         self.estimate = ClockEstimate(ClockSource.NONE)
 
     # ---- input ----------------------------------------------------------------------------------------------------
+
+    def boot_ns(self, time_boot_ms: int) -> int:
+        """Returns the boot time of a 32-bit stamp: after a wrap, the time that continues the earlier ones."""
+        boot_ns, newest_ns = time_boot_ms * MS, self._newest_boot_ns
+        if newest_ns is None:
+            return boot_ns
+        unwrapped_ns = boot_ns + round((newest_ns - boot_ns) / WRAP_NS) * WRAP_NS
+        return unwrapped_ns if abs(unwrapped_ns - newest_ns) <= NEAR_WRAP_NS else boot_ns
 
     def arrival(self, boot_ns: int, arrival_ns: int) -> bool:
         """Adds the arrival of a message that was measured at boot_ns (rounded down); returns True if its stamp may be

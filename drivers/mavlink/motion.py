@@ -81,7 +81,7 @@ class MotionDecoder:
         if not all(map(math.isfinite, numbers[:3])) or max(map(abs, numbers[:3])) > 2.0 * math.pi + 1e-3:
             self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
-        t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
+        t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
         if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
             return None
         return AttitudeSample(t_ns, arrival_ns, quaternion_from_euler(roll, pitch, yaw), _three(numbers[3:]))
@@ -94,7 +94,7 @@ class MotionDecoder:
         if not abs(norm - 1.0) < 0.05:  # also NaN
             self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
-        t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
+        t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
         if t_ns is None:
             return None
         self._quaternion_ns = arrival_ns
@@ -105,7 +105,7 @@ class MotionDecoder:
         if position is None:
             self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
-        t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
+        t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
         if t_ns is None or _recent(self._odometry_ns, arrival_ns):
             return None
         return PoseSample(t_ns, arrival_ns, position, _three(numbers[3:]))

@@ -299,16 +299,20 @@ class SimulatedAutopilot:
 
     def _attitude(self, now_ns: int) -> list[Any]:
         m = self._state(now_ns)
-        return [dialect.MAVLink_attitude_message(self.boot_ns(now_ns) // 1_000_000, *m.euler_rad, *m.rates_frd_rad_s)]
+        return [
+            dialect.MAVLink_attitude_message(
+                self.boot_ns(now_ns) // 1_000_000 % 2**32, *m.euler_rad, *m.rates_frd_rad_s
+            )
+        ]
 
     def _attitude_quaternion(self, now_ns: int) -> list[Any]:
         m = self._state(now_ns)
-        boot_ms = self.boot_ns(now_ns) // 1_000_000
+        boot_ms = self.boot_ns(now_ns) // 1_000_000 % 2**32
         return [dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)]
 
     def _local_position(self, now_ns: int) -> list[Any]:
         m = self._state(now_ns)
-        boot_ms = self.boot_ns(now_ns) // 1_000_000
+        boot_ms = self.boot_ns(now_ns) // 1_000_000 % 2**32
         return [dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)]
 
     def _fused_obstacles(self, now_ns: int) -> list[Any]:
@@ -337,7 +341,7 @@ class SimulatedAutopilot:
             return []
         return [
             dialect.MAVLink_distance_sensor_message(
-                self.boot_ns(now_ns) // 1_000_000, 20, 1200, round(100 * m), 0, 10 + face, face, 0
+                self.boot_ns(now_ns) // 1_000_000 % 2**32, 20, 1200, round(100 * m), 0, 10 + face, face, 0
             )
             for face, m in enumerate(self.obstacles.faces_m(now_ns))
             if m < 1e6

@@ -527,3 +527,41 @@ def test_an_autopilot_received_before_the_start_counts_before_its_heartbeat(
         assert c.session.vehicle is not None
         assert c.session.vehicle.heartbeat_ns > 0
         assert not c.session.vehicle.armed  # its heartbeat counts from then on
+
+
+# ---- 49.7 days ----------------------------------------------------------------------------------------------------
+
+WRAP_NS = 2**32 * MS
+"""time_boot_ms has 32 bits; TIMESYNC and ODOMETRY do not wrap."""
+
+
+@pytest.mark.parametrize("answers", [True, False])
+@pytest.mark.parametrize("up_ns", [WRAP_NS - 5 * NS, WRAP_NS + 3 * NS, 2 * WRAP_NS - 5 * NS])
+def test_the_wrap_of_the_boot_time_is_no_reboot(up_ns: int, answers: bool) -> None:
+    c = talk(PX4, motion=turning, boot_at_ns=100 * NS - up_ns)
+    if not answers:
+        c.lost = frozenset({111})
+    c.run(4.0)
+    for _ in range(4):
+        c.samples.clear()
+        c.run(1.0)
+        attitudes = [s for s in c.samples if isinstance(s, AttitudeSample)]
+        assert len(attitudes) > 90
+        for s in attitudes:
+            yaw = 2.0 * math.atan2(s.q_ned_frd_wxyz[3], s.q_ned_frd_wxyz[0])
+            late_s = math.remainder(math.radians(60.0) * s.t_ns / NS - yaw, math.tau) / math.radians(60.0)
+            assert late_s == pytest.approx(0.0 if answers else 0.002, abs=0.0015)
+    status = c.session.status(c.now_ns)
+    assert status.clock_restarts == 0
+    assert status.clock.source is (ClockSource.TIMESYNC if answers else ClockSource.ENVELOPE)
+
+
+def test_a_reboot_after_two_months_is_one() -> None:
+    c = talk(PX4, boot_at_ns=100 * NS - WRAP_NS - 864_000 * NS)
+    c.run(4.0)
+    c.autopilots[0].reboot(c.now_ns)
+    c.samples.clear()
+    c.run(3.0)
+    assert c.session.status(c.now_ns).clock_restarts >= 1
+    assert c.session.status(c.now_ns).clock.source is ClockSource.TIMESYNC
+    assert any(isinstance(s, AttitudeSample) for s in c.samples)
