@@ -161,7 +161,7 @@ def checked(
 
 def confirmed_by_ground(state: MountState, R_ned_frd: Floats, heading_rad: float, params: MountCheckParams) -> bool:
     """True if the ground in the direction of a heading appears level, within degraded_deg by CONFIRMED_SDS standard
-    deviations.
+    deviations of the least certain direction.
 
     One heading gives the sum of the mount's error and the terrain's slope. A slope that cancels an error hides it, so
     this does not verify the mount. But then the ground is as far from level as from the axes of the mount, so that
@@ -171,8 +171,9 @@ def confirmed_by_ground(state: MountState, R_ned_frd: Floats, heading_rad: float
     rows = slope_rows(rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd, heading_rad)
     mount = MountFilter(state.filter)
     size = float(np.hypot(*(rows @ mount.mean)))
-    sd = math.sqrt(float(np.max(np.diag(rows @ mount.P @ rows.T))))
-    return size + CONFIRMED_SDS * sd <= math.radians(params.degraded_deg)
+    xx, xy, yy = (float((rows @ mount.P @ rows.T)[i]) for i in ((0, 0), (0, 1), (1, 1)))
+    variance = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)  # the greater eigenvalue
+    return size + CONFIRMED_SDS * math.sqrt(variance) <= math.radians(params.degraded_deg)
 
 
 def _residual(state: MountState, dt_s: float, rows: Floats, cues: MountCues, mount: MountFilter) -> tuple[float, float]:

@@ -35,6 +35,7 @@ GATE = 9.0
 MOUNT_JUMP_RAD = math.radians(0.2)
 """Uncertainty of the mount added by each such change: it may have been the mount that moved."""
 MAX_DT_S = 60.0
+"""Longest time for which the mount may come loose between two frames. The terrain changes in any time."""
 _UPPER = np.triu_indices(N)
 
 
@@ -70,11 +71,12 @@ class MountFilter:
 
     def predict(self, dt_s: float, terrain_walk_rad: float) -> None:
         """Adds the process noise of a time step."""
-        dt = min(max(dt_s, 0.0), MAX_DT_S)
+        dt = max(dt_s, 0.0)
         walk = [DELTA_WALK_RAD, DELTA_WALK_RAD, DELTA_WALK_RAD, terrain_walk_rad, terrain_walk_rad]
         for i, rate in enumerate(walk):
             limit = (DELTA_SD_RAD, DELTA_SD_RAD, YAW_SD_RAD, TERRAIN_SD_RAD, TERRAIN_SD_RAD)[i]
-            self.P[i, i] += min(rate * rate * dt, max(0.0, limit * limit - self.P[i, i]))
+            passed = min(dt, MAX_DT_S) if i < 3 else dt
+            self.P[i, i] += min(rate * rate * passed, max(0.0, limit * limit - self.P[i, i]))
 
     def slope(self, rows: Floats, slope: tuple[float, float], sd_rad: float = 0.0) -> bool:
         """Adds the apparent slope of the ground; returns True if the terrain or the mount has changed.

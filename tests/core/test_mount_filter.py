@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from core.frames import rotation_from_euler
-from core.self_check.mount_check import MountState, MountVerdict, checked, due, rotation_vector
-from core.self_check.mount_cues import MountCues, Walls
+from core.self_check.mount_check import (
+    MountState,
+    MountVerdict,
+    checked,
+    confirmed_by_ground,
+    due,
+    rotation_vector,
+)
+from core.self_check.mount_cues import NO_CUES, MountCues, Walls
 from core.self_check.mount_filter import FilterState, MountFilter, slope_rows
 from core.self_check.mount_params import MountCheckParams
 from core.types import CameraMount
@@ -106,6 +113,27 @@ def test_a_verdict_needs_several_measurements() -> None:
     states = run((0.0, 8.0), (0.0, 0.0), np.zeros(5))
     assert [s.verdict for s in states[:2]] == [MountVerdict.UNKNOWN] * 2
     assert states[2].verdict is MountVerdict.UNVERIFIED_SLOPE
+
+
+@pytest.mark.parametrize(("pause_s", "confirmed"), [(1.0, True), (3600.0, False), (86400.0, False)])
+def test_ground_before_a_long_pause_confirms_no_mount(pause_s: float, confirmed: bool) -> None:
+    """The vehicle may have flown to other terrain since, however wide the limit of the error is."""
+    params = MountCheckParams(degraded_deg=3.0)
+    level = run((0.0, 0.0), (0.0, 0.0), np.zeros(50))[-1]
+    assert level.t_ns is not None
+    later = checked(level, level.t_ns + round(pause_s * NS), NO_CUES, np.eye(3), 0.0, params)
+    assert later.verdict is MountVerdict.UNKNOWN
+    assert confirmed_by_ground(later, np.eye(3), 0.0, params) is confirmed
+
+
+@pytest.mark.parametrize("diagonal", [False, True])
+def test_ground_confirms_a_mount_by_the_least_certain_direction(diagonal: bool) -> None:
+    """The same uncertainty along x or along a diagonal of the level axes: 0.5 degrees, of which two sigma are 1 degree."""
+    covariance = np.diag([1e-12] * 5)
+    axis = np.array([1.0, 1.0]) / math.sqrt(2.0) if diagonal else np.array([1.0, 0.0])
+    covariance[3:, 3:] += math.radians(0.51) ** 2 * np.outer(axis, axis)
+    state = MountState(filter=FilterState(covariance=tuple(covariance[np.triu_indices(5)].tolist())))
+    assert not confirmed_by_ground(state, np.eye(3), 0.0, MountCheckParams(degraded_deg=1.0))
 
 
 def test_the_state_packs_and_unpacks() -> None:
