@@ -25,6 +25,7 @@ MARKED = {
     "world": {"free_evidence_share", "free_evidence_limit", "free_age_s", "memory_frames"},
     "supervision": {"silent_s", "frozen_frames"},
     "service": {"timeout_s", "blind_hz", "hang_s"},
+    "mount_check": {"enabled", "degraded_deg", "invalid_deg", "unverified_deg", "interval_s", "terrain_deg_per_sqrt_s"},
 }  # fmt: skip
 UNMARKED = {
     "expert": {"merge_candidates", "meet_columns", "merge_rounds"},
