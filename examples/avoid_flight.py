@@ -25,7 +25,7 @@ from scipy.spatial import ConvexHull
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -24,7 +24,7 @@ from benchmarks.open_air.view_options import words
 from benchmarks.open_air.views import profile_of
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import obstacle_distance_message
-from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -30,13 +30,14 @@ from .flight_modes import mode_fault
 from .landed import EXTENDED_SYS_STATE, LandedState
 from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
+from .obstacle_report import ObstacleReport, ObstacleReportBuilder
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .parameters import WANTED, ParameterReader
-from .publisher import ObstacleReport, ObstacleReportBuilder, seen_ns
 from .sector_view import SectorView
 from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
 from .surroundings import Observer
+from .vehicle_motion import seen_ns
 from .view_free import RING_M
 
 NS = 1_000_000_000

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, CameraMount, PoseSample

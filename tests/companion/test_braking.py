@@ -10,7 +10,7 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import obstacle_distance_message
-from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -10,8 +10,8 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
-from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.cameras.masks import apply_mask, configured_mask, polygons, unmeasured_mask
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig

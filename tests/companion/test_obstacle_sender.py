@@ -14,7 +14,7 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.publisher import ObstacleReport, ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReport, ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.config.sync import SyncParams
 from companion.live.world_thread import observation_of

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,16 +15,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from core.frames import rotation_frd_optical, rotation_from_quaternion, rotation_level_ned
 from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 
 from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
-from ..config.sync import SyncParams
-from ..pipeline.multi_camera import compose, transform_to_level
 from ..pipeline.results import PrismsResult
-from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
-from ..pipeline.transform import LevelTransform, transform_model
 from .confirmation import PlaneConfirmation, SectorSight, SeenSectors
 from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach_cm, policy_of
@@ -45,13 +39,10 @@ from .polar_histogram import (
     too_near_the_edge,
 )
 from .surroundings import Observer, Surroundings
+from .vehicle_motion import VehicleMotion, seen_ns
 from .view_free import RING_M, View, ground_z_m
 
 NS = 1_000_000_000
-MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
-"""Limits within which attitude and position are interpolated or extrapolated to the moment of sending. Outside of
-them the vehicle's heading is unknown."""
-
 STANDING_M = 0.8
 """Greatest height of the vehicle's middle above the ground while the vehicle stands on it."""
 
@@ -116,16 +107,13 @@ class ObstacleReportBuilder:
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
         self._ill, self._ring_m, self._open_counts = ill, ring_m, open_counts
         self._lock = threading.Lock()
-        self._motion = Synchroniser(MOTION)
-        self._moved: deque[AttitudeSample | PoseSample] = deque(maxlen=4 * MOTION.held_samples)
+        self._motion = VehicleMotion()
         self._newest: dict[str, PrismsResult] = {}
         self._confirmation: dict[str, PlaneConfirmation] = {}
         self._confirmed: dict[str, PrismsResult] = {}
         self._seen = SeenSectors(avoid)
         self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.uint8]] = {}
-        self._last_here: Here | None = None
-        self._newest_pose: PoseSample | None = None
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
@@ -137,7 +125,7 @@ class ObstacleReportBuilder:
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Adds attitudes and positions in the order in which they arrive."""
-        self._moved.extend(samples)  # without the lock: the caller must not wait
+        self._motion.samples(samples)  # without the lock: the caller must not wait
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
         """Records the directions that a camera covers, once it is open. hidden: pixels that are never measured."""
@@ -175,12 +163,7 @@ class ObstacleReportBuilder:
             return self._report(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
 
     def _decided(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
-        while self._moved:
-            sample = self._moved.popleft()
-            self._motion.add(sample)
-            if isinstance(sample, PoseSample):
-                self._newest_pose = sample
-        here = self._here(now_ns)
+        here = self._motion.catch_up(now_ns)
         causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
         self._recovery.blind(causes)
         seeing = [c for c in self._cameras if not causes[c] and self._recovery.recovered(c)]
@@ -195,14 +178,12 @@ class ObstacleReportBuilder:
                 newest = self._newest[camera]
                 # a plane that is not confirmed yet is an obstacle to the memory of free space
                 complete = view if self._confirmed.get(camera, newest) is newest else self._view(newest, here)
-                self._freed.see(camera, seen_ns(newest), complete, here, self._placed(newest, here))
+                self._freed.see(camera, seen_ns(newest), complete, here, self._motion.placed(newest, here))
             recall = partial(self._freed.free, views, here, now_ns, cameras=seeing)
-        # without an attitude remembered obstacles stay where they were
-        self._last_here = here or self._last_here
         found = scan([], self._avoid) if here is None else self._scan(causes, views, recall, here, now_ns)
         recalled = nothing_remembered()
-        if self._last_here is not None:
-            recalled = self._memory.recall(found, views, self._last_here, now_ns)
+        if self._motion.last_here is not None:  # without an attitude remembered obstacles stay where they were
+            recalled = self._memory.recall(found, views, self._motion.last_here, now_ns)
         if self._observer is not None:
             self._observer(self._surroundings(seeing, views, recall, recalled, causes, here, now_ns))
         report = self._report(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
@@ -221,10 +202,10 @@ class ObstacleReportBuilder:
                 covers = (self._looks[camera] > Look.NOTHING).any(axis=1)
                 exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
-        velocity_m_s = self._velocity_m_s(now_ns)
+        velocity_m_s = self._motion.velocity_m_s(now_ns)
         speed_m_s = None if velocity_m_s is None else math.hypot(*velocity_m_s)
         found = scan(views, self._avoid, recall)
-        ned_m_s = self._velocity_ned_m_s(now_ns)
+        ned_m_s = self._motion.velocity_ned_m_s(now_ns)
         down_m_s = None if ned_m_s is None else ned_m_s[2]
         return self._seen.take(found, SectorSight(exposed_ns, blind, here.heading_rad, speed_m_s, now_ns, down_m_s))
 
@@ -260,7 +241,7 @@ class ObstacleReportBuilder:
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
         seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
         edge = too_near_the_edge([self._looks[c] for c in self._cameras if not causes[c]], self._avoid)
-        velocity_m_s = self._velocity_m_s(now_ns)
+        velocity_m_s = self._motion.velocity_m_s(now_ns)
         on_ground = autopilot.on_ground and low
         sight = ObstacleView(found, recalled, blind, seeing, whole, self._newest_good_ns, edge, velocity_m_s, on_ground)
         policy = policy_of(self._avoid, autopilot)
@@ -290,18 +271,6 @@ class ObstacleReportBuilder:
             return f"its newest exposure is {age_ns / NS:.1f} s old"
         return "the attitude is lost" if here is None else ""
 
-    def _here(self, now_ns: int) -> Here | None:
-        attitude = self._motion.attitude_at(now_ns)
-        if not isinstance(attitude, AttitudeAt):
-            return None
-        w, x, y, z = attitude.q_ned_frd_wxyz
-        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        headings, pose = self._motion.headings, self._motion.pose_at(now_ns)
-        here = Here(heading, heading_section=headings.number, turned_rad=headings.turned_rad)
-        if isinstance(pose, PoseAt):
-            return replace(here, position_ned_m=pose.position_ned_m, section=self._motion.sections.number)
-        return here
-
     def _surroundings(
         self,
         seeing: list[str],
@@ -322,60 +291,13 @@ class ObstacleReportBuilder:
             recalled=recalled,
             blind={c: why for c, why in causes.items() if why},
             here=here,
-            velocity_ned_m_s=self._velocity_ned_m_s(now_ns),
-            velocity_ns=None if self._newest_pose is None else self._newest_pose.t_ns,
+            velocity_ned_m_s=self._motion.velocity_ned_m_s(now_ns),
+            velocity_ns=None if self._motion.newest_pose is None else self._motion.newest_pose.t_ns,
             frames=tuple((c, seen_ns(self._newest[c])) for c in seeing),
         )
 
-    def _velocity_ned_m_s(self, now_ns: int) -> tuple[float, float, float] | None:
-        """Returns the vehicle's velocity (north, east, down); None: not known."""
-        pose = self._newest_pose
-        return None if pose is None or now_ns - pose.t_ns > NS // 2 else pose.velocity_ned_m_s
-
-    def _velocity_m_s(self, now_ns: int) -> tuple[float, float] | None:
-        """Returns the vehicle's horizontal velocity (forward, right); None: not known."""
-        velocity, here = self._velocity_ned_m_s(now_ns), self._last_here
-        if velocity is None or here is None:
-            return None
-        north, east, _ = velocity
-        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
-        forward, right = c * north + s * east, c * east - s * north
-        return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None
-
-    def _placed(self, result: PrismsResult, here: Here) -> bool:
-        """True if a result and the vehicle have positions of the same section, and no jump of the heading is between."""
-        same = seen_ns(result) >= self._motion.sections.since_ns and self._jumped_rad(result) == 0.0
-        return result.frame == "ned" and here.position_ned_m is not None and same
-
-    def _jumped_rad(self, result: PrismsResult) -> float:
-        """Returns the jumps of the heading since a result, clockwise."""
-        return 0.0 if result.attitude is None else self._motion.headings.since_rad(result.attitude.jump_ns)
-
     def _view(self, result: PrismsResult, here: Here) -> View:
-        """Returns a result as a view in level, at the moment of sending."""
-        assert result.model is not None
-        assert result.transform is not None
-        heading_rad = here.heading_rad - self._jumped_rad(result)  # by the estimate that the result was computed with
-        if self._placed(result, here):
-            assert here.position_ned_m is not None
-            step = LevelTransform(heading_rad, here.position_ned_m).inverse()
-        else:
-            step = transform_to_level(result, heading_rad)
-        info, attitude = self._infos[result.camera], result.attitude
-        R_optical_level = None
-        if attitude is not None:
-            R_ned_optical = rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
-            R_optical_level = (rotation_level_ned(heading_rad) @ R_ned_optical).T
-        model = transform_model(replace(result.model, prisms=()), step)
-        return View(
-            model=model,
-            transform=compose(step, result.transform),
-            intrinsics=info.intrinsics,
-            R_optical_level=R_optical_level,
-            ring_m=self._ring_m,
-            open_counts=self._open_counts,
-            t_ns=seen_ns(result),
-        )
+        return self._motion.view(result, here, self._infos[result.camera], self._ring_m, self._open_counts)
 
 
 def _sees_ground_below(views: list[View]) -> bool:
@@ -383,11 +305,6 @@ def _sees_ground_below(views: list[View]) -> bool:
     whatever the autopilot reports."""
     here = np.zeros(1)
     return any(STANDING_M < ground_z_m(view, here, here)[0] < math.inf for view in views)
-
-
-def seen_ns(result: PrismsResult) -> int:
-    """Returns the instant of exposure, at most that of arrival: a stamp in the future would never become stale."""
-    return min(result.t_exposure_ns, result.t_arrival_ns)
 
 
 def all_numbers(model: FrameModel) -> bool:
