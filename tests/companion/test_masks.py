@@ -10,8 +10,11 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.obstacle_memory import Here
 from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
+from companion.autopilot.vehicle_motion import VehicleMotion
+from companion.autopilot.view_free import RING_M
 from companion.cameras.masks import apply_mask, configured_mask, polygons, unmeasured_mask
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig
@@ -85,7 +88,7 @@ def test_an_arm_is_an_obstacle_until_it_is_masked_and_then_unknown() -> None:
     assert (values >= 1001).all()  # no obstacle anywhere
     assert (values[left] == UNKNOWN).all()  # but nothing is clear behind the arm
     assert (values[0:4] == 1001).all()
-    view = builder._view(result, builder._last_here)
+    view = VehicleMotion().view(result, Here(0.0), INFO, RING_M, False)
     assert scan([view], AVOID).state[66] == SectorState.UNSEEN
 
 
