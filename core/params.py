@@ -165,7 +165,7 @@ class Params:
         "pooled columns that differ by less are one surface, of which the mean counts; otherwise the nearest counts",
     )
     min_measured_share: float = critical(
-        0.02, 0.0, 0.5, "", "least share of measured or far pixels; with fewer the frame is invalid"
+        0.02, 0.0, 0.5, "", "a frame whose share of measured or far pixels is not greater is invalid"
     )
 
     # Flying pixels: strictly between two neighbours in disparity, far from both

@@ -136,7 +136,7 @@ def is_no_measurement(
         counts: numbers of measured, far and flying pixels of `classify`.
         params: parameters."""
     p, (measured, far, flying) = params, counts
-    if (measured - flying) / depth_mm.size + far / depth_mm.size < p.min_measured_share:
+    if (measured - flying) / depth_mm.size + far / depth_mm.size <= p.min_measured_share:
         return True
     if flying <= min(p.max_flying_share, p.noisy_look_share) * measured:
         return False

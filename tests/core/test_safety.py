@@ -28,10 +28,12 @@ def says_nothing(model: FrameModel, cause: InvalidCause) -> bool:
 
 
 @pytest.mark.nojit
+@pytest.mark.parametrize("least_share", [0.0, 0.02], ids=["least share 0", "default"])
 @pytest.mark.parametrize("value", [0, SATURATED_MM, 200], ids=["zero", "saturated", "too near"])
-def test_an_image_without_a_measurement_is_invalid_and_nothing_is_free(value: int) -> None:
+def test_an_image_without_a_measurement_is_invalid_and_nothing_is_free(value: int, least_share: float) -> None:
     depth = np.full((30, 40), value, np.uint16)
-    assert says_nothing(extract(depth, INFO), InvalidCause.NO_MEASUREMENT)
+    model = extract(depth, INFO, min_measured_share=least_share)
+    assert says_nothing(model, InvalidCause.NO_MEASUREMENT)
 
 
 @pytest.mark.nojit
