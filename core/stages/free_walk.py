@@ -115,18 +115,18 @@ def optical_depth(x, t0, t1, top, bottom, w):
 
 @inner
 def least_blocking_code(gain, spread, cap, x):
-    """Returns the least code whose pixel may lie at or before distance x, 2..65536.
+    """Returns the least code whose pixel may lie at or before distance x, 2..65535.
 
     The measured distance X is reduced by its noise, min(spread X, cap) X. The reduced distance increases with X
-    because cap <= 0.5, so there is one such code. Far pixels are behind all rings, which `walk_rings` limits to the
-    range.
+    because cap <= 0.5, so there is one such code. The greatest code also stands for all that is nearer, and is always
+    before x. Far pixels are behind all rings, which `walk_rings` limits to the range.
 
     Args:
         gain: f_px * lsb_per_px.
         spread: noise of distance over the square of the distance, 1/m.
         cap: greatest noise as a share of the distance.
         x: forward distance, m."""
-    first, last = Q_FAR + 1, 65536
+    first, last = Q_FAR + 1, 65535
     for _ in range(17):
         if first >= last:
             break

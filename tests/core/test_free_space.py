@@ -120,7 +120,14 @@ def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap:
     for ring_m in np.arange(0.4, 15.0, 0.7):
         behind = walk.least_blocking_code(gain, spread, cap, ring_m)
         np.testing.assert_array_equal(reach >= ring_m, np.arange(2, 65536) < behind)
-        assert 2 <= behind <= 65536
+        assert 2 <= behind <= 65535
+
+
+def test_the_greatest_code_is_seen_through_at_no_distance() -> None:
+    """It stands for its distance and for all that is nearer, such as the ground below a steep camera."""
+    gain, codes = 80_000.0, np.arange(2, 65536)  # its own distance is 1.22 m
+    np.testing.assert_array_equal(codes < walk.least_blocking_code(gain, 0.0, 0.0, 1.0), codes < 65535)
+    np.testing.assert_array_equal(codes < walk.least_blocking_code(gain, 0.0, 0.0, 1.25), gain / codes >= 1.25)
 
 
 @given(SEED)
