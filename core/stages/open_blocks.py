@@ -78,15 +78,14 @@ def fetch_marks(flat, at, mm):
 
 @inline_ieee
 def codes_beyond(codes, mm, forward, clear_m, gain, out):
-    """out: (N,) uint16, the codes with those of far cells by their mm. clear_m: optical depth from which on a cell is far; gain:
-    f_px * lsb_per_px."""
-    clear = np.uint16(min(65535.0, math.ceil(gain / clear_m)))
-    least, scale = np.uint16(min(65535.0, math.floor(1000.0 * clear_m))), np.float32(1000.0 * gain)
+    """out: (N,) uint16, the codes with those of far cells by their mm; by clear_m where nothing was measured. clear_m: optical depth
+    from which on a cell is far; gain: f_px * lsb_per_px."""
+    clear_mm, scale = np.float32(1000.0 * clear_m), np.float32(1000.0 * gain)
+    least = np.uint16(min(65535.0, math.floor(1000.0 * clear_m)))
     for i in range(len(out)):
         z, code = mm[i], codes[i]
-        beyond = np.ceil(scale * forward[i] / np.float32(max(z, np.uint16(1))))
-        measured = np.uint16(np.int32(min(beyond, np.float32(65535.0))))
-        measured = measured if (z < _FAR) & (z > least) else clear
+        depth_mm = np.float32(z) if (z < _FAR) & (z > least) else clear_mm
+        measured = np.uint16(np.int32(min(np.ceil(scale * forward[i] / depth_mm), np.float32(65535.0))))
         out[i] = measured if code == _CLEAR else code
 
 

@@ -92,9 +92,8 @@ def marked_view(depth: Codes, codes: Codes, view: ViewGeometry) -> MarkedView:
 def naive_cell(z: int, code: int, forward: np.float32, gain: float) -> tuple[int, int, int]:
     """(code, mm, kind) of a cell within the image."""
     if code == Q_FAR:
-        beyond = 1000.0 * CLEAR_M < z < FAR_MM
-        measured = np.ceil(np.float32(1000.0 * gain) * forward / np.float32(max(z, 1)))
-        code = int(min(measured, 65535.0)) if beyond else math.ceil(gain / CLEAR_M)
+        reached_mm = z if 1000.0 * CLEAR_M < z < FAR_MM else 1000.0 * CLEAR_M
+        code = int(min(np.ceil(np.float32(1000.0 * gain) * forward / np.float32(reached_mm)), 65535.0))
     z = UNKNOWN_MM if z == SATURATED_MM else z
     of_mark = {TEXTURELESS_MM: SMOOTH, BEYOND_MM: MEASURED, CONTINUED_MM: CONTINUED, TEXTURED_MM: TEXTURED}
     return code, z, MEASURED if code != Q_UNKNOWN else of_mark.get(z, OTHER)
@@ -114,6 +113,23 @@ def naive_kind(kinds: list[int]) -> int:
     if OTHER in kinds:
         return PARTLY if measured else OTHER
     return TEXTURED
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("pitch_deg", [-30.0, 0.0, 30.0])
+def test_a_far_pixel_is_seen_through_to_the_clear_depth_and_no_farther(pitch_deg: float) -> None:
+    """The range of a camera is a depth along its optical axis, a code stands for a forward distance."""
+    info = CameraInfo("front", Intrinsics(48, 36, 40.0, 40.0, 23.5, 17.5))
+    R = rotation_level_cam_optical(rotation_from_euler(0.0, math.radians(pitch_deg), 0.0) @ R_CAMFRD_OPTICAL)
+    view = view_geometry(info, R, Params())
+    depth, codes = np.full((36, 48), FAR_MM, np.uint16), np.full((view.cols, view.rows), Q_FAR, np.uint16)
+    marked = marked_view(depth, codes, view)
+    u, v = np.nonzero(marked.codes > Q_UNKNOWN)
+    per_forward = view.H[2, 0] * u + view.H[2, 1] * v + view.H[2, 2]
+    depth_m = view.f_px * view.lsb_per_px / marked.codes[u, v] * per_forward
+    assert len(u) > 1000
+    assert depth_m.max() <= CLEAR_M + 1e-4
+    assert depth_m.min() > 0.95 * CLEAR_M
 
 
 @pytest.mark.nojit
