@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
-from .tables import SHIFT_M
+from .tables import SHIFT_M, THIN_M
 
 EDGE_ON = 0.4
 """Not tuning: sine of the angle between a viewing ray and a line that is seen edge-on."""
@@ -68,17 +68,22 @@ def begin_line(track, d):
 
 @inner
 def update_line(track, d):
-    """Corrects the line by a detection: by the distances of its two ends, each with twice the variance of its place.
+    """Corrects the line by a detection: by the distances of its two ends, each with twice the variance of its place."""
+    variance = 2.0 * d.sigma_m**2
+    correct_by_ends(track, d.ax_m, d.ay_m, variance, d.bx_m, d.by_m, variance)
+
+
+@inner
+def correct_by_ends(track, ax, ay, variance_a, bx, by, variance_b):
+    """Corrects the line by the distances of two points, m, with their variances, m^2.
 
     Kalman filter of (offset, slope) about the present line, one measurement after the other."""
-    r = 2.0 * d.sigma_m**2
     delta, slope = 0.0, 0.0
     for end in range(2):
-        x = d.ax_m if end == 0 else d.bx_m
-        y = d.ay_m if end == 0 else d.by_m
+        x, y = (ax, ay) if end == 0 else (bx, by)
         s = along(track, x, y)
         h0, h1 = track.p00 + s * track.p01, track.p01 + s * track.p11
-        total = h0 + s * h1 + r
+        total = h0 + s * h1 + (variance_a if end == 0 else variance_b)
         k0, k1 = h0 / total, h1 / total
         miss = offset(track, x, y) - delta - s * slope
         delta += k0 * miss
@@ -87,6 +92,19 @@ def update_line(track, d):
         track.p01 -= k0 * h1
         track.p11 -= k1 * h1
     shift_line(track, delta, slope)
+
+
+@inner
+def facing(track, x, y, eye_x, eye_y):
+    """Sine of the angle between the viewing ray of a point and the line; negative: it is seen from behind."""
+    dx, dy = x - eye_x, y - eye_y
+    return (dx * track.ty - dy * track.tx) / max(1e-6, math.sqrt(dx * dx + dy * dy))
+
+
+@inner
+def ahead(track, x, y, eye_x, eye_y):
+    """How far the line lies behind a point near it, m along the viewing ray. The line is not seen edge-on."""
+    return offset(track, x, y) / max(EDGE_ON, facing(track, x, y, eye_x, eye_y))
 
 
 @inner
@@ -124,3 +142,36 @@ def shift_anchor(track, s):
     track.first_cell -= cells
     track.s0_m -= step
     track.s1_m -= step
+
+
+@inner
+def is_thin(t):
+    """Whether a track is as low as a wire."""
+    return t.bottom_m - t.top_m <= THIN_M
+
+
+@inner
+def share_at(t, x, y, eye):
+    """Range of the line of a track over that of a point on the same viewing ray."""
+    whole = offset(t, eye[0], eye[1])
+    return min(2.0, max(0.5, whole / max(1e-3, whole - offset(t, x, y))))
+
+
+@inner
+def seen_height(z_m, share, eye):
+    """Height that is seen at z_m, at another share of the range."""
+    return eye[2] + share * (z_m - eye[2])
+
+
+@inner
+def middle_share(t, o, eye):
+    """Range of the line of a track over that of the middle of another track, on the same viewing ray."""
+    s = 0.5 * (o.s0_m + o.s1_m)
+    return share_at(t, o.x_m + s * o.tx, o.y_m + s * o.ty, eye)
+
+
+@inner
+def seen_heights(track, d, eye):
+    """Upper and lower edge of a detection as they are seen on the line of a track, in the middle of the detection."""
+    share = share_at(track, 0.5 * (d.ax_m + d.bx_m), 0.5 * (d.ay_m + d.by_m), eye)
+    return seen_height(d.top_m, share, eye), seen_height(d.bottom_m, share, eye)

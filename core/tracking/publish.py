@@ -76,7 +76,9 @@ def fill_columns(tracks, t_ns, growth_m_s, eye, out):
         s0, s1 = moved_end(t, t.s0_m, nearer, eye), moved_end(t, t.s1_m, nearer, eye)
         out.planes[n, 0], out.planes[n, 1] = x + s0 * t.tx, y + s0 * t.ty
         out.planes[n, 2], out.planes[n, 3] = x + s1 * t.tx, y + s1 * t.ty
-        out.planes[n, 4], out.planes[n, 5] = t.top_m, t.bottom_m
+        share = moved_share(t, nearer, eye)
+        out.planes[n, 4] = min(t.top_m, eye[2] + share * (t.top_m - eye[2]))
+        out.planes[n, 5] = max(t.bottom_m, eye[2] + share * (t.bottom_m - eye[2]))
         unseen_ns = t_ns - t.seen_ns
         out.margin_m[n] = t.margin_m + max(0.0, excess - nearer) + growth_m_s * unseen_ns / NS
         out.sigma_m[n] = math.sqrt(max(0.0, variance_at(t, 0.5 * (t.s0_m + t.s1_m))))
@@ -96,6 +98,14 @@ def moved_end(t, s, nearer_m, eye):
     if nearer_m <= 0.0 or far < EDGE_ON * math.sqrt(x * x + y * y) or far <= nearer_m:
         return s
     return s + (along(t, eye[0], eye[1]) - s) * nearer_m / far
+
+
+@inner
+def moved_share(t, nearer_m, eye):
+    """Range of a plane that has been moved by nearer_m, as a share of that of its line: its edges are seen in the same
+    directions there."""
+    far = offset(t, eye[0], eye[1])
+    return 1.0 if far <= nearer_m else (far - nearer_m) / far
 
 
 def moving_objects(objects: NDArray[Any], t_ns: int) -> tuple[MovingObject, ...]:

@@ -22,6 +22,8 @@ CELL_M = 0.25
 """Not tuning: initial length of a cell. A narrower gap is never an opening."""
 SHIFT_M = 4.0
 """Not tuning: the anchor follows a track whose middle is farther from it."""
+THIN_M = 0.3
+"""Not tuning: an obstacle of more height is not thin."""
 NONE = -1
 _RATE_STEP = 0.1
 """Not tuning: weight of a frame in the hit rate."""
@@ -264,3 +266,35 @@ def free_slot(table, t_ns):
         ):
             oldest = j
     return oldest, oldest != NONE
+
+
+@inner
+def append_detections(detections, first, second):
+    """Appends one chain of detections (linked by `next`) to another; returns its first."""
+    if first == NONE:
+        return second
+    k = first
+    for _ in range(detections.shape[0]):
+        if detections[k].next == NONE:
+            break
+        k = detections[k].next
+    detections[k].next = second
+    return first
+
+
+@inner
+def remove_detection(detections, first, i):
+    """Takes detection i out of a chain; returns its first."""
+    if first == i:
+        first = detections[i].next
+    else:
+        k = first
+        for _ in range(detections.shape[0]):
+            if k == NONE or detections[k].next == i:
+                break
+            k = detections[k].next
+        if k == NONE:
+            return first
+        detections[k].next = detections[i].next
+    detections[i].next = NONE
+    return first
