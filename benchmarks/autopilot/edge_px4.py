@@ -1,17 +1,17 @@
 """PX4 in Position mode beside a pole that is outside of the camera's view, or at its edge.
 
-    python -m benchmarks.autopilot.edge_px4 [every]
+    python -m benchmarks.autopilot.edge_px4 [every] [--blank]
 
 Sticks at every angle from -60 to 60 degrees, poles at every bearing and at four distances, both generations of PX4, both
 guide angles. The camera's view is 75 degrees wide. A collision is a pole inside of the hull's radius. `every`: fly each n-th
-case only.
+case only. --blank: poles of 0.5 m, 5 and 8 m away, of which only the sides are measured, sticks up to 15 degrees, CP_DIST 3 m.
 """
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import math
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -40,7 +40,8 @@ DIRECTIONS = 75
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One flight. stick_deg, bearing_deg: clockwise from the nose; range_m: to the pole's middle."""
+    """One flight. stick_deg, bearing_deg: clockwise from the nose; range_m: to the pole's middle; blank_radius_m: of a blank pole, see
+    `seen_from`; None: the pole is measured in full."""
 
     version: tuple[int, int]
     guide_deg: float
@@ -48,6 +49,8 @@ class Case:
     stick_deg: float
     bearing_deg: float
     range_m: float
+    blank_radius_m: float | None = None
+    cp_dist_m: float = CP_DIST_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,23 +61,28 @@ class Flown:
     clearance_m: float
 
 
-def seen_from(pole_m: tuple[float, float] | None, empty: FrameModel) -> FrameModel:
+def seen_from(pole_m: tuple[float, float] | None, empty: FrameModel, blank_radius_m: float | None = None) -> FrameModel:
     """What an ideal camera finds: the part of the pole inside of the view as a plane, and free space up to 13 m but behind
-    it. pole_m: from the vehicle, forward and right."""
+    it. pole_m: from the vehicle, forward and right. blank_radius_m: of a pole of which only the sides are measured, so that
+    nothing is free in its directions."""
     if pole_m is None:
         return empty
+    radius_m = POLE_RADIUS_M if blank_radius_m is None else blank_radius_m
     range_m, bearing_deg = math.hypot(*pole_m), math.degrees(math.atan2(pole_m[1], pole_m[0]))
-    half_deg = math.degrees(math.asin(min(1.0, POLE_RADIUS_M / range_m)))
+    half_deg = math.degrees(math.asin(min(1.0, radius_m / range_m)))
     low, high = max(bearing_deg - half_deg, -HALF_VIEW_DEG), min(bearing_deg + half_deg, HALF_VIEW_DEG)
     if low >= high or range_m > 13.0:
         return empty
-    near_m = range_m - POLE_RADIUS_M
+    near_m = range_m - radius_m
     ends = [(near_m * math.cos(math.radians(a)), near_m * math.sin(math.radians(a))) for a in (low, high)]
     free = empty.free
     edges_deg = np.degrees(free.azimuth_edges_rad)
     behind = (edges_deg[:-1] < high) & (edges_deg[1:] > low)
     to_m, end = free.free_to_m.copy(), free.end.copy()
     to_m[behind], end[behind] = near_m - 0.5, FreeEnd.OBSTACLE
+    from_m = free.free_from_m.copy()
+    if blank_radius_m is not None:
+        from_m[behind], to_m[behind], end[behind] = 0.0, 0.0, FreeEnd.UNKNOWN
     return replace(
         empty,
         planes=np.array([[*ends[0], *ends[1], -2.0, 2.0]], np.float32),
@@ -82,7 +90,7 @@ def seen_from(pole_m: tuple[float, float] | None, empty: FrameModel) -> FrameMod
         margin_m=np.zeros(1, np.float32),
         flags=np.zeros(1, np.uint8),
         cluster=np.zeros(1, np.int32),
-        free=replace(free, free_to_m=to_m, end=end),
+        free=replace(free, free_from_m=from_m, free_to_m=to_m, end=end),
     )
 
 
@@ -112,23 +120,26 @@ def empty_model(model: FrameModel) -> FrameModel:
 class Service:
     """What the service sends for a pole, from the place where the vehicle is."""
 
-    def __init__(self, loop: Px4Loop, pole_m: tuple[float, float], empty: FrameModel, trims: bool) -> None:
+    def __init__(self, loop: Px4Loop, pole_m: tuple[float, float], empty: FrameModel, trims: bool, case: Case) -> None:
         self._loop, self._pole_m, self._empty = loop, pole_m, empty
+        self._blank_radius_m = case.blank_radius_m
         self._memory, self._blind = ObstacleMemory(AVOID), BlindPolicy(AVOID)
-        self._policy = policy_of(AVOID, AutopilotNow(kind="PX4", cp_dist_m=CP_DIST_M))
+        self._policy = policy_of(AVOID, AutopilotNow(kind="PX4", cp_dist_m=case.cp_dist_m))
         self._edge = too_near_the_edge([LOOKS], AVOID) if trims else BLIND
         self.clearance_m = math.inf
 
     def __call__(self, now_ns: int) -> Values | None:
         x, y = (float(c) for c in self._loop.vehicle.position_m)
         relative = self._pole_m[0] - x, self._pole_m[1] - y
-        self.clearance_m = min(self.clearance_m, math.hypot(*relative) - POLE_RADIUS_M - AVOID.radius_m)
-        view = View(seen_from(relative, self._empty), LevelTransform(0.0, (0.0, 0.0, 0.0)), t_ns=now_ns)
+        radius_m = POLE_RADIUS_M if self._blank_radius_m is None else self._blank_radius_m
+        self.clearance_m = min(self.clearance_m, math.hypot(*relative) - radius_m - AVOID.radius_m)
+        model = seen_from(relative, self._empty, self._blank_radius_m)
+        view = View(model, LevelTransform(0.0, (0.0, 0.0, 0.0)), t_ns=now_ns)
         found = scan([view], AVOID)
         recalled = self._memory.recall(found, [view], Here(0.0, (x, y, -3.0), 1), now_ns)
         vx, vy = (float(c) for c in self._loop.vehicle.velocity_m_s)
         sight = ObstacleView(found, recalled, BLIND, SEEING, WHOLE, now_ns, self._edge, (vx, vy))
-        self._loop.reach_cm = braking_reach_cm(sight, AVOID)
+        self._loop.reach_cm = braking_reach_cm(sight, AVOID, self._policy)
         return self._blind.values(sight, self._policy, now_ns)
 
 
@@ -136,10 +147,10 @@ def flown(case: Case, empty: FrameModel, trims: bool = True) -> Flown:
     """One flight with the stick held at 60 %: ends when the vehicle stands after two seconds, or after seven. trims: False: as
     it would be if sectors at the edge of the view were sent like others."""
     params = Px4Params(cp_guide_ang_deg=case.guide_deg, round_index=case.round_index)
-    loop = Px4Loop(position_mode(case.version, CP_DIST_M, params), AVOID)
+    loop = Px4Loop(position_mode(case.version, case.cp_dist_m, params), AVOID)
     angle = math.radians(case.bearing_deg)
     pole_m = case.range_m * math.cos(angle), case.range_m * math.sin(angle)
-    service = Service(loop, pole_m, empty, trims)
+    service = Service(loop, pole_m, empty, trims, case)
     for second in range(7):
         loop.fly(1.0, stick_at(0.6, case.stick_deg), service)
         if second >= 1 and float(np.hypot(*loop.vehicle.velocity_m_s)) < 0.02:
@@ -157,18 +168,28 @@ def cases() -> Iterator[Case]:
         yield Case(version, guide, rounds, float(stick), float(stick + offset), range_m)
 
 
+def blank(case: Case) -> Case:
+    """The case with a blank pole of 0.5 m and CP_DIST 3 m."""
+    return replace(case, blank_radius_m=0.25, cp_dist_m=3.0)
+
+
 def main() -> None:
-    """Flies the matrix and prints the collisions, with the trim of the edge and without it."""
+    """Flies the matrix and prints the collisions, with the trim of the edge and without it; blank poles with it alone."""
     from tests.companion.made_up import easy_model
 
-    every = int(sys.argv[1]) if len(sys.argv) > 1 else 1
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("every", type=int, nargs="?", default=1)
+    p.add_argument("--blank", action="store_true")
+    a = p.parse_args()
     empty = empty_model(easy_model(1.0, 0.0))
-    chosen = list(cases())[::every]
-    for trims in (True, False):
-        results = [(case, flown(case, empty, trims)) for case in chosen]
+    chosen = [blank(c) for c in cases() if abs(c.stick_deg) <= 15.0 and c.range_m >= 5.0] if a.blank else list(cases())
+    for trims in (True,) if a.blank else (True, False):
+        results = [(case, flown(case, empty, trims)) for case in chosen[:: a.every]]
         hits = [(case, r) for case, r in results if r.clearance_m < 0.0]
-        moved = sum(r.flown_m > 0.5 for _, r in results)
-        print(f"trim {trims}: {len(hits)} collisions in {len(results)} flights, {moved} of which moved")
+        moved = [r.clearance_m for _, r in results if r.flown_m > 0.5]
+        least = np.quantile(moved, (0.0, 0.01, 0.1)).round(2).tolist() if moved else []
+        print(f"trim {trims}: {len(hits)} collisions in {len(results)} flights, {len(moved)} of which moved")
+        print(f"  least distance m of those, and its 1 and 10 % quantiles: {least}")
         for case, r in hits[:40]:
             print("  ", case, r)
 

@@ -39,6 +39,9 @@ m, neither 3.10 nor 3.35 m."""
 CLOSING_S = 2.0
 """At the edge of the view, PX4 is sent obstacles that the vehicle would reach within this time: it needs them to
 brake."""
+APPROACH_S = 1.5
+"""A measured obstacle in an unseen sector is sent to PX4 from CP_DIST plus the way in this time at the closing speed on. PX4 up to v1.15
+brakes for an obstacle from there: 1 / MPC_XY_P (0.95) + CP_DELAY (0.4 s) + the age of the data."""
 GROUND_CM = 75
 """On the ground, nearer distances are sent as not seen. ArduPilot refuses to arm if anything is nearer than 60 cm."""
 OUTSIDE_CP_DIST_M = 0.02
@@ -138,21 +141,29 @@ def _px4_wall_m(avoid: AvoidParams, cp_dist_m: float | None) -> float | None:
     return wall_m if 100.0 * wall_m < limits_cm(avoid)[1] - 1 else None
 
 
-def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams) -> NDArray[np.float64]:
+def closing_m_s(sight: ObstacleView) -> NDArray[np.float64]:
+    """Returns the speed, (72,), with which the vehicle moves into each sector; 0 where no velocity is known."""
+    forward, right = sight.velocity_m_s or (0.0, 0.0)
+    angle = centres_rad()
+    out: NDArray[np.float64] = np.maximum(0.0, np.cos(angle) * forward + np.sin(angle) * right)
+    return out
+
+
+def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> NDArray[np.float64]:
     """Returns the distance, (72,), within which an obstacle is sent to PX4 although an unknown sector is beside it.
 
-    It is that of near obstacles. At the edge of the view, where sectors are unknown because of the width of the hull,
-    it also includes obstacles that the vehicle approaches, because PX4 needs them to brake; without a velocity, all
-    obstacles seen there."""
+    It is that of near obstacles, and the distance of the wall of the policy `brake`: PX4 does not move into a sector by a
+    value that near. At the edge of the view, where sectors are unknown because of the width of the hull, it also includes
+    obstacles that the vehicle approaches, because PX4 needs them to brake; without a velocity, all obstacles seen there."""
     near_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
+    wall_cm: NDArray[np.float64] = np.maximum(near_cm, _wall_cm(policy) if policy.name == "brake" else 0.0)
     unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
     beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
     at_edge = beside & ~(unseen | np.roll(unseen, 1) | np.roll(unseen, -1))
     if sight.velocity_m_s is None:
-        return np.where(at_edge, 100.0 * avoid.max_distance_m, near_cm)
-    angle = centres_rad()
-    closing_m_s = np.cos(angle) * sight.velocity_m_s[0] + np.sin(angle) * sight.velocity_m_s[1]
-    return np.where(at_edge, near_cm + 100.0 * CLOSING_S * np.maximum(0.0, closing_m_s), near_cm)
+        return np.where(at_edge, 100.0 * avoid.max_distance_m, wall_cm)
+    reach_cm = near_cm + 100.0 * CLOSING_S * closing_m_s(sight)
+    return np.where(at_edge, np.maximum(wall_cm, reach_cm), wall_cm)
 
 
 class BlindPolicy:
@@ -179,9 +190,11 @@ class BlindPolicy:
         if policy.name == "stop":
             self._planes(values, sight.scan)
             self._wall(values, sight, policy)
+        if policy.name == "brake":
+            self._approached(values, sight, policy)
         values = np.minimum(values, self._recalled(sight, policy))
         if policy.name != "stop":
-            self._leave_edge(values, sight)
+            self._leave_edge(values, sight, policy)
         if sight.on_ground:
             # no value above the farthest obstacle: it would mean clear
             farthest_cm = clear_cm(self._avoid) - 2
@@ -189,11 +202,21 @@ class BlindPolicy:
         silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
         return None if silent and policy.name != "stop" else values
 
-    def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView) -> None:
+    def _approached(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
+        """Puts measured obstacles that PX4 must brake for into unseen sectors.
+
+        PX4 does not brake for unknown sectors beside its course. Something unmeasured may be before the obstacle, so PX4 must
+        not be permitted to move into the sector: a farther obstacle is sent at the distance of the wall."""
+        scan = sight.scan
+        reach_m = policy.wall_m + APPROACH_S * closing_m_s(sight)
+        wanted = (scan.state == SectorState.UNSEEN) & (scan.distance_m <= reach_m) & (values == UNKNOWN)
+        values[wanted] = near_cm(np.minimum(scan.distance_m[wanted], policy.wall_m), self._avoid)
+
+    def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
         """Removes obstacles from sectors at the edge of the view, because PX4 moves into a sector that has any value.
 
         They are kept if they are near or if the vehicle approaches them: then PX4 must brake for them."""
-        values[sight.edge & sight.seeing & (values > braking_reach_cm(sight, self._avoid))] = UNKNOWN
+        values[sight.edge & sight.seeing & (values > braking_reach_cm(sight, self._avoid, policy))] = UNKNOWN
 
     def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
         """Updates since when sectors are blind.

@@ -247,7 +247,7 @@ class ObstacleReportBuilder:
         policy = policy_of(self._avoid, autopilot)
         values = self._policy.values(sight, policy, now_ns)
         if values is not None:
-            values = for_reader(values, self._avoid, autopilot.kind, braking_reach_cm(sight, self._avoid))
+            values = for_reader(values, self._avoid, autopilot.kind, braking_reach_cm(sight, self._avoid, policy))
         return ObstacleReport(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:

@@ -1,4 +1,4 @@
-"""PX4 beside a pole that stands outside of the view, or at its edge: the hull must fit into what was seen."""
+"""PX4 beside a pole that stands outside of the view, or at its edge: the hull must fit into what was seen. And beside a blank pole."""
 
 from __future__ import annotations
 
@@ -43,3 +43,22 @@ def test_two_cameras_have_no_edge_between_them() -> None:
     assert too_near_the_edge([], AVOID).all()
     wide = replace(AVOID, radius_m=3.0)  # wider than near_m: only a camera all around would do
     assert too_near_the_edge([LOOKS], wide).all()
+
+
+@pytest.mark.parametrize(
+    ("version", "guide_deg", "stick_deg", "bearing_deg", "range_m"),
+    [
+        ((1, 15), 0.0, -2.0, 2.5, 9.0),
+        ((1, 15), 0.0, 6.5, 12.0, 6.0),
+        ((1, 15), 30.0, 7.0, 13.5, 6.0),
+        ((1, 16), 0.0, -2.7, 0.3, 6.0),
+        ((1, 16), 0.0, 7.2, 14.3, 6.0),
+        ((1, 16), 30.0, 10.7, 34.0, 6.0),
+    ],
+)
+def test_a_blank_pole_beside_the_course_is_braked_for(
+    version: tuple[int, int], guide_deg: float, stick_deg: float, bearing_deg: float, range_m: float
+) -> None:
+    """Its sides are measured, and nothing is free in its directions: they are unseen, and PX4 brakes for no unknown sector."""
+    case = Case(version, guide_deg, False, stick_deg, bearing_deg, range_m, blank_radius_m=0.25, cp_dist_m=3.0)
+    assert flown(case, EMPTY).clearance_m > 3.0 - 0.3

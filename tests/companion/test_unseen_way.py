@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, braking_reach_cm, policy_of
 from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
     PX4,
@@ -96,6 +96,43 @@ def values_of(found: SectorScan, autopilot: str, blind: NDArray[np.bool_] | None
 @pytest.fixture(scope="module")
 def wall_at_10_m() -> Rendered:
     return render(wall_scene(10.0), INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=SENSOR)
+
+
+# ---- what PX4 brakes for ----------------------------------------------------------------------------------------------
+
+BRAKE = policy_of(AVOID, AutopilotNow(kind=PX4, cp_dist_m=3.0))
+
+
+def braked_for(plane_m: float, velocity_m_s: tuple[float, float] | None, policy: Policy = BRAKE) -> int:
+    """What is sent for sector 4, 20 degrees to the right, that is unseen and has a plane at this distance from the hull."""
+    clear = np.full(SECTORS, SectorState.CLEAR, np.uint8)
+    distance_m = np.full(SECTORS, np.inf)
+    clear[4], distance_m[4] = SectorState.UNSEEN, plane_m
+    free_m = np.full(SECTORS, AVOID.max_distance_m)
+    lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
+    found = SectorScan(clear, distance_m, free_m, np.zeros(SECTORS), lacking)
+    everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
+    sight = ObstacleView(
+        found, nothing_remembered(), nowhere, everywhere, everywhere, 0, nowhere, velocity_m_s=velocity_m_s
+    )
+    values = BlindPolicy(AVOID).values(sight, policy, 0)
+    assert values is not None
+    return int(for_reader(values, AVOID, PX4, braking_reach_cm(sight, AVOID, policy))[4])
+
+
+def test_px4_is_sent_a_measured_obstacle_in_an_unseen_sector_that_it_must_brake_for() -> None:
+    assert braked_for(7.0, (4.0, 0.0)) == 302
+    assert braked_for(7.0, (1.0, 0.0)) == UNKNOWN
+    assert braked_for(7.0, (0.0, -4.0)) == UNKNOWN  # moves away
+    assert braked_for(2.8, None) == 280
+    assert braked_for(7.0, None) == UNKNOWN
+    assert braked_for(7.0, (4.0, 0.0), NOT_KNOWN) == UNKNOWN
+
+
+@given(st.floats(0.0, 30.0), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
+def test_px4_may_never_move_into_an_unseen_sector(plane_m: float, forward_m_s: float, right_m_s: float) -> None:
+    value = braked_for(plane_m, (forward_m_s, right_m_s))
+    assert value == UNKNOWN or value <= 100 * 3.0 + 2
 
 
 # ---- a column without texture before a wall ---------------------------------------------------------------------------

@@ -6,7 +6,7 @@ changes the acceleration. Without data it sets the acceleration to zero, so that
 it. An obstacle nearer than CP_DIST scales the stick by a negative factor: the vehicle flies backwards, the faster the harder
 the stick pushes forward.
 
-All vectors are (x forward, y right) in the level frame with the vehicle's heading, which is constant. Parameters have PX4's
+All vectors are (x forward, y right) in the level frame with the vehicle's heading, which `turn` changes. Parameters have PX4's
 default values. Sources: CollisionPrevention.cpp, FlightTaskManualPosition.cpp and StickAccelerationXY.cpp of PX4 v1.14.3 and
 v1.16.0; trajectory/TrajMath.hpp for the speed from a braking distance.
 """
@@ -115,6 +115,12 @@ class VelocityPositionMode:
     velocity_m_s: Vector = field(default_factory=lambda: np.zeros(2))
     _acceleration: Vector = field(default_factory=lambda: np.zeros(2))
 
+    def turn(self, angle_rad: float) -> None:
+        """Turns the heading clockwise: the state is given in the axes of the new heading, about the same origin."""
+        self.position_m, self.velocity_m_s, self._acceleration = (
+            _turned(v, angle_rad) for v in (self.position_m, self.velocity_m_s, self._acceleration)
+        )
+
     def step(self, stick: Vector, dt_s: float, now_ns: int) -> None:
         """stick: (2,) forward and right, length 0 to 1."""
         setpoint = self._limited(self.params.mpc_vel_manual_m_s * stick, now_ns)
@@ -153,6 +159,13 @@ class AccelerationPositionMode:
     _velocity_setpoint: Vector = field(default_factory=lambda: np.zeros(2))
     _slewed: Vector = field(default_factory=lambda: np.zeros(2))
     _boost: float = 1.0
+
+    def turn(self, angle_rad: float) -> None:
+        """Turns the heading clockwise: the state is given in the axes of the new heading, about the same origin."""
+        self.position_m, self.velocity_m_s, self._acceleration = (
+            _turned(v, angle_rad) for v in (self.position_m, self.velocity_m_s, self._acceleration)
+        )
+        self._velocity_setpoint, self._slewed = (_turned(v, angle_rad) for v in (self._velocity_setpoint, self._slewed))
 
     def step(self, stick: Vector, dt_s: float, now_ns: int) -> None:
         """stick: (2,) forward and right, length 0 to 1."""
@@ -233,6 +246,12 @@ def _fly(vehicle: PositionMode, wanted: Vector, dt_s: float) -> None:
     vehicle._acceleration = vehicle._acceleration + (wanted - vehicle._acceleration) * dt_s / (ATTITUDE_LAG_S + dt_s)
     vehicle.velocity_m_s = vehicle.velocity_m_s + vehicle._acceleration * dt_s
     vehicle.position_m = vehicle.position_m + vehicle.velocity_m_s * dt_s
+
+
+def _turned(v: Vector, angle_rad: float) -> Vector:
+    """A vector in axes that are turned clockwise."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([c * v[0] + s * v[1], c * v[1] - s * v[0]])
 
 
 def _shortened(v: Vector, most: float) -> Vector:
