@@ -27,8 +27,12 @@ MOTION = frozenset({ATTITUDE_ID, 31, 32, 331})
 _FIELDS = {ATTITUDE_ID: struct.Struct("<I6f"), 31: struct.Struct("<I7f"), 32: struct.Struct("<I6f")}
 """time_boot_ms and the numbers of the messages that arrive a hundred times per second, as in the payload. Decoding by
 the dialect would take as long as all other steps of a sample together."""
-LOCAL_FRAMES = frozenset({1, 20})
-"""MAV_FRAME_LOCAL_NED, MAV_FRAME_LOCAL_FRD."""
+CONFIRMED_FOR_NS = NS
+"""Time after a LOCAL_POSITION_NED for which ODOMETRY is used."""
+LOCAL_NED = 1
+"""MAV_FRAME_LOCAL_NED. MAV_FRAME_LOCAL_FRD (20) points where the vehicle looked at the start, not north as the attitude."""
+LOCAL_FRAMES = frozenset({LOCAL_NED, 20})
+"""Frames of a velocity in ned: PX4 up to v1.13 calls ned MAV_FRAME_LOCAL_FRD there."""
 BODY_FRAMES = frozenset({8, 12})
 """MAV_FRAME_BODY_NED, MAV_FRAME_BODY_FRD: the velocity of ODOMETRY is in body axes."""
 
@@ -37,12 +41,15 @@ class MotionDecoder:
     """Converts ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED and ODOMETRY to samples.
 
     Of two kinds with the same content the better one is used: the quaternion (no gimbal lock), and ODOMETRY (it
-    reports jumps of the estimate). counts: refused messages, by cause."""
+    reports jumps of the estimate). PX4 sends ODOMETRY also while its position is not valid (EKF2::PublishOdometry), and
+    LOCAL_POSITION_NED only while position and velocity are; ArduPilot likewise. ODOMETRY is therefore used only while
+    LOCAL_POSITION_NED arrives. counts: refused messages, by cause."""
 
     def __init__(self, clock: ClockFilter) -> None:
         self._clock = clock
         self._quaternion_ns: int | None = None
         self._odometry_ns: int | None = None
+        self._local_ns: int | None = None
         self.counts: Counter[LinkAnomaly] = Counter()
 
     def wants(self, message_id: int, arrival_ns: int) -> bool:
@@ -106,14 +113,20 @@ class MotionDecoder:
             self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
         t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
-        if t_ns is None or _recent(self._odometry_ns, arrival_ns):
+        if t_ns is None:
+            return None
+        self._local_ns = arrival_ns
+        if _recent(self._odometry_ns, arrival_ns):
             return None
         return PoseSample(t_ns, arrival_ns, position, _three(numbers[3:]))
 
     def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
         position = (float(m.x), float(m.y), float(m.z))
-        if int(m.frame_id) not in LOCAL_FRAMES or int(m.quality) < 0:
+        if int(m.frame_id) != LOCAL_NED or int(m.quality) < 0:
             self.counts[LinkAnomaly.ODOMETRY_UNUSABLE] += 1
+            return None
+        if not _recent(self._local_ns, arrival_ns, CONFIRMED_FOR_NS):
+            self.counts[LinkAnomaly.ODOMETRY_UNCONFIRMED] += 1
             return None
         if not all(map(math.isfinite, position)):
             self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
@@ -135,8 +148,8 @@ def motion_fields(frame: Frame) -> tuple[float, ...] | None:
     return frame.fields(fields) if fields is not None else None
 
 
-def _recent(received_ns: int | None, now_ns: int) -> bool:
-    return received_ns is not None and now_ns - received_ns < PREFER_FOR_NS
+def _recent(received_ns: int | None, now_ns: int, for_ns: int = PREFER_FOR_NS) -> bool:
+    return received_ns is not None and now_ns - received_ns < for_ns
 
 
 def _three(numbers: tuple[float, ...]) -> tuple[float, float, float] | None:

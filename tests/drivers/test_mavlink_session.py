@@ -333,6 +333,42 @@ def test_odometry_turns_its_velocity_into_ned_and_reports_jumps() -> None:
     assert c.session.receive([(bytes(odometry.pack(other)), c.now_ns + 2 * MS)]) == []
 
 
+def odometry_at(c: Conversation, frame_id: int = 1) -> bytes:
+    """An ODOMETRY of the autopilot, now, at 1, 2, -3 m."""
+    boot_us = c.autopilots[0].boot_ns(c.now_ns) // 1000
+    nan = [math.nan] * 21
+    q = (1.0, 0.0, 0.0, 0.0)
+    message = dialect.MAVLink_odometry_message(boot_us, frame_id, 1, 1.0, 2.0, -3.0, q, 0, 0, 0, 0, 0, 0, nan, nan)
+    return bytes(message.pack(dialect.MAVLink(None, 1, 1)))
+
+
+def test_odometry_counts_while_the_autopilot_also_sends_a_valid_position() -> None:
+    """PX4 fills ODOMETRY without a look at the validity of its estimate, which rests at one place when nothing supports it.
+    LOCAL_POSITION_NED it sends only while position and velocity are valid."""
+    c = talk(PX4, boot_at_ns=0)
+    c.lost = frozenset({32})
+    c.run(2.0)
+    assert c.session.receive([(odometry_at(c), c.now_ns + MS)]) == []
+    assert not any(isinstance(s, PoseSample) for s in c.samples)
+    c.lost = frozenset()
+    c.run(1.0)
+    (pose,) = c.session.receive([(odometry_at(c), c.now_ns + MS)])
+    assert isinstance(pose, PoseSample)
+    assert pose.position_ned_m == (1.0, 2.0, -3.0)
+    c.lost = frozenset({32})
+    c.run(1.1)
+    assert c.session.receive([(odometry_at(c), c.now_ns + MS)]) == []
+    assert c.session.status(c.now_ns).counts["odometry_unconfirmed"] == 2
+
+
+def test_odometry_in_axes_that_do_not_point_north_is_refused() -> None:
+    """Loopback of a visual odometry: its x points where the vehicle looked at the start, the attitude is from north."""
+    c = talk(PX4, boot_at_ns=0)
+    c.run(2.0)
+    assert c.session.receive([(odometry_at(c, frame_id=20), c.now_ns + MS)]) == []
+    assert len(c.session.receive([(odometry_at(c), c.now_ns + MS)])) == 1
+
+
 def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     frames: list[tuple[bytes, int]] = []
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, motion=hovering))
