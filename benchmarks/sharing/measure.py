@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.fidelity.metrics import judge
 from benchmarks.paper.cases import EXACT, rays_under
+from benchmarks.sharing.delays import delays
 from benchmarks.sharing.flights import Part, errors, flown, judged_poses, length_of, scene_of, ways
 from benchmarks.sharing.pairs import Pair, pairs_of
 from benchmarks.sharing.radio import Channel, Traffic, radio
@@ -38,8 +39,8 @@ _THIN = 3
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
     """One run. rate: greatest B/s of a vehicle over WINDOW_S; mean_rate: over the flight; latency_s: p50, p95 and greatest
-    from the confirmation of a plane by its owner until it is published by another vehicle, in flight; start_s: p95 with all that is in view at
-    the start; never: share of planes that never
+    from the confirmation of a new obstacle by its owner until it is published by another vehicle, in flight; start_s: p95 with all that is in view at
+    the start; never: share of those that never
     arrived; missed_joint, missed_all: share of obstacle rays, by the first vehicle with its neighbours, and by one vehicle
     that flew all parts; pairs: of receivers and senders."""
 
@@ -129,8 +130,8 @@ def _figures(
     begin_ns: int,
 ) -> Figures:
     rates = [_rates(sent, begin_ns) for sent in traffic.sent]
-    delays, never = _latencies(outcomes, begin_ns + round(START_UP_S * NS))
-    early, _ = _latencies(outcomes, 0)
+    in_flight, never = _delays(outcomes, begin_ns + round(START_UP_S * NS))
+    early, _ = _delays(outcomes, 0)
     pairs = pairs_of(parts, outcomes)
     flown_by = [r for part in parts for r in part.rendered]
     first = outcomes[0]
@@ -147,7 +148,7 @@ def _figures(
                 refused[code] = refused.get(code, 0) + count
     return Figures(
         scene=scene, vehicles=len(parts), seed=seed, rate=max(r[0] for r in rates), mean_rate=max(r[1] for r in rates),
-        latency_s=(float(np.percentile(delays, 50)), float(np.percentile(delays, 95)), float(delays.max())),
+        latency_s=(float(np.percentile(in_flight, 50)), float(np.percentile(in_flight, 95)), float(in_flight.max())),
         start_s=float(np.percentile(early, 95)), never=never,
         missed_joint=_missed(views, np.concatenate([own, shared]), flown_by), missed_all=_missed(views, _all_planes(everything), flown_by),
         missed_alone=_missed(views, own, flown_by), pairs=tuple(pairs),
@@ -174,24 +175,17 @@ def _rates(sent: Sequence[tuple[int, int]], begin_ns: int) -> tuple[float, float
     return float(max(sums, default=0.0)), float(size.sum() / max(1.0, t[-1] - t[0]))
 
 
-def _latencies(outcomes: Sequence[Outcome], since_ns: int) -> tuple[Floats, float]:
-    """(delays of all planes confirmed since then, for all receivers, in s; share that never arrived). Planes of the last second are
-    left out."""
-    delays, missing = [], 0
+def _delays(outcomes: Sequence[Outcome], since_ns: int) -> tuple[Floats, float]:
+    """(delays of all new obstacles since then, for all receivers, in s; share that never arrived)."""
+    found: list[float] = []
+    missing = 0
     for sender in outcomes:
-        last_ns = max(sender.first_own_ns.values()) - NS
         for receiver in outcomes:
-            if receiver is sender:
-                continue
-            for slot, own_ns in sender.first_own_ns.items():
-                if own_ns < since_ns:
-                    continue
-                got_ns = receiver.first_shared_ns.get((sender.number, slot))
-                if got_ns is not None:
-                    delays.append((got_ns - own_ns) / NS)
-                elif own_ns < last_ns:
-                    missing += 1
-    return np.array(delays), missing / max(1, missing + len(delays))
+            if receiver is not sender:
+                some, never = delays(sender.confirmed, receiver.received, sender.number, since_ns)
+                found += some
+                missing += never
+    return np.array(found), missing / max(1, missing + len(found))
 
 
 def _missed(views: Sequence[Rendered], planes: Floats, flown_by: Sequence[Rendered]) -> float:

@@ -11,16 +11,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.sharing.delays import Confirmed, Received
 from benchmarks.sharing.flights import HZ, Seen
 from companion.config.share import ShareConfig
 from companion.share.thread import Sharing
 from core.sharing.obstacles import SharedObstacles
+from core.sharing.packet_codec import decoded
+from core.sharing.records import SharedPlanes
 from core.types import PoseSample
 from core.world.world import Observation, World
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import SigningKey
 from drivers.mavlink.transport import parse_address
+from drivers.sharing.link import Deliver, ReceivedPacket
 from drivers.sharing.tunnel_line import TunnelLine
 
 NS = 1_000_000_000
@@ -43,17 +47,31 @@ class Task:
 
 @dataclass(slots=True)
 class Outcome:
-    """What one vehicle measured. first_own_ns: when each own plane was first confirmed (observed by least_hits frames), by its number; first_shared_ns:
-    when (sender, number) was first published; own: (N, 6) planes of the own world in the end, own_ids; shared: in the end."""
+    """What one vehicle measured. own: (N, 6) planes of the own world in the end, own_ids; shared: in the end."""
 
     number: int
-    first_own_ns: dict[int, int] = field(default_factory=dict)
-    first_shared_ns: dict[tuple[int, int], int] = field(default_factory=dict)
+    confirmed: Confirmed = field(default_factory=Confirmed)
+    received: Received = field(default_factory=Received)
     own: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
     own_ids: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
     shared: SharedObstacles | None = None
     counts: dict[str, int] = field(default_factory=dict)
     late_frames: int = 0
+
+    def noting(self, deliver: Deliver) -> Deliver:
+        """A receiver of packets that notes their planes, too."""
+
+        def received(packet: ReceivedPacket) -> None:
+            deliver(packet)
+            self.note(packet.data, packet.arrival_ns)
+
+        return received
+
+    def note(self, data: bytes, arrival_ns: int) -> None:
+        """Notes the planes of a packet."""
+        packet = decoded(data)
+        if isinstance(packet.content, SharedPlanes):
+            self.received.planes.append((arrival_ns, packet.header.vehicle, packet.content))
 
 
 def fly(task: Task, out: Connection) -> None:
@@ -67,19 +85,18 @@ def fly(task: Task, out: Connection) -> None:
         tunnel_bytes_per_s=task.bytes_per_s,
         tunnel=f"udpout:127.0.0.1:{task.port}",
     )
-    signing = Signing(SigningKey(KEY), SigningClock())
+    signing, outcome = Signing(SigningKey(KEY), SigningClock()), Outcome(task.number)
     sharing = Sharing(
         config,
         0.4,
-        lambda deliver: [TunnelLine(parse_address(config.tunnel), COMPONENT, deliver, signing)],
+        lambda deliver: [TunnelLine(parse_address(config.tunnel), COMPONENT, outcome.noting(deliver), signing)],
         1_700_000_000,
         lambda: task.number,
         None,
         "",
         lambda key, message, t_ns: None,
     )
-    world, outcome = World(), Outcome(task.number)
-    warm = World()
+    world, warm = World(), World()
     for k, seen in enumerate(frames[:2]):
         warm.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=(k + 1) * NS))
     out.send("ready")
@@ -110,7 +127,7 @@ def _loop(
                 outcome.late_frames += 1
             seen = frames[min(taken, len(frames) - 1)]  # it hovers in the end
             world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=now_ns))
-            _note_own(world, config_hits, outcome, now_ns)
+            outcome.confirmed.note(world, config_hits, now_ns)
             velocity = tuple(HZ * (b - a) for a, b in zip(last, seen.place_m, strict=True))
             last, taken = seen.place_m, taken + 1
         flying = taken < len(frames)
@@ -131,12 +148,5 @@ def _loop(
         if obstacles.now_ns != newest_ns:
             newest_ns = obstacles.now_ns
             outcome.shared = obstacles
-            for key in zip(obstacles.sender.tolist(), obstacles.ids.tolist(), strict=True):
-                outcome.first_shared_ns.setdefault(key, now_ns)
+            outcome.received.published_ns.append(now_ns)
         time.sleep(LOOK_S)
-
-
-def _note_own(world: World, least_hits: int, outcome: Outcome, now_ns: int) -> None:
-    assert world.section is not None
-    for slot in np.flatnonzero(world.section.used_slots["hits"] >= least_hits).tolist():
-        outcome.first_own_ns.setdefault(slot, now_ns)

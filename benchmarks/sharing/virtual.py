@@ -16,7 +16,7 @@ from companion.config.share import ShareConfig
 from companion.share.own_planes import own_planes
 from companion.share.team import Team
 from companion.share.thread import OWN_PLANES_NS, PUBLISH_NS, SEND_NS, STEP_S
-from core.sharing.send_queue import Budget
+from core.sharing.send_budget import Budget
 from core.types import PoseSample
 from core.world.world import Observation, World
 from drivers.mavlink.signing import Signing
@@ -96,15 +96,15 @@ class VirtualVehicle:
         packets = team.packets(now_ns).get("tunnel", []) if now_ns % SEND_NS == 0 else []
         team.align(now_ns)
         if now_ns % PUBLISH_NS == 0:
-            self.outcome.shared = obstacles = team.obstacles(now_ns)
-            for key in zip(obstacles.sender.tolist(), obstacles.ids.tolist(), strict=True):
-                self.outcome.first_shared_ns.setdefault(key, now_ns)
+            self.outcome.shared = team.obstacles(now_ns)
+            self.outcome.received.published_ns.append(now_ns)
         return [self.codec.encoded(packet, team.vehicle) for packet in packets]
 
     def receive(self, data: bytes, arrival_ns: int) -> None:
         """A datagram."""
         for packet in self.codec.decoded(data, arrival_ns):
-            self.team.receive(packet.data, arrival_ns, packet.sender)
+            if not self.team.receive(packet.data, arrival_ns, packet.sender):
+                self.outcome.note(packet.data, arrival_ns)
 
     def end(self, now_ns: int) -> Outcome:
         """What it has measured."""
@@ -132,9 +132,7 @@ class VirtualVehicle:
 
     def _frame(self, seen: Seen, now_ns: int) -> None:
         self.world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=now_ns))
-        assert self.world.section is not None
-        for slot in np.flatnonzero(self.world.section.used_slots["hits"] >= self._config.least_hits).tolist():
-            self.outcome.first_own_ns.setdefault(slot, now_ns)
+        self.outcome.confirmed.note(self.world, self._config.least_hits, now_ns)
 
 
 def play(parts: Sequence[Part], bytes_per_s: float, channel: Channel, seed: int) -> tuple[list[Outcome], Traffic, int]:

@@ -8,7 +8,8 @@ from typing import Final
 from core.sharing.neighbour_map import NeighbourMap, OwnState, own_frame
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
-from core.sharing.send_queue import Budget, Offer, SendQueue
+from core.sharing.send_budget import Budget
+from core.sharing.send_queue import Offer, SendQueue
 from core.types import PoseSample
 
 from ..config.share import ShareConfig

@@ -12,7 +12,7 @@ from google.protobuf.message import Message
 
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.records import SharedMover, SharedPlanes
-from core.sharing.send_queue import Budget
+from core.sharing.send_budget import Budget
 from core.types import AttitudeSample, PoseSample
 from core.world.world import World
 from drivers.sharing.link import ReceivedPacket, TeamLink

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -121,6 +121,10 @@ class Neighbour:
         self.sent_ms, self.received_ns = header.sent_ms, arrival_ns
         self.packets += 1
         sent_ns = arrival_ns - round(max(0.0, delay_s) * NS)
+        if packet.motion is not None and self.state is not None:
+            motion = packet.motion
+            self.state = replace(self.state, position_m=motion.position_m, velocity_m_s=motion.velocity_m_s)
+            self.state_ns = sent_ns
         if isinstance(content, VehicleState):
             self._take_state(content, sent_ns)
         elif isinstance(content, SharedPlanes):

@@ -6,19 +6,23 @@ import math
 import struct
 from typing import Final
 
-from .plane_codec import PLANE_BYTES, Anchor, decoded_planes, encoded_plane, fits
-from .records import Header, LocalFrame, Packet, PacketError, SharedMover, SharedPlanes, VehicleState
+from .plane_codec import LONG, SHORT, Anchor, PlaneForm, decoded_planes, encoded_plane, fits
+from .records import Header, LocalFrame, Motion, Packet, PacketError, SharedMover, SharedPlanes, VehicleState
 
-VERSION: Final = 1
-STATE_KIND, PLANES_KIND, MOVERS_KIND = 1, 2, 3
+VERSION: Final = 2
+STATE_KIND, LONG_PLANES_KIND, MOVERS_KIND, SHORT_PLANES_KIND = 1, 2, 3, 4
+MOTION_FLAG: Final = 8
+"""Of the kind: the motion of the sender follows the anchor."""
 TUNNEL_BYTES: Final = 128
 """Greatest payload of a TUNNEL message."""
 ANCHOR_STEP_M: Final = 64.0
+ANCHOR_STEP_Z_M: Final = 16.0
 _HEADER: Final = struct.Struct("<BBIIB")
 _ANCHOR: Final = struct.Struct("<hhb")
 _STATE: Final = struct.Struct("<iiihHHHiihhhhB")
 _MOVER: Final = struct.Struct("<Hhhh3B2b3B")
-PLANES_PER_TUNNEL: Final = (TUNNEL_BYTES - _HEADER.size - _ANCHOR.size) // PLANE_BYTES
+_MOTION: Final = struct.Struct("<hhh3b")
+MOTION_BYTES: Final = _MOTION.size
 MOVERS_PER_TUNNEL: Final = (TUNNEL_BYTES - _HEADER.size - _ANCHOR.size) // _MOVER.size
 OVERHEAD_BYTES: Final = _HEADER.size + _ANCHOR.size
 MOST_BYTES: Final = 4096
@@ -29,16 +33,25 @@ _TINY = 1e-9
 
 def anchor_of(x_m: float, y_m: float, z_m: float) -> Anchor:
     """Returns the anchor nearest to a place. Raises PacketError for a place that is too far from the origin."""
-    codes = [round(v / ANCHOR_STEP_M) if math.isfinite(v) else 1 << 20 for v in (x_m, y_m, z_m)]
+    steps = (ANCHOR_STEP_M, ANCHOR_STEP_M, ANCHOR_STEP_Z_M)
+    codes = [round(v / step) if math.isfinite(v) else 1 << 20 for v, step in zip((x_m, y_m, z_m), steps, strict=True)]
     if not all(abs(code) < limit for code, limit in zip(codes, (1 << 15, 1 << 15, 1 << 7), strict=True)):
         raise PacketError("too_far", f"({x_m:g}, {y_m:g}, {z_m:g}) m is too far from the origin of the frame")
-    return ANCHOR_STEP_M * codes[0], ANCHOR_STEP_M * codes[1], ANCHOR_STEP_M * codes[2]
+    return ANCHOR_STEP_M * codes[0], ANCHOR_STEP_M * codes[1], ANCHOR_STEP_Z_M * codes[2]
 
 
-def planes_packet(header: Header, planes: SharedPlanes, anchor_m: Anchor) -> bytes:
-    """Returns a packet of planes with one anchor. Raises PacketError if one does not fit."""
-    parts = [encoded_plane(planes, row, anchor_m) for row in range(len(planes))]
-    return _head(header, PLANES_KIND) + _anchor(anchor_m) + b"".join(parts)
+def planes_packet(
+    header: Header, planes: SharedPlanes, anchor_m: Anchor, form: PlaneForm = LONG, motion: Motion | None = None
+) -> bytes:
+    """Returns a packet of planes with one anchor, and the motion of the sender. No planes: of its motion alone.
+
+    Raises:
+        PacketError: something does not fit."""
+    parts = [encoded_plane(form, planes, row, anchor_m) for row in range(len(planes))]
+    kind = SHORT_PLANES_KIND if form is SHORT else LONG_PLANES_KIND
+    if motion is None:
+        return _head(header, kind) + _anchor(anchor_m) + b"".join(parts)
+    return _head(header, kind | MOTION_FLAG) + _anchor(anchor_m) + _motion(motion, anchor_m) + b"".join(parts)
 
 
 def movers_packet(header: Header, movers: tuple[SharedMover, ...], anchor_m: Anchor) -> bytes:
@@ -84,12 +97,20 @@ def decoded(data: bytes) -> Packet:
     header, kind = Header(vehicle=vehicle, stream=stream, sent_ms=sent_ms, section=section), first & 15
     if kind == STATE_KIND:
         return Packet(header, _state_from(data[_HEADER.size :]))
-    if kind not in (PLANES_KIND, MOVERS_KIND) or len(data) <= OVERHEAD_BYTES:
+    if kind & ~MOTION_FLAG not in (LONG_PLANES_KIND, MOVERS_KIND, SHORT_PLANES_KIND) or len(data) <= OVERHEAD_BYTES:
         raise PacketError("bad_kind", f"packet kind {kind} with {len(data)} bytes")
     x, y, z = _ANCHOR.unpack_from(data, _HEADER.size)
-    anchor_m = ANCHOR_STEP_M * x, ANCHOR_STEP_M * y, ANCHOR_STEP_M * z
+    anchor_m = ANCHOR_STEP_M * x, ANCHOR_STEP_M * y, ANCHOR_STEP_Z_M * z
     body = data[OVERHEAD_BYTES:]
-    return Packet(header, decoded_planes(body, anchor_m) if kind == PLANES_KIND else _movers_from(body, anchor_m))
+    motion = None
+    if kind & MOTION_FLAG:
+        if len(body) < MOTION_BYTES:
+            raise PacketError("bad_length", f"a packet with motion of {len(data)} bytes")
+        motion, body = _motion_from(body[:MOTION_BYTES], anchor_m), body[MOTION_BYTES:]
+    if kind & ~MOTION_FLAG == MOVERS_KIND:
+        return Packet(header, _movers_from(body, anchor_m), motion)
+    form = SHORT if kind & ~MOTION_FLAG == SHORT_PLANES_KIND else LONG
+    return Packet(header, decoded_planes(form, body, anchor_m), motion)
 
 
 def mover_fits(mover: SharedMover, anchor_m: Anchor) -> bool:
@@ -101,9 +122,18 @@ def mover_fits(mover: SharedMover, anchor_m: Anchor) -> bool:
     return True
 
 
-def plane_fits(planes: SharedPlanes, row: int, anchor_m: Anchor) -> bool:
-    """True if a plane can be sent with this anchor."""
-    return fits(tuple(planes.box[row].tolist()), float(planes.margin_m[row]), anchor_m)
+def plane_fits(form: PlaneForm, planes: SharedPlanes, row: int, anchor_m: Anchor) -> bool:
+    """True if a plane can be sent in this form with this anchor."""
+    return fits(form, tuple(planes.box[row].tolist()), float(planes.margin_m[row]), anchor_m)
+
+
+def motion_fits(motion: Motion, anchor_m: Anchor) -> bool:
+    """True if a motion can be sent with this anchor."""
+    try:
+        _motion(motion, anchor_m)
+    except PacketError:
+        return False
+    return True
 
 
 def _head(header: Header, kind: int) -> bytes:
@@ -111,7 +141,28 @@ def _head(header: Header, kind: int) -> bytes:
 
 
 def _anchor(anchor_m: Anchor) -> bytes:
-    return _ANCHOR.pack(*(round(v / ANCHOR_STEP_M) for v in anchor_m))
+    x, y, z = anchor_m
+    return _ANCHOR.pack(round(x / ANCHOR_STEP_M), round(y / ANCHOR_STEP_M), round(z / ANCHOR_STEP_Z_M))
+
+
+def _motion(motion: Motion, anchor_m: Anchor) -> bytes:
+    """Returns MOTION_BYTES."""
+    try:
+        return _MOTION.pack(
+            *(round((p - a) / _MOVER_STEP_M) for p, a in zip(motion.position_m, anchor_m, strict=True)),
+            *(round(v / _SPEED_STEP_M_S) for v in motion.velocity_m_s),
+        )
+    except (struct.error, OverflowError, ValueError) as error:
+        raise PacketError("motion_unencodable", f"the motion of the vehicle is out of range: {error}") from error
+
+
+def _motion_from(data: bytes, anchor_m: Anchor) -> Motion:
+    x, y, z, vx, vy, vz = _MOTION.unpack(data)
+    ax, ay, az = anchor_m
+    return Motion(
+        position_m=(ax + _MOVER_STEP_M * x, ay + _MOVER_STEP_M * y, az + _MOVER_STEP_M * z),
+        velocity_m_s=(_SPEED_STEP_M_S * vx, _SPEED_STEP_M_S * vy, _SPEED_STEP_M_S * vz),
+    )
 
 
 def _up(value: float, step: float) -> int:

@@ -119,6 +119,14 @@ class VehicleState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """Position and velocity of a vehicle in its frame."""
+
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
     """Header of a packet.
 
@@ -139,7 +147,8 @@ Content = VehicleState | SharedPlanes | tuple[SharedMover, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Packet:
-    """One packet."""
+    """One packet. motion: of the sender; None: not in it."""
 
     header: Header
     content: Content
+    motion: Motion | None = None

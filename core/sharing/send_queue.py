@@ -1,8 +1,9 @@
 """Chooses what is sent next within a data rate: new planes, planes near the paths of other vehicles, and complete
 planes first.
 
-The planes of the own world are given with an `Offer`; `packets` returns what to send now. A new plane is sent REPEATS
-times, because packets are lost, and later once per `refresh_s`, so that it does not expire."""
+The planes of the own world are given with an `Offer`; `packets` returns what to send now. A new plane is sent twice
+within a fraction of a second, because packets are lost and not acknowledged, a third time some seconds later, and then
+once per `refresh_s`, so that it does not expire."""
 
 from __future__ import annotations
 
@@ -15,64 +16,45 @@ from numpy.typing import NDArray
 
 from ..types import PlaneFlags
 from .bodies import BODY_SIZE_M, Body, is_body
+from .cover import is_covered
 from .packet_codec import (
+    MOTION_BYTES,
     MOVERS_PER_TUNNEL,
     OVERHEAD_BYTES,
     anchor_of,
+    motion_fits,
     mover_fits,
     movers_packet,
     plane_fits,
     planes_packet,
     state_packet,
 )
-from .plane_codec import PLANE_BYTES, Anchor
-from .records import Header, PacketError, SharedMover, SharedPlanes, VehicleState
+from .plane_codec import LONG, SHORT, Anchor, PlaneForm
+from .records import Header, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
+from .send_budget import Budget, SentBytes
 
 NS = 1_000_000_000
 REPEATS = 2
 """Number of times a new plane is sent at once."""
-REPEAT_NS = 3 * NS // 20
-"""Least time between two of these."""
+REPEAT_NS, LATEST_REPEAT_NS = NS // 10, NS // 4
+"""Time between two of these: the least, and that after which a packet is sent for it alone."""
+THIRD_NS = NS
 CHANGED_NS = NS
 """Least time between two packets with a plane that changes all the time."""
-STATE_NS, MOVERS_NS = NS, NS // 4
+STATE_NS, FIRST_STATES, MOTION_NS, MOVERS_NS = 5 * NS, 3, NS, NS // 4
+"""Intervals of the state, after the first ones, of which each has the interval of the motion; of the motion, and of
+moving obstacles."""
 MOVED_M, GROWN_M = 0.3, 0.5
-"""A plane counts as new if an end has moved by MOVED_M, or its top or bottom outward by GROWN_M."""
+"""A plane counts as new if an end has moved by MOVED_M beyond what was sent, or its top or bottom outward by GROWN_M."""
 NEAR_M = 40.0
 """A plane within this distance of the path of another vehicle is preferred."""
 AHEAD_S = 8.0
 """Length of that path."""
-BURST_S = 0.4
-"""The budget of this time may be sent at once."""
-WINDOW_S = 10.0
-RESERVE_BYTES = 75.0
-"""Part of the budget that is kept for new planes while others are repeated."""
 MOST_IDS = 1 << 16
 LAST_MS = (1 << 32) - 1
 NEVER_NS = -(1 << 62)
-MOST_WAITING = 8
-"""Greatest number of packets per call."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Budget:
-    """Budget of a link.
-
-    Attributes:
-        bytes_per_s: of all packets, with the overhead of the transport, over ten seconds.
-        overhead_bytes: overhead per packet.
-        packet_bytes: greatest size of a packet.
-        refresh_s: interval in which a plane is repeated."""
-
-    bytes_per_s: float
-    overhead_bytes: int
-    packet_bytes: int
-    refresh_s: float = 20.0
-
-    @property
-    def planes_per_packet(self) -> int:
-        """Greatest number of planes of one packet."""
-        return max(1, (self.packet_bytes - OVERHEAD_BYTES) // PLANE_BYTES)
+MOST_PACKETS = 4
+"""Greatest number of packets with planes per call."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,35 +84,53 @@ class SendQueue:
         self._times = np.zeros(MOST_IDS, np.int32)
         self._sent_ns = np.full(MOST_IDS, NEVER_NS, np.int64)
         self._sent_ms, self._section, self._next_mover = -1, -1, 0
-        self._most_tokens = max(
-            BURST_S * budget.bytes_per_s, budget.packet_bytes + budget.overhead_bytes + RESERVE_BYTES
-        )
-        # reduced so that the budget holds in each WINDOW_S, including what may be sent at once
-        self._fill_bytes_per_s = max(0.5 * budget.bytes_per_s, budget.bytes_per_s - self._most_tokens / WINDOW_S)
-        self._tokens, self._tokens_ns = self._most_tokens, begun_ns
-        self._state_ns = self._movers_ns = NEVER_NS
+        self._sent = SentBytes(budget, begun_ns)
+        self._state_ns = self._motion_ns = self._movers_ns = NEVER_NS
+        self._states = 0
         self.unencodable = self.sent_bytes = self.sent_packets = 0
 
     def packets(self, offer: Offer, now_ns: int) -> list[bytes]:
         """Returns the packets to send now; call it about ten times per second."""
-        self._refill(now_ns)
+        self._sent.follow(now_ns)
         if offer.section != self._section:
-            self._section, self._state_ns = offer.section, NEVER_NS
+            self._section, self._states = offer.section, 0
             self._times[:], self._sent_ns[:] = 0, NEVER_NS
         out: list[bytes] = []
-        if offer.state is not None and now_ns - self._state_ns >= STATE_NS:
-            self._state_ns = now_ns
-            state = offer.state
-            self._add(out, now_ns, lambda header: state_packet(header, state))
+        self._add_state(out, offer, now_ns)
         if offer.movers and now_ns - self._movers_ns >= MOVERS_NS:
             self._movers_ns = now_ns
             self._add_movers(out, offer, now_ns)
         self._add_planes(out, offer, now_ns)
+        self._add_motion(out, offer, now_ns)
         return out
 
-    def _refill(self, now_ns: int) -> None:
-        gained = self._fill_bytes_per_s * (now_ns - self._tokens_ns) / NS
-        self._tokens, self._tokens_ns = min(self._most_tokens, self._tokens + gained), now_ns
+    def _add_state(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
+        state = offer.state
+        interval_ns = STATE_NS if self._states >= FIRST_STATES else MOTION_NS
+        if state is None or (self._states and now_ns - self._state_ns < interval_ns):
+            return
+        self._states, self._state_ns, self._motion_ns = self._states + 1, now_ns, now_ns
+        self._add(out, now_ns, lambda header: state_packet(header, state))
+
+    def _add_motion(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
+        """Adds a packet with the motion alone if none with planes has contained it."""
+        state = offer.state
+        if state is None or now_ns - self._motion_ns < MOTION_NS:
+            return
+        anchor_m = _anchor(np.array([*state.position_m[:2], *state.position_m[:2], state.position_m[2]]))
+        motion = self._motion(offer, anchor_m)
+        if motion is None:  # the state has a greater range
+            self._states = 0
+            self._add_state(out, offer, now_ns)
+            return
+        self._motion_ns = now_ns
+        self._add(out, now_ns, lambda header: planes_packet(header, SharedPlanes.empty(), anchor_m, SHORT, motion))
+
+    def _motion(self, offer: Offer, anchor_m: Anchor) -> Motion | None:
+        if offer.state is None:
+            return None
+        motion = Motion(position_m=offer.state.position_m, velocity_m_s=offer.state.velocity_m_s)
+        return motion if motion_fits(motion, anchor_m) else None
 
     def _header(self, now_ns: int) -> Header:
         self._sent_ms = max(self._sent_ms + 1, (now_ns - self._begun_ns) // 1_000_000)
@@ -147,7 +147,7 @@ class SendQueue:
             return
         out.append(data)
         size = len(data) + self._budget.overhead_bytes
-        self._tokens -= size
+        self._sent.add(size)
         self.sent_bytes += size
         self.sent_packets += 1
 
@@ -167,7 +167,7 @@ class SendQueue:
         self.unencodable += len(near) - len(good)
         begin = self._next_mover % len(good) if len(good) > MOVERS_PER_TUNNEL else 0
         some = tuple((good[begin:] + good[:begin])[:MOVERS_PER_TUNNEL])
-        if not some or OVERHEAD_BYTES + 16 * len(some) + self._budget.overhead_bytes > self._tokens:
+        if not some or OVERHEAD_BYTES + 16 * len(some) + self._budget.overhead_bytes > self._sent.room(urgent=True):
             return
         self._next_mover = begin + len(some)
         self._add(out, now_ns, lambda header: movers_packet(header, some, anchor_m))
@@ -175,34 +175,43 @@ class SendQueue:
     def _add_planes(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
         planes = offer.planes
         self._forget(planes.ids)
-        urgent, other = self._ranked(offer, now_ns)
-        full = self._budget.planes_per_packet
-        while len(out) < MOST_WAITING:
-            room = self._room(0.0) if len(urgent) else self._room(RESERVE_BYTES)
-            fresh = int((self._times[planes.ids[urgent]] == 0).sum())
-            # of many planes full packets: each packet has its overhead
-            if room < min(full, fresh or len(urgent) or len(other)):
+        urgent, paced = self._ranked(offer, now_ns)
+        for _ in range(MOST_PACKETS):
+            if not self._worth_a_packet(planes, urgent, paced, now_ns):
                 return
-            if not (len(urgent) or len(other) >= full or self._overdue(planes, other, now_ns)):
-                return
-            filler = other[: max(0, self._room(RESERVE_BYTES) - len(urgent))]
-            rows = np.concatenate([urgent[:room], filler])[: 4 * full]
+            rows = np.concatenate([urgent, paced])
             anchor_m = _anchor(planes.box[rows[0]])
-            chosen = np.array([r for r in rows if plane_fits(planes, int(r), anchor_m)][: min(full, room)], np.intp)
+            form = SHORT if plane_fits(SHORT, planes, int(rows[0]), anchor_m) else LONG
+            motion = self._motion(offer, anchor_m) if now_ns - self._motion_ns >= 3 * MOTION_NS // 4 else None
+            used = OVERHEAD_BYTES + (MOTION_BYTES if motion is not None else 0)
+            most = (self._budget.packet_bytes - used) // form.bytes
+            used += self._budget.overhead_bytes
+            room, paced_room = ((self._sent.room(urgent=u) - used) // form.bytes for u in (True, False))
+            some = rows[: min(len(urgent), max(0, room)) + max(0, min(len(paced), paced_room - len(urgent)))]
+            if len(some) < min(most, len(urgent) or len(paced)):  # of many planes full packets: each has its overhead
+                return
+            fitting = (r for r in some[: 4 * most] if plane_fits(form, planes, int(r), anchor_m))
+            chosen = np.array([row for row, _ in zip(fitting, range(min(most, room)), strict=False)], np.intp)
             if not len(chosen) or chosen[0] != rows[0]:  # it fits to no packet
                 self.unencodable += 1
                 chosen = rows[:1]
             else:
-                self._add_part(out, planes.part(chosen), anchor_m, now_ns)
+                self._add_part(out, planes.part(chosen), anchor_m, form, motion, now_ns)
             self._note(planes, chosen, now_ns)
-            urgent, other = (rest[~np.isin(rest, chosen)] for rest in (urgent, other))
+            urgent, paced = (rest[~np.isin(rest, chosen)] for rest in (urgent, paced))
 
-    def _add_part(self, out: list[bytes], part: SharedPlanes, anchor_m: Anchor, now_ns: int) -> None:
-        self._add(out, now_ns, lambda header: planes_packet(header, part, anchor_m))
-
-    def _room(self, reserve_bytes: float) -> int:
-        """Returns the number of planes of one packet that the budget allows now."""
-        return int((self._tokens - reserve_bytes - self._budget.overhead_bytes - OVERHEAD_BYTES) // PLANE_BYTES)
+    def _add_part(
+        self,
+        out: list[bytes],
+        part: SharedPlanes,
+        anchor_m: Anchor,
+        form: PlaneForm,
+        motion: Motion | None,
+        now_ns: int,
+    ) -> None:
+        if motion is not None:
+            self._motion_ns = now_ns
+        self._add(out, now_ns, lambda header: planes_packet(header, part, anchor_m, form, motion))
 
     def _note(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> None:
         """Records what was sent."""
@@ -210,27 +219,51 @@ class SendQueue:
         self._times[ids] += 1
         self._boxes[ids], self._sent_ns[ids] = planes.box[rows], now_ns
 
-    def _overdue(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> bool:
-        """True if a plane has waited too long for a full packet."""
+    def _worth_a_packet(
+        self, planes: SharedPlanes, urgent: NDArray[np.intp], paced: NDArray[np.intp], now_ns: int
+    ) -> bool:
+        """True if something cannot wait for others to fill the packet, each of which has an overhead."""
+        full = (self._budget.packet_bytes - OVERHEAD_BYTES - MOTION_BYTES) // SHORT.bytes
+        if len(urgent) + len(paced) >= full:
+            return True
+        ids = planes.ids[urgent]
+        waited_ns = now_ns - self._sent_ns[ids]
+        if bool(((self._times[ids] == 0) | (waited_ns >= LATEST_REPEAT_NS)).any()):
+            return True
         limit_ns = now_ns - round(1.25 * self._budget.refresh_s * NS)
-        return bool((self._sent_ns[planes.ids[rows]] <= limit_ns).any())
+        return bool((self._sent_ns[planes.ids[paced]] <= limit_ns).any())
 
     def _ranked(self, offer: Offer, now_ns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Returns the rows of the new planes and those of the planes to repeat, each with the most important first."""
+        """Returns the rows of the planes to send at once and those of the planes to repeat, each with the most
+        important first."""
         planes, ids = offer.planes, offer.planes.ids
         times, waited_ns = self._times[ids], now_ns - self._sent_ns[ids]
         changed = _changed(self._boxes[ids], planes.box) & (times > 0) & (waited_ns >= CHANGED_NS)
         new = (times < REPEATS) & (waited_ns >= REPEAT_NS) | changed
-        due = new | (waited_ns >= round(self._budget.refresh_s * NS))
+        new &= ~self._known(planes, new, times)
+        refresh_ns = np.where(times > REPEATS, round(self._budget.refresh_s * NS), THIRD_NS)
+        due = new | (waited_ns >= refresh_ns)
         for body in offer.others:
             for row in np.flatnonzero(due & _small(planes.box)):
                 due[row] &= not is_body(body, planes.box[row])
         cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
         # Order: never sent, sent once, changed; then near other vehicles; then complete; then waiting longest.
         rank = np.where(times < REPEATS, times, np.where(changed, REPEATS, REPEATS + 1))
-        order = np.lexsort((np.arange(len(planes)), -waited_ns, cut, ~_near(planes.box, offer), rank))
+        # Sent once: the newest first, so that a loss is repaired soon where not all can be sent twice at once.
+        turn = np.where(times == 1, waited_ns, -waited_ns)
+        order = np.lexsort((np.arange(len(planes)), turn, cut, ~_near(planes.box, offer), rank))
         order = order[due[order]]
         return order[new[order]], order[~new[order]]
+
+    def _known(self, planes: SharedPlanes, some: NDArray[np.bool_], times: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Returns (N,): which of some planes others contain that were sent: they can wait."""
+        known = np.zeros(len(planes), bool)
+        boxes, sent = self._boxes[planes.ids], times > 0
+        for row in np.flatnonzero(some).tolist():
+            before, sent[row] = sent[row], False
+            known[row] = is_covered(planes.box[row], boxes[sent])
+            sent[row] = before
+        return known
 
     def _forget(self, ids: NDArray[np.uint16]) -> None:
         """Forgets planes that are no longer in the own world: if their number is used again, the plane is new."""
@@ -241,6 +274,7 @@ class SendQueue:
 
 
 def _anchor(box: NDArray[np.float64]) -> Anchor:
+    """Returns the anchor of a plane (6,)."""
     try:
         return anchor_of(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), box[4])
     except PacketError:
@@ -248,10 +282,17 @@ def _anchor(box: NDArray[np.float64]) -> Anchor:
 
 
 def _changed(old: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns (N,): planes (N, 6) that have moved or grown enough to be sent again at once."""
-    moved_m = [np.hypot(*(new[:, k : k + 2] - old[:, k : k + 2]).T) for k in (0, 2)]
+    """Returns (N,): planes (N, 6) that have moved or grown enough to be sent again at once: what was sent does not
+    contain them. A plane that has become shorter is repeated in its turn."""
+    begin, along = old[:, 0:2], old[:, 2:4] - old[:, 0:2]
+    length2 = np.maximum((along**2).sum(axis=1), 1e-9)
+    moved_m = np.zeros(len(old))
+    for k in (0, 2):
+        t = np.clip(((new[:, k : k + 2] - begin) * along).sum(axis=1) / length2, 0.0, 1.0)
+        off = new[:, k : k + 2] - begin - t[:, None] * along
+        moved_m = np.maximum(moved_m, np.hypot(off[:, 0], off[:, 1]))
     grown_m = np.maximum(old[:, 4] - new[:, 4], new[:, 5] - old[:, 5])
-    return np.asarray((np.maximum(*moved_m) > MOVED_M) | (grown_m > GROWN_M))
+    return np.asarray((moved_m > MOVED_M) | (grown_m > GROWN_M))
 
 
 def _small(box: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -35,14 +35,20 @@ class Steps:
         return self.fine_codes + math.ceil((value - limit) / self.coarse - _TINY)
 
 
-MARGIN_M = Steps(64, 32, 0.05, 0.25)
+LONG_MARGIN_M = Steps(64, 32, 0.05, 0.25)
 """6 bits, up to 9.35 m."""
-HEIGHT_M = Steps(1024, 512, 0.1, 0.5)
+SHORT_MARGIN_M = Steps(32, 16, 0.05, 0.25)
+"""5 bits, up to 4.55 m."""
+LONG_HEIGHT_M = Steps(1024, 512, 0.1, 0.5)
 """10 bits, up to 306.7 m."""
-AGES_S = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0, math.inf)
+SHORT_HEIGHT_M = Steps(128, 64, 0.1, 0.5)
+"""7 bits, up to 37.9 m."""
+LONG_AGES_S = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0, math.inf)
 """4 bits."""
+SHORT_AGES_S = (0.25, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, math.inf)
+"""3 bits."""
 
 
-def age_code(age_s: float) -> int:
-    """Returns the code of the least age of AGES_S that is not smaller."""
-    return next(k for k, limit in enumerate(AGES_S) if not age_s > limit)
+def age_code(age_s: float, ages_s: tuple[float, ...]) -> int:
+    """Returns the code of the least age of a table that is not smaller."""
+    return next(k for k, limit in enumerate(ages_s) if not age_s > limit)

@@ -23,7 +23,7 @@ from companion.streams.publisher import Publisher, Stream
 from core.sharing.obstacles import PlacementState
 from core.sharing.packet_codec import decoded
 from core.sharing.records import SharedMover, SharedPlanes, VehicleState
-from core.sharing.send_queue import Budget
+from core.sharing.send_budget import Budget
 from core.types import PoseSample
 from drivers.sharing.link import ReceivedPacket
 from osape_client.proto import osape_v1_pb2 as pb

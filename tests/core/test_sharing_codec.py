@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.sharing.packet_codec import (
+    MOTION_BYTES,
     MOVERS_PER_TUNNEL,
     OVERHEAD_BYTES,
-    PLANES_PER_TUNNEL,
     TUNNEL_BYTES,
     anchor_of,
     decoded,
@@ -20,9 +20,8 @@ from core.sharing.packet_codec import (
     planes_packet,
     state_packet,
 )
-from core.sharing.plane_codec import PLACE_ERROR_M, PLANE_BYTES
-from core.sharing.records import Header, LocalFrame, PacketError, SharedMover, SharedPlanes, VehicleState
-from core.sharing.steps import AGES_S, HEIGHT_M, MARGIN_M
+from core.sharing.plane_codec import LONG, SHORT, PlaneForm
+from core.sharing.records import Header, LocalFrame, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
 from core.types import PlaneFlags
 
 HEADER = Header(vehicle=7, stream=1_700_000_000, sent_ms=123_456, section=3)
@@ -39,32 +38,44 @@ def planes(*rows: tuple[float, ...], margin_m: float = 0.1, flags: int = 0, age_
     )
 
 
-near = st.floats(-300.0, 300.0)
-box = st.tuples(near, near, near, near, st.floats(-150.0, 150.0), st.floats(0.05, 280.0)).map(
-    lambda b: (*b[:5], b[4] + b[5])
-)
+def boxes(reach_m: float, size_m: float, top_m: float, height_m: float) -> st.SearchStrategy[tuple[float, ...]]:
+    near, by = st.floats(-reach_m, reach_m), st.floats(-size_m, size_m)
+    parts = st.tuples(near, near, by, by, st.floats(-top_m, top_m), st.floats(0.05, height_m))
+    return parts.map(lambda b: (b[0], b[1], b[0] + b[2], b[1] + b[3], b[4], b[4] + b[5]))
 
 
-@given(box, st.floats(0.0, 9.0), st.integers(0, 127), st.floats(0.0, 5000.0))
-def test_a_decoded_plane_contains_the_encoded_one(
-    b: tuple[float, ...], margin_m: float, flags: int, age_s: float
-) -> None:
-    if math.dist(b[:2], b[2:4]) < 0.05:
+def contained(form: PlaneForm, b: tuple[float, ...], margin_m: float, flags: int, age_s: float) -> None:
+    if math.dist(b[:2], b[2:4]) < 2.5 * form.step_m:
         return
     sent = planes(b, margin_m=margin_m, flags=flags, age_s=age_s)
-    data = planes_packet(HEADER, sent, (0.0, 0.0, 0.0))
-    assert len(data) == OVERHEAD_BYTES + PLANE_BYTES
+    data = planes_packet(HEADER, sent, (0.0, 0.0, 0.0), form)
+    assert len(data) == OVERHEAD_BYTES + form.bytes
     packet = decoded(data)
     got = packet.content
     assert packet.header == HEADER
     assert isinstance(got, SharedPlanes)
     moved_m = max(math.dist(got.box[0, :2], b[:2]), math.dist(got.box[0, 2:4], b[2:4]))
-    assert moved_m <= PLACE_ERROR_M + 1e-6
+    assert moved_m <= form.place_error_m + 1e-6
     assert got.margin_m[0] >= margin_m + moved_m - 1e-6
-    assert got.margin_m[0] <= margin_m + PLACE_ERROR_M + (0.05 if margin_m < 1.55 else 0.25) + 1e-6
+    step_m = 0.05 if margin_m + form.place_error_m < form.margin.fine * form.margin.fine_codes else 0.25
+    assert got.margin_m[0] <= margin_m + form.place_error_m + step_m + 1e-6
     assert b[4] - 0.1 - 1e-6 <= got.box[0, 4] <= b[4] + 1e-6
     assert b[5] - 1e-6 <= got.box[0, 5] <= b[5] + 0.6 + 1e-6
     assert got.age_s[0] >= age_s
+
+
+@given(boxes(160.0, 160.0, 150.0, 280.0), st.floats(0.0, 9.0), st.integers(0, 127), st.floats(0.0, 5000.0))
+def test_a_decoded_plane_contains_the_encoded_one(
+    b: tuple[float, ...], margin_m: float, flags: int, age_s: float
+) -> None:
+    contained(LONG, b, margin_m, flags, age_s)
+
+
+@given(boxes(76.0, 25.5, 25.4, 36.0), st.floats(0.0, 4.4), st.integers(0, 127), st.floats(0.0, 5000.0))
+def test_a_decoded_short_plane_contains_the_encoded_one(
+    b: tuple[float, ...], margin_m: float, flags: int, age_s: float
+) -> None:
+    contained(SHORT, b, margin_m, flags, age_s)
 
 
 @given(st.integers(0, 127))
@@ -76,6 +87,7 @@ def test_flags_of_a_plane(flags: int) -> None:
     assert got.flags[0] == kept | cut
 
 
+@pytest.mark.parametrize("form", [LONG, SHORT])
 @pytest.mark.parametrize(
     ("row", "margin_m"),
     [
@@ -89,20 +101,45 @@ def test_flags_of_a_plane(flags: int) -> None:
         ((0, 0, 4, 0, -3, 0), -1.0),
     ],
 )
-def test_a_plane_that_would_be_made_smaller_is_refused(row: tuple[float, ...], margin_m: float) -> None:
+def test_a_plane_that_would_be_made_smaller_is_refused(
+    row: tuple[float, ...], margin_m: float, form: PlaneForm
+) -> None:
     with pytest.raises(PacketError) as refused:
-        planes_packet(HEADER, planes(row, margin_m=margin_m), (0.0, 0.0, 0.0))
+        planes_packet(HEADER, planes(row, margin_m=margin_m), (0.0, 0.0, 0.0), form)
     assert refused.value.code == "plane_unencodable"
 
 
-def test_a_tunnel_message_holds_eight_planes_or_seven_movers() -> None:
-    assert (PLANES_PER_TUNNEL, MOVERS_PER_TUNNEL, PLANE_BYTES) == (8, 7, 14)
-    far = [(5000.0 + k, -9000.0, 5020.0, -9000.0, -40.0, -30.0) for k in range(8)]
-    data = planes_packet(HEADER, planes(*far), anchor_of(5000.0, -9000.0, -40.0))
-    assert len(data) == TUNNEL_BYTES
+@pytest.mark.parametrize(("form", "count"), [(SHORT, 10), (LONG, 8)])
+def test_a_tunnel_message_holds_ten_short_planes_or_eight_long_ones(form: PlaneForm, count: int) -> None:
+    far = [(5000.0 + k, -9000.0, 5020.0, -9000.0, -40.0, -34.0) for k in range(count)]
+    data = planes_packet(HEADER, planes(*far), anchor_of(5000.0, -9000.0, -40.0), form)
+    assert TUNNEL_BYTES - form.bytes < len(data) <= TUNNEL_BYTES
+    assert sum(form.widths) == 8 * form.bytes
     got = decoded(data).content
     assert isinstance(got, SharedPlanes)
     assert np.abs(got.box - far).max() <= 0.11
+    assert MOVERS_PER_TUNNEL == 7
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_the_motion_of_the_sender_travels_with_planes_or_alone(count: int) -> None:
+    motion = Motion(position_m=(1234.56, -77.0, -20.5), velocity_m_s=(3.1, -1.0, 0.5))
+    rows = [(1200.0 + k, -70.0, 1205.0, -70.0, -22.0, -18.0) for k in range(count)]
+    data = planes_packet(HEADER, planes(*rows), anchor_of(1200.0, -70.0, -22.0), SHORT, motion)
+    assert len(data) == OVERHEAD_BYTES + MOTION_BYTES + count * SHORT.bytes
+    packet = decoded(data)
+    assert packet.motion is not None
+    assert packet.motion.position_m == pytest.approx(motion.position_m, abs=0.011)
+    assert packet.motion.velocity_m_s == pytest.approx(motion.velocity_m_s, abs=0.126)
+    assert isinstance(packet.content, SharedPlanes)
+    assert len(packet.content) == count
+
+
+def test_a_motion_out_of_range_is_refused() -> None:
+    with pytest.raises(PacketError):
+        planes_packet(
+            HEADER, planes(), (0.0, 0.0, 0.0), SHORT, Motion(position_m=(0, 0, 0), velocity_m_s=(40.0, 0.0, 0.0))
+        )
 
 
 coordinate = st.floats(-600.0, 600.0)
@@ -171,7 +208,7 @@ def test_noise_is_refused_or_decoded_to_finite_numbers(data: bytes) -> None:
     _refused_or_finite(data)
 
 
-@given(st.binary(min_size=1, max_size=130), st.sampled_from([0x11, 0x12, 0x13]))
+@given(st.binary(min_size=1, max_size=130), st.sampled_from([0x21, 0x22, 0x23, 0x24, 0x2A, 0x2B, 0x2C]))
 def test_noise_behind_a_true_first_byte(data: bytes, first: int) -> None:
     _refused_or_finite(bytes([first]) + data)
 
@@ -180,7 +217,7 @@ def test_noise_behind_a_true_first_byte(data: bytes, first: int) -> None:
 def test_a_truncated_packet_is_refused(cut: int) -> None:
     data = planes_packet(HEADER, planes((0, 0, 4, 0, -3, 0), (1, 1, 5, 2, -3, 0)), (0.0, 0.0, 0.0))
     length = cut % len(data)
-    if length - OVERHEAD_BYTES == PLANE_BYTES:
+    if length - OVERHEAD_BYTES == LONG.bytes:
         return  # a shorter packet of its own right; the transport checks the length
     with pytest.raises(PacketError):
         decoded(data[:length])
@@ -199,10 +236,12 @@ def _refused_or_finite(data: bytes) -> None:
         assert abs(content.frame.latitude_deg) <= 90.0
 
 
-def test_steps_round_up() -> None:
-    for steps in (MARGIN_M, HEIGHT_M):
+@pytest.mark.parametrize("form", [LONG, SHORT])
+def test_steps_round_up(form: PlaneForm) -> None:
+    for steps in (form.margin, form.height):
         values = [steps.value(code) for code in range(steps.codes)]
         assert values == sorted(values)
         assert [steps.code_up(value) for value in values] == list(range(steps.codes))
         assert steps.code_up(steps.largest + 0.01) >= steps.codes
-    assert len(AGES_S) == 16
+    assert len(form.ages_s) in (8, 16)
+    assert form.ages_s[-1] == math.inf

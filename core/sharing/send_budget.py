@@ -1,0 +1,52 @@
+"""What may be sent on a link now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+NS = 1_000_000_000
+WINDOW_S = 10.0
+BURST_S = 0.6
+"""The budget of this time may be sent at once."""
+RESERVE = 0.5
+"""Share of that which is kept for new planes while others are repeated, at most that of half a packet."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """Budget of a link.
+
+    Attributes:
+        bytes_per_s: of all packets, with the overhead of the transport, over ten seconds.
+        overhead_bytes: overhead per packet.
+        packet_bytes: greatest size of a packet.
+        refresh_s: interval in which a plane is repeated."""
+
+    bytes_per_s: float
+    overhead_bytes: int
+    packet_bytes: int
+    refresh_s: float = 20.0
+
+
+class SentBytes:
+    """Bytes that were sent: a token bucket. In no window of WINDOW_S more than the budget is sent."""
+
+    def __init__(self, budget: Budget, begun_ns: int) -> None:
+        packet_bytes = budget.packet_bytes + budget.overhead_bytes
+        self._most = max(BURST_S * budget.bytes_per_s, 1.25 * packet_bytes)
+        self._reserve = min(RESERVE * self._most, 0.25 * packet_bytes)
+        self._fill_bytes_per_s = max(0.5 * budget.bytes_per_s, budget.bytes_per_s - self._most / WINDOW_S)
+        self._tokens, self._now_ns = self._most, begun_ns
+
+    def follow(self, now_ns: int) -> None:
+        """Follows the clock."""
+        gained = self._fill_bytes_per_s * max(0, now_ns - self._now_ns) / NS
+        self._tokens, self._now_ns = min(self._most, self._tokens + gained), now_ns
+
+    def add(self, size: int) -> None:
+        """Records what was sent."""
+        self._tokens -= size
+
+    def room(self, *, urgent: bool) -> int:
+        """Returns the number of bytes of planes or moving obstacles that may be sent now. urgent: new ones."""
+        return int(self._tokens if urgent else self._tokens - self._reserve)
