@@ -68,16 +68,20 @@ def within_margin(points_m: Floats, planes: Floats, margins_m: Floats) -> NDArra
     return found
 
 
-def coverage(frame: Rendered, rays: Rays, model: FrameModel) -> Coverage:
-    """How many true obstacle points of a frame are covered, by range."""
-    planes, margins = model.planes.astype(np.float64), model.margin_m.astype(np.float64)
+def is_covered(frame: Rendered, rays: Rays, planes: Floats, margins_m: Floats) -> NDArray[np.bool_]:
+    """(P,) whether each true obstacle point of a frame, in the order of `rays.obstacle`, is covered by planes (N, 6)."""
     depth, _ = stops(planes, frame.info.intrinsics, frame.R_level_optical)
-    range_m = rays.range_m[rays.obstacle]
-    covered = (depth * rays.per_depth)[rays.obstacle] <= range_m + ROUNDING_M
+    covered = (depth * rays.per_depth)[rays.obstacle] <= rays.range_m[rays.obstacle] + ROUNDING_M
     if len(planes):
         rest = frame.truth.points_level_cam_m[rays.obstacle][~covered]
-        covered[~covered] = within_margin(rest, planes, margins)
-    bins = np.minimum(np.digitize(range_m, BINS_M) - 1, len(BINS_M) - 2)
+        covered[~covered] = within_margin(rest, planes, margins_m)
+    return np.asarray(covered)
+
+
+def coverage(frame: Rendered, rays: Rays, model: FrameModel) -> Coverage:
+    """How many true obstacle points of a frame are covered, by range."""
+    covered = is_covered(frame, rays, model.planes.astype(np.float64), model.margin_m.astype(np.float64))
+    bins = np.minimum(np.digitize(rays.range_m[rays.obstacle], BINS_M) - 1, len(BINS_M) - 2)
     return Coverage(np.bincount(bins, minlength=len(BINS_M) - 1), np.bincount(bins[covered], minlength=len(BINS_M) - 1))
 
 

@@ -17,14 +17,15 @@ from benchmarks.speed.tables import table
 from companion.bench.timing import one_core
 from drivers.simulation.scene_library import make_scene
 
-from . import movers, stability, timing, wires
+from . import margins, movers, stability, timing, wires
 from .sequences import HZ, Pose, along, drifting, exposures, hovering, swinging, true_pose, vibrating
 
 OUT = Path("docs/research/tracking.md")
 SCENES = ("street", "trees", "alley")
 KES = (0.0015, 0.005)
 WARM = 10
-SECTIONS = ("still", "flight", "moving", "false", "vanish", "wires", "cost")
+PICTURE = "tracking_margins.png"
+SECTIONS = ("still", "flight", "moving", "false", "vanish", "wires", "margins", "cost")
 FALSE_SCENES = ("poles", "mixture", "trees", "demo")
 FALSE_S = 15.0
 
@@ -45,6 +46,7 @@ def main() -> int:
         "false": lambda: false(FALSE_SCENES[:1] if args.quick else FALSE_SCENES, 3.0 if args.quick else FALSE_S),
         "vanish": vanish,
         "wires": thin,
+        "margins": lambda: coverage(scenes, frames, args.out.parent / "benchmarks" / PICTURE),
         "cost": cost,
     }
     with one_core():
@@ -194,6 +196,42 @@ def thin() -> str:
                 )
     head = ["range, m", "ke, 1/m", "frames", "frame: rays, %", "planes", "tracks: rays, %", "planes"]
     return f"## Wires\n\nA wire of 2 cm across the view of a still camera, a wall behind it. *Rays*: share of its rays that are stopped within max(0.5 m, 2 sigma) of it; *planes*: those that stop any of them there.\n\n{table(head, rows)}"
+
+
+BINS_M = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0))
+
+
+def coverage(scenes: tuple[str, ...], frames: int, picture: Path) -> str:
+    """Coverage of the margins by range, as a table and a picture."""
+    found: dict[tuple[str, float], dict[str, margins.Counts]] = {}
+    for noise in margins.NOISES:
+        for ke in KES:
+            total = {name: margins.empty() for name in margins.MODELS}
+            for name in scenes:
+                _say(f"margins {name} {noise} {ke:g}")
+                plan = along(make_scene(name, 1), 1.5, frames / HZ)
+                for model, c in margins.run(plan, frames, ke, noise, WARM).items():
+                    total[model] += c
+            found[noise, ke] = total
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    margins.draw(found, picture)
+    rows = []
+    for (noise, ke), models in found.items():
+        for model, c in models.items():
+            for first, last in BINS_M:
+                m = c.merged(first, last)
+                shares = [f"{100 * float(v[0] / m.points[0]):.2f}" for v in m.covered]
+                means = [f"{float(v[0] / m.met[0]):.2f}" for v in (m.margin_m, m.short_m)]
+                rows.append([noise, f"{ke:g}", model, f"{first:g}-{last:g}", *shares, *means])
+    head = ["noise", "ke, 1/m", "model", "range, m", *(f"covered with {s:g} of the margin, %" for s in margins.SHARES)]
+    head += ["margin, m", "clearance lost, m"]
+    return f"""## Margins
+
+Flights as above with a true pose, every {margins.SCORED_EVERY}th frame from frame {WARM} on, {len(scenes)} scenes. *Covered*: true obstacle points whose ray meets a plane before them, or that lie within the margin of a plane (as in `benchmarks.fidelity.coverage`); goal {100 * margins.GOAL:.0f} %. *White*: noise independent between pixels; *blobs*: correlated over 10 px. *Margin*: mean over the points whose ray meets a plane within 2 m of them. *Clearance lost*: by how much the planes less their margins lie in front of these points.
+
+![Coverage over range](benchmarks/{PICTURE})
+
+{table(head, rows)}"""
 
 
 def cost() -> str:

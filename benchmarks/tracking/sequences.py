@@ -22,7 +22,7 @@ from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
 from drivers.simulation.movers import moved
 from drivers.simulation.scenes import Scene
-from drivers.simulation.sensor_model import TYPICAL, measure
+from drivers.simulation.sensor_model import TYPICAL, SensorModel, measure
 from drivers.simulation.source import Rendered, Truth, camera_info
 
 Floats = NDArray[np.float64]
@@ -111,11 +111,13 @@ def along(scene: Scene, speed_m_s: float, duration_s: float, start_m: float = -3
     return FlightPlan(name="along", scene=scene, path=path)
 
 
-def exposures(plan: FlightPlan, frames: int, ke_per_m: float, seed: int = 1, width: int = 640) -> Iterator[Exposure]:
-    """The frames of a flight at HZ with all image faults."""
+def exposures(
+    plan: FlightPlan, frames: int, ke_per_m: float, seed: int = 1, width: int = 640, sensor: SensorModel = TYPICAL
+) -> Iterator[Exposure]:
+    """The frames of a flight at HZ, with all image faults unless another sensor is given; its noise is ke_per_m."""
     info = camera_info(width, width * 3 // 4, ke_per_m=ke_per_m)
     flight = SimulatedFlight(plan, cameras=(info,), seed=seed, rates=Rates(depth_hz=HZ), duration_s=frames / HZ)
-    sensor = dataclasses.replace(TYPICAL, ke_per_m=ke_per_m).scaled_to(width)
+    sensor = dataclasses.replace(sensor, ke_per_m=ke_per_m).scaled_to(width)
     extractor, state = Extractor(Params()), ExtractorState()
     still: Truth | None = None
     for k in range(frames):
