@@ -32,13 +32,15 @@ class Here:
         position_ned_m: None: not known.
         section: number of the section of the position estimate; it changes when the estimate jumps.
         heading_section: changes when the heading jumps, or may have jumped.
-        turned_rad: sum of the known jumps of the heading, clockwise."""
+        turned_rad: sum of the known jumps of the heading, clockwise.
+        velocity_ned_m_s: None: not known."""
 
     heading_rad: float
     position_ned_m: tuple[float, float, float] | None = None
     section: int | None = None
     heading_section: int = 0
     turned_rad: float = 0.0
+    velocity_ned_m_s: tuple[float, float, float] | None = None
 
     @property
     def estimate(self) -> tuple[int | None, int]:
@@ -80,6 +82,8 @@ class ObstacleMemory:
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(2)
         self._turned_rad = 0.0
+        self._velocity_m_s = np.zeros(2)
+        self._recalled_ns = 0
 
     def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> Remembered:
         """Returns the obstacles remembered before, and adds those that are seen now."""
@@ -88,10 +92,15 @@ class ObstacleMemory:
         if here.turned_rad != self._turned_rad:  # the heading has changed, not the direction of the vehicle
             self._points[:, :2] = rotated(self._points[:, :2], self._place_m, here.turned_rad - self._turned_rad)
             self._points[:, 3] = 0.0
+        velocity_m_s = np.array((here.velocity_ned_m_s or (0.0, 0.0))[:2])
         if section != self._section:  # the origin of the estimate has changed, not the place of the vehicle
-            self._points[:, :2] += place_m - self._place_m
-            self._points[:, 3] = 0.0  # the distance flown is not known
+            way_m = (self._velocity_m_s if here.velocity_ned_m_s is None else velocity_m_s) * (
+                (now_ns - self._recalled_ns) / NS
+            )
+            self._points[:, :2] += place_m - self._place_m - way_m
+            self._points[:, 3] = 0.0  # the distance flown is not known exactly
         self._section, self._place_m, self._turned_rad = section, place_m, here.turned_rad
+        self._velocity_m_s, self._recalled_ns = velocity_m_s, now_ns
         now_s = now_ns / NS
         young = now_s - self._points[:, 2] <= self._avoid.remember_s
         points, before_ns = self._points[young], self._free_ns[young]

@@ -57,7 +57,12 @@ class VehicleMotion:
         w, x, y, z = attitude.q_ned_frd_wxyz
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         headings, pose = self._sync.headings, self._sync.pose_at(now_ns)
-        here = Here(heading, heading_section=headings.number, turned_rad=headings.turned_rad)
+        here = Here(
+            heading,
+            heading_section=headings.number,
+            turned_rad=headings.turned_rad,
+            velocity_ned_m_s=self.velocity_ned_m_s(now_ns),
+        )
         if isinstance(pose, PoseAt):
             return replace(here, position_ned_m=pose.position_ned_m, section=self._sync.sections.number)
         return here

@@ -338,6 +338,16 @@ def test_a_jump_of_the_position_does_not_take_away_what_stands_around(before: He
     assert then[0] == pytest.approx(4.0 - 0.3 - flown_m, abs=0.01)
 
 
+@pytest.mark.parametrize("after", [Here(0.0, (40.0, -7.0, -3.0), 2, velocity_ned_m_s=(6.0, 0.0, 0.0)), Here(0.0)])
+def test_at_a_jump_the_way_flown_since_the_last_decision_counts(after: Here) -> None:
+    """Otherwise an obstacle ahead would be remembered farther away with each jump."""
+    memory = ObstacleMemory(AVOID)
+    before = Here(0.0, (10.0, 5.0, -3.0), 1, velocity_ned_m_s=(6.0, 0.0, 0.0))
+    memory.recall(front_seen(wall_at(0.0, 4.0)), [], before, NS)
+    then = memory.recall(scan([], AVOID), [], after, NS + NS // 15).distance_m
+    assert then[0] == pytest.approx(4.0 - 0.3 - 0.4, abs=0.01)
+
+
 @pytest.mark.parametrize("at_deg", [36.3, 36.7, 37.2, -36.3, -37.2])
 def test_a_pole_that_just_left_the_view_is_not_seen_through_beside_itself(at_deg: float) -> None:
     """Its sector's middle lies inside of the view, and free; the pole stands outside."""
