@@ -22,6 +22,8 @@ _NEARER = 1.0001
 parameter."""
 _NO_TURN = 1e-6
 """Lines whose slopes differ by less are parallel; their intersection would be a rounding error."""
+_NO_GAP_T = 1e-6
+"""Ends whose tangents differ by less meet; the slope of a chord between them would be a rounding error."""
 
 
 @inner
@@ -162,13 +164,13 @@ def close_concavities(count, room, planes, settings, openings):
         planes: (N,) PLANE, in and out.
         settings: a record of PLANE_SETTINGS.
         openings: OpeningMasks."""
-    first = count
+    first, least_t = count, max(settings.concavity_gap_t, _NO_GAP_T)
     for i in range(first):
         p = planes[i]
         best, nearest = -1, settings.passable_width_m
         for j in range(first):
             q = planes[j]
-            if i == j or p.cluster != q.cluster or q.t0 - p.t1 < settings.concavity_gap_t:
+            if i == j or p.cluster != q.cluster or q.t0 - p.t1 < least_t:
                 continue
             if min(p.bottom_m, q.bottom_m) - max(p.top_m, q.top_m) < settings.ground_tolerance_m:
                 continue

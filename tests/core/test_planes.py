@@ -278,6 +278,14 @@ def test_wide_seen_through_and_covered_gaps_are_not_spanned() -> None:
     assert len(pockets(*apart)) == 2  # no height in common
 
 
+@pytest.mark.parametrize("gap_m", [0.0, 1e-12])
+def test_planes_that_meet_leave_no_gap_whatever_the_least_width_is(gap_m: float) -> None:
+    """`pocket_min_columns` may be 0. A chord without width has no line."""
+    planes = plane_table((6.0, -3.0, 6.0, 0.0, -1, 1), (6.0, gap_m, 6.0, 3.0, -1, 1))
+    settings = plain(**{**POCKET, "concavity_gap_t": 0.0})
+    assert refine.close_concavities(2, len(planes), planes, settings, CLOSED) == 2
+
+
 def test_pockets_never_write_past_their_table() -> None:
     rows = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
     planes = plane_table(*rows, room=0)
