@@ -299,10 +299,12 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
                 if span[0] != 0:
                     if first == _NONE:
                         first = block_for(free, bx, by, low)
+                        second = _NONE if first == second else second  # it was replaced
                     masks[first, 0, c] |= span[0]
                 if span[1] != 0:
                     if second == _NONE:
                         second = block_for(free, bx, by, low + 1)
+                        first = _NONE if second == first else first
                     masks[second, 0, c] |= span[1]
 
 

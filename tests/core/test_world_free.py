@@ -105,6 +105,24 @@ def test_every_free_cell_is_free_to_the_planners_queries(seed: int) -> None:
     assert balls_free(p, (x, y, 0.0), inside, np.full(len(inside), 1e-6)).all()
 
 
+@pytest.mark.parametrize("most", [1, 2, 5, 64])
+def test_a_frame_that_sees_more_than_the_table_holds_frees_nothing_else(most: int) -> None:
+    """Layers on both sides of z = 0 lie in two blocks of each column, of which one may replace the other."""
+    p = FreeProfile(
+        azimuth_edges_rad=np.linspace(-0.8, 0.8, 9, dtype=np.float32),
+        layer_edges_m=np.array([-3.0, -1.0, 1.0, 3.0], np.float32),
+        free_from_m=np.full((8, 3), 0.5, np.float32),
+        free_to_m=np.tile(np.array([48.0, 60.0, 40.0], np.float32), (8, 1)),
+        end=np.zeros((8, 3), np.uint8),
+    )
+    free, large = empty_free(most), empty_free(1024)
+    for x in (0.0, 3.0):
+        look(free, p, x, 0.0)
+        look(large, p, x, 0.0)
+    assert 0 < len(cells(free)) < len(cells(large))
+    assert cells(free) <= cells(large)
+
+
 def test_free_space_is_forgotten_after_two_epochs_and_never_later() -> None:
     rng, free = np.random.default_rng(5), empty_free(64)
     free.state["epoch"] = 7
