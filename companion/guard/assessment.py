@@ -114,7 +114,8 @@ class PathAssessor:
         way_m = speed_m_s * max(0, now_ns - newest.t_ns) / NS
         obstacle_m = self._obstacle_m(newest) - way_m
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
-        firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s) and self._shown_before(newest.obstacle_m, 1)
+        firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s)
+        firm = firm and self._shown_before(newest.obstacle_m, 1, weak=False)
         free_m = min(self._free_m(newest, now_ns, speed_m_s), self._ahead_free_m(newest, now_ns, speed_m_s))
         if not measured and newest.speed_m_s < LEAST_SPEED_M_S:  # the present direction of flight is not known
             free_m = 0.0
@@ -215,8 +216,9 @@ class PathAssessor:
             return min(counted_m, weak_m)
         return counted_m
 
-    def _shown_before(self, at_m: float, frames: int) -> bool:
-        """True if this number of frames before the newest sight showed an obstacle at this place."""
+    def _shown_before(self, at_m: float, frames: int, weak: bool = True) -> bool:
+        """True if this number of frames before the newest sight showed an obstacle at this place. weak: those with weak
+        support count."""
         newest, found = self._sights[-1], set()
         slack_m = PLACE_M + PLACE_SHARE * at_m
         own = newest.frame_of(at_m)
@@ -224,7 +226,7 @@ class PathAssessor:
             if newest.t_ns - sight.t_ns > CONFIRM_NS:
                 continue
             way_m = _way_m(sight, newest, newest.t_ns)
-            for before_m in (sight.obstacle_m, sight.weak_obstacle_m):
+            for before_m in (sight.obstacle_m, sight.weak_obstacle_m if weak else math.inf):
                 if abs(before_m - way_m - at_m) <= slack_m:
                     found.add(sight.frame_of(before_m))
         return len(found - {own}) >= frames

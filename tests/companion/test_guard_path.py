@@ -499,6 +499,7 @@ def test_a_firm_stop_needs_two_frames_and_no_memory() -> None:
     assert firm(SIGHT, later(80, obstacle_m=5.0)) == (True, False)
     assert firm(SIGHT, later(80, obstacle_m=5.0), later(160, obstacle_m=4.6)) == (True, True)
     assert firm(SIGHT, later(80, weak_obstacle_m=5.0), later(160, weak_obstacle_m=4.6)) == (True, False)
+    assert firm(SIGHT, later(80, weak_obstacle_m=5.0), later(160, obstacle_m=4.6)) == (True, False)
     assert firm(SIGHT, later(80, remembered_m=5.0), later(160, remembered_m=4.6)) == (True, False)
     assert firm(later(80, free_m=0.0)) == (False, False)
 
