@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.autopilot.px4_loop import Px4Loop, Values, stick_at
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, braking_reach_cm, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, braking_reach, policy_of
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
 from companion.autopilot.polar_histogram import covered, looked_into, scan, too_near_the_edge
 from companion.autopilot.view_free import View
@@ -39,9 +39,17 @@ DIRECTIONS = 75
 
 
 @dataclass(frozen=True, slots=True)
+class Blank:
+    """A pole in whose directions nothing is free. sides: they are measured; else nothing of it is."""
+
+    radius_m: float
+    sides: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Case:
-    """One flight. stick_deg, bearing_deg: clockwise from the nose; range_m: to the pole's middle; blank_radius_m: of a blank pole, see
-    `seen_from`; None: the pole is measured in full."""
+    """One flight. stick_deg, bearing_deg: clockwise from the nose; range_m: to the pole's middle; blank: None, the pole is measured in
+    full."""
 
     version: tuple[int, int]
     guide_deg: float
@@ -49,7 +57,7 @@ class Case:
     stick_deg: float
     bearing_deg: float
     range_m: float
-    blank_radius_m: float | None = None
+    blank: Blank | None = None
     cp_dist_m: float = CP_DIST_M
 
 
@@ -61,13 +69,12 @@ class Flown:
     clearance_m: float
 
 
-def seen_from(pole_m: tuple[float, float] | None, empty: FrameModel, blank_radius_m: float | None = None) -> FrameModel:
+def seen_from(pole_m: tuple[float, float] | None, empty: FrameModel, blank: Blank | None = None) -> FrameModel:
     """What an ideal camera finds: the part of the pole inside of the view as a plane, and free space up to 13 m but behind
-    it. pole_m: from the vehicle, forward and right. blank_radius_m: of a pole of which only the sides are measured, so that
-    nothing is free in its directions."""
+    it. pole_m: from the vehicle, forward and right."""
     if pole_m is None:
         return empty
-    radius_m = POLE_RADIUS_M if blank_radius_m is None else blank_radius_m
+    radius_m = POLE_RADIUS_M if blank is None else blank.radius_m
     range_m, bearing_deg = math.hypot(*pole_m), math.degrees(math.atan2(pole_m[1], pole_m[0]))
     half_deg = math.degrees(math.asin(min(1.0, radius_m / range_m)))
     low, high = max(bearing_deg - half_deg, -HALF_VIEW_DEG), min(bearing_deg + half_deg, HALF_VIEW_DEG)
@@ -81,8 +88,11 @@ def seen_from(pole_m: tuple[float, float] | None, empty: FrameModel, blank_radiu
     to_m, end = free.free_to_m.copy(), free.end.copy()
     to_m[behind], end[behind] = near_m - 0.5, FreeEnd.OBSTACLE
     from_m = free.free_from_m.copy()
-    if blank_radius_m is not None:
+    if blank is not None:
         from_m[behind], to_m[behind], end[behind] = 0.0, 0.0, FreeEnd.UNKNOWN
+    free = replace(free, free_from_m=from_m, free_to_m=to_m, end=end)
+    if blank is not None and not blank.sides:
+        return replace(empty, free=free)
     return replace(
         empty,
         planes=np.array([[*ends[0], *ends[1], -2.0, 2.0]], np.float32),
@@ -90,7 +100,7 @@ def seen_from(pole_m: tuple[float, float] | None, empty: FrameModel, blank_radiu
         margin_m=np.zeros(1, np.float32),
         flags=np.zeros(1, np.uint8),
         cluster=np.zeros(1, np.int32),
-        free=replace(free, free_from_m=from_m, free_to_m=to_m, end=end),
+        free=free,
     )
 
 
@@ -122,7 +132,7 @@ class Service:
 
     def __init__(self, loop: Px4Loop, pole_m: tuple[float, float], empty: FrameModel, trims: bool, case: Case) -> None:
         self._loop, self._pole_m, self._empty = loop, pole_m, empty
-        self._blank_radius_m = case.blank_radius_m
+        self._blank = case.blank
         self._memory, self._blind = ObstacleMemory(AVOID), BlindPolicy(AVOID)
         self._policy = policy_of(AVOID, AutopilotNow(kind="PX4", cp_dist_m=case.cp_dist_m))
         self._edge = too_near_the_edge([LOOKS], AVOID) if trims else BLIND
@@ -131,15 +141,15 @@ class Service:
     def __call__(self, now_ns: int) -> Values | None:
         x, y = (float(c) for c in self._loop.vehicle.position_m)
         relative = self._pole_m[0] - x, self._pole_m[1] - y
-        radius_m = POLE_RADIUS_M if self._blank_radius_m is None else self._blank_radius_m
+        radius_m = POLE_RADIUS_M if self._blank is None else self._blank.radius_m
         self.clearance_m = min(self.clearance_m, math.hypot(*relative) - radius_m - AVOID.radius_m)
-        model = seen_from(relative, self._empty, self._blank_radius_m)
+        model = seen_from(relative, self._empty, self._blank)
         view = View(model, LevelTransform(0.0, (0.0, 0.0, 0.0)), t_ns=now_ns)
         found = scan([view], AVOID)
         recalled = self._memory.recall(found, [view], Here(0.0, (x, y, -3.0), 1), now_ns)
         vx, vy = (float(c) for c in self._loop.vehicle.velocity_m_s)
         sight = ObstacleView(found, recalled, BLIND, SEEING, WHOLE, now_ns, self._edge, (vx, vy))
-        self._loop.reach_cm = braking_reach_cm(sight, AVOID, self._policy)
+        self._loop.reach = braking_reach(sight, AVOID, self._policy)
         return self._blind.values(sight, self._policy, now_ns)
 
 
@@ -170,7 +180,7 @@ def cases() -> Iterator[Case]:
 
 def blank(case: Case) -> Case:
     """The case with a blank pole of 0.5 m and CP_DIST 3 m."""
-    return replace(case, blank_radius_m=0.25, cp_dist_m=3.0)
+    return replace(case, blank=Blank(0.25), cp_dist_m=3.0)
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.autopilot.obstacle_distance import for_reader, obstacle_distance_message
+from companion.autopilot.obstacle_distance import BrakingReach, for_reader, obstacle_distance_message
 from companion.config.avoidance import AvoidParams
 from drivers.simulation.firmware_models.px4_position_mode import PositionMode
 
@@ -20,13 +20,13 @@ Values = NDArray[np.uint16]
 
 @dataclass(slots=True, eq=False)
 class Px4Loop:
-    """Steps of 20 ms, a message in every third or fourth, as the service sends 15 a second. now_ns: monotonic instant; reach_cm: of
-    `braking_reach_cm`, as the service has it at that instant."""
+    """Steps of 20 ms, a message in every third or fourth, as the service sends 15 a second. now_ns: monotonic instant; reach: of
+    `braking_reach`, as the service has it at that instant."""
 
     vehicle: PositionMode
     avoid: AvoidParams
     now_ns: int = 10 * NS
-    reach_cm: NDArray[np.float64] | None = None
+    reach: BrakingReach | None = None
     _next_ns: int = field(default=0)
 
     def fly(self, seconds: float, stick: NDArray[np.float64], send: Callable[[int], Values | None]) -> None:
@@ -38,7 +38,7 @@ class Px4Loop:
                 self._next_ns = max(self._next_ns, self.now_ns) + round(NS / self.avoid.rate_hz)
                 values = send(self.now_ns)
                 if values is not None:
-                    values = for_reader(values, self.avoid, "PX4", self.reach_cm)
+                    values = for_reader(values, self.avoid, "PX4", self.reach)
                     self.vehicle.reader.read(obstacle_distance_message(values, 0, self.avoid), self.now_ns)
             self.vehicle.step(stick, STEP_NS / NS, self.now_ns)
 

@@ -26,7 +26,16 @@ from numpy.typing import NDArray
 from drivers.mavlink.session_types import PX4
 
 from ..config.avoidance import AvoidParams
-from .obstacle_distance import UNKNOWN, always_sent_cm, clear_cm, encoded, limits_cm, near_cm
+from .obstacle_distance import (
+    UNKNOWN,
+    BrakingReach,
+    always_sent_cm,
+    beside_unknown,
+    clear_cm,
+    encoded,
+    limits_cm,
+    near_cm,
+)
 from .obstacle_memory import Remembered
 from .polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 
@@ -149,21 +158,33 @@ def closing_m_s(sight: ObstacleView) -> NDArray[np.float64]:
     return out
 
 
-def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> NDArray[np.float64]:
-    """Returns the distance, (72,), within which an obstacle is sent to PX4 although an unknown sector is beside it.
+def braking_reach(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> BrakingReach:
+    """Returns the distances within which an obstacle is sent to PX4 although an unknown sector is beside it.
 
-    It is that of near obstacles, and the distance of the wall of the policy `brake`: PX4 does not move into a sector by a
-    value that near. At the edge of the view, where sectors are unknown because of the width of the hull, it also includes
-    obstacles that the vehicle approaches, because PX4 needs them to brake; without a velocity, all obstacles seen there."""
+    Always sent are near obstacles, and those up to the distance of the wall of the policy `brake`: PX4 does not move into a
+    sector by a value that near. At the edge of the view, where sectors are unknown because of the width of the hull, obstacles
+    that the vehicle approaches are always sent too, because PX4 needs them to brake; without a velocity, all obstacles seen
+    there. With a wall, obstacles that PX4 must brake for are sent as the wall elsewhere."""
     near_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
-    wall_cm: NDArray[np.float64] = np.maximum(near_cm, _wall_cm(policy) if policy.name == "brake" else 0.0)
+    wall_cm = _wall_cm(policy) if policy.name == "brake" else 0
+    closing = closing_m_s(sight)
+    approach_cm = (wall_cm + 100.0 * APPROACH_S * closing) * (wall_cm > 0)
+    always_cm: NDArray[np.float64] = np.maximum(near_cm, wall_cm)
     unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
     beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
     at_edge = beside & ~(unseen | np.roll(unseen, 1) | np.roll(unseen, -1))
+    edge_cm = near_cm + 100.0 * CLOSING_S * closing
     if sight.velocity_m_s is None:
-        return np.where(at_edge, 100.0 * avoid.max_distance_m, wall_cm)
-    reach_cm = near_cm + 100.0 * CLOSING_S * closing_m_s(sight)
-    return np.where(at_edge, np.maximum(wall_cm, reach_cm), wall_cm)
+        edge_cm[:] = 100.0 * avoid.max_distance_m
+    return BrakingReach(np.where(at_edge, np.maximum(always_cm, edge_cm), always_cm), approach_cm, wall_cm)
+
+
+def into_unseen(sight: ObstacleView) -> NDArray[np.bool_]:
+    """Returns the sectors, (72,), by whose value PX4 moves into an unseen one of the views.
+
+    The bin of the stick's direction is the one below it, so that a bin reaches to the middle of the next sector. What is outside
+    of the views is left to `edge`."""
+    return np.roll((sight.scan.state == SectorState.UNSEEN) & sight.seeing, -1)
 
 
 class BlindPolicy:
@@ -186,7 +207,7 @@ class BlindPolicy:
         values = encoded(sight.scan, self._avoid)
         values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
         if policy.name != "stop" or policy.all_around:  # ArduPilot takes unknown for clear
-            values[sight.edge & (values == clear_cm(self._avoid))] = UNKNOWN
+            values[(sight.edge | into_unseen(sight)) & (values == clear_cm(self._avoid))] = UNKNOWN
         if policy.name == "stop":
             self._planes(values, sight.scan)
             self._wall(values, sight, policy)
@@ -195,6 +216,8 @@ class BlindPolicy:
         values = np.minimum(values, self._recalled(sight, policy))
         if policy.name != "stop":
             self._leave_edge(values, sight, policy)
+            into, reach = into_unseen(sight) & (values != UNKNOWN), braking_reach(sight, self._avoid, policy)
+            values[into] = beside_unknown(values, clear_cm(self._avoid), reach)[into]
         if sight.on_ground:
             # no value above the farthest obstacle: it would mean clear
             farthest_cm = clear_cm(self._avoid) - 2
@@ -207,16 +230,17 @@ class BlindPolicy:
 
         PX4 does not brake for unknown sectors beside its course. Something unmeasured may be before the obstacle, so PX4 must
         not be permitted to move into the sector: a farther obstacle is sent at the distance of the wall."""
-        scan = sight.scan
-        reach_m = policy.wall_m + APPROACH_S * closing_m_s(sight)
-        wanted = (scan.state == SectorState.UNSEEN) & (scan.distance_m <= reach_m) & (values == UNKNOWN)
-        values[wanted] = near_cm(np.minimum(scan.distance_m[wanted], policy.wall_m), self._avoid)
+        scan, reach = sight.scan, braking_reach(sight, self._avoid, policy)
+        wanted = (
+            (scan.state == SectorState.UNSEEN) & (100.0 * scan.distance_m <= reach.approach_cm) & (values == UNKNOWN)
+        )
+        values[wanted] = np.minimum(near_cm(scan.distance_m[wanted], self._avoid), reach.wall_cm)
 
     def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
         """Removes obstacles from sectors at the edge of the view, because PX4 moves into a sector that has any value.
 
         They are kept if they are near or if the vehicle approaches them: then PX4 must brake for them."""
-        values[sight.edge & sight.seeing & (values > braking_reach_cm(sight, self._avoid, policy))] = UNKNOWN
+        values[sight.edge & sight.seeing & (values > braking_reach(sight, self._avoid, policy).always_cm)] = UNKNOWN
 
     def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
         """Updates since when sectors are blind.

@@ -6,6 +6,7 @@ values outside of min .. max and PX4 brakes only for values above min."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -56,17 +57,43 @@ def near_cm(distance_m: NDArray[np.float64], avoid: AvoidParams) -> NDArray[np.u
     return np.clip(np.floor(100.0 * distance_m), low + 1, high - 1).astype(np.uint16)
 
 
-def for_coarse_bins(values: NDArray[np.uint16], clear: int, outranks: int | NDArray[np.float64]) -> NDArray[np.uint16]:
+@dataclass(frozen=True, slots=True, eq=False)
+class BrakingReach:
+    """Obstacles that are sent to PX4 although an unknown sector is beside them.
+
+    Attributes:
+        always_cm: (72,) an obstacle up to this distance is sent as it is.
+        approach_cm: (72,) one up to this distance is sent at `wall_cm`, by which PX4 brakes and does not move into the sector.
+        wall_cm: distance of the wall of the policy `brake`; 0: none."""
+
+    always_cm: NDArray[np.float64]
+    approach_cm: NDArray[np.float64]
+    wall_cm: int = 0
+
+
+def only_near(distance_cm: float) -> BrakingReach:
+    """Returns the reach by which obstacles up to a distance are sent, and no farther ones."""
+    return BrakingReach(np.full(SECTORS, float(distance_cm)), np.zeros(SECTORS))
+
+
+def beside_unknown(nearest: NDArray[np.uint16], clear: int, reach: BrakingReach) -> NDArray[np.uint16]:
+    """Returns what becomes of the nearest values, (72,), of elements whose bin reaches into an unknown sector."""
+    obstacle = nearest < clear
+    braked = obstacle & (nearest <= reach.approach_cm)
+    out = np.where(braked, np.minimum(nearest, np.uint16(reach.wall_cm)), UNKNOWN)
+    return np.where(obstacle & (nearest <= reach.always_cm), nearest, out).astype(np.uint16)
+
+
+def for_coarse_bins(values: NDArray[np.uint16], clear: int, reach: BrakingReach) -> NDArray[np.uint16]:
     """Returns the values for PX4 up to v1.15, which has bins of 10 degrees and reads only the even elements.
 
     Each even element becomes the least of itself and its neighbours. If one of the three is unknown it becomes
-    unknown, since a bin stands for all its sectors, unless the least is at most `outranks` (cm, one value or (72,))."""
-    three = np.stack([np.roll(values, 1), values, np.roll(values, -1)])[:, ::2]
+    unknown, since a bin stands for all its sectors, unless the least is an obstacle within `reach`."""
+    three = np.stack([np.roll(values, 1), values, np.roll(values, -1)])
     nearest = three.min(axis=0)
-    unseen = (three == UNKNOWN).any(axis=0)
+    coarse = np.where((three == UNKNOWN).any(axis=0), beside_unknown(nearest, clear, reach), nearest)
     out = values.copy()
-    limit = np.broadcast_to(outranks, len(values))[::2]
-    out[::2] = np.where(unseen & ((nearest >= clear) | (nearest > limit)), UNKNOWN, nearest)
+    out[::2] = coarse[::2]
     return out
 
 
@@ -83,7 +110,7 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
 
 
 def for_reader(
-    values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str, reach_cm: NDArray[np.float64] | None = None
+    values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str, reach: BrakingReach | None = None
 ) -> NDArray[np.uint16]:
     """Returns the values in the form that this kind of autopilot needs; for an unknown kind in the form that suits
     each kind.
@@ -94,11 +121,11 @@ def for_reader(
         values: (72,) cm.
         avoid: parameters.
         autopilot: kind of the autopilot.
-        reach_cm: (72,) distance within which an obstacle is sent to PX4 beside unknown; None: only near ones."""
+        reach: obstacles that are sent to PX4 beside unknown; None: only near ones."""
     clear = clear_cm(avoid)
     if autopilot != ARDUPILOT:
-        near = always_sent_cm(avoid) if reach_cm is None else reach_cm
-        values = for_coarse_bins(values, clear, near if autopilot == PX4 else clear)
+        near = only_near(always_sent_cm(avoid)) if reach is None else reach
+        values = for_coarse_bins(values, clear, near if autopilot == PX4 else only_near(clear))
     return values if autopilot == PX4 else for_front_face(values, clear)
 
 

@@ -22,7 +22,7 @@ from ..config.avoidance import AvoidParams
 from ..pipeline.results import PrismsResult
 from .confirmation import PlaneConfirmation, SectorSight, SeenSectors
 from .distance_sensor import Overhead, downward_m
-from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach_cm, policy_of
+from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach, policy_of
 from .free_space_memory import FreeMemory
 from .obstacle_distance import for_reader
 from .obstacle_distance_3d import NO_POINTS, other_points
@@ -247,7 +247,7 @@ class ObstacleReportBuilder:
         policy = policy_of(self._avoid, autopilot)
         values = self._policy.values(sight, policy, now_ns)
         if values is not None:
-            values = for_reader(values, self._avoid, autopilot.kind, braking_reach_cm(sight, self._avoid, policy))
+            values = for_reader(values, self._avoid, autopilot.kind, braking_reach(sight, self._avoid, policy))
         return ObstacleReport(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:

@@ -19,6 +19,7 @@ from companion.autopilot.obstacle_distance import (
     for_coarse_bins,
     for_reader,
     obstacle_distance_message,
+    only_near,
 )
 from companion.autopilot.obstacle_memory import nothing_remembered
 from companion.autopilot.polar_histogram import (
@@ -43,6 +44,7 @@ from .made_up import easy_model
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2)
 HERE = LevelTransform(0.0, (0.0, 0.0, 0.0))
 NS = 1_000_000_000
+PX4_NOW = AutopilotNow(kind="PX4", cp_dist_m=3.0)
 
 
 def model(
@@ -405,14 +407,30 @@ def test_a_clear_field_stops_no_vehicle_and_an_unseen_one_stops_px4() -> None:
         assert ardupilot.velocity_m_s((3.0, -2.0), NS) == (3.0, -2.0)
 
 
+@pytest.mark.parametrize("bin_deg", [5, 10])
+def test_no_direction_of_an_unseen_sector_has_a_bin_with_data(bin_deg: int) -> None:
+    policy, nowhere, everywhere = policy_of(AVOID, PX4_NOW), np.zeros(SECTORS, bool), np.ones(SECTORS, bool)
+    for unseen in range(SECTORS):
+        found = scan([View(model(free_to_m=13.0), HERE)], AVOID)
+        found.state[unseen] = SectorState.UNSEEN
+        sight = ObstacleView(found, nothing_remembered(), nowhere, everywhere, everywhere, 0)
+        values = BlindPolicy(AVOID).values(sight, policy, 0)
+        assert values is not None
+        px4 = Px4Reader(bin_deg)
+        px4.read(obstacle_distance_message(for_reader(values, AVOID, "PX4"), 0, AVOID), NS)
+        for direction_deg in 5.0 * unseen + np.linspace(-2.4, 2.4, 9):
+            assert px4.room_m(float(direction_deg), NS) == 0.0, (unseen, direction_deg)
+        assert px4.room_m(5.0 * unseen + 180.0, NS) == math.inf
+
+
 def test_clear_beside_unknown_is_not_clear_in_the_coarse_bins() -> None:
     values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
     values[11] = UNKNOWN
-    out = for_coarse_bins(values, clear_cm(AVOID), 600)
+    out = for_coarse_bins(values, clear_cm(AVOID), only_near(600))
     assert out[10] == out[12] == UNKNOWN
     assert out[14] == clear_cm(AVOID)
     values[11], values[12] = 500, UNKNOWN
-    out = for_coarse_bins(values, clear_cm(AVOID), 600)
+    out = for_coarse_bins(values, clear_cm(AVOID), only_near(600))
     assert (out[10], out[12]) == (500, 500)  # a near obstacle outranks what was not seen
 
 

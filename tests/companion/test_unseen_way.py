@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, braking_reach_cm, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, braking_reach, policy_of
 from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
     PX4,
@@ -22,6 +22,7 @@ from companion.autopilot.obstacle_distance import (
     for_coarse_bins,
     for_reader,
     obstacle_distance_message,
+    only_near,
 )
 from companion.autopilot.obstacle_distance_3d import level_points
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
@@ -117,7 +118,7 @@ def braked_for(plane_m: float, velocity_m_s: tuple[float, float] | None, policy:
     )
     values = BlindPolicy(AVOID).values(sight, policy, 0)
     assert values is not None
-    return int(for_reader(values, AVOID, PX4, braking_reach_cm(sight, AVOID, policy))[4])
+    return int(for_reader(values, AVOID, PX4, braking_reach(sight, AVOID, policy))[4])
 
 
 def test_px4_is_sent_a_measured_obstacle_in_an_unseen_sector_that_it_must_brake_for() -> None:
@@ -297,10 +298,10 @@ def test_an_unseen_way_survives_in_the_coarse_bins() -> None:
     """A bin of 10 degrees stands for three sectors: one of them unseen, its neighbours do not decide it."""
     values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
     values[10:13] = (900, UNKNOWN, 950)
-    out = for_coarse_bins(values, clear_cm(AVOID), 200)
+    out = for_coarse_bins(values, clear_cm(AVOID), only_near(200))
     assert (out[10], out[11], out[12]) == (UNKNOWN, UNKNOWN, UNKNOWN)
     values[10] = 150
-    out = for_coarse_bins(values, clear_cm(AVOID), 200)
+    out = for_coarse_bins(values, clear_cm(AVOID), only_near(200))
     assert (out[10], out[12]) == (150, UNKNOWN)
 
 
