@@ -28,7 +28,7 @@ RESTART_NS: Final = NS
 """A stamp that steps back by this means that the autopilot has restarted."""
 LONGEST_NS: Final = NS
 """After a longer time without a position a new section begins, because the estimate may have jumped meanwhile."""
-_MARK_NS: Final = NS // 10
+_MARK_NS: Final = NS // 4
 _MOST: Final = 16
 Vector = tuple[float, float, float]
 
