@@ -8,7 +8,7 @@ import struct
 import numpy as np
 
 from ..types import FrameModel
-from .evidence import FreeView
+from .observed import FreeView
 
 _HEAD = struct.Struct("<q8dii")
 """Stamp; x_m, y_m, ke_per_m, ground_z_m, slope_x, slope_y, tolerance_m, noise_per_m; directions and layers."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 from ..jit import inner, kernel
-from .evidence import CLEAR, classify
 from .groups import may_move
 from .objects import TAKEN_AFTER, begin_object, free_object, object_lost_at, speed_variance, take_over, update_object
+from .observed import CLEAR, classify
 from .tables import NONE
 
 HISTORY = 10

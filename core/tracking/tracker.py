@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from ..jit import record_of
 from .association import assign, find_pairs
 from .ego_motion import common_shift
-from .evidence import FreeView, collect_evidence, split_tracks
+from .evidence import collect_evidence
 from .free_view import free_view, view_bytes, view_from_bytes
 from .groups import GROUP, find_groups
 from .movers import HISTORY, OLD_S, carry_tracks, declare_objects, mark_tracks, support_by_view, update_objects
 from .objects import MOST_OBJECTS, MOVER_RULES, OBJECT, assign_groups, predict_objects
+from .observed import FreeView
 from .params import TrackingParams
 from .publish import snapshot_of
 from .snapshot import STATE_VERSION, TrackerState, TrackingFrame, TrackSnapshot
+from .splitting import split_tracks
 from .tables import CELL, CELLS, DETECTION, RULES, TRACK, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 

@@ -101,6 +101,22 @@ def test_a_filled_gap_seen_open_goes_after_one_frame_that_sees_through_it() -> N
     assert distance(tracker.observe(frame([WALL], 11)), 4.0, 0.0) > 3.0
 
 
+def test_a_filled_gap_that_one_frame_alone_has_goes_whole_where_a_part_of_it_is_seen_through() -> None:
+    """No obstacle was measured in it. Where all of it is hidden or out of view nothing says that there is none."""
+    tracker, gap = settled([WALL]), wall(4.0, -0.5, 4.0, 0.5)
+    tracker.observe(only([gap, WALL], 10, flags=1))
+    away, hidden = Tracker(SMALL, tracker.state()), Tracker(SMALL, tracker.state())
+    assert distance(away.observe(frame([WALL], 11, heading=math.pi)), 4.0, -0.3) < 0.1
+    assert distance(hidden.observe(frame([wall(2.5, -0.5, 2.5, 0.5), WALL], 11)), 4.0, -0.3) < 0.1
+    assert distance(tracker.observe(frame([wall(2.5, -0.5, 2.5, 0.05), WALL], 11)), 4.0, -0.3) > 1.0
+
+
+def test_a_measured_obstacle_that_one_frame_has_is_kept_where_it_is_hidden() -> None:
+    tracker, screen = settled([WALL]), wall(2.5, -0.4, 2.5, 0.4)
+    tracker.observe(only([wall(4.0, -0.5, 4.0, 0.5), WALL], 10))
+    assert distance(tracker.observe(frame([screen, WALL], 11)), 4.0, 0.0) < 0.1
+
+
 def test_a_measured_obstacle_needs_more_than_one_frame_that_sees_through_it() -> None:
     tracker = settled([WALL])
     tracker.observe(only([wall(4.0, -0.5, 4.0, 0.5), WALL], 10, flags=3))

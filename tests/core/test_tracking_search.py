@@ -9,7 +9,7 @@ import pytest
 
 from core.tracking.association import find_near
 from core.tracking.ego_motion import common_shift
-from core.tracking.evidence import FreeView, find_crossing, find_spans
+from core.tracking.observed import FreeView, find_crossing, find_spans
 from core.tracking.tables import TRACK, detections_of
 
 pytestmark = pytest.mark.nojit

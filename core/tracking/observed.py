@@ -1,0 +1,179 @@
+"""How one frame observed a place: by its free ranges, and by its detections behind the place.
+
+A place is *clear* where free space reaches well beyond it, *explained* where another obstacle was observed at about its range,
+*hidden* where the free range ends before it, and *out of view* elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from ..jit import inner
+from .tables import NONE
+
+OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
+_INFERRED = 1
+_OBSTACLE = 1
+_EXPLAINED_SHARE = 0.15
+_CLEAR_SHARE = 0.5
+"""Not tuning: shares of a place's height."""
+_SPAN_SLACK_RAD = 1e-6
+"""Not tuning: for the rounding of directions."""
+
+
+class FreeView(NamedTuple):
+    """What one frame observed to be free. x_m, y_m: of the camera; ke_per_m: noise; edges_rad and layers_m: float64, near_m,
+    far_m: float32 and end: uint8, of its FreeProfile. ground_z_m: of the ground below the camera, inf: none seen; slope_x,
+    slope_y, tolerance_m, noise_per_m: of the Ground."""
+
+    x_m: Any
+    y_m: Any
+    ke_per_m: Any
+    edges_rad: Any
+    layers_m: Any
+    near_m: Any
+    far_m: Any
+    end: Any
+    ground_z_m: Any
+    slope_x: Any
+    slope_y: Any
+    tolerance_m: Any
+    noise_per_m: Any
+
+
+@inner
+def direction_of(edges, azimuth):
+    """Index of the direction that holds an azimuth, NONE: outside the view."""
+    turn = azimuth - edges[0]
+    azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
+    low, high = 0, edges.shape[0] - 1
+    if azimuth >= edges[high]:
+        return NONE
+    for _ in range(32):
+        if high - low <= 1:
+            break
+        middle = (low + high) // 2
+        if edges[middle] <= azimuth:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@inner
+def lowest_free(x, y, r, view):
+    """z down to which a place at (x, y) from the camera can be free: above the ground and its noise."""
+    z = view.ground_z_m + view.slope_x * x + view.slope_y * y
+    return z - max(view.tolerance_m, view.noise_per_m * r)
+
+
+@inner
+def classify(x, y, top, bottom, slack, rules, view):
+    """How a frame observed a place (x, y, in the tracks' frame) with heights top..bottom: CLEAR, EXPLAINED, HIDDEN or
+    OUT_OF_VIEW. slack: how far behind the place it must be free, m, without noise."""
+    dx, dy = x - view.x_m, y - view.y_m
+    r = math.sqrt(dx * dx + dy * dy)
+    if r < 1e-3 or view.edges_rad.shape[0] < 2:
+        return OUT_OF_VIEW
+    d = direction_of(view.edges_rad, math.atan2(dy, dx))
+    if d == NONE:
+        return OUT_OF_VIEW
+    off = slack + rules.free_sigmas * view.ke_per_m * r * r
+    lowest = lowest_free(dx, dy, r, view)
+    clear, explained, hidden = 0.0, 0.0, 0.0
+    for k in range(view.layers_m.shape[0] - 1):
+        upper, lower = max(top, view.layers_m[k]), min(bottom, view.layers_m[k + 1])
+        if lower <= upper:
+            continue
+        near, far = view.near_m[d, k], view.far_m[d, k]
+        obstacle = view.end[d, k] == _OBSTACLE
+        if near <= r - slack and far >= r + off:
+            clear += max(0.0, min(lower, lowest) - upper)
+        elif obstacle and r - 0.5 * off < far < r + off:
+            explained += lower - upper
+        elif far < r and (obstacle or far > near):
+            hidden += lower - upper
+    height = bottom - top
+    if explained > _EXPLAINED_SHARE * height:
+        return EXPLAINED
+    if clear >= _CLEAR_SHARE * height:
+        return CLEAR
+    return HIDDEN if hidden > 0.0 else OUT_OF_VIEW
+
+
+@inner
+def find_spans(detections, view, spans):
+    """Directions that detections cover, and their reach -> spans (3, N) float64: least and greatest direction, rad from the
+    middle of the view, and the greatest range with the margin. A detection behind the camera covers all directions."""
+    middle = middle_azimuth(view)
+    for i in range(detections.shape[0]):
+        d = detections[i]
+        ax, ay, bx, by = d.ax_m - view.x_m, d.ay_m - view.y_m, d.bx_m - view.x_m, d.by_m - view.y_m
+        a, b = turn_between(middle, math.atan2(ay, ax)), turn_between(middle, math.atan2(by, bx))
+        if abs(a - b) > math.pi:
+            a, b = -math.pi, math.pi
+        spans[0, i], spans[1, i] = min(a, b) - _SPAN_SLACK_RAD, max(a, b) + _SPAN_SLACK_RAD
+        spans[2, i] = math.sqrt(max(ax * ax + ay * ay, bx * bx + by * by)) + d.margin_m
+
+
+@inner
+def middle_azimuth(view):
+    """Middle of the observed directions, 0 where there are none."""
+    n = view.edges_rad.shape[0]
+    return 0.5 * (view.edges_rad[0] + view.edges_rad[n - 1]) if n > 0 else 0.0
+
+
+@inner
+def turn_between(start, end):
+    """The angle from one azimuth to another, -pi to pi."""
+    turn = end - start
+    return turn - math.tau * math.floor(turn / math.tau + 0.5)
+
+
+@inner
+def find_crossing(azimuth, range_m, spans, crossing):
+    """Which detections may cross a direction beyond a range -> crossing (N,) bool. Without branches, so that the compiler
+    compares several at once."""
+    for i in range(crossing.shape[0]):
+        crossing[i] = (spans[0, i] <= azimuth) & (spans[1, i] >= azimuth) & (spans[2, i] >= range_m)
+
+
+@inner
+def is_seen_through(x, y, track, detections, crossing, behind, eye_x, eye_y, eye_z):
+    """Whether detections of the frame lie behind a place of a track, as seen from the camera, over most of its height, and
+    none lies at it. Gaps that were filled do not count: nothing was measured in them. crossing: (N,) bool of `find_crossing`
+    for the direction of the place."""
+    dx, dy = x - eye_x, y - eye_y
+    r = math.sqrt(dx * dx + dy * dy)
+    if r < 1e-3:
+        return False
+    dx, dy = dx / r, dy / r
+    passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m
+    for i in range(detections.shape[0]):
+        if not crossing[i]:
+            continue
+        d = detections[i]
+        ax, ay, bx, by = d.ax_m - eye_x, d.ay_m - eye_y, d.bx_m - eye_x, d.by_m - eye_y
+        side_a, side_b = dx * ay - dy * ax, dx * by - dy * bx
+        if side_a * side_b > 0.0 or side_a == side_b:
+            continue
+        share = side_a / (side_a - side_b)
+        far = dx * (ax + share * (bx - ax)) + dy * (ay + share * (by - ay))
+        if far <= 0.0:
+            continue
+        scale = r / far  # heights of the detection as they appear at the range of the place
+        over = min(track.bottom_m, eye_z + scale * (d.bottom_m - eye_z)) - max(
+            track.top_m, eye_z + scale * (d.top_m - eye_z)
+        )
+        if over <= 0.0:
+            continue
+        reach = behind + track.margin_m + d.margin_m
+        if far >= r + reach:
+            if d.plane_flags & _INFERRED == 0:
+                passed = max(passed, over)
+        elif far > r - reach:
+            at += over
+            if at > _EXPLAINED_SHARE * height:
+                return False
+    return passed >= _CLEAR_SHARE * height

@@ -1,0 +1,107 @@
+"""Shortens and splits tracks whose cells have been removed."""
+
+from __future__ import annotations
+
+from ..jit import inner, kernel
+from .tables import NONE, clear_cell, copy_cell, free_slot
+
+_LEAST_M = 0.02
+"""Not tuning: a shorter rest of a track is removed."""
+
+
+@kernel
+def split_tracks(table, next_id, t_ns):
+    """Shortens tracks whose ends have been removed, and splits those with a gap; the part observed most often keeps the id.
+
+    Returns (next id, tracks ended, tracks removed for want of slots)."""
+    ended, evicted = 0, 0
+    for j in range(table.tracks.shape[0]):
+        t = table.tracks[j]
+        if t.hits == 0:
+            continue
+        best0, best1 = most_observed_run(table, j)
+        if best0 == NONE:
+            t.hits = 0
+            ended += 1
+            continue
+        begin = NONE
+        for k in range(t.cells + 1):
+            alive = k < t.cells and table.cells[j, k].hits > 0
+            if alive and begin == NONE:
+                begin = k
+            if alive or begin == NONE:
+                continue
+            if begin != best0:
+                other, gone = free_slot(table, t_ns)
+                evicted += 1 if gone else 0
+                if other != NONE and other != j:
+                    copy_part(table, j, other, begin, k, next_id)
+                    next_id += 1
+            begin = NONE
+        keep_part(table, j, best0, best1)
+        if t.s1_m - t.s0_m < _LEAST_M and t.seen_ns != t_ns:
+            t.s0_m -= 0.5 * _LEAST_M
+            t.s1_m += 0.5 * _LEAST_M
+    return next_id, ended, evicted
+
+
+@inner
+def most_observed_run(table, j):
+    """(first cell, end) of the run of cells with the most observations; NONE: there is no cell."""
+    t = table.tracks[j]
+    best0, best1, best = NONE, NONE, 0
+    begin, total = NONE, 0
+    for k in range(t.cells + 1):
+        hits = table.cells[j, k].hits if k < t.cells else 0
+        if hits > 0:
+            begin = k if begin == NONE else begin
+            total += hits
+        elif begin != NONE:
+            if total > best:
+                best0, best1, best = begin, k, total
+            begin, total = NONE, 0
+    return best0, best1
+
+
+@inner
+def keep_part(table, j, begin, end):
+    """Limits slot j to its cells begin..end - 1."""
+    t = table.tracks[j]
+    low, high = (t.first_cell + begin) * t.cell_m, (t.first_cell + end) * t.cell_m
+    t.s0_m, t.s1_m = max(t.s0_m, low), min(t.s1_m, high)
+    if begin > 0:
+        for k in range(begin, end):
+            copy_cell(table, j, k, k - begin)
+    for k in range(end - begin, t.cells):
+        clear_cell(table, j, k)
+    t.first_cell += begin
+    t.cells = end - begin
+    if t.s1_m < t.s0_m:
+        middle = 0.5 * (t.s0_m + t.s1_m)
+        t.s0_m, t.s1_m = middle - 0.5 * _LEAST_M, middle + 0.5 * _LEAST_M
+
+
+@inner
+def copy_part(table, j, other, begin, end, track_id):
+    """Gives the cells begin..end - 1 of slot j to the empty slot `other`, as a track of its own."""
+    t, o = table.tracks[j], table.tracks[other]
+    o.id, o.object_id, o.first_ns, o.seen_ns = track_id, t.object_id, t.first_ns, t.seen_ns
+    o.x_m, o.y_m, o.tx, o.ty = t.x_m, t.y_m, t.tx, t.ty
+    o.s0_m, o.s1_m, o.top_m, o.bottom_m = t.s0_m, t.s1_m, t.top_m, t.bottom_m
+    o.p00, o.p01, o.p11 = t.p00, t.p01, t.p11
+    o.margin_m, o.excess_m, o.nearer_m, o.hit_rate = t.margin_m, t.excess_m, t.nearer_m, t.hit_rate
+    o.cell_m, o.first_cell, o.cells = t.cell_m, t.first_cell, t.cells
+    o.plane_flags, o.cluster, o.state, o.first_detection = t.plane_flags, t.cluster, t.state, t.first_detection
+    o.frame_s0_m, o.frame_s1_m = t.frame_s0_m, t.frame_s1_m
+    o.frame_top_m, o.frame_bottom_m = t.frame_top_m, t.frame_bottom_m
+    o.merged_into = NONE
+    most, newest = 0, 0
+    for k in range(t.cells):
+        table.cells[other, k].seen_ns = table.cells[j, k].seen_ns
+        table.cells[other, k].against = table.cells[j, k].against
+        table.cells[other, k].hits = table.cells[j, k].hits
+        if begin <= k < end:
+            most = max(most, table.cells[j, k].hits)
+            newest = max(newest, table.cells[j, k].seen_ns)
+    o.hits, o.seen_ns = max(1, most), newest
+    keep_part(table, other, begin, end)
