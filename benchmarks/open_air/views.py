@@ -34,13 +34,13 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Seen:
-    """A view with its images, depth (in frame) and model. unmatched_left_px, unmatched_right_px: columns at each side
+    """A view with its images (None: its depth is ray-cast), depth (in frame) and model. unmatched_left_px, unmatched_right_px: columns at each side
     that never have a match."""
 
     view: View
     noise_grey: float
     scene: StereoScene
-    pair: StereoPair
+    pair: StereoPair | None
     frame: Rendered
     model: FrameModel
     unmatched_left_px: int
@@ -62,8 +62,8 @@ def profile_of(name: str) -> StereoProfile:
 
 def every_match(profile: StereoProfile) -> StereoProfile:
     """The same camera with the confidence rules off."""
-    off = replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0, smear_rows=0)
-    return replace(profile, match=off)
+    rules = {"correlation": 0.0, "texture": 0.0, "period": 1.0, "patch_px": 0, "patch_per_px": 0.0}
+    return replace(profile, match=replace(profile.match, **rules, smear_px=0, smear_rows=0))
 
 
 def pose_of(view: View, scene: StereoScene) -> tuple[np.ndarray, np.ndarray]:

@@ -22,10 +22,12 @@ def needs_images(match: MatchParams) -> bool:
 
 
 def disparity_of(depth_mm: NDArray[np.uint16], f_b_px_m: float) -> NDArray[np.float32]:
-    """(H, W) float32 px, d = f B / Z, -1 without a depth. depth_mm: (H, W) uint16, 0: none. f_b_px_m: focal length times
-    baseline."""
+    """(H, W) float32 px, d = f B / Z, -1 without a depth, and where the match would lie outside of the right image.
+    depth_mm: (H, W) uint16, 0: none. f_b_px_m: focal length times baseline."""
+    f_b_px_mm = np.float32(1000.0 * f_b_px_m)
     disparity = np.full(depth_mm.shape, -1.0, np.float32)
-    np.divide(np.float32(1000.0 * f_b_px_m), depth_mm, out=disparity, where=depth_mm > 0, casting="same_kind")
+    np.divide(f_b_px_mm, depth_mm, out=disparity, where=depth_mm > 0, casting="same_kind")
+    disparity[disparity > np.arange(depth_mm.shape[1], dtype=np.float32)] = -1.0
     return disparity
 
 

@@ -11,7 +11,8 @@ at the horizontal derivative of both images, the right one taken where the dispa
 - *texture*: the variance of the derivative must exceed that of the noise, which is measured in the pair itself from what differs
   between the two images where they are matched;
 - *period*: where the left image repeats itself along the row, another disparity fits as well;
-- *patch*: what is left must be part of a patch of one surface, single pixels are chance;
+- *patch*: what is left must be part of a patch of one surface, single pixels are chance. The nearer it claims to be, the more
+  pixels it needs: edges of different things that look alike agree in a few rows only, and at any disparity;
 - *smear*: a window takes the disparity of its strongest edge to all its pixels. Beside an area without measurements the outermost
   columns and rows may belong to that area. One column is dropped, an upright edge locates itself. As many rows as the window
   reaches are dropped: above and below a level edge nothing says to which side the disparity belongs.
@@ -62,7 +63,9 @@ class ConfidenceLimits:
     """window_px: side of the window, odd. correlation: least correlation of both derivatives, 0: rule off;
     strong_correlation: the same where the texture is far above the noise. texture: least
     variance of the derivative over that of the noise, 0: off. period: correlation of the left image with itself from which on
-    it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off.
+    it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off;
+    patch_per_px: so are those of fewer pixels for each pixel of their disparity, 0: off. An upright edge is 3 to 4 px wide: with 3
+    it must be about as high as the baseline is long.
     smear_px, smear_rows: columns and rows of the border of accepted areas beside unmeasured ones that are dropped, 0: off."""
 
     window_px: int = 7
@@ -72,6 +75,7 @@ class ConfidenceLimits:
     period: float = 0.9
     period_px: int = 48
     patch_px: int = 25
+    patch_per_px: float = 3.0
     smear_px: int = 1
     smear_rows: int = 4
 
@@ -166,6 +170,23 @@ def patches(disparity: Image, patch_px: int, step_px: float) -> Image:
     return np.where(fixed >= 0, disparity, np.float32(-1.0))
 
 
+def large_patches(disparity: Image, per_px: float, step_px: float) -> Image:
+    """The disparity without patches of fewer than per_px pixels for each pixel of their mean disparity. Small patches that touch
+    count as one."""
+    most_px = int(per_px * float(disparity.max(initial=0.0))) + 1
+    small = (disparity >= 0.0) & (patches(disparity, most_px, step_px) < 0.0)
+    count, labels = cv2.connectedComponents(small.view(np.uint8), connectivity=4)
+    where = np.flatnonzero(small)
+    label = labels.ravel()[where]
+    pixels = np.bincount(label, minlength=count)
+    total = np.bincount(label, weights=disparity.ravel()[where], minlength=count)
+    # pixels < per_px * total / pixels
+    dropped = where[(pixels * pixels < per_px * total)[label]]
+    kept = disparity.copy()
+    kept.ravel()[dropped] = -1.0
+    return kept
+
+
 def without_smear(disparity: Image, smear_px: int, smear_rows: int, window_px: int) -> Image:
     """The disparity without the pixels within smear_px of an area without one, and of wider areas without those within smear_rows
     rows. Holes narrower than window_px are no area."""
@@ -195,6 +216,8 @@ def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: Confiden
     kept = np.where(good, disparity, np.float32(-1.0))
     if limits.patch_px:
         kept = patches(kept, limits.patch_px, _PATCH_STEP_PX)
+    if limits.patch_per_px:
+        kept = large_patches(kept, limits.patch_per_px, _PATCH_STEP_PX)
     if limits.smear_px or limits.smear_rows:
         kept = without_smear(kept, limits.smear_px, limits.smear_rows, limits.window_px)
     return kept

@@ -136,7 +136,7 @@ class DeviceLink:
         return bool(self._pipeline.isRunning()) and not self._device.isClosed()
 
     def close(self) -> None:
-        """Calls stop() without wait(): wait() deadlocks before the release."""
+        """Waits for the end of the pipeline: the release of the device deadlocks otherwise."""
         self._pipeline.stop()
         self._pipeline.wait()
         self._device.close()

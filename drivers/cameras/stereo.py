@@ -57,6 +57,9 @@ class MatchParams:
     )
     smear_rows: int = number(4, 0, 16, "px", "rows above and below an unmeasured area that are dropped; 0: none")
     patch_px: int = number(25, 0, 5000, "px", "smaller patches of accepted pixels are dropped; 0: off")
+    patch_per_px: float = number(
+        3.0, 0.0, 50.0, "", "patches of fewer pixels for each pixel of their disparity are dropped; 0: off"
+    )
     mark_smooth: bool = switch(False, "mark unmeasured pixels whose image is smooth; [open_sky] needs it")
 
     def __post_init__(self) -> None:
@@ -130,6 +133,7 @@ def confidence_limits(params: MatchParams) -> ConfidenceLimits:
         period=params.period,
         period_px=params.period_px,
         patch_px=params.patch_px,
+        patch_per_px=params.patch_per_px,
         smear_px=params.smear_px,
         smear_rows=params.smear_rows,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,6 +82,23 @@ def test_a_blank_box_keeps_its_outline_in_the_model() -> None:
     assert kept[1] > 0.9 > kept[0]
     assert after.false_stops == 0 < before.false_stops
     assert after.missed <= 0.01 * after.rays
+
+
+def test_equal_edges_of_two_pillars_are_no_near_obstacle() -> None:
+    """The edge of a blank pillar matches that of another one in a few rows, as if a thing stood at 3 m."""
+    profile = profile_of("long")
+    before, after = (
+        counts(
+            View(scene="white_pillars", profile="long"),
+            replace(profile, match=replace(profile.match, patch_per_px=n)),
+            (0.5,),
+        )
+        for n in (0.0, profile.match.patch_per_px)
+    )
+    assert before.false_stops > 0 == after.false_stops
+    kept = [sum(o.kept for o in c.outlines) for c in (before, after)]
+    assert kept[1] >= kept[0] > 0
+    assert after.missed <= before.missed
 
 
 def test_trees_stay_and_their_sky_is_free_of_planes() -> None:

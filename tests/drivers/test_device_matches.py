@@ -57,9 +57,9 @@ def test_chance_depths_of_a_noisy_sky_are_not_measured() -> None:
     tested = confirmed_depth(depth, scene(sky_rows=40), F_B_PX_M, MatchParams())
     assert not tested[:34].any()
     without_rules = confirmed_depth(
-        depth, scene(sky_rows=40), F_B_PX_M, replace(OFF, patch_px=0, smear_px=0, smear_rows=0)
+        depth, scene(sky_rows=40), F_B_PX_M, replace(OFF, patch_px=0, patch_per_px=0.0, smear_px=0, smear_rows=0)
     )
-    assert np.array_equal(without_rules, depth)
+    assert np.array_equal(without_rules[:, 24:], depth[:, 24:])  # to the left matches lie outside of the right image
 
 
 def test_images_of_another_scene_confirm_nothing() -> None:
@@ -77,9 +77,13 @@ def test_no_depth_is_changed_or_added() -> None:
     assert ((tested == depth) | (tested == UNKNOWN_MM)).all()
 
 
-def test_the_disparity_is_that_of_the_depth() -> None:
-    depth = np.array([[0, 400, 30_000, 65_535]], np.uint16)
-    assert disparity_of(depth, F_B_PX_M) == pytest.approx(np.array([[-1.0, 75.0, 1.0, 30_000 / 65_535]]), rel=1e-5)
+def test_the_disparity_is_that_of_the_depth_inside_of_the_right_image() -> None:
+    depth = np.zeros((1, 400), np.uint16)
+    depth[0, [0, 5, 6, 74, 75, 100, 399]] = 65_535, 5000, 5000, 400, 400, 30_000, 1
+    found = disparity_of(depth, F_B_PX_M)
+    assert found[0, [6, 75, 100]] == pytest.approx([6.0, 75.0, 1.0], rel=1e-5)
+    found[0, [6, 75, 100]] = -1.0
+    assert (found == -1.0).all()
 
 
 def test_the_images_are_needed_by_each_rule() -> None:

@@ -12,6 +12,7 @@ from drivers.cameras.match_confidence import (
     ConfidenceLimits,
     accepted_matches,
     derivative,
+    large_patches,
     match_statistics,
     patches,
     repetitive,
@@ -21,7 +22,7 @@ from drivers.cameras.stereo import MatchParams, StereoMatcher, compute_disparity
 
 WIDTH, HEIGHT, D = 320, 160, 48
 PARAMS = MatchParams(disparities=D, edge_px=0)
-OFF = ConfidenceLimits(correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0, smear_rows=0)
+OFF = ConfidenceLimits(correlation=0.0, texture=0.0, period=1.0, patch_px=0, patch_per_px=0.0, smear_px=0, smear_rows=0)
 ALL = ConfidenceLimits()
 
 
@@ -117,9 +118,9 @@ def test_a_blank_box_keeps_its_upright_outline_and_nothing_else(noise_grey: floa
     assert not (found[:, D : 150 - reach] >= 0.0).any()
     assert not (found[30:, 150 + reach : 250 - reach] >= 0.0).any()
     assert not (found[:, 250 + reach :] >= 0.0).any()
-    smeared = StereoMatcher(replace(PARAMS, correlation=0.0, texture=0.0, period=1.0, patch_px=0)).disparity(
-        left, right
-    )
+    smeared = StereoMatcher(
+        replace(PARAMS, correlation=0.0, texture=0.0, period=1.0, patch_px=0, patch_per_px=0.0)
+    ).disparity(left, right)
     assert (smeared[:, 250 + reach :] >= 0.0).any() or (smeared[30:, 160:240] >= 0.0).any()
 
 
@@ -200,6 +201,25 @@ def test_holes_in_weak_texture_do_not_grow() -> None:
     disparity = np.full((60, 80), 9.0, np.float32)
     disparity[30:34, 40:44] = -1.0
     assert np.array_equal(without_smear(disparity, 1, 4, 7), disparity)
+
+
+@pytest.mark.parametrize(
+    ("disparity_px", "rows", "stays"), [(37.0, 20, False), (37.0, 30, True), (9.5, 20, True), (0.0, 5, True)]
+)
+def test_a_near_edge_needs_more_rows(disparity_px: float, rows: int, stays: bool) -> None:
+    """Two equal edges of different things agree in 20 rows at a disparity of 37 px, as if a thing stood at 3 m."""
+    disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    disparity[40 : 40 + rows, 100:104] = disparity_px
+    disparity[:, 200:260] = 45.0  # a large thing nearer still
+    kept = large_patches(disparity, 3.0, 1.5)
+    assert (kept[40 : 40 + rows, 100:104] == disparity_px).all() == stays
+    assert (kept[:, 200:260] == 45.0).all()
+    assert (kept[:, :90] == -1.0).all()
+
+
+def test_without_any_match_no_patch_is_large() -> None:
+    nothing = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    assert np.array_equal(large_patches(nothing, 3.0, 1.5), nothing)
 
 
 def test_small_patches_are_dropped() -> None:
