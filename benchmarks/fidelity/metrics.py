@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from core.types import Intrinsics
+from core.types import TEXTURED_MM, Intrinsics
 from drivers.simulation.ray_caster import RECTANGLE, ROW, cast_rays
 from drivers.simulation.source import Rendered
 
@@ -106,7 +106,8 @@ def rays_of(frame: Rendered, ke_per_m: float, min_height_m: float = 0.6, blind_l
         obstacle=np.asarray(truth.obstacle(min_height_m) & within & sees),
         open=np.asarray(~solid & sees),
         solid=np.asarray(solid),
-        measured=np.asarray((frame.depth_mm > 0) & (frame.depth_mm < 65534)),
+        # marks of unmeasured pixels are values too
+        measured=np.asarray((frame.depth_mm > (TEXTURED_MM if info.marks_smooth else 0)) & (frame.depth_mm < 65534)),
     )
 
 

@@ -123,7 +123,7 @@ def counts_of(seen: Seen) -> Counts:
         missed=int((missed & judged).sum()),
         rays_inside=int(inside.sum()),
         missed_inside=int((missed & inside).sum()),
-        outlines=outline_counts(seen, rays, stop_m),
+        outlines=outline_counts(frame, seen.scene.blank, rays, stop_m, seen.unmatched_left_px),
     )
 
 

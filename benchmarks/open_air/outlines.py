@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.fidelity.metrics import MISSED_M, Rays
-from benchmarks.open_air.views import Seen
+from drivers.simulation.source import Rendered
 
 INSIDE_PX = 2
 """The outline is so wide, inside of the edge."""
@@ -37,18 +37,20 @@ def upright_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return off
 
 
-def outline_counts(seen: Seen, rays: Rays, stop_m: NDArray[np.float64]) -> list[OutlineCounts]:
-    """The outlines of the scene's blank things within the camera's range."""
-    frame = seen.frame
+def outline_counts(
+    frame: Rendered, blank: tuple[str, ...], rays: Rays, stop_m: NDArray[np.float64], unmatched_left_px: int
+) -> list[OutlineCounts]:
+    """The outlines of the scene's blank things within the camera's range. blank: their names; unmatched_left_px: columns that
+    never have a match."""
     label = frame.truth.label(frame.scene)
     slack = np.fmax(MISSED_M, 2.0 * rays.sigma_m)
     depth_m = frame.depth_mm * 1e-3 * rays.per_depth
     right = (frame.depth_mm > 0) & (np.abs(depth_m - rays.range_m) <= slack)
     found = []
-    for name in seen.scene.blank:
+    for name in blank:
         mine = label == frame.scene.names.index(name)
         outline = upright_outline(mine) & rays.obstacle
-        outline[:, : seen.unmatched_left_px + 8] = False
+        outline[:, : unmatched_left_px + 8] = False
         outline[:, -8:] = False
         # what lies before the thing covers its edge: that edge is the other thing's
         outline &= _frontmost(rays.range_m)
