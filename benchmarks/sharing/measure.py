@@ -36,13 +36,22 @@ START_S = 1.0
 _THIN = 3
 
 
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """Share of obstacle rays that pass behind the planes, and behind the planes with their margins; number of rays."""
+
+    share: float
+    with_margins: float
+    rays: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
     """One run. rate: greatest B/s of a vehicle over WINDOW_S; mean_rate: over the flight; latency_s: p50, p95 and greatest
     from the confirmation of a new obstacle by its owner until it is published by another vehicle, in flight; start_s: p95 with all that is in view at
     the start; never: share of those that never
-    arrived; missed_joint, missed_all: share of obstacle rays, by the first vehicle with its neighbours, and by one vehicle
-    that flew all parts; pairs: of receivers and senders."""
+    arrived; alone, joint, one: obstacle rays missed by the first vehicle, by it with its neighbours, and by one vehicle that flew
+    all parts; pairs: of receivers and senders."""
 
     scene: str
     vehicles: int
@@ -52,9 +61,9 @@ class Figures:
     latency_s: tuple[float, float, float]
     start_s: float
     never: float
-    missed_joint: float
-    missed_all: float
-    missed_alone: float
+    alone: Missed
+    joint: Missed
+    one: Missed
     pairs: tuple[Pair, ...]
     lost: float
     late_frames: int
@@ -134,12 +143,13 @@ def _figures(
     early, _ = _delays(outcomes, 0)
     pairs = pairs_of(parts, outcomes)
     flown_by = [r for part in parts for r in part.rendered]
-    first = outcomes[0]
+    first, error = outcomes[0], parts[0].error
     assert first.shared is not None
-    own, shared = (parts[0].error.true_boxes(p) for p in (first.own, first.shared.planes.astype(np.float64)))
-    everything = World()
-    for k, seen in enumerate(s for part in parts for s in part.true):
-        everything.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=(k + 1) * NS // 5))
+    own = error.true_boxes(first.own), first.own_margin_m
+    shared = error.true_boxes(first.shared.planes.astype(np.float64)), first.shared.margin_m
+    alone, one = _missed(views, *own, flown_by), _missed(views, *_one_vehicle(parts), flown_by)
+    planes, margin_m = (np.concatenate(columns) for columns in zip(own, shared, strict=True))
+    joint = _missed(views, planes, margin_m, flown_by)
     datagrams = sum(map(len, traffic.sent)) * (len(parts) - 1)
     refused: dict[str, int] = {}
     for outcome in outcomes:
@@ -150,17 +160,19 @@ def _figures(
         scene=scene, vehicles=len(parts), seed=seed, rate=max(r[0] for r in rates), mean_rate=max(r[1] for r in rates),
         latency_s=(float(np.percentile(in_flight, 50)), float(np.percentile(in_flight, 95)), float(in_flight.max())),
         start_s=float(np.percentile(early, 95)), never=never,
-        missed_joint=_missed(views, np.concatenate([own, shared]), flown_by), missed_all=_missed(views, _all_planes(everything), flown_by),
-        missed_alone=_missed(views, own, flown_by), pairs=tuple(pairs),
+        alone=alone, joint=joint, one=one, pairs=tuple(pairs),
         lost=traffic.lost / max(1, datagrams), late_frames=sum(o.late_frames for o in outcomes), refused=refused,
-        planes=len(own),
+        planes=len(own[0]),
     )  # fmt: skip
 
 
-def _all_planes(world: World) -> Floats:
-    """Of all sections: from one part to the next the single vehicle may jump."""
-    found = [section.box for section in world.saved()]
-    return np.concatenate(found)
+def _one_vehicle(parts: Sequence[Part]) -> tuple[Floats, Floats]:
+    """(planes, margins) of one vehicle that flew all parts, of all sections: from one part to the next it may jump."""
+    world = World()
+    for k, seen in enumerate(s for part in parts for s in part.true):
+        world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=(k + 1) * NS // 5))
+    sections = world.saved()
+    return np.concatenate([s.box for s in sections]), np.concatenate([s.margin_m for s in sections])
 
 
 def _rates(sent: Sequence[tuple[int, int]], begin_ns: int) -> tuple[float, float]:
@@ -188,15 +200,16 @@ def _delays(outcomes: Sequence[Outcome], since_ns: int) -> tuple[Floats, float]:
     return np.array(found), missing / max(1, missing + len(found))
 
 
-def _missed(views: Sequence[Rendered], planes: Floats, flown_by: Sequence[Rendered]) -> float:
-    """Share of the obstacle rays that pass behind the truth, of those whose point the flights have seen."""
-    missed = seen = 0
+def _missed(views: Sequence[Rendered], planes: Floats, margin_m: Floats, flown_by: Sequence[Rendered]) -> Missed:
+    """The obstacle rays that pass behind the truth, of those whose point the flights have seen."""
+    missed = with_margins = seen = 0
     for view in views:
         rays = rays_under(view, EXACT, Params())
-        v = judge(view, rays, in_level(planes, view))
+        v = judge(view, rays, in_level(planes, view), margin_m)
         some = np.s_[::_THIN, ::_THIN]
         asked = rays.obstacle[some]
         was_seen = seen_by(to_ned(view, view.truth.points_level_cam_m[some][asked]), flown_by)
         seen += int(was_seen.sum())
         missed += int(v.missed[some][asked][was_seen].sum())
-    return missed / max(1, seen)
+        with_margins += int(v.missed_margin[some][asked][was_seen].sum())
+    return Missed(missed / max(1, seen), with_margins / max(1, seen), seen)

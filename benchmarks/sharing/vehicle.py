@@ -47,12 +47,13 @@ class Task:
 
 @dataclass(slots=True)
 class Outcome:
-    """What one vehicle measured. own: (N, 6) planes of the own world in the end, own_ids; shared: in the end."""
+    """What one vehicle measured. own: (N, 6) planes of the own world in the end, own_margin_m, own_ids; shared: in the end."""
 
     number: int
     confirmed: Confirmed = field(default_factory=Confirmed)
     received: Received = field(default_factory=Received)
     own: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
+    own_margin_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     own_ids: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
     shared: SharedObstacles | None = None
     counts: dict[str, int] = field(default_factory=dict)
@@ -109,6 +110,7 @@ def fly(task: Task, out: Connection) -> None:
         sharing.close()
     picture = world.picture(time.monotonic_ns())
     outcome.own, outcome.own_ids = picture.planes.astype(np.float64), picture.slots
+    outcome.own_margin_m = picture.margin_m.astype(np.float64)
     outcome.counts = dict(health.received)
     out.send(outcome)
 

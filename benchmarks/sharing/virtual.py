@@ -110,6 +110,7 @@ class VirtualVehicle:
         """What it has measured."""
         picture = self.world.picture(now_ns)
         self.outcome.own, self.outcome.own_ids = picture.planes.astype(np.float64), picture.slots
+        self.outcome.own_margin_m = picture.margin_m.astype(np.float64)
         self.outcome.counts = dict(self.team.map.counts)
         return self.outcome
 

@@ -22,6 +22,8 @@ from .correlation import Floats, Grid, Scores, scores, thinned, turned
 from .placement import Placement
 
 COARSE = Grid(0.4, math.radians(1.0), 0.3)
+COMMON = Grid(COARSE.cell_m, COARSE.turn_rad, 0.5, flat=True)
+"""Counts the samples in the common area: within 1.5 m of own ones."""
 FINE = Grid(0.1, math.radians(0.5), 0.2)
 FINE_REACH_M = 1.2
 EVIDENCE_PER_M = 0.5
@@ -54,6 +56,10 @@ MOST_LENGTH_M, AROUND_M = 200.0, 40.0
 MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.6, math.radians(2.5)
 RIVAL_M, LEAST_LOG_ODDS = 1.6, 3.0
 """A place at least RIVAL_M away must be less probable by exp(LEAST_LOG_ODDS)."""
+MOST_RIVAL_SHARE, LEAST_RIVAL_M = 1.05, 60.0
+"""At no other place with this length in the common area may a share of it match that is this much greater: in a row of
+similar trees more of them match where more of the row is common. For true places it was 0.79 to 1.03, for places one
+period off 1.08 to 1.16."""
 MOST_EDGE = 0.1
 """Greatest probability at the edge of the fine grid."""
 POSITION_SIGMAS = 4.0
@@ -128,11 +134,13 @@ class _Posterior:
         place: x, y of the centre in the own frame, yaw.
         covariance: (3, 3) of place.
         log_odds: of the best place against the best other one.
+        rival_share: greatest share of the common area that matches at another place, over that at the best place.
         edge: probability at the edge of the fine grid."""
 
     place: tuple[float, float, float]
     covariance: Floats
     log_odds: float
+    rival_share: float
     edge: float
 
     @property
@@ -262,14 +270,21 @@ def _inside(points: Floats, others: Floats, reach_m: float) -> NDArray[np.bool_]
 
 def _posterior(pairs: tuple[_Pair, ...], centre: Floats, prior: Placement) -> _Posterior:
     """Returns the probability of the place of the centre. centre: relative to the pivot."""
-    coarse = _searched(pairs, centre, prior, COARSE, PRIOR_SIGMAS * prior.sigma_m + 1.0)
+    reach_m = PRIOR_SIGMAS * prior.sigma_m + 1.0
+    coarse = _searched(pairs, centre, prior, COARSE, reach_m)
     value = _log_probability(coarse, prior)
     k, i, j = np.unravel_index(int(np.argmax(value)), value.shape)
     shift = coarse.shift_m
     off = float(shift[i]), float(shift[j])
-    far = np.hypot(shift[:, None] - off[0], shift[None] - off[1]) > RIVAL_M
+    apart_m = np.hypot(shift[:, None] - off[0], shift[None] - off[1])
+    far, near = apart_m > RIVAL_M, apart_m <= 1.5 * COARSE.cell_m
     log_odds = float(value[k, i, j] - value[:, far].max())
+    common_m = _searched(pairs, centre, prior, COMMON, reach_m).value
+    share = np.where(common_m >= LEAST_RIVAL_M, coarse.value / np.maximum(common_m, 1.0), 0.0)
+    far &= np.hypot(shift[:, None], shift[None]) <= PRIOR_SIGMAS * prior.sigma_m
     fine = _searched(pairs, centre, prior, FINE, FINE_REACH_M, off)
+    best_share = max(float(share[:, near].max()), float(fine.value.max() / max(common_m[k, i, j], 1.0)))
+    rival_share = float(share[:, far].max(initial=0.0)) / max(best_share, 1e-9)
     value = _log_probability(fine, prior, off)
     p = np.exp(value - value.max())
     p /= p.sum()
@@ -283,7 +298,7 @@ def _posterior(pairs: tuple[_Pair, ...], centre: Floats, prior: Placement) -> _P
     steps = np.array([FINE.cell_m, FINE.cell_m, FINE.turn_rad])
     covariance = (rest * p.ravel()) @ rest.T + np.diag(steps**2 / 12.0)
     place = float(mean[0]), float(mean[1]), math.remainder(float(mean[2]), math.tau)
-    return _Posterior(place, covariance, log_odds, 1.0 - float(p[:, 1:-1, 1:-1].sum()))
+    return _Posterior(place, covariance, log_odds, rival_share, 1.0 - float(p[:, 1:-1, 1:-1].sum()))
 
 
 def _searched(
@@ -343,7 +358,7 @@ def _judged(found: _Posterior, matches: _Matches, centre: Floats, prior: Placeme
         return FitResult.TOO_LITTLE
     if matches.agreeing < LEAST_AGREEING:
         return FitResult.INCONSISTENT
-    if found.log_odds < LEAST_LOG_ODDS:
+    if found.log_odds < LEAST_LOG_ODDS or found.rival_share > MOST_RIVAL_SHARE:
         return FitResult.AMBIGUOUS
     if found.sigma_m > MAX_SIGMA_M or found.sigma_yaw_rad > MAX_SIGMA_YAW_RAD or found.edge > MOST_EDGE:
         return FitResult.UNOBSERVABLE

@@ -18,12 +18,17 @@ REACH_SPREADS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Steps of a search. cell_m, turn_rad: of shift and rotation; spread_m: standard deviation of the score around a
-    sample."""
+    """Steps of a search.
+
+    Attributes:
+        cell_m, turn_rad: of shift and rotation.
+        spread_m: standard deviation of the score around a sample.
+        flat: the score is 1 within REACH_SPREADS times the spread."""
 
     cell_m: float
     turn_rad: float
     spread_m: float
+    flat: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +90,8 @@ def _field(points: Floats, low: NDArray[np.int_], high: NDArray[np.int_], grid: 
             off = (at + 0.5) * grid.cell_m - points
             inside = ((at >= low) & (at < high)).all(axis=1)
             score = np.exp(-0.5 * (off**2).sum(axis=1) / grid.spread_m**2)
+            if grid.flat:
+                score = (score >= math.exp(-0.5 * REACH_SPREADS**2)).astype(np.float64)
             np.maximum.at(field, tuple((at[inside] - low).T), score[inside])
     return field
 

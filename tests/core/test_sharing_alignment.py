@@ -214,3 +214,31 @@ def test_fits_from_opposite_directions_are_right_within_their_margins() -> None:
             errors.append(error_m)
     assert len(errors) >= 6
     assert np.median(errors) < 0.3
+
+
+def trees(rng: np.random.Generator, first: int, last: int) -> Floats:
+    """Planes (N, 6) of crowns in a row, alternately on both sides, 3.2 m apart: what one vehicle has observed of each."""
+    world = np.random.Generator(np.random.PCG64(9))
+    rows = []
+    for k in range(16):
+        y, radius = (-1.0 if k % 2 else 1.0) * world.uniform(4.0, 6.0), world.uniform(1.2, 1.6)
+        for _ in range(14):
+            angle, size = rng.uniform(0.0, math.pi), radius * rng.uniform(0.5, 1.0)
+            x, off = 3.2 * k + rng.normal(0.0, 0.2), rng.normal(0.0, 0.3)
+            dx, dy = size * math.cos(angle), size * math.sin(angle)
+            if first <= k <= last:
+                rows.append((x - dx, y + off - dy, x + dx, y + off + dy, -5.0, -1.0))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_row_of_trees_is_not_shifted_by_a_period(seed: int) -> None:
+    """Five trees are common. One or two periods aside seven or more fit less well, but to a greater length."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    true = placed(40.0, 0.0, -3.0, 0.4)
+    off = 3.0 * np.array([-1.0, 0.2])
+    found = fit(other_of(true, trees(rng, 6, 15)), trees(rng, 0, 10), placed(40.0 + off[0], off[1], -3.0, 0.42))
+    if found.result is FitResult.ACCEPTED:
+        middle = np.array([found.placement.pivot_m])
+        error_m = math.hypot(*(found.placement.points(middle) - true.points(middle))[0, :2])
+        assert error_m < 2.0 * found.placement.sigma_m
