@@ -22,7 +22,6 @@ from .oak_pipeline import (
     DEPTH,
     LEFT,
     RIGHT,
-    SAME_FRAME_S,
     OakLink,
     OakSettings,
     connect_device,
@@ -153,7 +152,7 @@ class OakSource:
                     f"camera {self._settings.camera}: a {name} image of {image.dtype}, rows and columns {image.shape}, for "
                     f"depth of {depth.shape}; expected RAW8 of the same size. {_UNTESTED}"
                 )
-            if apart_s > SAME_FRAME_S:
+            if apart_s > self._settings.same_exposure_s:
                 raise BadData(
                     f"camera {self._settings.camera}: a {name} image is stamped {apart_s:.3f} s from its depth. {_UNTESTED}"
                 )

@@ -46,11 +46,14 @@ class OakSettings:
         """Whether the rectified images are requested beside the depth."""
         return needs_images(self.match)
 
+    @property
+    def same_exposure_s(self) -> float:
+        """Stamps of one exposure differ by less. Exposures are a period apart; those of both cameras need not be at one instant."""
+        return 0.4 / self.fps
+
 
 DEPTH, LEFT, RIGHT = "depth", "left", "right"
 """Names in a group of messages."""
-SAME_FRAME_S = 0.001
-"""Messages of one exposure bear the same stamp; it must not differ by more."""
 
 
 class OakLink(Protocol):
@@ -87,14 +90,14 @@ def configure(config: Any, confidence: int) -> None:
     config.postProcessing.adaptiveMedianFilter.enable = False
 
 
-def synchronised(pipeline: Any, outputs: dict[str, Any]) -> Any:
+def synchronised(pipeline: Any, outputs: dict[str, Any], same_exposure_s: float) -> Any:
     """The output of groups of messages of one exposure. outputs: by name. The host groups them: where one of them is missing, no
     group comes."""
     import depthai as dai
 
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)
-    sync.setSyncThreshold(timedelta(seconds=SAME_FRAME_S))
+    sync.setSyncThreshold(timedelta(seconds=same_exposure_s))
     for name, output in outputs.items():
         output.link(sync.inputs[name])
     return sync.out
@@ -124,7 +127,9 @@ class DeviceLink:
         output = stereo.depth
         if settings.with_images:
             output = synchronised(
-                self._pipeline, {DEPTH: stereo.depth, LEFT: stereo.rectifiedLeft, RIGHT: stereo.rectifiedRight}
+                self._pipeline,
+                {DEPTH: stereo.depth, LEFT: stereo.rectifiedLeft, RIGHT: stereo.rectifiedRight},
+                settings.same_exposure_s,
             )
         self.queue = output.createOutputQueue(maxSize=2, blocking=False)
         self._pipeline.start()

@@ -20,6 +20,8 @@ from drivers.cameras.stereo import MatchParams
 WIDTH, HEIGHT = 64, 40
 DEVICE_ALONE = MatchParams(correlation=0.0, texture=0.0, period=1.0)
 """No rule of the host: the images are not requested."""
+PERIOD_S = 0.04
+"""Of frames with images, in settings and in the pipeline of the host."""
 MATRIX = [[45.0, 0.0, 31.5], [0.0, 45.0, 19.5], [0.0, 0.0, 1.0]]
 
 
@@ -130,7 +132,7 @@ class HostPairLink(HostLink):
     def __init__(self, make: Callable[[int], dict[str, dai.ImgFrame]], baseline_m: float | None = 0.075) -> None:
         self.baseline_m = baseline_m
         self._pipeline = dai.Pipeline(createImplicitDevice=False)
-        node = self._pipeline.create(HostPair, ("depth", "left", "right"), make, 0.01)
-        self.queue = synchronised(self._pipeline, node.outs).createOutputQueue(2, False)
+        node = self._pipeline.create(HostPair, ("depth", "left", "right"), make, PERIOD_S)
+        self.queue = synchronised(self._pipeline, node.outs, 0.4 * PERIOD_S).createOutputQueue(2, False)
         self._pipeline.start()
         self._stopped = False

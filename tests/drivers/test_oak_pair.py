@@ -14,12 +14,12 @@ from drivers.base import BadData, DeviceLost
 from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import OakSettings
 
-from .oak_host import HostLink, HostPairLink, depth_message, group_message, image_message, now
+from .oak_host import PERIOD_S, HostLink, HostPairLink, depth_message, group_message, image_message, now
 from .test_device_matches import F_PX, WALL_MM, WIDTH, device_depth, scene
 
 pytestmark = pytest.mark.process
 
-SETTINGS = OakSettings(camera="front", first_frame_s=3.0)
+SETTINGS = OakSettings(camera="front", first_frame_s=3.0, fps=1.0 / PERIOD_S)
 MATRIX = [[F_PX, 0.0, 119.5], [0.0, F_PX, 39.5], [0.0, 0.0, 1.0]]
 LEFT, RIGHT = scene(sky_rows=40)
 DEPTH = device_depth()
@@ -66,12 +66,23 @@ def test_a_stream_that_never_comes_is_a_lost_device(missing: str) -> None:
 def test_streams_of_different_exposures_are_no_frames() -> None:
     def late(number: int) -> dict[str, dai.ImgFrame]:
         found = parts(number)
-        found["right"].setTimestamp(found["right"].getTimestamp() - timedelta(milliseconds=5, seconds=number % 2))
+        found["right"].setTimestamp(found["right"].getTimestamp() - timedelta(seconds=0.5 * PERIOD_S))
         return found
 
     source = OakSource(replace(SETTINGS, first_frame_s=0.5), HostPairLink(late))
     with pytest.raises(DeviceLost, match="no depth frame with both rectified images"):
         source.open()
+
+
+def test_cameras_that_expose_a_little_apart_are_one_exposure() -> None:
+    def apart(number: int) -> dict[str, dai.ImgFrame]:
+        found = parts(number)
+        found["right"].setTimestamp(found["right"].getTimestamp() - timedelta(seconds=0.3 * PERIOD_S))
+        return found
+
+    source = OakSource(SETTINGS, HostPairLink(apart))
+    source.open()
+    source.close()
 
 
 def test_a_stream_that_ends_in_operation_ends_the_frames() -> None:
