@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 from benchmarks.free_space.matrix import matrix_frames
+from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import RandomFrame, random_frame
 from benchmarks.free_space.readers import judge_readers
 from benchmarks.free_space.volume import WrongCell, wrong_cells
@@ -149,6 +150,9 @@ def main(arguments: list[str] | None = None) -> int:
         action="store_true",
         help="judge frames as a caller who does not treat the model's ground as solid",
     )
+    parser.add_argument(
+        "--near", type=int, default=0, help="frames with things nearer than the minimum range, which are not measured"
+    )
     parser.add_argument("--worlds", type=int, default=0)
     parser.add_argument("--sectors", type=int, default=0, help="frames whose sectors are judged")
     parser.add_argument(
@@ -162,6 +166,7 @@ def main(arguments: list[str] | None = None) -> int:
     run_frames((random_frame(a.seed, number) for number in numbers), a.below_ground, counts)
     if a.matrix:
         run_frames(matrix_frames(a.seed), a.below_ground, counts)
+    run_frames((near_frame(a.seed, number) for number in range(a.first, a.first + a.near)), a.below_ground, counts)
     run_worlds(a.first, a.worlds, a.seed, counts)
     run_sectors(a.first, a.sectors, a.seed, counts)
     run_readers(a.first, a.readers, a.seed, counts)

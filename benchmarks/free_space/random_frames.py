@@ -131,13 +131,13 @@ def random_scene(rng: np.random.Generator, name: str, reach_m: float, thin_m: fl
     return s.build()
 
 
-def has_room(scene: Scene, height_m: float, place_m: tuple[float, float] = (0.0, 0.0)) -> bool:
-    """Whether nothing is nearer than about ROOM_M to a camera at this height over a place in ned."""
-    azimuth, z = np.meshgrid(np.linspace(-math.pi, math.pi, 24), height_m * -1.0 + np.linspace(-ROOM_M, ROOM_M, 7))
+def has_room(scene: Scene, height_m: float, place_m: tuple[float, float] = (0.0, 0.0), room_m: float = ROOM_M) -> bool:
+    """Whether nothing is nearer than about room_m to a camera at this height over a place in ned."""
+    azimuth, z = np.meshgrid(np.linspace(-math.pi, math.pi, 24), height_m * -1.0 + np.linspace(-room_m, room_m, 7))
     n = azimuth.size
     origins = np.stack([np.full(n, place_m[0]), np.full(n, place_m[1]), z.ravel()], axis=1)
     directions = np.stack([np.cos(azimuth).ravel(), np.sin(azimuth).ravel(), np.zeros(n)], axis=1)
-    _, which = first_solids(scene, False, origins, directions, np.zeros(n), np.full(n, ROOM_M), 0.0)
+    _, which = first_solids(scene, False, origins, directions, np.zeros(n), np.full(n, room_m), 0.0)
     return bool((which == -2).all())
 
 

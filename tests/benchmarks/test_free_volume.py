@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.free_space import campaign as free_campaign
 from benchmarks.free_space import worlds as free_worlds
+from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import ROOM_M, has_room, random_frame
 from benchmarks.free_space.readers import ReaderCounts, judge_readers
 from benchmarks.free_space.volume import above_ground, first_solids, wrong_cells
@@ -187,6 +188,22 @@ def test_a_random_frame_is_the_same_again_and_has_room_for_its_camera() -> None:
     near = SceneBuilder("near")
     near.box("box", ROOM_M + 0.4, 0.0, 1.0, 1.0, 4.0)
     assert not has_room(near.build(), 2.0)
+
+
+def test_a_near_frame_is_the_same_again_and_holds_a_thing_that_is_too_near() -> None:
+    unmeasured = 0
+    for number in range(8):
+        one, other = near_frame(1, number), near_frame(1, number)
+        np.testing.assert_array_equal(one.frame.depth_mm, other.frame.depth_mm)
+        least_m = one.frame.info.min_range_m
+        assert not ((one.frame.depth_mm > 0) & (one.frame.depth_mm < 1000 * least_m)).any()
+        # in a tenth of this range the same camera would measure what is missing
+        near = replace(one.camera.measures, min_range_m=0.05)
+        camera = replace(one.camera, measures=near, info=near)
+        place = (0.0, 0.0, float(one.frame.position_ned_m[2]))
+        again = camera.image(one.frame.scene, place, 0.0, one.pitch_deg, one.roll_deg, number)
+        unmeasured += bool(((again.depth_mm > 0) & (again.depth_mm < 1000 * least_m)).any())
+    assert unmeasured >= 6
 
 
 def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(
