@@ -19,6 +19,9 @@ MIN_GROUND_SHARE = 0.03
 """Least share of the image's patches on the ground."""
 MAX_BELOW_SHARE = 0.05
 """Greatest share of the measured patches below the ground."""
+MIN_SPREAD = 1.25
+"""Least standard deviation of the ground's inverse depth, over the noise that the driver states: with 0.3 px, ground over 1.3 pixels
+of disparity. Matchers prefer whole pixels. Less ground is inclined by that, in each frame alike: flat ground by up to 20 degrees."""
 FIT_SDS = 3.0
 """Standard deviations of the fit within which the slope of the ground is known: noise is correlated, and ground is
 not quite plane."""
@@ -92,6 +95,8 @@ def cues_of(surfaces: Surfaces) -> MountCues:
 
 def _is_ground(plane: Surface, surfaces: Surfaces) -> bool:
     if plane.share < MIN_GROUND_SHARE or plane.normal[2] < math.cos(MAX_INCLINATION_RAD):
+        return False
+    if plane.spread_per_m < MIN_SPREAD * surfaces.prior_per_m:
         return False
     beyond_m = surfaces.centres_m @ np.array(plane.normal) - plane.distance_m
     noise_m = BELOW_SIGMAS * surfaces.noise_per_m * np.linalg.norm(surfaces.centres_m, axis=1) * plane.distance_m

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,13 +21,15 @@ class Surface:
         distance_m: distance to the camera.
         share: share of the image's patches.
         lean_sd_rad: standard deviation of the inclination of the normal.
-        misfit: residual of the fit over the noise; far above 1 it is not a single plane."""
+        misfit: residual of the fit over the noise; far above 1 it is not a single plane.
+        spread_per_m: standard deviation of inverse depth over the surface, without noise."""
 
     normal: tuple[float, float, float]
     distance_m: float
     share: float
     lean_sd_rad: float
     misfit: float = 1.0
+    spread_per_m: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +40,11 @@ class Surfaces:
         planes: surfaces, the largest first.
         measured_share: share of the patches with enough measurements.
         centres_m: (M, 3) float64, mean place of each measured patch in level_cam.
-        noise_per_m: standard deviation of inverse depth that the search used."""
+        noise_per_m: standard deviation of inverse depth that the search used.
+        prior_per_m: the same as the driver states it."""
 
     planes: tuple[Surface, ...]
     measured_share: float
     centres_m: Floats
     noise_per_m: float
+    prior_per_m: float = 0.0

@@ -43,10 +43,11 @@ PATCH = record(*((name, np.float64) for name in (*MOMENTS, "w_x", "w_y", "w_z", 
 """A patch of the image. n to qq: moments of its samples (n: their number, 0: not usable, negative: not a plane),
 where x and y are tangents and q the inverse depth. w: solution of the fit. rms: its residual, 1/m."""
 SURFACE = record(
-    *((name, np.float64) for name in ("w_x", "w_y", "w_z", "patches", "misfit")),
+    *((name, np.float64) for name in ("w_x", "w_y", "w_z", "patches", "misfit", "spread")),
     *((name, np.float64) for name in ("c_xx", "c_xy", "c_xz", "c_yy", "c_yz", "c_zz")),
 )
-"""A surface: w, its number of patches, its residual over the noise, and the inverse of the normal matrix of the fit."""
+"""A surface: w, its number of patches, its residual over the noise, the standard deviation of its inverse depth
+without this residual, and the inverse of the normal matrix of the fit."""
 
 
 @inner
@@ -235,7 +236,9 @@ def grow_surface(patches, taken, across, noise, scratch, surface, mark):
             taken[i] = mark
             n += 1
     surface.w_x, surface.w_y, surface.w_z, surface.patches = best.w_x, best.w_y, best.w_z, n
-    surface.misfit = math.sqrt(mean_square(total, best)) / noise
+    rest, mean = mean_square(total, best), total.q / total.n
+    surface.misfit = math.sqrt(rest) / noise
+    surface.spread = math.sqrt(max(0.0, total.qq / total.n - mean * mean - rest))
     return n if _inverse(total, surface) and n >= MIN_PATCHES else 0
 
 
@@ -293,7 +296,7 @@ def find_surfaces(depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optica
     planes = tuple(_surface(row, R, noise, len(patches)) for row in table[:count])
     m = patches[patches["n"] != 0.0]
     rays = np.stack([m["x"], m["y"], np.abs(m["n"])], axis=1) / m["q"][:, None]
-    return Surfaces(planes, len(m) / max(1, len(patches)), rays @ R.T, float(noise))
+    return Surfaces(planes, len(m) / max(1, len(patches)), rays @ R.T, float(noise), info.ke_per_m)
 
 
 def _surface(row: Any, R: Rotation, noise: float, patches: int) -> Surface:
@@ -303,4 +306,6 @@ def _surface(row: Any, R: Rotation, noise: float, patches: int) -> Surface:
     # the variance of the worst direction is an upper bound for any inclination
     crosswise = max(abs(row.c_xy), abs(row.c_xz), abs(row.c_yz))
     sd = noise * math.sqrt(max(0.0, float(row.c_xx + row.c_yy + row.c_zz + 2.0 * crosswise))) / length
-    return Surface((x, y, z), 1.0 / length, float(row.patches) / max(1, patches), sd, float(row.misfit))
+    return Surface(
+        (x, y, z), 1.0 / length, float(row.patches) / max(1, patches), sd, float(row.misfit), float(row.spread)
+    )

@@ -105,3 +105,20 @@ def test_surfaces_are_plain_numbers() -> None:
     for plane in find_surfaces(image([GROUND, FRONT], R), INFO, R, 0.0015).planes:
         assert isinstance(plane, Surface)
         assert math.hypot(*plane.normal) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("height_m", "found"), [(2.0, True), (3.0, True), (4.8, False), (5.0, False), (5.2, False)])
+def test_ground_over_one_pixel_of_disparity_is_no_cue(height_m: float, found: bool) -> None:
+    """A ZED that leans by 2 degrees over flat ground, range 12 m. Its matcher prefers whole pixels, by 0.12 px."""
+    f_px, baseline_m, prior_px = 350.0, 0.12, 0.3
+    intrinsics = Intrinsics(672, 376, f_px, f_px, 335.5, 187.5)
+    info = CameraInfo("front", intrinsics, max_range_m=12.0, ke_per_m=prior_px / (f_px * baseline_m))
+    R = tilted(0.0, -2.0)
+    down = R[2, 1] * (np.arange(376) - 187.5) / f_px + R[2, 2]
+    disparity = f_px * baseline_m * np.maximum(down, 1e-3)[:, None] / height_m
+    disparity = disparity - 0.12 * np.sin(2.0 * np.pi * disparity)
+    disparity = np.maximum(disparity + np.random.default_rng(1).normal(0.0, 0.05, (376, 672)), 0.7)
+    image_mm = 1000.0 * f_px * baseline_m / disparity
+    cues = cues_of(find_surfaces(image_mm.astype(np.uint16), info, R, 0.0025))
+    assert cues.ground is found
+    assert math.degrees(cues.slope_rad) < 1.0
