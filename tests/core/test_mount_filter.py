@@ -126,6 +126,18 @@ def test_ground_before_a_long_pause_confirms_no_mount(pause_s: float, confirmed:
     assert confirmed_by_ground(later, np.eye(3), 0.0, params) is confirmed
 
 
+@pytest.mark.parametrize(("slope_deg", "longest_s"), [(0.0, 22.6), (0.3, 10.3), (0.7, 0.7)])
+def test_ground_that_appears_inclined_confirms_a_mount_for_a_shorter_time(slope_deg: float, longest_s: float) -> None:
+    """The times that docs/explanation/open-space.md states."""
+    state = run((0.0, 0.0), (slope_deg, 0.0), np.zeros(200), noise_deg=0.0)[-1]
+    lasted = 0
+    while confirmed_by_ground(state, np.eye(3), 0.0, P) and lasted < 1000:
+        assert state.t_ns is not None
+        state = checked(state, state.t_ns + NS // 10, NO_CUES, np.eye(3), 0.0, P)
+        lasted += 1
+    assert lasted / 10 == pytest.approx(longest_s, abs=0.3)
+
+
 @pytest.mark.parametrize("diagonal", [False, True])
 def test_ground_confirms_a_mount_by_the_least_certain_direction(diagonal: bool) -> None:
     """The same uncertainty along x or along a diagonal of the level axes: 0.5 degrees, of which two sigma are 1 degree."""
