@@ -21,6 +21,7 @@ POSITION_NS: Final = NS
 PLANES_NS: Final = NS
 """Planes of a world without a newer frame are neither sent nor used to align."""
 ALIGN_NS: Final = 2 * NS
+"""Interval of the fits of each neighbour. They are spread over it, because nothing is sent during a fit."""
 ALIGN_PLANES: Final = 300
 """Own planes that a neighbour's are compared with, the nearest."""
 
@@ -70,8 +71,8 @@ class Team:
         return {name: queue.packets(offer, now_ns) for name, queue in self.queues.items()}
 
     def align(self, now_ns: int) -> bool:
-        """Aligns the frames of the neighbours, every ALIGN_NS; returns whether it did."""
-        if now_ns - self._align_ns < ALIGN_NS:
+        """Aligns the frame of a neighbour, each one every ALIGN_NS; returns whether it did."""
+        if now_ns - self._align_ns < ALIGN_NS // max(1, self.map.vehicles):
             return False
         self._align_ns = now_ns
         self.map.align(self._planes(now_ns).box[:ALIGN_PLANES], self.state(now_ns), now_ns)

@@ -20,6 +20,18 @@ from numpy.typing import NDArray
 from ..codes import Code
 from .correlation import Floats, Grid, Scores, scores, thinned, turned
 from .placement import Placement
+from .samples import (
+    MOST_OWN_SAMPLES,
+    MOST_SAMPLES,
+    PRIOR_SIGMAS,
+    SAMPLE_M,
+    SamplePair,
+    Samples,
+    common_samples,
+    inside,
+    sample_pairs,
+    samples_of,
+)
 
 COARSE = Grid(0.4, math.radians(1.0), 0.3)
 COMMON = Grid(COARSE.cell_m, COARSE.turn_rad, 0.5, flat=True)
@@ -29,13 +41,6 @@ FINE_REACH_M = 1.2
 EVIDENCE_PER_M = 0.5
 """Logarithm of the likelihood per metre of matched samples. Neighbouring samples are not independent: with this value
 errors of simulated fits were 0.3 to 0.7 of the computed standard deviation."""
-SAMPLE_M = 0.2
-"""Distance of samples along planes."""
-LONG_M, EXTENDED_M = 5.0, 3.0
-"""Where a plane of at least LONG_M ends is often the end of the view, and differs between vehicles. Samples of long
-planes are therefore compared with long own planes that are extended at both ends: they do not determine the place
-along the plane."""
-MOST_SAMPLES, MOST_OWN_SAMPLES = 3000, 6000
 MATCH_M = 0.3
 """Greatest distance of a sample that matches."""
 OVERLAP_M = 1.5
@@ -50,9 +55,6 @@ SYSTEMATIC_M = 0.2
 """Standard deviation of what all obstacles have in common, such as their thickness between opposite views."""
 MOST_PRIOR_M, MOST_PRIOR_RAD = 6.0, math.radians(10.0)
 """Greatest uncertainty of the place by position, which determines the size of the search."""
-PRIOR_SIGMAS = 3.0
-MOST_LENGTH_M, AROUND_M = 200.0, 40.0
-"""Length of the longest planes that are used; radius around the middle in which samples count."""
 MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.6, math.radians(2.5)
 RIVAL_M, LEAST_LOG_ODDS = 1.6, 3.0
 """A place at least RIVAL_M away must be less probable by exp(LEAST_LOG_ODDS)."""
@@ -64,8 +66,6 @@ MOST_EDGE = 0.1
 """Greatest probability at the edge of the fine grid."""
 POSITION_SIGMAS = 4.0
 Z_TOLERANCE_M, LEAST_HEIGHTS, LEAST_HEIGHT_SHARE = 0.3, 4, 0.35
-MOST_PLANES = 300
-LEAST_LENGTH_M = 0.3
 
 
 class FitResult(Code):
@@ -95,35 +95,6 @@ class Fit:
     placement: Placement
     matched_m: float = 0.0
     agreeing: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
-class _Samples:
-    """S samples of planes.
-
-    Attributes:
-        points: (S, 2).
-        plane: (S,) rows of their planes.
-        long: (S,) planes of at least LONG_M."""
-
-    points: Floats
-    plane: NDArray[np.intp]
-    long: NDArray[np.bool_]
-
-    def part(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> _Samples:
-        return _Samples(self.points[rows], self.plane[rows], self.long[rows])
-
-
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    """Samples to compare.
-
-    Attributes:
-        points: (S, 2) of the neighbour, relative to the centre.
-        own: (T, 2) own samples."""
-
-    points: Floats
-    own: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,12 +151,12 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
         return Fit(FitResult.TOO_UNCERTAIN, prior)
     pivot = np.array([*prior.pivot_m[:2], *prior.pivot_m[:2], prior.pivot_m[2], prior.pivot_m[2]])
     other_box, own_box = other_box - pivot, own_box.astype(np.float64)
-    other, own = _common(_samples(other_box, MOST_SAMPLES), _samples(own_box, MOST_OWN_SAMPLES), prior)
+    other, own = common_samples(samples_of(other_box, MOST_SAMPLES), samples_of(own_box, MOST_OWN_SAMPLES), prior)
     if _too_little(other.plane) or _too_little(own.plane):
         return Fit(FitResult.TOO_LITTLE, prior)
     centre = other.points.mean(axis=0)
     other = replace(other, points=other.points - centre)
-    found = _posterior(_pairs(other, own, own_box), centre, prior)
+    found = _posterior(sample_pairs(other, own, own_box), centre, prior)
     matches = _matches(other, own, found.place)
     matched_m = SAMPLE_M * len(matches.other)
     result = _judged(found, matches, centre, prior)
@@ -218,57 +189,7 @@ def _too_little(plane: NDArray[np.intp]) -> bool:
     return SAMPLE_M * len(plane) < LEAST_MATCHED_M or len(np.unique(plane)) < LEAST_MATCHED_PLANES
 
 
-def _samples(box: Floats, most: int) -> _Samples:
-    """Returns samples along the longest planes of finite size, one in each cell of SAMPLE_M."""
-    length = np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1])
-    fits = np.isfinite(box).all(axis=1) & (length >= LEAST_LENGTH_M) & (length <= MOST_LENGTH_M)
-    good = np.flatnonzero(fits)
-    good = np.sort(good[np.argsort(-length[good], kind="stable")[:MOST_PLANES]])
-    step_m = max(SAMPLE_M, float(length[good].sum()) / (4 * most))
-    count = np.ceil(length[good] / step_m).astype(int)
-    plane = np.repeat(good, count)
-    share = (np.arange(len(plane)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / np.repeat(count, count)
-    points = box[plane, 0:2] + share[:, None] * (box[plane, 2:4] - box[plane, 0:2])
-    rows = thinned(points, SAMPLE_M)
-    samples = _Samples(points, plane, length[plane] >= LONG_M)
-    return samples.part(rows[:: max(1, math.ceil(len(rows) / most))])
-
-
-def _pairs(other: _Samples, own: _Samples, own_box: Floats) -> tuple[_Pair, ...]:
-    """Returns what is compared: samples of short planes with the own planes, those of long planes also with the
-    extensions of long own planes."""
-    box = own_box[np.unique(own.plane[own.long])]
-    along = box[:, 2:4] - box[:, 0:2]
-    along *= EXTENDED_M / np.maximum(np.hypot(along[:, 0], along[:, 1]), LONG_M)[:, None]
-    ends = np.concatenate([np.column_stack([e - d, e + d]) for e, d in ((box[:, 0:2], along), (box[:, 2:4], along))])
-    extended = _samples(np.column_stack([ends, np.zeros((len(ends), 2))]), MOST_OWN_SAMPLES)
-    pairs = (
-        _Pair(other.points[other.long], np.concatenate([own.points, extended.points])),
-        _Pair(other.points[~other.long], own.points),
-    )
-    return tuple(pair for pair in pairs if len(pair.points))
-
-
-def _common(other: _Samples, own: _Samples, prior: Placement) -> tuple[_Samples, _Samples]:
-    """Returns the samples that both vehicles may have observed, within AROUND_M, which limits the grid of the search."""
-    if not len(other.plane) or not len(own.plane):
-        return other, own
-    reach_m = PRIOR_SIGMAS * prior.sigma_m + 1.0
-    at = turned(other.points, prior.yaw_rad) + np.array(prior.at_m[:2])
-    near = _inside(at, own.points, reach_m)
-    if not near.any():
-        return other.part(near), own
-    middle = np.median(at[near], axis=0)
-    near &= np.hypot(*(at - middle).T) <= AROUND_M
-    return other.part(near), own.part(np.hypot(*(own.points - middle).T) <= AROUND_M + reach_m)
-
-
-def _inside(points: Floats, others: Floats, reach_m: float) -> NDArray[np.bool_]:
-    low, high = others.min(axis=0) - reach_m, others.max(axis=0) + reach_m
-    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
-
-
-def _posterior(pairs: tuple[_Pair, ...], centre: Floats, prior: Placement) -> _Posterior:
+def _posterior(pairs: tuple[SamplePair, ...], centre: Floats, prior: Placement) -> _Posterior:
     """Returns the probability of the place of the centre. centre: relative to the pivot."""
     reach_m = PRIOR_SIGMAS * prior.sigma_m + 1.0
     coarse = _searched(pairs, centre, prior, COARSE, reach_m)
@@ -302,7 +223,7 @@ def _posterior(pairs: tuple[_Pair, ...], centre: Floats, prior: Placement) -> _P
 
 
 def _searched(
-    pairs: tuple[_Pair, ...],
+    pairs: tuple[SamplePair, ...],
     centre: Floats,
     prior: Placement,
     grid: Grid,
@@ -331,10 +252,10 @@ def _log_probability(found: Scores, prior: Placement, off: tuple[float, float] =
     return np.asarray(EVIDENCE_PER_M * found.value - 0.5 * moved - 0.5 * rotated[:, None, None])
 
 
-def _matches(other: _Samples, own: _Samples, place: tuple[float, float, float]) -> _Matches:
+def _matches(other: Samples, own: Samples, place: tuple[float, float, float]) -> _Matches:
     """Returns what matches at this place."""
     at = turned(other.points, place[2]) + np.array(place[:2])
-    near = _inside(own.points, at, OVERLAP_M)
+    near = inside(own.points, at, OVERLAP_M)
     own = own.part(near)
     if not len(own.plane):
         none = np.zeros(0, np.intp)

@@ -76,6 +76,7 @@ class Neighbour:
     refused: int = 0
     dropped: int = 0
     last_fit: Fit | None = None
+    fitted_ns: int = 0
     _candidate: Placement | None = None
     _aligned: Placement | None = None
     _aligned_ns: int = 0
@@ -147,6 +148,7 @@ class Neighbour:
 
     def align(self, own_box: Floats, own: LocalFrame, now_ns: int) -> None:
         """Tries to refine the place of the frame by own planes, (N, 6). Two consecutive fits must agree."""
+        self.fitted_ns = now_ns
         prior = self._by_position(own)
         if prior is None or not self.planes:
             return

@@ -99,14 +99,20 @@ class NeighbourMap:
         self.counts["accepted"] += 1
         return ""
 
+    @property
+    def vehicles(self) -> int:
+        """Number of neighbours."""
+        return len(self._neighbours)
+
     def align(self, own_box: Floats, own: OwnState, now_ns: int) -> None:
-        """Refines the places of the neighbours' frames by own planes, (N, 6) in the own frame."""
+        """Refines the place of the frame of one neighbour by own planes, (N, 6) in the own frame: of that whose newest
+        fit is the oldest."""
         self._follow(own)
-        if own.state is None or not self.params.align:
+        if own.state is None or not self.params.align or not self._neighbours:
             return
-        for _, neighbour in sorted(self._neighbours.items()):
-            neighbour.expire(now_ns, self.params)
-            neighbour.align(own_box, own.state.frame, now_ns)
+        neighbour = min(self._neighbours.values(), key=lambda n: (n.fitted_ns, n.vehicle))
+        neighbour.expire(now_ns, self.params)
+        neighbour.align(own_box, own.state.frame, now_ns)
 
     def obstacles(self, own: OwnState, now_ns: int) -> SharedObstacles:
         """Returns the obstacles that count now."""

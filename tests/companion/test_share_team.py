@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,9 +21,10 @@ from companion.share.packet_rate import PacketRate
 from companion.share.team import NS, Team
 from companion.share.thread import Sharing
 from companion.streams.publisher import Publisher, Stream
+from core.sharing.neighbour import Neighbour
 from core.sharing.obstacles import PlacementState
 from core.sharing.packet_codec import decoded
-from core.sharing.records import SharedMover, SharedPlanes, VehicleState
+from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
 from core.sharing.send_budget import Budget
 from core.types import PoseSample
 from drivers.sharing.link import ReceivedPacket
@@ -98,6 +100,30 @@ def test_a_wrong_origin_is_aligned_by_the_planes_of_both() -> None:
     assert np.abs(got.planes[:, :4] - true[:, :4]).max() < 0.3
     assert (got.margin_m < 2.0).all()
     assert [m.centre_m[0] for m in got.movers] == [pytest.approx(31.0, abs=1.5)]
+
+
+def test_neighbours_are_aligned_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit takes a fraction of a second, in which nothing is sent: each neighbour has its own instants."""
+    tried: list[tuple[int, float]] = []
+    monkeypatch.setattr(Neighbour, "align", _noting(tried))
+    others = (ShareConfig(origin="47.0, 8.0, 400", align=False) for _ in range(2))
+    teams = [team(1, "47.0, 8.0, 400")]
+    teams += [Team(config, k + 2, 1_700_000_000, 0, 0.4, {"tunnel": THIN}) for k, config in enumerate(others)]
+    for one in teams:
+        one.own.planes = OwnPlanes(street(), 1)
+    flown(teams, 10.0, [0.0, 30.0, 10.0])
+    times = [[t for vehicle, t in tried if vehicle == number] for number in (2, 3)]
+    assert all(float(np.abs(np.diff(some[1:]) - 2.0).max()) < 0.01 for some in times), times
+    assert not set(times[0]) & set(times[1])
+    assert all(len(some) >= 4 for some in times)
+
+
+def _noting(tried: list[tuple[int, float]]) -> Callable[[Neighbour, np.ndarray, LocalFrame, int], None]:
+    def align(neighbour: Neighbour, own_box: np.ndarray, own: LocalFrame, now_ns: int) -> None:
+        neighbour.fitted_ns = now_ns
+        tried.append((neighbour.vehicle, now_ns / NS))
+
+    return align
 
 
 def test_nothing_is_sent_or_placed_without_a_position() -> None:
