@@ -205,6 +205,7 @@ class Tracker:
             frame.camera_m,
             self._state.next_id,
             frame.t_ns,
+            frame.positioned,
         )
         self._state = replace(self._state, next_id=int(next_id))
         self.counts["tracks_evicted"] += evicted

@@ -35,9 +35,9 @@ def begin_frame(table, dt_s, rules):
 
 
 @kernel
-def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns):
-    """Updates, begins and merges tracks. eye: x, y, z of the camera. Returns (next id, tracks removed for want of slots,
-    detections left out)."""
+def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns, joins):
+    """Updates, begins and merges tracks. eye: x, y, z of the camera; joins: whether fragments of thin obstacles are joined.
+    Returns (next id, tracks removed for want of slots, detections left out)."""
     removed, left_out = 0, 0
     eye_x, eye_y = eye[0], eye[1]
     for i in range(detections.shape[0]):
@@ -68,7 +68,8 @@ def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns)
         begin_track(table, j, detections[i], i, next_id, t_ns)
         next_id += 1
         observe(table, j, detections[i], rules, eye, t_ns)
-    join_lines(table, detections, rules, eye, t_ns)
+    if joins:
+        join_lines(table, detections, rules, eye, t_ns)
     for i in range(detections.shape[0]):
         detections[i].track = present_slot(table.tracks, detections[i].track)
     for j in range(table.tracks.shape[0]):

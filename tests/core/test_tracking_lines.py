@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, frame
+from .test_tracking import SMALL, frame, without_position
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
@@ -202,3 +202,15 @@ def test_a_wire_at_an_angle_to_the_view_is_followed_from_a_moving_camera(slope: 
     ax, ay, bx, by = s.planes[longest, :4]
     assert math.atan2(by - ay, bx - ax) == pytest.approx(math.atan2(12.0, 12.0 * slope), abs=0.08)
     assert math.hypot(bx - ax, by - ay) > 10.0
+
+
+def test_without_a_position_fragments_are_not_joined() -> None:
+    """Those of several frames lie apart by the error of the estimated motion: the plane would be moved by metres."""
+    tracker, rng = Tracker(SMALL), np.random.default_rng(12)
+    for k in range(15):
+        f = without_position(thin(fragments(WIRE, rng), k))
+        s = tracker.observe(f)
+        assert_all_hidden(f, s, WIRE)
+    lengths = np.hypot(s.planes[:, 2] - s.planes[:, 0], s.planes[:, 3] - s.planes[:, 1])
+    assert len(s.ids) > 3
+    assert lengths.max() < 12.0
