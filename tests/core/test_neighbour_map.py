@@ -15,7 +15,7 @@ from core.sharing.neighbour_map import NS, NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind, PlacementState, SharedObstacles
 from core.sharing.packet_codec import MOST_BYTES, OVERHEAD_BYTES, movers_packet, planes_packet, state_packet
 from core.sharing.params import SharingParams
-from core.sharing.plane_codec import PLANE_BYTES
+from core.sharing.plane_codec import LONG
 from core.sharing.records import Header, LocalFrame, SharedMover, SharedPlanes, VehicleState
 
 FRAME = LocalFrame(
@@ -151,8 +151,8 @@ def test_a_packet_that_is_longer_than_any_link_sends_is_refused_undecoded() -> N
     data = planes_packet(header(5), walls, (0.0, 0.0, 0.0))
     assert len(data) > MOST_BYTES
     assert NeighbourMap(1).receive(data, NS) == "bad_length"
-    most = (MOST_BYTES - OVERHEAD_BYTES) // PLANE_BYTES
-    assert NeighbourMap(1).receive(data[: OVERHEAD_BYTES + most * PLANE_BYTES], NS) == ""
+    most = (MOST_BYTES - OVERHEAD_BYTES) // LONG.bytes
+    assert NeighbourMap(1).receive(data[: OVERHEAD_BYTES + most * LONG.bytes], NS) == ""
 
 
 def test_other_vehicles_and_too_many_vehicles_are_refused() -> None:
