@@ -54,7 +54,10 @@ FLIGHTS = {
     "climb_bridge": Flight(thing="bridge_above", course=CLIMB, seconds=9.0, still_s=math.inf),
     "turn_container": Flight(thing="near_container", course=BESIDE, seconds=9.0, still_s=math.inf),
     "turn_pillar": Flight(thing="near_pillar", course=BESIDE, seconds=9.0, still_s=math.inf),
-    **{thing: _towards(thing) for thing in ("container", "wall", "pillar", "balloon", "overhang", "bridge")},
+    **{
+        thing: _towards(thing)
+        for thing in ("container", "wall", "pillar", "thin_pillar", "balloon", "overhang", "bridge")
+    },
 }
 
 
@@ -78,6 +81,8 @@ def scene_of(thing: str, seed: int = 0, sky: str = "clear") -> StereoScene:
         s.wall("blank wall", (AHEAD_M, -30.0), (AHEAD_M, 30.0), 8.0)
     elif thing == "pillar":
         s.pole("pillar", AHEAD_M, 0.1, 0.5, 10.0)
+    elif thing == "thin_pillar":
+        s.pole("pillar", AHEAD_M, 0.0, 0.12, 10.0)
     elif thing == "near_pillar":
         s.pole("pillar", 6.0, 0.1, 0.5, 10.0)
     elif thing == "balloon":
