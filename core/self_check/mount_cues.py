@@ -19,8 +19,8 @@ MIN_GROUND_SHARE = 0.03
 """Least share of the image's patches on the ground."""
 MAX_BELOW_SHARE = 0.05
 """Greatest share of the measured patches below the ground."""
-MIN_SPREAD = 1.25
-"""Least standard deviation of the ground's inverse depth, over the noise that the driver states: with 0.3 px, ground over 1.3 pixels
+MIN_SPREAD = 2.0
+"""Least standard deviation of the ground's inverse depth, over the noise that the driver states: with 0.3 px, ground over two pixels
 of disparity. Matchers prefer whole pixels. Less ground is inclined by that, in each frame alike: flat ground by up to 20 degrees."""
 FIT_SDS = 3.0
 """Standard deviations of the fit within which the slope of the ground is known: noise is correlated, and ground is
