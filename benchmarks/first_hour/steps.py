@@ -66,6 +66,7 @@ class Session:
                 stdout=stream,
                 stderr=stream,
                 start_new_session=True,
+                preexec_fn=_heed_ctrl_c,
             )
         if step.starts:
             self._running[step.text] = process, out, begun_s
@@ -84,6 +85,11 @@ class Session:
         os.killpg(process.pid, signal.SIGINT)
         named = Step(step.stop, step.status, step.shows)
         return _result(named, process, out, begun_s, STOP_LIMIT_S)
+
+
+def _heed_ctrl_c() -> None:
+    """A shell starts background commands with SIGINT ignored, and what they start inherits it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _result(step: Step, process: subprocess.Popen[bytes], out: Path, begun_s: float, limit_s: float) -> Done:
