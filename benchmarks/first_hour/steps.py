@@ -66,7 +66,7 @@ class Session:
                 stdout=stream,
                 stderr=stream,
                 start_new_session=True,
-                preexec_fn=_heed_ctrl_c,
+                preexec_fn=_restore_ctrl_c,
             )
         if step.starts:
             self._running[step.text] = process, out, begun_s
@@ -87,7 +87,7 @@ class Session:
         return _result(named, process, out, begun_s, STOP_LIMIT_S)
 
 
-def _heed_ctrl_c() -> None:
+def _restore_ctrl_c() -> None:
     """A shell starts background commands with SIGINT ignored, and what they start inherits it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class Flight:
     """thing: of `scene_of`; seconds, until_m: longest time and way; still_s: standing for so long ends it."""
 
     thing: str
-    course: Course = Course()  # noqa: RUF009
+    course: Course = field(default_factory=Course)
     seconds: float = 40.0
     until_m: float = TOWARDS_M
     still_s: float = 1.0

@@ -2,8 +2,8 @@
 
 An obstacle is kept as a point in ned, or without a position in level, turned with the heading. It is deleted if two
 frames in a row see its place and both sides of it free, since a thin obstacle is not found in every frame, and after
-remember_s. If the position estimate jumps, begins or ends, or the
-heading jumps, the point keeps its place relative to the vehicle."""
+remember_s. If the position estimate jumps, begins or ends, or the heading jumps, the point keeps its place relative to
+the vehicle."""
 
 from __future__ import annotations
 
