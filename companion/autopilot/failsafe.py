@@ -168,7 +168,7 @@ def braking_reach(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> Br
     near_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
     wall_cm = _wall_cm(policy) if policy.name == "brake" else 0
     closing = closing_m_s(sight)
-    approach_cm = (wall_cm + 100.0 * APPROACH_S * closing) * (wall_cm > 0)
+    approach_cm = wall_cm + 100.0 * APPROACH_S * closing if wall_cm > 0 else np.zeros(SECTORS)
     always_cm: NDArray[np.float64] = np.maximum(near_cm, wall_cm)
     unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
     beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
@@ -204,6 +204,7 @@ class BlindPolicy:
         self._follow(sight, policy, now_ns)
         if policy.name == "brake" and self._brakes(now_ns):
             return np.full(SECTORS, _wall_cm(policy), np.uint16)
+        reach = braking_reach(sight, self._avoid, policy)
         values = encoded(sight.scan, self._avoid)
         values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
         if policy.name != "stop" or policy.all_around:  # ArduPilot takes unknown for clear
@@ -212,11 +213,11 @@ class BlindPolicy:
             self._planes(values, sight.scan)
             self._wall(values, sight, policy)
         if policy.name == "brake":
-            self._approached(values, sight, policy)
+            self._approached(values, sight.scan, reach)
         values = np.minimum(values, self._recalled(sight, policy))
         if policy.name != "stop":
-            self._leave_edge(values, sight, policy)
-            into, reach = into_unseen(sight) & (values != UNKNOWN), braking_reach(sight, self._avoid, policy)
+            self._leave_edge(values, sight, reach)
+            into = into_unseen(sight) & (values != UNKNOWN)
             values[into] = beside_unknown(values, clear_cm(self._avoid), reach)[into]
         if sight.on_ground:
             # no value above the farthest obstacle: it would mean clear
@@ -225,22 +226,21 @@ class BlindPolicy:
         silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
         return None if silent and policy.name != "stop" else values
 
-    def _approached(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
+    def _approached(self, values: NDArray[np.uint16], scan: SectorScan, reach: BrakingReach) -> None:
         """Puts measured obstacles that PX4 must brake for into unseen sectors.
 
         PX4 does not brake for unknown sectors beside its course. Something unmeasured may be before the obstacle, so PX4 must
         not be permitted to move into the sector: a farther obstacle is sent at the distance of the wall."""
-        scan, reach = sight.scan, braking_reach(sight, self._avoid, policy)
         wanted = (
             (scan.state == SectorState.UNSEEN) & (100.0 * scan.distance_m <= reach.approach_cm) & (values == UNKNOWN)
         )
         values[wanted] = np.minimum(near_cm(scan.distance_m[wanted], self._avoid), reach.wall_cm)
 
-    def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
+    def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView, reach: BrakingReach) -> None:
         """Removes obstacles from sectors at the edge of the view, because PX4 moves into a sector that has any value.
 
         They are kept if they are near or if the vehicle approaches them: then PX4 must brake for them."""
-        values[sight.edge & sight.seeing & (values > braking_reach(sight, self._avoid, policy).always_cm)] = UNKNOWN
+        values[sight.edge & sight.seeing & (values > reach.always_cm)] = UNKNOWN
 
     def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
         """Updates since when sectors are blind.
