@@ -48,7 +48,8 @@ def _indices(folder: Path, modules: set[str]) -> int:
 def _group_of(source: Path) -> str:
     if source.parts[0] == "drivers":
         return "simulated"
-    return source.parts[1] if source.parts[0] == "core" and source.parts[1] in ("world", "tracking") else "extractor"
+    groups = ("world", "tracking", "sharing")
+    return source.parts[1] if source.parts[0] == "core" and source.parts[1] in groups else "extractor"
 
 
 def progress_text(done: int, total: int) -> str:

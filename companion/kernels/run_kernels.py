@@ -8,8 +8,9 @@ import numpy as np
 
 from core.types import CameraInfo, ExtractorState, FrameModel, Ground, Intrinsics
 
-MODES = ("extractor", "world", "tracking", "simulated")
-"""Groups of kernels: the extractor, the merged world, the tracked obstacles and the simulated camera."""
+MODES = ("extractor", "world", "tracking", "sharing", "simulated")
+"""Groups of kernels: the extractor, the merged world, the tracked obstacles, the alignment with neighbours and the
+simulated camera."""
 
 
 def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
@@ -34,6 +35,9 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
             continue
         if mode == "tracking":
             _run_tracking_kernels()
+            continue
+        if mode == "sharing":
+            _run_sharing_kernels()
             continue
         extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
@@ -123,6 +127,14 @@ def _run_tracking_kernels() -> None:
     Tracker(state=tracker.state())
     # only obstacles that have begun to move are compared with earlier views
     support_by_view(np.zeros(1, OBJECT), rules_of(TrackingParams())[0], free_view(model, (0.0, 0.0, 0.0)))
+
+
+def _run_sharing_kernels() -> None:
+    """Compares the samples of two planes."""
+    from core.sharing.correlation import Grid, scores
+
+    points = np.column_stack([np.arange(20) * 0.2, np.zeros(20)])
+    scores(points, np.zeros((1, 2)), np.zeros(1), 1.0, points, Grid(0.4, 0.01, 0.3))
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

@@ -128,7 +128,9 @@ def run(args: argparse.Namespace) -> int:
     world = ("world",) if config.publish.world else ()
     tracking = ("tracking",) if config.tracking.enabled else ()
     simulated = ("simulated",) if any(camera.kind == "simulated" for camera in config.cameras) else ()
-    loading = Loading("extractor", *world, *tracking, *simulated)  # loads beside the imports, which take longer
+    sharing = ("sharing",) if config.share.enabled else ()
+    # loads beside the imports, which take longer
+    loading = Loading("extractor", *world, *tracking, *sharing, *simulated)
     stop = threading.Event()
 
     def end(*_: object) -> None:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import inner
+
 Floats = NDArray[np.float64]
 REACH_SPREADS = 3.0
 """A sample has no score beyond this number of spreads from a plane."""
@@ -82,24 +84,47 @@ def scores(
 def _field(points: Floats, low: NDArray[np.int_], high: NDArray[np.int_], grid: Grid) -> Floats:
     """Returns the score of a sample in each cell: that of the nearest point."""
     field = np.zeros(high - low)
-    cell = np.floor(points / grid.cell_m).astype(int)
+    cell = np.floor(points / grid.cell_m).astype(np.int64, order="C")
     reach = math.ceil(REACH_SPREADS * grid.spread_m / grid.cell_m)
-    for di in range(-reach, reach + 1):
-        for dj in range(-reach, reach + 1):
-            at = cell + np.array([di, dj])
-            off = (at + 0.5) * grid.cell_m - points
-            inside = ((at >= low) & (at < high)).all(axis=1)
-            score = np.exp(-0.5 * (off**2).sum(axis=1) / grid.spread_m**2)
-            if grid.flat:
-                score = (score >= math.exp(-0.5 * REACH_SPREADS**2)).astype(np.float64)
-            np.maximum.at(field, tuple((at[inside] - low).T), score[inside])
+    around = cell[:, :, None] + np.arange(-reach, reach + 1)
+    off_m = (around + 0.5) * grid.cell_m - points[:, :, None]
+    _raise_around(field, cell - low - reach, np.exp(-0.5 * (off_m / grid.spread_m) ** 2))
+    if grid.flat:
+        field = (field >= math.exp(-0.5 * REACH_SPREADS**2)).astype(np.float64)
     return field
 
 
 def _sums(field: Floats, points: Floats, low: NDArray[np.int_], cells: int, cell_m: float) -> Floats:
     """Returns the summed score of all shifts, (2 cells + 1, 2 cells + 1)."""
-    side = 2 * cells + 1
-    total = np.zeros((side, side))
-    for i, j in (np.floor(points / cell_m).astype(int) - low - cells).tolist():
-        total += field[i : i + side, j : j + side]
+    total = np.zeros((2 * cells + 1, 2 * cells + 1))
+    _add_windows(total, field, np.floor(points / cell_m).astype(np.int64, order="C") - low - cells)
     return total
+
+
+@inner
+def _raise_around(field, first, factors):
+    """Raises the field (I, J) around points to their scores. A score is the product of a factor along x and one along
+    y.
+
+    first: (T, 2) int64, first cell of the window of each point, which may extend beyond the field.
+    factors: (T, 2, W)."""
+    for t in range(len(first)):
+        for a in range(factors.shape[2]):
+            i = first[t, 0] + a
+            if i < 0 or i >= field.shape[0]:
+                continue
+            for b in range(max(0, -first[t, 1]), min(factors.shape[2], field.shape[1] - first[t, 1])):
+                j = first[t, 1] + b
+                field[i, j] = max(field[i, j], factors[t, 0, a] * factors[t, 1, b])
+
+
+@inner
+def _add_windows(total, field, first):
+    """Adds the windows of the field (I, J) that begin at the cells `first`, (S, 2) int64, to the total (W, W)."""
+    for s in range(len(first)):
+        column = first[s, 1]
+        for a in range(total.shape[0]):
+            # slices of one row are contiguous, so the inner loop is vectorised
+            out, window = total[a], field[first[s, 0] + a, column : column + total.shape[1]]
+            for b in range(len(out)):
+                out[b] += window[b]
