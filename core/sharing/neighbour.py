@@ -21,7 +21,9 @@ KEEP_FIT_NS = 30 * NS
 SILENT_NS = 10 * NS
 """After this silence any packet is accepted, because the sender may have been restarted with its clock set back."""
 MOST_RETIRED = 8
-"""Greatest number of frames that a neighbour has left and whose planes have not expired; a further change is refused."""
+"""Greatest number of frames that a neighbour has left and whose reports have not expired; a further change is refused."""
+MOST_MOVERS = 128
+"""Moving obstacles held of one frame; the oldest are dropped, and counted. A sender has 56 of them in two seconds."""
 MOST_CONTRADICTIONS = 2
 """An alignment is also dropped after this number of consecutive fits with enough planes that do not agree with it."""
 
@@ -36,7 +38,7 @@ class HeldPlane:
 
 
 @dataclass(slots=True)
-class _HeldMover:
+class HeldMover:
     mover: SharedMover
     seen_ns: int
     received_ns: int
@@ -44,11 +46,12 @@ class _HeldMover:
 
 @dataclass(slots=True)
 class Retired:
-    """Planes of a frame that the neighbour has left, with the place of that frame. They count until they expire."""
+    """Reports of a frame that the neighbour has left, with the place of that frame. They count until they expire."""
 
     state: VehicleState | None
     aligned: Placement | None
     planes: dict[int, HeldPlane]
+    movers: dict[int, HeldMover]
 
     def placement(self, own: LocalFrame | None) -> Placement | None:
         """Returns the place of the frame; None: not known."""
@@ -71,7 +74,7 @@ class Neighbour:
     state_ns: int = 0
     planes: dict[int, HeldPlane] = field(default_factory=dict)
     retired: list[Retired] = field(default_factory=list)
-    movers: dict[int, _HeldMover] = field(default_factory=dict)
+    movers: dict[int, HeldMover] = field(default_factory=dict)
     packets: int = 0
     refused: int = 0
     dropped: int = 0
@@ -94,15 +97,15 @@ class Neighbour:
             least_offset_ms=arrival_ns / 1e6 - header.sent_ms,
         )
 
-    def refusal(self, header: Header, arrival_ns: int, params: SharingParams) -> str:
+    def refusal(self, packet: Packet, arrival_ns: int, params: SharingParams) -> str:
         """Returns why a packet must not be used, as a code; empty: it may. Changes nothing."""
-        if arrival_ns - self.received_ns > SILENT_NS:
-            return ""
-        if header.stream != self.stream and header.stream < self.stream:
+        header, silent = packet.header, arrival_ns - self.received_ns > SILENT_NS
+        if header.stream < self.stream and not silent:
             return "old_stream"
-        changed = (header.stream, header.section) != (self.stream, self.section)
-        if changed and len(self.retired) >= MOST_RETIRED:
+        if self._changes_frame(packet) and len(self.retired) >= MOST_RETIRED:
             return "too_many_frames"
+        if silent:
+            return ""
         if header.stream != self.stream:
             return ""
         if not self._continues(header, arrival_ns, params):
@@ -131,18 +134,18 @@ class Neighbour:
         elif isinstance(content, SharedPlanes):
             self._take_planes(content, arrival_ns, sent_ns, params.most_planes)
         else:
-            for mover in content:
-                self.movers[mover.id] = _HeldMover(mover, sent_ns - round(mover.age_s * NS), arrival_ns)
+            self._take_movers(content, arrival_ns, sent_ns)
 
     def expire(self, now_ns: int, params: SharingParams) -> None:
         """Removes reports that are too old."""
         oldest_ns = now_ns - round(params.expire_s * NS)
         self.planes = {k: p for k, p in self.planes.items() if p.received_ns > oldest_ns}
+        oldest_mover_ns = now_ns - round(params.mover_expire_s * NS)
+        self.movers = {k: m for k, m in self.movers.items() if m.seen_ns > oldest_mover_ns}
         for former in self.retired:
             former.planes = {k: p for k, p in former.planes.items() if p.received_ns > oldest_ns}
-        self.retired = [former for former in self.retired if former.planes]
-        oldest_ns = now_ns - round(params.mover_expire_s * NS)
-        self.movers = {k: m for k, m in self.movers.items() if m.seen_ns > oldest_ns}
+            former.movers = {k: m for k, m in former.movers.items() if m.seen_ns > oldest_mover_ns}
+        self.retired = [former for former in self.retired if former.planes or former.movers]
         if self._aligned is not None and now_ns - self._aligned_ns > KEEP_FIT_NS:
             self._aligned = None
 
@@ -187,6 +190,16 @@ class Neighbour:
             return None
         return placement_by_position(own, self.state.frame, self.state.position_m)
 
+    def _changes_frame(self, packet: Packet) -> bool:
+        """True if a packet is of another frame than those before."""
+        header, content = packet.header, packet.content
+        if (header.stream, header.section) != (self.stream, self.section):
+            return True
+        return isinstance(content, VehicleState) and self._moves_origin(content)
+
+    def _moves_origin(self, state: VehicleState) -> bool:
+        return self.state is not None and _origin(self.state.frame) != _origin(state.frame)
+
     def _continues(self, header: Header, arrival_ns: int, params: SharingParams) -> bool:
         """True if a packet of the same stream is later than those before, and not ahead of its arrival."""
         ahead_ms = header.sent_ms + self.least_offset_ms - arrival_ns / 1e6
@@ -210,15 +223,14 @@ class Neighbour:
         self.state = None
 
     def _retire(self) -> None:
-        """Moves the planes to `retired`: they keep the place of the frame in which they were reported, and expire
-        there."""
-        if self.planes:
-            self.retired.append(Retired(self.state, self._aligned, self.planes))
-            self.planes = {}
+        """Moves the reports to `retired`: they keep the place of the frame in which they were made, and expire there."""
+        if self.planes or self.movers:
+            self.retired.append(Retired(self.state, self._aligned, self.planes, self.movers))
+            self.planes, self.movers = {}, {}
         self._aligned = self._candidate = self.last_fit = None
 
     def _take_state(self, state: VehicleState, sent_ns: int) -> None:
-        if self.state is not None and _origin(self.state.frame) != _origin(state.frame):
+        if self._moves_origin(state):
             self._retire()
         self.state, self.state_ns = state, sent_ns
 
@@ -233,6 +245,14 @@ class Neighbour:
             )
             if len(self.planes) > most:
                 self.planes.pop(next(iter(self.planes)))
+                self.dropped += 1
+
+    def _take_movers(self, movers: tuple[SharedMover, ...], arrival_ns: int, sent_ns: int) -> None:
+        for mover in movers:
+            self.movers.pop(mover.id, None)
+            self.movers[mover.id] = HeldMover(mover, sent_ns - round(mover.age_s * NS), arrival_ns)
+            if len(self.movers) > MOST_MOVERS:
+                self.movers.pop(next(iter(self.movers)))
                 self.dropped += 1
 
 

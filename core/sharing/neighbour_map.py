@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bodies import Body, is_body
-from .neighbour import NS, HeldPlane, Neighbour, boxes_of
+from .neighbour import NS, HeldMover, HeldPlane, Neighbour, boxes_of
 from .obstacles import (
     MoverKind,
     NeighbourStatus,
@@ -91,7 +91,7 @@ class NeighbourMap:
             if len(self._neighbours) >= self.params.most_neighbours and not self._make_room(arrival_ns):
                 return self._refuse("too_many_neighbours")
             neighbour = self._neighbours[packet.header.vehicle] = Neighbour.first(packet.header, arrival_ns)
-        code = neighbour.refusal(packet.header, arrival_ns, self.params)
+        code = neighbour.refusal(packet, arrival_ns, self.params)
         if code:
             neighbour.refused += 1
             return self._refuse(code)
@@ -159,29 +159,37 @@ class NeighbourMap:
             refused=neighbour.refused,
             vehicle_m=None,
         )
-        parts = [
-            self._planes_of(neighbour.vehicle, planes, place, bodies, now_ns)
-            for planes, place in self._frames_of(neighbour, placement, own)
+        frames = self._frames_of(neighbour, placement, own)
+        parts = [self._planes_of(neighbour.vehicle, planes, place, bodies, now_ns) for planes, _, place in frames]
+        movers = [
+            mover
+            for _, held, place in frames
+            for mover in self._movers_of(neighbour.vehicle, held, place, bodies, now_ns)
         ]
-        held = len(neighbour.planes) + sum(len(former.planes) for former in neighbour.retired)
+        total = len(neighbour.planes) + sum(len(former.planes) for former in neighbour.retired)
         count = sum(len(part["sender"]) for part in parts)
-        status = replace(status, planes=count, withheld=held - count)
-        if placement is None or state is PlacementState.WITHHELD:
-            return parts, [], status
-        movers = self._movers_of(neighbour, placement, own, bodies, now_ns)
-        body = self._body(neighbour, placement, now_ns)
-        status = replace(status, movers=len(movers), vehicle_m=None if body is None else body.centre_m)
+        certain = None if state is PlacementState.WITHHELD else placement
+        body = None if certain is None else self._body(neighbour, certain, now_ns)
+        if body is not None and not _is_observed(body, own):
+            movers.append(body)
+        vehicle_m = None if body is None else body.centre_m
+        status = replace(status, planes=count, withheld=total - count, movers=len(movers), vehicle_m=vehicle_m)
         return parts, movers, status
 
     def _frames_of(
         self, neighbour: Neighbour, placement: Placement | None, own: OwnState
-    ) -> list[tuple[dict[int, HeldPlane], Placement]]:
-        """Returns (planes, place) of the present frame and of former ones, if their place is known well enough."""
-        frame = None if own.state is None else own.state.frame
-        found = [(neighbour.planes, placement), *((f.planes, f.placement(frame)) for f in neighbour.retired)]
+    ) -> list[tuple[dict[int, HeldPlane], dict[int, HeldMover], Placement]]:
+        """Returns (planes, moving obstacles, place) of the present frame and of former ones, if their place is known
+        well enough."""
         if own.state is None:
             return []
-        return [(p, place) for p, place in found if place is not None and place.sigma_m <= self.params.max_sigma_m]
+        former = [(f.planes, f.movers, f.placement(own.state.frame)) for f in neighbour.retired]
+        most_m = self.params.max_sigma_m
+        return [
+            (planes, movers, place)
+            for planes, movers, place in [(neighbour.planes, neighbour.movers, placement), *former]
+            if place is not None and place.sigma_m <= most_m
+        ]
 
     def _planes_of(
         self, vehicle: int, planes_held: dict[int, HeldPlane], placement: Placement, bodies: list[Body], now_ns: int
@@ -204,20 +212,14 @@ class NeighbourMap:
         }
 
     def _movers_of(
-        self, neighbour: Neighbour, placement: Placement, own: OwnState, bodies: list[Body], now_ns: int
+        self, vehicle: int, movers: dict[int, HeldMover], placement: Placement, bodies: list[Body], now_ns: int
     ) -> list[SharedMovingObstacle]:
-        """Returns the moving obstacles without vehicles of the team, and the neighbour itself unless the own sensors
-        observe it."""
+        """Returns the moving obstacles of one frame without vehicles of the team."""
         found = []
-        for number, held in sorted(neighbour.movers.items()):
-            mover = _placed_mover(neighbour.vehicle, number, held.mover, placement, (now_ns - held.seen_ns) / NS)
+        for number, held in sorted(movers.items()):
+            mover = _placed_mover(vehicle, number, held.mover, placement, (now_ns - held.seen_ns) / NS)
             if not any(body.contains(mover.centre_m, mover.half_size_m, mover.margin_m) for body in bodies):
                 found.append(mover)
-        body = self._body(neighbour, placement, now_ns)
-        if body is not None:
-            extent = Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m)
-            if not any(extent.contains(centre, (0.0, 0.0, 0.0), 0.0) for centre in own.movers):
-                found.append(body)
         return found
 
     def _body(self, neighbour: Neighbour, placement: Placement, now_ns: int) -> SharedMovingObstacle | None:
@@ -278,6 +280,12 @@ def _state_of(placement: Placement | None, max_sigma_m: float) -> PlacementState
     if placement.sigma_m > max_sigma_m:
         return PlacementState.WITHHELD
     return PlacementState.ALIGNED if placement.refined else PlacementState.BY_POSITION
+
+
+def _is_observed(vehicle: SharedMovingObstacle, own: OwnState) -> bool:
+    """True if the own sensors observe a moving obstacle at the place of a neighbour."""
+    body = Body(vehicle.sender, vehicle.centre_m, vehicle.half_size_m[0], vehicle.margin_m)
+    return any(body.contains(centre, (0.0, 0.0, 0.0), 0.0) for centre in own.movers)
 
 
 def _placed_mover(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from core.sharing.neighbour import MOST_MOVERS
 from core.sharing.neighbour_map import NS, NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind, PlacementState, SharedObstacles
 from core.sharing.packet_codec import MOST_BYTES, OVERHEAD_BYTES, movers_packet, planes_packet, state_packet
@@ -252,6 +253,47 @@ def test_a_mover_is_carried_on_and_grows() -> None:
     assert late.centre_m[0] - early.centre_m[0] == pytest.approx(1.0, abs=0.02)
     assert late.margin_m > early.margin_m + 0.5
     assert all(m.kind is not MoverKind.OBSTACLE for m in found.obstacles(OWN, 5 * NS).movers)
+
+
+def test_a_mover_reported_before_a_jump_stays_at_its_place_until_it_expires() -> None:
+    """The neighbour's local frame moves 50 m north: its next positions are 50 m less."""
+    found = filled_map()
+    found.receive(movers_packet(header(1000), (mover(45.0),), (0.0, 0.0, 0.0)), 2 * NS)
+    moved = replace(FRAME, latitude_deg=FRAME.latitude_deg + 50.0 / 111_180.0)
+    found.receive(state_packet(header(1001, section=1), state(-20.0, moved)), 2 * NS)
+    places = [m.centre_m[0] for m in found.obstacles(OWN, 2 * NS).movers if m.kind is MoverKind.OBSTACLE]
+    assert places == [pytest.approx(45.0, abs=0.1)]
+    found.receive(movers_packet(header(1002, section=1), (mover(-5.0),), (0.0, 0.0, 0.0)), 2 * NS)
+    places = [m.centre_m[0] for m in found.obstacles(OWN, 2 * NS).movers if m.kind is MoverKind.OBSTACLE]
+    assert places == [pytest.approx(45.0, abs=0.2)] * 2
+    assert found.obstacles(OWN, 5 * NS).movers == ()
+
+
+def test_changes_of_the_origin_within_a_section_are_bounded_and_clear_nothing() -> None:
+    found = filled_map()
+    for k in range(40):
+        moved = replace(FRAME, altitude_m=400.0 + k)
+        found.receive(state_packet(header(50 + 2 * k), state(frame=moved)), 2 * NS)
+        found.receive(planes_packet(header(51 + 2 * k), wall(9), (0.0, 0.0, 0.0)), 2 * NS)
+    got = found.obstacles(OWN, 2 * NS)
+    assert 0 in got.ids.tolist()
+    assert found.counts["too_many_frames"] > 0
+    assert len(got.sender) <= 10
+
+
+def test_planes_and_movers_of_one_neighbour_are_bounded() -> None:
+    found = NeighbourMap(1, SharingParams(most_planes=64))
+    found.receive(state_at(0), NS)
+    for k in range(300):
+        at_ns = NS + 1000 * (k + 1)
+        some = tuple(replace(mover(100.0 + k), id=7 * k + n) for n in range(7))
+        assert found.receive(movers_packet(header(1 + 2 * k), some, (128.0, 0.0, 0.0)), at_ns) == ""
+        assert found.receive(wall_packet(2 + 2 * k, number=k), at_ns) == ""
+    got = found.obstacles(OWN, NS + 10**6)
+    assert sorted(got.ids.tolist()) == list(range(300 - 64, 300))
+    movers = {m.id for m in got.movers if m.kind is MoverKind.OBSTACLE}
+    assert len(movers) == MOST_MOVERS
+    assert movers >= set(range(7 * 299, 7 * 300))  # the newest
 
 
 # ---- the rule of safety ----------------------------------------------------------------------------------------------------
