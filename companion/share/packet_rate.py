@@ -30,15 +30,20 @@ class _Bucket:
 
 
 class PacketRate:
-    """`allows` is called with each packet as it arrives."""
+    """`allows` is called with each packet as it arrives. members: numbers of the accepted vehicles, empty: all."""
 
-    def __init__(self) -> None:
+    def __init__(self, members: frozenset[int]) -> None:
+        self._members = members
         self._senders: dict[tuple[str, int], _Bucket] = {}
         self._all = _Bucket(ALL_BURST, 0)
-        self.dropped: Counter[str] = Counter()
+        # all keys from the beginning: another thread reads them
+        self.dropped: Counter[str] = Counter(flood=0, unknown_sender=0, unrecorded=0)
 
     def allows(self, packet: ReceivedPacket) -> bool:
         """Whether a packet may be taken; others are counted."""
+        if self._members and packet.sender is not None and packet.sender not in self._members:
+            self.dropped["unknown_sender"] += 1  # before it takes from the rate of all
+            return False
         # senders are numbers of 8 bits: the table is bounded
         key = packet.transport, packet.sender or 0
         bucket = self._senders.setdefault(key, _Bucket(BURST, packet.arrival_ns))

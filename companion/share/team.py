@@ -89,7 +89,7 @@ class Team:
         if frame is not None and pose is not None and now_ns - pose.t_arrival_ns <= POSITION_NS:
             velocity = pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
             state = VehicleState(
-                frame=frame, position_m=pose.position_ned_m, velocity_m_s=velocity, radius_m=self._radius_m
+                frame=frame, position_m=_moved(pose, now_ns), velocity_m_s=velocity, radius_m=self._radius_m
             )
         return OwnState(
             state=state, section=self.own.planes.section, movers=tuple(m.centre_m for m in self._movers(now_ns))
@@ -110,3 +110,10 @@ class Team:
         passed_s = (now_ns - self.own.movers_ns) / NS
         aged = (replace(m, age_s=m.age_s + max(0.0, passed_s)) for m in self.own.movers)
         return tuple(m for m in aged if m.age_s <= self._config.mover_expire_s)
+
+
+def _moved(pose: PoseSample, now_ns: int) -> tuple[float, float, float]:
+    """The position moved to now_ns by its velocity."""
+    seconds = min(max(0, now_ns - pose.t_ns), POSITION_NS) / NS
+    (x, y, z), (vx, vy, vz) = pose.position_ned_m, pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
+    return x + vx * seconds, y + vy * seconds, z + vz * seconds

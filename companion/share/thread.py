@@ -58,7 +58,7 @@ class Sharing:
         self._config, self._radius_m, self._stream = config, radius_m, stream
         self._vehicle, self._publisher, self._boot, self._log = vehicle, publisher, boot, log
         self._packets: deque[ReceivedPacket] = deque(maxlen=MOST_WAITING)
-        self._rate = PacketRate()
+        self._rate = PacketRate(config.member_numbers())
         self.links = tuple(links(self._arrived))
         self._begun_ns = time.monotonic_ns()
         self._team: Team | None = None
@@ -273,13 +273,20 @@ class Sharing:
             self._next_log_ns = now_ns + LOG_NS
             self._record("neighbours", message, now_ns)
 
+    def _received(self, team: Team) -> dict[str, int]:
+        """Packets by code, with the messages that the links have refused."""
+        counts = team.map.counts + self._rate.dropped
+        for link in self.links:
+            counts.update(link.refused)
+        return dict(sorted(counts.items()))
+
     def _health_of(self, team: Team, now_ns: int) -> pb.TeamHealth:
         """The state of the team; rates are those of the last ten seconds."""
         health = pb.TeamHealth(
             vehicle=team.vehicle,
             frame_known=team.frame is not None,
             neighbours=neighbour_messages(self._obstacles.neighbours),
-            received=dict(sorted((team.map.counts + self._rate.dropped).items())),
+            received=self._received(team),
         )
         sent = {name: queue.sent_bytes for name, queue in team.queues.items()}
         if not self._rates or now_ns - self._rates[-1][0] >= NS:

@@ -185,11 +185,39 @@ def test_a_mover_that_cannot_be_sent_does_not_stop_the_others() -> None:
 
 
 def test_a_flood_of_one_sender_leaves_room_for_others() -> None:
-    rate = PacketRate()
+    rate = PacketRate(frozenset())
     flood = sum(rate.allows(ReceivedPacket("tunnel", b"", NS + k * 1000, 3)) for k in range(100_000))
     assert flood < 100
     assert rate.allows(ReceivedPacket("tunnel", b"", NS + 10**8, 4))
     assert rate.dropped["flood"] > 99_000
+
+
+def test_a_flood_of_vehicles_that_are_not_members_leaves_room_for_members() -> None:
+    rate = PacketRate(frozenset({2, 3}))
+    for k in range(20_000):
+        assert not rate.allows(ReceivedPacket("tunnel", b"", NS + k, 4 + k % 250))
+    assert rate.allows(ReceivedPacket("tunnel", b"", NS + 10**8, 2))
+    assert rate.dropped["unknown_sender"] == 20_000
+
+
+def test_the_counters_of_a_rate_are_there_from_the_beginning() -> None:
+    """Another thread reads them: a key that is added meanwhile would end it."""
+    rate = PacketRate(frozenset({2}))
+    before = set(rate.dropped)
+    for k in range(1000):
+        rate.allows(ReceivedPacket("tunnel", b"", NS + k, 2 + k % 2))
+    assert rate.dropped.keys() == before
+
+
+def test_an_old_position_is_moved_to_the_present() -> None:
+    """Positions may arrive a few times a second only: a vehicle at 10 m/s is metres further then."""
+    one = team(1, "47.0, 8.0, 400")
+    one.own.pose = PoseSample(
+        t_ns=NS, t_arrival_ns=NS + NS // 10, position_ned_m=(5.0, 1.0, -3.0), velocity_ned_m_s=(10.0, -2.0, 0.5)
+    )
+    state = one.state(NS + NS // 2).state
+    assert state is not None
+    assert state.position_m == pytest.approx((10.0, 0.0, -2.75))
 
 
 # ---- configuration and status --------------------------------------------------------------------------------------------------

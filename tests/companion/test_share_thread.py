@@ -106,3 +106,11 @@ def test_a_log_takes_a_limited_number_of_packets_in_a_second() -> None:
     assert len(made.link.confirmed) == 180  # all count
     made.sharing.step(6 * NS)
     assert made.sharing.health.received["unrecorded"] >= 80
+
+
+def test_messages_that_a_link_refuses_are_reported() -> None:
+    made = Made()
+    made.link.refused = {"signature": 3}
+    made.deliver(1000, 5 * NS)
+    made.sharing.step(5 * NS)
+    assert dict(made.sharing.health.received) == {"accepted": 1, "signature": 3}
