@@ -158,11 +158,12 @@ def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float
     if len(rows) < MIN_ROWS:
         return None
     rows = rows[:: max(1, len(rows) // 200)]
-    start = vehicle.attitudes[0].t_us
-    log_us = np.array([a.t_us for a in vehicle.attitudes]) - start
-    tilt = np.array([_tilt(a) for a in vehicle.attitudes])
-    order = np.argsort(log_us, kind="stable")
-    log_us, tilt = log_us[order], tilt[order]
+    samples = ((a.t_us, *_tilt(a)) for a in vehicle.attitudes)
+    known = sorted(sample for sample in samples if all(map(math.isfinite, sample)))  # NaN would be the least error
+    if not known:
+        return None
+    start = known[0][0]
+    log_us, tilt = np.array([k[0] for k in known]) - start, np.array([k[1:] for k in known])
     row_us = np.array([r.t_ns for r in rows]) / 1000.0
     wanted = np.array([(r.roll_rad, r.pitch_rad) for r in rows])
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from companion.cli import main
+from companion.importers.flight_log import TiltRow, match_tilt
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.base import Event
+from drivers.mavlink.ulog import read_ulog
 
 from .flight_logs import write_dataflash, write_ulog
 from .recordings import EPOCH_US, events_of, tilt, write_folder, write_tlog
@@ -62,6 +66,20 @@ def test_a_log_without_gps_time_is_matched_by_its_motion(
     assert status == 0, captured.err
     assert "t_ns 0 is at this log's 17.00" in captured.out
     assert len([e for e in events if isinstance(e, AttitudeSample)]) > 300
+
+
+@pytest.mark.parametrize("q", [(math.nan,) * 4, (0.0,) * 4])
+def test_an_attitude_without_a_value_does_not_decide_the_match(q: tuple[float, ...], tmp_path: Path) -> None:
+    """One such attitude made the error of a wrong time NaN, which counted as the least."""
+    vehicle = read_ulog(write_ulog(tmp_path / "log.ulg", 30.0, start_s=-10.0, gps=False))
+    w, x, y, z = q
+    attitudes = [replace(a, q_wxyz=(w, x, y, z)) if i == 5 else a for i, a in enumerate(vehicle.attitudes)]
+    rows = [TiltRow(i * NS // 10, *tilt(i / 10)) for i in range(60)]
+    found = match_tilt(replace(vehicle, attitudes=attitudes), rows)
+    assert found is not None
+    assert found[0] == 17_000_000
+    assert found[1] < 1e-3
+    assert match_tilt(replace(vehicle, attitudes=[replace(a, q_wxyz=(w, x, y, z)) for a in attitudes]), rows) is None
 
 
 @KINDS
