@@ -6,8 +6,6 @@ cells collect evidence; hidden ones and those out of view are kept until they ar
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..jit import inner, kernel
@@ -17,11 +15,10 @@ from .observed import (
     HIDDEN,
     OUT_OF_VIEW,
     classify,
-    find_crossing,
     find_spans,
+    is_gap,
     is_seen_through,
     middle_azimuth,
-    turn_between,
 )
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
 
@@ -31,10 +28,7 @@ MEMORY_HITS = 10
 """Not tuning: observations after which a cell is kept for the whole memory."""
 _LEAST_MEMORY_NS = 200_000_000
 """Not tuning: nothing is forgotten sooner."""
-_INFERRED, _UNKNOWN_BEHIND = 1, 2
 _RATE_STEP = 0.1
-_RANGE_SLACK_M = 1e-3
-"""Not tuning: for the rounding of ranges."""
 
 
 @kernel
@@ -59,12 +53,10 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
             s = cell_middle(t, k)
             x, y = t.x_m + s * t.tx, t.y_m + s * t.ty
             seen = classify(x, y, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view)
-            if seen != CLEAR:
-                dx, dy = x - view.x_m, y - view.y_m
-                least_m = math.sqrt(dx * dx + dy * dy) - rules.behind_m - t.margin_m - _RANGE_SLACK_M
-                find_crossing(turn_between(middle, math.atan2(dy, dx)), least_m, spans, crossing)
-                if is_seen_through(x, y, t, detections, crossing, rules.behind_m, view.x_m, view.y_m, eye_z):
-                    seen = CLEAR
+            if seen != CLEAR and is_seen_through(
+                x, y, t, detections, spans, crossing, middle, rules.behind_m, view, eye_z
+            ):
+                seen = CLEAR
             if seen >= EXPLAINED:
                 c.against += 4 if gap else 2
             missed = missed or seen >= EXPLAINED
@@ -92,13 +84,6 @@ def remove_cells(table, j):
             table.cells[j, k].hits = 0
             removed += 1
     return removed
-
-
-@inner
-def is_gap(d):
-    """Whether a detection or track is a filled gap that was observed to be open: no obstacle was measured in it. It joins two
-    obstacles, and is part of neither."""
-    return d.plane_flags & (_INFERRED | _UNKNOWN_BEHIND) == _INFERRED
 
 
 @inner

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel, record
-from .evidence import is_gap
-from .observed import turn_between
+from .observed import is_gap, turn_between
 
 GAP_M = 0.4
 """Not tuning: detections closer together belong to one group."""

@@ -13,13 +13,15 @@ from ..jit import inner
 from .tables import NONE
 
 OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
-_INFERRED = 1
+_INFERRED, _UNKNOWN_BEHIND = 1, 2
 _OBSTACLE = 1
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
 """Not tuning: shares of a place's height."""
 _SPAN_SLACK_RAD = 1e-6
 """Not tuning: for the rounding of directions."""
+_RANGE_SLACK_M = 1e-3
+"""Not tuning: for the rounding of ranges."""
 
 
 class FreeView(NamedTuple):
@@ -103,6 +105,13 @@ def classify(x, y, top, bottom, slack, rules, view):
 
 
 @inner
+def is_gap(d):
+    """Whether a detection or track is a filled gap that was observed to be open: no obstacle was measured in it. It joins two
+    obstacles, and is part of neither."""
+    return d.plane_flags & (_INFERRED | _UNKNOWN_BEHIND) == _INFERRED
+
+
+@inner
 def find_spans(detections, view, spans):
     """Directions that detections cover, and their reach -> spans (3, N) float64: least and greatest direction, rad from the
     middle of the view, and the greatest range with the margin. A detection behind the camera covers all directions."""
@@ -140,32 +149,23 @@ def find_crossing(azimuth, range_m, spans, crossing):
 
 
 @inner
-def is_seen_through(x, y, track, detections, crossing, behind, eye_x, eye_y, eye_z):
-    """Whether detections of the frame lie behind a place of a track, as seen from the camera, over most of its height, and
-    none lies at it. Gaps that were filled do not count: nothing was measured in them. crossing: (N,) bool of `find_crossing`
-    for the direction of the place."""
-    dx, dy = x - eye_x, y - eye_y
+def is_seen_through(x, y, track, detections, spans, crossing, middle, behind, view, eye_z):
+    """Whether detections of the frame lie behind a place of a track, as seen from the camera, over most of its height, none
+    lies at it, and none hides it. Gaps that were filled do not count: nothing was measured in them. spans: of `find_spans`;
+    crossing: (N,) bool scratch; middle: azimuth of the middle of the view."""
+    dx, dy = x - view.x_m, y - view.y_m
     r = math.sqrt(dx * dx + dy * dy)
     if r < 1e-3:
         return False
-    dx, dy = dx / r, dy / r
+    azimuth, dx, dy = turn_between(middle, math.atan2(dy, dx)), dx / r, dy / r
+    find_crossing(azimuth, r - behind - track.margin_m - _RANGE_SLACK_M, spans, crossing)
     passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m
     for i in range(detections.shape[0]):
         if not crossing[i]:
             continue
         d = detections[i]
-        ax, ay, bx, by = d.ax_m - eye_x, d.ay_m - eye_y, d.bx_m - eye_x, d.by_m - eye_y
-        side_a, side_b = dx * ay - dy * ax, dx * by - dy * bx
-        if side_a * side_b > 0.0 or side_a == side_b:
-            continue
-        share = side_a / (side_a - side_b)
-        far = dx * (ax + share * (bx - ax)) + dy * (ay + share * (by - ay))
-        if far <= 0.0:
-            continue
-        scale = r / far  # heights of the detection as they appear at the range of the place
-        over = min(track.bottom_m, eye_z + scale * (d.bottom_m - eye_z)) - max(
-            track.top_m, eye_z + scale * (d.top_m - eye_z)
-        )
+        far = range_along(d, dx, dy, view)
+        over = height_over(d, track, far, r, eye_z)
         if over <= 0.0:
             continue
         reach = behind + track.margin_m + d.margin_m
@@ -176,4 +176,35 @@ def is_seen_through(x, y, track, detections, crossing, behind, eye_x, eye_y, eye
             at += over
             if at > _EXPLAINED_SHARE * height:
                 return False
-    return passed >= _CLEAR_SHARE * height
+    if passed < _CLEAR_SHARE * height:
+        return False
+    hidden = 0.0
+    find_crossing(azimuth, 0.0, spans, crossing)
+    for i in range(detections.shape[0]):
+        if not crossing[i] or is_gap(detections[i]):
+            continue
+        far = range_along(detections[i], dx, dy, view)
+        if far <= r - behind - track.margin_m - detections[i].margin_m:
+            hidden += height_over(detections[i], track, far, r, eye_z)
+    return passed - hidden >= _CLEAR_SHARE * height
+
+
+@inner
+def range_along(d, dx, dy, view):
+    """Range at which a direction (unit vector dx, dy) from the camera meets a detection, m; 0: nowhere."""
+    ax, ay, bx, by = d.ax_m - view.x_m, d.ay_m - view.y_m, d.bx_m - view.x_m, d.by_m - view.y_m
+    side_a, side_b = dx * ay - dy * ax, dx * by - dy * bx
+    if side_a * side_b > 0.0 or side_a == side_b:
+        return 0.0
+    share = side_a / (side_a - side_b)
+    return max(0.0, dx * (ax + share * (bx - ax)) + dy * (ay + share * (by - ay)))
+
+
+@inner
+def height_over(d, track, far, r, eye_z):
+    """So much of the height of a track at range r is seen on a detection at range `far` (0: none), m."""
+    if far <= 0.0:
+        return 0.0
+    scale = r / far
+    lower = min(track.bottom_m, eye_z + scale * (d.bottom_m - eye_z))
+    return max(0.0, lower - max(track.top_m, eye_z + scale * (d.top_m - eye_z)))
