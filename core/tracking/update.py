@@ -48,9 +48,11 @@ def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns,
             continue  # another detection of this frame has moved the line
         observe(table, j, detections[i], rules, eye, t_ns)
     merge_pairs(table, detections, pairs, order, rules, eye)
+    for i in range(detections.shape[0]):  # before a new track takes the slot of a merged one
+        detections[i].track = present_slot(table.tracks, detections[i].track)
     parts, borders = new_parts()
     for i in range(detections.shape[0]):
-        detections[i].track = j = present_slot(table.tracks, detections[i].track)
+        j = detections[i].track
         if j != NONE and represents(table.tracks[j], detections[i], rules, eye_x, eye_y):
             continue
         if j != NONE:  # it is no part of that track
