@@ -77,8 +77,9 @@ class CameraTracks:
         )
 
     def forget(self, camera: str) -> None:
-        """Ends the tracks of a camera, whose description has changed."""
-        self._trackers.pop(camera, None)
+        """Ends the tracks of a camera, whose description has changed. Their ids are not given again."""
+        if camera in self._trackers:
+            self._trackers[camera].clear()
 
     def states(self) -> NamedStates:
         """The states to continue from."""

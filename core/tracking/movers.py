@@ -182,3 +182,18 @@ def carry_tracks(tracks, objects, dt_s):
             if o.hits > 0 and o.id == t.object_id and o.seen_ns == t.seen_ns and o.moving_ns != 0:
                 t.x_m += o.vx_m_s * dt_s
                 t.y_m += o.vy_m_s * dt_s
+
+
+@kernel
+def release_tracks(tracks, objects):
+    """Makes the tracks static whose moving object has ended."""
+    for j in range(tracks.shape[0]):
+        t = tracks[j]
+        if t.hits == 0 or t.object_id == 0:
+            continue
+        present = False
+        for m in range(objects.shape[0]):
+            o = objects[m]
+            present = present or (o.hits > 0 and o.moving_ns != 0 and o.id == t.object_id)
+        if not present:
+            t.object_id = 0

@@ -81,8 +81,9 @@ MOVER_RULES = record(
 
 
 @kernel
-def predict_objects(objects, dt_s, t_ns):
-    """Moves the objects by their velocity; ends those not observed for too long."""
+def predict_objects(objects, dt_s, t_ns, observing):
+    """Moves the objects by their velocity; ends those not observed for too long. observing: whether the frame is valid, so
+    that it counts as one that observes or misses them."""
     q = _ACCELERATION**2 * dt_s
     for m in range(objects.shape[0]):
         o = objects[m]
@@ -91,8 +92,9 @@ def predict_objects(objects, dt_s, t_ns):
         if t_ns - o.seen_ns > min(_LOST_S, _LOST_EACH_S * o.hits) * 1e9:
             o.hits = 0
             continue
-        o.frames += 1
-        o.missed += 1
+        if observing:
+            o.frames += 1
+            o.missed += 1
         o.x_m += o.vx_m_s * dt_s
         o.y_m += o.vy_m_s * dt_s
         o.r00 += 2.0 * dt_s * o.r01 + dt_s * dt_s * o.r11 + q * dt_s * dt_s / 3.0

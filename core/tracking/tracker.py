@@ -19,7 +19,16 @@ from .ego_motion import common_shift
 from .evidence import collect_evidence
 from .free_view import free_view, view_bytes, view_from_bytes
 from .groups import GROUP, find_groups
-from .movers import HISTORY, OLD_S, carry_tracks, declare_objects, mark_tracks, support_by_view, update_objects
+from .movers import (
+    HISTORY,
+    OLD_S,
+    carry_tracks,
+    declare_objects,
+    mark_tracks,
+    release_tracks,
+    support_by_view,
+    update_objects,
+)
 from .objects import MOST_OBJECTS, MOVER_RULES, OBJECT, assign_groups, predict_objects
 from .observed import FreeView
 from .params import TrackingParams
@@ -91,24 +100,35 @@ class Tracker:
         self._views: list[tuple[int, FreeView]] = []
         self._state = TrackerState()
 
+    def clear(self) -> None:
+        """Ends all tracks and moving obstacles. Their ids are not given again."""
+        next_id, next_object_id = self._state.next_id, self._state.next_object_id
+        self._reset()
+        self._state = replace(self._state, next_id=next_id, next_object_id=next_object_id)
+
     def observe(self, frame: TrackingFrame) -> TrackSnapshot:
         """The tracks after a frame. A frame older than the newest one starts an empty tracker. An invalid frame is no evidence: its
         tracks only grow older."""
         if self._state.last_ns is not None and frame.t_ns <= self._state.last_ns:
-            next_id = self._state.next_id
-            self._reset()  # the camera was restarted
-            self._state = replace(self._state, next_id=next_id)
+            self.clear()  # the camera was restarted
         last_ns = self._state.last_ns
         dt_s = 0.0 if last_ns is None else min((frame.t_ns - last_ns) / NS, 10.0)
         self._limit_table(len(frame.model.planes))
         aligned = self._align(frame, dt_s)
         begin_frame(self._table, dt_s, self._rules[0])
+        followed = aligned and frame.positioned
+        if followed:
+            predict_objects(self._objects, dt_s, frame.t_ns, frame.model.valid)
+            carry_tracks(self._table.tracks, self._objects, dt_s)
         view = free_view(frame.model, frame.camera_m)
         detections = self._no_detections
         if frame.model.valid:
             m = frame.model
             detections = detections_of(m.planes, m.margin_m, m.flags, m.cluster, self.params.pose_sigma_m)
-            self._associate(detections, frame, view, dt_s, aligned)
+            if not followed:
+                self._estimate_motion(detections, dt_s, view)
+            self._associate(detections, frame, view)
+        release_tracks(self._table.tracks, self._objects)
         memory_s = self.params.memory_s if frame.positioned else self.params.memory_without_position_s
         collect_evidence(
             self._table, detections, self._rules[0], view, frame.camera_m[2], frame.t_ns, round(memory_s * NS)
@@ -185,14 +205,7 @@ class Tracker:
         self.counts["pairs_left_out"] += lost
         return int(count)
 
-    def _associate(
-        self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView, dt_s: float, aligned: bool
-    ) -> None:
-        if aligned and frame.positioned:
-            predict_objects(self._objects, dt_s, frame.t_ns)
-            carry_tracks(self._table.tracks, self._objects, dt_s)
-        else:
-            self._estimate_motion(detections, dt_s, view)
+    def _associate(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
         count = self._find_pairs(detections, self._rules[0], view)
         order = np.argsort(-self._scores[:count], kind="stable")
         assign(detections, self._table.tracks, self._pairs, order)

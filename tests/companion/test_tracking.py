@@ -183,6 +183,20 @@ def test_a_state_of_another_format_is_not_used(events):
     assert state_from_message(message).trackers == ()
 
 
+def test_a_camera_with_another_description_gets_new_ids(events):
+    pipeline = make_pipeline(ON, (SMALL,))
+    ids: list[set[int]] = [set(), set()]
+    for k, event in enumerate(events):
+        if k == len(events) // 2:
+            pipeline.announce(dataclasses.replace(SMALL, ke_per_m=0.002))
+        for output in pipeline.handle(event):
+            result = pipeline.track(output)
+            if result is not None and result.tracks is not None:
+                ids[k >= len(events) // 2] |= set(result.tracks.ids.tolist())
+    assert min(map(len, ids)) > 5
+    assert not ids[0] & ids[1]
+
+
 @pytest.mark.parametrize("config", [ON, LEVEL], ids=["ned", "level"])
 def test_replay_checks_the_tracks_of_a_log_that_begins_in_flight(events, config, tmp_path):
     """A file whose opening snapshot holds tracks, as the second file of a flight."""

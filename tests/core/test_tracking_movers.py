@@ -17,8 +17,8 @@ from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import detections_of
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, STEP, distance, frame
-from .worlds import NS, wall
+from .test_tracking import SMALL, STEP, distance, frame, without_position
+from .worlds import NS, blind, wall
 
 pytestmark = pytest.mark.nojit
 BACK = wall(14.0, -14.0, 14.0, 14.0)
@@ -283,3 +283,50 @@ def test_the_error_along_the_ray_is_kept_when_the_ray_turns(steps: int) -> None:
     assert o["r00"] == 1.0
     assert 0.85 * exact <= o["t00"] <= 1.0
     assert o["t11"] == pytest.approx(4.0 * o["t00"])
+
+
+def walking(tracker: Tracker, frames: range) -> TrackSnapshot:
+    """The tracks after these frames of a person who walks across the view."""
+    for k in frames:
+        s = tracker.observe(frame([face(6.0, -3.0 + 0.15 * k), BACK], k))
+    return s
+
+
+def invalid(k: int) -> TrackingFrame:
+    return TrackingFrame(model=blind(k * STEP).model, camera_m=(0.0, 0.0, 0.0), t_ns=k * STEP, positioned=True)
+
+
+def test_a_moving_obstacle_is_at_its_predicted_place_after_invalid_frames() -> None:
+    tracker = Tracker(SMALL)
+    before = walking(tracker, range(14)).objects[0]
+    for k in range(14, 18):
+        s = tracker.observe(invalid(k))
+    assert s.objects[0].centre_m[1] == pytest.approx(before.centre_m[1] + 0.6, abs=0.05)
+    mine = s.planes[s.object_id == before.id]
+    assert mine[:, [1, 3]].mean() == pytest.approx(before.centre_m[1] + 0.6, abs=0.1)
+    s = walking(tracker, range(18, 19))
+    assert [o.id for o in s.objects] == [before.id], "invalid frames do not count as frames without an observation"
+
+
+def test_a_moving_obstacle_ends_in_invalid_frames_too() -> None:
+    tracker = Tracker(SMALL)
+    assert len(walking(tracker, range(14)).objects) == 1
+    for k in range(14, 24):
+        s = tracker.observe(invalid(k))
+    assert s.objects == ()
+    assert (s.object_id == 0).all()
+
+
+def test_tracks_belong_to_no_object_once_the_position_is_lost() -> None:
+    tracker = Tracker(SMALL)
+    s = walking(tracker, range(14))
+    assert s.object_id.max() > 0
+    s = tracker.observe(without_position(frame([face(6.0, -3.0 + 0.15 * 14), BACK], 14)))
+    assert (s.object_id == 0).all()
+
+
+def test_ids_of_moving_obstacles_are_not_given_again_after_a_restart_of_the_camera() -> None:
+    tracker = Tracker(SMALL)
+    first = walking(tracker, range(20, 34)).objects[0]
+    again = walking(tracker, range(14)).objects[0]
+    assert again.id > first.id
