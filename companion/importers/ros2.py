@@ -24,7 +24,7 @@ from .ros2_depth import depth_of, encoding_of
 from .ros2_files import open_ros
 from .ros2_frames import DEPTH_TYPES, TransformTree, mount_of, rigid
 from .ros2_motion import Motion
-from .ros2_px4 import PX4_TYPES, px4_stamp_ns
+from .ros2_px4 import PX4_TYPES, VEHICLE_LOCAL_POSITION, px4_stamp_ns
 
 CLOCKS_APART_NS = 5 * NS
 """Log times farther than this from the stamps belong to another clock (simulated time, a recorder without a clock)."""
@@ -167,9 +167,11 @@ class Ros2Source:
                 self._delays_ns.append(item.log_ns - stamp_ns(message.header))
                 self._motion.add_message(topic, kind, message, stamp_ns(message.header), item.log_ns)
         for topic, number in undecoded.items():
-            self._report.problem(
-                "decode", f"{self._path}: {number} messages of {topic} do not fit their definition in the file"
-            )
+            text = f"{self._path}: {number} messages of {topic} do not fit their definition in the file"
+            if self._types[topic] == VEHICLE_LOCAL_POSITION:  # a better position than others, but not the only one
+                self._report.warning("decode", f"{text}, or have none: their positions are not used")
+            else:
+                self._report.problem("decode", text)
 
     def _map_px4_stamps(self) -> None:
         """Maps the stamps of PX4 to those of the images where its clock was not synchronised (UXRCE_DDS_SYNCT = 0)."""
@@ -290,14 +292,16 @@ class Ros2Source:
         pose_topics = self._motion.pose_topics()
         pose: str | None = topics.pose
         if pose is None:
-            pose = attitude if attitude in pose_topics else pose_topics[0] if len(pose_topics) == 1 else None
+            pose = self._motion.usual_pose_topic(attitude)
         elif pose not in pose_topics:
             raise BadData(f"{self._path}: no position on {pose}; available: {_joined(pose_topics) or 'none'}")
         self._report.note(f"attitude from {attitude}, position from {pose or 'no topic'}")
+        self._report_px4_positions(pose)
         invalid = self._motion.unusable(attitude)
         if invalid:
             self._report.problem(
-                "attitude", f"{self._path}: {invalid} attitudes of {attitude} are not rotations; left out"
+                "attitude",
+                f"{self._path}: {invalid} attitudes of {attitude} are not rotations, or of a failed estimator; left out",
             )
         to_child = self._static_tree.between
         for unconnected in self._motion.unconnected_frames(attitude, to_child):
@@ -316,6 +320,19 @@ class Ros2Source:
                 "stamp", f"{self._path}: {lost} attitudes have a stamp far from their log time; left out"
             )
         return [a for a in kept[0] if a is not None], [p for p in kept[1] if p is not None]
+
+    def _report_px4_positions(self, pose: str | None) -> None:
+        """Reports positions of PX4 that were left out, and a position of which nothing tells whether it is valid."""
+        for topic, number in self._motion.invalid_positions.items():
+            self._report.note(
+                f"{number} of {self._counts[topic]} positions of {topic} are not valid, or not in ned; left out"
+            )
+        if self._motion.is_unconfirmed(pose):
+            self._report.warning(
+                "position",
+                f"{self._path}: PX4 sends {pose} also while its position is not valid, as indoors without GPS: the "
+                "merged world is then wrong; record /fmu/out/vehicle_local_position, which tells it",
+            )
 
     def _attitude_topic(self) -> str:
         """The topic with the attitude. Raises BadData with what was found."""

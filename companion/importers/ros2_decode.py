@@ -12,7 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from drivers.logs.record_scanner import Logged
 
-from .ros2_px4 import PX4_TYPES, VEHICLE_ATTITUDE, VEHICLE_ODOMETRY
+from .ros2_px4 import PX4_TYPES, VEHICLE_ATTITUDE, VEHICLE_LOCAL_POSITION, VEHICLE_ODOMETRY
 
 IMAGE, CAMERA_INFO, TF = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "tf2_msgs/TFMessage"
 ODOMETRY, POSE, IMU = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "sensor_msgs/Imu"
@@ -45,7 +45,13 @@ _READ: Final[dict[str, tuple[str, ...]]] = {
         "timestamp",
         "timestamp_sample",
         "q",
-        *("position", "velocity_frame", "velocity", "angular_velocity"),
+        *("pose_frame", "position", "velocity_frame", "velocity", "angular_velocity", "reset_counter", "quality"),
+    ),
+    VEHICLE_LOCAL_POSITION: (
+        "timestamp",
+        "timestamp_sample",
+        *("xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "xy_reset_counter", "z_reset_counter"),
+        *("x", "y", "z", "vx", "vy", "vz"),
     ),
     IMU: (*_HEADER, "orientation_covariance", *_paths("orientation", "wxyz"), *_paths("angular_velocity", "xyz")),
 }
@@ -55,13 +61,13 @@ _READ_OF_TRANSFORM: Final = (
     *_paths("transform.translation", "xyz"),
     *_paths("transform.rotation", "wxyz"),
 )
-_MIN: Final = {
-    CAMERA_INFO: ("k", 9),
-    IMU: ("orientation_covariance", 9),
-    VEHICLE_ATTITUDE: ("q", 4),
-    VEHICLE_ODOMETRY: ("q", 4),
+_LENGTHS: Final = {
+    CAMERA_INFO: {"k": 9},
+    IMU: {"orientation_covariance": 9},
+    VEHICLE_ATTITUDE: {"q": 4},
+    VEHICLE_ODOMETRY: {"q": 4, "position": 3, "velocity": 3, "angular_velocity": 3},
 }
-"""Arrays that are read by index, and their minimum length."""
+"""Arrays that are read by index, and their length."""
 DECODE_ERRORS: Final = (
     struct.error,
     McapError,
@@ -88,8 +94,7 @@ def complete(kind: str, message: Any) -> bool:
     attrgetter(*_READ[kind])(message)
     for transform in message.transforms if kind == TF else ():
         attrgetter(*_READ_OF_TRANSFORM)(transform)
-    name, minimum = _MIN.get(kind, ("", 0))
-    return not name or len(getattr(message, name)) >= minimum
+    return all(len(getattr(message, name)) == length for name, length in _LENGTHS.get(kind, {}).items())
 
 
 class Ros2Decoder:

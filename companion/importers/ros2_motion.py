@@ -24,7 +24,19 @@ from .ros2_frames import (
     to_ned,
     triple,
 )
-from .ros2_px4 import PX4_TYPES, VEHICLE_ATTITUDE, VELOCITY_BODY, px4_rotation, px4_vector
+from .ros2_px4 import (
+    POSE_NED,
+    PX4_TYPES,
+    VEHICLE_ATTITUDE,
+    VEHICLE_LOCAL_POSITION,
+    VEHICLE_ODOMETRY,
+    VELOCITY_BODY,
+    VELOCITY_NED,
+    Px4Place,
+    px4_place,
+    px4_rotation,
+    px4_vector,
+)
 
 Between = Callable[[str, str], Rigid | None]
 """(target frame, source frame) -> transform; None where no chain connects them."""
@@ -42,6 +54,7 @@ class Reading:
     velocity: NDArray[np.float64] | None
     world: str
     body: str
+    reset_counter: int = 0
 
 
 class Motion:
@@ -52,6 +65,9 @@ class Motion:
         self._readings: dict[str, list[Reading]] = {}
         self._invalid: dict[str, int] = {}
         self._px4: dict[str, str] = {}
+        self._places: dict[str, list[Px4Place]] = {}
+        self.invalid_positions: Counter[str] = Counter()
+        """Topic -> number of messages of PX4 whose position is not valid, or in a frame that does not point north."""
         self.without_orientation: Counter[str] = Counter()
         """Topic -> number of Imu messages that say that they have no orientation."""
         self._tree = TransformTree()
@@ -67,11 +83,23 @@ class Motion:
 
     def pose_topics(self) -> list[str]:
         """Topics with positions; transforms only where there is no other topic."""
-        placed = [t for t, r in self._readings.items() if any(x.t_m is not None for x in r)]
+        placed = [t for t, r in self._readings.items() if any(x.t_m is not None for x in r)] + list(self._places)
         return sorted([t for t in placed if not t.endswith("/tf")] or placed)
 
+    def usual_pose_topic(self, attitude: str) -> str | None:
+        """The position that belongs to an attitude; None where several may. Of PX4 it is VehicleLocalPosition, if recorded:
+        only that tells whether it is valid."""
+        if attitude in self._px4 and len(self._places) == 1:
+            return next(iter(self._places))
+        topics = self.pose_topics()
+        return attitude if attitude in topics else topics[0] if len(topics) == 1 else None
+
+    def is_unconfirmed(self, topic: str | None) -> bool:
+        """Whether a topic is a VehicleOdometry, which PX4 sends also while its position is not valid."""
+        return topic is not None and self._px4.get(topic) == VEHICLE_ODOMETRY
+
     def unusable(self, topic: str) -> int:
-        """Number of messages of a topic that were not rotations."""
+        """Number of messages of a topic that were not rotations, or of a failed estimator."""
         return self._invalid.get(topic, 0)
 
     def add_message(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
@@ -103,29 +131,42 @@ class Motion:
     def _add_px4(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
         """A message of PX4, whose ned and frd become the world and base frames of the other readings."""
         self._px4[topic] = kind
+        if kind == VEHICLE_LOCAL_POSITION:
+            place = px4_place(message, t_ns, log_ns)
+            if place is None:
+                self.invalid_positions[topic] += 1
+            else:
+                self._places.setdefault(topic, []).append(place)
+            return
         R_ned_frd = px4_rotation(message)
-        if R_ned_frd is None:
+        if R_ned_frd is None or (kind == VEHICLE_ODOMETRY and message.quality < 0):  # negative: the estimator failed
             self._invalid[topic] = self._invalid.get(topic, 0) + 1
             return
         R_world_ned, R_frd_base = to_ned("").T, to_frd(self._base)
         rates = velocity = t_m = None
+        reset_counter = 0
         if kind != VEHICLE_ATTITUDE:
             position, rates = px4_vector(message.position), px4_vector(message.angular_velocity)
-            velocity = px4_vector(message.velocity)
-            if velocity is not None and message.velocity_frame != VELOCITY_BODY:
-                velocity = R_ned_frd.T @ velocity
+            velocity, reset_counter = _px4_velocity(message, R_ned_frd), int(message.reset_counter)
+            if message.pose_frame != POSE_NED:
+                self.invalid_positions[topic] += 1
+                position = None
             t_m = None if position is None else R_world_ned @ position
             rates, velocity = (None if v is None else R_frd_base.T @ v for v in (rates, velocity))
         R = R_world_ned @ R_ned_frd @ R_frd_base
-        self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, "", self._base))
+        self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, "", self._base, reset_counter))
 
     def restamp(self, topic: str, stamp_ns: Callable[[int], int]) -> None:
         """Maps the stamps of a topic to another clock."""
-        self._readings[topic] = [replace(r, t_ns=stamp_ns(r.t_ns)) for r in self._readings.get(topic, [])]
+        if topic in self._places:
+            self._places[topic] = [replace(p, t_ns=stamp_ns(p.t_ns)) for p in self._places[topic]]
+        else:
+            self._readings[topic] = [replace(r, t_ns=stamp_ns(r.t_ns)) for r in self._readings[topic]]
 
     def px4_points(self) -> dict[str, list[tuple[int, int]]]:
         """(stamp, log time), ns, of each topic of PX4."""
-        return {t: [(r.t_ns, r.log_ns) for r in self._readings[t]] for t in self._px4 if t in self._readings}
+        found: dict[str, list[Reading] | list[Px4Place]] = {**self._readings, **self._places}
+        return {t: [(r.t_ns, r.log_ns) for r in found[t]] for t in self._px4 if t in found}
 
     def add_static(self, parent: str, child: str, placed: Rigid) -> None:
         """Adds a constant transform."""
@@ -176,6 +217,11 @@ class Motion:
 
     def poses(self, topic: str, between: Between) -> list[PoseSample]:
         """Positions of the base frame in ned, in file order. Velocities that are always zero are left out."""
+        if topic in self._places:
+            return [
+                PoseSample(p.t_ns, p.log_ns, p.position_ned_m, p.velocity_ned_m_s, p.reset_counter)
+                for p in self._places[topic]
+            ]
         has_values = any(r.velocity is not None and r.velocity.any() for r in self._readings[topic])
         out = []
         for r in self._readings[topic]:
@@ -186,7 +232,8 @@ class Motion:
             velocity = (
                 None if r.velocity is None or not has_values else triple(R_ned_world @ r.R_world_body @ r.velocity)
             )
-            out.append(PoseSample(r.t_ns, r.log_ns, triple(R_ned_world @ (r.t_m + lever_m)), velocity))
+            position = triple(R_ned_world @ (r.t_m + lever_m))
+            out.append(PoseSample(r.t_ns, r.log_ns, position, velocity, r.reset_counter))
         return out
 
     def unconnected_frames(self, topic: str, between: Between) -> list[str]:
@@ -197,6 +244,14 @@ class Motion:
     def _body_from_base(self, r: Reading, between: Between) -> Rigid:
         """Pose of the base frame in the frame of the reading; identity where no chain connects them."""
         return (between(r.body, self._base) if r.body != self._base else IDENTITY) or IDENTITY
+
+
+def _px4_velocity(message: Any, R_ned_frd: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The velocity of a VehicleOdometry in frd; None when it is not finite or in another frame."""
+    velocity = px4_vector(message.velocity)
+    if velocity is None or message.velocity_frame not in (VELOCITY_NED, VELOCITY_BODY):
+        return None
+    return velocity if message.velocity_frame == VELOCITY_BODY else R_ned_frd.T @ velocity
 
 
 def _vector(v: Any) -> NDArray[np.float64] | None:

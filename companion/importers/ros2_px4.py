@@ -1,10 +1,11 @@
-"""px4_msgs in ROS 2 recordings: VehicleAttitude and VehicleOdometry, already in ned and frd.
+"""px4_msgs in ROS 2 recordings: VehicleAttitude, VehicleLocalPosition and VehicleOdometry, already in ned and frd.
 
 Stamps are microseconds; the uXRCE-DDS client maps them to the companion's clock unless its UXRCE_DDS_SYNCT is 0."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -14,9 +15,13 @@ from core.frames import rotation_from_quaternion
 
 VEHICLE_ATTITUDE: Final = "px4_msgs/VehicleAttitude"
 VEHICLE_ODOMETRY: Final = "px4_msgs/VehicleOdometry"
-PX4_TYPES: Final = (VEHICLE_ATTITUDE, VEHICLE_ODOMETRY)
+VEHICLE_LOCAL_POSITION: Final = "px4_msgs/VehicleLocalPosition"
+PX4_TYPES: Final = (VEHICLE_ATTITUDE, VEHICLE_ODOMETRY, VEHICLE_LOCAL_POSITION)
+POSE_NED: Final = 1
+"""VehicleOdometry.pose_frame: 0 unknown, 1 ned, 2 frd that is fixed in the world, whose axes do not point north."""
+VELOCITY_NED: Final = 1
 VELOCITY_BODY: Final = 3
-"""VehicleOdometry.velocity_frame: 1 ned, 2 frd (world-fixed), 3 frd of the body."""
+"""VehicleOdometry.velocity_frame: 0 unknown, 1 ned, 2 frd that is fixed in the world, 3 frd of the body."""
 
 DEFINITIONS: Final = {
     "px4_msgs/msg/VehicleAttitude": (
@@ -42,6 +47,30 @@ def px4_rotation(message: Any) -> Floats | None:
     """(3, 3) R_ned_frd; None when the quaternion is not one (PX4 writes NaN for "not known")."""
     w, x, y, z = (float(v) for v in message.q)
     return rotation_from_quaternion((w, x, y, z)) if 0.9 < math.hypot(w, x, y, z) < 1.1 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Px4Place:
+    """A valid VehicleLocalPosition: position and velocity in ned; None: no valid velocity."""
+
+    t_ns: int
+    log_ns: int
+    position_ned_m: tuple[float, float, float]
+    velocity_ned_m_s: tuple[float, float, float] | None
+    reset_counter: int
+
+
+def px4_place(message: Any, t_ns: int, log_ns: int) -> Px4Place | None:
+    """The position of a VehicleLocalPosition; None where its estimator does not call it valid. PX4 sends the message
+    always, and its MAVLink stream LOCAL_POSITION_NED by the same flags."""
+    position = float(message.x), float(message.y), float(message.z)
+    velocity = float(message.vx), float(message.vy), float(message.vz)
+    valid = message.xy_valid and message.z_valid and message.v_xy_valid
+    if not valid or not all(map(math.isfinite, position)):
+        return None
+    known = message.v_z_valid and all(map(math.isfinite, velocity))
+    counter = int(message.xy_reset_counter) << 8 | int(message.z_reset_counter)
+    return Px4Place(t_ns, log_ns, position, velocity if known else None, counter)
 
 
 def px4_vector(values: Any) -> Floats | None:

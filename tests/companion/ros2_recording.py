@@ -86,6 +86,11 @@ DEFINITIONS = {
         "float32[3] position_variance\nfloat32[3] orientation_variance\nfloat32[3] velocity_variance\n"
         "uint8 reset_counter\nint8 quality\n"
     ),
+    "px4_msgs/msg/VehicleLocalPosition": (
+        "uint64 timestamp\nuint64 timestamp_sample\nbool xy_valid\nbool z_valid\nbool v_xy_valid\nbool v_z_valid\n"
+        "float32 x\nfloat32 y\nfloat32 z\nfloat32[2] delta_xy\nuint8 xy_reset_counter\nfloat32 delta_z\n"
+        "uint8 z_reset_counter\nfloat32 vx\nfloat32 vy\nfloat32 vz\n"
+    ),
 }
 
 NS = 1_000_000_000
@@ -138,6 +143,10 @@ class RosFlight:
     """Added to the stamps of images and of motion."""
     px4_clock_ns: int = 0
     """Added to the stamps of PX4."""
+    px4_odometry: dict[str, Any] = field(default_factory=dict)
+    """Fields of VehicleOdometry in place of the usual ones."""
+    px4_valid_from_s: float = 0.0
+    """The position of PX4 is valid from this time after the first image on; its counters step by 1 after 0.5 s more."""
 
     def entries(self) -> list[tuple[int, str, str, dict[str, Any]]]:
         """(log time, topic, type, message) in order of log time."""
@@ -255,6 +264,12 @@ class RosFlight:
         if kind == "px4 attitude":
             message |= {"delta_q_reset": [1.0, 0.0, 0.0, 0.0], "quat_reset_counter": 0}
             return "/fmu/out/vehicle_attitude", "px4_msgs/msg/VehicleAttitude", message
+        if kind == "px4 position":
+            return (
+                "/fmu/out/vehicle_local_position",
+                "px4_msgs/msg/VehicleLocalPosition",
+                self.px4_position(t_ns, stamp_us),
+            )
         rates = R_FRD_FLU @ np.array(RATES_FLU)
         message |= {
             "pose_frame": 1,
@@ -265,8 +280,24 @@ class RosFlight:
             "reset_counter": 0,
             "quality": 0,
             **{f"{name}_variance": [0.0] * 3 for name in ("position", "orientation", "velocity")},
-        }
+        } | self.px4_odometry
         return "/fmu/out/vehicle_odometry", "px4_msgs/msg/VehicleOdometry", message
+
+    def px4_position(self, t_ns: int, stamp_us: int) -> dict[str, Any]:
+        after_s = (t_ns - START_NS) / NS - self.px4_valid_from_s
+        x, y, z = (float(v) for v in R_NED_ENU @ np.array(POSITION_ENU))
+        return {
+            "timestamp": stamp_us + 500,
+            "timestamp_sample": stamp_us,
+            **dict.fromkeys(("xy_valid", "z_valid", "v_xy_valid"), after_s >= 0.0),
+            "v_z_valid": True,
+            **dict(zip(("x", "y", "z"), (x, y, z), strict=True)),
+            **dict(zip(("vx", "vy", "vz"), (1.0, -0.5, 0.25), strict=True)),
+            "delta_xy": [0.0, 0.0],
+            "delta_z": 0.0,
+            "xy_reset_counter": 3 + (after_s >= 0.5),
+            "z_reset_counter": 9,
+        }
 
     def moved(self, kind: str, t_ns: int) -> tuple[str, str, dict[str, Any]]:
         if kind.startswith("px4"):

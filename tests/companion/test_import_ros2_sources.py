@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +42,71 @@ def test_px4_messages_give_the_attitude(motion: tuple[str, ...], tmp_path: Path)
         assert poses[0].velocity_ned_m_s == pytest.approx(R_NED_FRD @ [1.0, -0.5, 0.25], abs=1e-6)
 
 
+def test_the_position_of_px4_is_used_where_its_estimator_calls_it_valid(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = RosFlight(motion=("px4 attitude", "px4 odometry", "px4 position"), px4_valid_from_s=0.5)
+    status, out = imported(flight.write(tmp_path / "in.mcap"))
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "position from /fmu/out/vehicle_local_position" in captured.out
+    assert "30 of 100 positions of /fmu/out/vehicle_local_position are not valid" in captured.out
+    poses = [e for e in events_of(out) if isinstance(e, PoseSample)]
+    assert len(poses) == 70
+    assert poses[0].t_ns == START_NS + NS // 2
+    assert poses[0].position_ned_m == pytest.approx((4.0, 3.0, -5.0))
+    assert poses[0].velocity_ned_m_s == pytest.approx((1.0, -0.5, 0.25))
+    assert len({p.reset_counter for p in poses[:25]}) == 1
+    assert poses[25].reset_counter != poses[24].reset_counter
+
+
+def test_an_odometry_of_px4_alone_is_used_with_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = RosFlight(motion=("px4 odometry",), px4_odometry={"reset_counter": 7})
+    status, out = imported(flight.write(tmp_path / "in.mcap"))
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "record /fmu/out/vehicle_local_position" in captured.err
+    assert {e.reset_counter for e in events_of(out) if isinstance(e, PoseSample)} == {7}
+
+
+@pytest.mark.parametrize("frame", [0, 2])
+def test_an_odometry_whose_axes_do_not_point_north_gives_no_position(
+    frame: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = RosFlight(motion=("px4 odometry",), px4_odometry={"pose_frame": frame})
+    status, out = imported(flight.write(tmp_path / "in.mcap"))
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "100 of 100 positions of /fmu/out/vehicle_odometry are not valid, or not in ned" in captured.out
+    events = events_of(out)
+    assert not any(isinstance(e, PoseSample) for e in events)
+    assert any(isinstance(e, AttitudeSample) for e in events)
+
+
+@pytest.mark.parametrize("frame", [0, 2])
+def test_a_velocity_in_an_unknown_frame_is_left_out(frame: int, tmp_path: Path) -> None:
+    flight = RosFlight(motion=("px4 odometry",), px4_odometry={"velocity_frame": frame})
+    _, out = imported(flight.write(tmp_path / "in.mcap"))
+    assert {e.velocity_ned_m_s for e in events_of(out) if isinstance(e, PoseSample)} == {None}
+
+
+def test_an_odometry_of_a_failed_estimator_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = RosFlight(motion=("px4 odometry",), px4_odometry={"quality": -1})
+    status, _ = imported(flight.write(tmp_path / "in.mcap"))
+    assert status == 1
+    assert "no attitude in it" in capsys.readouterr().err
+
+
 def test_px4_stamps_of_its_own_clock_are_mapped_to_the_images(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flight = RosFlight(motion=("px4 attitude",), px4_clock_ns=-90 * NS)
+    flight = RosFlight(motion=("px4 attitude", "px4 position"), px4_clock_ns=-90 * NS)
     status, out = imported(flight.write(tmp_path / "in.mcap"))
     captured = capsys.readouterr()
     assert status == 0, captured.err
     assert "UXRCE_DDS_SYNCT" in captured.out
+    poses = [e for e in events_of(out) if isinstance(e, PoseSample)]
+    assert abs(poses[0].t_ns - START_NS) <= 5_000_000
     attitudes = [e for e in events_of(out) if isinstance(e, AttitudeSample)]
     assert abs(attitudes[10].t_ns - (START_NS + NS // 10)) <= 5_000_000  # the smallest delay, 4 ms, is taken as none
 
@@ -157,6 +215,19 @@ def test_a_bag_folder(storage: str, motion: str, tmp_path: Path, capsys: pytest.
     assert np.array_equal(frames[3].depth_mm[1:], expected_depth(3)[1:])
     attitudes = [e for e in events_of(out) if isinstance(e, AttitudeSample)]
     np.testing.assert_allclose(rotation_from_quaternion(attitudes[3].q_ned_frd_wxyz), R_NED_FRD, atol=1e-6)
+
+
+def test_a_bag_without_a_definition_of_the_position(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its fields differ between versions of PX4: it is left out, and the rest is used."""
+    entries = full(RosFlight(motion=("px4 attitude", "px4 position")).entries())
+    bag = write_bag(tmp_path / "bag", entries, "sqlite3", definitions=False)
+    with sqlite3.connect(next(bag.glob("*.db3"))) as database:
+        database.execute("DELETE FROM message_definitions")
+    status, out = imported(bag)
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "100 messages of /fmu/out/vehicle_local_position do not fit their definition" in captured.err
+    assert len(frames_of(out)) == 10
 
 
 def test_a_db3_file_and_a_folder_without_metadata(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
