@@ -22,7 +22,7 @@ from .report import ImportOptions, Report, attitude_rate_problem, uncovered
 from .ros2_decode import CAMERA_INFO, COMPRESSED, IMAGE, MOTION_TYPES, TF
 from .ros2_depth import depth_of, encoding_of
 from .ros2_files import open_ros
-from .ros2_frames import DEPTH_TYPES, TransformTree, mount_of, rigid
+from .ros2_frames import DEPTH_TYPES, TransformTree, mount_of, rectified_camera, rigid
 from .ros2_motion import Motion
 from .ros2_px4 import PX4_TYPES, VEHICLE_LOCAL_POSITION, px4_stamp_ns
 
@@ -250,13 +250,12 @@ class Ros2Source:
         if topic not in self._infos:
             raise BadData(f"{self._path}: no camera info on {topic}; available: {_joined(list(self._infos)) or 'none'}")
         k_message, image = self._infos[topic], self._first_images[self._depth_topic]
-        fx, _, cx, _, fy, cy = list(k_message.k)[:6]
         if any(abs(d) > 1e-6 for d in k_message.d):
             self._report.note(
-                f"{topic} contains a lens distortion: it is ignored, since depth images are assumed to be rectified"
+                f"{topic} contains a lens distortion: depth images are assumed to be rectified, so that its matrix P applies"
             )
         try:
-            intrinsics = Intrinsics(int(k_message.width), int(k_message.height), fx, fy, cx, cy)
+            intrinsics = Intrinsics(int(k_message.width), int(k_message.height), *rectified_camera(k_message))
             info = CameraInfo(self._options.camera.name, intrinsics)
             base, optical = self._options.topics.base_frame, image.header.frame_id
             chain = self._static_tree.between(base, optical)

@@ -29,7 +29,7 @@ def _paths(prefix: str, names: str) -> tuple[str, ...]:
 _READ: Final[dict[str, tuple[str, ...]]] = {
     IMAGE: (*_HEADER, "width", "height", "encoding", "is_bigendian", "step", "data"),
     COMPRESSED: (*_HEADER, "format", "data"),
-    CAMERA_INFO: ("width", "height", "d", "k"),
+    CAMERA_INFO: ("width", "height", "d", "k", "r", "p"),
     TF: ("transforms",),
     ODOMETRY: (
         *_HEADER,
@@ -62,7 +62,7 @@ _READ_OF_TRANSFORM: Final = (
     *_paths("transform.rotation", "wxyz"),
 )
 _LENGTHS: Final = {
-    CAMERA_INFO: {"k": 9},
+    CAMERA_INFO: {"k": 9, "r": 9, "p": 12},
     IMU: {"orientation_covariance": 9},
     VEHICLE_ATTITUDE: {"q": 4},
     VEHICLE_ODOMETRY: {"q": 4, "position": 3, "velocity": 3, "angular_velocity": 3},

@@ -91,6 +91,19 @@ def mount_of(base_from_optical: Rigid, base_frame: str) -> CameraMount:
     return CameraMount(roll, pitch, yaw, x, y, z)
 
 
+def rectified_camera(info: Any) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy, px, of the rectified image of a sensor_msgs/CameraInfo.
+
+    K belongs to the raw image and P to the rectified one. Without distortion and rotation both images are one: K is taken,
+    since some drivers leave P at default values."""
+    rectified = any(abs(d) > 1e-6 for d in info.d) or np.abs(np.reshape(info.r, (3, 3)) - np.eye(3)).max() > 1e-6
+    fx, _, cx, _, _, fy, cy, *_ = (float(v) for v in info.p)
+    if rectified and fx > 0.0 and fy > 0.0:
+        return fx, fy, cx, cy
+    fx, _, cx, _, fy, cy, *_ = (float(v) for v in info.k)
+    return fx, fy, cx, cy
+
+
 def depth_from_image(message: Any) -> NDArray[np.uint16]:
     """(H, W) uint16 millimetres of a sensor_msgs/Image; UNKNOWN_MM where it holds no finite positive number or one out
     of range. Padded rows and swapped bytes are supported. Raises BadData."""

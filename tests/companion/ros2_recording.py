@@ -145,6 +145,8 @@ class RosFlight:
     """Added to the stamps of PX4."""
     px4_odometry: dict[str, Any] = field(default_factory=dict)
     """Fields of VehicleOdometry in place of the usual ones."""
+    camera_fields: dict[str, Any] = field(default_factory=dict)
+    """Fields of CameraInfo in place of the usual ones."""
     px4_valid_from_s: float = 0.0
     """The position of PX4 is valid from this time after the first image on; its counters step by 1 after 0.5 s more."""
 
@@ -205,7 +207,7 @@ class RosFlight:
             "k": k,
             "r": [0.0] * 9,
             "p": [0.0] * 12,
-        }
+        } | self.camera_fields
 
     def image(self, t_ns: int, number: int) -> dict[str, Any]:
         millimetres = expected_depth(number)

@@ -90,6 +90,32 @@ def test_mount_from_static_transforms(tmp_path: Path, capsys: pytest.CaptureFixt
     assert (mount.x_m, mount.y_m, mount.z_m) == pytest.approx((0.2, 0.0, -0.1))
 
 
+IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+TURNED = [0.9998, 0.0, 0.02, 0.0, 1.0, 0.0, -0.02, 0.0, 0.9998]
+P = [28.0, 0.0, 20.5, -1.5, 0.0, 27.0, 13.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+OF_K, OF_P = (30.0, 30.0, 19.5, 14.5), (28.0, 27.0, 20.5, 13.5)
+
+
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({"d": [0.1, -0.2, 0.0, 0.0, 0.0], "r": IDENTITY, "p": P}, OF_P),
+        ({"d": [0.0] * 5, "r": TURNED, "p": P}, OF_P),
+        ({"d": [0.0] * 5, "r": IDENTITY, "p": P}, OF_K),  # one image, and drivers may leave P at default values
+        ({"d": [0.1, -0.2, 0.0, 0.0, 0.0], "r": IDENTITY, "p": [0.0] * 12}, OF_K),
+        ({"d": [], "r": [0.0] * 9, "p": [0.0] * 12}, OF_K),
+    ],
+)
+def test_the_intrinsics_are_those_of_the_rectified_image(
+    fields: dict[str, list[float]], expected: tuple[float, ...], tmp_path: Path
+) -> None:
+    """CameraInfo: K is of the raw image, P of the rectified one, which depth images are."""
+    status, out = imported(RosFlight(camera_fields=fields), tmp_path)
+    assert status == 0
+    k = camera_of(out).intrinsics
+    assert (k.fx, k.fy, k.cx, k.cy) == expected
+
+
 def test_without_transforms_the_mount_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert imported(RosFlight(), tmp_path)[0] == 0
     assert "--mount" in capsys.readouterr().out
