@@ -330,7 +330,7 @@ class Ros2Source:
             self._report.warning(
                 "position",
                 f"{self._path}: PX4 sends {pose} also while its position is not valid, as indoors without GPS: the "
-                "merged world is then wrong; record /fmu/out/vehicle_local_position, which tells it",
+                "merged world is then wrong; record /fmu/out/vehicle_local_position, which reports whether it is valid",
             )
 
     def _attitude_topic(self) -> str:
