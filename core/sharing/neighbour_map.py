@@ -218,7 +218,8 @@ class NeighbourMap:
         found = []
         for number, held in sorted(movers.items()):
             mover = _placed_mover(vehicle, number, held.mover, placement, (now_ns - held.seen_ns) / NS)
-            if not any(body.contains(mover.centre_m, mover.half_size_m, mover.margin_m) for body in bodies):
+            size_m = held.mover.half_size_m  # without the uncertainty of the height
+            if not any(body.contains(mover.centre_m, size_m, mover.margin_m) for body in bodies):
                 found.append(mover)
         return found
 

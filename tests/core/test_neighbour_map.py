@@ -208,6 +208,27 @@ def test_a_claimed_radius_hides_no_other_obstacle() -> None:
     assert 0 in found.obstacles(OWN, 2 * NS).ids.tolist()
 
 
+@pytest.mark.parametrize(("length_m", "height_m"), [(4.5, 1.0), (1.0, 4.5)])
+def test_a_claimed_radius_hides_nothing_larger_than_a_vehicle(length_m: float, height_m: float) -> None:
+    found = filled_map()
+    y, z = 0.5 * length_m, 0.5 * height_m
+    row = SharedPlanes(
+        ids=np.array([7], np.uint16),
+        box=np.array([[12.0, -y, 12.0, y, -3.0 - z, -3.0 + z]]),
+        margin_m=np.array([0.1]),
+        flags=np.zeros(1, np.uint8),
+        age_s=np.array([0.1]),
+    )
+    moving = replace(mover(12.0), half_size_m=(0.2, y, z))
+    found.receive(planes_packet(header(3), row, (0.0, 0.0, 0.0)), 2 * NS)
+    found.receive(movers_packet(header(2000), (moving,), (0.0, 0.0, 0.0)), 2 * NS)
+    huge = VehicleState(frame=FRAME, position_m=(12.0, 0.0, -3.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=25.5)
+    found.receive(state_packet(header(10, vehicle=3), huge), 2 * NS)
+    got = found.obstacles(OWN, 2 * NS)
+    assert 7 in got.ids.tolist()
+    assert MoverKind.OBSTACLE in [m.kind for m in got.movers]
+
+
 def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
     found = filled_map()  # vehicle 2 is at x = 30
     found.receive(state_packet(header(10, vehicle=3), state(60.0)), 2 * NS)
@@ -218,6 +239,16 @@ def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
         assert sorted((m.sender, m.kind) for m in got) == [(2, MoverKind.VEHICLE), (3, MoverKind.VEHICLE)]
     found.receive(movers_packet(header(30, vehicle=3), (mover(45.0),), (0.0, 0.0, 0.0)), 2 * NS)
     assert [m.kind for m in found.obstacles(OWN, 2 * NS).movers].count(MoverKind.OBSTACLE) == 1
+
+
+def test_the_own_body_is_recognised_with_the_default_errors_of_the_positions() -> None:
+    vague = replace(FRAME, sigma_m=1.5, sigma_z_m=2.0, sigma_yaw_rad=0.035)
+    assert OWN.state is not None
+    own = replace(OWN, state=replace(OWN.state, frame=vague))
+    found = NeighbourMap(1)
+    found.receive(state_packet(header(1), state(frame=vague)), NS)
+    found.receive(movers_packet(header(2), (mover(1.5),), (0.0, 0.0, 0.0)), NS)
+    assert [m.kind for m in found.obstacles(own, NS).movers] == [MoverKind.VEHICLE]
 
 
 def test_a_vehicle_that_the_own_sensors_observe_is_not_reported_again() -> None:
