@@ -31,13 +31,15 @@ class Pair:
         aligned: whether it is aligned by planes.
         place_m: error at the middle of the common points; nan: not aligned.
         yaw_deg: error of its yaw.
-        told_m: 2 sigma of its place, which the margins contain."""
+        told_m: 2 sigma of its place, which the margins contain.
+        of_margin: greatest distance of an end of a plane from its true place, over the margin of the plane."""
 
     overlap: float
     aligned: bool
     place_m: float = math.nan
     yaw_deg: float = math.nan
     told_m: float = math.nan
+    of_margin: float = math.nan
 
 
 def pairs_of(parts: Sequence[Part], outcomes: Sequence[Outcome]) -> list[Pair]:
@@ -75,12 +77,15 @@ def _pair(parts: Sequence[Part], outcomes: Sequence[Outcome], receiver: int, sen
     R, t = _rigid(_ends(true), _ends(shared.planes[rows].astype(np.float64)))
     middle = common if len(common) else points
     at = parts[receiver].error.local(middle.mean(axis=0)[None])[0, :2]
+    ends = _ends(true)
+    moved_m = np.hypot(*(ends @ R.T + t - ends).T)
     return Pair(
         overlap=overlap,
         aligned=True,
         place_m=float(np.hypot(*(R @ at + t - at))),
         yaw_deg=abs(math.degrees(math.atan2(R[1, 0], R[0, 0]))),
         told_m=2.0 * status.sigma_m,
+        of_margin=float((moved_m / np.tile(shared.margin_m[rows], 2)).max()),
     )
 
 

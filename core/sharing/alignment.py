@@ -58,12 +58,13 @@ MOST_PRIOR_M, MOST_PRIOR_RAD = 6.0, math.radians(10.0)
 MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.6, math.radians(2.5)
 RIVAL_M, LEAST_LOG_ODDS = 1.6, 3.0
 """A place at least RIVAL_M away must be less probable by exp(LEAST_LOG_ODDS)."""
-MOST_RIVAL_SHARE, LEAST_RIVAL_M = 1.05, 60.0
+MOST_RIVAL_SHARE, LEAST_RIVAL_M = 1.05, 40.0
 """At no other place with this length in the common area may a share of it match that is this much greater: in a row of
 similar trees more of them match where more of the row is common. For true places it was 0.79 to 1.03, for places one
-period off 1.08 to 1.16."""
+period off 1.08 to 1.16. The length is less than LEAST_MATCHED_M, because at the true place less of a row may be common."""
 MOST_EDGE = 0.1
-"""Greatest probability at the edge of the fine grid."""
+"""Greatest probability at the edge of the fine grid, of its shifts or rotations. A place beyond the edge would be found
+at the edge, with a small uncertainty."""
 POSITION_SIGMAS = 4.0
 Z_TOLERANCE_M, LEAST_HEIGHTS, LEAST_HEIGHT_SHARE = 0.3, 4, 0.35
 
@@ -106,7 +107,7 @@ class _Posterior:
         covariance: (3, 3) of place.
         log_odds: of the best place against the best other one.
         rival_share: greatest share of the common area that matches at another place, over that at the best place.
-        edge: probability at the edge of the fine grid."""
+        edge: probability at the edge of the fine grid, of its shifts or rotations."""
 
     place: tuple[float, float, float]
     covariance: Floats
@@ -219,7 +220,7 @@ def _posterior(pairs: tuple[SamplePair, ...], centre: Floats, prior: Placement) 
     steps = np.array([FINE.cell_m, FINE.cell_m, FINE.turn_rad])
     covariance = (rest * p.ravel()) @ rest.T + np.diag(steps**2 / 12.0)
     place = float(mean[0]), float(mean[1]), math.remainder(float(mean[2]), math.tau)
-    return _Posterior(place, covariance, log_odds, rival_share, 1.0 - float(p[:, 1:-1, 1:-1].sum()))
+    return _Posterior(place, covariance, log_odds, rival_share, 1.0 - float(p[1:-1, 1:-1, 1:-1].sum()))
 
 
 def _searched(
@@ -281,13 +282,12 @@ def _judged(found: _Posterior, matches: _Matches, centre: Floats, prior: Placeme
         return FitResult.INCONSISTENT
     if found.log_odds < LEAST_LOG_ODDS or found.rival_share > MOST_RIVAL_SHARE:
         return FitResult.AMBIGUOUS
-    if found.sigma_m > MAX_SIGMA_M or found.sigma_yaw_rad > MAX_SIGMA_YAW_RAD or found.edge > MOST_EDGE:
+    if found.sigma_m > MAX_SIGMA_M or found.sigma_yaw_rad > MAX_SIGMA_YAW_RAD:
         return FitResult.UNOBSERVABLE
     x, y, yaw = found.place
     by_position = _centres(centre, np.array([yaw]), prior)[0]
-    turned_rad = abs(math.remainder(yaw - prior.yaw_rad, math.tau))
     far = math.hypot(x - by_position[0], y - by_position[1]) > POSITION_SIGMAS * prior.sigma_m
-    if far or turned_rad > POSITION_SIGMAS * prior.sigma_yaw_rad:
+    if far or found.edge > MOST_EDGE:
         return FitResult.AGAINST_POSITION
     return FitResult.ACCEPTED
 
