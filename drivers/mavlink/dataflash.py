@@ -5,7 +5,7 @@ Stamps (`TimeUS`) count from the start of the autopilot; where the log has a GPS
 from __future__ import annotations
 
 import math
-import struct
+from dataclasses import replace
 from pathlib import Path
 from statistics import median_low
 from typing import Any, Final
@@ -13,6 +13,7 @@ from typing import Any, Final
 from pymavlink import DFReader
 
 from ..base import BadData, DeviceNotFound
+from ..library_output import collected_output
 from .tlog import TlogAttitude, TlogPose, VehicleLog
 from .ulog import NO_RATES
 
@@ -35,6 +36,17 @@ def read_dataflash(path: Path) -> VehicleLog:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
     if head != MAGIC:
         raise BadData(f"{path}: not an ArduPilot log (.bin begins with a3 95); copy it again from the autopilot")
+    try:
+        with collected_output() as printed:
+            log = _vehicle_log(path)
+    except BadData:
+        raise
+    except Exception as error:  # of a damaged file the library raises this class itself
+        raise BadData(f"{path}: damaged ({error}); copy it again from the autopilot") from error
+    return replace(log, damaged=bool(printed.getvalue()))
+
+
+def _vehicle_log(path: Path) -> VehicleLog:
     attitudes: list[tuple[int, TlogAttitude]] = []
     poses: dict[str, list[tuple[int, TlogPose]]] = {kind: [] for kind in POSITIONS}
     offsets_us: list[int] = []
@@ -47,7 +59,7 @@ def read_dataflash(path: Path) -> VehicleLog:
             position = float(message.PN), float(message.PE), float(message.PD)
             velocity = float(message.VN), float(message.VE), float(message.VD)
             poses[kind].append((t_us, TlogPose(float(t_us), t_us, position, velocity)))
-        elif kind == "GPS" and message.GWk > 0:
+        elif kind == "GPS" and getattr(message, "GWk", 0) > 0:
             offsets_us.append(_unix_us(message) - t_us)
     if not attitudes:
         raise BadData(f"{path}: no {ATTITUDE} in it; set the attitude bits of the ArduPilot parameter LOG_BITMASK")
@@ -67,18 +79,15 @@ def read_dataflash(path: Path) -> VehicleLog:
 
 def _messages(path: Path) -> list[Any]:
     """Returns all messages of the kinds that are used."""
+    log = DFReader.DFReader_binary(str(path), zero_time_base=True)
     try:
-        log = DFReader.DFReader_binary(str(path), zero_time_base=True)
-        try:
-            found = []
-            while (message := log.recv_match(type=[ATTITUDE, "GPS", *POSITIONS])) is not None:
-                if hasattr(message, "TimeUS"):
-                    found.append(message)
-            return found
-        finally:
-            log.close()
-    except (struct.error, ValueError, LookupError, TypeError) as error:
-        raise BadData(f"{path}: damaged ({error}); copy it again from the autopilot") from error
+        found = []
+        while (message := log.recv_match(type=[ATTITUDE, "GPS", *POSITIONS])) is not None:
+            if hasattr(message, "TimeUS"):
+                found.append(message)
+        return found
+    finally:
+        log.close()
 
 
 def _unix_us(gps: Any) -> int:

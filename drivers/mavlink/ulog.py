@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base import BadData, DeviceNotFound
+from ..library_output import collected_output
 from ..optional_library import install_command
 from .tlog import TlogAttitude, TlogPose, VehicleLog
 
@@ -33,11 +34,16 @@ def read_ulog(path: Path) -> VehicleLog:
     except ImportError as error:
         raise DeviceNotFound(f"{path}: PX4 logs need pyulog: run {install_command('pyulog>=1.1')}") from error
     try:
-        log = pyulog.ULog(str(path), [ATTITUDE, POSITION, *GPS])
+        with collected_output():
+            log = pyulog.ULog(str(path), [ATTITUDE, POSITION, *GPS])
+        return _vehicle_log(path, log)
     except OSError as error:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except (core.ULogException, *_PARSE_ERRORS) as error:
         raise BadData(f"{path}: not a readable PX4 log ({error}); copy it again from the autopilot") from error
+
+
+def _vehicle_log(path: Path, log: Any) -> VehicleLog:
     attitude = _first(log, ATTITUDE)
     if attitude is None or not len(attitude["timestamp"]):
         raise BadData(f"{path}: no {ATTITUDE} in it; set the PX4 parameter SDLOG_PROFILE to its default")

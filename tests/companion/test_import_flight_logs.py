@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.cli import main
 from companion.importers.flight_log import TiltRow, match_tilt
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, DepthFrame, PoseSample
-from drivers.base import Event
+from drivers.base import DriverError, Event
+from drivers.mavlink.dataflash import read_dataflash
 from drivers.mavlink.ulog import read_ulog
 
 from .flight_logs import write_dataflash, write_ulog
@@ -103,6 +108,53 @@ def test_a_file_that_is_none(write: Write, name: str, tmp_path: Path, capsys: py
     assert imported(folder)[0] == 1
     assert name in (output := capsys.readouterr().err)
     assert "copy it again" in output
+
+
+DAMAGES = [
+    (write_ulog, "log.ulg", b"vehicle_attitude:uint64_t timestamp;", b"vehicle_attitude:uint64_t timestamq;"),
+    (write_ulog, "log.ulg", b"float[4] q;", b"float[4] r;"),
+    (write_dataflash, "log.bin", b"QBffffff", b"QBffmfff"),
+    (write_dataflash, "log.bin", b"TimeUS,Roll", b"TimeUS,Rool"),
+]
+
+
+@pytest.mark.parametrize(("write", "name", "before", "after"), DAMAGES)
+def test_a_damaged_definition_is_an_error_with_a_remedy(
+    write: Write, name: str, before: bytes, after: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 5)
+    content = write(folder / name, 1.0).read_bytes()
+    assert before in content
+    (folder / name).write_bytes(content.replace(before, after))
+    assert imported(folder, "--json")[0] == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert f"{name}: " in captured.err
+    assert "copy it again from the autopilot" in captured.err
+
+
+def test_messages_of_a_library_do_not_spoil_the_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    content = write_ulog(folder / "log.ulg", 3.0).read_bytes()
+    (folder / "log.ulg").write_bytes(content + bytes(60))
+    assert imported(folder, "--json")[0] == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert "log.ulg: damaged; the rest was read" in notes
+
+
+@pytest.mark.parametrize(("write", "read"), [(write_ulog, read_ulog), (write_dataflash, read_dataflash)])
+@given(data=st.data())
+def test_a_log_with_any_damage_is_read_or_refused(
+    write: Write, read: Callable[[Path], object], data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = write(tmp_path_factory.mktemp("logs") / "log", 0.2)
+    content = bytearray(path.read_bytes())
+    at = data.draw(st.integers(0, len(content) - 1))
+    length = data.draw(st.integers(0, 20))
+    content[at : at + length] = data.draw(st.binary(max_size=20))
+    path.write_bytes(content)
+    with contextlib.suppress(DriverError):
+        read(path)
 
 
 def test_the_rate_of_a_telemetry_radio_is_named_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
