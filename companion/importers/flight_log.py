@@ -91,7 +91,7 @@ def flight_log_samples(
         if first - AROUND_US <= p.t_us <= last + AROUND_US:
             t_ns, arrival_ns = _stamps(p.t_us, p.stamp_us, epoch_us)
             if all(map(math.isfinite, p.position_m + p.velocity_m_s)):
-                poses.append(PoseSample(t_ns, arrival_ns, p.position_m, p.velocity_m_s))
+                poses.append(PoseSample(t_ns, arrival_ns, p.position_m, p.velocity_m_s, p.reset_counter))
     return attitudes, poses
 
 

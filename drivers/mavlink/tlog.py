@@ -84,10 +84,11 @@ class TlogAttitude(Timed):
 
 @dataclass(frozen=True, slots=True)
 class TlogPose(Timed):
-    """Position and velocity in ned, metres and m/s."""
+    """Position and velocity in ned, metres and m/s. reset_counter: changes where the estimate jumps, if the log has it."""
 
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
+    reset_counter: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -96,17 +96,21 @@ def _attitudes(data: dict[str, NDArray[Any]], offset_us: int) -> list[TlogAttitu
 
 
 def _poses(data: dict[str, NDArray[Any]] | None, offset_us: int) -> list[TlogPose]:
-    """Returns the positions that the estimator marked as valid."""
+    """Returns the positions that the estimator marked as valid, by the flags of PX4's MAVLink stream and of the height."""
     if data is None:
         return []
     values = np.stack([data[name] for name in ("x", "y", "z", "vx", "vy", "vz")], axis=1).astype(float)
     stamps, measured = data["timestamp"].astype(np.int64) + offset_us, _measured_us(data) + offset_us
     valid = np.ones(len(stamps), bool)
-    for name in ("xy_valid", "z_valid"):
+    for name in ("xy_valid", "z_valid", "v_xy_valid"):
         if name in data:
             valid &= data[name].astype(bool)
+    counters = np.zeros(len(stamps), np.int64)
+    for name in ("xy_reset_counter", "z_reset_counter"):
+        if name in data:
+            counters = counters << 8 | data[name].astype(np.int64)
     return [
-        TlogPose(float(measured[i]), int(stamps[i]), (x, y, z), (vx, vy, vz))
+        TlogPose(float(measured[i]), int(stamps[i]), (x, y, z), (vx, vy, vz), int(counters[i]))
         for i, (x, y, z, vx, vy, vz) in enumerate(values.tolist())
         if valid[i]
     ]

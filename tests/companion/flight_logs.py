@@ -20,13 +20,22 @@ def _stamps(seconds: float, hz: float, start_s: float) -> list[float]:
     return [start_s + i / hz for i in range(int(seconds * hz) + 1)]
 
 
-def write_ulog(path: Path, seconds: float, hz: float = 50.0, start_s: float = 0.0, gps: bool = True) -> Path:
-    """vehicle_attitude and vehicle_local_position; with sensor_gps that tells the unix time."""
+def write_ulog(
+    path: Path,
+    seconds: float,
+    hz: float = 50.0,
+    start_s: float = 0.0,
+    gps: bool = True,
+    reset_s: float = math.inf,
+    invalid_s: float = math.inf,
+) -> Path:
+    """vehicle_attitude and vehicle_local_position; with sensor_gps that gives the unix time. From reset_s on the height has
+    been reset, from invalid_s on the velocity is not valid."""
     formats = {
         "vehicle_attitude": "uint64_t timestamp;uint64_t timestamp_sample;float[4] q;",
         "vehicle_local_position": (
             "uint64_t timestamp;uint64_t timestamp_sample;float x;float y;float z;float vx;float vy;float vz;"
-            "bool xy_valid;bool z_valid;"
+            "bool xy_valid;bool z_valid;bool v_xy_valid;uint8_t xy_reset_counter;uint8_t z_reset_counter;"
         ),
         "sensor_gps": "uint64_t timestamp;uint64_t time_utc_usec;",
     }
@@ -44,7 +53,10 @@ def write_ulog(path: Path, seconds: float, hz: float = 50.0, start_s: float = 0.
         t_us = BOOT_US + round((t_s - start_s) * 1e6)
         q = quaternion_from_euler(*tilt(t_s), 0.1)
         message(b"D", struct.pack("<HQQ4f", 0, t_us + 2000, t_us, *q))
-        position = struct.pack("<HQQ6f2B", 1, t_us + 2000, t_us, 1.0, 2.0, -3.0, 0.1, 0.2, 0.3, t_s > start_s, 1)
+        flags = t_s > start_s, True, t_s < invalid_s
+        counters = 4, 7 + (t_s >= reset_s)
+        numbers = (1.0, 2.0, -3.0, 0.1, 0.2, 0.3)
+        position = struct.pack("<HQQ6f3?2B", 1, t_us + 2000, t_us, *numbers, *flags, *counters)
         message(b"D", position)
         if gps:
             message(b"D", struct.pack("<HQQ", 2, t_us, EPOCH_US + round(t_s * 1e6)))

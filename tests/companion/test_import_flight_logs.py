@@ -60,6 +60,18 @@ def test_a_log_with_gps_time_needs_neither_angles_nor_an_epoch(
     assert poses[1].velocity_ned_m_s == pytest.approx((0.1, 0.2, 0.3))
 
 
+def test_positions_of_px4_keep_their_validity_and_their_resets(tmp_path: Path) -> None:
+    """EKF2 logs positions also while only the height is valid; its MAVLink stream leaves those out."""
+    poses = read_ulog(write_ulog(tmp_path / "log.ulg", 3.0, reset_s=1.5, invalid_s=2.0)).poses
+    assert len(poses) == 99  # from the second of 50 Hz to 2 s
+    assert len({p.reset_counter for p in poses[:74]}) == len({p.reset_counter for p in poses[74:]}) == 1
+    assert poses[73].reset_counter != poses[74].reset_counter
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    write_ulog(folder / "log.ulg", 3.0, reset_s=1.5)
+    _, events = imported(folder)
+    assert len({e.reset_counter for e in events if isinstance(e, PoseSample)}) == 2
+
+
 @KINDS
 def test_a_log_without_gps_time_is_matched_by_its_motion(
     write: Write, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
