@@ -137,7 +137,7 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
     bound = f" within {a.clock.bound_ns / MS:.2f} ms" if a.clock.HasField("bound_ns") else ""
     lines = [
         f"autopilot: {a.autopilot}, system {a.system_id}, {a.flight_mode + ', ' if a.flight_mode else ''}{'armed' if a.armed else 'disarmed'}, attitude "
-        f"{a.attitude_hz:.0f} Hz, position {a.position_hz:.0f} Hz, clock {source}{bound}, autopilot reboots "
+        f"{a.attitude_hz:.0f} Hz, position {a.position_hz:.0f} Hz, clock {source}{bound}, clock restarts "
         f"{a.clock.restarts}"
     ]
     anomalies = ", ".join(f"{count} {code} ({text_of(code, LinkAnomaly)})" for code, count in sorted(a.counts.items()))

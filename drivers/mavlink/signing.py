@@ -5,7 +5,10 @@ packet gets a timestamp of `SigningClock`. And it stores the timestamp of a pack
 so that one forged packet with a late timestamp locks out all valid ones: here the signature is verified first.
 
 With a key, only messages signed with it are accepted. An autopilot that is not accepted is still sent the heartbeat:
-its clock may be behind after a long time without power, and it learns the time from the signed heartbeat."""
+its clock may be behind after a long time without power, and it learns the time from the signed heartbeat.
+
+PX4 1.17 signs all its messages with a key of zeros until it is given a key, and accepts unsigned ones until then
+(`MavlinkSignControl` in its sources). Such a signature proves nothing: the message counts as unsigned."""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from .anomalies import LinkAnomaly
 from .clock_sync import NS
 from .dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from .signing_clock import TICKS_PER_S, SigningClock
-from .signing_key import SigningKey
+from .signing_key import KEY_BYTES, SigningKey, signature_of
 
 SIGNED_FLAG, BLOCK_BYTES, MAVLINK2 = 1, 13, 0xFD
 NEW_STREAM_TICKS = 60 * TICKS_PER_S
@@ -26,12 +29,13 @@ NEW_STREAM_TICKS = 60 * TICKS_PER_S
 RECENT_NS = 5 * NS
 """Only messages of the autopilot within this time decide which fault is reported."""
 SETUP_SIGNING_ID, HEARTBEAT_ID = 256, 0
+_NO_KEY = bytes(KEY_BYTES)
 
 
 class Verdict(Enum):
     """Result of the verification of a signature."""
 
-    UNSIGNED = "unsigned"
+    UNSIGNED = "unsigned, or signed with a key of zeros"
     UNCHECKED = "signed, and no key is configured"
     GOOD = "signed with the configured key"
     FORGED = "signed with another key"
@@ -98,9 +102,12 @@ class Signing:
         frame = message.get_msgbuf()
         if not _signed(frame):
             return Verdict.UNSIGNED
+        signed, signature = bytes(frame[:-6]), bytes(frame[-6:])
+        if signature == signature_of(_NO_KEY, signed):
+            return Verdict.UNSIGNED
         if self._key is None:
             return Verdict.UNCHECKED
-        if not hmac.compare_digest(self._key.signature(bytes(frame[:-6])), bytes(frame[-6:])):
+        if not hmac.compare_digest(self._key.signature(signed), signature):
             return Verdict.FORGED
         ticks = int.from_bytes(frame[-12:-6], "little")
         stream = (frame[-13], message.get_srcSystem(), message.get_srcComponent())

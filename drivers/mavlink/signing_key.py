@@ -31,9 +31,14 @@ class SigningKey:
         return "SigningKey(...)"
 
     def signature(self, signed: bytes) -> bytes:
-        """Returns the 6 bytes that end a frame: the first 48 bits of SHA-256 of key and frame. signed: the frame up
-        to them."""
-        return hashlib.sha256(self.secret + signed).digest()[:6]
+        """Returns the 6 bytes that end a frame, see `signature_of`."""
+        return signature_of(self.secret, signed)
+
+
+def signature_of(secret: bytes, signed: bytes) -> bytes:
+    """Returns the 6 bytes that end a frame: the first 48 bits of SHA-256 of key and frame. signed: the frame up to
+    them."""
+    return hashlib.sha256(secret + signed).digest()[:6]
 
 
 def load_key(path: Path) -> SigningKey:

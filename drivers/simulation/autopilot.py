@@ -58,8 +58,9 @@ def never(_: int) -> bool:
 class FirmwareProfile:
     """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
     knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
-    which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
-    time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it uses MAVLink 1.
+    which instants it sends all but the attitude. key: it signs, and takes only what is signed with it; a key of
+    zeros: it signs and takes everything, as PX4 1.17 without a key. signing_ticks: its time at boot, in units of signatures;
+    0 is that of one that has no clock. mavlink_1: it uses MAVLink 1.
     version: of its firmware, None: a usual one;
     hides_version: it does not answer AUTOPILOT_VERSION. landed_state: MAV_LANDED_STATE, 0: it is not known.
     proximity_started: PRX1_TYPE was set when it started. flight: it flies by itself, by its mode and by commands; the mode and the
@@ -191,7 +192,7 @@ class SimulatedAutopilot:
     def _takes(self, message: Any) -> bool:
         """By the library's own check, which knows the time by what it hears, too."""
         frame = message.get_msgbuf()
-        if self.profile.key is None:
+        if self.profile.key is None or not any(self.profile.key):
             return True
         if frame[0] != 0xFD or not frame[2] & 1:
             return message.get_msgId() in _TAKEN_UNSIGNED[self.profile.kind]

@@ -23,7 +23,7 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, Simula
 from .test_mavlink_link import until
 from .test_mavlink_session import MS, NS, Conversation
 
-KEY, OTHER = bytes(range(1, 33)), bytes(range(2, 34))
+KEY, OTHER, NO_KEY = bytes(range(1, 33)), bytes(range(2, 34)), bytes(32)
 DAY_TICKS = 86_400 * TICKS_PER_S
 NOON_NS = (EPOCH_UNIX_S + 12 * 365 * 86_400) * NS
 NOW = wall_ticks(NOON_NS)
@@ -130,6 +130,24 @@ def test_the_autopilot_does_not_sign_though_we_have_a_key(kind: str) -> None:
     c.run(2.0)
     assert [m.text for m in c.autopilots[0].of_kind("STATUSTEXT")] == ["why"]
     assert {m.get_type() for m in c.autopilots[0].received} == {"HEARTBEAT", "STATUSTEXT"}
+
+
+def test_px4_without_a_key_signs_with_zeros_and_that_is_no_fault() -> None:
+    """PX4 1.17 signs all messages with a key of zeros until it is given a key, and accepts unsigned ones."""
+    c = talk(PX4, None, NO_KEY)
+    c.run(8.0)
+    assert c.session.vehicle is not None
+    assert fault(c) == ""
+    assert obstacles(c) == 20
+
+
+def test_px4_without_a_key_counts_as_unsigned_for_a_companion_with_a_key() -> None:
+    c = talk(PX4, KEY, NO_KEY)
+    c.run(4.0)
+    assert c.session.vehicle is None
+    assert c.samples == []
+    assert "does not sign, but a key is set" in fault(c)
+    assert obstacles(c) == 0
 
 
 def test_another_key_on_the_autopilot() -> None:
