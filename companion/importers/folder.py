@@ -71,10 +71,12 @@ class _FolderRows:
     def from_rows(self) -> Samples:
         """Attitudes and positions of frames.csv."""
         self._report_unusable()
+        # of a file in degrees the small angles would pass as radians
+        in_degrees = any(looks_like_degrees(r) for r in self._rows)
         attitudes = [
             AttitudeSample(r.t_ns, r.t_ns, quaternion_from_euler(*r.euler_rad))
             for r in self._rows
-            if r.euler_rad is not None and not looks_like_degrees(r)
+            if r.euler_rad is not None and not in_degrees
         ]
         poses = [PoseSample(r.t_ns, r.t_ns, r.position_ned_m) for r in self._rows if r.position_ned_m is not None]
         return attitudes, poses
@@ -93,9 +95,9 @@ class _FolderRows:
         if too_large:
             self._report.problem(
                 "attitude",
-                f"{path}: {len(too_large)} rows with angles of more than a full turn (line {spans(too_large)}): the "
-                "frames are kept without attitude; roll_rad, pitch_rad and yaw_rad must be radians, these look like "
-                "degrees",
+                f"{path}: {len(too_large)} rows with angles of more than a full turn (line {spans(too_large)}), which look "
+                "like degrees: no attitude of the file is used, since small angles in degrees cannot be distinguished from "
+                "radians; correct these rows, or convert roll_rad, pitch_rad and yaw_rad to radians",
             )
         without_position = [r.line for r in self._rows if r.position_ned_m is None]
         if 0 < len(without_position) < len(self._rows):
