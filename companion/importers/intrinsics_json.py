@@ -21,8 +21,8 @@ class DepthCoding:
     invalid: tuple[int, ...] = (0, 65535)
 
 
-def read_intrinsics(path: Path, options: ImportOptions) -> tuple[CameraInfo, DepthCoding]:
-    """The camera and the encoding of its images. Raises BadData."""
+def read_intrinsics(path: Path, options: ImportOptions, usual_unit_mm: float = 1.0) -> tuple[CameraInfo, DepthCoding]:
+    """The camera and the encoding of its images. usual_unit_mm: where the file states none. Raises BadData."""
     content = _json_object(path)
     numbers: dict[str, float] = {}
     for key in ("width", "height", "fx", "fy", "cx", "cy"):
@@ -30,7 +30,7 @@ def read_intrinsics(path: Path, options: ImportOptions) -> tuple[CameraInfo, Dep
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BadData(f"{path}: {key} is {'missing' if value is None else repr(value)}; expected a number (pixels)")
         numbers[key] = value
-    unit_mm = content.get("depth_unit_mm", 1.0)
+    unit_mm = content.get("depth_unit_mm", usual_unit_mm)
     if isinstance(unit_mm, bool) or not isinstance(unit_mm, int | float) or not 1e-3 <= unit_mm <= 1000.0:
         raise BadData(f"{path}: depth_unit_mm = {unit_mm!r}; expected millimetres per step, 0.001..1000")
     invalid = content.get("invalid", [0, 65535])

@@ -55,8 +55,7 @@ def open_tum(folder: Path, options: ImportOptions, report: Report) -> FrameListS
 def _camera(folder: Path, options: ImportOptions, report: Report) -> tuple[CameraInfo, DepthCoding]:
     path = folder / "intrinsics.json"
     if path.exists():
-        info, coding = read_intrinsics(path, options)
-        return info, coding if coding.unit_mm != 1.0 else DepthCoding(unit_mm=DEPTH_UNIT_MM)
+        return read_intrinsics(path, options, DEPTH_UNIT_MM)
     report.note(
         f"no intrinsics.json: the benchmark's default camera (fx {DEFAULT.fx:g}, cx {DEFAULT.cx:g}) is used; depth is "
         "5000 per metre"

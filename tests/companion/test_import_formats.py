@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -71,6 +72,26 @@ def test_a_tum_folder_with_its_scale_stamps_and_poses(tmp_path: Path, capsys: py
     R = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
     np.testing.assert_allclose(R, rotation_from_euler(0.0, -0.2, math.pi / 4), atol=1e-5)
     assert next(e for e in events if isinstance(e, PoseSample)).position_ned_m == pytest.approx((2.0, 1.0, -3.0))
+
+
+@pytest.mark.parametrize(
+    ("unit", "expected_mm"), [({}, 1000), ({"depth_unit_mm": 1.0}, 5000), ({"depth_unit_mm": 0.5}, 2500)]
+)
+def test_a_tum_folder_with_intrinsics_has_the_depth_unit_that_they_state(
+    unit: dict[str, float], expected_mm: int, tmp_path: Path
+) -> None:
+    folder = write_tum(tmp_path / "rgbd", frames=1)
+    camera = {"width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0, "invalid": [0, 7]}
+    (folder / "intrinsics.json").write_text(json.dumps(camera | unit))
+    image = np.full((480, 640), 5000, np.uint16)
+    image[0, 0] = 7
+    assert cv2.imwrite(str(next((folder / "depth").iterdir())), image)
+    status, out = imported(folder)
+    assert status == 0
+    assert camera_of(out).intrinsics.fx == 500.0
+    (frame,) = frames_of(out)
+    assert frame.depth_mm[9, 9] == expected_mm
+    assert frame.depth_mm[0, 0] == 0
 
 
 def test_slow_or_missing_poses_are_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
