@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import re
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -33,7 +34,8 @@ def write_manifest(folder: Path) -> None:
     except UnreadableManifest:
         before = {}
     os.sync()  # a power failure must not leave a manifest of files whose content was not written
-    _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in _kernels(folder)})
+    began_ns = time.time_ns()
+    _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in _kernels(folder)}, began_ns)
 
 
 def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
@@ -44,7 +46,7 @@ def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
         return
     taken = {name: there[name] for name in names if name in there}
     if taken:
-        _write(target, {**here, **taken})
+        _write(target, {**here, **taken}, time.time_ns())
 
 
 def damaged_kernels(folder: Path) -> list[Path]:
@@ -105,10 +107,13 @@ def _entries(folder: Path) -> dict[str, Entry]:
         raise UnreadableManifest(str(folder / MANIFEST)) from error
 
 
-def _write(folder: Path, entries: dict[str, Entry]) -> None:
+def _write(folder: Path, entries: dict[str, Entry], began_ns: int) -> None:
+    """Writes the manifest. Its modification time is when the files began to be read, so that a file which another
+    process has replaced since counts as newer and not as damaged."""
     part = folder / f"{MANIFEST}.{os.getpid()}.part"
     with part.open("w", encoding="utf-8") as stream:
         json.dump(entries, stream)
         stream.flush()
         os.fsync(stream.fileno())
+    os.utime(part, ns=(began_ns, began_ns))
     part.replace(folder / MANIFEST)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import gc
+import json
 import logging
 import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -86,6 +88,24 @@ def test_a_kernel_that_numba_wrote_later_is_taken_in(tmp_path: Path) -> None:
     write_manifest(tmp_path)
     changed(file, b"of two signatures noW")
     assert damaged_kernels(tmp_path) == [file]
+
+
+def test_a_kernel_that_another_process_writes_meanwhile_is_not_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two commands compile at once. The one replaces a file after the other has read it, and before its manifest is
+    written."""
+    file = made(tmp_path)["a.g-9.py311.nbi"]
+    dump = json.dump
+
+    def dump_late(*args: Any) -> None:
+        file.with_suffix(".part").write_bytes(b"of two signatures now")
+        file.with_suffix(".part").replace(file)
+        dump(*args)
+
+    monkeypatch.setattr(json, "dump", dump_late)
+    write_manifest(tmp_path)
+    assert damaged_kernels(tmp_path) == []
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[1]", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000])
