@@ -130,11 +130,15 @@ def _run_tracking_kernels() -> None:
 
 
 def _run_sharing_kernels() -> None:
-    """Compares the samples of two planes."""
+    """Compares the samples of two planes, and a plane with one that was sent."""
     from core.sharing.correlation import Grid, scores
+    from core.sharing.cover import covered
+    from core.sharing.records import SharedPlanes
 
     points = np.column_stack([np.arange(20) * 0.2, np.zeros(20)])
     scores(points, np.zeros((1, 2)), np.zeros(1), 1.0, points, Grid(0.4, 0.01, 0.3))
+    none = SharedPlanes.empty().box  # read-only, as all planes to send
+    covered(none, np.zeros(0, np.intp), np.zeros((0, 6)), np.zeros(0, np.bool_))
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

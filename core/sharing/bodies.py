@@ -4,12 +4,12 @@ Only reports of neighbours are compared with them, never obstacles of the own se
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
 BODY_SIZE_M = 1.5
 """Greatest radius of a vehicle, whatever it reports."""
 SLACK_M = 0.5
@@ -27,27 +27,31 @@ class Body:
     margin_m: float
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
 
-    def contains(
-        self, centre_m: tuple[float, float, float], half_size_m: tuple[float, float, float], margin_m: float
-    ) -> bool:
-        """True if a reported mover is this vehicle."""
-        # the reported radius is limited, so that it cannot remove other obstacles
-        radius_m = min(self.radius_m, BODY_SIZE_M)
-        if max(half_size_m) > self.most_half_size_m:
-            return False
-        slack_m = min(SLACK_M + self.margin_m + margin_m, MOST_SLACK_M)
-        aside = math.hypot(centre_m[0] - self.centre_m[0], centre_m[1] - self.centre_m[1])
-        return aside <= radius_m + slack_m and abs(centre_m[2] - self.centre_m[2]) <= radius_m + MOST_SLACK_M
-
     @property
     def most_half_size_m(self) -> float:
         """Half the greatest size of a report of this vehicle: of others it may be up to twice as large as it is."""
         return min(2.0 * self.radius_m, BODY_SIZE_M) + SLACK_M
 
+    def contains(
+        self, centre_m: tuple[float, float, float], half_size_m: tuple[float, float, float], margin_m: float
+    ) -> bool:
+        """True if a reported mover is this vehicle."""
+        return bool(self.contains_each(np.array([centre_m]), np.array([max(half_size_m)]), margin_m)[0])
 
-def is_body(body: Body, box: NDArray[np.float32] | NDArray[np.float64], sigma_m: float = 0.0) -> bool:
-    """True if a reported plane (6,) is a side of this vehicle. sigma_m: uncertainty of the place of the plane."""
-    length = math.hypot(float(box[2] - box[0]), float(box[3] - box[1]))
-    height = float(box[5] - box[4])
-    x, y, z = (0.5 * float(box[0] + box[2]), 0.5 * float(box[1] + box[3]), 0.5 * float(box[4] + box[5]))
-    return body.contains((x, y, z), (0.5 * length, 0.0, 0.5 * height), 2.0 * sigma_m)
+    def contains_each(self, centre_m: Floats, half_size_m: Floats, margin_m: float) -> NDArray[np.bool_]:
+        """Returns (N,): which reports are this vehicle. centre_m: (N, 3); half_size_m: (N,), the greatest of each."""
+        # the reported radius is limited, so that it cannot remove other obstacles
+        radius_m = min(self.radius_m, BODY_SIZE_M)
+        slack_m = min(SLACK_M + self.margin_m + margin_m, MOST_SLACK_M)
+        off = centre_m - np.array(self.centre_m)
+        near = np.hypot(off[:, 0], off[:, 1]) <= radius_m + slack_m
+        near &= np.abs(off[:, 2]) <= radius_m + MOST_SLACK_M
+        return np.asarray(near & (half_size_m <= self.most_half_size_m))
+
+
+def are_bodies(body: Body, box: Floats, sigma_m: float = 0.0) -> NDArray[np.bool_]:
+    """Returns (N,): which reported planes (N, 6) are a side of this vehicle. sigma_m: uncertainty of the place of the
+    planes."""
+    length_m, height_m = np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]), box[:, 5] - box[:, 4]
+    centre_m = 0.5 * np.column_stack([box[:, 0] + box[:, 2], box[:, 1] + box[:, 3], box[:, 4] + box[:, 5]])
+    return body.contains_each(centre_m, 0.5 * np.maximum(length_m, height_m), 2.0 * sigma_m)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import inner
+
 Floats = NDArray[np.float64]
 SAMPLE_M = 0.3
 MOST_SAMPLES = 64
@@ -12,18 +14,54 @@ COVER_M, COVER_HEIGHT_M = 0.5, 0.5
 """A part of a plane is contained within this distance of another plane that is as high, up to this height."""
 
 
-def is_covered(box: Floats, sent: Floats) -> bool:
-    """True if planes (N, 6) contain a plane (6,): no part of it is farther than COVER_M from one that is as high."""
-    high = (sent[:, 4] <= box[4] + COVER_HEIGHT_M) & (sent[:, 5] >= box[5] - COVER_HEIGHT_M)
-    near = (np.minimum(sent[:, 0:2], sent[:, 2:4]) <= np.maximum(box[0:2], box[2:4]) + COVER_M).all(axis=1)
-    near &= (np.maximum(sent[:, 0:2], sent[:, 2:4]) >= np.minimum(box[0:2], box[2:4]) - COVER_M).all(axis=1)
-    some = sent[high & near]
-    if not len(some):
-        return False
-    count = min(MOST_SAMPLES, 2 + int(np.hypot(*(box[2:4] - box[0:2])) / SAMPLE_M))
-    points = box[0:2] + np.linspace(0.0, 1.0, count)[:, None] * (box[2:4] - box[0:2])
-    along = some[:, 2:4] - some[:, 0:2]
-    off = points[:, None] - some[None, :, 0:2]
-    t = np.clip((off * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-9), 0.0, 1.0)
-    gap = off - t[:, :, None] * along
-    return bool((np.hypot(gap[:, :, 0], gap[:, :, 1]).min(axis=1) <= COVER_M).all())
+def covered(box: Floats, rows: NDArray[np.intp], sent_box: Floats, sent: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Returns (N,): which of some planes others contain that were sent: no part of them is farther than COVER_M from
+    one that is as high.
+
+    Args:
+        box: (N, 6) planes.
+        rows: (M,) rows of the planes to test; others are not contained.
+        sent_box: (N, 6) the same planes as they were sent.
+        sent: (N,) which were sent."""
+    found = np.zeros(len(box), np.bool_)
+    others = np.flatnonzero(sent)
+    _mark_covered(found, np.ascontiguousarray(box), rows, np.ascontiguousarray(sent_box), others)
+    return found
+
+
+@inner
+def _mark_covered(found, box, rows, sent_box, others):
+    """Marks the rows of `box` that others contain, without themselves."""
+    for r in range(len(rows)):
+        row = rows[r]
+        ax, ay = box[row, 0], box[row, 1]
+        dx, dy = box[row, 2] - ax, box[row, 3] - ay
+        count = min(MOST_SAMPLES, 2 + int(np.hypot(dx, dy) / SAMPLE_M))
+        contained = True
+        for k in range(count):
+            share = k / (count - 1)
+            if not _is_near(ax + share * dx, ay + share * dy, row, box, sent_box, others):
+                contained = False
+                break
+        found[row] = contained
+
+
+@inner
+def _is_near(x, y, row, box, sent_box, others):
+    """True if a point of a plane is near another plane that is as high."""
+    for s in range(len(others)):
+        k = others[s]
+        if k == row:
+            continue
+        if sent_box[k, 4] > box[row, 4] + COVER_HEIGHT_M or sent_box[k, 5] < box[row, 5] - COVER_HEIGHT_M:
+            continue
+        ax, ay, bx, by = sent_box[k, 0], sent_box[k, 1], sent_box[k, 2], sent_box[k, 3]
+        if min(ax, bx) > x + COVER_M or max(ax, bx) < x - COVER_M:
+            continue
+        if min(ay, by) > y + COVER_M or max(ay, by) < y - COVER_M:
+            continue
+        dx, dy = bx - ax, by - ay
+        t = min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / max(dx * dx + dy * dy, 1e-9)))
+        if np.hypot(x - ax - t * dx, y - ay - t * dy) <= COVER_M:
+            return True
+    return False

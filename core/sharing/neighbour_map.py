@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import Body, is_body
+from .bodies import Body, are_bodies
 from .neighbour import NS, HeldMover, HeldPlane, Neighbour, boxes_of
 from .obstacles import (
     MoverKind,
@@ -198,8 +198,9 @@ class NeighbourMap:
         box = boxes_of(planes_held)
         planes, margin_m, sigma_m = placed_planes(box, np.array([p.margin_m for _, p in held]), placement)
         keep = sigma_m <= self.params.max_sigma_m
-        for k, place in enumerate(placement.boxes(box)):
-            keep[k] &= not any(is_body(body, place, placement.sigma_m) for body in bodies)
+        placed = placement.boxes(box)
+        for body in bodies:
+            keep &= ~are_bodies(body, placed, placement.sigma_m)
         rows = np.flatnonzero(keep)
         return {
             "sender": np.full(len(rows), vehicle, np.uint8),

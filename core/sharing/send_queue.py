@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..types import PlaneFlags
-from .bodies import BODY_SIZE_M, Body, is_body
-from .cover import is_covered
+from .bodies import Body, are_bodies
+from .cover import covered
 from .packet_codec import (
     MOTION_BYTES,
     MOVERS_PER_TUNNEL,
@@ -240,12 +240,11 @@ class SendQueue:
         times, waited_ns = self._times[ids], now_ns - self._sent_ns[ids]
         changed = _changed(self._boxes[ids], planes.box) & (times > 0) & (waited_ns >= CHANGED_NS)
         new = (times < REPEATS) & (waited_ns >= REPEAT_NS) | changed
-        new &= ~self._known(planes, new, times)
+        new &= ~covered(planes.box, np.flatnonzero(new), self._boxes[ids], times > 0)
         refresh_ns = np.where(times > REPEATS, round(self._budget.refresh_s * NS), THIRD_NS)
         due = new | (waited_ns >= refresh_ns)
         for body in offer.others:
-            for row in np.flatnonzero(due & _small(planes.box)):
-                due[row] &= not is_body(body, planes.box[row])
+            due &= ~are_bodies(body, planes.box)
         cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
         # Order: never sent, sent once, changed; then near other vehicles; then complete; then waiting longest.
         rank = np.where(times < REPEATS, times, np.where(changed, REPEATS, REPEATS + 1))
@@ -254,16 +253,6 @@ class SendQueue:
         order = np.lexsort((np.arange(len(planes)), turn, cut, ~_near(planes.box, offer), rank))
         order = order[due[order]]
         return order[new[order]], order[~new[order]]
-
-    def _known(self, planes: SharedPlanes, some: NDArray[np.bool_], times: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Returns (N,): which of some planes others contain that were sent: they can wait."""
-        known = np.zeros(len(planes), bool)
-        boxes, sent = self._boxes[planes.ids], times > 0
-        for row in np.flatnonzero(some).tolist():
-            before, sent[row] = sent[row], False
-            known[row] = is_covered(planes.box[row], boxes[sent])
-            sent[row] = before
-        return known
 
     def _forget(self, ids: NDArray[np.uint16]) -> None:
         """Forgets planes that are no longer in the own world: if their number is used again, the plane is new."""
@@ -293,11 +282,6 @@ def _changed(old: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.b
         moved_m = np.maximum(moved_m, np.hypot(off[:, 0], off[:, 1]))
     grown_m = np.maximum(old[:, 4] - new[:, 4], new[:, 5] - old[:, 5])
     return np.asarray((moved_m > MOVED_M) | (grown_m > GROWN_M))
-
-
-def _small(box: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns (N,): planes that are small enough for a side of a vehicle."""
-    return np.asarray(np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]) <= 4.0 * BODY_SIZE_M)
 
 
 def _near(box: NDArray[np.float64], offer: Offer) -> NDArray[np.bool_]:

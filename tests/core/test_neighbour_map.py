@@ -57,6 +57,7 @@ def test_an_uncertain_place_is_withheld() -> None:
     found = NeighbourMap(1)
     found.receive(state_packet(header(0), state(frame=vague)), NS)
     found.receive(wall_packet(1), NS)
+    found.receive(movers_packet(header(2), (mover(45.0),), (0.0, 0.0, 0.0)), NS)
     got = found.obstacles(OWN, NS)
     assert (len(got.sender), got.movers) == (0, ())
     assert got.neighbours[0].placement is PlacementState.WITHHELD
@@ -129,6 +130,24 @@ def test_planes_of_a_frame_that_was_left_stay_at_their_place_until_they_expire()
     found.receive(state_packet(header(60, section=1), state()), 2 * NS)
     assert sorted(found.obstacles(OWN, 2 * NS).ids.tolist()) == [0, 3]
     assert found.obstacles(OWN, 61 * NS + NS // 2).ids.tolist() == [3]
+
+
+def test_without_an_own_position_nothing_of_any_frame_is_published() -> None:
+    found = filled_map()
+    found.receive(state_packet(header(50, section=1), state()), 2 * NS)
+    found.receive(planes_packet(header(51, section=1), wall(3), (0.0, 0.0, 0.0)), 2 * NS)
+    got = found.obstacles(replace(OWN, state=None), 2 * NS)
+    assert (len(got.sender), got.movers, got.neighbours[0].withheld) == (0, (), 2)
+    assert len(found.obstacles(OWN, 2 * NS).sender) == 2
+
+
+def test_of_too_many_planes_those_that_were_repeated_are_kept() -> None:
+    found = NeighbourMap(1, SharingParams(most_planes=64))
+    found.receive(state_at(0), NS)
+    for k in range(100):
+        found.receive(wall_packet(1 + 2 * k, number=k), NS + k)
+        found.receive(wall_packet(2 + 2 * k, number=0), NS + k)
+    assert sorted(found.obstacles(OWN, NS + 100).ids.tolist()) == [0, *range(100 - 63, 100)]
 
 
 def test_changes_of_frames_clear_nothing() -> None:
