@@ -28,10 +28,19 @@ ALIGN_PLANES: Final = 300
 
 @dataclass(slots=True)
 class OwnSide:
-    """What is known of the own vehicle. origin: latitude, longitude (deg), altitude (m); movers: of the own sensors."""
+    """What is known of the own vehicle.
+
+    Attributes:
+        origin: latitude, longitude (deg), altitude (m).
+        pose: newest position.
+        jump_ns: first stamp after its newest jump; 0: there was none.
+        planes: of the own world.
+        movers: of the own sensors.
+        movers_ns: instant of their ages."""
 
     origin: tuple[float, float, float] | None = None
     pose: PoseSample | None = None
+    jump_ns: int = 0
     planes: OwnPlanes = field(default_factory=lambda: OwnPlanes(SharedPlanes.empty(), 0))
     movers: tuple[SharedMover, ...] = ()
     movers_ns: int = 0
@@ -86,7 +95,8 @@ class Team:
         """The own side for the map."""
         frame, pose = self.frame, self.own.pose
         state: VehicleState | None = None
-        if frame is not None and pose is not None and now_ns - pose.t_arrival_ns <= POSITION_NS:
+        recent = pose is not None and now_ns - pose.t_arrival_ns <= POSITION_NS
+        if frame is not None and pose is not None and recent and self._is_in_section():
             velocity = pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
             state = VehicleState(
                 frame=frame, position_m=_moved(pose, now_ns), velocity_m_s=velocity, radius_m=self._radius_m
@@ -99,6 +109,11 @@ class Team:
     def frame(self) -> LocalFrame | None:
         """The own frame on Earth; None: not known."""
         return None if self.own.origin is None else own_frame(self._config, *self.own.origin)
+
+    def _is_in_section(self) -> bool:
+        """False between a jump of the own position and the first frame in the own world after it: until then the number
+        of the section is that of the frame before the jump."""
+        return self.own.planes.newest_ns == 0 or self.own.planes.newest_ns >= self.own.jump_ns
 
     def _planes(self, now_ns: int) -> SharedPlanes:
         """The own planes; none of a world that is not updated."""

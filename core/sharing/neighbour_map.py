@@ -245,9 +245,10 @@ class NeighbourMap:
         return None if own.state is None else neighbour.placement(own.state.frame)
 
     def _follow(self, own: OwnState) -> None:
+        """Discards the alignments if the own frame has changed, or may have while the own position was not known."""
         frame = own.state.frame if own.state is not None else None
-        if own.section != self._section or (frame is not None and frame != self._frame):
-            self._section, self._frame = own.section, frame or self._frame
+        if frame is None or (own.section, frame) != (self._section, self._frame):
+            self._section, self._frame = own.section, frame
             for neighbour in self._neighbours.values():
                 neighbour.forget_alignment()
 

@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import pytest
+
+import companion.share.thread as thread_module
 from companion.config.share import ShareConfig
+from companion.share.own_planes import OwnPlanes
 from companion.share.thread import MOST_LOGGED_PER_S, Sharing
 from core.sharing.packet_codec import state_packet
-from core.sharing.records import Header, LocalFrame, VehicleState
+from core.sharing.records import Header, LocalFrame, SharedPlanes, VehicleState
+from core.types import PoseSample
+from core.world.world import World
 from drivers.sharing.link import ReceivedPacket
 
 NS = 1_000_000_000
@@ -28,13 +34,14 @@ class MemoryLink:
     def __init__(self, deliver: Callable[[ReceivedPacket], None]) -> None:
         self.deliver = deliver
         self.confirmed: list[ReceivedPacket] = []
+        self.sent: list[bytes] = []
         self.refused: dict[str, int] = {}
 
     def open(self) -> None:
         """Nothing to open."""
 
     def send(self, packets: Sequence[bytes], vehicle: int) -> None:
-        """Drops them."""
+        self.sent += packets
 
     def confirm(self, packet: ReceivedPacket) -> None:
         self.confirmed.append(packet)
@@ -114,3 +121,35 @@ def test_messages_that_a_link_refuses_are_reported() -> None:
     made.deliver(1000, 5 * NS)
     made.sharing.step(5 * NS)
     assert dict(made.sharing.health.received) == {"accepted": 1, "signature": 3}
+
+
+@pytest.mark.parametrize("kind", ["counted", "stepped"])
+def test_after_a_jump_of_the_own_position_nothing_is_exchanged_until_the_own_world_follows(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """The world begins a new section with the next frame. Without one, obstacles would stand in the old section."""
+    made, newest_ns = Made(), [0]
+    monkeypatch.setattr(thread_module, "own_planes", lambda *_: OwnPlanes(SharedPlanes.empty(), 1, newest_ns[0]))
+
+    def step(t_ns: int, north_m: float, resets: int, frame_ns: int) -> tuple[int, int]:
+        """(sent packets, published moving obstacles) at an instant."""
+        newest_ns[0] = frame_ns
+        pose = PoseSample(
+            t_ns=t_ns,
+            t_arrival_ns=t_ns,
+            position_ned_m=(north_m, 0.0, -3.0),
+            velocity_ned_m_s=(0.0, 0.0, 0.0),
+            reset_counter=resets,
+        )
+        made.sharing.samples([pose])
+        made.sharing.world(World(), t_ns)
+        made.deliver(t_ns // 1_000_000, t_ns)
+        made.link.sent.clear()
+        made.sharing.step(t_ns)
+        return len(made.link.sent), len(made.sharing.obstacles.movers)
+
+    jumped = (50.0, 0) if kind == "stepped" else (50.1, 1)
+    assert step(5 * NS, 50.0 if kind == "counted" else 0.0, 0, 5 * NS) == (1, 1)
+    assert step(6 * NS, *jumped, 5 * NS) == (0, 0)
+    assert step(7 * NS, *jumped, 5 * NS) == (0, 0)
+    assert step(8 * NS, *jumped, 7 * NS) == (1, 1)

@@ -146,6 +146,14 @@ def test_a_jump_of_the_own_position_drops_all_alignments(fits: Fits, kind: str) 
     assert one.north_m(jumped) == [0.0, 0.0]
 
 
+def test_a_loss_of_the_own_position_drops_all_alignments(fits: Fits) -> None:
+    """It may have jumped meanwhile."""
+    one = Aligned(fits)
+    one.fit(0.5, 0.5)
+    assert one.north_m(replace(OWN, state=None)) == []
+    assert one.placement() is PlacementState.BY_POSITION
+
+
 def test_a_jump_of_the_neighbour_begins_without_alignment(fits: Fits) -> None:
     """A single fit after it does not count: the fit before belongs to another frame."""
     one = Aligned(fits)
