@@ -121,10 +121,11 @@ def ground_in_level_cam(frame: Rendered) -> Floats:
     return np.array([z, slope[0], slope[1]])
 
 
-def cloud_of(frame: Rendered, ke_per_m: float, params: Params | None = None, *, all_pixels: bool = False) -> Cloud:
-    """The cloud of one frame; ke_per_m: its true noise. The limits are those of `params`, our own method's.
-
-    all_pixels: without any sorting but the ground's, all that was measured within the camera's range."""
+def sorted_inverse_depth(
+    frame: Rendered, ke_per_m: float, params: Params | None = None, *, all_pixels: bool = False
+) -> NDArray[np.float32]:
+    """1/Z (H, W), 1/m, of the pixels that our own method would use, ground included, else 0; arguments as for
+    `cloud_of`."""
     p, info, k = params or Params(), frame.info, frame.info.intrinsics
     longest_m = info.max_range_m / (1.0 + (0.0 if all_pixels else 3.0) * ke_per_m * info.max_range_m)
     raw, inverse = np.empty(frame.depth_mm.shape, np.float32), np.empty(frame.depth_mm.shape, np.float32)
@@ -134,6 +135,15 @@ def cloud_of(frame: Rendered, ke_per_m: float, params: Params | None = None, *, 
         scratch = np.zeros(inverse.size, np.uint8), np.empty(inverse.size, np.int32)
         near_px = p.min_support_m * k.fx
         _without_specks(inverse, SPECK_JUMP, SPECK_SIGMAS * ke_per_m, p.min_support_px, near_px, *scratch)
+    return inverse
+
+
+def cloud_of(frame: Rendered, ke_per_m: float, params: Params | None = None, *, all_pixels: bool = False) -> Cloud:
+    """The cloud of one frame; ke_per_m: its true noise. The limits are those of `params`, our own method's.
+
+    all_pixels: without any sorting but the ground's, all that was measured within the camera's range."""
+    p, k = params or Params(), frame.info.intrinsics
+    inverse = sorted_inverse_depth(frame, ke_per_m, p, all_pixels=all_pixels)
     out = np.empty((inverse.size, 3))
     ground = ground_in_level_cam(frame)
     camera = np.array([k.fx, k.fy, k.cx, k.cy])

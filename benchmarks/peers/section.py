@@ -10,10 +10,11 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from benchmarks.fidelity.matrix import FEW_TILTS_DEG, GOAL_KE, cases, spread
 from benchmarks.fidelity.result import Case
-from benchmarks.hardware_info import stamp
+from benchmarks.hardware_info import Stamp, stamp
 from benchmarks.pages import INDEX, SECTIONS, index, page
 from benchmarks.peers.grid_prisms import EPSILON_CELLS, HOLE_M, LAYER_M, MIN_POINTS, MIN_SHARE
 from benchmarks.peers.methods import Peer
@@ -21,12 +22,18 @@ from benchmarks.peers.open3d_patches import THIN_M
 from benchmarks.peers.participants import contestants
 from benchmarks.peers.plots import draw_scatter, draw_times
 from benchmarks.peers.run import CLOUD, Figures, run_case, time_peers
+from benchmarks.peers.sequences.section import BRIEF as BRIEF_FLIGHTS
+from benchmarks.peers.sequences.section import FULL as FULL_FLIGHTS
+from benchmarks.peers.sequences.section import HEADING as SEQUENCES
+from benchmarks.peers.sequences.section import QUICK as QUICK_FLIGHTS
+from benchmarks.peers.sequences.section import sequences
 from benchmarks.peers.tables import figures_table, groups, sentences, storage_table, times_table
 from benchmarks.scenes.catalogue import FAMILIES, HELD_OUT_SEEDS
 from companion.bench.timing import one_core
 
 JUDGED = ("structured", "unstructured")
 ERROR_PNG, RAYS_PNG, TIME_PNG = "peers_error_over_bytes.png", "peers_missed_over_stopped.png", "peers_time.png"
+PARTS = ("frames", "sequences")
 TIME_TILTS_DEG = ((0, 0), (10, -10))
 TIME_SCENES = {"structured": "street", "unstructured": "trees"}
 
@@ -51,7 +58,8 @@ QUICK = Effort(scenes=2, tilts=((0, 0),), kes=GOAL_KE[:1], rounds=5, seeds=1, bu
 
 def section(out: Path, quick: bool) -> str:
     """The page: runs every method and draws the pictures into `out`; progress goes to stderr."""
-    return compared(out, QUICK if quick else FULL)
+    frames = compared(out, QUICK if quick else FULL)
+    return f"{frames}\n\n{sequences(out, QUICK_FLIGHTS if quick else FULL_FLIGHTS)}"
 
 
 def compared(out: Path, effort: Effort) -> str:
@@ -156,7 +164,7 @@ _STORAGE = """Ours (safe) over the grid's, case by case: median (worst; in how m
 _TIME = """One thread on one core, after warm-up, all in turn on each frame; processor time of the whole process, median (99th percentile); how many times that of ours, without and with *{cloud}*, from which they start; the wall's median; how many frames. Ours: depth image to planes, prisms and free space. Below 1 is faster than ours."""
 _FAIR = """## What this does not say
 
-- OctoMap is made for many frames of one place, where its chances wear noise down; here it has one frame, as all have. The grid and the voxels would gain by it too.
+- OctoMap is made for many frames of one place, where its probabilities average out the noise; here it has one frame, as all have. [Sequences of frames](#sequences-of-frames) are below.
 - A voxel keeps what is there and nothing more. Ours fills gaps that are too small to pass, by intent: that costs open rays stopped and shows in the distances of foliage.
 - The distance to a surface is unkind to bodies: where noise makes a wall a metre thick, the truth is in the middle of it. *To the body* is unkind to sheets: a body thick enough holds every truth. Both are given; phantom shows which bodies are too thick.
 - A patch stands for what is flat, and what is not flat it leaves out: its missed rays are what a plane extractor costs in foliage.
@@ -165,21 +173,49 @@ Again: `python -m benchmarks --only peers`, a rough look with `--quick`."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """`python -m benchmarks.peers.section --brief`: the shortened page in docs/research/benchmarks."""
+    """Writes the shortened page in docs/research/benchmarks, or one of its two parts: `python -m benchmarks.peers.section
+    --brief`."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.peers.section", description=main.__doc__)
     parser.add_argument("--brief", action="store_true", required=True, help="a fifth of the work; else: make bench")
+    parser.add_argument("--only", choices=PARTS, help="this part; the other one stays as it is")
     parser.add_argument(
         "--out", type=Path, default=Path("docs/research/benchmarks"), help="folder of the page and its pictures"
     )
     args = parser.parse_args(arguments)
+    file = args.out / "peers.md"
+    old = split_page(file.read_text() if file.exists() else "")
     begun = time.monotonic()
-    text = compared(args.out, BRIEF)
-    minutes = (time.monotonic() - begun) / 60.0
-    section_of = next(s for s in SECTIONS if s.name == "peers")
-    header = replace(stamp([], minutes=minutes, quick=False), command=f"{parser.prog} --brief")
-    (args.out / "peers.md").write_text(page(section_of, text, header))
+
+    def stamped() -> Stamp:
+        minutes = (time.monotonic() - begun) / 60.0
+        command = f"{parser.prog} --brief" + (f" --only {args.only}" if args.only else "")
+        return replace(stamp([], minutes=minutes, quick=False), command=command)
+
+    text = old.frames
+    if args.only != "sequences":
+        frames = compared(args.out, BRIEF)
+        text = page(next(s for s in SECTIONS if s.name == "peers"), frames, stamped()).strip()
+    flights = old.sequences
+    if args.only != "frames":
+        begun = time.monotonic()
+        flights = sequences(args.out, BRIEF_FLIGHTS)
+        flights = flights.replace(SEQUENCES, f"{SEQUENCES}\n\n{stamped().markdown().strip()}", 1)
+    file.write_text(f"{text}\n\n{flights}".strip() + "\n")
     (args.out / INDEX).write_text(index(args.out))
     return 0
+
+
+class Parts(NamedTuple):
+    """The Markdown of the two parts of the page."""
+
+    frames: str
+    sequences: str
+
+
+def split_page(text: str) -> Parts:
+    """The parts of a page, each empty where it is not there."""
+    frames, heading, rest = text.partition(f"{SEQUENCES}\n")
+    return Parts(frames.strip(), f"{heading}{rest}".strip())
 
 
 if __name__ == "__main__":
