@@ -163,6 +163,32 @@ def test_space_above_a_damaged_ground_is_unknown(program: Path, tmp_path: Path, 
     assert set(done.stdout.split()) == {str(int(Occupancy.UNKNOWN))}
 
 
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(("corners", "margin"), [((NAN, 0), 0.1), ((6, 0), NAN), ((6, 0), -1.0)])
+def test_planes_that_are_not_finite_make_everything_unknown(
+    program: Path, tmp_path: Path, corners: tuple[float, float], margin: float
+) -> None:
+    """Such a plane touches nothing: what it occupied was free as far as the profile reached."""
+    message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
+    message.planes.corners_m.extend([*corners, 6, -3, -2, 2])
+    message.planes.margin_m.append(margin)
+    file = tmp_path / "frame"
+    file.write_bytes(message.SerializeToString())
+    asked = "\n".join(f"{x} 0.5 1.0 0.1" for x in range(-10, 10))
+    done = subprocess.run([program.parent / "query", file], input=asked, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {str(int(Occupancy.UNKNOWN))}
+
+
+def test_a_negative_radius_is_occupied(program: Path, tmp_path: Path) -> None:
+    file = tmp_path / "frame"
+    file.write_bytes(over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0)).SerializeToString())
+    asked = "\n".join(f"{x} 0.5 1.0 -0.1" for x in range(-10, 10))
+    done = subprocess.run([program.parent / "query", file], input=asked, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {str(int(Occupancy.OCCUPIED))}
+
+
 def test_the_tracks_are_those_of_python(program: Path) -> None:
     message = pb.Tracks(
         schema_version=1, frame="ned", valid=True, id=[7], corners_m=[5.0, 1.0, 5.0, -1.0, -2.0, 0.0], margin_m=[0.125],

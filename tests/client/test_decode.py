@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import fields, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ import core.types
 import core.world.snapshot
 import osape_client
 from companion.pipeline.encode_model import set_model
+from osape_client import Message
 from osape_client.decode import model_from_message
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import PlacedModel, Space
@@ -54,6 +56,20 @@ def test_a_decoded_model_gives_the_answers_of_the_model_that_was_sent() -> None:
     answers = [Space([PlacedModel(m, here)]).points(points, 0.2) for m in (model, decoded)]
     assert (answers[0] == answers[1]).all()
     assert len(set(answers[0].tolist())) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("corners_m", np.nan), ("corners_m", np.inf), ("margin_m", np.nan), ("margin_m", -1.0)]
+)
+def test_a_plane_that_is_not_finite_is_refused(name: str, value: float) -> None:
+    """It would touch nothing: the space that it occupies would be free as far as the profile reaches."""
+    message = pb.PrismsFrame(valid=True)
+    set_model(message, seen(house(9.0, 0.0), (0.0, 0.0), 0.0, 0).model)
+    getattr(message.planes, name)[0] = value
+    with pytest.raises(ValueError, match=name):
+        model_from_message(message)
+    received = Message(message, time.monotonic_ns())
+    assert not received.space.knows
 
 
 @pytest.mark.parametrize("wrong", [{"planes": np.zeros((2, 5), np.float32)}, {"hits": np.zeros(3, np.int64)}])

@@ -38,6 +38,7 @@ def model_from_message(message: pb.PrismsFrame) -> CameraModel | None:
     if message.valid and message.cause != pb.CAUSE_NONE:
         raise ValueError(f"cause {message.cause} of a valid frame; is the message damaged?")
     planes = message.planes
+    _check_planes(planes)
     return CameraModel(
         valid=message.valid,
         planes=_rows(planes.corners_m, 6, "corners_m"),
@@ -49,6 +50,15 @@ def model_from_message(message: pb.PrismsFrame) -> CameraModel | None:
         free=free_from_message(message.free),
         ground=ground_from_message(message.ground),
     )
+
+
+def _check_planes(planes: pb.Planes) -> None:
+    """Raises ValueError where a plane or its margin is not a finite number, or the margin is negative: such a plane would
+    touch nothing, and the space that it occupies would not be occupied."""
+    if not np.isfinite(planes.corners_m).all():
+        raise ValueError("planes: corners_m is not finite; is the message damaged?")
+    if not all(0.0 <= margin_m < math.inf for margin_m in planes.margin_m):
+        raise ValueError("planes: margin_m is not a finite number of 0 or more; is the message damaged?")
 
 
 def prism_from_message(message: pb.Prism) -> Prism:

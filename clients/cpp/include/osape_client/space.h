@@ -34,9 +34,21 @@ inline bool finite_and_increasing(const google::protobuf::RepeatedField<float>& 
   return finite(edges) && std::is_sorted(edges.begin(), edges.end());
 }
 
+// Whether planes are rectangles with margins: one that is not finite would touch nothing.
+inline bool planes_fit(const osape::v1::Planes& planes) {
+  const int count = planes.margin_m_size();
+  if (planes.corners_m_size() != 6 * count || !finite(planes.corners_m())) return false;
+  for (int i = 0; i < count; ++i) {
+    if (!std::isfinite(planes.margin_m(i)) || planes.margin_m(i) < 0.0f) return false;
+    if (!(planes.corners_m(6 * i + 4) < planes.corners_m(6 * i + 5))) return false;  // z points down
+  }
+  return true;
+}
+
 // Whether the numbers of a frame fit together; of a damaged message everything is unknown.
 inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
   const auto& g = frame.ground();
+  if (!planes_fit(frame.planes())) return false;
   if (!finite_and_increasing(frame.free().azimuth_edges_rad()) || !finite_and_increasing(frame.free().layer_edges_m())) return false;
   if (!g.seen()) return true;
   bool margins = true;
@@ -174,10 +186,10 @@ inline double nearest_plane_m(const osape::v1::Planes& planes, double x, double 
   return least;
 }
 
-// Occupancy of a ball around a point in the message's frame. A position or radius that is not finite is occupied; if the frame is
-// not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
+// Occupancy of a ball around a point in the message's frame. A position or radius that is not finite, and a negative radius, are
+// occupied; if the frame is not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
 inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open = false) {
-  if (!finite(p) || !std::isfinite(radius_m)) return Occupancy::kOccupied;
+  if (!finite(p) || !std::isfinite(radius_m) || radius_m < 0.0) return Occupancy::kOccupied;
   if (!frame.valid() || !numbers_fit(frame)) return Occupancy::kUnknown;
   if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Occupancy::kOccupied;
   if (!clear_of_ground(frame, p, radius_m)) return Occupancy::kUnknown;
