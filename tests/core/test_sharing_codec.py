@@ -245,3 +245,44 @@ def test_steps_round_up(form: PlaneForm) -> None:
         assert steps.code_up(steps.largest + 0.01) >= steps.codes
     assert len(form.ages_s) in (8, 16)
     assert form.ages_s[-1] == math.inf
+
+
+@pytest.mark.parametrize("fill", [0x01, 0x7F, 0xFF])
+def test_any_kind_and_length_is_refused_or_decoded(fill: int) -> None:
+    """Any other exception would end the thread that receives packets."""
+    for first in range(256):
+        for length in range(150):
+            _refused_or_finite(bytes([first]) + bytes([fill]) * length)
+
+
+@pytest.mark.parametrize(("latitude_deg", "longitude_deg"), [(90.1, 8.0), (-90.1, 8.0), (47.0, 180.1), (47.0, -180.1)])
+def test_a_state_of_no_place_on_earth_is_refused(latitude_deg: float, longitude_deg: float) -> None:
+    frame = LocalFrame(latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=0.0)
+    sent = VehicleState(frame=frame, position_m=(0.0, 0.0, 0.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=0.4)
+    with pytest.raises(PacketError) as refused:
+        decoded(state_packet(HEADER, sent))
+    assert refused.value.code == "bad_place"
+
+
+@given(st.floats(0.0, 600.0), st.floats(0.0, 600.0), st.floats(0.0, 6.0), st.floats(0.0, 25.0))
+def test_uncertainties_of_a_state_are_rounded_up(
+    sigma_m: float, sigma_z_m: float, sigma_yaw_rad: float, radius_m: float
+) -> None:
+    frame = LocalFrame(
+        latitude_deg=47.0,
+        longitude_deg=8.0,
+        altitude_m=0.0,
+        sigma_m=sigma_m,
+        sigma_z_m=sigma_z_m,
+        sigma_yaw_rad=sigma_yaw_rad,
+    )
+    sent = VehicleState(frame=frame, position_m=(0.0, 0.0, 0.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=radius_m)
+    got = decoded(state_packet(HEADER, sent)).content
+    assert isinstance(got, VehicleState)
+    for value, sent_value, step in (
+        (got.frame.sigma_m, sigma_m, 0.01),
+        (got.frame.sigma_z_m, sigma_z_m, 0.01),
+        (got.frame.sigma_yaw_rad, sigma_yaw_rad, 1e-4),
+        (got.radius_m, radius_m, 0.1),
+    ):
+        assert sent_value - 1e-6 <= value <= sent_value + step + 1e-6
