@@ -1,4 +1,4 @@
-"""A street and a row of trees, flown by several vehicles that each see a part of it, with errors of their frames."""
+"""A street and a row of trees, flown by several vehicles that each observe a part of it, with errors of their frames."""
 
 from __future__ import annotations
 

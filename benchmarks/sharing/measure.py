@@ -1,4 +1,4 @@
-"""Runs the vehicles and the radio, and compares what they know in the end with the truth."""
+"""Runs the vehicles and the radio, and compares their obstacles in the end with the truth."""
 
 from __future__ import annotations
 

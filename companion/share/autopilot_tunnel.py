@@ -40,7 +40,7 @@ class AutopilotTunnel:
             self._link.post(tunnel_message(packet))
 
     def confirm(self, packet: ReceivedPacket) -> None:
-        """The session knows the autopilot."""
+        """Nothing to do: the link has one other end."""
 
     def close(self) -> None:
         """The link to the autopilot is closed by the service."""

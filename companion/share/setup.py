@@ -43,11 +43,12 @@ READS: Final = frozenset({GPS_GLOBAL_ORIGIN})
 FOREIGN_READS: Final = frozenset({TUNNEL_ID})
 """Ids of messages of other vehicles that `foreign` needs."""
 CLOCK_FILE: Final = "signing-clock-share"
-ASK_NS, ASK_AGAIN_NS = 2 * NS, 30 * NS
+REQUEST_NS, REQUEST_AGAIN_NS = 2 * NS, 30 * NS
 
 
 class ShareService:
-    """Connects `Sharing` with the service: messages of the autopilot in, requests out. All methods may be called before `open`."""
+    """Connects `Sharing` with the service: messages of the autopilot in, requests out. All methods may be called before
+    `open`."""
 
     reads = READS
     foreign_reads = FOREIGN_READS
@@ -59,7 +60,7 @@ class ShareService:
         self._link: MavlinkLink | None = None
         self._tunnel: AutopilotTunnel | None = None
         self._signing = _signing(config, folders)
-        self._next_ask_ns = 0
+        self._next_request_ns = 0
         self._has_origin = False
         self.sharing: Sharing | None = None
 
@@ -114,7 +115,7 @@ class ShareService:
             self.sharing.world(world, now_ns)
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
-        """What people must know of it."""
+        """Returns the present faults."""
         if self.sharing is None:
             return []
         return self.sharing.diagnostics(now_ns, self._config.service.hang_s)
@@ -130,12 +131,12 @@ class ShareService:
             self._tunnel.take(frame, arrival_ns)
 
     def tick(self, now_ns: int) -> None:
-        """Asks the autopilot for its origin, again and again: it may change."""
-        if self._link is None or now_ns < self._next_ask_ns or self._config.share.fixed_origin() is not None:
+        """Requests the origin of the autopilot repeatedly, because it may change."""
+        if self._link is None or now_ns < self._next_request_ns or self._config.share.fixed_origin() is not None:
             return
         system = self._vehicle()
         if system:
-            self._next_ask_ns = now_ns + (ASK_AGAIN_NS if self._has_origin else ASK_NS)
+            self._next_request_ns = now_ns + (REQUEST_AGAIN_NS if self._has_origin else REQUEST_NS)
             self._link.post(request_message(system, GPS_GLOBAL_ORIGIN))
 
     def _vehicle(self) -> int:

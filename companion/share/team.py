@@ -47,8 +47,10 @@ class OwnSide:
 
 
 class Team:
-    """vehicle: own number, 1..255; stream: number of this start, larger than those of all starts before; budgets: by the name
-    of the link."""
+    """A vehicle with its neighbours.
+
+    vehicle: own number, 1..255; stream: number of this start, larger than those of all starts before; budgets: by the
+    name of the link."""
 
     def __init__(
         self, config: ShareConfig, vehicle: int, stream: int, begun_ns: int, radius_m: float, budgets: dict[str, Budget]
@@ -61,11 +63,11 @@ class Team:
         self._align_ns = -(1 << 62)
 
     def receive(self, data: bytes, arrival_ns: int, sender: int | None) -> str:
-        """Takes a packet; the code of its refusal, empty: it was accepted."""
+        """Takes a packet; returns the code of its refusal, empty: it was accepted."""
         return self.map.receive(data, arrival_ns, sender)
 
     def packets(self, now_ns: int) -> dict[str, list[bytes]]:
-        """What each link sends now. Nothing before the own frame and position are known."""
+        """Returns the packets that each link sends now: none before the own frame and position are known."""
         own = self.state(now_ns)
         if own.state is None:
             return {}
@@ -88,11 +90,11 @@ class Team:
         return True
 
     def obstacles(self, now_ns: int) -> SharedObstacles:
-        """What neighbours have reported, in the own ned."""
+        """Returns what neighbours have reported, in the own ned."""
         return self.map.obstacles(self.state(now_ns), now_ns)
 
     def state(self, now_ns: int) -> OwnState:
-        """The own side for the map."""
+        """Returns the own state for the map."""
         frame, pose = self.frame, self.own.pose
         state: VehicleState | None = None
         recent = pose is not None and now_ns - pose.t_arrival_ns <= POSITION_NS
@@ -107,7 +109,7 @@ class Team:
 
     @property
     def frame(self) -> LocalFrame | None:
-        """The own frame on Earth; None: not known."""
+        """Own frame on Earth; None: not known."""
         return None if self.own.origin is None else own_frame(self._config, *self.own.origin)
 
     def _is_in_section(self) -> bool:
@@ -116,19 +118,19 @@ class Team:
         return self.own.planes.newest_ns == 0 or self.own.planes.newest_ns >= self.own.jump_ns
 
     def _planes(self, now_ns: int) -> SharedPlanes:
-        """The own planes; none of a world that is not updated."""
+        """Returns the own planes; none of a world that is not updated."""
         own = self.own.planes
         return own.planes if now_ns - own.newest_ns <= PLANES_NS else SharedPlanes.empty()
 
     def _movers(self, now_ns: int) -> tuple[SharedMover, ...]:
-        """The own moving obstacles with their ages at now_ns."""
+        """Returns the own moving obstacles with their ages at now_ns."""
         passed_s = (now_ns - self.own.movers_ns) / NS
         aged = (replace(m, age_s=m.age_s + max(0.0, passed_s)) for m in self.own.movers)
         return tuple(m for m in aged if m.age_s <= self._config.mover_expire_s)
 
 
 def _moved(pose: PoseSample, now_ns: int) -> tuple[float, float, float]:
-    """The position moved to now_ns by its velocity."""
+    """Returns the position moved to now_ns by its velocity, by POSITION_NS at most."""
     seconds = min(max(0, now_ns - pose.t_ns), POSITION_NS) / NS
     (x, y, z), (vx, vy, vz) = pose.position_ned_m, pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
     return x + vx * seconds, y + vy * seconds, z + vz * seconds

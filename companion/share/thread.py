@@ -42,8 +42,10 @@ Log = Callable[[str, Message, int], None]
 
 
 class Sharing:
-    """links: makes the links; they deliver to the callable they are given. log: records a message (key of the table of topics, message, time). vehicle: own
-    number, 0: not known yet, then nothing is exchanged."""
+    """Exchanges obstacles with other vehicles, in a thread.
+
+    links: makes the links, which deliver to the given callable. log: records a message (key of the table of topics,
+    message, time). vehicle: own number; 0: not known yet, then nothing is exchanged."""
 
     def __init__(
         self,
@@ -89,7 +91,7 @@ class Sharing:
 
     def origin(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
         """The origin of the own ned as the autopilot states it. A configured one is kept."""
-        if (latitude_deg, longitude_deg) != (0.0, 0.0):  # what autopilots send that do not know it
+        if (latitude_deg, longitude_deg) != (0.0, 0.0):  # what autopilots send without an origin
             self._origin = latitude_deg, longitude_deg, altitude_m
 
     def tracks(self, result: TracksResult, now_ns: int) -> None:
@@ -150,7 +152,7 @@ class Sharing:
         return self._health
 
     def diagnostics(self, now_ns: int, liveness_timeout_s: float) -> list[Diagnostic]:
-        """What people must know of it."""
+        """Returns the present faults."""
         if self._thread.failure:
             text = f"obstacles are not shared any more ({self._thread.failure}); restart the service"
             return [Diagnostic(DiagnosticCode.SHARE_FAULT, "", text)]
@@ -159,7 +161,7 @@ class Sharing:
             text = f"the own planes cannot be shared ({self._world_fault}); report this"
             found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
         if self._team is not None and self._team.map.counts["same_number"]:
-            text = f"another vehicle uses number {self._team.vehicle}, so neither sees the other; give each its own"
+            text = f"another vehicle uses number {self._team.vehicle}, so both refuse the reports of the other; give each its own"
             found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
         if now_ns - self.alive_ns > liveness_timeout_s * NS:
             text = "obstacles are not shared: the thread does not respond; restart the service"

@@ -1,1 +1,1 @@
-"""Transports between vehicles. They carry packets as bytes and know nothing of their content."""
+"""Transports between vehicles. They carry packets as bytes, whatever their content."""

@@ -9,7 +9,7 @@ from typing import Protocol
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPacket:
-    """A packet. sender: the vehicle's number as the transport states it, None: the transport does not know it."""
+    """A packet. sender: the vehicle's number by the transport; None: the transport does not have it."""
 
     transport: str
     data: bytes

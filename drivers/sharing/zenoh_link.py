@@ -98,7 +98,7 @@ class ZenohLink:
             self._fault = ""
 
     def confirm(self, packet: ReceivedPacket) -> None:
-        """Zenoh knows its peers."""
+        """Nothing to do: zenoh manages its peers."""
 
     def close(self) -> None:
         self._stop.set()

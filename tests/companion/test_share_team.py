@@ -67,7 +67,7 @@ def team(vehicle: int, origin: str) -> Team:
 
 
 def flown(teams: list[Team], seconds: float, x_m: list[float], begin_s: float = 0.0) -> None:
-    """All hear all. x_m: where each is in its own frame."""
+    """All receive all packets. x_m: where each is in its own frame."""
     for k in range(round(seconds * 10)):
         now_ns = round(begin_s * NS) + k * STEP_NS
         for one, x in zip(teams, x_m, strict=True):

@@ -199,7 +199,7 @@ def test_a_claimed_radius_hides_nothing_larger_than_a_vehicle(length_m: float, h
 def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
     found = filled_map()  # vehicle 2 is at x = 30
     found.receive(state_packet(header(10, vehicle=3), state(60.0)), 2 * NS)
-    reports = (mover(30.5), mover(0.3))  # vehicle 3 sees vehicle 2, and us
+    reports = (mover(30.5), mover(0.3))  # vehicle 3 observes vehicle 2 and the own vehicle
     for k, one in enumerate(reports):
         found.receive(movers_packet(header(20 + k, vehicle=3), (one,), (0.0, 0.0, 0.0)), 2 * NS)
         got = found.obstacles(OWN, 2 * NS).movers

@@ -202,7 +202,7 @@ def test_a_longer_plane_is_new_and_a_shorter_one_is_not() -> None:
 
 def test_the_position_is_sent_each_second_and_the_frame_seldom() -> None:
     queue, receiver = SendQueue(1, 5, 0, THIN), NeighbourMap(2)
-    kinds, heard_ns = [], []
+    kinds, received_ns = [], []
     for k in range(300):
         x_m = 0.2 * k
         moved = replace(STATE, position_m=(x_m, 0.0, -3.0), velocity_m_s=(2.0, 0.0, 0.0))
@@ -212,8 +212,8 @@ def test_the_position_is_sent_each_second_and_the_frame_seldom() -> None:
             kinds.append(isinstance(packet.content, VehicleState))
             assert receiver.receive(data, k * STEP_NS) == ""
             if kinds[-1] or packet.motion is not None:
-                heard_ns.append(k * STEP_NS)
+                received_ns.append(k * STEP_NS)
                 (body,) = receiver.bodies(OwnState(state=STATE, section=1), k * STEP_NS)[1:]
                 assert body.centre_m[0] == pytest.approx(x_m, abs=0.05)
     assert 6 <= sum(kinds) <= 9
-    assert np.diff(heard_ns).max() <= 1.1 * NS
+    assert np.diff(received_ns).max() <= 1.1 * NS
