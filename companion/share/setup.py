@@ -107,7 +107,7 @@ class ShareService:
     def tracks(self, result: TracksResult) -> None:
         """Moving obstacles of the own sensors."""
         if self.sharing is not None:
-            self.sharing.tracks(result, time.monotonic_ns())
+            self.sharing.tracks(result)
 
     def world(self, world: World, now_ns: int) -> None:
         """The own world, from the thread that owns it."""

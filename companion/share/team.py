@@ -103,9 +103,8 @@ class Team:
             state = VehicleState(
                 frame=frame, position_m=_moved(pose, now_ns), velocity_m_s=velocity, radius_m=self._radius_m
             )
-        return OwnState(
-            state=state, section=self.own.planes.section, movers=tuple(m.centre_m for m in self._movers(now_ns))
-        )
+        movers = tuple(_present_centre(m) for m in self._movers(now_ns))
+        return OwnState(state=state, section=self.own.planes.section, movers=movers)
 
     @property
     def frame(self) -> LocalFrame | None:
@@ -134,3 +133,9 @@ def _moved(pose: PoseSample, now_ns: int) -> tuple[float, float, float]:
     seconds = min(max(0, now_ns - pose.t_ns), POSITION_NS) / NS
     (x, y, z), (vx, vy, vz) = pose.position_ned_m, pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
     return x + vx * seconds, y + vy * seconds, z + vz * seconds
+
+
+def _present_centre(mover: SharedMover) -> tuple[float, float, float]:
+    """Returns the centre moved by the velocity since the newest observation."""
+    (x, y, z), (vx, vy) = mover.centre_m, mover.velocity_m_s
+    return x + vx * mover.age_s, y + vy * mover.age_s, z

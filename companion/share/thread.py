@@ -11,7 +11,7 @@ from typing import Final
 from google.protobuf.message import Message
 
 from core.sharing.obstacles import SharedObstacles
-from core.sharing.records import SharedMover, SharedPlanes
+from core.sharing.records import SharedPlanes
 from core.sharing.send_budget import Budget
 from core.types import AttitudeSample, PoseSample
 from core.world.world import World
@@ -25,6 +25,7 @@ from ..pipeline.position_sections import PositionSections
 from ..pipeline.tracking import TracksResult
 from ..streams.publisher import Publisher
 from .messages import neighbour_messages, obstacles_message, packet_message
+from .own_movers import OwnMovers
 from .own_planes import OwnPlanes, own_planes
 from .packet_rate import PacketRate
 from .team import Team
@@ -71,7 +72,7 @@ class Sharing:
         self._next_send_ns = self._next_publish_ns = self._next_log_ns = self._next_own_ns = 0
         self._obstacles = SharedObstacles.empty(self._begun_ns)
         self._planes = OwnPlanes(SharedPlanes.empty(), 0)
-        self._movers: tuple[tuple[SharedMover, ...], int] = (), 0
+        self._movers = OwnMovers()
         self._health = pb.TeamHealth()
         self._logged_ns = self._logged = 0
         self._world_fault = ""
@@ -94,23 +95,10 @@ class Sharing:
         if (latitude_deg, longitude_deg) != (0.0, 0.0):  # what autopilots send without an origin
             self._origin = latitude_deg, longitude_deg, altitude_m
 
-    def tracks(self, result: TracksResult, now_ns: int) -> None:
-        """Moving obstacles of the own sensors, in ned."""
-        if result.frame != "ned" or result.tracks is None:
-            return
-        movers = tuple(
-            SharedMover(
-                id=o.id & 0xFFFF,
-                centre_m=o.centre_m,
-                half_size_m=o.half_size_m,
-                velocity_m_s=o.velocity_m_s,
-                sigma_m=o.position_sigma_m,
-                sigma_m_s=o.velocity_sigma_m_s,
-                age_s=(max(0, now_ns - result.t_exposure_ns) + o.unseen_ns) / NS,
-            )
-            for o in result.tracks.objects
-        )
-        self._movers = movers, now_ns
+    def tracks(self, result: TracksResult) -> None:
+        """Moving obstacles of one camera, in ned."""
+        if result.frame == "ned" and result.tracks is not None:
+            self._movers.take(result.camera, result.tracks.objects, result.t_exposure_ns)
 
     def world(self, world: World, now_ns: int) -> None:
         """The own world, from the thread that owns it; about ten times a second."""
@@ -191,7 +179,7 @@ class Sharing:
             return
         team = self._team
         assert team is not None
-        self._update(team)
+        self._update(team, now_ns)
         self._receive(team)
         if now_ns >= self._next_send_ns:
             self._next_send_ns = now_ns + SEND_NS
@@ -236,10 +224,10 @@ class Sharing:
         self._team = Team(c, vehicle, self._stream, self._begun_ns, self._radius_m, budgets)
         return True
 
-    def _update(self, team: Team) -> None:
+    def _update(self, team: Team, now_ns: int) -> None:
         team.own.pose, team.own.jump_ns = self._pose
         team.own.planes = self._planes
-        team.own.movers, team.own.movers_ns = self._movers
+        team.own.movers, team.own.movers_ns = self._movers.at(now_ns), now_ns
         if self._config.fixed_origin() is None:
             team.own.origin = self._origin
 

@@ -156,6 +156,22 @@ def test_movers_are_shared_with_their_age_and_end() -> None:
     assert not [m for m in teams[0].obstacles(6 * NS).movers if m.id == 4]
 
 
+def test_a_vehicle_that_the_own_sensors_observe_is_compared_where_it_is_now() -> None:
+    """At 8 m/s an obstacle is 4 m further half a second after its observation."""
+    one = team(1, "47.0, 8.0, 400")
+    mover = SharedMover(
+        id=4,
+        centre_m=(15.0, 2.0, -1.0),
+        half_size_m=(0.5, 0.5, 0.5),
+        velocity_m_s=(8.0, -2.0),
+        sigma_m=0.1,
+        sigma_m_s=0.1,
+        age_s=0.2,
+    )
+    one.own.movers, one.own.movers_ns = (mover,), NS
+    assert one.state(NS + 3 * NS // 10).movers == (pytest.approx((19.0, 1.0, -1.0)),)
+
+
 def test_a_world_that_is_not_updated_is_not_sent() -> None:
     teams = pair()
     teams[0].own.pose, teams[0].own.planes = pose(0.0, 5 * NS), OwnPlanes(street(), 1, 3 * NS)

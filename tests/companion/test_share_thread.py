@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 import companion.share.thread as thread_module
 from companion.config.share import ShareConfig
+from companion.pipeline.tracking import TracksResult
 from companion.share.own_planes import OwnPlanes
 from companion.share.thread import MOST_LOGGED_PER_S, Sharing
+from core.sharing.neighbour_map import NeighbourMap, OwnState
+from core.sharing.obstacles import MoverKind
 from core.sharing.packet_codec import state_packet
 from core.sharing.records import Header, LocalFrame, SharedPlanes, VehicleState
+from core.tracking.snapshot import MovingObject
 from core.types import PoseSample
 from core.world.world import World
 from drivers.sharing.link import ReceivedPacket
@@ -153,3 +158,57 @@ def test_after_a_jump_of_the_own_position_nothing_is_exchanged_until_the_own_wor
     assert step(6 * NS, *jumped, 5 * NS) == (0, 0)
     assert step(7 * NS, *jumped, 5 * NS) == (0, 0)
     assert step(8 * NS, *jumped, 7 * NS) == (1, 1)
+
+
+def tracked(camera: str, exposure_ns: int, *objects: MovingObject) -> TracksResult:
+    """The tracks of a frame, as far as they are shared."""
+    tracks = SimpleNamespace(objects=objects)
+    return cast(TracksResult, SimpleNamespace(camera=camera, frame="ned", t_exposure_ns=exposure_ns, tracks=tracks))
+
+
+def moving(north_m: float, unseen_ns: int = 0) -> MovingObject:
+    return MovingObject(
+        id=4,
+        centre_m=(north_m, 0.0, -1.0),
+        half_size_m=(0.4, 0.4, 0.9),
+        velocity_m_s=(8.0, 0.0),
+        position_sigma_m=0.1,
+        velocity_sigma_m_s=0.1,
+        cov_m2_s=0.0,
+        hits=9,
+        age_ns=3 * NS,
+        unseen_ns=unseen_ns,
+    )
+
+
+def received_movers(made: Made, now_ns: int) -> list[float]:
+    """Places north, in m, of moving obstacles as another vehicle publishes them."""
+    made.sharing.samples(
+        [
+            PoseSample(
+                t_ns=now_ns, t_arrival_ns=now_ns, position_ned_m=(0.0, 0.0, -3.0), velocity_ned_m_s=(0.0, 0.0, 0.0)
+            )
+        ]
+    )
+    made.sharing.step(now_ns)
+    receiver = NeighbourMap(2)
+    for data in made.link.sent:
+        assert receiver.receive(data, now_ns) == ""
+    found = receiver.obstacles(OwnState(state=STATE, section=0), now_ns)
+    return sorted(m.centre_m[0] for m in found.movers if m.kind is MoverKind.OBSTACLE)
+
+
+def test_a_mover_that_is_not_observed_now_is_where_the_tracker_predicts_it() -> None:
+    """The tracker has moved it to the exposure of the frame, the receiver moves it by its age since the observation."""
+    made = Made()
+    made.sharing.tracks(tracked("front", 5 * NS, moving(20.0, unseen_ns=NS)))
+    assert received_movers(made, 5 * NS + NS // 10) == [pytest.approx(20.8, abs=0.3)]
+
+
+def test_movers_of_several_cameras_are_all_sent() -> None:
+    """Each camera has a tracker, which counts its obstacles from the same number."""
+    made = Made()
+    made.sharing.tracks(tracked("front", 5 * NS, moving(20.0)))
+    made.sharing.tracks(tracked("rear", 5 * NS + NS // 20, moving(-20.0)))
+    places = received_movers(made, 5 * NS + NS // 10)
+    assert places == [pytest.approx(-19.6, abs=0.3), pytest.approx(20.8, abs=0.3)]
