@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.share.messages import obstacles_message
 from core.sharing.obstacles import MoverKind, SharedMovingObstacle, SharedObstacles
 from osape_client.neighbours import NeighbourObstacles, no_obstacles
+from osape_client.neighbours_subscriber import NeighboursSubscriber
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy
 
@@ -57,6 +62,61 @@ def test_a_reported_vehicle_is_occupied() -> None:
     answers = found.added_to_points(own, [[8, 0.6, -2], [8.6, 0.6, -2], [8, 3, -2]])
     assert answers.tolist() == [Occupancy.OCCUPIED, Occupancy.OCCUPIED, Occupancy.FREE]
     assert found.movers[0].is_vehicle
+
+
+def vehicle_at(x_m: float, speed_m_s: float, age_s: float = 0.1) -> SharedMovingObstacle:
+    return SharedMovingObstacle(
+        sender=2,
+        id=9,
+        kind=MoverKind.VEHICLE,
+        centre_m=(x_m, 0.0, -2.0),
+        half_size_m=(0.4, 0.4, 0.4),
+        velocity_m_s=(speed_m_s, 0.0),
+        margin_m=0.3,
+        age_s=age_s,
+    )
+
+
+def test_a_vehicle_is_moved_to_the_present_and_its_margin_grows() -> None:
+    """At 10 m/s it is 5 m further half a second after the message, with the uncertainty of its acceleration."""
+    found = shared(WALL, movers=(vehicle_at(8.0, 10.0),))
+    later = found.later(0.5)
+    (moved,) = later.movers
+    assert moved.centre_m == pytest.approx((13.0, 0.0, -2.0))
+    assert moved.age_s == pytest.approx(0.6)
+    assert moved.margin_m == pytest.approx(0.3 + 1.0 * 0.5 + 0.5 * 2.0 * (0.6**2 - 0.1**2))
+    own = np.full(3, Occupancy.FREE, np.uint8)
+    at = [[8, 0, -2], [13, 0, -2], [5, 0, -2]]  # the place of the message, the present one, the wall
+    assert later.added_to_points(own, at).tolist() == [Occupancy.FREE, Occupancy.OCCUPIED, Occupancy.OCCUPIED]
+    assert found.added_to_points(own, at).tolist() == [Occupancy.OCCUPIED, Occupancy.FREE, Occupancy.OCCUPIED]
+
+
+def published(found: SharedObstacles, age_ms: int) -> bytes:
+    message = obstacles_message(found, 3)
+    message.publication.CopyFrom(pb.Publication(boot_id="b", number=1, age_ns=age_ms * 1_000_000))
+    return message.SerializeToString()
+
+
+def test_the_subscriber_returns_obstacles_of_the_present(tmp_path: Path) -> None:
+    address, vehicle = (
+        f"ipc://{tmp_path}/neighbours",
+        replace(SharedObstacles.empty(7), movers=(vehicle_at(8.0, 10.0),)),
+    )
+    with zmq.Context() as context, context.socket(zmq.PUB) as socket, NeighboursSubscriber(address) as subscriber:
+        socket.bind(address)
+        found = no_obstacles()
+        for _ in range(100):
+            socket.send(published(vehicle, 500))
+            found = subscriber.newest(section=3, wait_s=0.1)
+            if found.movers:
+                break
+        assert found.movers[0].centre_m[0] >= 13.0
+        for _ in range(100):  # older than a second at its publication
+            socket.send(published(vehicle, 1500))
+            found = subscriber.newest(section=3, wait_s=0.1)
+            if not found.movers:
+                break
+        assert not found.movers
 
 
 number = st.floats(-50.0, 50.0)

@@ -8,7 +8,9 @@ nothing that is occupied becomes anything else."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +19,11 @@ from .proto import osape_v1_pb2 as pb
 from .query.rectangles import Rectangles, rectangles
 from .query.space import Occupancies, Occupancy
 from .query.ways import checked_radius, positions
+
+GROWTH_M_S2: Final = 2.0
+"""Acceleration by which margins of moving obstacles grow with their age, as in the service."""
+SPEED_SIGMA_M_S: Final = 0.5
+"""Standard deviation of their velocity, which the messages do not contain: that of a neighbour's own report."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,15 @@ class NeighbourObstacles:
         }
         if len(lengths) != 1:
             raise ValueError(f"obstacles of neighbours: columns of {sorted(lengths)} rows; is the message damaged?")
-        self._rectangles = self._all_rectangles()
+        self._rectangles = rectangles(self.planes.astype(np.float64), self.margin_m.astype(np.float64))
+        self._moving = _mover_rectangles(self.movers)
+
+    def later(self, seconds: float) -> NeighbourObstacles:
+        """These obstacles after this time: the moving ones further by their velocity, with margins that have grown."""
+        found = copy.copy(self)
+        found.movers = tuple(_later(m, max(0.0, seconds)) for m in self.movers)
+        found._moving = _mover_rectangles(found.movers)
+        return found
 
     def added_to_segments(
         self, own: Occupancies, from_m: ArrayLike, to_m: ArrayLike, radius_m: float = 0.0
@@ -79,22 +94,30 @@ class NeighbourObstacles:
         out = np.array(own, np.uint8)
         if not len(a) == len(b) == len(out):
             raise ValueError(f"{len(out)} answers for {len(a)} starts and {len(b)} ends; expected as many of each")
-        out[self._rectangles.touch(a, b, radius_m)] = Occupancy.OCCUPIED
+        for some in (self._rectangles, self._moving):
+            out[some.touch(a, b, radius_m)] = Occupancy.OCCUPIED
         return out
 
     def added_to_points(self, own: Occupancies, points_m: ArrayLike, radius_m: float = 0.0) -> Occupancies:
         """(M,) the same for balls around points (M, 3)."""
         return self.added_to_segments(own, points_m, points_m, radius_m)
 
-    def _all_rectangles(self) -> Rectangles:
-        """The planes, and each mover as a plane along x whose margin contains its box."""
-        boxes, margins = [], []
-        for m in self.movers:
-            (x, y, z), (hx, hy, hz) = m.centre_m, m.half_size_m
-            boxes.append((x - hx, y, x + hx, y, z - hz, z + hz))
-            margins.append(hy + m.margin_m)
-        planes = np.concatenate([self.planes.astype(np.float64), np.array(boxes, np.float64).reshape(-1, 6)])
-        return rectangles(planes, np.concatenate([self.margin_m.astype(np.float64), np.array(margins, np.float64)]))
+
+def _mover_rectangles(movers: tuple[NeighbourMover, ...]) -> Rectangles:
+    """Each mover as a plane along x whose margin contains its box."""
+    boxes, margins = [], []
+    for m in movers:
+        (x, y, z), (hx, hy, hz) = m.centre_m, m.half_size_m
+        boxes.append((x - hx, y, x + hx, y, z - hz, z + hz))
+        margins.append(hy + m.margin_m)
+    return rectangles(np.array(boxes, np.float64).reshape(-1, 6), np.array(margins, np.float64))
+
+
+def _later(m: NeighbourMover, seconds: float) -> NeighbourMover:
+    (x, y, z), (vx, vy), age_s = m.centre_m, m.velocity_m_s, m.age_s + seconds
+    grown_m = 2.0 * SPEED_SIGMA_M_S * seconds + 0.5 * GROWTH_M_S2 * (age_s**2 - m.age_s**2)
+    centre_m = x + vx * seconds, y + vy * seconds, z
+    return replace(m, centre_m=centre_m, margin_m=m.margin_m + grown_m, age_s=age_s)
 
 
 def _mover(m: pb.NeighbourMover) -> NeighbourMover:

@@ -31,19 +31,19 @@ class NeighboursSubscriber(StreamSubscriber):
         self.undecodable = 0
         self._timeout_s = timeout_s
         self._newest: NeighbourObstacles | None = None
-        self._received_ns = 0
+        self._received_ns = self._sent_age_ns = 0
 
     def newest(self, section: int | None = None, wait_s: float = 0.0) -> NeighbourObstacles:
-        """The newest obstacles. None of them: where none arrived within timeout_s, or where they stand in another section of the
-        own world than `section`. wait_s: for a message."""
+        """The newest obstacles, the moving ones where they are now. None of them: where the newest are older than timeout_s, or
+        where they stand in another section of the own world than `section`. wait_s: for a message."""
         received = self._socket.take(round(1000 * wait_s))
         if received is not None:
             self._take(*received)
         found = self._newest
-        stale = time.monotonic_ns() - self._received_ns > self._timeout_s * NS
-        if found is None or stale or section not in (None, found.section):
+        age_s = (time.monotonic_ns() - self._received_ns + self._sent_age_ns) / NS
+        if found is None or age_s > self._timeout_s or section not in (None, found.section):
             return no_obstacles()
-        return found
+        return found.later(age_s)
 
     def _take(self, data: bytes, received_ns: int) -> None:
         message = pb.NeighbourObstacles()
@@ -52,5 +52,6 @@ class NeighboursSubscriber(StreamSubscriber):
             if message.schema_version != SCHEMA_VERSION:
                 raise ValueError(f"schema {message.schema_version}, expected {SCHEMA_VERSION}")
             self._newest, self._received_ns = NeighbourObstacles(message), received_ns
+            self._sent_age_ns = max(0, message.publication.age_ns)
         except (DecodeError, ValueError):
             self.undecodable += 1
