@@ -256,7 +256,7 @@ def support_part(table, j, d, s0, s1, top, bottom, eye, t_ns):
     t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)
     t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, top), max(t.frame_bottom_m, bottom)
     near = max(offset(t, ax, ay), offset(t, bx, by))
-    t.excess_m = max(t.excess_m, near)
+    t.excess_m = max(t.excess_m, near) if t.seen_ns == t_ns else near
     t.margin_m = max(t.margin_m, d.margin_m + min(0.0, near))
     observe_cells(table, j, low, high, bottom - top, t_ns)
     count_observation(t, t_ns)

@@ -121,9 +121,9 @@ def shift_line(track, delta_m, slope):
 def predict_line(track, dt_s, rules):
     """Lets the covariance grow over dt_s about the middle of the track."""
     track.p00 += rules.drift_m**2 * dt_s
-    turn = rules.turn_rad**2 * dt_s
+    turn = max(0.0, min(rules.turn_rad**2 * dt_s, _SLOPE_VARIANCE - track.p11))
     s = 0.5 * (track.s0_m + track.s1_m)
-    track.p11 = min(_SLOPE_VARIANCE, track.p11 + turn)
+    track.p11 += turn
     track.p01 -= s * turn
     track.p00 += s * s * turn
     if abs(s) > SHIFT_M:

@@ -29,7 +29,6 @@ def begin_frame(table, dt_s, rules):
             continue
         predict_line(t, dt_s, rules)
         t.first_detection = NONE
-        t.excess_m = 0.0
         t.frame_s0_m, t.frame_s1_m = math.inf, -math.inf
         t.frame_top_m, t.frame_bottom_m = math.inf, -math.inf
 
@@ -128,10 +127,8 @@ def observe(table, j, d, rules, eye, t_ns):
     t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, top), max(t.frame_bottom_m, bottom)
     make_room(table, j, low, high)
     observe_cells(table, j, low, high, d.bottom_m - d.top_m, t_ns)
-    near = max(offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m))
-    t.excess_m = max(t.excess_m, near)
     if t.seen_ns != t_ns:
-        t.cluster = d.cluster
+        t.excess_m, t.cluster = 0.0, d.cluster  # end_observation completes the first
         if d.margin_m < t.margin_m:
             t.margin_m += rules.shrink_share * (d.margin_m - t.margin_m)
     count_observation(t, t_ns)
@@ -170,20 +167,30 @@ def most_behind(t, eye_x, eye_y):
 
 
 @inner
+def reach_detections(t, detections):
+    """Lets the margin of a track reach as near as each of its detections of this frame, those of merged tracks too, now that
+    its line is final. Returns the flags of all of them."""
+    flags, k = 0, t.first_detection
+    for _ in range(detections.shape[0]):
+        if k == NONE:
+            break
+        d = detections[k]
+        flags |= d.plane_flags
+        t.excess_m = max(t.excess_m, offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m))
+        t.margin_m = max(t.margin_m, d.margin_m)
+        k = d.next
+    return flags
+
+
+@inner
 def end_observation(t, detections, rules, eye):
     """Lets the extent of an observed track shrink towards this frame's observations, where no border of the image cut
     them, and its published plane return to the line."""
+    cut = reach_detections(t, detections)
     if is_line(t, eye):
         end_line(t, detections, eye, rules.shrink_share)
     else:
         t.nearer_m = max((1.0 - rules.shrink_share) * t.nearer_m, t.excess_m - most_behind(t, eye[0], eye[1]))
-    cut = 0
-    k = t.first_detection
-    for _ in range(detections.shape[0]):
-        if k == NONE:
-            break
-        cut |= detections[k].plane_flags
-        k = detections[k].next
     share = rules.shrink_share
     if cut & (_CUT_LEFT | _CUT_RIGHT) == 0:
         if t.frame_s0_m - t.s0_m < _SHRINK_REACH_M:
