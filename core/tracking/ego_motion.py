@@ -14,24 +14,26 @@ _CUT_TOP, _CUT_BOTTOM = 16, 32
 _ROUNDS, _LEAST_HEIGHTS = 4, 6
 _SCALE_M = 0.1
 """Not tuning: distances above this count less, so that moving obstacles do not decide."""
-_PRIOR_M = 0.3
-"""Not tuning: standard deviation of the shift that is expected beyond the prediction; where all surfaces are parallel it
-keeps the shift along them."""
+SPEED_SIGMA_M_S = 1.2
+"""Not tuning: standard deviation of the predicted velocity. The shift that it allows within a frame keeps the tracks in place
+along surfaces that are all parallel, or that few planes show: there the noise of the planes would move them."""
+_LEAST_PRIOR_M = 1e-3
 
 
 @kernel
-def common_shift(detections, tracks, pairs, scores):
+def common_shift(detections, tracks, pairs, scores, dt_s):
     """The shift (x, y, z, m) to add to the tracks. Weighted least squares of the distances of detections from the lines of
     the tracks that they continue best, with weights reduced for large distances; z is the median difference of tops and
-    bottoms. Zeros where nothing is paired. pairs (P, 3) int32, scores (P,) float64: of `find_pairs`."""
+    bottoms. Zeros where nothing is paired. pairs (P, 3) int32, scores (P,) float64: of `find_pairs`; dt_s: since the
+    frame before."""
     chosen = np.full(detections.shape[0], -1, np.int32)
     for n in range(pairs.shape[0]):
         i = pairs[n, 0]
         if pairs[n, 2] == CONTINUES and (chosen[i] < 0 or scores[n] > scores[chosen[i]]):
             chosen[i] = n
-    x, y = 0.0, 0.0
+    x, y, prior_m = 0.0, 0.0, max(_LEAST_PRIOR_M, SPEED_SIGMA_M_S * dt_s)
     for k in range(_ROUNDS):
-        x, y = shift_once(detections, tracks, pairs, chosen, x, y, _SCALE_M if k > 0 else math.inf)
+        x, y = shift_once(detections, tracks, pairs, chosen, x, y, _SCALE_M if k > 0 else math.inf, prior_m)
     heights, count = np.empty(2 * detections.shape[0]), 0
     for n in chosen:
         if n < 0:
@@ -51,10 +53,10 @@ def common_shift(detections, tracks, pairs, scores):
 
 
 @inner
-def shift_once(detections, tracks, pairs, chosen, x_m, y_m, scale_m):
+def shift_once(detections, tracks, pairs, chosen, x_m, y_m, scale_m, prior_m):
     """One round of the least squares: the shift (x, y) with the weights of an earlier one; scale_m: distance at which
-    the weight is half."""
-    a, b, c = 1.0 / _PRIOR_M**2, 0.0, 1.0 / _PRIOR_M**2
+    the weight is half; prior_m: standard deviation of the shift beyond the prediction."""
+    a, b, c = 1.0 / prior_m**2, 0.0, 1.0 / prior_m**2
     u, v = 0.0, 0.0
     for n in chosen:
         if n < 0:

@@ -186,7 +186,8 @@ class Tracker:
     def _estimate_motion(self, detections: NDArray[Any], dt_s: float, view: FreeView) -> None:
         """Moves the tracks by the common shift of the detections, and corrects the estimated velocity."""
         count = self._find_pairs(detections, self._wide[0], view)
-        x, y, z = map(float, common_shift(detections, self._table.tracks, self._pairs[:count], self._scores[:count]))
+        pairs, scores = self._pairs[:count], self._scores[:count]
+        x, y, z = map(float, common_shift(detections, self._table.tracks, pairs, scores, dt_s))
         self._shift(x, y, z)
         if dt_s > 0.0:
             vx, vy = self._state.velocity_m_s

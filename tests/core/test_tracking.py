@@ -289,6 +289,29 @@ def test_without_a_position_tracks_follow_the_motion_of_the_vehicle() -> None:
     assert len(ids) <= 4
 
 
+def test_without_a_position_a_still_vehicle_has_no_speed_where_few_planes_show_its_motion() -> None:
+    """A street in strong noise: only its far end shows how far the vehicle flies along it."""
+    rng = np.random.default_rng(4)
+    walls = [wall(3.0, -4.0, 15.0, -4.0), wall(15.0, 4.0, 3.0, 4.0), wall(15.0, -1.0, 15.0, 1.0)]
+    tracker, speeds = Tracker(SMALL), []
+    for k in range(60):
+        f = with_margin(frame(walls, k, rng=rng, sigma_m=0.15), 0.4)
+        tracker.observe(without_position(f))
+        if k > 10:
+            speeds.append(math.hypot(*tracker.state().velocity_m_s))
+    assert max(speeds) < 1.0
+
+
+@pytest.mark.parametrize("speed_m_s", [2.0, 4.0])
+def test_without_a_position_the_speed_is_found_within_a_second(speed_m_s: float) -> None:
+    rng = np.random.default_rng(5)
+    walls = [wall(-5.0, -4.0, 18.0, -4.0), wall(18.0, -4.0, 18.0, 4.0), wall(18.0, 4.0, -5.0, 4.0)]
+    tracker = Tracker(SMALL)
+    for k in range(12):
+        tracker.observe(without_position(frame(walls, k, at=(0.1 * speed_m_s * k, 0.0), rng=rng, sigma_m=0.02)))
+    assert tracker.state().velocity_m_s == pytest.approx((speed_m_s, 0.0), abs=0.4)
+
+
 def test_without_a_position_margins_grow_while_nothing_is_observed() -> None:
     tracker = Tracker(SMALL)
     for k in range(10):

@@ -84,5 +84,5 @@ def test_the_common_shift_of_three_walls() -> None:
     tracks["x_m"], tracks["y_m"] = 0.5 * (d["ax_m"] + d["bx_m"]) - 0.05, 0.5 * (d["ay_m"] + d["by_m"]) + 0.02
     pairs = np.array([[0, 0, 1], [1, 1, 1], [2, 2, 1], [0, 1, 1], [1, 2, 2]], np.int32)
     scores = np.array([2.0, 2.0, 2.0, 1.0, 9.0])
-    assert common_shift(d, tracks, pairs, scores) == pytest.approx((0.05, -0.02, 0.1), abs=2e-3)
-    assert common_shift(d, tracks, pairs[:0], scores[:0]) == (0.0, 0.0, 0.0)
+    assert common_shift(d, tracks, pairs, scores, 0.25) == pytest.approx((0.05, -0.02, 0.1), abs=2e-3)
+    assert common_shift(d, tracks, pairs[:0], scores[:0], 0.25) == (0.0, 0.0, 0.0)
