@@ -22,7 +22,14 @@ MAX_WINDOW_BYTES: Final = 1 << 27
 """Limit of the memory that the decompressor may allocate for a zstd frame."""
 _FIXED: Final = struct.Struct("<QQQI")
 """First and last time, decompressed size, checksum."""
-PARSE_ERRORS: Final = (struct.error, McapError, UnicodeDecodeError, RuntimeError, zstandard.ZstdError)
+PARSE_ERRORS: Final = (
+    struct.error,
+    McapError,
+    UnicodeDecodeError,
+    RuntimeError,
+    OverflowError,  # a length of more than 63 bits
+    zstandard.ZstdError,
+)
 
 
 def unpacked(payload: bytes, whole: bool) -> bytes:

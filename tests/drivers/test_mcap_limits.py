@@ -119,6 +119,19 @@ def test_a_chunk_that_unpacks_to_more_than_it_claims_is_left_out(compression, cr
     assert "decompresses to more" in causes[0]
 
 
+@pytest.mark.parametrize("length", [1 << 63, (1 << 64) - 1])
+def test_a_chunk_whose_length_is_damaged_is_left_out(length: int, tmp_path: Path) -> None:
+    """A length of more than 63 bits raised OverflowError, and neither `info` nor `recover` read the rest of the file."""
+    good = chunk(CHANNEL + MESSAGE, "zstd")
+    place = good.index(struct.pack("<I", 4) + b"zstd") + 8
+    bad = good[:place] + struct.pack("<Q", length) + good[place + 8 :]
+    path = file_of(tmp_path / "a.mcap", [good, bad, good])
+    scan = McapScan(path)
+    items = list(scan.items())
+    scan.close()
+    assert [type(item) for item in items] == [Logged, Damage, Logged, Damage]
+
+
 def test_lz4_is_read_and_a_cut_or_wrong_one_is_left_out(tmp_path) -> None:
     good = chunk(CHANNEL + MESSAGE * 3, "lz4")
     scan = McapScan(file_of(tmp_path / "a.mcap", [good]))
