@@ -37,6 +37,8 @@ SNAPSHOT_NS = 10 * NS
 _WAITING = 8
 """Largest number of waiting frames."""
 _POLL_MS = 20
+_SEQUENCE_STEP_NS = NS // 1000
+"""Shorter than the time between two messages."""
 NO_POSITION_NS = NS // 2
 """Longest time without a frame in ned after which the world is invalid: the vehicle's position in it is unknown."""
 
@@ -61,7 +63,9 @@ class WorldThread:
         self._thread = WatchedThread(self._run, "world")
         self.dropped = self.refused = 0
         self.alive_ns = time.monotonic_ns()
-        self._sequence, self._since, self._section = 0, 0, -1
+        # greater than those of an earlier service since the start of the computer: a copy would ignore lower ones
+        self._sequence = time.monotonic_ns() // _SEQUENCE_STEP_NS
+        self._since, self._section = 0, -1
         self._epoch = -1
         self._next_ns = self._snapshot_ns = 0
         self._newest_ns: int | None = None

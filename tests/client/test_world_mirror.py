@@ -154,8 +154,11 @@ def test_one_that_missed_messages_is_right_again(speaker: Speaker) -> None:
         assert until(lambda: (follows(), same_place(mirror, speaker.service.world))[1], 60.0)
 
 
-def test_a_new_service_and_a_jump_reset_the_state(tmp_path: Path) -> None:
+@pytest.mark.parametrize("boot", ["one", "two"])
+def test_a_new_service_and_a_jump_reset_the_state(boot: str, tmp_path: Path) -> None:
+    """boot: of the computer, which need not restart with the service. The first service began an hour ago."""
     first = Speaker(tmp_path, "one")
+    first.service._sequence = max(18_000, first.service._sequence - 3_600_000 + 18_000)
     first.service.open()
     with WorldMirror(*first.addresses) as mirror:
 
@@ -169,7 +172,7 @@ def test_a_new_service_and_a_jump_reset_the_state(tmp_path: Path) -> None:
         assert mirror.section == 2
         assert len(mirror.space.snapshot.planes) == 1
         first.close()
-        second = Speaker(tmp_path, "two")
+        second = Speaker(tmp_path, boot)
         second.service.open()
         try:
             nearer = WALLS - np.array([2.0, 0, 2.0, 0, 0, 0])
