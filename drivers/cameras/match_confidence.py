@@ -15,7 +15,8 @@ at the horizontal derivative of both images, the right one taken where the dispa
   pixels it needs: edges of different things that look alike agree in a few rows only, and at any disparity;
 - *smear*: a window takes the disparity of its strongest edge to all its pixels. Beside an area without measurements the outermost
   columns and rows may belong to that area. One column is dropped, an upright edge locates itself. As many rows as the window
-  reaches are dropped: above and below a level edge nothing says to which side the disparity belongs.
+  reaches are dropped: above and below a level edge nothing says to which side the disparity belongs. A far row whose own texture
+  agrees in both images keeps all but the outermost pixel: far ground fades gradually, and has no edge there.
 
 What fails a rule is no measurement."""
 
@@ -40,6 +41,10 @@ _NOISE_SHARES = 2.0
 """By so many shares of noise in the variance the least correlation of strong texture is lowered: twice what noise takes."""
 _LEAST_MATCHED = 0.5
 """Share of the window that must have a disparity."""
+_FAR_PX = 1.0
+"""Matches of less disparity are far."""
+_ROW_PX, _ROW_CORRELATION = 31, 0.6
+"""Columns of one row that must agree by this correlation where a far row is kept."""
 _PATCH_STEP_PX = 1.5
 """Neighbours of one surface differ by no more."""
 _STEP_PX = 8
@@ -97,12 +102,17 @@ def derivative(image: Gray) -> Image:
     return np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3, scale=_SOBEL_SCALE), np.float32)
 
 
+def _derivatives(left: Gray, right: Gray, disparity: Image) -> tuple[Image, Image]:
+    """The derivative of the left image, and that of the right one where the disparity says; (H, W) float32 each."""
+    columns = np.arange(left.shape[1], dtype=np.float32)[None, :] - disparity
+    at_match = cv2.remap(derivative(right), columns, _rows(*left.shape), cv2.INTER_LINEAR)
+    return derivative(left), np.asarray(at_match, np.float32)
+
+
 def match_statistics(left: Gray, right: Gray, disparity: Image, window_px: int) -> MatchStatistics:
     """How well both images agree at a disparity (H, W) float32 px, negative: none. left, right: (H, W) uint8, rectified."""
     found = (disparity >= 0.0).astype(np.float32)
-    columns = np.arange(left.shape[1], dtype=np.float32)[None, :] - disparity
-    g_left = derivative(left) * found
-    g_right = cv2.remap(derivative(right), columns, _rows(*left.shape), cv2.INTER_LINEAR) * found
+    g_left, g_right = (g * found for g in _derivatives(left, right, disparity))
 
     def mean(image: Image) -> Image:
         return np.asarray(cv2.boxFilter(image, cv2.CV_32F, (window_px, window_px)), np.float32)
@@ -187,9 +197,22 @@ def large_patches(disparity: Image, per_px: float, step_px: float) -> Image:
     return kept
 
 
-def without_smear(disparity: Image, smear_px: int, smear_rows: int, window_px: int) -> Image:
+def rows_agree(left: Gray, right: Gray, disparity: Image) -> Mask:
+    """(H, W) whether the derivatives of both images agree at a disparity along the row of a pixel alone, and along both rows beside
+    it: the derivative of a row holds a quarter of what these show."""
+    g_left, g_right = _derivatives(left, right, disparity)
+
+    def mean(image: Image) -> Image:
+        return np.asarray(cv2.boxFilter(image, cv2.CV_32F, (_ROW_PX, 1)))
+
+    both = np.maximum(mean(g_left * g_left) * mean(g_right * g_right), np.float32(1e-12))
+    agree = (mean(g_left * g_right) >= np.float32(_ROW_CORRELATION) * np.sqrt(both)).view(np.uint8)
+    return np.asarray(cv2.erode(agree, np.ones((3, 1), np.uint8), borderValue=1)).view(np.bool_)
+
+
+def without_smear(disparity: Image, smear_px: int, smear_rows: int, window_px: int, located: Mask) -> Image:
     """The disparity without the pixels within smear_px of an area without one, and of wider areas without those within smear_rows
-    rows. Holes narrower than window_px are no area."""
+    rows, unless `located` (H, W). Holes narrower than window_px are no area."""
     found = (disparity >= 0.0).view(np.uint8)
     closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((window_px, window_px), np.uint8))
     near = np.ones((2 * smear_px + 1, 2 * smear_px + 1), np.uint8)
@@ -197,7 +220,9 @@ def without_smear(disparity: Image, smear_px: int, smear_rows: int, window_px: i
     # nothing is known beyond the image's border, and nothing is taken from there
     inner = cv2.erode(closed, tall, borderValue=1)
     # what is lower than the window is no border of an area: the steps of a slanted edge, which are measured
-    low = cv2.erode(closed, near, borderValue=1) & ~cv2.dilate(inner, tall)
+    narrower = cv2.erode(closed, near, borderValue=1)
+    low = narrower & ~cv2.dilate(inner, tall)
+    inner |= narrower & located.view(np.uint8)
     return np.where((inner | low) > 0, disparity, np.float32(-1.0))
 
 
@@ -219,5 +244,7 @@ def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: Confiden
     if limits.patch_per_px:
         kept = large_patches(kept, limits.patch_per_px, _PATCH_STEP_PX)
     if limits.smear_px or limits.smear_rows:
-        kept = without_smear(kept, limits.smear_px, limits.smear_rows, limits.window_px)
+        far = (kept >= 0.0) & (kept < _FAR_PX)
+        located = far & rows_agree(left, right, kept) if far.any() else far
+        kept = without_smear(kept, limits.smear_px, limits.smear_rows, limits.window_px, located)
     return kept

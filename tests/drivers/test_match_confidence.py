@@ -187,6 +187,36 @@ def test_a_blank_thing_does_not_take_the_depth_of_the_texture_behind_it() -> Non
     assert np.mean(kept[10:50, 60:-20] >= 0.0) > 0.98
 
 
+def shifted(view: np.ndarray, disparity_px: int) -> tuple[np.ndarray, np.ndarray]:
+    """Both images of a view (HEIGHT, WIDTH + D) at one disparity, with noise of 1 grey level."""
+    return noisy(view[:, :WIDTH], 1.0, 2), noisy(view[:, disparity_px : WIDTH + disparity_px], 1.0, 3)
+
+
+@pytest.mark.parametrize(("disparity_px", "stays"), [(0, True), (8, False)])
+def test_the_rows_of_far_ground_that_fades_stay(disparity_px: int, stays: bool) -> None:
+    """Ground loses its texture in the distance, without an edge: one row is dropped, not four."""
+    fade = np.clip((np.arange(HEIGHT) - 40) / 80.0, 0.0, 1.0)[:, None]
+    left, right = shifted(120.0 + fade * (texture(11, contrast=10.0) - 120.0), disparity_px)
+    found = matched(left, right)
+    all_rows, kept = (accepted_matches(left, right, found, replace(ALL, smear_rows=n)) >= 0.0 for n in (1, 4))
+    all_rows, kept = all_rows[:, D:], kept[:, D:]
+    dropped_rows = float((all_rows & ~kept).sum(axis=0).mean())
+    assert all_rows[100:].mean() > 0.95
+    assert (dropped_rows < 1.5) == stays, dropped_rows
+
+
+@pytest.mark.parametrize("contrast", [5.0, 10.0, 25.0])
+def test_a_blank_thing_before_far_texture_does_not_take_its_rows(contrast: float) -> None:
+    """But for single pixels of the row beside it, by noise."""
+    for row in (70, 71, 72):
+        view = texture(12, contrast=contrast)
+        view[:row] = 120.0
+        left, right = shifted(view, 0)
+        kept = accepted_matches(left, right, matched(left, right), ALL)
+        assert not (kept[: row - 1, D:] >= 0.0).any()
+        assert np.mean(kept[row - 1, D:] >= 0.0) < 0.1
+
+
 def test_the_steps_of_a_slanted_edge_stay() -> None:
     """A nearly level edge before the sky is measured where it steps from row to row."""
     v, u = np.ogrid[:HEIGHT, : WIDTH + D]
@@ -200,7 +230,7 @@ def test_the_steps_of_a_slanted_edge_stay() -> None:
 def test_holes_in_weak_texture_do_not_grow() -> None:
     disparity = np.full((60, 80), 9.0, np.float32)
     disparity[30:34, 40:44] = -1.0
-    assert np.array_equal(without_smear(disparity, 1, 4, 7), disparity)
+    assert np.array_equal(without_smear(disparity, 1, 4, 7, np.zeros(disparity.shape, np.bool_)), disparity)
 
 
 @pytest.mark.parametrize(
