@@ -192,7 +192,7 @@ class CameraConfig:
     render: str = _choice(
         "depth",
         ("depth", "stereo"),
-        "simulated only: exact depth with a noise model, or stereo matching of rendered image pairs (0.5 s a frame at 640 px)",
+        "simulated only: exact depth with a noise model, or stereo matching of rendered image pairs (0.8 s a frame at 640 px)",
     )
 
     def __post_init__(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -18,7 +19,7 @@ from drivers.simulation.stereo.pair_renderer import (
     expose_pair,
     pair_brightness,
 )
-from drivers.simulation.stereo.shading import Light, Projector, Surfaces
+from drivers.simulation.stereo.shading import Light, Projector, Surfaces, radiance
 from drivers.simulation.stereo.sky import CLEAR, CLOUDED, HAZY, LOW_SUN, Sky
 from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera
 from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES, make_stereo_scene, surfaces_of
@@ -70,6 +71,49 @@ def test_a_finer_texture_than_the_pixels_fades_instead_of_aliasing() -> None:
     fine = Material(albedo=0.4, contrast=0.5, coarse_m=0.05, fine_m=0.05)
     assert expose_pair(bright(wall_of(fine, 2.0)), QUIET, 0).left.std() > 5.0
     assert expose_pair(bright(wall_of(fine, 100.0)), QUIET, 0).left[35:55, 60:100].std() < 0.5
+
+
+def grass() -> Surfaces:
+    s = SceneBuilder("grass")
+    s.ground()
+    return Surfaces(scene=s.build(), material_of=np.zeros(1, np.int32), materials=(GRASS,))
+
+
+def ground_band(R_ned_optical: np.ndarray, least_deg: float, most_deg: float) -> np.ndarray:
+    """(H, W) pixels whose rays fall by so many degrees below the horizon."""
+    v, u = np.mgrid[: K.height, : K.width]
+    rays = np.stack([(u - K.cx) / K.fx, (v - K.cy) / K.fy, np.ones(u.shape)], axis=-1) @ R_ned_optical.T
+    fall_deg = np.degrees(np.arctan2(rays[..., 2], np.hypot(rays[..., 0], rays[..., 1])))
+    return (fall_deg > least_deg) & (fall_deg < most_deg)
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 10.0])
+@pytest.mark.parametrize(("least_deg", "most_deg"), [(2.0, 4.0), (4.0, 10.0)])
+def test_a_slanted_surface_is_averaged_over_each_pixel(roll_deg: float, least_deg: float, most_deg: float) -> None:
+    """The mean of 16 x 16 rays in each pixel. At 2 degrees a pixel is 29 times as long as it is wide."""
+    n = 16
+    fine = Intrinsics(n * K.width, n * K.height, n * K.fx, n * K.fy, n * (K.cx + 0.5) - 0.5, n * (K.cy + 0.5) - 0.5)
+    R_rolled = rotation_from_euler(np.radians(roll_deg), 0.0, 0.0) @ R_CAMFRD_OPTICAL
+    rays, _ = radiance(grass(), fine, R_rolled, AT, Light(sky=CLEAR))
+    mean = rays.reshape(K.height, n, K.width, n).mean(axis=(1, 3))
+    left = pair_brightness(grass(), (), VIEW, R_rolled, AT, Light(sky=CLEAR)).left
+    band = ground_band(R_rolled, least_deg, most_deg)
+    assert left[band].std() == pytest.approx(mean[band].std(), rel=0.15)
+    assert np.corrcoef(left[band], mean[band])[0, 1] > 0.95
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 10.0, -20.0])
+def test_rolled_views_see_the_same_ground(roll_deg: float) -> None:
+    """A row of the right view meets other places of the ground than that of the left one."""
+    R_rolled = rotation_from_euler(np.radians(roll_deg), 0.0, 0.0) @ R_CAMFRD_OPTICAL
+    view = replace(VIEW, baseline_m=0.5)
+    b = pair_brightness(grass(), (), view, R_rolled, AT, Light(sky=CLEAR))
+    v, u = np.mgrid[: K.height, : K.width].astype(np.float32)
+    rays = np.stack([(u - K.cx) / K.fx, (v - K.cy) / K.fy, np.ones(u.shape)], axis=-1) @ R_rolled.T
+    disparity = np.maximum(K.fx * view.baseline_m * rays[..., 2] / -AT[2], 0.0)
+    right = cv2.remap(b.right, (u - disparity).astype(np.float32), v, cv2.INTER_CUBIC)
+    band = ground_band(R_rolled, 2.0, 5.0) & (u - disparity > 2.0)
+    assert np.corrcoef(b.left[band], right[band])[0, 1] > 0.95
 
 
 EMPTY = surfaces_of(SceneBuilder("nothing").build())

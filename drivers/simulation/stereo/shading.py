@@ -14,9 +14,11 @@ from core.types import Intrinsics
 from ..ray_caster import CONVEX, CYLINDER, DISC, ELLIPSOID, PLANE, cast_rays
 from ..scenes import Scene
 from .sky import Sky, glare_radiance, sky_radiance
-from .textures import MATERIAL_ROW, Floats, Material, kernel, octaves_of, reflectance
+from .textures import FOOTPRINT_ROW, MATERIAL_ROW, Floats, Material, kernel, octaves_of, reflectance
 
 PROJECTOR_ROW = 5
+_LEAST_FACING = 1.0 / 128.0
+"""Sine of the angle between ray and surface, below which a pixel is not taken to be longer on the surface: half a degree."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,8 +81,19 @@ def _dots(x: float, y: float, z: float, projector: Floats, footprint_m: float, d
     """Brightness of the projected dots at a point (ned) on a white surface."""
     px, py, pz = x - projector[0], y - projector[1], z - projector[2]
     r = math.sqrt(px * px + py * py + pz * pz)
-    value = octaves_of(px / r, py / r, pz / r, dots, footprint_m / r, 991)
+    value = octaves_of(px / r, py / r, pz / r, dots, np.array([footprint_m / r, 0.0, 0.0, 0.0, 0.0, 0.0]), 991)
     return projector[3] / (r * r) * max(0.0, 1.0 + 2.0 * value)
+
+
+@kernel
+def _footprint(dx: float, dy: float, dz: float, n: Floats, size_m: float, out: Floats) -> None:
+    """A pixel of size_m square to its ray, on a surface of unit normal n (3,) -> out (FOOTPRINT_ROW,). dx, dy, dz: unit vector of the
+    ray."""
+    cosine = dx * n[0] + dy * n[1] + dz * n[2]
+    sine, facing = math.sqrt(max(1e-12, 1.0 - cosine * cosine)), abs(cosine)
+    out[0], out[1] = size_m, size_m / max(facing, _LEAST_FACING)
+    out[2] = size_m / math.sqrt(max(facing, 0.25))
+    out[3], out[4], out[5] = (dx - cosine * n[0]) / sine, (dy - cosine * n[1]) / sine, (dz - cosine * n[2]) / sine
 
 
 class _Rays(NamedTuple):
@@ -120,7 +133,7 @@ def _shade(rays: _Rays, solids: _Solids, light: _Lighting, out: NDArray[np.float
     z, which, k, R, origin = rays.z, rays.which, rays.k, rays.R_ned_optical, rays.origin_m
     kinds, rows, material_of, materials = solids.kinds, solids.rows, solids.material_of, solids.materials
     sky, fog_per_m, seed, projector = light.sky, light.fog_per_m, light.seed, light.projector
-    n = np.empty(3)
+    n, footprint = np.empty(3), np.empty(FOOTPRINT_ROW)
     pixel = 1.0 / k[0]
     fog = sky[0]
     for v in range(z.shape[0]):
@@ -139,9 +152,7 @@ def _shade(rays: _Rays, solids: _Solids, light: _Lighting, out: NDArray[np.float
                 depth = z[v, u]
                 x, y, h = origin[0] + depth * dx, origin[1] + depth * dy, origin[2] + depth * dz
                 _normal(kinds[s], rows[s], solids.halfspaces, x, y, h, n)
-                facing = abs(n[0] * dx + n[1] * dy + n[2] * dz) / norm
-                # rows of both views see a slanted surface at the same places: the filter follows its finer side
-                footprint = depth * pixel / math.sqrt(max(facing, 0.25))
+                _footprint(dx / norm, dy / norm, dz / norm, n, depth * pixel, footprint)
                 flat = math.sqrt(n[0] * n[0] + n[1] * n[1])
                 along, up = (n[0] * y - n[1] * x, -h) if flat > 0.3 else (x, y)
                 if flat > 0.3:
@@ -156,7 +167,7 @@ def _shade(rays: _Rays, solids: _Solids, light: _Lighting, out: NDArray[np.float
                     lit = abs(sky[6])
                 value = albedo * (sky[8] + (1.0 - sky[8]) * lit)
                 if projector[3] > 0.0:
-                    value += albedo * _dots(x, y, h, projector, footprint, light.dots)
+                    value += albedo * _dots(x, y, h, projector, footprint[2], light.dots)
                 if fog_per_m > 0.0:
                     clear = math.exp(-fog_per_m * depth * norm)
                     value = clear * value + (1.0 - clear) * fog

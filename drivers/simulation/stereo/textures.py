@@ -1,8 +1,9 @@
 """Procedural surface textures: brightness as a function of a point in the world, filtered to the size of a pixel.
 
 A texture is a sum of octaves of value noise in the three coordinates of the world, with a pattern (bricks, bars) in the
-coordinates of the surface on top. An octave whose wavelength the pixel does not resolve fades out, so that two cameras
-that look at one surface see the same picture of it."""
+coordinates of the surface on top. An octave whose wavelength the pixel does not resolve fades out, and each octave is averaged
+over the length of the pixel on a slanted surface. Otherwise its samples would alias, and the images of two cameras would differ
+where their rows cross the surface at different places."""
 
 from __future__ import annotations
 
@@ -20,6 +21,9 @@ _F = TypeVar("_F", bound=Callable[..., object])
 Floats = NDArray[np.float64]
 MATERIAL_ROW = 10
 """Length of the row of numbers of one material."""
+FOOTPRINT_ROW = 6
+"""Length of the row of numbers of a pixel on a surface: its size across the slope, m; its length along the slope, m; its mean size, for
+patterns, m; unit vector along the slope (3)."""
 
 
 def kernel(function: _F) -> _F:
@@ -140,16 +144,24 @@ def value_noise(x: float, y: float, z: float, seed: int) -> float:
 
 
 @kernel
-def octaves_of(x: float, y: float, z: float, row: Floats, footprint_m: float, seed: int) -> float:
-    """The noise of a material at a point, relative to its albedo; octaves below 2 footprints are left out."""
+def octaves_of(x: float, y: float, z: float, row: Floats, footprint: Floats, seed: int) -> float:
+    """The noise of a material in a pixel around a point, relative to its albedo; octaves below 2 footprints are left out.
+    footprint: (FOOTPRINT_ROW,)."""
     wavelength, amplitude, total = row[2], row[1], 0.0
+    across_m, length_m = footprint[0], footprint[1]
     for i in range(int(row[3])):
-        visible = 0.5 * wavelength / footprint_m - 1.0
+        visible = 0.5 * wavelength / across_m - 1.0
         if visible <= 0.0:
             break
         # a lattice step is half a wavelength; the offset keeps the lattices of the octaves apart
         scale, shift = 2.0 / wavelength, 17.31 * i
-        total += amplitude * min(1.0, visible) * value_noise(x * scale + shift, y * scale + shift, z * scale, seed + i)
+        samples = max(1, int(math.ceil(length_m * scale)))
+        noise = 0.0
+        for k in range(samples):
+            t = ((k + 0.5) / samples - 0.5) * length_m
+            px, py, pz = x + t * footprint[3], y + t * footprint[4], z + t * footprint[5]
+            noise += value_noise(px * scale + shift, py * scale + shift, pz * scale, seed + i)
+        total += amplitude * min(1.0, visible) * noise / samples
         wavelength *= 0.5
         amplitude *= row[4]
     return total
@@ -167,10 +179,11 @@ def _line_share(position: float, period: float, width: float, footprint_m: float
 
 @kernel
 def reflectance(
-    x: float, y: float, z: float, along: float, up: float, row: Floats, footprint_m: float, seed: int
+    x: float, y: float, z: float, along: float, up: float, row: Floats, footprint: Floats, seed: int
 ) -> float:
-    """Reflectance of a material at a point of the world; along, up: its coordinates in the surface, metres."""
-    albedo = row[0]
+    """Reflectance of a material in a pixel around a point of the world; along, up: its coordinates in the surface, metres; footprint:
+    (FOOTPRINT_ROW,)."""
+    albedo, footprint_m = row[0], footprint[2]
     pattern = int(row[5])
     if pattern == 1:
         course = math.floor(up / row[7])
@@ -188,5 +201,5 @@ def reflectance(
         share = _line_share(up, row[7], row[8], footprint_m)
         albedo = share * row[9] + (1.0 - share) * albedo
     if row[1] > 0.0:
-        albedo *= max(0.05, 1.0 + octaves_of(x, y, z, row, footprint_m, seed))
+        albedo *= max(0.05, 1.0 + octaves_of(x, y, z, row, footprint, seed))
     return albedo
