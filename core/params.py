@@ -758,6 +758,13 @@ class Params:
     )
     profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "upper bound of that noise, as a share of the distance")
     profile_least_m: float = critical(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is unknown")
+    profile_blank_m: float = critical(
+        0.3,
+        0.02,
+        2.0,
+        "m",
+        "a region without a measurement of about this width and height may be a thing; smaller: less free space",
+    )
 
     def __post_init__(self) -> None:
         check("", self)

@@ -16,6 +16,7 @@ from ..jit import inner, inner_inline, record
 from ..params import Params
 from ..types import FreeEnd, Ground
 from .free_cells import DARK_ROWS, count_codes
+from .free_holes import holds_hole, side_index
 from .level import source_rows_of_column
 from .view_geometry import Q_FAR, ViewGeometry
 
@@ -26,6 +27,8 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.FIELD_OF_VIEW),
     int(FreeEnd.MAX_RANGE),
 )
+_NEAR_REACH = 1.5
+"""A thing whose front is nearer than the minimum range may reach to this multiple of it."""
 WALK_SETTINGS = record(
     ("f_px", np.float64),
     ("horizon_row", np.float64),
@@ -48,6 +51,8 @@ WALK_SETTINGS = record(
     ("ring_noise_cap", np.float64),  # its greatest share of the distance
     ("ring_m", np.float64),  # step of range
     ("step_rad", np.float64),  # step of direction
+    ("near_m", np.float64),  # optical depth to which a thing may reach that is too near to be measured
+    ("blank_m", np.float64),  # least side of a thing without texture
 )
 """Settings of the walk for one view and ground."""
 
@@ -60,17 +65,20 @@ class Sampled(NamedTuple):
         begin: (B + 1,) int64 of `look_at`.
         unknown: (B + 1,) int64, `dark` of `look_at`.
         in_source: (first, last) row, see `common_source_rows`.
-        dark_blocks: (K, blocks + 1) int16 of `count_dark_blocks`, the columns that have any."""
+        dark_blocks: (K, blocks + 1) int16 of `count_dark_blocks`, the columns that have any.
+        holes, near_holes: (blocks,) uint8, `own` and `widened` of `join_holes`."""
 
     cells: Any
     begin: Any
     unknown: Any
     in_source: Any
     dark_blocks: Any
+    holes: Any
+    near_holes: Any
 
 
-def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke_per_m: float, p: Params) -> NDArray[Any]:
-    """Returns (1,) WALK_SETTINGS of a view and the ground found in it."""
+def walk_settings(g: ViewGeometry, source: Any, ground: Ground, ke_per_m: float, p: Params) -> NDArray[Any]:
+    """Returns (1,) WALK_SETTINGS of a view and the ground found in it. source: a record of SOURCE."""
     out = np.zeros(1, WALK_SETTINGS)
     right, down = float(g.H[2, 0]) * g.f_px / float(g.lateral[0]), float(g.H[2, 1]) * g.f_px
     out[0] = (
@@ -89,12 +97,14 @@ def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke_per_m: flo
         float(g.H[2, 0]) * g.cu + float(g.H[2, 1]) * g.cv + float(g.H[2, 2]),
         right,
         down,
-        clear_m,
+        source.clear_m,
         g.f_px * g.lsb_per_px,
         p.profile_sigmas * ke_per_m,
         p.profile_noise_cap,
         p.profile_ring_m,
         math.radians(p.profile_step_deg),
+        _NEAR_REACH * source.min_range_m,
+        p.profile_blank_m,
     )
     return out
 
@@ -111,6 +121,13 @@ def optical_depth(x, t0, t1, top, bottom, w):
         top, bottom: heights z, m.
         w: a record of WALK_SETTINGS."""
     return x * (w.ahead + max(w.right * t0, w.right * t1)) + max(w.down * top, w.down * bottom)
+
+
+@inner
+def least_optical_depth(x, t0, t1, top, bottom, w):
+    """Returns the least optical depth Z at forward distance x between two directions and two heights; arguments: see
+    `optical_depth`."""
+    return x * (w.ahead + min(w.right * t0, w.right * t1)) + min(w.down * top, w.down * bottom)
 
 
 @inner
@@ -215,9 +232,32 @@ def hides_column(dark_blocks, v0, v1):
 
 
 @inner
+def is_hidden(sampled, x, before, v0, v1, t0, t1, top, lower, w):
+    """True if a hole of the rows v0..v1 may hide a thing between the distances `before` and x.
+
+    Where a part of this space may be too near to be measured, any hole counts, elsewhere one of the size of blank_m.
+
+    Args:
+        sampled: Sampled.
+        x: forward distance of the ring.
+        before: that from which on the ring would make the layer free.
+        v0, v1: rows of the layer at x.
+        t0, t1: tangents of the directions.
+        top, lower: heights of the layer.
+        w: a record of WALK_SETTINGS."""
+    if least_optical_depth(before, t0, t1, top, lower, w) <= w.near_m:
+        return holds_hole(sampled.near_holes, v0, v1, 0)
+    return holds_hole(sampled.holes, v0, v1, side_index(w.blank_m * w.f_px / x))
+
+
+@inner
 def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
     """Walks outward through one direction and layer; returns (first, last, end) of the free rings, (-1, -1, end) if
     there are none.
+
+    The walk begins at the first ring that measures a greater distance, and ends at the next one that does not. In it, rings
+    with a hole are not free. The free rings are those before the first such hole, or, where that is in the first ring of
+    the walk, those behind it. So a hole never makes a ring free that would not be without it.
 
     The layer reaches from z = top down to bottom, or to `lowest_clear` if that is higher. If the part below may hide
     an obstacle of the least height, no part of it is free. Nothing is free beyond the range.
@@ -232,7 +272,7 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
         w: a record of WALK_SETTINGS."""
     t, block = 0.5 * (t0 + t1), w.block_rows
     begin, unknown, in_source = sampled.begin, sampled.unknown, sampled.in_source
-    first, last, end = -1, -1, _NOT_SEEN
+    first, last, end, begun = -1, -1, _NOT_SEEN, False
     for r in range(len(ring_m)):
         x, v0, v1 = ring_m[r], rows[r, 0], rows[r, 1]
         lower = min(bottom, lowest_clear(t, x, w))
@@ -240,18 +280,18 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
             end = _UNKNOWN
             break
         if lower - top < w.least_m:
-            end = _NOT_SEEN if first < 0 else _VIEW
-            if first >= 0:
+            end = _VIEW if begun else _NOT_SEEN
+            if begun:
                 break
             continue
         if optical_depth(x, t0, t1, top, lower, w) > w.clear_m:
-            if first >= 0:
+            if begun:
                 end = _RANGE
             break
         if lower < bottom:
             v0, v1 = rows_between(x, top, lower, w)
         if v0 < in_source[0] or v1 > in_source[1]:
-            if first >= 0:
+            if begun:
                 end = _VIEW
                 break
             continue
@@ -259,19 +299,23 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
         from_cell, to_cell = begin[b0], begin[b1]
         total, dark = to_cell - from_cell, unknown[b1] - unknown[b0]
         known, enough, near_enough = total - dark, w.free_share * total, (1.0 - w.free_share) * total
-        if first < 0 and known < enough and known <= near_enough:
+        if not begun and known < enough and known <= near_enough:
             end = _UNKNOWN  # too few known cells to make the ring free or to end the walk
             continue
         seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, blocking[r] - 1)
         if total > 0 and seen >= enough and not hides_column(sampled.dark_blocks, v0, v1):
+            begun = True
+            if not is_hidden(sampled, x, ring_m[last] if first >= 0 else x, v0, v1, t0, t1, top, lower, w):
+                first = r if first < 0 else first
+                last, end = r, _RANGE
+                continue
+            end = _UNKNOWN
             if first < 0:
-                first = r
-            last = r
-            end = _RANGE
-            continue
+                continue
+            break
         near = known - seen
-        if first >= 0 or near > near_enough:
+        if begun or near > near_enough:
             end = _OBSTACLE if near >= dark else _UNKNOWN
             break
         end = _UNKNOWN
-    return first, last, end
+    return first, last, end if first >= 0 or not begun else _UNKNOWN

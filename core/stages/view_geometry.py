@@ -39,6 +39,7 @@ SOURCE = record(
     ("axis_z", np.float64),
     ("clear_m", np.float64),  # greatest depth that counts as measured, see `clear_range_m`
     ("max_range_m", np.float64),  # maximum range of the camera
+    ("min_range_m", np.float64),  # minimum range of the camera
 )
 """The source image of a view. One pixel of it may be repeated in the view, or several may fall into one cell."""
 
@@ -46,7 +47,15 @@ SOURCE = record(
 def source_of(info: CameraInfo, R_level_optical: Rotation, clear_m: float) -> NDArray[Any]:
     """Returns SOURCE of a frame, an array of shape (1,)."""
     k, out = info.intrinsics, np.zeros(1, SOURCE)
-    out[0] = k.width, k.height, R_level_optical[0, 2], R_level_optical[2, 2], clear_m, info.max_range_m
+    out[0] = (
+        k.width,
+        k.height,
+        R_level_optical[0, 2],
+        R_level_optical[2, 2],
+        clear_m,
+        info.max_range_m,
+        info.min_range_m,
+    )
     return out
 
 

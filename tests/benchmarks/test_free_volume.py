@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.free_space import campaign as free_campaign
 from benchmarks.free_space import worlds as free_worlds
+from benchmarks.free_space.blank_frames import blank_frame
 from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import ROOM_M, has_room, random_frame
 from benchmarks.free_space.readers import ReaderCounts, judge_readers
@@ -20,8 +21,8 @@ from core.params import Params
 from core.stages.free_walk import lowest_clear, walk_settings
 from core.stages.ground import NO_GROUND
 from core.stages.model import blind_model
-from core.stages.view_geometry import view_geometry
-from core.types import FAR_MM, FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
+from core.stages.view_geometry import source_of, view_geometry
+from core.types import FAR_MM, UNKNOWN_MM, FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.source import Rendered, camera_info, render
 
@@ -147,7 +148,8 @@ def test_ground_that_is_called_free_deeper_than_an_obstacle_is_wrong() -> None:
 
 def test_the_model_s_ground_bounds_a_ray_as_the_profile_does() -> None:
     rng, p = np.random.default_rng(3), Params()
-    g = view_geometry(INFO, view(SceneBuilder("none")).R_level_optical, p)
+    R = view(SceneBuilder("none")).R_level_optical
+    g, source = view_geometry(INFO, R, p), source_of(INFO, R, 12.0)[0]
     for _ in range(200):
         slopes = rng.uniform(-0.2, 0.2, 2)
         ground = Ground(seen=True, height_m=rng.uniform(0.5, 4.0), slope_x=slopes[0], slope_y=slopes[1])
@@ -155,7 +157,7 @@ def test_the_model_s_ground_bounds_a_ray_as_the_profile_does() -> None:
         (lo,), (hi,) = above_ground(
             ground, np.array([azimuth]), np.array([z]), np.array([1.0]), np.array([12.0]), KE, p
         )
-        w = walk_settings(g, ground, 12.0, KE, p)[0]
+        w = walk_settings(g, source, ground, KE, p)[0]
         for r in rng.uniform(1.0, 12.0, 20):
             above = z < lowest_clear(math.tan(azimuth), r * math.cos(azimuth), w)
             assert above == (lo <= r <= hi)
@@ -204,6 +206,32 @@ def test_a_near_frame_is_the_same_again_and_holds_a_thing_that_is_too_near() -> 
         again = camera.image(one.frame.scene, place, 0.0, one.pitch_deg, one.roll_deg, number)
         unmeasured += bool(((again.depth_mm > 0) & (again.depth_mm < 1000 * least_m)).any())
     assert unmeasured >= 6
+
+
+@pytest.mark.parametrize("number", [31, 45, 83, 89, 114, 119, 735, 938, 1488])
+def test_no_free_cell_holds_a_thing_that_is_too_near(number: int) -> None:
+    """Cells that held up to 8 m of what lies behind the edge of such a thing; the last five by less than a pixel, by a thing
+    between two rings, or by one that reaches beyond the minimum range."""
+    r = near_frame(1, number)
+    wrong, cells, valid, _ = free_campaign.judge(r, Extractor(Params()), False)
+    assert valid
+    assert cells > 0
+    assert wrong == []
+
+
+def test_a_blank_frame_is_a_random_frame_without_the_pixels_of_some_things() -> None:
+    hidden = 0
+    for number in range(8):
+        blank, again, measured = blank_frame(5, number), blank_frame(5, number), random_frame(5, number)
+        np.testing.assert_array_equal(blank.frame.depth_mm, again.frame.depth_mm)
+        missing = blank.frame.depth_mm != measured.frame.depth_mm
+        label = measured.frame.truth.label(measured.frame.scene)
+        assert (blank.frame.depth_mm[missing] == UNKNOWN_MM).all()
+        assert (label[missing] >= 0).all()
+        for thing in np.unique(label[missing]):
+            assert (blank.frame.depth_mm[label == thing] == UNKNOWN_MM).all()
+        hidden += bool(missing.any())
+    assert hidden >= 3
 
 
 def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.extractor import Extractor
 from core.params import Params
 from core.stages.free_walk import lowest_clear, walk_settings
-from core.stages.view_geometry import view_geometry
+from core.stages.view_geometry import source_of, view_geometry
 from core.transformed import turned
 from core.types import FrameModel
 from drivers.simulation.scenes import Scene, SceneBuilder
@@ -79,7 +79,8 @@ def test_below_the_street_nothing_is_free(z_m: float) -> None:
 def test_queries_cut_a_layer_where_the_profile_stops_judging_it() -> None:
     model, params = model_of(street(slope_x=0.03)), Params()
     view = view_geometry(VIEW, level(PITCH_20), params)
-    w = walk_settings(view, model.ground, VIEW.max_range_m, model.ke_per_m, params)[0]
+    source = source_of(VIEW, level(PITCH_20), VIEW.max_range_m)[0]
+    w = walk_settings(view, source, model.ground, model.ke_per_m, params)[0]
     ground = solid_ground(model.ground, model.free, HERE)
     for x in (2.0, 8.0, 15.0, 60.0):
         z = lowest_clear(0.0, x, w)

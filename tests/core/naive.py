@@ -410,29 +410,45 @@ def pair_cost(pieces, p, sigma_s, gap_m):
 
 
 def free_walk(
-    codes, weight, inside, direction, d, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind
+    codes, weight, inside, direction, d, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind, too_near, blank
 ):  # fmt: skip
     """(first, last, end): first and last index of the rings of one direction and layer that are seen free, -1, -1: none,
     and the name of its end. weight, inside: what a cell counts and whether it is in the source, like codes. sees_through: whether codes see through a distance;
-    clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle."""
+    clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle;
+    too_near: whether a part of heights z0..z1 at a distance is too near to be measured; blank: least side of a thing without texture."""
     columns, weights = codes[direction == d], weight[direction == d]
     rows = codes.shape[1]
-    first, last, end = -1, -1, "NOT_SEEN"
+    sides = [holes(codes == 0, 4 << k) for k in range(4)]
+    own = np.flatnonzero(direction == d)
+    first, last, end, begun = -1, -1, "NOT_SEEN", False
+
+    def result(end):
+        return first, last, end if first >= 0 or not begun else "UNKNOWN"
+
+    def is_hidden(x, a, b, lower):
+        if too_near(ring_m[last] if first >= 0 else x, z0, lower):
+            part = sides[0][max(own[0] - 1, 0) : own[-1] + 2, max(a // 4 - 1, 0) : b // 4 + 2]
+        else:
+            cells = blank * f / x
+            nearest = min(range(4), key=lambda k: abs(math.log(cells / (4 << k))))
+            part = sides[nearest][own[0] : own[-1] + 1, a // 4 : b // 4 + 1]
+        return part.any()
+
     for r, x in enumerate(ring_m):
         lower = min(z1, clear_z(x))
         if lower < z1 and x > blind:
-            return first, last, "UNKNOWN"
+            return result("UNKNOWN")
         if lower - z0 < least:
-            if first >= 0:
-                return first, last, "FIELD_OF_VIEW"
+            if begun:
+                return result("FIELD_OF_VIEW")
             end = "NOT_SEEN"
             continue
         if not in_range(x, z0, lower):
-            return first, last, "MAX_RANGE" if first >= 0 else end
+            return result("MAX_RANGE" if begun else end)
         a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * lower / x - 0.5)
         if a < 0 or b >= rows or not inside[direction == d, a : b + 1].all():
-            if first >= 0:
-                return first, last, "FIELD_OF_VIEW"
+            if begun:
+                return result("FIELD_OF_VIEW")
             continue
         part = slice(a // block * block, (b // block + 1) * block)
         cells, w = columns[:, part], weights[:, part]
@@ -442,12 +458,33 @@ def free_walk(
         blocks = [columns[:, i : i + 4] == 0 for i in range(a // 4 * 4, min(b + 1, rows // 4 * 4), 4)]
         hidden = np.mean([k.mean(axis=1) > 0.5 for k in blocks], axis=0) > 0.5 if blocks else np.zeros(1)
         if w.sum() and through >= share * w.sum() and not hidden.any():
-            first, last, end = (r if first < 0 else first), r, "MAX_RANGE"
-        elif first >= 0 or near > (1 - share) * w.sum():
-            return first, last, ("OBSTACLE" if near >= dark else "UNKNOWN")
+            begun = True
+            if not is_hidden(x, a, b, lower):
+                first, last, end = (r if first < 0 else first), r, "MAX_RANGE"
+                continue
+            end = "UNKNOWN"
+            if first >= 0:
+                break
+        elif begun or near > (1 - share) * w.sum():
+            return result("OBSTACLE" if near >= dark else "UNKNOWN")
         else:
             end = "UNKNOWN"
-    return first, last, end
+    return result(end)
+
+
+def holes(unknown, side):
+    """(cols, blocks) whether a block of four rows of a column lies in an unknown square of this side, whose rows are blocks.
+    Beyond the border all is unknown. unknown: (cols, rows)."""
+    cols, rows = unknown.shape
+    blocks = -(-rows // 4)
+    padded = np.ones((cols + 2 * side, 4 * blocks + 2 * side), bool)
+    padded[side : side + cols, side : side + rows] = unknown
+    out = np.zeros((cols + 2 * side, blocks + 2 * side // 4), bool)
+    for u in range(cols + side + 1):
+        for b in range(blocks + side // 4 + 1):
+            if padded[u : u + side, 4 * b : 4 * b + side].all():
+                out[u : u + side, b : b + side // 4] = True
+    return out[side : side + cols, side // 4 : side // 4 + blocks]
 
 
 def layer_cuts(tops, bottoms, join):

@@ -13,6 +13,7 @@ from core.params import Params
 from core.stages import free_space as fs
 from core.stages import free_walk as walk
 from core.stages.free_cells import count_codes
+from core.stages.free_holes import find_holes
 from core.stages.free_profile import free_profile, stop_at_planes
 from core.stages.ground import NO_GROUND
 from core.stages.view_geometry import SOURCE, ViewGeometry
@@ -26,6 +27,7 @@ from .views import VIEW, extract, flat_wall, free_to, level
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 KE = 0.0015
+SEEN_TO_19_M = np.array([(160, 120, 1.0, 0.0, 19.0, 20.0, 0.3)], SOURCE)[0]
 
 
 def sees_through(codes: np.ndarray, x: float, per_forward: float) -> np.ndarray:
@@ -85,7 +87,10 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     H[2] = right / F, down / F, ahead - right * 11.5 / F - down * 44.5 / F
     g = view(cols=24, rows=rows)._replace(cv=44.5, cu=11.5, H=H)
     ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
-    w = walk.walk_settings(g, ground, clear_m, KE, Params(profile_block_px=asked))[0]
+    image = np.array([(40, 100, 1.0, 0.0, clear_m, 20.0, rng.uniform(0.1, 3.0))], SOURCE)[0]
+    w = walk.walk_settings(g, image, ground, KE, Params(profile_block_px=asked, profile_blank_m=rng.uniform(0.1, 1.0)))[
+        0
+    ]
     behind = np.full((3, len(ring_m)), -1, np.int32)
     walk.blocking_codes(ring_m, edges_t, layers, w, behind)
 
@@ -94,12 +99,14 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     inside = np.abs(np.tensordot(to_source[1], np.stack([u, v, np.ones(u.shape)]), 1) - 49.5) <= 49.9999
     codes[~inside] = 0
 
-    def depth(x: float, ts: np.ndarray, zs: list[float]) -> float:
-        return max(ahead * x + right * t * x + down * z for t in ts for z in zs)
+    def depths(x: float, ts: np.ndarray, zs: list[float]) -> list[float]:
+        return [ahead * x + right * t * x + down * z for t in ts for z in zs]
 
-    image = np.array([(40, 100, 1.0, 0.0, clear_m, 20.0)], SOURCE)[0]
+    def depth(x: float, ts: np.ndarray, zs: list[float]) -> float:
+        return max(depths(x, ts, zs))
+
     ranges = fs.FreeRanges(start, to, end)
-    fs.walk_view(codes, g._replace(H=to_source), image, edges_t, behind, ring_m, layers, w, ranges)
+    fs.walk_view(codes, find_holes(codes), g._replace(H=to_source), image, edges_t, behind, ring_m, layers, w, ranges)
     for d in range(3):
         for layer in range(3):
             first, last, why = naive.free_walk(
@@ -107,6 +114,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
                 lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): walk.lowest_clear(t, x, w),
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, w.least_m, w.blind_beyond_m,
+                lambda x, z0, z1, ts=edges_t[d : d + 2]: min(depths(x, ts, [z0, z1])) <= w.near_m, w.blank_m,
             )  # fmt: skip
             want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
             assert (start[d, layer], to[d, layer]) == want
@@ -150,10 +158,15 @@ THICK: dict[str, float] = {"profile_layers": 7, "profile_layer_m": 2.0, "profile
 
 
 def profile(
-    codes: np.ndarray, g: ViewGeometry, ground: Ground = NO_GROUND, clear_m: float = 19.0, **params: float
+    codes: np.ndarray,
+    g: ViewGeometry,
+    ground: Ground = NO_GROUND,
+    clear_m: float = 19.0,
+    min_range_m: float = 0.3,
+    **params: float,
 ) -> FreeProfile:
     planes = plane_table(room=1)
-    source = np.array([(*codes.shape, 1.0, 0.0, clear_m, 20.0)], SOURCE)
+    source = np.array([(*codes.shape, 1.0, 0.0, clear_m, 20.0, min_range_m)], SOURCE)
     seen = fs.observe_free(codes, g, source, ground, KE, Params(**{**THICK, **params}))
     return free_profile(seen, 0, planes, np.zeros(0, np.float32))
 
@@ -266,12 +279,12 @@ def test_a_ball_between_floor_and_ceiling_fits_into_free_layers() -> None:
 def test_layers_go_down_to_what_can_be_distinguished_from_the_ground() -> None:
     p = Params()
     ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
-    w = walk.walk_settings(view(), ground, 19.0, 0.005, p)[0]
+    w = walk.walk_settings(view(), SEEN_TO_19_M, ground, 0.005, p)[0]
     for t in (0.0, 0.4):
         for x in (1.0, 10.0, 18.0):
             surface = 2.0 + 0.02 * x - 0.01 * t * x
             assert walk.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
-    assert walk.lowest_clear(0.0, 10.0, walk.walk_settings(view(), NO_GROUND, 19.0, 0.005, p)[0]) > 1e5
+    assert walk.lowest_clear(0.0, 10.0, walk.walk_settings(view(), SEEN_TO_19_M, NO_GROUND, 0.005, p)[0]) > 1e5
 
 
 def test_nothing_below_the_ground_is_free() -> None:

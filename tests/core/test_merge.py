@@ -182,7 +182,7 @@ def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
 
 def image_of(width: int) -> np.ndarray:
     """A record of SOURCE of an image 100 px high."""
-    return np.array([(width, 100, 1.0, 0.0, 15.0, 20.0)], SOURCE)[0]
+    return np.array([(width, 100, 1.0, 0.0, 15.0, 20.0, 0.3)], SOURCE)[0]
 
 
 @given(SEED, st.sampled_from([0.3, 0.6, 1.2]))

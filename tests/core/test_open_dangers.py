@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -174,3 +175,24 @@ def test_an_unmatched_thing_whose_top_lies_at_the_horizon_is_not_open(mark: int,
     layer = int(np.searchsorted(f.layer_edges_m, 0.0, side="right")) - 1
     assert f.open_to_m[d + 6, layer] >= 10.0
     assert f.open_to_m[d, layer] == 0.0 or f.open_to_m[d - 1, layer] == 0.0
+
+
+@FOCAL
+def test_what_may_hide_a_thing_nearer_than_the_minimum_range_is_not_open(f_px: float) -> None:
+    """A hole of 2 degrees below the horizon: 2 % of what a ring at 0.5 m looks at, and behind what a ring at 5 m looks at."""
+    depth, k = field(f_px), info_of(f_px).intrinsics
+    middle, half = round(k.cx), max(3, round(f_px * math.tan(math.radians(1.0))))
+    row = row_at(f_px, -5.0)
+    depth[row - half : row + half + 2, middle - half : middle + half] = TEXTURED_MM
+    near = dataclasses.replace(info_of(f_px), min_range_m=1.5)
+    R = rotation_level_cam_optical(R_CAMFRD_OPTICAL)
+    begins = {}
+    for info in (info_of(f_px), near):
+        model, _ = Extractor(Params(), OpenSkyParams(mode="presume")).extract(depth, info, R)
+        f = model.free
+        d = int(np.searchsorted(f.azimuth_edges_rad, 0.0, side="right")) - 1
+        layer = int(np.searchsorted(f.layer_edges_m, 0.0, side="right")) - 1
+        assert f.open_to_m[d, layer] >= 10.0
+        begins[info.min_range_m] = float(f.open_from_m[d, layer])
+    assert begins[info_of(f_px).min_range_m] < 1.5
+    assert 1.5 * 1.5 < begins[1.5] < 4.5

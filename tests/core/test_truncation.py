@@ -36,7 +36,7 @@ def test_less_than_any_half_can_leave_is_the_least() -> None:
 
 
 def source(axis: np.ndarray, clear_m: float) -> np.ndarray:
-    return np.array([(60, 100, axis[0], axis[2], clear_m, 20.0)], SOURCE)[0]
+    return np.array([(60, 100, axis[0], axis[2], clear_m, 20.0, 0.3)], SOURCE)[0]
 
 
 def moved(x_m: float, ke: float, clear_m: float, axis: np.ndarray = LEVEL, kind: int = s.SMOOTH) -> tuple[float, float]:

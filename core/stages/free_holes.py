@@ -1,0 +1,152 @@
+"""Holes of the levelled view: squares of unknown cells that are large enough to hide a thing.
+
+Input: quantised disparity of the exact view. Output: for each column and block of rows the sides of the unknown squares
+that contain it. Used by free_space.py.
+
+What is nearer than the minimum range, and a surface without texture, leaves a hole in the image and no plane. The share
+of unknown cells of a ring does not show it: a part of the hole that is small for the ring may be the edge of something
+large. So holes are found in the whole image, before it is cut into directions and layers.
+
+A hole counts by its width and height in pixels. Dropped pixels, and lines of them, are no hole: they fill no square. What
+is narrower than the smallest square is narrower than what is found at all, see docs/reference/limits.md."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inner, inner_inline, kernel
+from .free_cells import DARK_ROWS
+from .view_geometry import Q_UNKNOWN
+
+LEAST_SIDE = DARK_ROWS
+"""Side of the smallest squares, cells. Their rows are those of a block, so a hole of 2 LEAST_SIDE - 1 rows is always found."""
+_SIDES = 4
+"""Number of sides: LEAST_SIDE times powers of two."""
+_EACH = np.uint8(0xFF)
+"""All bits."""
+_BEYOND = LEAST_SIDE << (_SIDES - 1)
+"""Cells beyond the border of the view that count as unknown."""
+
+
+@kernel
+def fill_unknown(codes, out):
+    """Finds blocks of LEAST_SIDE rows of a column whose cells are all unknown.
+
+    Args:
+        codes: (cols, rows) uint16.
+        out: (cols + 2 _BEYOND, blocks + 2 _BEYOND / LEAST_SIDE) uint8 out, _EACH for such blocks, else 0. Cells beyond the border count as
+            unknown."""
+    cols, rows = codes.shape
+    beyond = _BEYOND // LEAST_SIDE
+    out[:] = _EACH
+    step, one, two, three = np.uint64(LEAST_SIDE), np.uint64(1), np.uint64(2), np.uint64(3)
+    for u in range(cols):
+        column, blocks, v = codes[u], out[u + _BEYOND], np.uint64(0)
+        for b in range(rows // LEAST_SIDE):
+            any_code = column[v] | column[v + one] | column[v + two] | column[v + three]
+            blocks[beyond + b] = _EACH if any_code == Q_UNKNOWN else np.uint8(0)
+            v += step
+        rest = 0
+        for row in range(rows // LEAST_SIDE * LEAST_SIDE, rows):
+            rest |= column[row]
+        if rows % LEAST_SIDE:
+            blocks[beyond + rows // LEAST_SIDE] = _EACH if rest == Q_UNKNOWN else np.uint8(0)
+
+
+@kernel
+def find_holes(codes):
+    """Returns (cols, blocks) uint8: bit k is set where a block of LEAST_SIDE rows of a column lies in a square of unknown
+    cells of side LEAST_SIDE << k. codes: (cols, rows) uint16.
+
+    Squares are marked at their first column and block. One of twice the side consists of four; in the opposite order,
+    each square that was found is filled by four of half the side."""
+    cols, rows = codes.shape
+    beyond = _BEYOND // LEAST_SIDE
+    unknown = np.empty((cols + 2 * _BEYOND, (rows + LEAST_SIDE - 1) // LEAST_SIDE + 2 * beyond), np.uint8)
+    fill_unknown(codes, unknown)
+    n, m = unknown.shape
+    squares = np.empty((_SIDES, n, m), np.uint8)
+    n -= LEAST_SIDE - 1
+    for u in range(n):
+        join_four(unknown[u], unknown[u + 1], unknown[u + 2], unknown[u + 3], squares[0, u])
+    for k in range(1, _SIDES):
+        side, half = LEAST_SIDE << (k - 1), 1 << (k - 1)
+        n, m = n - side, m - half
+        for u in range(n):
+            a, b = squares[k - 1, u], squares[k - 1, u + side]
+            join_four(a[:m], a[half:], b[:m], b[half:], squares[k, u, :m])
+    found = squares[_SIDES - 1] & np.uint8(1 << (_SIDES - 1))
+    for k in range(_SIDES - 2, -1, -1):
+        side, half = LEAST_SIDE << k, 1 << k
+        wider = np.zeros((n + side, m + half), np.uint8)
+        for u in range(n + side):
+            add_marks(squares[k, u], np.uint8(1 << k), wider[u])
+        for u in range(n):
+            for to in (u, u + side):
+                add_marks(found[u], _EACH, wider[to, :m])
+                add_marks(found[u], _EACH, wider[to, half:])
+        found, n, m = wider, n + side, m + half
+    holes = np.zeros((cols, m - 2 * beyond), np.uint8)
+    for u in range(cols):
+        for first in range(LEAST_SIDE):
+            add_marks(found[u + _BEYOND - first, beyond:], _EACH, holes[u])
+    return holes
+
+
+@inner_inline
+def join_four(a, b, c, d, out):
+    """out: what all four lines have."""
+    for i in range(len(out)):
+        out[i] = a[i] & b[i] & c[i] & d[i]
+
+
+@inner_inline
+def add_marks(marks, bits, out):
+    """Adds these bits of marks to out, as far as that reaches."""
+    for i in range(min(len(marks), len(out))):
+        out[i] |= marks[i] & bits
+
+
+@inner
+def join_holes(holes, u0, u1, own, widened):
+    """Joins the holes of the columns u0..u1 - 1.
+
+    Args:
+        holes: (cols, blocks) uint8 of `find_holes`.
+        u0, u1: first column and end.
+        own: (blocks,) uint8 out, the holes of these columns.
+        widened: (blocks,) uint8 out, the holes of a column more on either side and a block more above and below: the edge
+            of a thing is known to one pixel, and a hole to the block that it fills."""
+    last = len(own) - 1
+    own[:] = 0
+    for u in range(u0, u1):
+        column = holes[u]
+        for b in range(last + 1):
+            own[b] |= column[b]
+    left, right = holes[max(u0 - 1, 0)], holes[min(u1, holes.shape[0] - 1)]
+    before = np.uint8(0)
+    for b in range(last + 1):
+        here = own[b] | left[b] | right[b]
+        widened[b] = here | before
+        if b > 0:
+            widened[b - 1] |= here
+        before = here
+
+
+@inner
+def holds_hole(joined, v0, v1, least):
+    """True if the rows v0..v1, rounded outward to blocks, hold a hole of side LEAST_SIDE << least. joined: (blocks,) uint8 of
+    `join_holes`."""
+    sides = np.uint8(0)
+    for b in range(v0 // LEAST_SIDE, min(v1 // LEAST_SIDE + 1, len(joined))):
+        sides |= joined[b]
+    return (sides >> least) & 1 != 0
+
+
+@inner
+def side_index(cells):
+    """Returns the index of the side that is nearest to a number of cells, as a ratio."""
+    index = 0
+    while index < _SIDES - 1 and cells * cells > 2.0 * (LEAST_SIDE << index) * (LEAST_SIDE << index):
+        index += 1
+    return index

@@ -1,0 +1,148 @@
+"""Holes of the levelled view: squares of unknown cells that may hide a thing, and the free ranges that they end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.stages.free_holes import find_holes, holds_hole, join_holes, side_index
+from core.types import FreeProfile
+
+from . import naive
+from .columns import F, code, view
+from .test_free_space import THICK, profile
+
+pytestmark = pytest.mark.nojit
+SEED = st.integers(0, 2**32 - 1)
+COLS, ROWS = 160, 160
+WALL_M = 9.0
+AROUND = 3
+"""Layer of 2 m around the height of the camera. At 2 m it covers 50 rows on either side of the horizon."""
+
+
+def random_holes(rng: np.random.Generator, cols: int, rows: int) -> np.ndarray:
+    """Codes with rectangles and single cells that are unknown."""
+    codes = np.ones((cols, rows), np.uint16)
+    for _ in range(rng.integers(0, 6)):
+        u, v = rng.integers(-8, cols), rng.integers(-8, rows)
+        codes[max(u, 0) : u + rng.integers(1, 40), max(v, 0) : v + rng.integers(1, 40)] = 0
+    codes[rng.random(codes.shape) < rng.choice([0.0, 0.1])] = 0
+    codes[rng.random(codes.shape) < 0.01] = 1
+    return codes
+
+
+@given(SEED)
+def test_holes_are_the_squares_of_unknown_cells(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    codes = random_holes(rng, int(rng.integers(1, 50)), int(rng.integers(1, 50)))
+    holes = find_holes(codes)
+    for k in range(4):
+        np.testing.assert_array_equal((holes >> k) & 1 != 0, naive.holes(codes == 0, 4 << k))
+
+
+@given(SEED)
+def test_holes_of_a_direction_and_those_beside_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    holes = rng.integers(0, 16, (12, 9)).astype(np.uint8) * (rng.random((12, 9)) < 0.1).astype(np.uint8)
+    u0 = int(rng.integers(0, 11))
+    u1 = int(rng.integers(u0 + 1, 13))
+    own, widened = np.full(9, 7, np.uint8), np.full(9, 7, np.uint8)
+    join_holes(holes, u0, u1, own, widened)
+    np.testing.assert_array_equal(own, np.bitwise_or.reduce(holes[u0:u1], axis=0))
+    beside = np.pad(np.bitwise_or.reduce(holes[max(u0 - 1, 0) : u1 + 1], axis=0), 1)
+    np.testing.assert_array_equal(widened, beside[:-2] | beside[1:-1] | beside[2:])
+    v0, v1 = np.sort(rng.integers(0, 36, 2))
+    for k in range(4):
+        assert holds_hole(own, v0, v1, k) == bool((own[v0 // 4 : v1 // 4 + 1] >> k & 1).any())
+
+
+def test_the_side_that_is_nearest_as_a_ratio() -> None:
+    cells = [0.1, 4.0, 5.6, 5.7, 11.3, 11.4, 22.6, 22.7, 1000.0]
+    assert [side_index(c) for c in cells] == [0, 0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def profile_with(*unknown: tuple[slice, slice], min_range_m: float = 0.3, **params: float) -> FreeProfile:
+    """Free ranges before a wall, with these columns and rows unknown."""
+    codes = np.full((COLS, ROWS), code(WALL_M)[0])
+    for part in unknown:
+        codes[part] = 0
+    return profile(codes, view(rows=ROWS, cols=COLS), min_range_m=min_range_m, **params)
+
+
+def first_columns(f: FreeProfile) -> np.ndarray:
+    """First column of each direction, and the end of the last one."""
+    t = np.tan(f.azimuth_edges_rad.astype(float))
+    return np.ceil(np.round(t * F + 0.5 * (COLS - 1), 3)).astype(int)
+
+
+def covers(f: FreeProfile, direction: int, range_m: float) -> bool:
+    """Whether the layer around the camera is free at a range."""
+    return bool(f.free_from_m[direction, AROUND] <= range_m <= f.free_to_m[direction, AROUND])
+
+
+HIDDEN = {
+    "sphere": (slice(-2, 12), slice(98, 112)),  # the last two columns of a direction and more, 14 of 100 rows
+    "bar": (slice(-40, 40), slice(98, 106)),
+    "pole": (slice(-2, 2), slice(80, 118)),  # it ends in the layer: less than half of each column is hidden
+}
+"""Columns from the end of a direction on, and rows, of things that hide less than a fifth of the layer at 2 m."""
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_thing_nearer_than_the_minimum_range_is_in_no_free_cell(name: str) -> None:
+    """It may reach to 1.5 times that range: what is free begins behind that."""
+    f = profile_with()
+    direction, layer = len(f.azimuth_edges_rad) // 2, AROUND
+    assert covers(f, direction, 2.1)
+    end = first_columns(f)[direction + 1]
+    columns, rows = HIDDEN[name]
+    hidden = (slice(end + columns.start, end + columns.stop), rows)
+    for min_range_m in (1.4, 2.0):
+        g = profile_with(hidden, min_range_m=min_range_m, profile_blank_m=2.0)
+        assert not covers(g, direction, 1.5 * min_range_m)
+    # where the camera measures all of the ring, so small a thing without texture is not looked for
+    g = profile_with(hidden, profile_blank_m=2.0)
+    assert g.free_from_m[direction, layer] == f.free_from_m[direction, layer]
+
+
+def test_the_corner_of_a_thing_without_texture_is_in_no_free_cell() -> None:
+    """A blank thing of 1 x 1 m at 4 m: 25 cells, one column of which lies in the direction."""
+    f = profile_with()
+    direction = len(f.azimuth_edges_rad) // 2
+    end = first_columns(f)[direction + 1]
+    g = profile_with((slice(end - 1, end + 24), slice(90, 115)))
+    assert covers(f, direction, 4.0)
+    assert covers(f, direction + 1, 4.0)
+    assert not covers(g, direction, 4.0)
+    assert not covers(g, direction + 1, 4.0)
+    assert covers(g, direction - 1, 4.0)
+
+
+@pytest.mark.compiled
+@given(SEED)
+def test_dropped_pixels_and_lines_are_no_hole(seed: int) -> None:
+    """Except in the outermost columns, beside which nothing is known."""
+    rng = np.random.default_rng(seed)
+    codes = np.full((COLS, ROWS), code(WALL_M)[0])
+    codes[1:-1][rng.random((COLS - 2, ROWS)) < 0.08] = 0
+    codes[1:-1, rng.choice(ROWS // 8, 6, replace=False) * 8] = 0
+    codes[rng.choice(np.arange(8, COLS - 8, 8), 6, replace=False)] = 0
+    assert not find_holes(codes).any()
+
+
+@pytest.mark.compiled
+@given(SEED)
+def test_holes_only_take_free_space_away(seed: int) -> None:
+    """A range that begins behind a hole ends where it would without the rule."""
+    rng = np.random.default_rng(seed)
+    rows = rng.uniform(2.0, 12.0, (COLS // 8, ROWS // 8))
+    codes = code(np.repeat(np.repeat(rows, 8, 0), 8, 1).ravel()).reshape(COLS, ROWS)
+    codes[random_holes(rng, COLS, ROWS) == 0] = 0
+    g, thin = view(rows=ROWS, cols=COLS), {"profile_layer_m": 1.0, "profile_layers": 9}
+    with_rule = profile(codes, g, min_range_m=float(rng.uniform(0.1, 3.0)), **{**THICK, **thin})
+    without = profile(codes, g, min_range_m=0.01, **{**THICK, **thin, "profile_blank_m": 2.0})
+    free = with_rule.free_to_m > with_rule.free_from_m
+    assert (with_rule.free_from_m >= without.free_from_m)[free].all()
+    assert (with_rule.free_to_m <= without.free_to_m).all()
