@@ -177,13 +177,12 @@ def test_an_unmatched_thing_whose_top_lies_at_the_horizon_is_not_open(mark: int,
     assert f.open_to_m[d, layer] == 0.0 or f.open_to_m[d - 1, layer] == 0.0
 
 
-@FOCAL
+@pytest.mark.parametrize("f_px", [350.0, 700.0])
 def test_what_may_hide_a_thing_nearer_than_the_minimum_range_is_not_open(f_px: float) -> None:
-    """A hole of 2 degrees below the horizon: 2 % of what a ring at 0.5 m looks at, and behind what a ring at 5 m looks at."""
+    """A hole of 1 degree below the horizon: less than 5 % of each ring up to 2.5 m, and not in those behind."""
     depth, k = field(f_px), info_of(f_px).intrinsics
-    middle, half = round(k.cx), max(3, round(f_px * math.tan(math.radians(1.0))))
-    row = row_at(f_px, -5.0)
-    depth[row - half : row + half + 2, middle - half : middle + half] = TEXTURED_MM
+    row, middle, px = row_at(f_px, -5.0), round(k.cx), round(f_px / 350.0)
+    depth[row : row + 7 * px, middle - 3 * px : middle + 3 * px] = TEXTURED_MM
     near = dataclasses.replace(info_of(f_px), min_range_m=1.5)
     R = rotation_level_cam_optical(R_CAMFRD_OPTICAL)
     begins = {}
