@@ -142,3 +142,22 @@ def test_without_neighbours_nothing_changes() -> None:
 def test_a_damaged_message_is_refused() -> None:
     with pytest.raises(ValueError, match="rows"):
         NeighbourObstacles(pb.NeighbourObstacles(sender=b"\x01", corners_m=[0.0] * 6))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_an_obstacle_that_is_not_finite_is_refused(value: float) -> None:
+    """It would touch nothing."""
+    with pytest.raises(ValueError, match="finite"):
+        shared((value, *WALL[1:]))
+    mover = SharedMovingObstacle(
+        sender=2,
+        id=9,
+        kind=MoverKind.VEHICLE,
+        centre_m=(8.0, value, -2.0),
+        half_size_m=(0.4, 0.4, 0.4),
+        velocity_m_s=(0.0, 0.0),
+        margin_m=0.3,
+        age_s=0.1,
+    )
+    with pytest.raises(ValueError, match="finite"):
+        shared(movers=(mover,))

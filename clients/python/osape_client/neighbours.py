@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .proto import osape_v1_pb2 as pb
 from .query.rectangles import Rectangles, rectangles
@@ -76,7 +76,7 @@ class NeighbourObstacles:
         }
         if len(lengths) != 1:
             raise ValueError(f"obstacles of neighbours: columns of {sorted(lengths)} rows; is the message damaged?")
-        self._rectangles = rectangles(self.planes.astype(np.float64), self.margin_m.astype(np.float64))
+        self._rectangles = _finite(self.planes.astype(np.float64), self.margin_m.astype(np.float64))
         self._moving = _mover_rectangles(self.movers)
 
     def later(self, seconds: float) -> NeighbourObstacles:
@@ -103,6 +103,13 @@ class NeighbourObstacles:
         return self.added_to_segments(own, points_m, points_m, radius_m)
 
 
+def _finite(planes: NDArray[np.float64], margin_m: NDArray[np.float64]) -> Rectangles:
+    """The rectangles. Raises ValueError where one is not finite: it would touch nothing."""
+    if not (np.isfinite(planes).all() and np.isfinite(margin_m).all()):
+        raise ValueError("obstacles of neighbours: numbers that are not finite; is the message damaged?")
+    return rectangles(planes, margin_m)
+
+
 def _mover_rectangles(movers: tuple[NeighbourMover, ...]) -> Rectangles:
     """Each mover as a plane along x whose margin contains its box."""
     boxes, margins = [], []
@@ -110,7 +117,7 @@ def _mover_rectangles(movers: tuple[NeighbourMover, ...]) -> Rectangles:
         (x, y, z), (hx, hy, hz) = m.centre_m, m.half_size_m
         boxes.append((x - hx, y, x + hx, y, z - hz, z + hz))
         margins.append(hy + m.margin_m)
-    return rectangles(np.array(boxes, np.float64).reshape(-1, 6), np.array(margins, np.float64))
+    return _finite(np.array(boxes, np.float64).reshape(-1, 6), np.array(margins, np.float64))
 
 
 def _later(m: NeighbourMover, seconds: float) -> NeighbourMover:
