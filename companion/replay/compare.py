@@ -43,7 +43,7 @@ def key_of(message: Compared | pb.FrameDecision) -> Key:
 
 @dataclass(slots=True)
 class Comparison:
-    """Pairs messages in any order and keeps the differences. tolerance: relative, for numbers; 0 is bit-exact."""
+    """Pairs messages in any order and keeps the differences. tolerance: greatest difference of two numbers, in their unit; 0 is bit-exact."""
 
     tolerance: float = 0.0
     compared: int = 0

@@ -317,7 +317,7 @@ def add_parser(subparsers: Any) -> None:
         type=number_in(float, 0.0, 1.0),
         default=0.0,
         metavar="X",
-        help="with --check: allowed relative difference, for another type of processor (default: 0)",
+        help="with --check: greatest allowed difference of two numbers in their unit (m, rad), for another type of processor (default: 0)",
     )
     parser.add_argument("--no-depth", action="store_true", help="leave the depth images out of OUT.mcap")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
