@@ -186,7 +186,7 @@ def with_heights(walls: Floats, up_m: Floats) -> Placement:
 def test_the_height_is_that_on_which_most_planes_agree() -> None:
     walls = scattered(0, 30, 4.0, 8.0)
     up_m = np.zeros(30)
-    up_m[:12] = np.linspace(1.0, 3.0, 12)
+    up_m[:17] = np.linspace(1.0, 4.5, 17)
     placement = with_heights(walls, up_m)
     assert placement.at_m[2] == pytest.approx(-3.0, abs=0.05)
     assert placement.sigma_z_m == pytest.approx(0.15)
