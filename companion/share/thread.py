@@ -38,7 +38,7 @@ LOG_NS: Final = NS
 OWN_PLANES_NS: Final = NS // 10
 MOST_PER_STEP, MOST_LOGGED_PER_S = 64, 100
 MOST_WAITING: Final = 512
-"""Packets; beyond it the oldest are dropped, and counted."""
+"""Packets; beyond it the oldest are dropped."""
 Log = Callable[[str, Message, int], None]
 
 

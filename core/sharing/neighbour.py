@@ -23,7 +23,7 @@ SILENT_NS = 10 * NS
 MOST_RETIRED = 8
 """Greatest number of frames that a neighbour has left and whose reports have not expired; a further change is refused."""
 MOST_MOVERS = 128
-"""Moving obstacles held of one frame; the oldest are dropped, and counted. A sender has 56 of them in two seconds."""
+"""Moving obstacles held of one frame; the oldest are dropped. A sender has 56 of them in two seconds."""
 MOST_CONTRADICTIONS = 2
 """An alignment is also dropped after this number of consecutive fits with enough planes that do not agree with it."""
 
@@ -77,7 +77,6 @@ class Neighbour:
     movers: dict[int, HeldMover] = field(default_factory=dict)
     packets: int = 0
     refused: int = 0
-    dropped: int = 0
     last_fit: Fit | None = None
     fitted_ns: int = 0
     _candidate: Placement | None = None
@@ -245,7 +244,6 @@ class Neighbour:
             )
             if len(self.planes) > most:
                 self.planes.pop(next(iter(self.planes)))
-                self.dropped += 1
 
     def _take_movers(self, movers: tuple[SharedMover, ...], arrival_ns: int, sent_ns: int) -> None:
         for mover in movers:
@@ -253,7 +251,6 @@ class Neighbour:
             self.movers[mover.id] = HeldMover(mover, sent_ns - round(mover.age_s * NS), arrival_ns)
             if len(self.movers) > MOST_MOVERS:
                 self.movers.pop(next(iter(self.movers)))
-                self.dropped += 1
 
 
 def boxes_of(planes: dict[int, HeldPlane]) -> Floats:
