@@ -39,12 +39,17 @@ def write_manifest(folder: Path) -> None:
 
 
 def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
-    """Copies the entries of files that were linked into another directory. names: relative paths. Raises OSError."""
+    """Copies the entries of files that were linked into another directory, except of those that numba has written since
+    the manifest. names: relative paths. Raises OSError."""
     try:
         there, here = _entries(source), _entries(target)
     except UnreadableManifest:
         return
-    taken = {name: there[name] for name in names if name in there}
+    if not there:
+        return
+    written_ns = (source / MANIFEST).stat().st_mtime_ns
+    known = [name for name in names if name in there and (source / name).stat().st_mtime_ns <= written_ns]
+    taken = {name: there[name] for name in known}
     if taken:
         _write(target, {**here, **taken}, time.time_ns())
 

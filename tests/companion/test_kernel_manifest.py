@@ -130,6 +130,22 @@ def test_linked_kernels_keep_their_entries(tmp_path: Path) -> None:
     assert damaged_kernels(tmp_path / "new") == [tmp_path / "new" / name]
 
 
+def test_a_linked_kernel_that_numba_wrote_after_the_manifest_is_not_damaged(tmp_path: Path) -> None:
+    """numba adds a signature to a cached function; then the version changes, and a new directory begins with links."""
+    file = made(tmp_path / "old")["a.g-9.py311.nbi"]
+    write_manifest(tmp_path / "old")
+    file.write_bytes(b"of two signatures now")
+    later_ns = (tmp_path / "old" / MANIFEST).stat().st_mtime_ns + 1_000_000
+    os.utime(file, ns=(later_ns, later_ns))
+    (tmp_path / "new" / "core").mkdir(parents=True)
+    name = "core/a.g-9.py311.nbi"
+    os.link(file, tmp_path / "new" / name)
+    copy_entries(tmp_path / "old", tmp_path / "new", [name])
+    if (tmp_path / "new" / MANIFEST).exists():
+        os.utime(tmp_path / "new" / MANIFEST, ns=(later_ns + 1, later_ns + 1))
+    assert damaged_kernels(tmp_path / "new") == []
+
+
 def test_a_copied_directory_with_other_times_is_not_damaged(tmp_path: Path) -> None:
     """As cp -r, a container image or an archive make it: all kernels would be compiled again."""
     made(tmp_path / "old")
