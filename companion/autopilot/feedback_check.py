@@ -54,6 +54,12 @@ class EchoCheck:
                 self._obstacle_ns = now_ns
             self._sent_ns = now_ns
 
+    def pause(self) -> None:
+        """Restarts the check: the autopilot does not send obstacles back in its present mode."""
+        with self._lock:
+            self._sent.clear()
+            self._waited_ns, self._differs_since_ns = 0, None
+
     def take(self, message: Any, now_ns: int) -> None:
         """Takes a message of the autopilot."""
         nearest_echoed = nearest_sent(message)

@@ -302,7 +302,11 @@ class Avoidance:
         report = self.sender.report  # may go out as many messages
         if report is not None and report.values is not None and report is not self._counted:
             self._counted = report
-            self._echo.sent(report.values, clear_cm(self._avoid), report.t_ns)
+            vehicle = self._vehicle()
+            if vehicle is not None and echoes(vehicle):
+                self._echo.sent(report.values, clear_cm(self._avoid), report.t_ns)
+            else:
+                self._echo.pause()
             self._sectors.sent(report.values, clear_cm(self._avoid), report.t_ns)
             seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in report.blind]
             if seeing:

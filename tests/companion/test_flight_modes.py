@@ -15,6 +15,9 @@ from core.types import CameraInfo, CameraMount, Intrinsics
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 
+from .test_obstacle_sender import Chain
+from .test_sectors import model, wall_at
+
 NS = 1_000_000_000
 AVOID = AvoidParams(max_distance_m=12.0, avoid_margin_m=2.0)
 INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), CameraMount())
@@ -123,3 +126,23 @@ def test_the_mode_is_reported_once_and_again_when_it_changes() -> None:
         avoidance.tick(NS + tenth * NS // 10)
     assert texts == ["OA: AUTO does not brake", "OA: cleared: AUTO does not brake"]
     assert "flight_mode_unprotected" not in [d.code for d in avoidance.diagnostics(21 * NS)]
+
+
+def test_px4_need_not_send_obstacles_back_before_position_mode() -> None:
+    """In takeoff PX4 does not evaluate obstacles; their time does not count when Position mode begins."""
+    now = [vehicle("PX4", 4 << 16 | 2 << 24)]
+    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: now[0], lambda message: None)
+    avoidance.announce(INFO)
+    chain = Chain(model(wall_at(0.0, 4.0, 2.0), free_to_m=4.0, view_deg=72.0))
+    chain.builder = avoidance._builder
+
+    def faulty(seconds: float) -> bool:
+        for _ in range(round(10 * seconds)):
+            chain.fly(0.1)
+            avoidance.sender._send(chain.now_ns)
+        return "obstacles_not_accepted" in [d.code for d in avoidance.diagnostics(chain.now_ns)]
+
+    assert not faulty(9.0)
+    now[0] = vehicle("PX4", PX4["Position"])
+    assert not faulty(3.0)
+    assert faulty(4.0)
