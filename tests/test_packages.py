@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from companion.kernels.jit_cache import SHARED
+
 pytestmark = pytest.mark.process
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,3 +70,10 @@ def test_the_container_recipe_copies_what_the_wheel_is_made_of() -> None:
     recipe = (ROOT / "packaging" / "Containerfile").read_text()
     copied = set(re.findall(r"^COPY (\S+)", recipe, re.MULTILINE))
     assert {*PACKAGES, "clients/python", "systemd", "configs", "docs", "requirements.lock"} <= copied
+
+
+@pytest.mark.parametrize("name", ["build-deb", "Containerfile"])
+def test_packages_compile_kernels_where_the_installation_finds_them(name: str) -> None:
+    place = f"/opt/osape-companion/{SHARED.relative_to(sys.prefix)}"
+    text = (ROOT / "packaging" / name).read_text().replace("\\\n", "")
+    assert re.search(rf"NUMBA_CACHE_DIR={place}\s+/opt/osape-companion/bin/companion warmup --levels\n", text)

@@ -1,4 +1,4 @@
-"""How soon the live service is there: `python -m benchmarks.speed.start [--runs 5]`.
+"""How soon the live service is there: `python -m benchmarks.speed.start [--runs 5] [--python FILE] [--first]`.
 
 Real processes and sockets: the service as systemd would start it, a simulated camera, a simulated autopilot over UDP, a
 subscriber. Compiled kernels are in the cache, as they are after `companion install`, and the modules' bytecode beside
@@ -8,7 +8,9 @@ them, as pip leaves it. Measured, each as the median and the worst of the runs:
 - kill -9 to ready: from the signal until READY of the next process, with the unit's wait of 0.1 s before it;
 - attitude to prisms: from the first attitude on the line until the first valid prisms at the subscriber, the service and
   the camera running before;
-- start to prisms: from the start of the interpreter until then, the autopilot sending already."""
+- start to prisms: from the start of the interpreter until then, the autopilot sending already;
+- first start to prisms (`--first`): the same with an empty cache of compiled kernels, of an installation that contains
+  them, as a package does. `--python` names the interpreter of that installation."""
 
 from __future__ import annotations
 
@@ -50,7 +52,8 @@ SERVICE = "import sys; from companion.cli import main; sys.exit(main(['run', '-c
 class Place:
     """Folders and sockets of one service, as systemd would give them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, python: Path) -> None:
+        self._folder, self._python = folder, python
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
             self.port = int(probe.getsockname()[1])
@@ -69,10 +72,13 @@ class Place:
         self.prisms = f"ipc://{folder / 'run' / 'prisms'}"
 
     @contextlib.contextmanager
-    def service(self) -> Iterator[subprocess.Popen[bytes]]:
-        """A running service, killed at the end."""
+    def service(self, **variables: str) -> Iterator[subprocess.Popen[bytes]]:
+        """A running service with these variables of its environment, killed at the end."""
         process = subprocess.Popen(
-            [sys.executable, "-c", SERVICE, str(self.config)], env=self._environment, stderr=subprocess.DEVNULL
+            [self._python, "-c", SERVICE, str(self.config)],
+            env=self._environment | variables,
+            cwd=self._folder,
+            stderr=subprocess.DEVNULL,
         )
         try:
             yield process
@@ -147,16 +153,27 @@ def measure(place: Place) -> dict[str, float]:
     return found
 
 
-def runs_of(runs: int) -> dict[str, list[float]]:
+def measure_first(place: Place) -> dict[str, float]:
+    """Seconds of one run with an empty cache of compiled kernels."""
+    with tempfile.TemporaryDirectory() as cache, place.autopilot():
+        begun_s = time.monotonic()
+        with place.service(NUMBA_CACHE_DIR=cache):
+            until_prisms(place.prisms, lambda m: m.valid)
+            found = {"first start to prisms": time.monotonic() - begun_s}
+    place.forget()
+    return found
+
+
+def runs_of(runs: int, python: Path = Path(sys.executable), first: bool = False) -> dict[str, list[float]]:
     """Seconds by measured quantity, from a number of runs after one that fills the caches."""
     with tempfile.TemporaryDirectory() as folder:
-        place = Place(Path(folder))
+        place = Place(Path(folder), python)
         with place.service():
             place.wait_ready()  # kernels compiled, frames rendered, files in memory
             with place.autopilot():
                 until_prisms(place.prisms, lambda m: m.valid)
         place.forget()
-        found = [measure(place) for _ in range(runs)]
+        found = [measure(place) | (measure_first(place) if first else {}) for _ in range(runs)]
     return {name: [f[name] for f in found] for name in found[0]}
 
 
@@ -164,9 +181,11 @@ def main() -> int:
     """0: measured."""
     parser = argparse.ArgumentParser(description="how soon the live service is there")
     parser.add_argument("--runs", type=int, default=5)
-    runs = parser.parse_args().runs
-    for name, times in runs_of(runs).items():
-        print(f"{name:20s} {statistics.median(times):5.2f} s, worst {max(times):5.2f} s of {runs}")
+    parser.add_argument("--python", type=Path, default=Path(sys.executable), help="interpreter that runs the service")
+    parser.add_argument("--first", action="store_true", help="measure starts with an empty cache of kernels, too")
+    args = parser.parse_args()
+    for name, times in runs_of(args.runs, args.python, args.first).items():
+        print(f"{name:21s} {statistics.median(times):5.2f} s, worst {max(times):5.2f} s of {args.runs}")
     return 0
 
 

@@ -6,13 +6,14 @@ directory, named by a hash of all sources; a few old ones are kept. A new direct
 older ones whose import closure is unchanged (see `seed`), so that a change recompiles only the kernels of the changed
 file and of the files that import it. Docstrings, comments and the position of a function in its file do not count.
 
-An installation may contain compiled kernels, in `share/osape-companion/kernels` of its environment. A new directory
-starts with those, too. They are trusted like the code of the installation.
+Kernels are compiled for a level of processors (`processor`); each level has its own directories. An installation may
+contain kernels of several levels, in `share/osape-companion/kernels` of its environment. A new directory starts with
+those of its level, too. They are trusted like the code of the installation.
 
 numba writes to the directory from which it reads. Kernels of a directory that cannot be written are therefore linked
 into a temporary one.
 
-numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls `use_own_cache` first."""
+numba reads its variables when it is imported: `companion/__init__.py` calls `use_own_cache` first."""
 
 from __future__ import annotations
 
@@ -30,6 +31,7 @@ from pathlib import Path
 from typing import Final
 
 from .manifest import copy_entries
+from .processor import use_level
 from .source_state import Closure, content_hash, import_closures, module_name, source_key
 
 VARIABLE: Final = "NUMBA_CACHE_DIR"
@@ -54,15 +56,16 @@ _held: list[int] = []
 
 
 def use_own_cache() -> Path | None:
-    """Sets NUMBA_CACHE_DIR to the directory of the present state of the sources.
+    """Sets NUMBA_CACHE_DIR to the directory of the present state of the sources, and numba's processor to a level.
 
     The directory is below the previous value of NUMBA_CACHE_DIR, otherwise below the user's cache. If none can be
     written, but one has all kernels of a group, it is a temporary one with links to those kernels.
 
     Returns:
-        The directory; None: nothing was changed, because numba is already imported or there is no such directory."""
+        The directory; None: it was not changed, because numba is already imported or there is no such directory."""
     if "numba" in sys.modules:
         return None
+    use_level()
     named = os.environ.get(VARIABLE)
     bases = [base_of(Path(named))] if named else _usual_bases()
     key = _PREFIX + source_key(ROOT)

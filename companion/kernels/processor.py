@@ -1,14 +1,73 @@
-"""The processor for which numba compiles."""
+"""The processor for which numba compiles: a level that many processors have in common.
+
+Kernels of a level run on every processor with its instructions, so that a package or a copied cache can contain them.
+numba reads the processor from NUMBA_CPU_NAME and NUMBA_CPU_FEATURES when it is imported. Values that the user has set
+are kept; a processor without a level has kernels of its own.
+
+The levels of x86-64 are micro-architecture levels of its psABI. Those of 64-bit ARM are Armv8.2-A as of the Cortex-A76
+(Raspberry Pi 5, Jetson Orin) and Armv8.0-A. LLVM knows all of them by these names. A level with AVX-512 would
+be 2 % faster where the processor has it (docs/research/speed.md), which is not worth another set of kernels."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
+from typing import Final
+
+CPU_NAME: Final = "NUMBA_CPU_NAME"
+CPU_FEATURES: Final = "NUMBA_CPU_FEATURES"
+CPUINFO = Path("/proc/cpuinfo")
+"""Lists the instructions that the processor and the system support."""
+_FLAGS: Final = ("flags", "Features")
+"""Names of the line with the instructions on x86-64 and on ARM."""
+_X86_64_V2: Final = frozenset(["cx16", "lahf_lm", "pni", "popcnt", "sse4_1", "sse4_2", "ssse3"])
+_X86_64_V3: Final = _X86_64_V2 | frozenset(["abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"])
+_ARMV8_0: Final = frozenset(["asimd", "fp"])
+_CORTEX_A76: Final = _ARMV8_0 | frozenset(
+    ["aes", "asimddp", "asimdhp", "asimdrdm", "atomics", "crc32", "dcpop", "fphp", "lrcpc", "pmull", "sha1", "sha2"]
+)
+_LEVELS: Final = {
+    "x86_64": {"x86-64-v3": _X86_64_V3, "x86-64-v2": _X86_64_V2},
+    "aarch64": {"cortex-a76": _CORTEX_A76, "generic": _ARMV8_0},
+}
+"""By machine the levels, best first, and the flags in CPUINFO that each needs."""
+
+
+def levels(machine: str | None = None) -> tuple[str, ...]:
+    """Returns all levels of an architecture, best first. machine: as `uname -m` prints it; default: this one."""
+    return tuple(_LEVELS.get(machine or os.uname().machine, {}))
+
+
+def levels_of(machine: str, cpuinfo: str) -> tuple[str, ...]:
+    """Returns the levels that a processor can run, best first. cpuinfo: the text of its /proc/cpuinfo."""
+    lines = (line.partition(":") for line in cpuinfo.splitlines())
+    flags = next((set(value.split()) for name, _, value in lines if name.strip() in _FLAGS), set())
+    return tuple(level for level, needed in _LEVELS.get(machine, {}).items() if needed <= flags)
+
+
+def own_levels() -> tuple[str, ...]:
+    """Returns the levels that this processor can run, best first."""
+    try:
+        return levels_of(os.uname().machine, CPUINFO.read_text(encoding="utf-8", errors="replace"))
+    except OSError:
+        return ()
+
+
+def level_variables(level: str) -> dict[str, str]:
+    """Returns the environment variables with which numba compiles for a level."""
+    return {CPU_NAME: level, CPU_FEATURES: ""}  # empty: no features besides those of the level
+
+
+def use_level() -> None:
+    """Sets numba's variables to the best level of this processor, unless the user has set one of them."""
+    if not {CPU_NAME, CPU_FEATURES} & os.environ.keys() and (own := own_levels()):
+        os.environ.update(level_variables(own[0]))
 
 
 def processor() -> str:
     """Name and features, as in numba's own key of a cached kernel: kernels of another processor are not used."""
     from llvmlite import binding
 
-    name = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
-    features = os.environ.get("NUMBA_CPU_FEATURES")
+    name = os.environ.get(CPU_NAME) or binding.get_host_cpu_name()
+    features = os.environ.get(CPU_FEATURES)
     return f"{name} {binding.get_host_cpu_features().flatten() if features is None else features}"

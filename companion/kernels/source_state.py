@@ -20,8 +20,11 @@ CODE_OPTIONS: Final = (
     "NUMBA_LOOP_VECTORIZE",
     "NUMBA_SLP_VECTORIZE",
     "NUMBA_DEBUGINFO",
+    "NUMBA_CPU_NAME",
+    "NUMBA_CPU_FEATURES",
 )
-"""Environment variables of numba that change the machine code but not numba's own key of a cached kernel."""
+"""Environment variables of numba that change the machine code. Those of the processor are also in numba's own key of a
+cached kernel; here they give each level of processors a directory of its own."""
 KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py",)
 """Files with kernels outside of core, relative to the root."""
 _NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world.params"})

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import fcntl
+import json
 import logging
 import os
 import subprocess
@@ -31,13 +32,15 @@ from .cache_state import (
     mark_complete,
 )
 from .child_process import POLL_S, Children, WarmupError, end_with_parent
-from .jit_cache import VARIABLE, is_linked_copy
+from .jit_cache import VARIABLE, base_of, is_linked_copy
+from .processor import CPU_NAME, level_variables, levels, own_levels
 from .progress import CompiledCount, ProgressLine, Report
 from .run_kernels import MODES, run_kernels
 
 log = logging.getLogger("companion")
 
 CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(sys.argv[1:])"
+LEVEL_CHILD = "import sys; from companion.cli import main; sys.exit(main(['warmup', '--json']))"
 TIMEOUT_S = 1200.0
 """Longest time without another compiled kernel. All kernels take two minutes on two idle cores, and more than 20 on a
 busy computer."""
@@ -62,11 +65,18 @@ class Warmup:
 def add_parser(subparsers: Any) -> None:
     """Adds the command line of `companion warmup`."""
     parser = subparsers.add_parser("warmup")
+    parser.add_argument(
+        "--levels",
+        action="store_true",
+        help="compile for each level of processors that this one can run, as a package for other computers contains them",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     """Runs `companion warmup`. Returns 0: all kernels are compiled; 1: an error."""
+    if args.levels:
+        return _run_levels(args.json)
     try:
         done = warm_up()
     except WarmupError as error:
@@ -77,7 +87,35 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if done.deleted:
         print_line(f"the cache of compiled kernels was damaged: {done.deleted} files deleted, compiled again")
-    print_line(f"all kernels are compiled: {done.cached} files in {', '.join(done.cache)}{_link_remark()}")
+    level = os.environ.get(CPU_NAME, "this processor")
+    print_line(f"all kernels are compiled for {level}: {done.cached} files in {', '.join(done.cache)}{_link_remark()}")
+    return 0
+
+
+def _run_levels(as_json: bool) -> int:
+    """Runs `companion warmup` for each level in a process of its own, since numba reads its processor once."""
+    own = own_levels()
+    if not own:
+        fail("this processor has no level in common with others; `companion warmup` without --levels compiles for it")
+        return 1
+    for level in levels():
+        if level not in own:
+            warn(f"no kernels for {level}: this processor cannot run them; compile them on one that can")
+    done = {}
+    for level in own:
+        environment = os.environ | level_variables(level)
+        if named := os.environ.get(VARIABLE):
+            environment[VARIABLE] = str(base_of(Path(named)))
+        child = subprocess.run(
+            [sys.executable, "-c", LEVEL_CHILD], env=environment, stdout=subprocess.PIPE, check=False
+        )
+        if child.returncode != 0:
+            return 1  # its error is above
+        done[level] = json.loads(child.stdout)
+        if not as_json:
+            print_line(f"{level}: {done[level]['cached']} files in {', '.join(done[level]['cache'])}")
+    if as_json:
+        print_json({"levels": done})
     return 0
 
 

@@ -14,37 +14,11 @@ import pytest
 import companion.kernels.jit_cache as jit_cache
 from companion.kernels.jit_cache import VARIABLE, base_of, prune, seed, use_own_cache
 from companion.kernels.manifest import delete_kernels
-from companion.kernels.source_state import CODE_OPTIONS, KERNELS_OUTSIDE_CORE, import_closures, source_key
+from companion.kernels.source_state import CODE_OPTIONS, import_closures, source_key
+
+from .small_core import CALLER, KEYED, RUN, python, sources
 
 pytestmark = pytest.mark.process
-
-CALLER = """
-from numba import njit
-from .inner import inner
-
-@njit(cache=True)
-def outer(x):
-    return inner(x) + 1
-"""
-INNER = """
-from numba import njit
-
-@njit(cache=True)
-def inner(x):
-    return x * {factor}
-"""
-KEYED = """
-import companion.kernels.jit_cache as jit_cache
-from pathlib import Path
-jit_cache.ROOT = Path({root!r})
-assert jit_cache.use_own_cache() is not None
-"""
-RUN = """
-import sys
-sys.path.insert(0, {root!r})
-from core.outer import outer
-print(outer(10))
-"""
 
 
 @pytest.fixture
@@ -56,28 +30,6 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delitem(sys.modules, "numba", raising=False)
     monkeypatch.setattr(jit_cache, "_held", [])
     return folder
-
-
-def sources(root: Path, factor: int) -> Path:
-    """A small core of two files, one calling the other."""
-    for name in ("core/__init__.py", *KERNELS_OUTSIDE_CORE):
-        (root / name).parent.mkdir(parents=True, exist_ok=True)
-        (root / name).write_text("")
-    (root / "core" / "inner.py").write_text(INNER.format(factor=factor))
-    if not (root / "core" / "outer.py").exists():
-        (root / "core" / "outer.py").write_text(CALLER)
-    return root
-
-
-def python(code: str, cache: Path) -> str:
-    environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_DISABLE_JIT", "PYTHONPATH")}
-    environment[VARIABLE] = str(cache)
-    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # bytecode is not renewed for a change within the same second
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, cwd=jit_cache.ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
 
 
 def test_a_change_in_a_called_kernel_is_noticed(tmp_path: Path) -> None:

@@ -1,0 +1,63 @@
+"""A small core with two kernels, one calling the other, and code that runs it with a cache of compiled kernels."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import companion.kernels.jit_cache as jit_cache
+from companion.kernels.jit_cache import VARIABLE
+from companion.kernels.source_state import KERNELS_OUTSIDE_CORE
+
+CALLER = """
+from numba import njit
+from .inner import inner
+
+@njit(cache=True)
+def outer(x):
+    return inner(x) + 1
+"""
+INNER = """
+from numba import njit
+
+@njit(cache=True)
+def inner(x):
+    return x * {factor}
+"""
+KEYED = """
+import companion.kernels.jit_cache as jit_cache
+from pathlib import Path
+jit_cache.ROOT = Path({root!r})
+assert jit_cache.use_own_cache() is not None
+"""
+RUN = """
+import sys
+sys.path.insert(0, {root!r})
+from core.outer import outer
+print(outer(10))
+"""
+
+
+def sources(root: Path, factor: int) -> Path:
+    """A small core of two files, one calling the other."""
+    for name in ("core/__init__.py", *KERNELS_OUTSIDE_CORE):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("")
+    (root / "core" / "inner.py").write_text(INNER.format(factor=factor))
+    if not (root / "core" / "outer.py").exists():
+        (root / "core" / "outer.py").write_text(CALLER)
+    return root
+
+
+def python(code: str, cache: Path, **variables: str) -> str:
+    """What code prints that runs with a cache and variables of its environment."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_DISABLE_JIT", "PYTHONPATH")} | variables
+    environment[VARIABLE] = str(cache)
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # bytecode is not renewed for a change within the same second
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=jit_cache.ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
