@@ -18,14 +18,15 @@ from .observed import (
     find_spans,
     is_gap,
     is_seen_through,
+    measured_limits,
     middle_azimuth,
 )
+from .shrinking import shrink
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
+from .tables import MEMORY_HITS
 
 NEW_HITS = 3
 """Not tuning: a track observed less often is new."""
-MEMORY_HITS = 10
-"""Not tuning: observations after which a cell is kept for the whole memory."""
 _LEAST_MEMORY_NS = 200_000_000
 """Not tuning: nothing is forgotten sooner."""
 _RATE_STEP = 0.1
@@ -38,13 +39,15 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
 
     eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
     their square: what flickers does not accumulate where it is hidden."""
-    removed, middle = 0, middle_azimuth(view)
+    removed, middle, limits = 0, middle_azimuth(view), measured_limits(view)
     spans, crossing = np.empty((3, detections.shape[0])), np.empty(detections.shape[0], np.bool_)
     find_spans(detections, view, spans)
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
         if t.hits == 0:
             continue
+        if t.seen_ns == t_ns:
+            shrink(table, j, detections, rules, view, limits)
         best, missed, gap = OUT_OF_VIEW, False, is_gap(t)
         for k in range(t.cells):
             c = table.cells[j, k]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel, record
-from .observed import is_gap, turn_between
+from .observed import is_gap, measured_limits, turn_between
 
 GAP_M = 0.4
 """Not tuning: detections closer together belong to one group."""
@@ -188,20 +188,6 @@ def is_cut(g, limits):
     half = 0.5 * (limits[1] - limits[0]) - _BORDER_RAD
     at = turn_between(middle, g.azimuth_rad)
     return not (-half < at + g.first_rad and at + g.last_rad < half)
-
-
-@inner
-def measured_limits(view):
-    """First and last azimuth with a free range, rad; (0, 0): there is none. view: FreeView."""
-    first, last = 0, -1
-    for d in range(view.near_m.shape[0]):
-        for k in range(view.near_m.shape[1]):
-            if view.far_m[d, k] > view.near_m[d, k]:
-                first = d if last < 0 else first
-                last = d
-    if last < 0:
-        return 0.0, 0.0
-    return view.edges_rad[first], view.edges_rad[last + 1]
 
 
 @inner

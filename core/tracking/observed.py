@@ -74,16 +74,27 @@ def lowest_free(x, y, r, view):
 def classify(x, y, top, bottom, slack, rules, view):
     """How a frame observed a place (x, y, in the tracks' frame) with heights top..bottom: CLEAR, EXPLAINED, HIDDEN or
     OUT_OF_VIEW. slack: how far behind the place it must be free, m, without noise."""
+    clear, explained, hidden = observed_heights(x, y, top, bottom, slack, rules, view)
+    if explained > _EXPLAINED_SHARE * (bottom - top):
+        return EXPLAINED
+    if clear >= _CLEAR_SHARE * (bottom - top):
+        return CLEAR
+    return HIDDEN if hidden > 0.0 else OUT_OF_VIEW
+
+
+@inner
+def observed_heights(x, y, top, bottom, slack, rules, view):
+    """How much of the height of a place is (clear, explained, hidden), m; zeros out of view."""
     dx, dy = x - view.x_m, y - view.y_m
     r = math.sqrt(dx * dx + dy * dy)
+    clear, explained, hidden = 0.0, 0.0, 0.0
     if r < 1e-3 or view.edges_rad.shape[0] < 2:
-        return OUT_OF_VIEW
+        return clear, explained, hidden
     d = direction_of(view.edges_rad, math.atan2(dy, dx))
     if d == NONE:
-        return OUT_OF_VIEW
+        return clear, explained, hidden
     off = slack + rules.free_sigmas * view.ke_per_m * r * r
     lowest = lowest_free(dx, dy, r, view)
-    clear, explained, hidden = 0.0, 0.0, 0.0
     for k in range(view.layers_m.shape[0] - 1):
         upper, lower = max(top, view.layers_m[k]), min(bottom, view.layers_m[k + 1])
         if lower <= upper:
@@ -96,12 +107,21 @@ def classify(x, y, top, bottom, slack, rules, view):
             explained += lower - upper
         elif far < r and (obstacle or far > near):
             hidden += lower - upper
-    height = bottom - top
-    if explained > _EXPLAINED_SHARE * height:
-        return EXPLAINED
-    if clear >= _CLEAR_SHARE * height:
-        return CLEAR
-    return HIDDEN if hidden > 0.0 else OUT_OF_VIEW
+    return clear, explained, hidden
+
+
+@inner
+def is_unobserved(x, y, top, bottom, slack, rules, view, limits):
+    """Whether a frame did not observe most of a place above the ground: an obstacle hides it, it lies beyond the range, or out
+    of the measured directions. limits: of `measured_limits`."""
+    dx, dy = x - view.x_m, y - view.y_m
+    middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
+    if abs(turn_between(middle, math.atan2(dy, dx))) >= half:
+        return True
+    bottom = min(bottom, lowest_free(dx, dy, math.sqrt(dx * dx + dy * dy), view))
+    if bottom <= top:
+        return False
+    return observed_heights(x, y, top, bottom, slack, rules, view)[2] > 0.5 * (bottom - top)
 
 
 @inner
@@ -131,6 +151,20 @@ def middle_azimuth(view):
     """Middle of the observed directions, 0 where there are none."""
     n = view.edges_rad.shape[0]
     return 0.5 * (view.edges_rad[0] + view.edges_rad[n - 1]) if n > 0 else 0.0
+
+
+@inner
+def measured_limits(view):
+    """First and last azimuth with a free range, rad; (0, 0): there is none. view: FreeView."""
+    first, last = 0, -1
+    for d in range(view.near_m.shape[0]):
+        for k in range(view.near_m.shape[1]):
+            if view.far_m[d, k] > view.near_m[d, k]:
+                first = d if last < 0 else first
+                last = d
+    if last < 0:
+        return 0.0, 0.0
+    return view.edges_rad[first], view.edges_rad[last + 1]
 
 
 @inner

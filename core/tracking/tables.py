@@ -30,6 +30,8 @@ _RATE_STEP = 0.1
 _MOST_HITS = 1 << 20
 _CONFIRMING_SHARE = 0.3
 """Not tuning: an observation of less of a cell's height does not confirm the cell."""
+MEMORY_HITS = 10
+"""Not tuning: observations after which a cell is kept for the whole memory."""
 _HIT_WEIGHT = 4
 """Not tuning: free evidence that an observation cancels; free space, or another obstacle there, adds 2."""
 

@@ -13,9 +13,6 @@ from .representation import correct_line, lies_on, represents
 from .tables import CELL_M, NONE, clear_cell, count_observation, free_slot, make_room, observe_cells, remove_detection
 from .thin import end_line, is_line, join_lines
 
-_CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = 4, 8, 16, 32
-_SHRINK_REACH_M = 0.75
-"""Not tuning: an end that is observed farther inside belongs to a part of the surface."""
 _SHORT_M, _TURN_COS = 0.6, 0.9
 """Not tuning: a shorter track takes the direction of a detection that is turned by more."""
 
@@ -169,37 +166,22 @@ def most_behind(t, eye_x, eye_y):
 @inner
 def reach_detections(t, detections):
     """Lets the margin of a track reach as near as each of its detections of this frame, those of merged tracks too, now that
-    its line is final. Returns the flags of all of them."""
-    flags, k = 0, t.first_detection
+    its line is final."""
+    k = t.first_detection
     for _ in range(detections.shape[0]):
         if k == NONE:
             break
         d = detections[k]
-        flags |= d.plane_flags
         t.excess_m = max(t.excess_m, offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m))
         t.margin_m = max(t.margin_m, d.margin_m)
         k = d.next
-    return flags
 
 
 @inner
 def end_observation(t, detections, rules, eye):
-    """Lets the extent of an observed track shrink towards this frame's observations, where no border of the image cut
-    them, and its published plane return to the line."""
-    cut = reach_detections(t, detections)
+    """Lets the published plane of an observed track return to its line."""
+    reach_detections(t, detections)
     if is_line(t, eye):
         end_line(t, detections, eye, rules.shrink_share)
     else:
         t.nearer_m = max((1.0 - rules.shrink_share) * t.nearer_m, t.excess_m - most_behind(t, eye[0], eye[1]))
-    share = rules.shrink_share
-    if cut & (_CUT_LEFT | _CUT_RIGHT) == 0:
-        if t.frame_s0_m - t.s0_m < _SHRINK_REACH_M:
-            t.s0_m += share * (t.frame_s0_m - t.s0_m)
-        if t.s1_m - t.frame_s1_m < _SHRINK_REACH_M:
-            t.s1_m += share * (t.frame_s1_m - t.s1_m)
-    whole = t.frame_bottom_m - t.frame_top_m >= 0.6 * (t.bottom_m - t.top_m)
-    share = share if whole else 0.3 * share
-    if cut & _CUT_TOP == 0:
-        t.top_m += share * (t.frame_top_m - t.top_m)
-    if cut & _CUT_BOTTOM == 0:
-        t.bottom_m += share * (t.frame_bottom_m - t.bottom_m)

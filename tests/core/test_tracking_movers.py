@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from core.tracking.free_view import free_view
-from core.tracking.groups import GROUP, find_groups, measured_limits
+from core.tracking.groups import GROUP, find_groups
 from core.tracking.objects import MOVER_RULES, OBJECT, assign_groups, turn_covariance
-from core.tracking.observed import FreeView
+from core.tracking.observed import FreeView, measured_limits
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import detections_of
 from core.tracking.tracker import Tracker

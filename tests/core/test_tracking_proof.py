@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, distance, frame
+from .test_tracking import SMALL, WALL, distance, frame
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
@@ -46,3 +47,20 @@ def test_an_obstacle_behind_a_nearer_one_is_kept_where_the_wall_behind_is_one_pl
     for k in range(20, 40):
         s = tracker.observe(planes_of([screen, BACK], [screen, BACK], k))
         assert distance(s, 6.0, 0.0) < 0.1, k
+
+
+def test_the_part_of_a_wall_that_a_screen_hides_little_by_little_is_kept() -> None:
+    tracker = settled([WALL])
+    for k in range(20, 60):
+        screen = wall(4.0, -2.5, 4.0, -2.0 + 0.05 * (k - 20))
+        s = tracker.observe(frame([screen, WALL], k))
+    assert distance(s, 8.0, -3.8) < 0.1
+    assert distance(s, 8.0, -2.0) < 0.1
+
+
+@pytest.mark.parametrize("turn", [-1.0, 1.0])
+def test_the_part_of_a_wall_that_leaves_the_view_little_by_little_is_kept(turn: float) -> None:
+    tracker = settled([WALL])
+    for k in range(20, 110):
+        s = tracker.observe(frame([WALL], k, heading=turn * math.radians(0.4) * (k - 20)))
+    assert distance(s, 8.0, -3.9 * turn) < 0.1
