@@ -72,6 +72,7 @@ def test_an_uncertain_place_is_withheld() -> None:
         (wall_packet(0), "replayed"),
         (wall_packet(5000, stream=STREAM - 1), "old_stream"),
         (wall_packet(5, vehicle=1), "own_packet"),
+        (wall_packet(5, vehicle=0), "bad_vehicle"),
         (wall_packet(5, vehicle=9), "sender_mismatch"),
         (wall_packet(20, number=7)[:-3], "bad_length"),
     ],
@@ -144,10 +145,9 @@ def test_without_an_own_position_nothing_of_any_frame_is_published() -> None:
 def test_of_too_many_planes_those_that_were_repeated_are_kept() -> None:
     found = NeighbourMap(1, SharingParams(most_planes=64))
     found.receive(state_at(0), NS)
-    for k in range(100):
-        found.receive(wall_packet(1 + 2 * k, number=k), NS + k)
-        found.receive(wall_packet(2 + 2 * k, number=0), NS + k)
-    assert sorted(found.obstacles(OWN, NS + 100).ids.tolist()) == [0, *range(100 - 63, 100)]
+    for k, number in enumerate((*range(64), 0, 64)):
+        assert found.receive(wall_packet(1 + k, number=number), NS + k) == ""
+    assert sorted(found.obstacles(OWN, NS + 100).ids.tolist()) == [0, *range(2, 65)]
 
 
 def test_changes_of_frames_clear_nothing() -> None:
