@@ -22,7 +22,7 @@ from benchmarks.peers.sequences.mapper import MapModel, cube_model, plane_model
 from benchmarks.peers.sequences.ours import FRAME, TRACKS, WORLD
 from benchmarks.peers.sequences.plots import draw
 from benchmarks.peers.sequences.run import OURS, Case, makers, run_case
-from benchmarks.peers.sequences.tables import groups, pooled, scene_table, summary_table
+from benchmarks.peers.sequences.tables import groups, pooled, scene_table, sentences, summary_table
 from benchmarks.tracking.sequences import Exposure, Pose, exposures, hovering
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import PERFECT
@@ -193,10 +193,20 @@ def test_tables_have_a_line_for_each_method_and_say_where_there_is_no_figure() -
     assert len(groups(rows)) == 4
 
 
+def test_sentences_name_the_others_that_are_no_worse_and_those_that_are_nearer() -> None:
+    rows = [row(), row(method="A", missed=9, error_m=0.2), row(method="B", missed=11, error_m=0.05)]
+    assert sentences(rows, 10, (FRAME, TRACKS)) == [
+        f"ke {KE:g}, true pose, {FRAME}: miss no more, and stop no more rays where nothing is and over the open: A; "
+        "smaller median error along the ray: B."
+    ]
+    assert "open: none" in sentences([row(), row(method="A", phantom=31)], 10, (FRAME,))[0]
+    assert sentences(rows, 50, (FRAME,)) == []
+
+
 def test_the_page_has_all_tables_and_names_what_was_not_run() -> None:
     text = sequences_section.text(sequences_section.BRIEF, rows_of_a_page(), [("wavemap", "not installed")])
     assert text.startswith(f"{sequences_section.HEADING}\n")
-    assert text.count("\n### ") == 6
+    assert text.count("\n### ") == 7
     assert "**wavemap was not run**: not installed." in text
     assert "street, trees, tunnel, movers" in text
     assert not any(line.startswith("# ") for line in text.splitlines())

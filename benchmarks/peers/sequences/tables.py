@@ -124,3 +124,33 @@ def scene_table(rows: Sequence[Figures], ke_per_m: float, frames: int) -> str:
     for pose in poses:
         head += [f"{pose}: missed, %", "phantom, %", "open rays stopped, %"]
     return markdown(head, lines)
+
+
+def sentences(rows: Iterable[Figures], frames: int, ours: Sequence[str]) -> list[str]:
+    """For each noise and pose and each of our methods: the others that are no worse in all shares of the newest view, and
+    those whose stops are nearer to the truth."""
+    found: dict[tuple[float, str], dict[str, Pooled]] = {}
+    for (ke, pose, method, of_frames), mine in groups(rows).items():
+        if of_frames == frames:
+            found.setdefault((ke, pose), {})[method] = pooled(mine)
+    lines = []
+    for (ke, pose), methods in found.items():
+        for name in (n for n in ours if n in methods):
+            us, others = methods[name], {n: p for n, p in methods.items() if n not in ours}
+            no_worse = [
+                n for n, p in others.items() if all(a <= b for a, b in zip(_shares(p), _shares(us), strict=True))
+            ]
+            nearer = [n for n, p in others.items() if p.error_m < us.error_m]
+            lines.append(
+                f"ke {ke:g}, {pose}, {name}: miss no more, and stop no more rays where nothing is and over the open: "
+                f"{_names(no_worse)}; smaller median error along the ray: {_names(nearer)}."
+            )
+    return lines
+
+
+def _shares(p: Pooled) -> tuple[float, float, float]:
+    return p.missed[0], p.phantom[0], p.open_stopped[0]
+
+
+def _names(names: Sequence[str]) -> str:
+    return ", ".join(names) if names else "none"
