@@ -6,7 +6,7 @@ import math
 
 from ..jit import inner, kernel
 from .cover import is_hidden, new_parts, support
-from .line import begin_line, is_thin, offset, predict_line, seen_at, seen_heights
+from .line import along, begin_line, is_thin, offset, predict_line, seen_at, seen_heights
 from .merging import merge_pairs
 from .publish import BEHIND_M
 from .representation import correct_line, lies_on, represents
@@ -134,21 +134,27 @@ def observe(table, j, d, rules, eye, t_ns):
 
 @inner
 def replace_line(table, j, d):
-    """Gives a track the line and extent of a detection that covers it."""
+    """Gives a track the line of a detection that covers most of it. What the detection does not reach of the track stays, with
+    the evidence of its cells: this frame has not observed it to be free."""
     t = table.tracks[j]
-    hits = 0
+    hits, seen_ns, against = 0, 0, 0
     for k in range(t.cells):
-        hits = max(hits, table.cells[j, k].hits)
+        c = table.cells[j, k]
+        if c.hits > hits:
+            against = c.against
+        hits, seen_ns = max(hits, c.hits), max(seen_ns, c.seen_ns)
+    x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
+    x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
     begin_line(t, d)
     t.nearer_m = 0.0
-    t.s0_m, t.s1_m = -0.5 * d.length_m, 0.5 * d.length_m
-    t.top_m, t.bottom_m = d.top_m, d.bottom_m
+    sa, sb = along(t, x0, y0), along(t, x1, y1)
+    t.s0_m, t.s1_m = min(-0.5 * d.length_m, sa, sb), max(0.5 * d.length_m, sa, sb)
+    t.top_m, t.bottom_m = min(t.top_m, d.top_m), max(t.bottom_m, d.bottom_m)
     t.cell_m, t.first_cell, t.cells = CELL_M, int(math.floor(t.s0_m / CELL_M)), 1
     clear_cell(table, j, 0)
     make_room(table, j, t.s0_m, t.s1_m)
     for k in range(t.cells):
-        clear_cell(table, j, k)
-        table.cells[j, k].hits = hits
+        table.cells[j, k].hits, table.cells[j, k].seen_ns, table.cells[j, k].against = hits, seen_ns, against
 
 
 @inner

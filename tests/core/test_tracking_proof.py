@@ -64,3 +64,12 @@ def test_the_part_of_a_wall_that_leaves_the_view_little_by_little_is_kept(turn: 
     for k in range(20, 110):
         s = tracker.observe(frame([WALL], k, heading=turn * math.radians(0.4) * (k - 20)))
     assert distance(s, 8.0, -3.9 * turn) < 0.1
+
+
+def test_a_detection_that_replaces_the_line_of_a_new_track_keeps_what_it_does_not_reach() -> None:
+    """A wall seen edge-on, and then most of it 0.2 m beside its line; nothing is observed behind the rest."""
+    tracker, side, part = Tracker(SMALL), wall(4.0, -1.0, 9.0, -1.0), wall(4.0, -0.8, 7.6, -0.8)
+    tracker.observe(planes_of([side], [side], 0))
+    s = tracker.observe(planes_of([part], [part], 1))
+    assert len(s.ids) == 1
+    assert distance(s, 8.9, -1.0) < 0.3
