@@ -6,7 +6,6 @@ each client that may listen. `companion keys` makes them."""
 from __future__ import annotations
 
 import ipaddress
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import zmq
 
 from drivers.base import BadData, DeviceNotFound
+from drivers.new_file import write_new
 from osape_client.curve_keys import SERVER_PUBLIC, SERVER_SECRET, KeyFileError, read_key
 
 CLIENTS = "clients"
@@ -43,21 +43,31 @@ def beyond_loopback(address: str) -> bool:
 
 def make_keys(folder: Path, client: str) -> list[Path]:
     """Makes the server's keys, where there are none, and those of a client; returns the files written, the client's
-    secret last: it goes to the client and nowhere else. Raises ValueError for a client there is already."""
+    secret last: it goes to the client and nowhere else. Raises ValueError for a client there is already, OSError where a file
+    cannot be written: none is left then."""
     if not re.fullmatch(r"[A-Za-z0-9._-]+", client):
         raise ValueError(f"client name {client!r}: use letters, digits, dot, dash and underscore")
     clients = folder / CLIENTS
     clients.mkdir(parents=True, exist_ok=True, mode=0o700)
-    written = []
-    if not (folder / SERVER_SECRET).exists():
-        public, secret = zmq.curve_keypair()
-        written += [_write(folder / SERVER_SECRET, secret, 0o600), _write(folder / SERVER_PUBLIC, public, 0o644)]
     if (clients / f"{client}.public").exists():
         raise ValueError(
             f"{clients / f'{client}.public'}: there is such a client; delete its keys first, or choose another name"
         )
+    files: list[tuple[Path, bytes, int]] = []
+    if not (folder / SERVER_SECRET).exists():
+        public, secret = zmq.curve_keypair()
+        files += [(folder / SERVER_SECRET, secret, 0o600), (folder / SERVER_PUBLIC, public, 0o644)]
     public, secret = zmq.curve_keypair()
-    written += [_write(clients / f"{client}.public", public, 0o644), _write(folder / f"{client}.secret", secret, 0o600)]
+    files += [(clients / f"{client}.public", public, 0o644), (folder / f"{client}.secret", secret, 0o600)]
+    written: list[Path] = []
+    try:
+        for path, key, mode in files:
+            write_new(path, key + b"\n", mode)
+            written.append(path)
+    except OSError:
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise
     return written
 
 
@@ -117,10 +127,3 @@ class _Known:
     def callback(self, domain: str, key: bytes) -> bool:
         """key: z85 of the client's public key."""
         return key in self._clients
-
-
-def _write(path: Path, key: bytes, mode: int) -> Path:
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(fd, "wb") as stream:
-        stream.write(key + b"\n")
-    return path

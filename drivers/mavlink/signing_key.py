@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import secrets
 from pathlib import Path
 
 from ..base import BadData, DeviceNotFound
+from ..new_file import write_new
 
 KEY_BYTES = 32
 _HEX = re.compile(rb"^[0-9A-Fa-f]{64}$")
@@ -72,8 +72,6 @@ def make_key(path: Path, passphrase: str = "") -> None:
     file exists, OSError if it cannot be written."""
     secret = hashlib.sha256(passphrase.encode()).digest() if passphrase else secrets.token_bytes(KEY_BYTES)
     try:
-        fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        write_new(path, secret.hex().encode() + b"\n", 0o600)
     except FileExistsError as error:
         raise ValueError(f"{path}: there is a file; delete it first, or name another") from error
-    with os.fdopen(fd, "wb") as stream:
-        stream.write(secret.hex().encode() + b"\n")

@@ -76,6 +76,17 @@ def test_a_full_disk_keeps_the_configuration_of_before(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
+@pytest.mark.parametrize("name", ["keys", "signing.key"])
+def test_a_full_disk_leaves_no_part_of_a_key(name: str, tmp_path: Path) -> None:
+    """An empty key was taken for a key: the next `companion keys` kept it, and the service could not use it."""
+    path = tmp_path / name
+    done = companion_with_full_disk("keys", *(["--signing", str(path)] if name == "signing.key" else [str(path)]))
+    assert done.returncode == 1
+    assert str(path) in done.stderr
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+@pytest.mark.process
 def test_a_full_disk_leaves_no_empty_copy_of_a_configuration(tmp_path: Path) -> None:
     target = tmp_path / "oak.toml"
     done = companion_with_full_disk("configs", "oak", "-o", str(target))
