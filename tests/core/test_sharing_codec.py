@@ -286,3 +286,15 @@ def test_uncertainties_of_a_state_are_rounded_up(
         (got.radius_m, radius_m, 0.1),
     ):
         assert sent_value - 1e-6 <= value <= sent_value + step + 1e-6
+
+
+def test_a_plane_without_size_is_refused() -> None:
+    with pytest.raises(PacketError) as refused:
+        decoded(planes_packet(HEADER, planes(), (0.0, 0.0, 0.0), LONG) + bytes(LONG.bytes))
+    assert refused.value.code == "plane_without_size"
+
+
+@pytest.mark.parametrize("place", [(3e6, 0.0, 0.0), (0.0, -3e6, 0.0), (0.0, 0.0, 3e3), (math.nan, 0.0, 0.0)])
+def test_an_anchor_too_far_from_the_origin_is_refused(place: tuple[float, float, float]) -> None:
+    with pytest.raises(PacketError):
+        anchor_of(*place)
