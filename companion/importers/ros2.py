@@ -321,7 +321,7 @@ class Ros2Source:
         return [a for a in kept[0] if a is not None], [p for p in kept[1] if p is not None]
 
     def _report_px4_positions(self, pose: str | None) -> None:
-        """Reports positions of PX4 that were left out, and a position of which nothing tells whether it is valid."""
+        """Reports positions of PX4 that were left out, and a topic of positions without a validity flag."""
         for topic, number in self._motion.invalid_positions.items():
             self._report.note(
                 f"{number} of {self._counts[topic]} positions of {topic} are not valid, or not in ned; left out"

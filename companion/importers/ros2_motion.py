@@ -88,7 +88,7 @@ class Motion:
 
     def usual_pose_topic(self, attitude: str) -> str | None:
         """The position that belongs to an attitude; None where several may. Of PX4 it is VehicleLocalPosition, if recorded:
-        only that tells whether it is valid."""
+        only that has a validity flag."""
         if attitude in self._px4 and len(self._places) == 1:
             return next(iter(self._places))
         topics = self.pose_topics()

@@ -15,7 +15,7 @@ at the horizontal derivative of both images, the right one taken where the dispa
   pixels it needs: edges of different things that look alike agree in a few rows only, and at any disparity;
 - *smear*: a window takes the disparity of its strongest edge to all its pixels. Beside an area without measurements the outermost
   columns and rows may belong to that area. One column is dropped, an upright edge locates itself. As many rows as the window
-  reaches are dropped: above and below a level edge nothing says to which side the disparity belongs. A far row whose own texture
+  reaches are dropped: above and below a level edge it is not known to which side the disparity belongs. A far row whose own texture
   agrees in both images keeps all but the outermost pixel: far ground fades gradually, and has no edge there.
 
 What fails a rule is no measurement."""

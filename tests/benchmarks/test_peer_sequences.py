@@ -153,10 +153,26 @@ def test_one_flight_gives_a_row_for_each_pose_method_and_number_of_frames() -> N
 def row(**changes: Any) -> Figures:
     """A row with round figures."""
     base = Figures(
-        method=FRAME, unit="planes", scene="street", ke_per_m=KE, pose="true pose", frames=10, primitives=10, bytes=1000,
-        missed=10, phantom=30, open_stopped=20, obstacle_rays=1000, open_rays=2000, aside_missed=50, aside_rays=500,
-        error_m=0.1, error_p95_m=0.5, bias_m=-0.1, cpu_ms=5.0,
-    )  # fmt: skip
+        method=FRAME,
+        unit="planes",
+        scene="street",
+        ke_per_m=KE,
+        pose="true pose",
+        frames=10,
+        primitives=10,
+        bytes=1000,
+        missed=10,
+        phantom=30,
+        open_stopped=20,
+        obstacle_rays=1000,
+        open_rays=2000,
+        aside_missed=50,
+        aside_rays=500,
+        error_m=0.1,
+        error_p95_m=0.5,
+        bias_m=-0.1,
+        cpu_ms=5.0,
+    )
     return dataclasses.replace(base, **changes)
 
 
