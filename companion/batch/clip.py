@@ -45,12 +45,14 @@ def merged(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 
 def cut(path: Path, spans: Sequence[Span]) -> str | None:
     """Writes the clips of a log, whose spans must not overlap; returns the damage of the log, None: none. A span without
-    a message gives no file.
+    a message gives no file, and a clip of an earlier search at its place is removed.
 
     The state at the beginning of a clip is computed with the configuration in the log from the frames before it. Raises
     BadData for a log that cannot be replayed, ValueError and OSError for an output that cannot be written."""
     for span in spans:
         refuse_output(span.output, path)
+    for span in spans:
+        span.output.unlink(missing_ok=True)
     with McapRecording(path) as source:
         state = opening_state(source)
         pipeline = make_pipeline(recorded_config(source), source.cameras, state)

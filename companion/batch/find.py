@@ -94,7 +94,7 @@ def cut_clips(clips: list[Clip], found: Found) -> None:
             try:
                 with local_copy(StoredFile(location, 0), Path(copies)) as path:
                     damage = cut(path, [Span(c.begin_ns, c.end_ns, c.output) for c in several])
-            except (DriverError, ConfigError, OSError) as error:
+            except (DriverError, ConfigError, OSError, ValueError) as error:
                 found.failed[location] = str(error)
                 continue
             if damage:

@@ -10,6 +10,7 @@ import pytest
 from companion.batch.clip import Span, cut, merged
 from companion.batch.conditions import NAMED, find_hits
 from companion.batch.dataset import open_table
+from companion.batch.find import Clip, Found, cut_clips
 from companion.batch.flights import find_flights
 from companion.batch.jobs import BatchOptions, FlightTask, Outcome
 from companion.batch.schema import TABLES
@@ -183,3 +184,35 @@ def test_a_missing_log_stops_no_other_clip(dataset: Path, tmp_path: Path, capsys
         kept.rename(gone)
     assert f"{gone}: no clip" in capsys.readouterr().err
     assert len(list(tmp_path.glob("*.mcap"))) == 1
+
+
+def test_an_output_that_cannot_be_written_stops_no_other_clip(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The log itself is at the place of its clip."""
+    wanted = '[["sequence", "=", 5], ["vehicle", "=", "beta"]]'
+    arguments = ["find", str(dataset), wanted, "-o", str(tmp_path), "--before", "0", "--after", "0.06"]
+    assert main(arguments) == 0
+    first, *others = sorted(tmp_path.glob("*.mcap"))
+    assert others
+    before = [clip.read_bytes() for clip in others]
+    flights = open_table(str(dataset), "flights").to_table().to_pylist()
+    log = next(Path(row["files"][0]) for row in flights if f"_{row['flight']}_" in first.name)
+    first.unlink()
+    first.symlink_to(log)
+    for clip in others:
+        clip.unlink()
+    assert main(arguments) == 1
+    assert f"{log}: no clip" in capsys.readouterr().err
+    assert [clip.read_bytes() for clip in others] == before
+
+
+def test_a_clip_of_an_earlier_search_does_not_count(dataset: Path, tmp_path: Path) -> None:
+    row = open_table(str(dataset), "flights").to_table().to_pylist()[0]
+    clip = Clip(row["vehicle"], row["flight"], row["files"][0], 0, 1, 0.0, tmp_path / "clip.mcap")
+    clip.output.write_bytes(Path(clip.location).read_bytes())  # of an earlier search
+    found = Found()
+    cut_clips([clip], found)
+    assert found.clips == []
+    assert found.failed == {}
+    assert not clip.output.exists()
