@@ -31,7 +31,7 @@ def model(planes: int = 0, prisms: Sequence[Prism] = (), directions: int = 1, la
         cause=InvalidCause.NONE,
         planes=corners,
         support_px=np.resize(some, planes),
-        margin_m=floats(planes),
+        margin_m=np.abs(floats(planes)),
         flags=np.resize(np.arange(256, dtype=np.uint8)[::-1], planes),
         cluster=np.resize(np.append(some, [-1, -2147483648]).astype(np.int32), planes),
         prisms=prism_table(prisms),

@@ -77,8 +77,8 @@ def test_a_replay_reports_it(shared_data: Path, tmp_path: Path, capsys: pytest.C
     capsys.readouterr()
     assert main(["replay", str(log)]) == 0
     output = capsys.readouterr().out
-    assert "87% of the pixels measured; at the camera's height 4% of the directions free" in output
-    assert "warning: at the camera's height no direction is free for a metre in 0 of 5 valid frames" in output
+    assert "87% of the pixels measured; at the camera's height 0% of the directions free" in output
+    assert "warning: at the camera's height no direction is free for a metre in 5 of 5 valid frames" in output
     assert "configs/indoor.toml" in output
     assert main(["replay", str(log), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
