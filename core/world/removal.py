@@ -1,8 +1,8 @@
 """Removal of planes, or parts of them, that later frames observe to be clear.
 
-A part is removed if it was observed to be clear more often than occupied, by a number of observations. A moved object
-is then removed within half a second, and a wall that noise hides now and then is kept. A plane grows by one
-observation and shrinks by many."""
+A part is removed if it was observed to be clear more often than occupied, by 5 to 20 observations as delivered. A wall
+that noise hides now and then is kept. A plane grows by one observation and shrinks by many. The count is of one part
+of a plane, so the trail of a moving object may stay."""
 
 from __future__ import annotations
 
