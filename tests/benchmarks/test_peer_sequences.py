@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.peers import section as peers_section
-from benchmarks.peers.sequences import octomap, tsdf, wavemap
+from benchmarks.peers.sequences import mapper
 from benchmarks.peers.sequences import section as sequences_section
 from benchmarks.peers.sequences.frame_input import POSES, FrameInput, frame_input, sorted_depth_m
 from benchmarks.peers.sequences.judge import Figures, Subject, figures, newest_view, views_aside
@@ -239,8 +239,7 @@ def test_missing_libraries_are_reported_and_ours_remain(monkeypatch: pytest.Monk
     def absent(name: str) -> None:
         raise ImportError(f"No module named {name!r}")
 
-    for module in (octomap, tsdf, wavemap):
-        monkeypatch.setattr(module.importlib, "import_module", absent)
+    monkeypatch.setattr(mapper.importlib, "import_module", absent)
     found, missing = makers()
     assert [make().name for make in found] == [FRAME, TRACKS, WORLD]
     assert [name for name, _ in missing] == ["OctoMap", "Open3D TSDF", "wavemap"]

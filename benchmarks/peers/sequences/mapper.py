@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+import importlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Protocol
 
 import numpy as np
@@ -40,6 +43,19 @@ class Mapper(Protocol):
 
     def model(self, frame: FrameInput) -> MapModel:
         """The map after `frame`, which is the newest one."""
+
+
+def library_makers(
+    name: str, mapper: Callable[[ModuleType, float], Mapper], sizes_m: Sequence[float], remedy: str
+) -> list[Callable[[], Mapper]] | str:
+    """Returns makers of a library's mapper, one for each cell size, or why the library cannot be used.
+
+    name: of the module. remedy: how to install it."""
+    try:
+        library = importlib.import_module(name)
+    except (ImportError, OSError) as error:
+        return f"not installed ({error}): {remedy}"
+    return [functools.partial(mapper, library, size_m) for size_m in sizes_m]
 
 
 def plane_model(planes: Floats, stored_bytes: int) -> MapModel:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-import importlib
 from collections.abc import Callable
 from types import ModuleType
 from typing import Final
 
 from benchmarks.peers.octomap import NAME, occupied_leaves, small_cubes
 from benchmarks.peers.sequences.frame_input import FrameInput
-from benchmarks.peers.sequences.mapper import MapModel, Mapper, cube_model
+from benchmarks.peers.sequences.mapper import MapModel, Mapper, cube_model, library_makers
 
 CELLS_M: Final = (0.1, 0.2)
 
@@ -39,8 +37,4 @@ class OctoMap:
 
 def makers() -> list[Callable[[], Mapper]] | str:
     """OctoMap at its leaf sizes, or why it cannot run."""
-    try:
-        library = importlib.import_module("pyoctomap")
-    except (ImportError, OSError) as error:
-        return f"not installed ({error}): python -m benchmarks.peers.install"
-    return [functools.partial(OctoMap, library, size_m) for size_m in CELLS_M]
+    return library_makers("pyoctomap", OctoMap, CELLS_M, "python -m benchmarks.peers.install")

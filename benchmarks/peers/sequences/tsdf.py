@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import importlib
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any, Final
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.open3d_patches import NAME
 from benchmarks.peers.sequences.frame_input import GROUND_CUT_M, FrameInput
-from benchmarks.peers.sequences.mapper import MapModel, Mapper
+from benchmarks.peers.sequences.mapper import MapModel, Mapper, library_makers
 from core.types import Intrinsics
 
 Floats = NDArray[np.float64]
@@ -105,8 +103,4 @@ def _never(position_m: Floats, intrinsics: Intrinsics, R_ned_optical: Floats) ->
 
 def makers() -> list[Callable[[], Mapper]] | str:
     """The distance field at its voxel sizes, or why it cannot run."""
-    try:
-        library = importlib.import_module("open3d")
-    except (ImportError, OSError) as error:
-        return f"not installed ({error}): python -m benchmarks.peers.install"
-    return [functools.partial(Tsdf, library, size_m) for size_m in VOXELS_M]
+    return library_makers("open3d", Tsdf, VOXELS_M, "python -m benchmarks.peers.install")

@@ -3,8 +3,6 @@ installed; docs/research/benchmarks/peers.md has how it was built."""
 
 from __future__ import annotations
 
-import functools
-import importlib
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.sequences.frame_input import FrameInput
-from benchmarks.peers.sequences.mapper import MapModel, Mapper, cube_model
+from benchmarks.peers.sequences.mapper import MapModel, Mapper, cube_model, library_makers
 
 NAME: Final = "wavemap"
 CELLS_M: Final = (0.1, 0.2)
@@ -116,8 +114,4 @@ def integrator_parameters(frame: FrameInput) -> dict[str, Any]:
 
 def makers() -> list[Callable[[], Mapper]] | str:
     """wavemap at its cell sizes, or why it cannot run."""
-    try:
-        library = importlib.import_module("pywavemap")
-    except (ImportError, OSError) as error:
-        return f"not installed ({error}); it has no wheel and is built from its sources"
-    return [functools.partial(Wavemap, library, size_m) for size_m in CELLS_M]
+    return library_makers("pywavemap", Wavemap, CELLS_M, "it has no wheel and is built from its sources")
