@@ -79,9 +79,13 @@ class Autopilot:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         _, host, port = service.config.autopilot.address.split(":")
+        self._service = (host, int(port))
+
+    def send_heartbeat(self) -> None:
+        """An autopilot repeats it: a datagram sent before the service has bound its port is lost."""
         encoder = dialect.MAVLink(None, 1, 1)
         heartbeat = dialect.MAVLink_heartbeat_message(2, 3, 128, 0, 4, 3)
-        self._socket.sendto(heartbeat.pack(encoder), (host, int(port)))
+        self._socket.sendto(heartbeat.pack(encoder), self._service)
 
     def received_cm(self) -> list[int]:
         """Ids of the messages that came and were not taken yet."""
@@ -137,7 +141,12 @@ def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
     service = service_in(tmp_path)
     with served(service) as status:
         autopilot = Autopilot(service)
-        assert until(lambda: service.avoidance is not None and service.avoidance.report is not None)
+
+        def reported() -> bool:
+            autopilot.send_heartbeat()
+            return service.avoidance is not None and service.avoidance.report is not None
+
+        assert until(reported)
         inject(service)
         assert until(lambda: status == [1])
         assert name in caplog.text
