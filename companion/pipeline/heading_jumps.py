@@ -27,6 +27,8 @@ LONGEST_NS: Final = NS // 2
 RESTART_NS: Final = NS
 """A stamp that steps back by this means that the autopilot has restarted."""
 _MOST: Final = 16
+Jumps = tuple[tuple[int, float], ...]
+"""Of each jump the stamp of the first attitude after it, ns, and its angle, clockwise, rad."""
 
 
 @dataclass(slots=True)
@@ -66,6 +68,10 @@ class HeadingJumps:
     def newest_ns(self, t_ns: int) -> int:
         """Returns the stamp of the first attitude after the newest jump, of the jumps up to t_ns; 0: there is none."""
         return next((at_ns for at_ns, _ in reversed(self._jumps) if at_ns <= t_ns), 0)
+
+    def up_to(self, t_ns: int) -> Jumps:
+        """Returns the newest known jumps up to an instant, the oldest first."""
+        return tuple(jump for jump in self._jumps if jump[0] <= t_ns)
 
     def since_rad(self, t_ns: int) -> float:
         """Returns the sum of the known jumps after an instant, clockwise."""

@@ -16,7 +16,7 @@ from core.codes import Code
 from core.types import AttitudeSample, PoseSample
 
 from ..config.sync import SyncParams
-from .heading_jumps import HeadingJumps
+from .heading_jumps import HeadingJumps, Jumps
 from .position_sections import NO_SECTION, PositionSections, Section
 from .quaternion import Quaternion, Vector, rates_between, rotate_by_rates, slerp
 
@@ -58,13 +58,15 @@ class AttitudeAt:
     Attributes:
         distance_ns: to the nearest sample used.
         jump_ns: first stamp after the newest jump of the heading that is in it; 0: there was none.
-        turned_rad: sum of the jumps of the heading that are in it, clockwise. Neither of both is in the messages."""
+        turned_rad: sum of the jumps of the heading that are in it, clockwise.
+        jumps: the newest of them. None of these three is in the messages."""
 
     q_ned_frd_wxyz: Quaternion
     source: Source
     distance_ns: int
     jump_ns: int = field(default=0, compare=False)
     turned_rad: float = field(default=0.0, compare=False)
+    jumps: Jumps = field(default=(), compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +201,8 @@ class Synchroniser:
     def _attitude(self, q: Quaternion, source: Source, distance_ns: int, sample: AttitudeSample) -> AttitudeAt:
         """The attitude with the jumps up to the sample that it was obtained from."""
         turned_rad = self.headings.turned_rad - self.headings.since_rad(sample.t_ns)
-        return AttitudeAt(q, source, distance_ns, self.headings.newest_ns(sample.t_ns), turned_rad)
+        jump_ns, jumps = self.headings.newest_ns(sample.t_ns), self.headings.up_to(sample.t_ns)
+        return AttitudeAt(q, source, distance_ns, jump_ns, turned_rad, jumps)
 
     def _jumped_between(self, a: AttitudeSample, b: AttitudeSample) -> bool:
         return self.headings.newest_ns(a.t_ns) != self.headings.newest_ns(b.t_ns)

@@ -79,6 +79,8 @@ def tracker_messages(states: NamedStates) -> list[pb.TrackerState]:
             objects=s.objects,
             history=s.history,
             views=s.views,
+            position_jump_ns=s.position_jump_ns,
+            heading_jump_ns=s.heading_jump_ns,
         )
         for camera, s in states
     ]
@@ -97,6 +99,8 @@ def trackers_from_message(message: pb.StateSnapshot) -> NamedStates:
             last_ns=m.last_ns if m.HasField("last_ns") else None,
             positioned=m.positioned,
             reset_counter=m.reset_counter,
+            position_jump_ns=m.position_jump_ns,
+            heading_jump_ns=m.heading_jump_ns,
             origin_m=(m.origin_m.x, m.origin_m.y, m.origin_m.z),
             velocity_m_s=(m.velocity_x_m_s, m.velocity_y_m_s),
             slots=m.slots,

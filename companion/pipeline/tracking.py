@@ -103,6 +103,8 @@ def tracking_frame(result: PrismsResult) -> tuple[TrackingFrame | None, float]:
             positioned=True,
             origin_m=result.pose.position_ned_m,
             reset_counter=result.pose.reset_counter,
+            position_jump_ns=result.pose.section.jump_ns,
+            heading_jumps=result.attitude.jumps,
         )
         return frame, 0.0
     heading_rad = level_cam_at(result.attitude.q_ned_frd_wxyz, CameraMount())[2]
@@ -110,7 +112,14 @@ def tracking_frame(result: PrismsResult) -> tuple[TrackingFrame | None, float]:
     x, y, z = result.transform.translation_m
     model = transform_model(result.model, LevelTransform(heading_rad, (0.0, 0.0, 0.0)))
     at = (c * x - s * y, s * x + c * y, z)
-    return TrackingFrame(model=model, camera_m=at, t_ns=result.t_exposure_ns, positioned=False), heading_rad
+    frame = TrackingFrame(
+        model=model,
+        camera_m=at,
+        t_ns=result.t_exposure_ns,
+        positioned=False,
+        heading_jumps=result.attitude.jumps,
+    )
+    return frame, heading_rad
 
 
 def rotated(tracks: TrackSnapshot, angle_rad: float) -> TrackSnapshot:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..codes import Code
 from ..types import FrameModel
 
-STATE_VERSION = 4
+STATE_VERSION = 5
 """Of the layout of the tracker's tables; to be raised when it changes."""
 S_NEW, S_DETECTED, S_MISSED, S_HIDDEN, S_OUT_OF_VIEW = 1, 2, 3, 4, 5
 """TrackState as kernels and messages use it."""
@@ -41,7 +41,10 @@ class TrackingFrame:
     """The model of one frame for the tracker, with north-aligned axes (z down).
 
     positioned: the axes are those of ned; otherwise their origin is the vehicle. camera_m: the camera's place in them;
-    origin_m: that of the vehicle (zeros without a position); reset_counter: of the position's estimate."""
+    origin_m: that of the vehicle (zeros without a position). What jumps of the vehicle's estimate are in the frame:
+    reset_counter: of the position; position_jump_ns: first stamp after the newest jump of the position, 0: none;
+    heading_jumps: of the newest jumps of the heading, the oldest first, the first stamp after each, ns, and its angle,
+    clockwise, rad."""
 
     model: FrameModel
     camera_m: tuple[float, float, float]
@@ -49,6 +52,8 @@ class TrackingFrame:
     positioned: bool
     origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reset_counter: int = 0
+    position_jump_ns: int = 0
+    heading_jumps: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.camera_m, *self.origin_m))):
@@ -103,7 +108,8 @@ class TrackerState:
     """What one frame passes to the next: rows of the tables as little-endian bytes, bit for bit.
 
     version: of the tables' layout; slots: int32 slot of each track; tracks: TRACK; cells: CELL; objects: OBJECT; history: float64; views: earlier free
-    ranges, see `tracker`. last_ns: of the newest frame, absent: none."""
+    ranges, see `tracker`. last_ns: of the newest frame, absent: none; position_jump_ns, heading_jump_ns: first stamp after the
+    newest jump of the vehicle's estimate that is in the place of the tracks, 0: none."""
 
     version: int = STATE_VERSION
     next_id: int = 1
@@ -111,6 +117,8 @@ class TrackerState:
     last_ns: int | None = None
     positioned: bool = False
     reset_counter: int = 0
+    position_jump_ns: int = 0
+    heading_jump_ns: int = 0
     origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
     slots: bytes = b""

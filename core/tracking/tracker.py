@@ -141,6 +141,8 @@ class Tracker:
             last_ns=frame.t_ns,
             positioned=frame.positioned,
             reset_counter=frame.reset_counter,
+            position_jump_ns=max(self._state.position_jump_ns, frame.position_jump_ns),
+            heading_jump_ns=max([self._state.heading_jump_ns, *(at_ns for at_ns, _ in frame.heading_jumps)]),
             origin_m=frame.origin_m,
         )
         self._keep_view(view, frame)
@@ -165,16 +167,32 @@ class Tracker:
             return True
         step = np.subtract(frame.origin_m, s.origin_m)
         both = frame.positioned and s.positioned and frame.reset_counter == s.reset_counter
-        if both and np.linalg.norm(step) <= _JUMP_M + _JUMP_SPEED_M_S * dt_s:
+        both = both and frame.position_jump_ns <= s.position_jump_ns
+        jumps = [jump_rad for at_ns, jump_rad in frame.heading_jumps if at_ns > s.heading_jump_ns]
+        if both and not jumps and np.linalg.norm(step) <= _JUMP_M + _JUMP_SPEED_M_S * dt_s:
             if dt_s > 0.0:
                 self._state = replace(s, velocity_m_s=(float(step[0]) / dt_s, float(step[1]) / dt_s))
             return True
         # between origins of vehicles the tracks keep their place relative to the vehicle, but for its motion
         vx, vy = s.velocity_m_s
         self._shift(float(step[0]) - vx * dt_s, float(step[1]) - vy * dt_s, float(step[2]))
+        self._rotate(sum(jumps), frame.origin_m)
         self._objects["hits"] = 0
         self._views.clear()
         return False
+
+    def _rotate(self, angle_rad: float, about_m: tuple[float, float, float]) -> None:
+        """Rotates the tracks, and the estimated velocity, about a vertical axis, clockwise as seen from above."""
+        if angle_rad == 0.0:
+            return
+        tracks, (cx, cy, _) = self._table.tracks, about_m
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        x, y = tracks["x_m"] - cx, tracks["y_m"] - cy
+        tracks["x_m"], tracks["y_m"] = cx + c * x - s * y, cy + s * x + c * y
+        tx, ty = tracks["tx"].copy(), tracks["ty"].copy()
+        tracks["tx"], tracks["ty"] = c * tx - s * ty, s * tx + c * ty
+        vx, vy = self._state.velocity_m_s
+        self._state = replace(self._state, velocity_m_s=(c * vx - s * vy, s * vx + c * vy))
 
     def _shift(self, x_m: float, y_m: float, z_m: float) -> None:
         tracks = self._table.tracks

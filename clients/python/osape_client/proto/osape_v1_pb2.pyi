@@ -549,7 +549,7 @@ class StateSnapshot(_message.Message):
     def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ..., trackers: _Optional[_Iterable[_Union[TrackerState, _Mapping]]] = ...) -> None: ...
 
 class TrackerState(_message.Message):
-    __slots__ = ("camera", "format", "next_id", "next_object_id", "last_ns", "positioned", "reset_counter", "origin_m", "velocity_x_m_s", "velocity_y_m_s", "slots", "tracks", "cells", "objects", "history", "views")
+    __slots__ = ("camera", "format", "next_id", "next_object_id", "last_ns", "positioned", "reset_counter", "origin_m", "velocity_x_m_s", "velocity_y_m_s", "slots", "tracks", "cells", "objects", "history", "views", "position_jump_ns", "heading_jump_ns")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     NEXT_ID_FIELD_NUMBER: _ClassVar[int]
@@ -566,6 +566,8 @@ class TrackerState(_message.Message):
     OBJECTS_FIELD_NUMBER: _ClassVar[int]
     HISTORY_FIELD_NUMBER: _ClassVar[int]
     VIEWS_FIELD_NUMBER: _ClassVar[int]
+    POSITION_JUMP_NS_FIELD_NUMBER: _ClassVar[int]
+    HEADING_JUMP_NS_FIELD_NUMBER: _ClassVar[int]
     camera: str
     format: int
     next_id: int
@@ -582,7 +584,9 @@ class TrackerState(_message.Message):
     objects: bytes
     history: bytes
     views: _containers.RepeatedScalarFieldContainer[bytes]
-    def __init__(self, camera: _Optional[str] = ..., format: _Optional[int] = ..., next_id: _Optional[int] = ..., next_object_id: _Optional[int] = ..., last_ns: _Optional[int] = ..., positioned: bool = ..., reset_counter: _Optional[int] = ..., origin_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., slots: _Optional[bytes] = ..., tracks: _Optional[bytes] = ..., cells: _Optional[bytes] = ..., objects: _Optional[bytes] = ..., history: _Optional[bytes] = ..., views: _Optional[_Iterable[bytes]] = ...) -> None: ...
+    position_jump_ns: int
+    heading_jump_ns: int
+    def __init__(self, camera: _Optional[str] = ..., format: _Optional[int] = ..., next_id: _Optional[int] = ..., next_object_id: _Optional[int] = ..., last_ns: _Optional[int] = ..., positioned: bool = ..., reset_counter: _Optional[int] = ..., origin_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., slots: _Optional[bytes] = ..., tracks: _Optional[bytes] = ..., cells: _Optional[bytes] = ..., objects: _Optional[bytes] = ..., history: _Optional[bytes] = ..., views: _Optional[_Iterable[bytes]] = ..., position_jump_ns: _Optional[int] = ..., heading_jump_ns: _Optional[int] = ...) -> None: ...
 
 class RunInfo(_message.Message):
     __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source", "changed_safety_keys", "changed_expert_keys")
