@@ -18,7 +18,7 @@ from companion.share.thread import Sharing
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.packet_codec import decoded
 from core.sharing.records import SharedPlanes
-from core.types import PoseSample
+from core.types import AttitudeSample, PoseSample
 from core.world.world import Observation, World
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.signing_clock import SigningClock
@@ -28,6 +28,7 @@ from drivers.sharing.link import Deliver, ReceivedPacket
 from drivers.sharing.tunnel_line import TunnelLine
 
 NS = 1_000_000_000
+Vector = tuple[float, float, float]
 LOOK_S = 0.02
 REST_S = 8.0
 """Hover after the flight."""
@@ -115,6 +116,14 @@ def fly(task: Task, out: Connection) -> None:
     out.send(outcome)
 
 
+def samples_at(now_ns: int, place_m: Vector, velocity_m_s: Vector) -> tuple[PoseSample, AttitudeSample]:
+    """Position and attitude. Models are in the local ned already: only that an attitude is known counts."""
+    pose = PoseSample(
+        t_ns=now_ns, t_arrival_ns=now_ns, position_ned_m=place_m, velocity_ned_m_s=velocity_m_s, reset_counter=0
+    )
+    return pose, AttitudeSample(now_ns, now_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
 def _loop(
     task: Task, frames: tuple[Seen, ...], world: World, sharing: Sharing, outcome: Outcome, begin_ns: int
 ) -> None:
@@ -134,17 +143,7 @@ def _loop(
             last, taken = seen.place_m, taken + 1
         flying = taken < len(frames)
         speed = velocity if flying and taken > 1 else (0.0, 0.0, 0.0)
-        sharing.samples(
-            [
-                PoseSample(
-                    t_ns=now_ns,
-                    t_arrival_ns=now_ns,
-                    position_ned_m=last,
-                    velocity_ned_m_s=(speed[0], speed[1], speed[2]),
-                    reset_counter=0,
-                )
-            ]
-        )
+        sharing.samples(samples_at(now_ns, last, (speed[0], speed[1], speed[2])))
         sharing.world(world, now_ns)
         obstacles = sharing.obstacles
         if obstacles.now_ns != newest_ns:

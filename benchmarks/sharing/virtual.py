@@ -11,13 +11,13 @@ import numpy as np
 
 from benchmarks.sharing.flights import HZ, Part, Seen
 from benchmarks.sharing.radio import Channel, Traffic
-from benchmarks.sharing.vehicle import COMPONENT, KEY, REST_S, Outcome
+from benchmarks.sharing.vehicle import COMPONENT, KEY, REST_S, Outcome, samples_at
 from companion.config.share import ShareConfig
+from companion.share.own_motion import Motion
 from companion.share.own_planes import own_planes
 from companion.share.team import Team
 from companion.share.thread import OWN_PLANES_NS, PUBLISH_NS, SEND_NS, STEP_S
 from core.sharing.send_budget import Budget
-from core.types import PoseSample
 from core.world.world import Observation, World
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.signing_clock import SigningClock
@@ -123,13 +123,7 @@ class VirtualVehicle:
         before, last = self._frames[max(0, at - 1)].place_m, self._frames[at].place_m
         flying = 0 < at < end
         velocity = [HZ * (b - a) if flying else 0.0 for a, b in zip(before, last, strict=True)]
-        self.team.own.pose = PoseSample(
-            t_ns=now_ns,
-            t_arrival_ns=now_ns,
-            position_ned_m=last,
-            velocity_ned_m_s=(velocity[0], velocity[1], velocity[2]),
-            reset_counter=0,
-        )
+        self.team.own.motion = Motion(*samples_at(now_ns, last, (velocity[0], velocity[1], velocity[2])))
 
     def _frame(self, seen: Seen, now_ns: int) -> None:
         self.world.add(Observation(model=seen.model, place_m=seen.place_m, t_ns=now_ns))

@@ -13,11 +13,10 @@ from core.sharing.send_queue import Offer, SendQueue
 from core.types import PoseSample
 
 from ..config.share import ShareConfig
+from .own_motion import STALE_NS, Motion
 from .own_planes import OwnPlanes
 
 NS: Final = 1_000_000_000
-POSITION_NS: Final = NS
-"""An older position is not sent, and nothing is placed with it."""
 PLANES_NS: Final = NS
 """Planes of a world without a newer frame are neither sent nor used to align."""
 ALIGN_NS: Final = 2 * NS
@@ -32,15 +31,13 @@ class OwnSide:
 
     Attributes:
         origin: latitude, longitude (deg), altitude (m).
-        pose: newest position.
-        jump_ns: first stamp after its newest jump; 0: there was none.
+        motion: newest position and attitude.
         planes: of the own world.
         movers: of the own sensors.
         movers_ns: instant of their ages."""
 
     origin: tuple[float, float, float] | None = None
-    pose: PoseSample | None = None
-    jump_ns: int = 0
+    motion: Motion = field(default_factory=Motion)
     planes: OwnPlanes = field(default_factory=lambda: OwnPlanes(SharedPlanes.empty(), 0))
     movers: tuple[SharedMover, ...] = ()
     movers_ns: int = 0
@@ -95,16 +92,15 @@ class Team:
 
     def state(self, now_ns: int) -> OwnState:
         """Returns the own state for the map."""
-        frame, pose = self.frame, self.own.pose
+        frame, pose = self.frame, self.own.motion.pose_at(now_ns)
         state: VehicleState | None = None
-        recent = pose is not None and now_ns - pose.t_arrival_ns <= POSITION_NS
-        if frame is not None and pose is not None and recent and self._is_in_section():
+        if frame is not None and pose is not None and self._is_in_section():
             velocity = pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
             state = VehicleState(
                 frame=frame, position_m=_moved(pose, now_ns), velocity_m_s=velocity, radius_m=self._radius_m
             )
         movers = tuple(_present_centre(m) for m in self._movers(now_ns))
-        return OwnState(state=state, section=self.own.planes.section, movers=movers)
+        return OwnState(state=state, section=self.own.planes.section, estimate=self.own.motion.estimate, movers=movers)
 
     @property
     def frame(self) -> LocalFrame | None:
@@ -112,9 +108,9 @@ class Team:
         return None if self.own.origin is None else own_frame(self._config, *self.own.origin)
 
     def _is_in_section(self) -> bool:
-        """False between a jump of the own position and the first frame in the own world after it: until then the number
-        of the section is that of the frame before the jump."""
-        return self.own.planes.newest_ns == 0 or self.own.planes.newest_ns >= self.own.jump_ns
+        """False between a jump of the own position or heading and the first frame in the own world after it: until then
+        the number of the section is that of the frame before the jump."""
+        return self.own.planes.newest_ns == 0 or self.own.planes.newest_ns >= self.own.motion.jump_ns
 
     def _planes(self, now_ns: int) -> SharedPlanes:
         """Returns the own planes; none of a world that is not updated."""
@@ -129,8 +125,8 @@ class Team:
 
 
 def _moved(pose: PoseSample, now_ns: int) -> tuple[float, float, float]:
-    """Returns the position moved to now_ns by its velocity, by POSITION_NS at most."""
-    seconds = min(max(0, now_ns - pose.t_ns), POSITION_NS) / NS
+    """Returns the position moved to now_ns by its velocity, by STALE_NS at most."""
+    seconds = min(max(0, now_ns - pose.t_ns), STALE_NS) / NS
     (x, y, z), (vx, vy, vz) = pose.position_ned_m, pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
     return x + vx * seconds, y + vy * seconds, z + vz * seconds
 

@@ -21,10 +21,10 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.share import ShareConfig
 from ..diagnostic import Diagnostic, DiagnosticCode
-from ..pipeline.position_sections import PositionSections
 from ..pipeline.tracking import TracksResult
 from ..streams.publisher import Publisher
 from .messages import neighbour_messages, obstacles_message, packet_message
+from .own_motion import OwnMotion
 from .own_movers import OwnMovers
 from .own_planes import OwnPlanes, own_planes
 from .packet_rate import PacketRate
@@ -67,8 +67,7 @@ class Sharing:
         self._begun_ns = time.monotonic_ns()
         self._team: Team | None = None
         self._origin: tuple[float, float, float] | None = None
-        self._pose: tuple[PoseSample | None, int] = None, 0
-        self._sections = PositionSections()
+        self._motion = OwnMotion()
         self._next_send_ns = self._next_publish_ns = self._next_log_ns = self._next_own_ns = 0
         self._obstacles = SharedObstacles.empty(self._begun_ns)
         self._planes = OwnPlanes(SharedPlanes.empty(), 0)
@@ -84,11 +83,8 @@ class Sharing:
     # ---- in, from other threads -------------------------------------------------------------------------------------------
 
     def samples(self, samples: Iterable[AttitudeSample | PoseSample]) -> None:
-        """Positions of the own vehicle."""
-        for sample in samples:
-            if isinstance(sample, PoseSample):
-                self._sections.take(sample)
-                self._pose = sample, self._sections.at(sample.t_ns).jump_ns
+        """Attitudes and positions of the own vehicle."""
+        self._motion.take(samples)
 
     def origin(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
         """The origin of the own ned as the autopilot states it. A configured one is kept."""
@@ -225,7 +221,7 @@ class Sharing:
         return True
 
     def _update(self, team: Team, now_ns: int) -> None:
-        team.own.pose, team.own.jump_ns = self._pose
+        team.own.motion = self._motion.newest
         team.own.planes = self._planes
         team.own.movers, team.own.movers_ns = self._movers.at(now_ns), now_ns
         if self._config.fixed_origin() is None:

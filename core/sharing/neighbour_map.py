@@ -41,10 +41,12 @@ class OwnState:
     Attributes:
         state: None: the place of its frame on Earth is not known.
         section: number of the own frame.
+        estimate: numbers that change when the own position or heading has jumped, or may have.
         movers: centres (x, y, z) of moving obstacles that the own sensors observe."""
 
     state: VehicleState | None
     section: int
+    estimate: tuple[int, ...] = ()
     movers: tuple[tuple[float, float, float], ...] = ()
 
 
@@ -64,8 +66,7 @@ class NeighbourMap:
         self.params, self._own_vehicle, self._members = params or SharingParams(), own_vehicle, members
         self._own_stream = own_stream
         self._neighbours: dict[int, Neighbour] = {}
-        self._section = -1
-        self._frame: LocalFrame | None = None
+        self._own: tuple[int, tuple[int, ...], LocalFrame | None] = -1, (), None
         self.counts: Counter[str] = Counter()
 
     def receive(self, data: bytes, arrival_ns: int, sender: int | None = None) -> str:
@@ -246,9 +247,9 @@ class NeighbourMap:
 
     def _follow(self, own: OwnState) -> None:
         """Discards the alignments if the own frame has changed, or may have while the own position was not known."""
-        frame = own.state.frame if own.state is not None else None
-        if frame is None or (own.section, frame) != (self._section, self._frame):
-            self._section, self._frame = own.section, frame
+        known = own.section, own.estimate, own.state.frame if own.state is not None else None
+        if known != self._own:
+            self._own = known
             for neighbour in self._neighbours.values():
                 neighbour.forget_alignment()
 

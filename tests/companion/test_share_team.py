@@ -16,6 +16,7 @@ from companion.autopilot.session_factory import params_of
 from companion.config.loader import ConfigError, config_of
 from companion.config.share import ShareConfig
 from companion.live.status import status_lines
+from companion.share.own_motion import Motion
 from companion.share.own_planes import OwnPlanes
 from companion.share.packet_rate import PacketRate
 from companion.share.team import NS, Team
@@ -26,7 +27,7 @@ from core.sharing.obstacles import PlacementState
 from core.sharing.packet_codec import decoded
 from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
 from core.sharing.send_budget import Budget
-from core.types import PoseSample
+from core.types import AttitudeSample, PoseSample
 from drivers.sharing.link import ReceivedPacket
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -56,10 +57,15 @@ def street() -> SharedPlanes:
     )
 
 
-def pose(x_m: float, t_ns: int) -> PoseSample:
-    return PoseSample(
+ATTITUDE = AttitudeSample(0, 0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def motion(x_m: float, t_ns: int, jump_ns: int = 0, estimate: tuple[int, int] = (1, 0)) -> Motion:
+    """Position and attitude."""
+    pose = PoseSample(
         t_ns=t_ns, t_arrival_ns=t_ns, position_ned_m=(x_m, 0.0, -3.0), velocity_ned_m_s=(1.0, 0.0, 0.0), reset_counter=0
     )
+    return Motion(pose, replace(ATTITUDE, t_ns=t_ns, t_arrival_ns=t_ns), jump_ns, estimate)
 
 
 def team(vehicle: int, origin: str) -> Team:
@@ -71,7 +77,7 @@ def flown(teams: list[Team], seconds: float, x_m: list[float], begin_s: float = 
     for k in range(round(seconds * 10)):
         now_ns = round(begin_s * NS) + k * STEP_NS
         for one, x in zip(teams, x_m, strict=True):
-            one.own.pose = pose(x, now_ns)
+            one.own.motion = motion(x, now_ns)
             one.own.planes = OwnPlanes(one.own.planes.planes, 1, now_ns)
         for one in teams:
             for data in one.packets(now_ns).get("tunnel", []):
@@ -133,8 +139,33 @@ def test_nothing_is_sent_or_placed_without_a_position() -> None:
     assert len(teams[0].obstacles(8 * NS).sender) == 0  # the position is 3 s old
     assert teams[0].packets(8 * NS) == {}
     unknown = team(3, "")
-    unknown.own.pose, unknown.own.planes = pose(0.0, 0), OwnPlanes(street(), 1)
+    unknown.own.motion, unknown.own.planes = motion(0.0, 0), OwnPlanes(street(), 1)
     assert unknown.packets(0) == {}
+
+
+def test_a_jump_of_the_own_heading_ends_an_alignment_at_once_without_new_frames() -> None:
+    """The own planes stood at wrong places: what was aligned by them may be metres wrong."""
+    teams = pair(3.0)
+    flown(teams, 20.0, [0.0, 30.0])
+    one, now_ns = teams[0], 20 * NS
+    assert one.obstacles(now_ns).neighbours[0].placement is PlacementState.ALIGNED
+    one.own.motion = motion(0.0, now_ns, now_ns, (1, 1))
+    got = one.obstacles(now_ns)
+    assert (len(got.planes), got.neighbours[0].placement) == (0, PlacementState.UNKNOWN)
+
+
+@pytest.mark.parametrize("estimate", [(1, 1), (2, 0)])
+def test_a_gap_or_a_drift_of_the_own_estimate_ends_an_alignment_at_once(estimate: tuple[int, int]) -> None:
+    """It does not begin a new section of the own world, so that nothing else would."""
+    teams = pair(3.0)
+    flown(teams, 20.0, [0.0, 30.0])
+    one, now_ns = teams[0], 20 * NS
+    assert one.obstacles(now_ns).aligned.all()
+    one.own.motion = motion(0.0, now_ns, estimate=estimate)
+    got = one.obstacles(now_ns)
+    assert len(got.planes) > 0
+    assert not got.aligned.any()
+    assert (got.margin_m > 3.0).all()
 
 
 def test_movers_are_shared_with_their_age_and_end() -> None:
@@ -174,7 +205,7 @@ def test_a_vehicle_that_the_own_sensors_observe_is_compared_where_it_is_now() ->
 
 def test_a_world_that_is_not_updated_is_not_sent() -> None:
     teams = pair()
-    teams[0].own.pose, teams[0].own.planes = pose(0.0, 5 * NS), OwnPlanes(street(), 1, 3 * NS)
+    teams[0].own.motion, teams[0].own.planes = motion(0.0, 5 * NS), OwnPlanes(street(), 1, 3 * NS)
     (first, *rest) = teams[0].packets(5 * NS)["tunnel"]
     assert isinstance(decoded(first).content, VehicleState)
     assert rest == []
@@ -228,9 +259,10 @@ def test_the_counters_of_a_rate_are_there_from_the_beginning() -> None:
 def test_an_old_position_is_moved_to_the_present() -> None:
     """Positions may arrive a few times a second only: a vehicle at 10 m/s is metres further then."""
     one = team(1, "47.0, 8.0, 400")
-    one.own.pose = PoseSample(
+    pose = PoseSample(
         t_ns=NS, t_arrival_ns=NS + NS // 10, position_ned_m=(5.0, 1.0, -3.0), velocity_ned_m_s=(10.0, -2.0, 0.5)
     )
+    one.own.motion = Motion(pose, replace(ATTITUDE, t_ns=NS, t_arrival_ns=NS))
     state = one.state(NS + NS // 2).state
     assert state is not None
     assert state.position_m == pytest.approx((10.0, 0.0, -2.75))

@@ -11,14 +11,16 @@ import pytest
 import companion.share.thread as thread_module
 from companion.config.share import ShareConfig
 from companion.pipeline.tracking import TracksResult
+from companion.share.own_motion import OwnMotion
 from companion.share.own_planes import OwnPlanes
 from companion.share.thread import MOST_LOGGED_PER_S, Sharing
+from core.frames import quaternion_from_euler
 from core.sharing.neighbour_map import NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind
 from core.sharing.packet_codec import state_packet
 from core.sharing.records import Header, LocalFrame, SharedPlanes, VehicleState
 from core.tracking.snapshot import MovingObject
-from core.types import PoseSample
+from core.types import AttitudeSample, PoseSample
 from core.world.world import World
 from drivers.sharing.link import ReceivedPacket
 
@@ -128,36 +130,87 @@ def test_messages_that_a_link_refuses_are_reported() -> None:
     assert dict(made.sharing.health.received) == {"accepted": 1, "signature": 3}
 
 
-@pytest.mark.parametrize("kind", ["counted", "stepped"])
-def test_after_a_jump_of_the_own_position_nothing_is_exchanged_until_the_own_world_follows(
-    monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
-    """The world begins a new section with the next frame. Without one, obstacles would stand in the old section."""
-    made, newest_ns = Made(), [0]
-    monkeypatch.setattr(thread_module, "own_planes", lambda *_: OwnPlanes(SharedPlanes.empty(), 1, newest_ns[0]))
+def pose(t_ns: int, north_m: float = 0.0, resets: int = 0) -> PoseSample:
+    return PoseSample(
+        t_ns=t_ns,
+        t_arrival_ns=t_ns,
+        position_ned_m=(north_m, 0.0, -3.0),
+        velocity_ned_m_s=(0.0, 0.0, 0.0),
+        reset_counter=resets,
+    )
 
-    def step(t_ns: int, north_m: float, resets: int, frame_ns: int) -> tuple[int, int]:
+
+def attitudes(t_ns: int, yaw_rad: float = 0.0, begin_ns: int = NS) -> list[AttitudeSample]:
+    """A vehicle that does not turn: attitudes of the last begin_ns, all of this heading."""
+    q = quaternion_from_euler(0.0, 0.0, yaw_rad)
+    return [AttitudeSample(t, t, q, (0.0, 0.0, 0.0)) for t in range(t_ns - begin_ns + NS // 10, t_ns + 1, NS // 10)]
+
+
+class Flown:
+    """A `Made` whose own world has a newest frame at `frame_ns`, and that receives a packet before each step."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.made, self.frame_ns = Made(), 0
+        monkeypatch.setattr(thread_module, "own_planes", lambda *_: OwnPlanes(SharedPlanes.empty(), 1, self.frame_ns))
+
+    def step(self, t_ns: int, samples: list[AttitudeSample | PoseSample], frame_ns: int) -> tuple[int, int]:
         """(sent packets, published moving obstacles) at an instant."""
-        newest_ns[0] = frame_ns
-        pose = PoseSample(
-            t_ns=t_ns,
-            t_arrival_ns=t_ns,
-            position_ned_m=(north_m, 0.0, -3.0),
-            velocity_ned_m_s=(0.0, 0.0, 0.0),
-            reset_counter=resets,
-        )
-        made.sharing.samples([pose])
+        made, self.frame_ns = self.made, frame_ns
+        made.sharing.samples(samples)
         made.sharing.world(World(), t_ns)
         made.deliver(t_ns // 1_000_000, t_ns)
         made.link.sent.clear()
         made.sharing.step(t_ns)
         return len(made.link.sent), len(made.sharing.obstacles.movers)
 
-    jumped = (50.0, 0) if kind == "stepped" else (50.1, 1)
-    assert step(5 * NS, 50.0 if kind == "counted" else 0.0, 0, 5 * NS) == (1, 1)
-    assert step(6 * NS, *jumped, 5 * NS) == (0, 0)
-    assert step(7 * NS, *jumped, 5 * NS) == (0, 0)
-    assert step(8 * NS, *jumped, 7 * NS) == (1, 1)
+
+@pytest.mark.parametrize("kind", ["counted", "stepped", "turned"])
+def test_after_a_jump_of_the_own_estimate_nothing_is_exchanged_until_the_own_world_follows(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """The world begins a new section with the next frame. Without one, obstacles would stand in the old section."""
+    flown = Flown(monkeypatch)
+    before = {"counted": (50.0, 0, 0.0), "stepped": (0.0, 0, 0.0), "turned": (50.0, 0, 0.0)}[kind]
+    after = {"counted": (50.1, 1, 0.0), "stepped": (50.0, 0, 0.0), "turned": (50.0, 0, 0.5)}[kind]
+
+    def step(second: int, estimate: tuple[float, int, float], frame_second: int) -> tuple[int, int]:
+        north_m, resets, yaw_rad = estimate
+        t_ns = second * NS
+        samples = [*attitudes(t_ns, yaw_rad), pose(t_ns, north_m, resets)]
+        return flown.step(t_ns, samples, frame_second * NS)
+
+    assert step(5, before, 5) == (1, 1)
+    assert step(6, after, 5) == (0, 0)
+    assert step(7, after, 5) == (0, 0)
+    assert step(8, after, 7) == (1, 1)
+
+
+def test_gaps_and_sums_of_small_steps_are_counted() -> None:
+    """0.7 s without an attitude, and 0.4 m in 0.1 s that no velocity explains."""
+    own, found = OwnMotion(), []
+    own.take([*attitudes(5 * NS), pose(5 * NS)])
+    found.append(own.newest.estimate)
+    own.take([*attitudes(5 * NS + 7 * NS // 10, begin_ns=NS // 10), pose(5 * NS + NS // 2)])
+    found.append(own.newest.estimate)
+    own.take([pose(5 * NS + NS // 2 + k * NS // 10, 0.4 * k) for k in range(1, 6)])
+    found.append(own.newest.estimate)
+    assert found == [(1, 0), (1, 1), (2, 1)]
+    assert own.newest.jump_ns == 0
+
+
+def test_without_an_attitude_nothing_is_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The heading may have jumped unnoticed."""
+    flown = Flown(monkeypatch)
+    assert flown.step(4 * NS, [pose(4 * NS)], 4 * NS) == (0, 0)
+    assert flown.step(5 * NS, [*attitudes(5 * NS), pose(5 * NS)], 5 * NS) == (1, 1)
+    assert flown.step(6 * NS + NS // 10, [pose(6 * NS)], 6 * NS) == (0, 0)
+
+
+def test_without_a_position_nothing_is_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    flown = Flown(monkeypatch)
+    assert flown.step(4 * NS, [*attitudes(4 * NS)], 4 * NS) == (0, 0)
+    assert flown.step(5 * NS, [*attitudes(5 * NS), pose(5 * NS)], 5 * NS) == (1, 1)
+    assert flown.step(6 * NS + NS // 10, [*attitudes(6 * NS + NS // 10)], 6 * NS) == (0, 0)
 
 
 def tracked(camera: str, exposure_ns: int, *objects: MovingObject) -> TracksResult:
@@ -183,13 +236,7 @@ def moving(north_m: float, unseen_ns: int = 0) -> MovingObject:
 
 def received_movers(made: Made, now_ns: int) -> list[float]:
     """Places north, in m, of moving obstacles as another vehicle publishes them."""
-    made.sharing.samples(
-        [
-            PoseSample(
-                t_ns=now_ns, t_arrival_ns=now_ns, position_ned_m=(0.0, 0.0, -3.0), velocity_ned_m_s=(0.0, 0.0, 0.0)
-            )
-        ]
-    )
+    made.sharing.samples([*attitudes(now_ns), pose(now_ns)])
     made.sharing.step(now_ns)
     receiver = NeighbourMap(2)
     for data in made.link.sent:
