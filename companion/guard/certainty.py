@@ -15,7 +15,7 @@ NS = 1_000_000_000
 HEARTBEAT_ID: Final = 0
 HEARTBEAT_HZ: Final = 5.0
 """Requested of the autopilot, so that a change of mode is known within 0.2 s. An autopilot that keeps 1 Hz is used as
-well."""
+well: PX4 never changes this rate."""
 LONGEST_HEARTBEAT_NS: Final = 2_500_000_000
 FIRST_WAIT_NS: Final = NS
 LONGEST_WAIT_NS: Final = 10 * NS
@@ -25,8 +25,9 @@ REACHED_NS: Final = 8 * NS
 """Time for which an acknowledgement counts; six requests are sent in it."""
 CONFLICTS: Final = ("two autopilots", "two of us", "several vehicles")
 """Topics of drivers.mavlink.conflicts that make it uncertain who receives a command, or whose answer arrives."""
-_ANSWERS: Final = frozenset({0, 3})
-"""MAV_RESULT ACCEPTED and UNSUPPORTED: the command was received, which is all that matters here."""
+_ANSWERS: Final = frozenset({0, 3, 4})
+"""MAV_RESULT ACCEPTED, UNSUPPORTED and FAILED: the command was received, which is all that matters here. PX4 answers a
+request for its heartbeat with FAILED (MavlinkReceiver::set_message_interval)."""
 
 
 @dataclass(slots=True)

@@ -206,6 +206,8 @@ class SimulatedAutopilot:
         result = 0
         if not self.profile.knows_intervals:
             result = 3
+        elif number == _HEARTBEAT and self.profile.kind == PX4:
+            result = 4  # MavlinkReceiver::set_message_interval
         elif interval_us > 0 and 1e6 / interval_us > _MOST_HZ[self.profile.kind]:
             result = 2
         elif interval_us > 0:

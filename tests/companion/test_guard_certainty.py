@@ -21,6 +21,7 @@ from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session import LinkStatus, MavlinkSession, Vehicle
 from drivers.mavlink.session_types import MavlinkParams
+from drivers.simulation.autopilot import FirmwareProfile, SimulatedAutopilot
 
 NS = 1_000_000_000
 NOW = 100 * NS
@@ -53,10 +54,40 @@ def test_before_an_acknowledgement_there_is_doubt() -> None:
     request = certainty.requests(COPTER, NOW)[0]
     assert (request.target_system, request.target_component, request.command, request.param1) == (7, 1, 511, 0)
     assert certainty.doubt(COPTER, {}, "", NOW) == "commands are not acknowledged"
-    certainty.acknowledged(511, 4, NOW)
+    certainty.acknowledged(511, 2, NOW)  # denied
     assert certainty.doubt(COPTER, {}, "", NOW) != ""
     certainty.acknowledged(511, 0, NOW)
     assert certainty.doubt(COPTER, {}, "", NOW) == ""
+
+
+def test_the_refusal_of_px4_shows_that_commands_arrive() -> None:
+    """PX4 answers a request for the rate of its heartbeat with MAV_RESULT_FAILED (MavlinkReceiver::set_message_interval)."""
+    px4, certainty = replace(COPTER, autopilot="PX4"), Certainty(196)
+    certainty.requests(px4, NOW)
+    certainty.acknowledged(511, 4, NOW)
+    assert certainty.doubt(px4, {}, "", NOW) == ""
+    assert not certainty.silent(NOW + REACHED_NS)
+
+
+@pytest.mark.parametrize("kind", ["PX4", "ArduPilot"])
+def test_a_simulated_autopilot_answers_for_longer_than_an_answer_counts(kind: str) -> None:
+    """Its other rates are requested at the start alone."""
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind))
+    session, certainty = MavlinkSession(), Certainty(196)
+    encoder = dialect.MAVLink(None, 1, 196)
+    for tenth in range(200):
+        now_ns = NOW + tenth * NS // 10
+        messages = [dialect.MAVLink(None).decode(bytearray(data)) for data in autopilot.due(now_ns)]
+        session.receive([(bytes(m.get_msgbuf()), now_ns) for m in messages])
+        for m in messages:
+            if m.get_type() == "COMMAND_ACK":
+                certainty.acknowledged(int(m.command), int(m.result), now_ns)
+        if session.vehicle is not None:
+            for request in certainty.requests(session.vehicle, now_ns):
+                autopilot.receive(bytes(request.pack(encoder)), now_ns)
+    assert session.vehicle is not None
+    assert certainty.doubt(session.vehicle, {}, "", NOW + 20 * NS) == ""
+    assert not certainty.silent(NOW + 20 * NS)
 
 
 @pytest.mark.parametrize(
