@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import io
 import struct
-import zlib
 from typing import Final
 
 import lz4.frame
 import zstandard
+from fastcrc.crc32 import iso_hdlc
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.records import Chunk
@@ -42,7 +42,7 @@ def unpacked(payload: bytes, whole: bool) -> bytes:
     data = _content(chunk, size, whole)
     if len(data) > size:
         raise McapError(f"it decompresses to more than the stated {size} bytes")
-    if whole and (len(data) != size or (crc and zlib.crc32(data) != crc)):
+    if whole and (len(data) != size or (crc and iso_hdlc(data) != crc)):
         raise McapError("its checksum is wrong")
     return data
 

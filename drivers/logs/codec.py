@@ -189,10 +189,11 @@ def depth_from_message(message: RawImage, info: CameraInfo, sequence: int, t_arr
     k = info.intrinsics
     if (width, height) != (k.width, k.height):
         raise ValueError(f"image of {width}x{height}, but its camera info says {k.width}x{k.height}")
-    if step < 2 * width or step % 2 or len(message.data) != step * height:
-        raise ValueError(f"image of {width}x{height} with rows of {step} bytes holds {len(message.data)} bytes")
+    data = message.data  # protobuf copies it at each access
+    if step < 2 * width or step % 2 or len(data) != step * height:
+        raise ValueError(f"image of {width}x{height} with rows of {step} bytes holds {len(data)} bytes")
     t_exposure_ns, t_arrival_ns = checked_stamps(stamp_ns(message.timestamp), t_arrival_ns)
-    rows = np.frombuffer(message.data, dtype="<u2").reshape(height, step // 2)
+    rows = np.frombuffer(data, dtype="<u2").reshape(height, step // 2)
     depth_mm = np.ascontiguousarray(rows[:, :width], dtype=np.uint16)
     return DepthFrame(
         camera=info.camera,

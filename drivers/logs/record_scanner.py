@@ -23,6 +23,8 @@ from .chunk import PARSE_ERRORS, unpacked
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _FRAME: Final = struct.Struct("<BQ")
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time of a message; its data follow."""
 _FOOTER_BYTES: Final = _FRAME.size + 20
 _MAX_RECORD_BYTES: Final = 1 << 28
 """Size limit of a record in the file; a longer one is skipped."""
@@ -157,14 +159,16 @@ class McapScan:
             yield from self._chunk(at, self._stream.read(length), whole=True)
         elif opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA) or opcode in _IN_CHUNKS:
             try:
-                item = self._parsed(at, opcode, self._stream.read(length))
+                item = self._parsed(at, opcode, memoryview(self._stream.read(length)))
             except PARSE_ERRORS as error:
                 item = Damage(at, f"unreadable record: {error or type(error).__name__}", fatal=False)
             if item is not None:
                 yield item
 
-    def _parsed(self, at: int, opcode: int, payload: bytes) -> Item | None:
+    def _parsed(self, at: int, opcode: int, payload: memoryview) -> Item | None:
         """A record as an item; schemas and channels are stored. A repeated channel keeps its first definition."""
+        if opcode == Opcode.MESSAGE:
+            return self._logged(at, _message(payload))
         stream = ReadDataStream(io.BytesIO(payload))
         match opcode:
             case Opcode.HEADER:
@@ -181,8 +185,6 @@ class McapScan:
             case Opcode.METADATA:
                 metadata: Metadata = Metadata.read(stream)
                 return metadata
-            case Opcode.MESSAGE:
-                return self._logged(at, Message.read(stream, len(payload)))
         return None
 
     def _logged(self, at: int, message: Message) -> Item | None:
@@ -204,7 +206,7 @@ class McapScan:
             if whole:
                 yield Damage(at, f"chunk skipped: {error or type(error).__name__}", fatal=False)
             return
-        inside = 0
+        records, inside = memoryview(data), 0
         while inside + _FRAME.size <= len(data):
             self._records_left -= 1
             if self._records_left < 0:
@@ -215,7 +217,7 @@ class McapScan:
                 break
             if opcode in _IN_CHUNKS:
                 try:
-                    item = self._parsed(at, opcode, data[begin : begin + length])
+                    item = self._parsed(at, opcode, records[begin : begin + length])
                 except PARSE_ERRORS as error:
                     item = Damage(at, f"unreadable record: {error or type(error).__name__}", fatal=False)
                 if item is not None:
@@ -254,6 +256,19 @@ _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 def _known(opcode: int) -> bool:
     return opcode >= _FIRST_PRIVATE or Opcode.HEADER <= opcode <= Opcode.DATA_END
+
+
+def _message(payload: memoryview) -> Message:
+    """The message of a record, whose data are copied once: most of a log are depth images. The library's reader copies them
+    twice, and takes ten times as long for the head. Raises struct.error for a record that ends within its head."""
+    channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(payload)
+    return Message(
+        channel_id=channel_id,
+        sequence=sequence,
+        log_time=log_time,
+        publish_time=publish_time,
+        data=bytes(payload[_MESSAGE_HEAD.size :]),
+    )
 
 
 def _summary(data: bytes) -> Summary:
