@@ -73,14 +73,15 @@ def fit_lag(measured: Floats, sigma: Floats, predicted: Floats) -> LagFit:
 
 def _cost(measured: Floats, predicted: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Weighted sum of squares at each lag (L,) with the best mount rotation there, and these rotations (L, 3)."""
-    difference = measured[:, None, :] - predicted
-    basis = _turned_by(predicted)
-    weighted = basis * weights[:, None, None, :]
-    normal = np.einsum("nlka,nlma->lkm", weighted, basis) + np.eye(3) / MOUNT_PRIOR_RAD**2
-    right = np.einsum("nlka,nla->lk", weighted, difference)
-    turns = np.linalg.solve(normal, right[..., None])[..., 0]
-    cost = np.einsum("nla,nla->l", difference * weights[:, None, :], difference) - np.einsum("lk,lk->l", right, turns)
-    return cost, turns
+    lags = len(LAGS_S)  # one matrix product a lag, over the axes of all pairs: a quarter of the time of np.einsum
+    difference = (measured - predicted.transpose(1, 0, 2)).reshape(lags, -1, 1)
+    basis = _turned_by(predicted).transpose(1, 2, 0, 3).reshape(lags, 3, -1)
+    weighted = basis * weights.ravel()
+    normal = weighted @ basis.transpose(0, 2, 1) + np.eye(3) / MOUNT_PRIOR_RAD**2
+    right = weighted @ difference
+    turns: Floats = np.asarray(np.linalg.solve(normal, right)[..., 0], np.float64)
+    cost = np.sum(weights.reshape(-1, 1) * difference**2, axis=(1, 2)) - np.sum(right[..., 0] * turns, axis=1)
+    return np.asarray(cost), turns
 
 
 def _turned_by(v: Floats) -> Floats:
