@@ -13,6 +13,9 @@ at the horizontal derivative of both images, the right one taken where the dispa
 - *period*: where the left image repeats itself along the row, another disparity fits as well;
 - *patch*: what is left must be part of a patch of one surface, single pixels are chance. The nearer it claims to be, the more
   pixels it needs: edges of different things that look alike agree in a few rows only, and at any disparity;
+- *shared*: a place of the right image belongs to one thing. Where a patch of one edge lies there on what other matches of another
+  disparity hold as well, two equal edges of the left image were matched to one of the right. A patch of which most lies so is
+  dropped, the greater one of the true edge reaches farther;
 - *smear*: a window takes the disparity of its strongest edge to all its pixels. Beside an area without measurements the outermost
   columns and rows may belong to that area. One column is dropped, an upright edge locates itself. As many rows as the window
   reaches are dropped: above and below a level edge it is not known to which side the disparity belongs. A far row whose own texture
@@ -47,6 +50,10 @@ _ROW_PX, _ROW_CORRELATION = 31, 0.6
 """Columns of one row that must agree by this correlation where a far row is kept."""
 _PATCH_STEP_PX = 1.5
 """Neighbours of one surface differ by no more."""
+_EDGE_PX = 1200
+"""Larger patches are more than one edge."""
+_SHARED_PX, _SHARED_STEP_PX = 2, 3.0
+"""A place of the right image is shared by matches within so many columns that differ by more in their disparity."""
 _STEP_PX = 8
 """The noise is sampled at every so many rows and columns."""
 _NOISE_PERCENTILE, _LEAST_SAMPLES = 20.0, 50
@@ -71,6 +78,7 @@ class ConfidenceLimits:
     it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off;
     patch_per_px: so are those of fewer pixels for each pixel of their disparity, 0: off. An upright edge is 3 to 4 px wide: with 3
     it must be about as high as the baseline is long.
+    shared: patches of one edge are dropped of which a greater share lies where other matches lie in the right image, 1: off.
     smear_px, smear_rows: columns and rows of the border of accepted areas beside unmeasured ones that are dropped, 0: off."""
 
     window_px: int = 7
@@ -81,6 +89,7 @@ class ConfidenceLimits:
     period_px: int = 48
     patch_px: int = 25
     patch_per_px: float = 3.0
+    shared: float = 0.5
     smear_px: int = 1
     smear_rows: int = 4
 
@@ -197,6 +206,50 @@ def large_patches(disparity: Image, per_px: float, step_px: float) -> Image:
     return kept
 
 
+def _patch_labels(disparity: Image, inside: Mask, step_px: float) -> tuple[int, NDArray[np.int32]]:
+    """(labels and one more, label (H, W) of the patch of each pixel, 0: not inside). Neighbours in a patch differ by at most step_px."""
+    height, width = disparity.shape
+    # each second row and column holds the links between neighbours
+    grid = np.zeros((2 * height - 1, 2 * width - 1), np.uint8)
+    grid[::2, ::2] = inside
+    grid[::2, 1::2] = inside[:, 1:] & inside[:, :-1] & (np.abs(np.diff(disparity, axis=1)) <= step_px)
+    grid[1::2, ::2] = inside[1:] & inside[:-1] & (np.abs(np.diff(disparity, axis=0)) <= step_px)
+    count, labels = cv2.connectedComponents(grid, connectivity=4)
+    return count, np.asarray(labels[::2, ::2], np.int32)
+
+
+def _beside_others(disparity: Image, pixels: Mask) -> Mask:
+    """(N,) of these pixels (H, W), all with a disparity, whether the place in the right image lies beside that of a match of another
+    disparity."""
+    width = disparity.shape[1]
+    found = disparity >= 0.0
+    matched = disparity[found]
+    place = np.flatnonzero(found) - np.rint(matched).astype(np.intp)
+    held = np.full(disparity.size, -1.0, np.float32)
+    held[place] = matched
+    mine = disparity[pixels]
+    at = np.flatnonzero(pixels) - np.rint(mine).astype(np.intp)
+    column = at % width
+    beside = np.zeros(len(at), np.bool_)
+    for step in range(-_SHARED_PX, _SHARED_PX + 1):
+        other = held[at + np.clip(step, -column, width - 1 - column)]
+        beside |= (other >= 0.0) & (np.abs(other - mine) > _SHARED_STEP_PX)
+    return beside
+
+
+def without_shared(disparity: Image, share: float, step_px: float) -> Image:
+    """The disparity without patches of one edge of which more than `share` lies in the right image where other matches lie. A
+    disparity is at most the column of its pixel."""
+    small = (disparity >= 0.0) & (patches(disparity, _EDGE_PX, step_px) < 0.0)
+    beside = _beside_others(disparity, small)
+    if not beside.any():
+        return disparity
+    count, labels = _patch_labels(disparity, small, step_px)
+    label = labels[small]
+    dropped = np.bincount(label, weights=beside, minlength=count) > share * np.bincount(label, minlength=count)
+    return np.where(dropped[labels], np.float32(-1.0), disparity)
+
+
 def rows_agree(left: Gray, right: Gray, disparity: Image) -> Mask:
     """(H, W) whether the derivatives of both images agree at a disparity along the row of a pixel alone, and along both rows beside
     it: the derivative of a row holds a quarter of what these show."""
@@ -243,6 +296,8 @@ def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: Confiden
         kept = patches(kept, limits.patch_px, _PATCH_STEP_PX)
     if limits.patch_per_px:
         kept = large_patches(kept, limits.patch_per_px, _PATCH_STEP_PX)
+    if limits.shared < 1.0:
+        kept = without_shared(kept, limits.shared, _PATCH_STEP_PX)
     if limits.smear_px or limits.smear_rows:
         far = (kept >= 0.0) & (kept < _FAR_PX)
         located = far & rows_agree(left, right, kept) if far.any() else far

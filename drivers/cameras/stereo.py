@@ -60,6 +60,13 @@ class MatchParams:
     patch_per_px: float = number(
         3.0, 0.0, 50.0, "", "patches of fewer pixels for each pixel of their disparity are dropped; 0: off"
     )
+    shared: float = number(
+        0.5,
+        0.0,
+        1.0,
+        "",
+        "patches of an edge are dropped of which a greater share lies where other matches lie in the right image; 1: off",
+    )
     mark_smooth: bool = switch(False, "mark unmeasured pixels whose image is smooth; [open_sky] needs it")
 
     def __post_init__(self) -> None:
@@ -134,6 +141,7 @@ def confidence_limits(params: MatchParams) -> ConfidenceLimits:
         period_px=params.period_px,
         patch_px=params.patch_px,
         patch_per_px=params.patch_per_px,
+        shared=params.shared,
         smear_px=params.smear_px,
         smear_rows=params.smear_rows,
     )

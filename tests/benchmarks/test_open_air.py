@@ -90,12 +90,23 @@ def test_equal_edges_of_two_pillars_are_no_near_obstacle() -> None:
     before, after = (
         counts(
             View(scene="white_pillars", profile="long", sky="hazy", seed=2),
-            replace(profile, match=replace(profile.match, patch_per_px=n)),
+            replace(profile, match=replace(profile.match, shared=1.0, patch_per_px=n)),
             (0.5,),
         )
         for n in (0.0, profile.match.patch_per_px)
     )
     assert before.false_stops > 0 == after.false_stops
+    kept = [sum(o.kept for o in c.outlines) for c in (before, after)]
+    assert kept[1] >= kept[0] > 0
+    assert after.missed <= before.missed
+
+
+def test_two_equal_edges_do_not_share_one_of_the_right_image() -> None:
+    """The left edge of a near pillar is hidden before a far one, and matches the left edge of that over 150 rows."""
+    profile, view = profile_of("long"), View(scene="white_pillars", profile="long")
+    before, after = (counts(view, replace(profile, match=replace(profile.match, shared=n)), (0.5,)) for n in (1.0, 0.5))
+    assert before.false_stops >= 3
+    assert after.false_stops == 0
     kept = [sum(o.kept for o in c.outlines) for c in (before, after)]
     assert kept[1] >= kept[0] > 0
     assert after.missed <= before.missed

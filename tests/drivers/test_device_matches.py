@@ -57,7 +57,10 @@ def test_chance_depths_of_a_noisy_sky_are_not_measured() -> None:
     tested = confirmed_depth(depth, scene(sky_rows=40), F_B_PX_M, MatchParams())
     assert not tested[:34].any()
     without_rules = confirmed_depth(
-        depth, scene(sky_rows=40), F_B_PX_M, replace(OFF, patch_px=0, patch_per_px=0.0, smear_px=0, smear_rows=0)
+        depth,
+        scene(sky_rows=40),
+        F_B_PX_M,
+        replace(OFF, patch_px=0, patch_per_px=0.0, shared=1.0, smear_px=0, smear_rows=0),
     )
     assert np.array_equal(without_rules[:, 24:], depth[:, 24:])  # to the left matches lie outside of the right image
 

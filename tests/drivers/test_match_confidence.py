@@ -16,13 +16,16 @@ from drivers.cameras.match_confidence import (
     match_statistics,
     patches,
     repetitive,
+    without_shared,
     without_smear,
 )
 from drivers.cameras.stereo import MatchParams, StereoMatcher, compute_disparity, matcher
 
 WIDTH, HEIGHT, D = 320, 160, 48
 PARAMS = MatchParams(disparities=D, edge_px=0)
-OFF = ConfidenceLimits(correlation=0.0, texture=0.0, period=1.0, patch_px=0, patch_per_px=0.0, smear_px=0, smear_rows=0)
+OFF = ConfidenceLimits(
+    correlation=0.0, texture=0.0, period=1.0, patch_px=0, patch_per_px=0.0, shared=1.0, smear_px=0, smear_rows=0
+)
 ALL = ConfidenceLimits()
 
 
@@ -119,7 +122,7 @@ def test_a_blank_box_keeps_its_upright_outline_and_nothing_else(noise_grey: floa
     assert not (found[30:, 150 + reach : 250 - reach] >= 0.0).any()
     assert not (found[:, 250 + reach :] >= 0.0).any()
     smeared = StereoMatcher(
-        replace(PARAMS, correlation=0.0, texture=0.0, period=1.0, patch_px=0, patch_per_px=0.0)
+        replace(PARAMS, correlation=0.0, texture=0.0, period=1.0, patch_px=0, patch_per_px=0.0, shared=1.0)
     ).disparity(left, right)
     assert (smeared[:, 250 + reach :] >= 0.0).any() or (smeared[30:, 160:240] >= 0.0).any()
 
@@ -250,6 +253,44 @@ def test_a_near_edge_needs_more_rows(disparity_px: float, rows: int, stays: bool
 def test_without_any_match_no_patch_is_large() -> None:
     nothing = np.full((HEIGHT, WIDTH), -1.0, np.float32)
     assert np.array_equal(large_patches(nothing, 3.0, 1.5), nothing)
+    assert np.array_equal(without_shared(nothing, 0.5, 1.5), nothing)
+
+
+def edges_of_two_pillars(column: int, rows: int) -> np.ndarray:
+    """The left edge of a far pillar, 3 px wide from column 113 on at 10 px, so from 103 on in the right image; that of a near one, 3 px
+    wide from `column` on at 37 px, which touches the near pillar's own edge at 19 px; and a textured wall at 30 px."""
+    disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    disparity[:, 113:116] = 10.0
+    disparity[60 : 60 + rows, column : column + 3] = 37.0
+    disparity[60 + rows :, column : column + 3] = 19.0
+    disparity[:, 220:300] = 30.0
+    return disparity
+
+
+@pytest.mark.parametrize(("column", "dropped"), [(139, True), (141, True), (146, False), (134, False)])
+def test_an_edge_of_the_right_image_belongs_to_one_thing(column: int, dropped: bool) -> None:
+    """At a disparity of 37 px the columns from 139 to 142 of the near pillar lie on the edge of the far one."""
+    before = edges_of_two_pillars(column, 50)
+    kept = without_shared(before, 0.5, 1.5)
+    near = before == 37.0
+    assert (kept[near] == (-1.0 if dropped else 37.0)).all()
+    assert np.array_equal(kept[~near], before[~near])
+
+
+def test_an_edge_that_shares_few_rows_stays() -> None:
+    """The far edge ends: less than half of the near patch lies on it."""
+    before = edges_of_two_pillars(140, 50)
+    before[80:, 113:116] = -1.0
+    assert np.array_equal(without_shared(before, 0.5, 1.5), before)
+
+
+def test_a_wide_thing_beside_its_background_stays() -> None:
+    """Foreground and background touch in the right image, column by column in the left one where nothing is hidden."""
+    before = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    before[40:80, 120:140] = 20.0
+    before[:, 60:105] = 5.0
+    before[:, 140:300] = 5.0
+    assert np.array_equal(without_shared(before, 0.5, 1.5), before)
 
 
 def test_small_patches_are_dropped() -> None:
