@@ -9,6 +9,11 @@ from typing import TypeVar
 _Number = TypeVar("_Number", int, float)
 
 
+def _digits(number: float) -> str:
+    """An integer in full."""
+    return str(number) if isinstance(number, int) else f"{number:g}"
+
+
 def number_in(kind: Callable[[str], _Number], low: _Number, high: _Number) -> Callable[[str], _Number]:
     """An argument type: a number from low to high. kind: int or float."""
 
@@ -18,7 +23,20 @@ def number_in(kind: Callable[[str], _Number], low: _Number, high: _Number) -> Ca
         except ValueError:
             value = None
         if value is None or not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r}: expected {low:g}..{high:g}")
+            raise argparse.ArgumentTypeError(f"{text!r}: expected {_digits(low)}..{_digits(high)}")
         return value
+
+    return parse
+
+
+def checked_by(check: Callable[[str], object]) -> Callable[[str], str]:
+    """An argument type: a text that a function accepts, which otherwise raises ValueError with the remedy."""
+
+    def parse(text: str) -> str:
+        try:
+            check(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+        return text
 
     return parse

@@ -12,12 +12,14 @@ from textwrap import fill
 from typing import Any, Final
 
 from .command_list import COMMANDS, GROUPS
+from .console import fail
+from .usage_error import UsageError
 
 _INTERRUPTED: Final = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command. 0: success; 1: failure, with cause and remedy on stderr; 2: wrong usage."""
+    """Runs a command. 0: success; 1: failure, with cause and remedy on stderr; 2: wrong usage, with the remedy."""
     words = list(sys.argv[1:] if argv is None else argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of numpy's OpenBLAS would spin during the start
     parser = _parser(words[0] if words else "")
@@ -29,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print_version()
     if args.command is None:
         parser.print_usage(sys.stderr)
-        print("companion: error: no command is given; `companion --help` lists the commands", file=sys.stderr)
+        fail("no command is given; `companion --help` lists the commands")
         return 2
     try:
         return int(_module(args.command).run(args))
@@ -38,8 +40,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return _INTERRUPTED
+    except UsageError as error:
+        fail(str(error))
+        return 2
     except _expected_errors() as error:
-        print(f"companion: error: {_error_text(error, getattr(args, 'output', None))}", file=sys.stderr)
+        fail(_error_text(error, getattr(args, "output", None)))
         return 1
 
 

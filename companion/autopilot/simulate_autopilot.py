@@ -21,6 +21,7 @@ from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, Udp
 from drivers.simulation.flights import flight_plan
 from drivers.simulation.looping_flight import EndlessFlight
 
+from ..argument_types import checked_by, number_in
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
 
@@ -92,16 +93,21 @@ def add_parser(subparsers: Any) -> None:
     kind.add_argument("--ardupilot", action="store_const", dest="kind", const=ARDUPILOT, help="simulate ArduPilot")
     parser.add_argument(
         "--address",
+        type=checked_by(other_end),
         metavar="LINE",
         help="udpout:HOST:PORT, pty or pty:LINK (default: the counterpart of [autopilot] address)",
     )
     parser.add_argument("--armed", action="store_true", help="report an armed vehicle")
     parser.add_argument(
-        "--drift-ppm", type=float, default=0.0, metavar="X", help="drift of its clock in ppm (default: 0)"
+        "--drift-ppm",
+        type=number_in(float, -1000.0, 1000.0),
+        default=0.0,
+        metavar="X",
+        help="drift of its clock in ppm (default: 0)",
     )
     parser.add_argument(
         "--jitter-ms",
-        type=float,
+        type=number_in(float, 0.0, 10_000.0),
         default=0.0,
         metavar="X",
         help="delay each message by a random time of 0 to X ms (default: 0)",

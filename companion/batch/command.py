@@ -17,6 +17,7 @@ from ..config.loader import config_text, load_config
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
 from ..log.provenance import software
+from ..usage_error import UsageError
 from .dataset import begin_run, delete_unfinished, finished
 from .engines import Done, Engine, EngineName
 from .flights import Flight, find_flights
@@ -28,6 +29,9 @@ from .storage import is_url
 
 _LISTED: Final = 10
 LOCK_FILE: Final = ".lock"
+_OF_A_RUN: Final = ("config", "address", "workers", "vehicle", "near", "planes", "logs")
+"""Options without an effect on a comparison."""
+_NEAR_M: Final = 2.0
 
 
 @dataclass(slots=True)
@@ -79,16 +83,16 @@ class BatchReport:
 
 
 def make_engine(name: EngineName, address: str | None, workers: int | None, process: Process) -> Engine:
-    """The engine. Raises ValueError for an option that it does not have, DeviceNotFound without its library."""
+    """The engine. Raises UsageError for an option that it does not have, DeviceNotFound without its library."""
     if name is EngineName.LOCAL:
         if address is not None:
-            raise ValueError("--address: the local engine has none; name --engine dask or ray")
+            raise UsageError("--address: the local engine has none; name --engine dask or ray")
         return LocalEngine(workers or len(os.sched_getaffinity(0)), process)
     if workers is not None:
-        raise ValueError(f"--workers: the cluster has its number of workers; leave it out with --engine {name}")
+        raise UsageError(f"--workers: the cluster has its number of workers; leave it out with --engine {name}")
     if address is None:
         example = "tcp://HOST:8786" if name is EngineName.DASK else "auto, or ray://HOST:10001"
-        raise ValueError(f"--engine {name} needs --address of the cluster, such as {example}")
+        raise UsageError(f"--engine {name} needs --address of the cluster, such as {example}")
     if name is EngineName.DASK:
         from .dask_engine import DaskEngine
 
@@ -168,9 +172,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--no-pictures", action="store_true", help="with --compare: draw no pictures")
     parser.add_argument(
         "--engine",
-        choices=list(EngineName),
-        default=EngineName.LOCAL,
-        type=EngineName,
+        choices=[str(name) for name in EngineName],
+        default=str(EngineName.LOCAL),
         help="where the flights are processed: on this computer or on a cluster (default: local)",
     )
     parser.add_argument("--address", metavar="ADDRESS", help="address of the Dask scheduler or of the Ray cluster")
@@ -186,9 +189,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--near",
         type=number_in(float, 0.0, 1000.0),
-        default=2.0,
         metavar="M",
-        help="planes nearer than this are near passes (default: 2 m)",
+        help=f"planes nearer than this are near passes (default: {_NEAR_M:g} m)",
     )
     parser.add_argument("--planes", action="store_true", help="also write the table of all planes")
     parser.add_argument("--logs", action="store_true", help="also write the replayed logs, without depth images")
@@ -196,20 +198,24 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: all flights have a result; 1: a flight has none. Damaged logs are part of the result."""
+    """0: all flights have a result; 1: a flight has none. Damaged logs are part of the result. Raises UsageError."""
+    if args.compare is not None:
+        return _compare(args)
+    if not args.inputs:
+        raise UsageError("no input is given; name files, folders or patterns of logs")
+    if args.no_pictures:
+        raise UsageError("--no-pictures needs --compare OUT_A OUT_B")
     from .task import run_task  # late: it imports the kernels
 
     arrow_module()
-    if args.compare is not None:
-        return _compare(args)
     config = load_config(args.config) if args.config is not None else None
-    options = BatchOptions(config=config, near_m=args.near, planes=args.planes, logs=args.logs)
+    options = BatchOptions(
+        config=config, near_m=_NEAR_M if args.near is None else args.near, planes=args.planes, logs=args.logs
+    )
     output = args.output if is_url(args.output) else str(Path(args.output).resolve())
-    engine = make_engine(args.engine, args.address, args.workers, run_task)
-    if not args.inputs:
-        raise ValueError("no input is given; name files, folders or patterns of logs")
+    engine = make_engine(EngineName(args.engine), args.address, args.workers, run_task)
     flights = find_flights(args.inputs, args.vehicle)
-    if args.engine is EngineName.LOCAL:
+    if args.engine == EngineName.LOCAL:
         ensure_compiled("extractor", "tracking")
     report = batch(flights, output, options, engine)
     if args.json:
@@ -224,12 +230,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _compare(args: argparse.Namespace) -> int:
+    if args.inputs:
+        raise UsageError(f"--compare: takes two results and no logs; leave out {args.inputs[0]}")
+    given = [f"--{name}" for name in _OF_A_RUN if getattr(args, name) not in (None, False)]
+    if given or args.engine != EngineName.LOCAL:
+        raise UsageError(f"--compare: processes no logs; leave out {(given or ['--engine'])[0]}")
+    if is_url(args.output):
+        raise UsageError(f"{args.output}: the report of a comparison is written into a local folder; name one with -o")
+    arrow_module()
     from .comparison_report import run_comparison
 
-    if args.inputs:
-        raise ValueError(f"--compare: takes two results and no logs; leave out {args.inputs[0]}")
-    if is_url(args.output):
-        raise ValueError(f"{args.output}: the report of a comparison is written into a local folder; name one with -o")
     a, b = (text if is_url(text) else str(Path(text).resolve()) for text in args.compare)
     return run_comparison(a, b, Path(args.output), not args.no_pictures, args.json)
 

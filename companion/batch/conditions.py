@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from ..usage_error import UsageError
 from .dataset import open_table
 from .parquet_table import arrow_module
 
@@ -75,13 +76,13 @@ def find_hits(dataset: str, condition: str, table: str = "frames") -> list[Hit]:
 
 
 def parsed_filters(text: str) -> list[tuple[str, str, Any]]:
-    """The filters of a JSON list, as pyarrow takes them. Raises ValueError."""
+    """The filters of a JSON list, as pyarrow takes them. Raises UsageError."""
     try:
         content = json.loads(text)
     except json.JSONDecodeError:
         content = None
     if not isinstance(content, list) or not content or not all(isinstance(f, list) and len(f) == 3 for f in content):
-        raise ValueError(
+        raise UsageError(
             f"{text}: not a condition. Give one of {', '.join(NAMED)}; a filter such as "
             '\'[["nearest_m", "<", 1.5], ["armed", "=", true]]\'; or the path of a Parquet file with rows'
         )

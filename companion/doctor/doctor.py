@@ -16,6 +16,7 @@ from typing import Any
 
 from drivers.base import DriverError
 
+from ..argument_types import number_in
 from ..autopilot.parameter_writer import Change, apply
 from ..autopilot.restart_pending import TEXT as RESTART_TEXT
 from ..config.differences import expert_lines, safety_lines
@@ -24,6 +25,7 @@ from ..config.loader import Config, load_config
 from ..console import print_json, print_line
 from ..diagnostic import DiagnosticCode
 from ..live.diagnostics import template_intrinsics
+from ..usage_error import UsageError
 from .autopilot_check import autopilot_findings
 from .camera_check import camera_finding
 from .computer_check import computer_findings
@@ -114,7 +116,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--patience",
-        type=float,
+        type=number_in(float, 0.1, 3600.0),
         default=25.0,
         metavar="S",
         help="time limit for each camera and for the autopilot (default: 25 s)",
@@ -130,22 +132,26 @@ def add_parser(subparsers: Any) -> None:
         help="measure roll and pitch of each camera while you turn the vehicle by hand; needs a stopped service",
     )
     parser.add_argument(
-        "--seconds", type=float, default=60.0, metavar="S", help="with --mount: longest measurement (default: 60 s)"
+        "--seconds",
+        type=number_in(float, 1.0, 3600.0),
+        default=60.0,
+        metavar="S",
+        help="with --mount: longest measurement (default: 60 s)",
     )
     parser.add_argument("--yes", action="store_true", help="with --apply: write without asking")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: no fault; 1: a fault. Raises ValueError for options that exclude each other."""
+    """0: no fault; 1: a fault. Raises UsageError for options that exclude each other."""
     if args.yes and not args.apply:
-        raise ValueError("--yes needs --apply")
+        raise UsageError("--yes needs --apply")
     if args.json and args.apply and not args.yes:
-        raise ValueError("--apply asks for a typed yes; with --json add --yes")
+        raise UsageError("--apply asks for a typed yes; with --json add --yes")
+    if args.mount and args.apply:
+        raise UsageError("--mount and --apply exclude each other; use one after the other")
     config = load_config(config_path(args.config))
     if args.mount:
-        if args.apply:
-            raise ValueError("--mount and --apply exclude each other; use one after the other")
         return _measure_mounts(config, args)
     writing = applied(config, args.patience, yes=args.yes) if args.apply else iter(())
     found = chain(writing, examine(config, args.patience))

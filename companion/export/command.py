@@ -14,8 +14,10 @@ from drivers.base import BadData, DeviceNotFound
 from drivers.logs.reader import McapRecording
 from drivers.optional_library import install_command
 
+from ..argument_types import number_in
 from ..console import fail, print_json, print_line
 from ..pipeline.results import PrismsResult
+from ..usage_error import UsageError
 from ..viewer.log import view_frame
 from ..viewer.placement import placed_model
 from ..whole_file import whole_file, write_whole
@@ -51,7 +53,7 @@ def _check_output(out: Path, kind: str) -> None:
     """Raises ValueError for a file without the extension of its format: neither a log nor another file is overwritten."""
     suffix = {"npz": ".npz", "gltf": ".glb"}.get(kind)
     if suffix is not None and out.suffix != suffix:
-        raise ValueError(f"{out}: give -o a file with the extension {suffix}")
+        raise UsageError(f"{out}: give -o a file with the extension {suffix}")
     if suffix is None and out.exists() and not out.is_dir():
         raise ValueError(f"{out}: is a file; {kind} is written into a directory")
 
@@ -158,13 +160,18 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="directory or file to write")
     parser.add_argument(
-        "--frame", type=int, metavar="N", help="with gltf: number of the frame (default: the one with most planes)"
+        "--frame",
+        type=number_in(int, 0, 2**32 - 1),
+        metavar="N",
+        help="with gltf: number of the frame (default: the one with most planes)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: success; 1: the log could not be read to its end."""
+    """0: success; 1: the log could not be read to its end. Raises UsageError."""
+    if args.frame is not None and args.format != "gltf":
+        raise UsageError(f"--frame needs -f gltf: {args.format} contains all frames")
     files, frames, damage = export(args.input, args.output, args.format, args.frame)
     if args.json:
         print_json({"frames": frames, "files": [str(f) for f in files], "damage": damage or None})

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, Final
@@ -16,12 +16,13 @@ from typing import Any, Final
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, DeviceNotFound, Event
 
-from ..config.camera import CameraConfig
-from ..config.loader import Config, load_config
+from ..argument_types import number_in
+from ..config.loader import Config, ConfigError, config_of, load_config
 from ..console import fail, print_json, print_line, warn
 from ..log.log_writer import refuse_output, write_recording
 from ..log.provenance import run_info
 from ..pipeline.sync import NS
+from ..usage_error import UsageError
 from ..whole_file import write_whole
 from .depth_summary import DepthSummary, DepthTally
 from .folder import open_folder
@@ -184,20 +185,30 @@ def add_parser(subparsers: Any) -> None:
         metavar="X,Y,Z",
         help="position relative to the autopilot in metres: forward, right, down",
     )
-    camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer depth counts as not measured, in metres")
+    camera.add_argument(
+        "--min-range-m",
+        type=float,
+        metavar="M",
+        help="nearer depth counts as not measured, in metres",
+    )
     camera.add_argument(
         "--max-range-m",
         type=float,
         metavar="M",
         help="range of the camera in metres; what measures farther counts as free up to it",
     )
-    camera.add_argument("--ke", type=float, metavar="1/M", help="depth noise: standard deviation = ke * depth^2")
+    camera.add_argument(
+        "--ke",
+        type=float,
+        metavar="1/M",
+        help="depth noise: standard deviation = ke * depth^2",
+    )
     folder = parser.add_argument_group(
         "timing, and attitude from a log of the flight (.tlog, PX4 .ulg, ArduPilot .bin)"
     )
     folder.add_argument(
         "--frame-latency-ms",
-        type=_latency,
+        type=number_in(float, 0.0, 5000.0),
         default=50.0,
         metavar="MS",
         help="of a directory: delay from exposure to arrival (default: 50 ms)",
@@ -220,7 +231,10 @@ def add_parser(subparsers: Any) -> None:
         help="time of t_ns 0 in the log: Unix time in seconds, or seconds since the autopilot's start if the log has no GPS time (default: found automatically)",
     )
     folder.add_argument(
-        "--system-id", type=int, metavar="ID", help="MAVLink system id of the vehicle, if the log has several"
+        "--system-id",
+        type=number_in(int, 1, 255),
+        metavar="ID",
+        help="MAVLink system id of the vehicle, if the log has several",
     )
     ros = parser.add_argument_group("topics of a ROS 2 recording (needed only where several fit)")
     for name, what in TOPICS.items():
@@ -252,12 +266,17 @@ def run(args: argparse.Namespace) -> int:
 def _options(args: argparse.Namespace, config: Config) -> ImportOptions:
     names = [c.name for c in config.cameras]
     name = args.camera or (names[0] if len(names) == 1 else "front")
-    given = {"min_range_m": args.min_range_m, "max_range_m": args.max_range_m, "ke_per_m": args.ke}
+    options = {"min_range_m": args.min_range_m, "max_range_m": args.max_range_m, "ke_per_m": args.ke}
+    given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
     if args.mount is not None:
         given |= dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), args.mount, strict=True))
     if args.lever_arm is not None:
         given |= dict(zip(("x_m", "y_m", "z_m"), args.lever_arm, strict=True))
-    camera: CameraConfig = replace(config.camera(name), **{k: v for k, v in given.items() if v is not None})
+    content = {k: v for k, v in (asdict(config.camera(name)) | given).items() if v is not None}
+    try:
+        (camera,) = config_of({"camera": [content]}, "the options of the camera").cameras
+    except ConfigError as error:
+        raise UsageError(str(error)) from error
     return ImportOptions(
         camera=camera,
         frame_latency_s=args.frame_latency_ms / 1000.0,
@@ -314,17 +333,10 @@ def _three(text: str) -> tuple[float, float, float]:
     return a, b, c
 
 
-def _latency(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value <= 5000.0:
-        raise argparse.ArgumentTypeError("expected 0..5000 ms")
-    return value
-
-
 def _epoch_us(text: str) -> int:
     """Microseconds of a decimal number of seconds, exact."""
     try:
         value = Decimal(text)
         return int((value * 1_000_000).to_integral_value())
-    except (InvalidOperation, OverflowError) as error:
+    except (InvalidOperation, OverflowError, ValueError) as error:
         raise argparse.ArgumentTypeError(f"{text!r}: expected a unix time in seconds") from error

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..console import print_json, print_line
+from ..usage_error import UsageError
 from ..whole_file import write_whole
 from .steps import packaged_file
 
@@ -24,9 +25,11 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: listed or copied. Raises ValueError for an unknown name or an existing file."""
+    """0: listed or copied. Raises UsageError for an unknown name, ValueError for an existing file."""
     shipped = {f.stem: f for f in sorted(packaged_file("configs", "default.toml").parent.glob("*.toml"))}
     if args.name is None:
+        if args.output is not None:
+            raise UsageError("-o needs the NAME of the configuration to copy; `companion configs` lists them")
         if args.json:
             print_json({"configs": {name: str(path) for name, path in shipped.items()}})
             return 0
@@ -38,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     source = shipped.get(args.name.removesuffix(".toml"))
     if source is None:
-        raise ValueError(f"no configuration {args.name!r}; there are {', '.join(shipped)}")
+        raise UsageError(f"no configuration {args.name!r}; there are {', '.join(shipped)}")
     target = args.output or Path(f"{source.stem}.toml")
     if target.exists():
         raise ValueError(f"{target} exists; name another file with -o")

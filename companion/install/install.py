@@ -15,6 +15,7 @@ from ..config.loader import ConfigError, load_config
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
 from ..paths import NAME
+from ..usage_error import UsageError
 from .interpreter import check_reachable
 from .steps import (
     UNIT,
@@ -58,6 +59,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: installed, or the steps printed; 1: printed, and something is missing. Raises InstallError, ConfigError and OSError."""
+    if args.replace_config and args.config is None:
+        raise UsageError("--replace-config needs -c FILE, the configuration to install")
     paths = install_paths(args.root)
     steps = reachable_steps(args.dry_run)
     steps += install_steps(paths, args.config, args.replace_config, not args.no_start, dry_run=args.dry_run)

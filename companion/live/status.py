@@ -16,6 +16,7 @@ from drivers.mavlink.anomalies import LinkAnomaly
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.run_folder import run_folder
 
+from ..argument_types import number_in
 from ..config.loader import load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import print_json, print_line
@@ -178,7 +179,11 @@ def add_parser(subparsers: Any) -> None:
         help="configuration of the service; needed only if its [publish] addresses are changed",
     )
     parser.add_argument(
-        "--timeout", type=float, default=3.0, metavar="S", help="time limit for a report (default: 3 s)"
+        "--timeout",
+        type=number_in(float, 0.1, 3600.0),
+        default=3.0,
+        metavar="S",
+        help="time limit for a report (default: 3 s)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

@@ -15,6 +15,7 @@ from drivers.logs.reader import open_scan
 from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
 
 from ..console import print_json, print_line
+from ..usage_error import UsageError
 from .log_writer import ACTIVE, RECOVERING, finish_file, start_writer
 
 
@@ -33,7 +34,7 @@ def recover(path: Path, output: Path | None = None) -> RecoverResult:
     DriverError when nothing is readable, ValueError when the output would overwrite a file."""
     target = output or default_output(path)
     if target.resolve() == path.resolve():
-        raise ValueError(f"{path}: input and output are the same file; give -o another name")
+        raise UsageError(f"{path}: input and output are the same file; give -o another name")
     result = _copied(path, target)
     if not result.damages:
         result.output = None

@@ -31,6 +31,7 @@ from ..pipeline.results import Output, PrismsResult
 from ..pipeline.track_messages import tracks_message
 from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
+from ..usage_error import UsageError
 from .compare import Comparison, Key, key_of
 from .observer import Observer
 from .replay_report import Replay, depth_note, print_report, replay_problems, report
@@ -315,7 +316,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--tolerance",
         type=number_in(float, 0.0, 1.0),
-        default=0.0,
         metavar="X",
         help="with --check: greatest allowed difference of two numbers in their unit (m, rad), for another type of processor (default: 0)",
     )
@@ -324,12 +324,16 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: success; 1: the input was damaged, frames were dropped or the check failed."""
+    """0: success; 1: the input was damaged, frames were dropped or the check failed. Raises UsageError."""
+    if args.tolerance is not None and not args.check:
+        raise UsageError("--tolerance needs --check")
+    if args.no_depth and args.output is None:
+        raise UsageError("--no-depth needs -o OUT.mcap: it leaves the depth images out of that file")
     options = Options(
         output=args.output,
         config=args.config,
         check=args.check,
-        tolerance=args.tolerance,
+        tolerance=args.tolerance or 0.0,
         depth=not args.no_depth,
     )
     config = check_input(args.input, options)  # a mistake is not to wait for the compiler

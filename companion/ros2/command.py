@@ -18,6 +18,7 @@ from ..argument_types import number_in
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
+from ..usage_error import UsageError
 from ..viewer.live_server import NICE, streams_of
 from ..viewer.subscriber import HEALTH_OLD_NS, LiveSubscriber
 from .bridge import BridgeOptions, Ros2Bridge
@@ -82,7 +83,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Publishes until it is stopped. 1: the subscriber ended; 2: wrong usage."""
+    """Publishes until it is stopped. 1: the subscriber ended. Raises UsageError."""
     try:
         options = BridgeOptions(
             namespace=absolute_name(args.namespace), hz=args.hz, spacing_m=args.spacing, transforms=not args.no_tf
@@ -90,8 +91,7 @@ def run(args: argparse.Namespace) -> int:
         domain = _environment_domain() if args.domain is None else args.domain
         router = _endpoint(args.router)
     except ValueError as error:
-        fail(str(error))
-        return 2
+        raise UsageError(str(error)) from error
     publish = PublishConfig() if args.config is None else load_config(args.config).publish
     ros = RosMessages()
     node = RosNode(ros, router, domain, options.namespace, NODE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from argparse import ArgumentTypeError
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from drivers.base import DriverError
 from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
 from drivers.mavlink.transport import parse_address
 
+from ..argument_types import checked_by, number_in
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import examine, print_findings
@@ -22,6 +24,11 @@ from .listen import candidates, find_autopilot
 
 OUTPUT = Path("companion.toml")
 PATIENCE_S = 25.0
+PITCH_DEG = -90.0, 90.0
+YAW_DEG = -180.0, 180.0
+POSITION_M = -10.0, 10.0
+WIDTH_M = 0.05, 10.0
+HEIGHT_M = 0.05, 5.0
 
 
 def add_parser(subparsers: Any) -> None:
@@ -41,37 +48,47 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--camera",
+        type=checked_by(_check_camera),
         metavar="KIND[:DEVICE]",
         help=f"kind of the camera ({', '.join(SIZES)}) and its device (default: the one that is found)",
     )
     parser.add_argument(
         "--autopilot",
+        type=checked_by(_check_autopilot),
         metavar="ADDRESS",
         help="address as in [autopilot] address (default: searched for); none: no autopilot",
     )
     parser.add_argument(
         "--pitch",
-        type=float,
+        type=number_in(float, *PITCH_DEG),
         metavar="DEG",
         help="pitch of the camera mount in degrees, upwards is positive (default: 0)",
     )
     parser.add_argument(
         "--yaw",
-        type=float,
+        type=number_in(float, *YAW_DEG),
         metavar="DEG",
         help="yaw of the camera mount in degrees, to the right is positive (default: 0)",
     )
     parser.add_argument(
         "--position",
-        type=float,
+        type=number_in(float, *POSITION_M),
         nargs=3,
         metavar=("X", "Y", "Z"),
         help="position of the camera relative to the autopilot in metres: forward, right, down (default: 0 0 0)",
     )
     parser.add_argument(
-        "--width", type=float, metavar="M", help="width of the vehicle with rotors in metres (default: 1.0)"
+        "--width",
+        type=number_in(float, *WIDTH_M),
+        metavar="M",
+        help="width of the vehicle with rotors in metres (default: 1.0)",
     )
-    parser.add_argument("--height", type=float, metavar="M", help="height of the vehicle in metres (default: 0.5)")
+    parser.add_argument(
+        "--height",
+        type=number_in(float, *HEIGHT_M),
+        metavar="M",
+        help="height of the vehicle in metres (default: 0.5)",
+    )
     parser.add_argument(
         "--calibration", metavar="FILE", default="", help="of a ZED: its calibration file SN<serial>.conf"
     )
@@ -118,33 +135,32 @@ class Questions:
         sys.stdout.flush()
         return sys.stdin.readline().strip() or default
 
-    def number(self, question: str, default: float) -> float:
-        """A number; asks again for anything else."""
+    def number(self, question: str, default: float, limits: tuple[float, float]) -> float:
+        """A number within limits; asks again for anything else."""
+        parse = number_in(float, *limits)
         while True:
-            text = self.text(question, f"{default:g}")
             try:
-                return float(text)
-            except ValueError:
-                warn(f"{text!r} is not a number")
-
-    def unless_given(self, value: float | None, question: str, default: float) -> float:
-        """The value of a flag, else the answer."""
-        return self.number(question, default) if value is None else value
+                return parse(self.text(question, f"{default:g}"))
+            except ArgumentTypeError as error:
+                warn(str(error))
 
 
 def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     """The answers from flags, devices and questions."""
     camera = _camera(args.camera, ask)
-    pitch = ask.unless_given(args.pitch, "camera mount, pitch in degrees (a camera that looks down is negative)", 0.0)
-    yaw = ask.unless_given(args.yaw, "camera mount, yaw in degrees (to the right is positive)", 0.0)
+    pitch, yaw, width, height = args.pitch, args.yaw, args.width, args.height
+    if pitch is None:
+        pitch = ask.number("camera mount, pitch in degrees (a camera that looks down is negative)", 0.0, PITCH_DEG)
+    if yaw is None:
+        yaw = ask.number("camera mount, yaw in degrees (to the right is positive)", 0.0, YAW_DEG)
     x, y, z = args.position or (
-        ask.number(f"position of the camera from the autopilot in metres: {axis}", 0.0)
+        ask.number(f"position of the camera from the autopilot in metres: {axis}", 0.0, POSITION_M)
         for axis in ("forward", "right", "down")
     )
-    width = ask.unless_given(args.width, "width of the vehicle with rotors, in metres", 1.0)
-    height = ask.unless_given(args.height, "height of the vehicle, in metres", 0.5)
-    if not (0.0 < width <= 10.0 and 0.0 < height <= 5.0):
-        raise ValueError(f"a vehicle of {width:g} x {height:g} m: expected a width up to 10 m and a height up to 5 m")
+    if width is None:
+        width = ask.number("width of the vehicle with rotors, in metres", 1.0, WIDTH_M)
+    if height is None:
+        height = ask.number("height of the vehicle, in metres", 0.5, HEIGHT_M)
     return Answers(
         kind=camera.kind,
         device=camera.device,
@@ -161,12 +177,22 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     )
 
 
+def _check_camera(text: str) -> None:
+    """Raises ValueError for a kind of camera that does not exist."""
+    if text.partition(":")[0] not in SIZES:
+        raise ValueError(f"{text!r}: expected one of {', '.join(SIZES)}, such as v4l2:/dev/v4l/by-id/NAME")
+
+
+def _check_autopilot(text: str) -> None:
+    """Raises ValueError for an address that cannot be used."""
+    if text != "none":
+        parse_address(text)
+
+
 def _camera(given: str | None, ask: Questions) -> FoundCamera:
-    """The camera of the flag, else one of those found. Raises ValueError for an unknown kind, or where none is found."""
+    """The camera of the flag, else one of those found. Raises ValueError where none is found."""
     if given:
         kind, _, device = given.partition(":")
-        if kind not in SIZES:
-            raise ValueError(f"--camera {given}: expected one of {', '.join(SIZES)}, such as v4l2:/dev/v4l/by-id/NAME")
         return FoundCamera(kind, device, kind)
     found = find_cameras()
     for k, camera in enumerate(found):
@@ -176,19 +202,14 @@ def _camera(given: str | None, ask: Questions) -> FoundCamera:
             "no camera was found on USB: check cable and power (`lsusb`), or name one with --camera KIND:DEVICE; "
             "--camera simulated needs no hardware"
         )
-    number = int(ask.number("which camera", 1.0)) if len(found) > 1 else 1
-    if not 1 <= number <= len(found):
-        raise ValueError(f"camera {number}: expected 1..{len(found)}")
+    number = int(ask.number("which camera", 1.0, (1.0, len(found)))) if len(found) > 1 else 1
     return found[number - 1]
 
 
 def _autopilot(given: str | None, ask: Questions) -> str:
-    """The address of the flag, else the first with a heartbeat. Raises ValueError for one that cannot be used."""
-    if given == "none":
-        return ""
+    """The address of the flag, else the first with a heartbeat. Raises ValueError for an answer that cannot be used."""
     if given:
-        parse_address(given)
-        return given
+        return "" if given == "none" else given
     ports = find_serial_ports()
     print_line(f"serial ports: {', '.join(ports) or 'none'}")
     say: Callable[[str], None] = print_line

@@ -41,12 +41,19 @@ def beyond_loopback(address: str) -> bool:
         return True  # *, an interface's name, a host's name
 
 
+def check_client(name: str) -> None:
+    """Raises ValueError for a name that cannot be one of a client: it is part of file names, beside those of the server."""
+    if not re.fullmatch(r"[A-Za-z0-9._-]+", name):
+        raise ValueError(f"client name {name!r}: expected letters, digits, dot, dash and underscore")
+    if f"{name}.secret" == SERVER_SECRET:
+        raise ValueError(f"client name {name!r}: {SERVER_SECRET} is the file of the service; use another name")
+
+
 def make_keys(folder: Path, client: str) -> list[Path]:
     """Makes the server's keys, where there are none, and those of a client; returns the files written, the client's
     secret last: it goes to the client and nowhere else. Raises ValueError for a client there is already, OSError where a file
     cannot be written: none is left then."""
-    if not re.fullmatch(r"[A-Za-z0-9._-]+", client):
-        raise ValueError(f"client name {client!r}: use letters, digits, dot, dash and underscore")
+    check_client(client)
     clients = folder / CLIENTS
     clients.mkdir(parents=True, exist_ok=True, mode=0o700)
     if (clients / f"{client}.public").exists():

@@ -6,12 +6,16 @@ import argparse
 import getpass
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from drivers.mavlink.signing_key import make_key
 
+from ..argument_types import checked_by
 from ..console import print_json, print_line
-from .curve_auth import make_keys
+from ..usage_error import UsageError
+from .curve_auth import check_client, make_keys
+
+CLIENT: Final = "planner"
 
 
 def add_parser(subparsers: Any) -> None:
@@ -25,7 +29,10 @@ def add_parser(subparsers: Any) -> None:
         help="directory for the keys of network streams, such as /etc/osape-companion/keys",
     )
     parser.add_argument(
-        "--client", default="planner", metavar="NAME", help="name of the client that gets a key (default: planner)"
+        "--client",
+        type=checked_by(check_client),
+        metavar="NAME",
+        help=f"name of the client that gets a key (default: {CLIENT})",
     )
     parser.add_argument(
         "--signing", type=Path, metavar="FILE", help="write a key for MAVLink 2 signatures to FILE instead"
@@ -39,12 +46,11 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Creates the server's keys, if missing, and those of a client. Raises ValueError and OSError."""
+    """Creates the server's keys, if missing, and those of a client. Raises UsageError, ValueError and OSError."""
+    _check_usage(args)
     if args.signing is not None:
         return _signing(args)
-    if args.folder is None:
-        raise ValueError("give the FOLDER of the keys, or --signing FILE")
-    written = make_keys(args.folder, args.client)
+    written = make_keys(args.folder, args.client or CLIENT)
     if args.json:
         print_json({"written": [str(f) for f in written]})
         return 0
@@ -56,6 +62,18 @@ def run(args: argparse.Namespace) -> int:
     )
     print_line(f'in the configuration: [publish] keys = "{args.folder}"')
     return 0
+
+
+def _check_usage(args: argparse.Namespace) -> None:
+    """Raises UsageError for options that exclude or need each other."""
+    if args.signing is None and args.folder is None:
+        raise UsageError("give the FOLDER of the keys, or --signing FILE")
+    if args.signing is None and args.passphrase:
+        raise UsageError("--passphrase needs --signing FILE")
+    if args.signing is not None and args.client is not None:
+        raise UsageError("--client needs FOLDER: a key for signatures belongs to no client; leave out --signing")
+    if args.signing is not None and args.folder is not None:
+        raise UsageError("FOLDER and --signing exclude each other; use one after the other")
 
 
 def _signing(args: argparse.Namespace) -> int:

@@ -16,6 +16,7 @@ from ..argument_types import number_in
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
+from ..usage_error import UsageError
 from ..whole_file import write_whole
 from .foxglove_layout import LAYOUT_NAME, write_layout
 from .frame import FrameStatus, select_frames
@@ -220,12 +221,17 @@ def add_parser(subparsers: Any) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--every",
-        type=_positive,
+        type=number_in(int, 1, 1_000_000),
         metavar="N",
         help="draw a picture of every N-th frame (default: about seven of the log)",
     )
     which.add_argument(
-        "--frame", type=int, action="append", default=[], metavar="N", help="draw a picture of frame N; may be repeated"
+        "--frame",
+        type=number_in(int, 0, 2**32 - 1),
+        action="append",
+        default=[],
+        metavar="N",
+        help="draw a picture of frame N; may be repeated",
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--no-png", action="store_true", help="write the page only")
@@ -269,25 +275,16 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("expected 1 or more")
-    return value
-
-
 def run(args: argparse.Namespace) -> int:
-    """0: success; 1: the log could not be read to its end; 2: wrong usage."""
+    """0: success; 1: the log could not be read to its end. Raises UsageError."""
     if args.live:
         if args.input is not None or args.output is not None:
-            fail("--live follows the running service: leave FILE.mcap and -o away")
-            return 2
+            raise UsageError("--live follows the running service: leave FILE.mcap and -o away")
         from .live_server import run as run_live  # imports a web server: only where requested
 
         return run_live(args)
     if args.input is None or args.output is None:
-        fail("give FILE.mcap and -o DIR, or --live")
-        return 2
+        raise UsageError("give FILE.mcap and -o DIR, or --live")
     options = ViewOptions(
         every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page, rerun=args.rerun
     )

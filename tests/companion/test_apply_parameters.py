@@ -230,8 +230,8 @@ def test_without_an_autopilot_or_beside_the_service_nothing_is_written(
 
 
 def test_options_that_exclude_each_other_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--yes"]) == 1
-    assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--apply", "--json"]) == 1
+    assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--yes"]) == 2
+    assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--apply", "--json"]) == 2
     assert "add --yes" in capsys.readouterr().err
 
 

@@ -352,7 +352,7 @@ def test_results_of_other_options_are_not_mixed(
 def test_options_that_do_not_fit_are_refused(
     fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], text: str
 ) -> None:
-    assert main(["batch", str(fleet), "-o", str(tmp_path / "out"), *options]) == 1
+    assert main(["batch", str(fleet), "-o", str(tmp_path / "out"), *options]) == 2
     assert text in capsys.readouterr().err
 
 

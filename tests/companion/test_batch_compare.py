@@ -126,5 +126,5 @@ def test_wrong_uses_are_explained(
     a = str(datasets[0])
     assert main(["batch", "--compare", a, str(tmp_path / "none"), "-o", str(tmp_path)]) == 1
     assert "there is no such table; give the output folder of `companion batch`" in capsys.readouterr().err
-    assert main(["batch", "logs", "--compare", a, a, "-o", str(tmp_path)]) == 1
+    assert main(["batch", "logs", "--compare", a, a, "-o", str(tmp_path)]) == 2
     assert "leave out logs" in capsys.readouterr().err

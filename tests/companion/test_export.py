@@ -127,7 +127,7 @@ def test_gltf_of_a_log(log: Path, results: list[Any], tmp_path: Path, capsys: py
 
 def test_wrong_outputs_and_logs(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = log.read_bytes()
-    assert main(["export", str(log), "-f", "npz", "-o", str(log)]) == 1
+    assert main(["export", str(log), "-f", "npz", "-o", str(log)]) == 2
     assert ".npz" in capsys.readouterr().err
     assert main(["export", str(log), "-f", "csv", "-o", str(log)]) == 1
     assert log.read_bytes() == before

@@ -201,7 +201,7 @@ def test_keys_that_cannot_be_used_name_the_cause(tmp_path: Path) -> None:
     make_keys(tmp_path, "planner")
     with pytest.raises(ValueError, match="there is such a client"):
         make_keys(tmp_path, "planner")
-    with pytest.raises(ValueError, match="use letters"):
+    with pytest.raises(ValueError, match="expected letters"):
         make_keys(tmp_path, "../x")
     (tmp_path / "server.secret").chmod(0o644)
     with pytest.raises(BadData, match="others can read it"):

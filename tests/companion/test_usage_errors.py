@@ -1,0 +1,132 @@
+"""Wrong usage of every command ends with status 2 and a message that names the remedy."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from companion.cli import _parser, main
+from companion.command_list import COMMANDS
+
+WRONG: dict[str, tuple[tuple[str, str], ...]] = {
+    "demo": (("--seconds x", "expected 1..600"),),
+    "simulate-autopilot": (
+        ("-c simulated.toml --drift-ppm x", "expected -1000..1000"),
+        ("-c simulated.toml --jitter-ms nan", "expected 0..10000"),
+        ("-c simulated.toml --address tcp:1", "udpout:HOST:PORT"),
+    ),
+    "setup": (
+        ("--camera moon", "expected one of oak"),
+        ("--autopilot carrier-pigeon", "expected serial"),
+        ("--pitch nan", "expected -90..90"),
+        ("--width 0", "expected 0.05..10"),
+        ("--height 99", "expected 0.05..5"),
+        ("--position 1 2 nan", "expected -10..10"),
+    ),
+    "configs": (("moon", "there are"), ("-o my.toml", "needs the NAME")),
+    "check-config": (("", "FILE"),),
+    "doctor": (
+        ("--yes", "needs --apply"),
+        ("--apply --json", "add --yes"),
+        ("--apply --mount", "exclude each other"),
+        ("--patience nan", "expected 0.1..3600"),
+        ("--mount --seconds -1", "expected 1..3600"),
+    ),
+    "bench": (("--size 1x1", "such as 640x480"),),
+    "warmup": (("--all", "--all"), ("kernels", "unrecognized")),
+    "run": (("--speed 9", "--speed"),),
+    "status": (("--timeout nan", "expected 0.1..3600"), ("--timeout -3", "expected 0.1..3600")),
+    "view": (
+        ("", "give FILE.mcap and -o DIR, or --live"),
+        ("log.mcap", "give FILE.mcap and -o DIR, or --live"),
+        ("log.mcap -o out --live", "leave FILE.mcap and -o away"),
+        ("log.mcap -o out --every x", "expected 1..1000000"),
+        ("log.mcap -o out --frame x", "--frame"),
+    ),
+    "ros2": (("--router moon", "expected PROTOCOL/ADDRESS"), ("--namespace a//b", "a//b")),
+    "import": (
+        ("folder -o out.mcap --mount 1,2", "three numbers"),
+        ("folder -o out.mcap --mount=0,nan,0", "pitch_deg = NaN: expected -90..90"),
+        ("folder -o out.mcap --frame-latency-ms x", "expected 0..5000"),
+        ("folder -o out.mcap --tlog-epoch nan", "unix time"),
+        ("folder -o out.mcap --max-range-m nan", "max_range_m = NaN: expected"),
+        ("folder -o out.mcap --system-id 256", "expected 1..255"),
+    ),
+    "replay": (("log.mcap --tolerance 0.1", "needs --check"), ("log.mcap --no-depth", "needs -o")),
+    "info": (("", "FILE"),),
+    "recover": (("log.mcap -o log.mcap", "another name"),),
+    "export": (
+        ("log.mcap -f npz -o out", ".npz"),
+        ("log.mcap -f gltf -o out.txt", ".glb"),
+        ("log.mcap -f csv -o out --frame 3", "needs -f gltf"),
+    ),
+    "batch": (
+        ("-o out", "no input"),
+        ("logs -o out --address tcp://a:1", "--engine dask or ray"),
+        ("logs -o out --engine dask", "needs --address"),
+        ("logs -o out --engine ray --address auto --workers 2", "leave it out"),
+        ("logs -o out --no-pictures", "needs --compare"),
+        ("logs --compare a b -o out", "leave out logs"),
+        ("--compare a b -o s3://bucket/out", "local folder"),
+        ("--compare a b -o out --planes", "leave out --planes"),
+        ("--compare a b -o out -c x.toml", "leave out --config"),
+    ),
+    "find": (
+        ("out moon -o clips", "blind_while_armed"),
+        ("out [[1,2]] -o clips", "not a condition"),
+        ("out blind -o clips --before x", "expected 0..600"),
+    ),
+    "install": (("--replace-config", "needs -c FILE"),),
+    "uninstall": (("everything", "everything"),),
+    "keys": (
+        ("", "FOLDER"),
+        ("keys --signing team.key", "exclude each other"),
+        ("keys --passphrase", "needs --signing"),
+        ("--signing team.key --client ground", "needs FOLDER"),
+        ("keys --client a/b", "expected letters"),
+        ("keys --client server", "use another name"),
+    ),
+}
+"""Command -> (arguments, part of the message)."""
+
+CASES = [(command, line, part) for command, lines in WRONG.items() for line, part in lines]
+
+
+def test_every_command_is_here() -> None:
+    assert WRONG.keys() == COMMANDS.keys()
+
+
+@pytest.mark.parametrize(("command", "line", "part"), CASES, ids=[f"{c} {line}" for c, line, _ in CASES])
+def test_wrong_usage_is_status_2_with_a_remedy_and_writes_nothing(
+    command: str,
+    line: str,
+    part: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["configs", "simulated"]) == 0
+    capsys.readouterr()
+    assert main([command, *line.split()]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert part in output.err
+    assert "error: " in output.err
+    assert [f.name for f in tmp_path.iterdir()] == ["simulated.toml"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_refusal_of_a_value_names_no_function(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """argparse prints "invalid NAME value" with the name of the function that converts the text, where that raises
+    ValueError. That is clear for int and float only."""
+    (found,) = (a for a in _parser(command)._actions if a.dest == "command")
+    assert isinstance(found.choices, dict)
+    for action in found.choices[command]._actions:
+        if action.type in (None, Path, int, float):
+            continue
+        assert callable(action.type)
+        with pytest.raises(argparse.ArgumentTypeError, match="expected"):
+            action.type("x y")
