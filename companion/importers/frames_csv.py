@@ -66,12 +66,12 @@ def read_rows(path: Path, report: Report, angles_needed: bool = True) -> tuple[l
             "autopilot's log (.tlog, .ulg, .bin) into the folder",
         )
     usable = [row for n, (line, cells) in enumerate(content) if (row := _row(path, line, n, cells, report)) is not None]
-    rows = _in_order(path, usable, report)
+    rows = in_order(path, usable, report)
     _report_gaps(path, rows, report)
     return rows, len(content)
 
 
-def _in_order(path: Path, rows: list[FrameRow], report: Report) -> list[FrameRow]:
+def in_order(path: Path, rows: list[FrameRow], report: Report) -> list[FrameRow]:
     """The largest set of rows with increasing times: a single wrong stamp removes its own row only. Longest increasing
     subsequence by patience sorting."""
     tails: list[int] = []
@@ -90,8 +90,8 @@ def _in_order(path: Path, rows: list[FrameRow], report: Report) -> list[FrameRow
         if i not in kept:
             report.problem(
                 "order",
-                f"{path} line {row.line}: t_ns {row.t_ns} is out of order; row left out; correct the stamp, or sort "
-                "the rows by t_ns",
+                f"{path} line {row.line}: its time {row.t_ns} ns is out of order; row left out; correct the stamp, or "
+                "sort the rows by time",
             )
     return [row for i, row in enumerate(rows) if i in kept]
 

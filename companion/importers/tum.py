@@ -18,7 +18,7 @@ from drivers.base import BadData
 
 from ..pipeline.sync import NS
 from .frame_list import FrameListSource, Samples
-from .frames_csv import FrameRow
+from .frames_csv import FrameRow, in_order
 from .images import PngImages
 from .intrinsics_json import DepthCoding, read_intrinsics
 from .report import ImportOptions, Report, attitude_rate_problem, uncovered
@@ -94,11 +94,11 @@ def _rows(path: Path, report: Report) -> list[FrameRow]:
     rows: list[FrameRow] = []
     for number, (line, words) in enumerate(_lines(path)):
         t_ns = _stamp_ns(words[0])
-        if len(words) < 2 or t_ns is None or (rows and t_ns <= rows[-1].t_ns):
-            report.problem("row", f"{path} line {line}: expected a later stamp and a file; line left out")
+        if len(words) < 2 or t_ns is None:
+            report.problem("row", f"{path} line {line}: expected a stamp in seconds and a file; line left out")
             continue
         rows.append(FrameRow(line=line, number=number, file=words[1], t_ns=t_ns, euler_rad=None, position_ned_m=None))
-    return rows
+    return in_order(path, rows, report)
 
 
 def _samples(path: Path, report: Report) -> Samples:

@@ -5,6 +5,7 @@ Stamps (`TimeUS`) count from the start of the autopilot; where the log has a GPS
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
 from statistics import median_low
@@ -20,7 +21,9 @@ from .ulog import NO_RATES
 MAGIC: Final = b"\xa3\x95"
 ATTITUDE: Final = "ATT"
 POSITIONS: Final = ("XKF1", "NKF1")
-"""Estimates of position and velocity of EKF3 and EKF2."""
+"""Estimates of position and velocity of EKF3 and EKF2, of each core."""
+PRIMARY: Final = {"XKF4": "XKF1", "NKF4": "NKF1"}
+"""Messages whose field PI is the index of the core that the autopilot uses -> the message of its position."""
 GPS_EPOCH_UNIX_S: Final = 315_964_800
 LEAP_S: Final = 18
 """Leap seconds between GPS time and UTC since 2017."""
@@ -48,28 +51,35 @@ def read_dataflash(path: Path) -> VehicleLog:
 
 def _vehicle_log(path: Path) -> VehicleLog:
     attitudes: list[tuple[int, TlogAttitude]] = []
-    poses: dict[str, list[tuple[int, TlogPose]]] = {kind: [] for kind in POSITIONS}
+    poses: dict[str, list[tuple[int, int, TlogPose]]] = {kind: [] for kind in POSITIONS}
+    primaries: dict[str, list[tuple[int, int]]] = {kind: [] for kind in POSITIONS}
     offsets_us: list[int] = []
     for message in _messages(path):
         kind, t_us = message.get_type(), int(message.TimeUS)
         if kind == ATTITUDE:
             euler = math.radians(message.Roll), math.radians(message.Pitch), math.radians(message.Yaw)
             attitudes.append((t_us, TlogAttitude(float(t_us), t_us, None, euler, NO_RATES)))
-        elif kind in poses and int(getattr(message, "C", 0)) == 0:  # of the first estimator
+        elif kind in PRIMARY and int(getattr(message, "PI", -1)) >= 0:
+            primaries[PRIMARY[kind]].append((t_us, int(message.PI)))
+        elif kind in poses:
             position = float(message.PN), float(message.PE), float(message.PD)
             velocity = float(message.VN), float(message.VE), float(message.VD)
-            poses[kind].append((t_us, TlogPose(float(t_us), t_us, position, velocity)))
+            core = int(getattr(message, "C", 0))
+            poses[kind].append((t_us, core, TlogPose(float(t_us), t_us, position, velocity)))
         elif kind == "GPS" and getattr(message, "GWk", 0) > 0:
             offsets_us.append(_unix_us(message) - t_us)
     if not attitudes:
         raise BadData(f"{path}: no {ATTITUDE} in it; set the attitude bits of the ArduPilot parameter LOG_BITMASK")
     shift_us = median_low(offsets_us) if offsets_us else 0
-    placed = poses["XKF1"] or poses["NKF1"]
+    kind = next((k for k in POSITIONS if poses[k]), POSITIONS[0])
     return VehicleLog(
         system=1,
         kind=ATTITUDE,
         attitudes=[TlogAttitude(t + shift_us, t + shift_us, None, a.euler_rad, a.rates_rad_s) for t, a in attitudes],
-        poses=[TlogPose(t + shift_us, t + shift_us, p.position_m, p.velocity_m_s) for t, p in placed],
+        poses=[
+            replace(p, t_us=p.t_us + shift_us, stamp_us=p.stamp_us + shift_us)
+            for p in _of_primary(poses[kind], primaries[kind])
+        ],
         boots=1,
         drift=0.0,
         strange=0,
@@ -77,12 +87,28 @@ def _vehicle_log(path: Path) -> VehicleLog:
     )
 
 
+def _of_primary(rows: list[tuple[int, int, TlogPose]], primaries: list[tuple[int, int]]) -> list[TlogPose]:
+    """The rows (time, core, pose) of the core that the autopilot uses at the time; the first one where the log does not
+    contain that. The position may jump from one core to the next: the reset counter counts the changes."""
+    times = [t_us for t_us, _ in primaries]
+    found: list[TlogPose] = []
+    before, changes = None, 0
+    for t_us, core, pose in rows:
+        wanted = primaries[max(0, bisect_right(times, t_us) - 1)][1] if primaries else 0
+        if core != wanted:
+            continue
+        changes += before is not None and core != before
+        before = core
+        found.append(replace(pose, reset_counter=changes % 256))
+    return found
+
+
 def _messages(path: Path) -> list[Any]:
     """Returns all messages of the kinds that are used."""
     log = DFReader.DFReader_binary(str(path), zero_time_base=True)
     try:
         found = []
-        while (message := log.recv_match(type=[ATTITUDE, "GPS", *POSITIONS])) is not None:
+        while (message := log.recv_match(type=[ATTITUDE, "GPS", *POSITIONS, *PRIMARY])) is not None:
             if hasattr(message, "TimeUS"):
                 found.append(message)
         return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 from core.frames import quaternion_from_euler
@@ -64,13 +65,22 @@ def write_ulog(
     return path
 
 
-def write_dataflash(path: Path, seconds: float, hz: float = 50.0, start_s: float = 0.0, gps: bool = True) -> Path:
-    """ATT (degrees) and XKF1 of two estimators; with GPS that tells the week and its milliseconds."""
+def write_dataflash(
+    path: Path,
+    seconds: float,
+    hz: float = 50.0,
+    start_s: float = 0.0,
+    gps: bool = True,
+    primary: Callable[[float], int] | None = None,
+) -> Path:
+    """ATT (degrees) and XKF1 of two estimators; with GPS that tells the week and its milliseconds. primary: the core in use at a
+    time, logged in XKF4; None: no XKF4."""
     formats = {
         0x80: ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", 89),
         1: ("ATT", "Qfff", "TimeUS,Roll,Pitch,Yaw", 3 + 20),
         2: ("XKF1", "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD", 3 + 33),
         3: ("GPS", "QBIH", "TimeUS,Status,GMS,GWk", 3 + 15),
+        4: ("XKF4", "QBb", "TimeUS,C,PI", 3 + 10),
     }
     out = bytearray()
 
@@ -88,5 +98,7 @@ def write_dataflash(path: Path, seconds: float, hz: float = 50.0, start_s: float
         message(1, struct.pack("<Qfff", t_us, roll, pitch, math.degrees(0.1)))
         for core in (0, 1):
             message(2, struct.pack("<QBffffff", t_us, core, 0.1, 0.2, 0.3, 1.0 + core, 2.0, -3.0))
+            if primary is not None:
+                message(4, struct.pack("<QBb", t_us, core, primary(t_s)))
     path.write_bytes(bytes(out))
     return path

@@ -154,6 +154,21 @@ def test_messages_of_a_library_do_not_spoil_the_json(tmp_path: Path, capsys: pyt
     assert "log.ulg: damaged; the rest was read" in notes
 
 
+def test_positions_are_those_of_the_core_that_the_autopilot_uses(tmp_path: Path) -> None:
+    """XKF1 has a row for each core, XKF4 the index of the primary one. The position jumps where that changes."""
+    path = write_dataflash(tmp_path / "log.bin", 2.0, hz=10.0, primary=lambda t_s: int(t_s >= 1.0))
+    poses = read_dataflash(path).poses
+    assert [(p.position_m[0], p.reset_counter) for p in poses] == [(1.0, 0)] * 10 + [(2.0, 1)] * 11
+
+
+@pytest.mark.parametrize("primary", [None, lambda t_s: -1])
+def test_without_the_index_of_the_core_the_first_one_is_taken(
+    primary: Callable[[float], int] | None, tmp_path: Path
+) -> None:
+    poses = read_dataflash(write_dataflash(tmp_path / "log.bin", 1.0, hz=10.0, primary=primary)).poses
+    assert [(p.position_m[0], p.reset_counter) for p in poses] == [(1.0, 0)] * 11
+
+
 @pytest.mark.parametrize(("write", "read"), [(write_ulog, read_ulog), (write_dataflash, read_dataflash)])
 @given(data=st.data())
 def test_a_log_with_any_damage_is_read_or_refused(

@@ -99,6 +99,22 @@ def test_slow_or_missing_poses_are_a_warning(tmp_path: Path, capsys: pytest.Capt
     assert "the attitude comes at 4.0 Hz" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("line", "stamp"), [(4, "1999999999.5"), (5, "1.0"), (2, "1999999999.5")])
+def test_one_wrong_stamp_in_a_tum_folder_removes_its_own_frame_only(
+    line: int, stamp: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_tum(tmp_path / "rgbd")
+    lines = (folder / "depth.txt").read_text().splitlines()
+    lines[line] = f"{stamp}{lines[line][17:]}"
+    (folder / "depth.txt").write_text("\n".join(lines) + "\n")
+    status, out = imported(folder)
+    assert status == 1
+    assert f"depth.txt line {line + 1}: " in capsys.readouterr().err
+    frames = frames_of(out)
+    assert len(frames) == 4
+    assert [int(f.depth_mm[9, 9]) for f in frames] == [1000 + 100 * k for k in range(5) if k != line - 2]
+
+
 def test_a_tum_folder_without_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_tum(tmp_path / "rgbd")
     (folder / "groundtruth.txt").unlink()
