@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -134,7 +135,13 @@ class CameraSupervisor:
 
     def _run_process(self) -> str:
         """Runs the process once; returns why it ended."""
-        reader = FrameReader(self.section.name)
+        try:
+            with closing(FrameReader(self.section.name)) as reader:
+                return self._run_with(reader)
+        except OSError as error:  # no memory, process or descriptor is left: that may pass
+            return f"its process cannot be started or read ({error})"
+
+    def _run_with(self, reader: FrameReader) -> str:
         config = json.dumps({k: v for k, v in dataclasses.asdict(self.section).items() if v is not None})
         self._set_condition(CameraCondition.STARTING, self._with_last_loss("opening the camera"))
         self._update(starts=self._status.starts + 1)
@@ -147,7 +154,6 @@ class CameraSupervisor:
         except (DeviceLost, BadData) as error:
             return self._last_cause or str(error)
         finally:
-            reader.close()
             self._process.kill()
             self._process.wait()
 

@@ -21,6 +21,7 @@ from .factory import make_source
 
 READ_S = 0.1
 """Longest wait for a frame before a notification `alive` is sent."""
+CAUSE_CHARACTERS = 2000
 
 
 def info_to_json(info: CameraInfo) -> dict[str, Any]:
@@ -41,6 +42,12 @@ def with_offset(frame: DepthFrame, offset_ms: float) -> DepthFrame:
         return frame
     t_exposure_ns = min(frame.t_exposure_ns - round(offset_ms * 1e6), frame.t_arrival_ns)
     return dataclasses.replace(frame, t_exposure_ns=t_exposure_ns)
+
+
+def shortened(cause: str) -> str:
+    """The cause without what does not fit to a notification: a library may put a whole dump into its message."""
+    rest = len(cause) - CAUSE_CHARACTERS
+    return cause if rest <= 0 else f"{cause[:CAUSE_CHARACTERS]}... ({rest} more characters)"
 
 
 def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) -> None:
@@ -69,7 +76,7 @@ def main(argv: list[str]) -> int:
         run_camera(section, writer, make_source(section))
     except (DriverError, ValueError, ImportError) as error:
         try:
-            writer.send("failed", cause=str(error))
+            writer.send("failed", cause=shortened(str(error)))
         except DeviceLost:
             return 1  # the service has ended: no receiver is left
         return 1

@@ -78,8 +78,15 @@ class FrameWriter:
         self._written = 0
 
     def send(self, kind: str, **payload: Any) -> None:
-        """Sends a notification. Raises DeviceLost when the service has ended."""
-        self._send({"kind": kind, **payload})
+        """Sends a notification. Raises DeviceLost when the service has ended, BadData for a notification that is too large
+        for the reader."""
+        data = json.dumps({"kind": kind, **payload}).encode()
+        if len(data) > _MAX_NOTIFICATION_BYTES:
+            raise BadData(
+                f"camera {self._camera}: the notification {kind!r} has {len(data)} bytes, more than "
+                f"{_MAX_NOTIFICATION_BYTES}; report this with the camera's configuration"
+            )
+        self._deliver(lambda: self._socket.send(data))
 
     def write(self, frame: DepthFrame) -> None:
         """Writes a frame into the next slot and notifies the reader. Raises DeviceLost when the service has ended."""
@@ -112,10 +119,6 @@ class FrameWriter:
                 self._memory = None
         finally:
             os.close(fd)
-
-    def _send(self, notification: dict[str, Any]) -> None:
-        data = json.dumps(notification).encode()[:_MAX_NOTIFICATION_BYTES]
-        self._deliver(lambda: self._socket.send(data))
 
     def _deliver(self, send: Any) -> bool:
         """False: the socket is full; the reader will be notified of a newer frame."""

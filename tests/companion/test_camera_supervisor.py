@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -14,12 +15,15 @@ import numpy as np
 import pytest
 
 from companion.cameras import supervisor as camera_supervisor
+from companion.cameras import worker
 from companion.cameras.factory import make_source
 from companion.cameras.supervisor import CameraCondition, CameraSupervisor, FrozenFrameDetector
 from companion.cameras.worker import info_from_json, info_to_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
 from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics
+from drivers.base import DepthSource, DeviceLost
+from drivers.cameras.frame_channel import FrameReader
 
 pytestmark = pytest.mark.process
 
@@ -63,13 +67,15 @@ CAMERA = textwrap.dedent("""
 class Watched:
     """A supervisor with a camera of a given habit, and all that came of it."""
 
-    def __init__(self, folder: Path, habit: str, params: SupervisorParams = QUICK) -> None:
+    def __init__(
+        self, folder: Path, habit: str, params: SupervisorParams = QUICK, command: tuple[str, ...] | None = None
+    ) -> None:
         script = folder / "camera.py"
         script.write_text(CAMERA)
         self.frames: list[DepthFrame] = []
         self.infos: list[CameraInfo] = []
         self.causes: list[str] = []
-        command = (sys.executable, str(script), habit)
+        command = command or (sys.executable, str(script), habit)
         section = CameraConfig(name="front", kind="simulated")
         self.supervisor = CameraSupervisor(section, self.infos.append, self.frames.append, params, command)
 
@@ -98,6 +104,36 @@ class Watched:
 @pytest.fixture(autouse=True)
 def _import_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+
+
+def test_a_process_that_cannot_be_started_is_tried_again(tmp_path: Path) -> None:
+    """As with no memory or no descriptor left: the thread that would restart the camera must not end."""
+    program, script = tmp_path / "camera", tmp_path / "camera.py"
+    with Watched(tmp_path, "well:0", command=(str(program),)) as w:
+        assert w.until(lambda: "cannot be started or read" in w.supervisor.status.last_loss)
+        assert "No such file" in w.supervisor.status.last_loss
+        assert w.supervisor.failure == ""
+        unfinished = tmp_path / "unfinished"
+        unfinished.write_text(f'#!/bin/sh\nexec {sys.executable} {script} well:0 "$@"\n')
+        unfinished.chmod(0o755)
+        unfinished.rename(program)
+        assert w.until(lambda: w.is_(CameraCondition.RUNNING))
+
+
+def test_the_cause_of_a_failure_may_be_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A library may put a whole dump into its message."""
+
+    def failing(section: CameraConfig) -> DepthSource:
+        raise DeviceLost("the device answered " + "x" * 100_000)
+
+    monkeypatch.setattr(worker, "make_source", failing)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    reader = FrameReader("front")
+    assert worker.main([str(os.dup(reader.child_fd)), json.dumps({"name": "front", "kind": "simulated"})]) == 1
+    (failed,) = reader.read(1.0)[1]
+    assert failed.kind == "failed"
+    assert failed.payload["cause"].startswith("the device answered xxx")
+    assert failed.payload["cause"].endswith("(98020 more characters)")
 
 
 def test_frames_of_a_camera_flow(tmp_path: Path) -> None:

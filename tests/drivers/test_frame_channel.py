@@ -50,6 +50,16 @@ def test_a_frame_comes_out_as_it_went_in() -> None:
     assert notifications == []
 
 
+def test_a_notification_that_is_too_large_is_refused_with_its_kind_and_size() -> None:
+    """Cut off it would be no JSON, and the reader would take the process for faulty."""
+    reader, writer = pair()
+    with pytest.raises(BadData, match=r"camera front: the notification 'opened' has 7\d{4} bytes, more than 60000"):
+        writer.send("opened", info={"text": "x" * 70_000})
+    assert reader.read(0.0) == (None, [])
+    writer.send("alive")
+    assert reader.read(1.0) == (None, [Notification("alive", {})])
+
+
 def test_only_the_newest_frame_is_delivered_and_the_others_are_counted() -> None:
     reader, writer = pair()
     for k in range(3):
