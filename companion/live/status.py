@@ -147,7 +147,9 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
 
 def _team_lines(t: pb.TeamHealth) -> list[str]:
     links = "; ".join(
-        f"{k.name} {k.fault}" if k.fault else f"{k.name} {k.sent_bytes_per_s:.0f} B/s sent" for k in t.links
+        (f"{k.name} {k.fault}" if k.fault else f"{k.name} {k.sent_bytes_per_s:.0f} B/s sent")
+        + (f", {k.unencodable} x out of the packets' range and not sent" if k.unencodable else "")
+        for k in t.links
     )
     place = "" if t.frame_known else ", own place on Earth unknown"
     refused = ", ".join(f"{count} {code}" for code, count in sorted(t.received.items()) if code != "accepted")

@@ -292,6 +292,7 @@ class Sharing:
                     sent_bytes=sent[link.name],
                     sent_packets=team.queues[link.name].sent_packets,
                     sent_bytes_per_s=rate,
+                    unencodable=team.queues[link.name].unencodable,
                 )
             )
         return health

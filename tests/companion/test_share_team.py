@@ -346,11 +346,13 @@ def test_sharing_is_off_by_default() -> None:
 def test_the_status_lists_the_team() -> None:
     health = pb.Health()
     health.team.vehicle, health.team.frame_known = 1, True
-    health.team.links.append(pb.TeamLinkHealth(name="tunnel", sent_bytes_per_s=212.0))
+    health.team.links.append(pb.TeamLinkHealth(name="tunnel", sent_bytes_per_s=212.0, unencodable=4))
     health.team.received["accepted"], health.team.received["replayed"] = 90, 2
     health.team.neighbours.append(
         pb.NeighbourHealth(vehicle=2, silent_s=0.3, placement="by_position", fit="too_little", sigma_m=2.1, planes=14)
     )
     text = "\n".join(status_lines(health))
-    assert "team: vehicle 1; tunnel 212 B/s sent; refused: 2 replayed" in text
+    assert (
+        "team: vehicle 1; tunnel 212 B/s sent, 4 x out of the packets' range and not sent; refused: 2 replayed" in text
+    )
     assert "vehicle 2: 14 planes, 0 moving, 0 withheld, newest packet 0.3 s ago, frame by_position within 2.1 m" in text

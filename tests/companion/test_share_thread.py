@@ -245,6 +245,15 @@ def received_movers(made: Made, now_ns: int) -> list[float]:
     return sorted(m.centre_m[0] for m in found.movers if m.kind is MoverKind.OBSTACLE)
 
 
+def test_an_obstacle_out_of_the_range_of_the_packets_is_reported() -> None:
+    """It is not sent: the other vehicles do not know it."""
+    made = Made()
+    made.sharing.tracks(tracked("front", 5 * NS, moving(50_000.0)))
+    assert received_movers(made, 5 * NS) == []
+    (link,) = made.sharing.health.links
+    assert link.unencodable == 1
+
+
 def test_a_mover_that_is_not_observed_now_is_where_the_tracker_predicts_it() -> None:
     """The tracker has moved it to the exposure of the frame, the receiver moves it by its age since the observation."""
     made = Made()

@@ -928,18 +928,20 @@ class TeamHealth(_message.Message):
     def __init__(self, vehicle: _Optional[int] = ..., neighbours: _Optional[_Iterable[_Union[NeighbourHealth, _Mapping]]] = ..., received: _Optional[_Mapping[str, int]] = ..., links: _Optional[_Iterable[_Union[TeamLinkHealth, _Mapping]]] = ..., frame_known: bool = ...) -> None: ...
 
 class TeamLinkHealth(_message.Message):
-    __slots__ = ("name", "fault", "sent_bytes", "sent_packets", "sent_bytes_per_s")
+    __slots__ = ("name", "fault", "sent_bytes", "sent_packets", "sent_bytes_per_s", "unencodable")
     NAME_FIELD_NUMBER: _ClassVar[int]
     FAULT_FIELD_NUMBER: _ClassVar[int]
     SENT_BYTES_FIELD_NUMBER: _ClassVar[int]
     SENT_PACKETS_FIELD_NUMBER: _ClassVar[int]
     SENT_BYTES_PER_S_FIELD_NUMBER: _ClassVar[int]
+    UNENCODABLE_FIELD_NUMBER: _ClassVar[int]
     name: str
     fault: str
     sent_bytes: int
     sent_packets: int
     sent_bytes_per_s: float
-    def __init__(self, name: _Optional[str] = ..., fault: _Optional[str] = ..., sent_bytes: _Optional[int] = ..., sent_packets: _Optional[int] = ..., sent_bytes_per_s: _Optional[float] = ...) -> None: ...
+    unencodable: int
+    def __init__(self, name: _Optional[str] = ..., fault: _Optional[str] = ..., sent_bytes: _Optional[int] = ..., sent_packets: _Optional[int] = ..., sent_bytes_per_s: _Optional[float] = ..., unencodable: _Optional[int] = ...) -> None: ...
 
 class NeighbourHealth(_message.Message):
     __slots__ = ("vehicle", "silent_s", "placement", "fit", "sigma_m", "planes", "movers", "withheld", "packets", "refused", "position_m")
