@@ -59,37 +59,36 @@ def find_holes(codes):
     cells of side LEAST_SIDE << k. codes: (cols, rows) uint16.
 
     Squares are marked at their first column and block. One of twice the side consists of four; in the opposite order,
-    each square that was found is filled by four of half the side."""
+    each square that was found is filled by four of half the side. The columns are searched as one line of blocks, in
+    which a column is `line` blocks long: a square that runs from one column into the next lies in the blocks beyond the
+    border."""
     cols, rows = codes.shape
     beyond = _BEYOND // LEAST_SIDE
-    unknown = np.empty((cols + 2 * _BEYOND, (rows + LEAST_SIDE - 1) // LEAST_SIDE + 2 * beyond), np.uint8)
+    line = (rows + LEAST_SIDE - 1) // LEAST_SIDE + 2 * beyond
+    unknown = np.empty((cols + 2 * _BEYOND, line), np.uint8)
     fill_unknown(codes, unknown)
-    n, m = unknown.shape
-    squares = np.empty((_SIDES, n, m), np.uint8)
-    n -= LEAST_SIDE - 1
-    for u in range(n):
-        join_four(unknown[u], unknown[u + 1], unknown[u + 2], unknown[u + 3], squares[0, u])
+    blocks = unknown.reshape(unknown.size)
+    n = len(blocks) - (LEAST_SIDE - 1) * line
+    squares = np.empty((_SIDES, n), np.uint8)
+    join_four(blocks, blocks[line:], blocks[2 * line :], blocks[3 * line :], squares[0])
     for k in range(1, _SIDES):
-        side, half = LEAST_SIDE << (k - 1), 1 << (k - 1)
-        n, m = n - side, m - half
-        for u in range(n):
-            a, b = squares[k - 1, u], squares[k - 1, u + side]
-            join_four(a[:m], a[half:], b[:m], b[half:], squares[k, u, :m])
-    found = squares[_SIDES - 1] & np.uint8(1 << (_SIDES - 1))
+        across, down = (LEAST_SIDE << (k - 1)) * line, 1 << (k - 1)
+        n -= across + down
+        half = squares[k - 1]
+        join_four(half, half[down:], half[across:], half[across + down :], squares[k, :n])
+    found = squares[_SIDES - 1, :n] & np.uint8(1 << (_SIDES - 1))
     for k in range(_SIDES - 2, -1, -1):
-        side, half = LEAST_SIDE << k, 1 << k
-        wider = np.zeros((n + side, m + half), np.uint8)
-        for u in range(n + side):
-            add_marks(squares[k, u], np.uint8(1 << k), wider[u])
-        for u in range(n):
-            for to in (u, u + side):
-                add_marks(found[u], _EACH, wider[to, :m])
-                add_marks(found[u], _EACH, wider[to, half:])
-        found, n, m = wider, n + side, m + half
-    holes = np.zeros((cols, m - 2 * beyond), np.uint8)
+        across, down = (LEAST_SIDE << k) * line, 1 << k
+        n += across + down
+        wider = np.zeros(n, np.uint8)
+        add_marks(squares[k], np.uint8(1 << k), wider)
+        for step in (0, down, across, across + down):
+            add_marks(found, _EACH, wider[step:])
+        found = wider
+    holes = np.zeros((cols, line - 2 * beyond), np.uint8)
     for u in range(cols):
         for first in range(LEAST_SIDE):
-            add_marks(found[u + _BEYOND - first, beyond:], _EACH, holes[u])
+            add_marks(found[(u + _BEYOND - first) * line + beyond :], _EACH, holes[u])
     return holes
 
 
