@@ -77,9 +77,8 @@ class Extractor:
             return blind_model(info, InvalidCause.TOO_STEEP, p), state
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
         marks, counts = self._classify(depth_mm, info, ke)
-        stats = pixel_stats(counts, depth_mm.size)
         if is_no_measurement(depth_mm, info, ke, counts, p):
-            return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
+            return blind_model(info, InvalidCause.NO_MEASUREMENT, p, pixel_stats(counts, depth_mm.size)), state
         source = source_of(info, R, clear_range_m(info, ke, p))
         ke, next_state = estimate_noise(state, depth_mm, marks, info, ke, p)
         points = self._buffers("points", (p.ground_max_samples,), POINT)
