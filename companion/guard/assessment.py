@@ -20,6 +20,7 @@ from ..config.guard import GuardParams
 from .braking import Braking
 from .kept_space import Kept, Tolerance, grid_of, kept_free_m, reach_m
 from .path_sight import LEAST_SPEED_M_S, PathSight
+from .turn import WIDEST_RAD
 from .velocity_hold import HOLD_NS
 
 NS = 1_000_000_000
@@ -40,8 +41,11 @@ LIMIT_STEP_M_S = 0.5
 PREDICT_S = 0.6
 """Time until a speed limit has an effect: link and limited jerk. An accelerating vehicle is faster by then."""
 STOP_PREDICT_S = 0.4
-"""Time after a stop command for which an accelerating vehicle gains speed, until the limited jerk has ended the
-acceleration: from 3 m/s2 at 4 m/s3 it gains 1.1 m/s."""
+"""Time after a stop command for which the speed changes as measured, until the limited jerk has ended it."""
+GAINS_S, GROWTH, MOST_GAINED_M_S = 0.5, 1.5, 2.0
+"""After Hold, PX4 gains 1.5 m/s from a steady 3 m/s2 (GAINS_S). While the acceleration grows, as at the beginning of a leg,
+it has already commanded more than is measured, by GROWTH times the growth over SLOPE_NS: from 1.1 m/s it gains 1.4 to
+2.1 m/s. No mission gains more than MOST_GAINED_M_S."""
 LATE_NS = 300_000_000
 """A velocity of at most this age counts as the present one: LOCAL_POSITION_NED may be sent at 4 Hz."""
 LONGEST_UNMEASURED_NS = 500_000_000
@@ -74,7 +78,8 @@ class Verdict:
         sees: the newest frame shows something of the path.
         cause: reason, as text.
         obstacle_stop: the braking distance does not fit before an obstacle, whatever space is free.
-        firm_stop: it does not fit before an obstacle that the newest frame and another one show with many pixels."""
+        firm_stop: it does not fit before an obstacle that the newest frame and another one show with many pixels.
+        course_rad: direction of the path, clockwise from north; None: not known."""
 
     action: Action
     speed_m_s: float | None
@@ -86,6 +91,7 @@ class Verdict:
     cause: str
     obstacle_stop: bool = False
     firm_stop: bool = False
+    course_rad: float | None = None
 
 
 class PathAssessor:
@@ -116,7 +122,7 @@ class PathAssessor:
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
         firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s)
         firm = firm and self._shown_before(newest.obstacle_m, 1, weak=False)
-        free_m = min(self._free_m(newest, now_ns, speed_m_s), self._ahead_free_m(newest, now_ns, speed_m_s))
+        free_m = min(self._free_m(newest, now_ns, speed_m_s), self._follows_free_m(newest, now_ns, speed_m_s))
         if not measured and newest.speed_m_s < LEAST_SPEED_M_S:  # the present direction of flight is not known
             free_m = 0.0
         fresh = newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
@@ -134,25 +140,33 @@ class PathAssessor:
             cause=self._cause(newest, obstacle_m, free_m),
             obstacle_stop=obstacle_stop,
             firm_stop=firm,
+            course_rad=newest.course_rad,
         )
 
     def _must_stop_before(self, obstacle_m: float, speed_m_s: float) -> bool:
         """True if the braking distance does not fit before an obstacle at this distance."""
-        needed_m = self._braking.needed_m(self._predicted_m_s(speed_m_s, STOP_PREDICT_S))
+        needed_m = self._braking.needed_m(self._highest_m_s(speed_m_s))
         return speed_m_s > LEAST_MOVING_M_S and needed_m > obstacle_m
 
     def _action(self, speed_m_s: float, obstacle_m: float, free_m: float) -> Action:
         """Returns the action for these distances to an obstacle and to the end of the free space."""
         braking, guard = self._braking, self._guard
-        needed_m = braking.needed_m(self._predicted_m_s(speed_m_s, STOP_PREDICT_S))
+        needed_m = braking.needed_m(self._highest_m_s(speed_m_s))
         if self._coming_m_s(speed_m_s) > guard.blind_speed_m_s and needed_m > free_m:
             return Action.STOP
         ahead_m = braking.needed_m(self._predicted_m_s(speed_m_s), guard.limit_ahead_s)
         return Action.SLOW if ahead_m > min(obstacle_m, free_m) else Action.PASS
 
-    def _predicted_m_s(self, speed_m_s: float, ahead_s: float = PREDICT_S) -> float:
-        """Returns the speed in ahead_s, if the vehicle continues to accelerate as measured."""
-        return speed_m_s + max(0.0, self._gain_m_s2()) * ahead_s
+    def _predicted_m_s(self, speed_m_s: float) -> float:
+        """Returns the speed in PREDICT_S, if the vehicle continues to accelerate as measured."""
+        return speed_m_s + max(0.0, self._gains_m_s2()[0]) * PREDICT_S
+
+    def _highest_m_s(self, speed_m_s: float) -> float:
+        """Returns the speed that the vehicle reaches after a stop command."""
+        gain_m_s2, before_m_s2 = self._gains_m_s2()
+        growth_m_s2 = max(0.0, min(gain_m_s2 - before_m_s2, gain_m_s2))  # at a steady speed it is noise
+        gained_m_s = min(MOST_GAINED_M_S, GAINS_S * (gain_m_s2 + GROWTH * growth_m_s2))
+        return speed_m_s + max(0.0, gained_m_s, STOP_PREDICT_S * gain_m_s2)
 
     def _coming_m_s(self, speed_m_s: float) -> float:
         """Returns the speed when a stop command would act, for a vehicle that already brakes.
@@ -160,19 +174,30 @@ class PathAssessor:
         A vehicle brakes for example before it turns on the spot for the next leg, when the camera does not look along
         the course any more."""
         late = speed_m_s > (self._sights[-1].speed_m_s or 0.0)
-        loses_m_s2 = min(max(0.0, -self._gain_m_s2()), self._guard.deceleration_m_s2)
+        loses_m_s2 = min(max(0.0, -self._gains_m_s2()[0]), self._guard.deceleration_m_s2)
         return speed_m_s if late else speed_m_s - loses_m_s2 * STOP_PREDICT_S
 
-    def _gain_m_s2(self) -> float:
-        """Returns the measured rate of the speed, by the stamps of the velocities, which several decisions may share; 0:
-        not known."""
+    def _gains_m_s2(self) -> tuple[float, float]:
+        """Returns the measured rate of the speed over the last SLOPE_NS, 0 if it is not known, and over the SLOPE_NS
+        before, the same if it is not known.
+
+        By the stamps of the velocities, which several decisions may share."""
         newest = self._sights[-1]
-        newest_m_s = newest.speed_m_s or 0.0
-        for sight in reversed(self._sights):
-            age_ns = _velocity_ns(newest) - _velocity_ns(sight)
-            if age_ns >= SLOPE_NS and sight.speed_m_s is not None:
-                return (newest_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
-        return 0.0
+        before = self._sight_before(newest)
+        if before is None:
+            return 0.0, 0.0
+        earlier = self._sight_before(before)
+        gain_m_s2 = _slope_m_s2(before, newest)
+        return gain_m_s2, gain_m_s2 if earlier is None else _slope_m_s2(earlier, before)
+
+    def _sight_before(self, sight: PathSight) -> PathSight | None:
+        """Returns the newest sight with a velocity older by SLOPE_NS than that of another one; None: there is none, or
+        it is older by more than twice that."""
+        for older in reversed(self._sights):
+            age_ns = _velocity_ns(sight) - _velocity_ns(older)
+            if age_ns >= SLOPE_NS and older.speed_m_s is not None:
+                return older if age_ns <= 2 * SLOPE_NS else None
+        return None
 
     def _free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
         """Returns the distance to which the path is free by the sights of the last keep_free_s, less the distance
@@ -191,6 +216,17 @@ class PathAssessor:
                 older.append(Kept(sight, way_m))
         way_m = _way_m(newest, newest, now_ns, speed_m_s)
         return max(0.0, best_m, kept_free_m(Kept(newest, way_m), older, self._grid, self._clear_share))
+
+    def _follows_free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
+        """Returns the distance to which a turn does not limit the free space of the present course.
+
+        Where both courses are at most side_m apart, what is free along the present one counts for the next one, too, as
+        for older sights. The noise of a measured velocity turns the course by less than that within the braking distance."""
+        beside_m = math.inf
+        if newest.ahead_rad != 0.0:
+            beside_m = self._guard.side_m / math.tan(min(abs(newest.ahead_rad), WIDEST_RAD))
+        beside_m -= _way_m(newest, newest, now_ns, speed_m_s)
+        return max(beside_m, self._ahead_free_m(newest, now_ns, speed_m_s))
 
     def _ahead_free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
         """Returns the distance to which the course that follows in a turn is free.
@@ -243,6 +279,12 @@ class PathAssessor:
 def _velocity_ns(sight: PathSight) -> int:
     """Returns the stamp of the velocity of a sight."""
     return sight.t_ns if sight.velocity_ns is None else sight.velocity_ns
+
+
+def _slope_m_s2(before: PathSight, after: PathSight) -> float:
+    """Returns the rate of the speed between two sights."""
+    gained_m_s = (after.speed_m_s or 0.0) - (before.speed_m_s or 0.0)
+    return gained_m_s * NS / (_velocity_ns(after) - _velocity_ns(before))
 
 
 def _same_course(a: PathSight, b: PathSight) -> bool:

@@ -12,6 +12,7 @@ are drawn in docs/explanation/guard.md. These rules hold in all states:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -302,7 +303,8 @@ class GuardMachine:
             self._motion.stands()
         # PX4 flies a Go-to in Hold. A copter that gets faster in BRAKE before it rested does not brake.
         may_be_go_to = holds or vehicle.autopilot == PX4
-        if self._motion.flies_again(speed_m_s, now.now_ns) and may_be_go_to:
+        onward_m_s = None if holds and self._flies_back(now) else speed_m_s
+        if self._motion.flies_again(onward_m_s, now.now_ns) and may_be_go_to:
             self._begin(GuardState.INACTIVE, now)
             return [Announcement("guard: released, vehicle flies in the stop mode", critical=True)]
         if holds:
@@ -321,6 +323,15 @@ class GuardMachine:
             return []
         self._brakes_until_ns = now.now_ns + SPARE_STOP_NS
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]
+
+    def _flies_back(self, now: GuardInput) -> bool:
+        """True if the vehicle flies against the course on which it was stopped.
+
+        PX4 computes the place to hold from the speed at the command. A vehicle that was getting faster comes to rest
+        beyond it, and returns."""
+        course_rad = None if now.verdict is None else now.verdict.course_rad
+        stopped_rad = None if self._reason is None else self._reason.course_rad
+        return course_rad is not None and stopped_rad is not None and math.cos(course_rad - stopped_rad) < 0.0
 
     def _failure(self, text: str) -> list[Output]:
         """Returns the announcement that the attempts have no effect, once per intervention."""

@@ -340,6 +340,24 @@ def test_a_go_to_before_the_vehicle_stood_ends_the_stop() -> None:
     assert f.step(100) == []
 
 
+def test_a_vehicle_that_returns_to_the_place_to_hold_is_still_stopped() -> None:
+    """PX4 computes this place from the speed at the command. A vehicle that was getting faster passes it, comes to rest,
+    and flies back by some metres at up to 1.5 m/s."""
+    f = Flight("PX4", MISSION)
+    f.step()
+    f.verdict = replace(BLOCKED, course_rad=0.1)
+    f.step()
+    f.mode = HOLD
+    f.verdict = replace(BLOCKED, speed_m_s=0.2, course_rad=0.1)
+    f.step(12)
+    assert f.state is GuardState.HOLDING
+    f.verdict = replace(BLOCKED, speed_m_s=1.5, course_rad=3.0)
+    assert f.step(40) == []
+    assert f.state is GuardState.HOLDING
+    f.verdict = replace(BLOCKED, speed_m_s=1.5, course_rad=0.3)
+    assert texts(f.step(12)) == ["guard: released, vehicle flies in the stop mode"]
+
+
 def test_a_go_to_after_the_stop_ends_it() -> None:
     f = holding("PX4", MISSION, HOLD)
     f.verdict = replace(BLOCKED, speed_m_s=1.1)

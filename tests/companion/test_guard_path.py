@@ -18,7 +18,7 @@ from companion.config.guard import GuardParams
 from companion.guard.assessment import STALE_NS, Action, PathAssessor
 from companion.guard.braking import Braking, braking_of
 from companion.guard.path_sight import PathSight, path_sight
-from companion.guard.turn import CourseRate, fan, turns
+from companion.guard.turn import AHEAD_S, CourseRate, fan, turns
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel, Intrinsics
 
@@ -410,7 +410,7 @@ def test_a_vehicle_that_accelerates_is_limited_before() -> None:
     slower = replace(
         SIGHT, t_ns=T_NS - 300 * MS, exposed_ns=T_NS - 350 * MS, speed_m_s=4.0, position_ned_m=(-1.3, 0.0, -3.0)
     )
-    room_m = BRAKING.needed_m(5.0, GUARD.limit_ahead_s) + 1.0
+    room_m = BRAKING.needed_m(5.0, GUARD.limit_ahead_s) + 2.0
     assert action(replace(slower, speed_m_s=5.0), replace(SIGHT, free_m=room_m)) is Action.PASS
     assert action(replace(slower, free_m=0.0), replace(SIGHT, free_m=room_m)) is Action.SLOW
     assert action(replace(slower, speed_m_s=7.0, free_m=0.0), replace(SIGHT, free_m=room_m)) is Action.PASS
@@ -436,7 +436,7 @@ def test_one_frame_that_sees_less_does_not_stop_and_two_do() -> None:
 
 
 def test_the_course_that_follows_must_be_seen_by_the_newest_frame_or_the_one_before() -> None:
-    seen_ahead, lost = {"ahead_free_m": 20.0}, {"ahead_free_m": 2.0}
+    seen_ahead, lost = ({"ahead_free_m": free_m, "ahead_rad": 0.3} for free_m in (20.0, 2.0))
     assert action(later(0, **seen_ahead), later(80, **seen_ahead)) == Action.PASS
     assert action(later(0, **seen_ahead), later(80, **lost)) == Action.PASS, "a mismatch ends it in one frame"
     assert action(later(0, **seen_ahead), later(80, **lost), later(160, **lost)) == Action.STOP
@@ -444,6 +444,16 @@ def test_the_course_that_follows_must_be_seen_by_the_newest_frame_or_the_one_bef
     assert action(later(0, **seen_ahead), later(80, **lost), later(140, exposed_ns=same, **lost)) == Action.PASS
     assert action(later(0, **seen_ahead), later(240, **lost)) == Action.STOP, "the frame before is too old"
     assert action(later(0, **lost)) == Action.STOP
+
+
+def test_the_noise_of_a_velocity_is_no_turn() -> None:
+    """0.09 m/s across a course of 3 m/s, within 0.3 s: 5.7 degrees per second, and a frame that leans shows less."""
+    noise, turn = math.radians(5.7) * AHEAD_S, math.radians(20.0) * AHEAD_S
+    assert action(later(0, speed_m_s=3.0, ahead_free_m=2.0, ahead_rad=noise)) is not Action.STOP
+    assert action(later(0, speed_m_s=3.0, ahead_free_m=2.0, ahead_rad=-noise)) is not Action.STOP
+    assert action(later(0, speed_m_s=3.0, ahead_free_m=2.0, ahead_rad=turn)) is Action.STOP
+    assert action(later(0, speed_m_s=3.0, free_m=2.0, ahead_free_m=2.0, ahead_rad=noise)) is Action.STOP
+    assert action(later(0, speed_m_s=6.0, ahead_free_m=2.0, ahead_rad=noise)) is Action.STOP, "it leaves the path"
 
 
 def test_free_space_of_before_shrinks_by_the_way_flown() -> None:
