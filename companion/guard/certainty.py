@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from drivers.mavlink.commands import SET_MESSAGE_INTERVAL, set_message_interval
-from drivers.mavlink.session_types import Vehicle
+from drivers.mavlink.commands import REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, request_message, set_message_interval
+from drivers.mavlink.session_types import PX4, Vehicle
 
 from .modes import MULTICOPTERS, STOP_ORDER
 
@@ -15,24 +15,26 @@ NS = 1_000_000_000
 HEARTBEAT_ID: Final = 0
 HEARTBEAT_HZ: Final = 5.0
 """Requested of the autopilot, so that a change of mode is known within 0.2 s. An autopilot that keeps 1 Hz is used as
-well: PX4 never changes this rate."""
+well. PX4 never changes this rate, but sends a single heartbeat on request: while it is armed, each one is requested."""
 LONGEST_HEARTBEAT_NS: Final = 2_500_000_000
 FIRST_WAIT_NS: Final = NS
 LONGEST_WAIT_NS: Final = 10 * NS
+POLL_NS: Final = round(NS / HEARTBEAT_HZ)
 AGAIN_NS: Final = 3 * NS
 """Interval of the request while it is acknowledged; otherwise FIRST_WAIT_NS."""
 REACHED_NS: Final = 8 * NS
 """Time for which an acknowledgement counts; six requests are sent in it."""
 CONFLICTS: Final = ("two autopilots", "two of us", "several vehicles")
 """Topics of drivers.mavlink.conflicts that make it uncertain who receives a command, or whose answer arrives."""
+_REQUESTS: Final = frozenset({SET_MESSAGE_INTERVAL, REQUEST_MESSAGE})
 _ANSWERS: Final = frozenset({0, 3, 4})
 """MAV_RESULT ACCEPTED, UNSUPPORTED and FAILED: the command was received, which is all that matters here. PX4 answers a
-request for its heartbeat with FAILED (MavlinkReceiver::set_message_interval)."""
+request for the rate of its heartbeat with FAILED (MavlinkReceiver::set_message_interval)."""
 
 
 @dataclass(slots=True)
 class Certainty:
-    """Requests a higher rate of heartbeats; its COMMAND_ACK shows that commands arrive and that answers come back."""
+    """Requests more frequent heartbeats; the COMMAND_ACK shows that commands arrive and that answers come back."""
 
     component_id: int
     _who: tuple[int, str] = (0, "")
@@ -48,7 +50,7 @@ class Certainty:
 
     def acknowledged(self, command: int, result: int, now_ns: int) -> None:
         """Handles a COMMAND_ACK of the vehicle for the service."""
-        if command == SET_MESSAGE_INTERVAL and self._asked and result in _ANSWERS:
+        if command in _REQUESTS and self._asked and result in _ANSWERS:
             self._reached_ns = now_ns
 
     def requests(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
@@ -62,9 +64,13 @@ class Certainty:
         if self._reached_ns is None:
             self._next_ns = now_ns + self._wait_ns
             self._wait_ns = min(2 * self._wait_ns, LONGEST_WAIT_NS)
+        elif vehicle.autopilot == PX4 and vehicle.armed:
+            self._next_ns = now_ns + POLL_NS
         else:
             self._next_ns = now_ns + (AGAIN_NS if now_ns - self._reached_ns <= AGAIN_NS else FIRST_WAIT_NS)
         self._asked = True
+        if vehicle.autopilot == PX4:
+            return [request_message(vehicle.system_id, HEARTBEAT_ID)]
         return [set_message_interval(vehicle.system_id, HEARTBEAT_ID, HEARTBEAT_HZ)]
 
     def silent(self, now_ns: int) -> bool:

@@ -45,6 +45,8 @@ FREE_NS = 2 * NS
 """A stop without effect ends if the path is free for this time."""
 STANDS_M_S = 0.4
 """A slower vehicle counts as stopped."""
+GAINS_NS = NS
+"""Time after a stop command in which the vehicle may still get faster: PX4 does for up to 1 s."""
 SPARE_STOP_NS = 2 * NS
 """Time added to the computed braking time before the next command is sent to a vehicle that does not brake."""
 GAP_NS = 5 * NS
@@ -311,7 +313,7 @@ class GuardMachine:
             return []
         if not self.memory.taken:
             self._change(now, taken=True)
-        if sticks or (speed_m_s is not None and speed_m_s < STANDS_M_S):
+        if sticks or (speed_m_s is not None and speed_m_s < STANDS_M_S and not self._may_get_faster(now)):
             self._change(now, state=GuardState.HOLDING)
             return [Announcement("guard: stopped, change mode to go on", critical=True)]
         if speed_m_s is None:
@@ -323,6 +325,10 @@ class GuardMachine:
             return []
         self._brakes_until_ns = now.now_ns + SPARE_STOP_NS
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]
+
+    def _may_get_faster(self, now: GuardInput) -> bool:
+        """True for a moment after a stop command: a vehicle at the beginning of a leg is slow, and still gets faster."""
+        return self._attempt is not None and now.now_ns - self._attempt.t_ns < GAINS_NS
 
     def _flies_back(self, now: GuardInput) -> bool:
         """True if the vehicle flies against the course on which it was stopped.

@@ -160,6 +160,9 @@ class SimulatedAutopilot:
             elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) == (_REQUEST_MESSAGE, _SYS_STATUS):
                 present = _PROXIMITY if self.profile.proximity_started else 0
                 self._answer(dialect.MAVLink_sys_status_message(present, present, present, *[0] * 10))
+            elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) == (_REQUEST_MESSAGE, _HEARTBEAT):
+                self._answer(dialect.MAVLink_command_ack_message(_REQUEST_MESSAGE, 0))
+                self._answer(self._heartbeat())
             elif kind == "COMMAND_LONG":
                 ack = self._flight.answer(message, (self.profile.system_id, self.profile.component_id), now_ns)
                 if ack is not None:

@@ -60,13 +60,36 @@ def test_before_an_acknowledgement_there_is_doubt() -> None:
     assert certainty.doubt(COPTER, {}, "", NOW) == ""
 
 
-def test_the_refusal_of_px4_shows_that_commands_arrive() -> None:
+@pytest.mark.parametrize(("command", "result"), [(512, 0), (512, 3), (511, 4)])
+def test_any_answer_of_px4_shows_that_commands_arrive(command: int, result: int) -> None:
     """PX4 answers a request for the rate of its heartbeat with MAV_RESULT_FAILED (MavlinkReceiver::set_message_interval)."""
     px4, certainty = replace(COPTER, autopilot="PX4"), Certainty(196)
     certainty.requests(px4, NOW)
-    certainty.acknowledged(511, 4, NOW)
+    certainty.acknowledged(command, result, NOW)
     assert certainty.doubt(px4, {}, "", NOW) == ""
     assert not certainty.silent(NOW + REACHED_NS)
+
+
+@pytest.mark.parametrize("kind", ["PX4", "ArduPilot"])
+def test_a_change_of_mode_is_known_within_a_quarter_of_a_second(kind: str) -> None:
+    """PX4 sends its heartbeat at 1 Hz, whatever rate is requested, and a single one on request. A mission that is resumed
+    close to a wall would be noticed up to 1 s late."""
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, armed=True))
+    session, certainty, encoder = MavlinkSession(), Certainty(196), dialect.MAVLink(None, 1, 196)
+    beats: list[int] = []
+    for step in range(200):
+        now_ns = NOW + step * NS // 20
+        for data in autopilot.due(now_ns):
+            session.receive([(data, now_ns)])
+            m = dialect.MAVLink(None).decode(bytearray(data))
+            if m.get_type() == "COMMAND_ACK":
+                certainty.acknowledged(int(m.command), int(m.result), now_ns)
+            beats += [now_ns] if m.get_type() == "HEARTBEAT" else []
+        if session.vehicle is not None:
+            for request in certainty.requests(session.vehicle, now_ns):
+                autopilot.receive(bytes(request.pack(encoder)), now_ns)
+    late = [b - a for a, b in itertools.pairwise(beats) if a > NOW + 2 * NS]
+    assert max(late) <= NS // 4
 
 
 @pytest.mark.parametrize("kind", ["PX4", "ArduPilot"])

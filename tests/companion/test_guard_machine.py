@@ -123,7 +123,7 @@ def stopping(kind: str = "ArduPilot", mode: int = AUTO) -> Flight:
 def holding(kind: str = "ArduPilot", mode: int = AUTO, stop_mode: int = COPTER_BRAKE) -> Flight:
     f = stopping(kind, mode)
     f.mode, f.verdict = stop_mode, replace(BLOCKED, speed_m_s=0.1)
-    f.step()
+    f.step(12)
     assert f.state is GuardState.HOLDING
     return f
 
@@ -340,6 +340,18 @@ def test_a_go_to_before_the_vehicle_stood_ends_the_stop() -> None:
     assert f.step(100) == []
 
 
+def test_a_slow_vehicle_that_still_gets_faster_does_not_count_as_stopped() -> None:
+    """At the beginning of a leg PX4 is stopped at 0.3 m/s, and reaches 1.7 m/s before it brakes."""
+    f = stopping("PX4", MISSION)
+    f.mode = HOLD
+    for speed_m_s in (0.3, 0.38, 0.8, 1.3, 1.6, 1.7, 1.7, 1.6, 1.5, 1.4, 1.3, 1.2, 1.0, 0.8, 0.6):
+        f.verdict = replace(BLOCKED, speed_m_s=speed_m_s)
+        assert texts(f.step()) == []
+        assert f.state is GuardState.STOPPING
+    f.verdict = replace(BLOCKED, speed_m_s=0.3)
+    assert texts(f.step()) == ["guard: stopped, change mode to go on"]
+
+
 def test_a_vehicle_that_returns_to_the_place_to_hold_is_still_stopped() -> None:
     """PX4 computes this place from the speed at the command. A vehicle that was getting faster passes it, comes to rest,
     and flies back by some metres at up to 1.5 m/s."""
@@ -472,7 +484,7 @@ def test_blindness_stops_once() -> None:
     f.verdict = BLIND
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
     f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0)
-    f.step()
+    f.step(12)
     assert f.state is GuardState.HOLDING
     f.mode, f.verdict = RTL, BLIND
     out = f.step(50)
