@@ -59,7 +59,7 @@ def test_the_client_s_wheel_is_complete(tmp_path: Path) -> None:
     assert {str(f.relative_to(source)) for f in files} - set(held) == set()
 
 
-@pytest.mark.parametrize("name", ["postinst", "prerm", "postrm"])
+@pytest.mark.parametrize("name", ["preinst", "postinst", "prerm", "postrm"])
 def test_the_scripts_of_the_debian_package_are_valid(name: str) -> None:
     script = ROOT / "packaging" / "deb" / name
     assert subprocess.run(["sh", "-n", str(script)], check=False).returncode == 0

@@ -27,6 +27,7 @@ from .steps import (
     install_paths,
     interpreter_paths,
     packaged_file,
+    start_command,
 )
 
 WARMUP_TIMEOUT_S = 3600.0
@@ -62,6 +63,11 @@ def run(args: argparse.Namespace) -> int:
     if args.replace_config and args.config is None:
         raise UsageError("--replace-config needs -c FILE, the configuration to install")
     paths = install_paths(args.root)
+    if paths.package_unit.exists():
+        raise InstallError(
+            f"{paths.package_unit} belongs to the package {NAME}, and a second unit would override it. Start that one: "
+            f"{start_command(paths, args.config or paths.config)}; or remove the package first: sudo apt remove {NAME}"
+        )
     steps = reachable_steps(args.dry_run)
     steps += install_steps(paths, args.config, args.replace_config, not args.no_start, dry_run=args.dry_run)
     carry_out(steps, paths, args.dry_run, args.json)

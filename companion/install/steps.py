@@ -48,6 +48,11 @@ class InstallPaths:
         return self.root / "etc/systemd/system" / UNIT
 
     @property
+    def package_unit(self) -> Path:
+        """The unit of the Debian package, which one in `unit` would override."""
+        return self.root / "usr/lib/systemd/system" / UNIT
+
+    @property
     def enabled(self) -> Path:
         return self.root / "etc/systemd/system/multi-user.target.wants" / UNIT
 
@@ -96,6 +101,14 @@ def install_paths(root: Path) -> InstallPaths:
     if not (root / "etc").is_dir():
         raise InstallError(f"{root} is not the root directory of a system: it has no etc")
     return InstallPaths(root.resolve())
+
+
+def start_command(paths: InstallPaths, config: Path) -> str:
+    """The commands that start the service with a configuration, now and at each boot."""
+    if not paths.package_unit.exists():
+        return f"sudo companion install -c {config}"
+    copy = "" if config.absolute() == paths.config else f"sudo cp {config} {paths.config} && "
+    return f"{copy}sudo systemctl enable --now {NAME}"
 
 
 def packaged_file(part: str, name: str) -> Path:

@@ -11,7 +11,16 @@ from ..console import print_line
 from ..kernels.jit_cache import SHARED
 from ..paths import NAME
 from .install import carry_out
-from .steps import UNIT, InstallPaths, Step, command_step, folder_size_mb, install_paths, remove_step
+from .steps import (
+    UNIT,
+    InstallError,
+    InstallPaths,
+    Step,
+    command_step,
+    folder_size_mb,
+    install_paths,
+    remove_step,
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -32,6 +41,11 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """0: removed, or the steps printed. Raises InstallError and OSError."""
     paths = install_paths(args.root)
+    if paths.package_unit.exists() and not paths.unit.exists():
+        raise InstallError(
+            f"{paths.package_unit} belongs to the package {NAME}: sudo apt remove {NAME}, or sudo apt purge {NAME} to "
+            "delete configuration, logs and user too"
+        )
     carry_out(uninstall_steps(paths, args.purge), paths, args.dry_run, args.json)
     if not args.json and not args.purge:
         for kept in (paths.settings, paths.drop_ins, paths.state):

@@ -17,6 +17,7 @@ from ..argument_types import checked_by, number_in
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import examine, print_findings
+from ..install.steps import install_paths, start_command
 from ..whole_file import write_whole
 from .configuration import SIZES, Answers, configuration_text
 from .devices import FoundCamera, find_cameras, find_serial_ports
@@ -117,7 +118,8 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"edit {args.output}, then run: companion doctor -c {args.output}")
         return 1
     ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
-    print_line(f"next: companion run -c {args.output}, or install the service: sudo companion install -c {args.output}")
+    start = start_command(install_paths(Path("/")), args.output)
+    print_line(f"next: companion run -c {args.output}, or start the service, now and at each boot: {start}")
     return 0 if ok else 1
 
 

@@ -16,7 +16,14 @@ import pytest
 import companion.install.install as install
 import companion.install.interpreter as interpreters
 from companion.cli import main
-from companion.install.steps import InstallError, InstallPaths, folder_size_mb, packaged_file, run_command
+from companion.install.steps import (
+    InstallError,
+    InstallPaths,
+    folder_size_mb,
+    packaged_file,
+    run_command,
+    start_command,
+)
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 OAK = str(CHECKOUT / "configs" / "oak.toml")
@@ -236,6 +243,30 @@ def test_a_dry_run_shows_the_whole_plan_and_what_is_missing(
     assert any(line.startswith("would: write") and "osape-companion.service" in line for line in lines)
     assert main(["install", "--root", str(image)]) == 1
     assert "below /home" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["install", "uninstall"])
+def test_the_package_is_left_to_apt(command: str, image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A unit in /etc would override that of the package: its next version would start the old command."""
+    unit = image / "usr/lib/systemd/system/osape-companion.service"
+    unit.parent.mkdir(parents=True)
+    unit.write_text("")
+    assert main([command, "--root", str(image)]) == 1
+    error = capsys.readouterr().err
+    assert f"{unit} belongs to the package osape-companion" in error
+    assert "sudo apt remove osape-companion" in error
+    assert not (image / "etc/systemd").exists()
+
+
+def test_the_command_that_starts_the_service_fits_to_the_package(tmp_path: Path) -> None:
+    paths = InstallPaths(tmp_path)
+    assert start_command(paths, Path("my.toml")) == "sudo companion install -c my.toml"
+    paths.package_unit.parent.mkdir(parents=True)
+    paths.package_unit.write_text("")
+    assert start_command(paths, paths.config) == "sudo systemctl enable --now osape-companion"
+    assert start_command(paths, Path("my.toml")) == (
+        f"sudo cp my.toml {paths.config} && sudo systemctl enable --now osape-companion"
+    )
 
 
 def interpreter(folder: Path, name: str, status: int = 0) -> Path:
