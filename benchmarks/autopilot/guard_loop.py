@@ -23,7 +23,13 @@ from core.extractor import Extractor
 from core.frames import rotation_frd_optical
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
-from drivers.mavlink.commands import DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MODE, SET_MESSAGE_INTERVAL
+from drivers.mavlink.commands import (
+    DO_CHANGE_SPEED,
+    DO_REPOSITION,
+    DO_SET_MODE,
+    REQUEST_MESSAGE,
+    SET_MESSAGE_INTERVAL,
+)
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session import LinkStatus, Vehicle
 from drivers.simulation.firmware_models.auto_flight import AutoFlight
@@ -44,6 +50,7 @@ LINK_NS = 40 * MS
 NOISE_S = 0.5
 """Time constant of the noise of the reported velocity."""
 SYSTEM, COMPONENT = 1, 196
+_OF_HEARTBEATS = (SET_MESSAGE_INTERVAL, REQUEST_MESSAGE)
 NO_CLOCK = ClockEstimate(ClockSource.NONE)
 
 
@@ -170,7 +177,7 @@ class GuardLoop:
         )
 
     def _command(self, message: Any) -> None:
-        result = 0 if message.command == SET_MESSAGE_INTERVAL else self.flight.command(message)
+        result = 0 if message.command in _OF_HEARTBEATS else self.flight.command(message)
         if result is not None:
             ack = dialect.MAVLink_command_ack_message(message.command, result, 0, 0, SYSTEM, COMPONENT)
             self._after(LINK_NS, lambda: self.guard.message(ack, self.now_ns))
