@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from drivers.base import DeviceNotFound
+
 from ..usage_error import UsageError
 from .dataset import open_table
 from .parquet_table import arrow_module
 
 SEARCHED: Final = ("frames", "events")
-_NEEDED: Final = ("vehicle", "flight", "file")
+_TYPES: Final = {"vehicle": str, "flight": str, "file": int}
+_OPTIONAL: Final[dict[str, Any]] = {"end_ns": int, "duration_s": int | float}
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,7 @@ def find_hits(dataset: str, condition: str, table: str = "frames") -> list[Hit]:
 
     Raises ValueError for another condition, DeviceNotFound without the table."""
     if condition.endswith(".parquet"):
-        return _hits(_rows_of_file(Path(condition)))
+        return _hits(condition, _rows_of_file(Path(condition)))
     if condition in NAMED:
         named = NAMED[condition]
         table, filters = named.table, list(named.filters)
@@ -72,7 +75,7 @@ def find_hits(dataset: str, condition: str, table: str = "frames") -> list[Hit]:
         found = source.to_table(filter=parquet.filters_to_expression(filters))
     except (ValueError, arrow.ArrowNotImplementedError, TypeError) as error:
         raise ValueError(f"{condition}: not a filter of the table {table}: {error}") from error
-    return _hits(found.to_pylist())
+    return _hits(f"the table {table}", found.to_pylist())
 
 
 def parsed_filters(text: str) -> list[tuple[str, str, Any]]:
@@ -93,9 +96,11 @@ def _rows_of_file(path: Path) -> list[dict[str, Any]]:
     arrow, parquet = arrow_module(), arrow_module("pyarrow.parquet")
     try:
         rows: list[dict[str, Any]] = parquet.read_table(path).to_pylist()
+    except OSError as error:
+        raise DeviceNotFound(f"{path}: cannot be read ({error}); check the path and its permissions") from error
     except arrow.ArrowInvalid as error:
         raise ValueError(f"{path}: cannot be read ({error}); write it with DuckDB, Polars or pandas") from error
-    missing = [name for name in _NEEDED if rows and name not in rows[0]]
+    missing = [name for name in _TYPES if rows and name not in rows[0]]
     if rows and not {"t_ns", "t_exposure_ns"} & rows[0].keys():
         missing.append("t_ns (or t_exposure_ns)")
     if missing:
@@ -103,11 +108,19 @@ def _rows_of_file(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _hits(rows: Iterable[dict[str, Any]]) -> list[Hit]:
+def _hits(source: str, rows: Iterable[dict[str, Any]]) -> list[Hit]:
+    """The hits of rows. source: where they come from. Raises ValueError for a row with a missing value or another type."""
     hits = []
-    for row in rows:
-        begin_ns = row["t_ns"] if "t_ns" in row else row["t_exposure_ns"]
-        end_ns = row.get("end_ns")
+    for number, row in enumerate(rows, start=1):
+        begin = "t_ns" if "t_ns" in row else "t_exposure_ns"
+        wrong = [name for name, kind in (*_TYPES.items(), (begin, int)) if not isinstance(row[name], kind)]
+        wrong += [name for name in _OPTIONAL if not isinstance(row.get(name), _OPTIONAL[name] | None)]
+        if wrong:
+            values = ", ".join(f"{name} = {row[name]!r}" for name in wrong)
+            raise ValueError(
+                f"{source}: row {number}: {values} cannot be used; select the columns as `companion batch` wrote them"
+            )
+        begin_ns, end_ns = row[begin], row.get("end_ns")
         if end_ns is None:
             end_ns = begin_ns + round(1e9 * (row.get("duration_s") or 0.0))
         hits.append(Hit(row["vehicle"], row["flight"], row["file"], begin_ns, max(begin_ns, end_ns)))

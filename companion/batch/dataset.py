@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from drivers.base import DeviceNotFound
+from drivers.base import BadData, DeviceNotFound
 
 from ..log.log_writer import ACTIVE
 from .flights import Flight
@@ -65,7 +65,7 @@ def begin_run(output: str, run: dict[str, Any]) -> None:
     if before is None:
         _write_text(output, RUN_FILE, text)
     elif before != text:
-        was, now = json.loads(before), json.loads(text)
+        was, now = _run_of_text(before, f"{output}/{RUN_FILE}"), json.loads(text)
         changed = [
             f"{k}: {was.get(k)} before, {now.get(k)} now"
             for k in sorted(was.keys() | now.keys())
@@ -77,6 +77,20 @@ def begin_run(output: str, run: dict[str, Any]) -> None:
     delete_unfinished(output)
 
 
+def _run_of_text(text: str, location: str) -> dict[str, Any]:
+    """The content of batch.json. Raises BadData."""
+    try:
+        content = json.loads(text)
+    except ValueError:
+        content = None
+    if not isinstance(content, dict):
+        raise BadData(
+            f"{location}: damaged, so that it is not known how the results beside it were made; delete the folder, or give -o "
+            "another one"
+        )
+    return content
+
+
 def delete_unfinished(output: str) -> None:
     """Deletes what killed workers left of flights. To be called while no flight is processed."""
     if not is_url(output):
@@ -86,9 +100,9 @@ def delete_unfinished(output: str) -> None:
 def _read_text(location: str) -> str | None:
     try:
         if not is_url(location):
-            return Path(location).read_text(encoding="utf-8")
+            return Path(location).read_text(encoding="utf-8", errors="replace")
         system, path = file_system(location)
-        return str(system.cat_file(path), "utf-8")
+        return str(system.cat_file(path), "utf-8", "replace")
     except FileNotFoundError:
         return None
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.batch.dataset import finished, open_table
+from companion.batch.dataset import begin_run, finished, open_table
 from companion.batch.events import FlightEvents, FrameSummary
 from companion.batch.flights import find_flights
 from companion.batch.frame_rows import digest_of, nearest_plane_m
@@ -21,7 +21,7 @@ from companion.cli import main
 from companion.config.loader import Config
 from companion.log.provenance import software
 from core.params import Params
-from drivers.base import DeviceNotFound
+from drivers.base import BadData, DeviceNotFound
 from drivers.logs.reader import McapRecording
 
 from .fleet import NS, flight_events, write_fleet, write_parts
@@ -321,6 +321,14 @@ def test_a_flight_is_complete_with_its_last_file_only(fleet: Path, dataset: Path
     copy = shutil.copytree(dataset, tmp_path / "copy")
     shutil.rmtree(copy / "flights" / "vehicle=alpha")
     assert {f.vehicle for f in finished(str(copy), find_flights([str(fleet)]))} == {"beta"}
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "3", "\udcff"])
+def test_a_damaged_note_of_the_run_is_named(text: str, tmp_path: Path) -> None:
+    """It says how the results are made: without it they could be mixed with others."""
+    (tmp_path / "batch.json").write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(BadData, match=r"batch\.json: .*delete the folder, or give -o another one"):
+        begin_run(str(tmp_path), {"near_m": 2.0})
 
 
 @pytest.fixture

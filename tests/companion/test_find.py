@@ -18,6 +18,7 @@ from companion.batch.task import run_task
 from companion.cli import main
 from companion.log.provenance import software
 from companion.replay.replay import Options, replay
+from drivers.base import DeviceNotFound
 from drivers.logs.reader import McapRecording
 
 from .fleet import NS, flight_events, write_fleet, write_parts
@@ -144,6 +145,33 @@ def test_rows_may_come_from_a_query(dataset: Path, tmp_path: Path) -> None:
     table = open_table(str(dataset), "frames").to_table().to_pylist()
     found = [r["nearest_m"] for h in hits for r in table if (r["flight"], r["t_exposure_ns"]) == (h.flight, h.begin_ns)]
     assert sorted(found) == distances[:2]
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("vehicle", None),
+        ("flight", 5),
+        ("file", "0"),
+        ("t_ns", None),
+        ("t_ns", "x"),
+        ("end_ns", "x"),
+        ("duration_s", "x"),
+    ],
+)
+def test_rows_without_usable_values_are_refused(column: str, value: object, tmp_path: Path) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    path = tmp_path / "rows.parquet"
+    row = {"vehicle": "alpha", "flight": "f", "file": 0, "t_ns": 5, column: value}
+    parquet.write_table(arrow.Table.from_pylist([row]), path)
+    with pytest.raises(ValueError, match=rf"rows.parquet: row 1: .*{column}"):
+        find_hits("dataset", str(path))
+
+
+def test_a_file_of_rows_that_does_not_exist_is_named() -> None:
+    pytest.importorskip("pyarrow")
+    with pytest.raises(DeviceNotFound, match=r"nowhere.parquet: cannot be read .*check the path"):
+        find_hits("dataset", "nowhere.parquet")
 
 
 def test_rows_of_another_dataset_are_refused(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
