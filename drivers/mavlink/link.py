@@ -108,6 +108,7 @@ class MavlinkLink:
         self._turn = threading.Lock()
         self._transport: Transport | None = None
         self._left: list[Chunk] = []
+        self._broken: DriverError | None = None
         self._poll_scheduler = PollScheduler()
         self._stop = threading.Event()
         self._wake_event = threading.Event()
@@ -156,7 +157,7 @@ class MavlinkLink:
         """Reads and delivers what has arrived, in the caller's thread.
 
         Without an open link it does nothing. Errors, and amounts that take long to parse such as noise, are left to
-        the link's thread, because no frame may wait for them."""
+        the link's thread, because no frame may wait for them. It opens the link again after an error."""
         self._poll_scheduler.asked(time.monotonic_ns())
         if not self._turn.acquire(timeout=MOST_WAIT_S):
             return
@@ -168,8 +169,9 @@ class MavlinkLink:
                 self._wake_event.set()
             elif self._left:
                 self._round(self._transport)
-        except DriverError:
-            return
+        except DriverError as failure:
+            self._broken = failure
+            self._wake_event.set()
         finally:
             self._turn.release()
 
@@ -217,12 +219,14 @@ class MavlinkLink:
         with self._lock:
             self._session.new_line()
         with self._turn:
-            self._transport = transport
+            self._transport, self._broken = transport, None
         size = 0
         while not self._stop.is_set():
             if size < MUCH_BYTES:
                 self._await(transport, little=size < LITTLE_BYTES)
             with self._turn:
+                if self._broken is not None:  # a write may fail once only, after a part of a message
+                    raise self._broken
                 size = self._round(transport)
             now_ns = time.monotonic_ns()
             flood = transport.flood.text(now_ns) if transport.flood is not None else ""

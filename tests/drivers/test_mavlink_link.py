@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -359,6 +360,35 @@ def test_what_a_line_brought_before_it_broke_is_delivered() -> None:
     finally:
         line.close()
     assert sum(isinstance(s, AttitudeSample) for s in samples) > 20
+
+
+def test_a_line_that_breaks_while_it_catches_up_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a stream, the bytes after a message that was cut short would be lost, too."""
+    port, broken = free_port(), threading.Event()
+
+    class Stuck(UdpLine):
+        """A line that breaks once, when the caller of catch_up writes."""
+
+        def write(self, data: bytes) -> None:
+            if threading.current_thread() is threading.main_thread() and not broken.is_set():
+                broken.set()
+                raise DeviceLost("the connection is stuck")
+            super().write(data)
+
+    monkeypatch.setattr("drivers.mavlink.link.open_transport", Stuck)
+    with (
+        AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)),
+        linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
+    ):
+        assert until(lambda: link.status().vehicle is not None)
+
+        def caught_up() -> bool:
+            link.post(dialect.MAVLink_statustext_message(2, b"OA: blind"))
+            link.catch_up()
+            return broken.is_set()
+
+        assert until(caught_up)
+        assert until(lambda: link.state.losses == 1 and link.state.open, 10.0)
 
 
 def test_what_was_posted_before_the_line_is_closed_still_goes_out() -> None:
