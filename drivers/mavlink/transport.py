@@ -71,8 +71,7 @@ class Transport(Protocol):
         ...
 
     def write(self, data: bytes) -> None:
-        """Sends at once. Bytes that cannot be sent now are lost; a message cut short fails its checksum. Raises
-        DeviceLost."""
+        """Sends at once. A message of which nothing can be sent now is lost. Raises DeviceLost."""
         ...
 
     def answer(self, chunk: int) -> None:
@@ -127,7 +126,7 @@ class SerialLine:
     flood = None
 
     def __init__(self, address: Address) -> None:
-        self._address = address
+        self._address, self._rest = address, b""
         try:
             self._port = serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
         except serial.SerialException as error:
@@ -160,10 +159,18 @@ class SerialLine:
         return [(data, arrival_ns)]
 
     def write(self, data: bytes) -> None:
+        # a message that was cut short is completed first: the receiver would take the next one for the rest of it
+        self._rest = self._rest[self._sent(self._rest) :]
+        if not self._rest:
+            sent = self._sent(data)
+            self._rest = data[sent:] if sent else b""
+
+    def _sent(self, data: bytes) -> int:
+        """Sends and returns the number of bytes sent: 0 if the buffer is full, as later messages have newer content."""
         try:
-            os.write(self._port.fileno(), data)
+            return os.write(self._port.fileno(), data) if data else 0
         except BlockingIOError:
-            return  # the buffer is full: later messages have newer content
+            return 0
         except (OSError, serial.SerialException, TypeError) as error:
             raise DeviceLost(f"{self._address}: {_reason(error)}; check its cable") from error
 

@@ -6,8 +6,9 @@ import os
 import socket
 import threading
 import time
+import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,11 @@ import pytest
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.mavlink import transport
+from drivers.mavlink.anomalies import LinkAnomaly
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, PollScheduler
+from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.transport import Address, UdpLine, open_transport, parse_address
@@ -462,6 +465,33 @@ def test_a_port_that_another_program_holds() -> None:
     finally:
         first.close()
         end.close()
+
+
+def test_a_message_that_a_full_buffer_cut_short_is_completed() -> None:
+    """Otherwise the receiver takes the beginning of the next message for the rest of it, and loses both."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    line = open_transport(Address("serial", os.ttyname(slave), 921600))
+    encoder, splitter = dialect.MAVLink(None, 1, 196), MessageSplitter()
+    found = written = 0
+    try:
+        for k in range(4000):
+            text = bytes(dialect.MAVLink_statustext_message(2, b"x" * (1 + k % 49)).pack(encoder))
+            line.write(text)
+            written += 1
+            if k % 500 == 499 or k > 3900:  # the receiver reads late, and not all of it
+                with suppress(BlockingIOError):
+                    found += len(splitter.frames(os.read(master, 1000)))
+        for _ in range(100):
+            with suppress(BlockingIOError):
+                found += len(splitter.frames(os.read(master, 65_536)))
+    finally:
+        line.close()
+        os.close(master)
+        os.close(slave)
+    assert 50 < found < written, "the buffer was full"
+    assert splitter.counts[LinkAnomaly.NOISE_BYTES] == 0
 
 
 def test_a_pty_that_hangs_up_is_lost() -> None:
