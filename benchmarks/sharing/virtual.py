@@ -16,7 +16,7 @@ from companion.config.share import ShareConfig
 from companion.share.own_motion import Motion
 from companion.share.own_planes import own_planes
 from companion.share.team import Team
-from companion.share.thread import OWN_PLANES_NS, PUBLISH_NS, SEND_NS, STEP_S
+from companion.share.thread import OWN_PLANES_NS, SEND_NS, STEP_S, is_due
 from core.sharing.send_budget import Budget
 from core.world.world import Observation, World
 from drivers.mavlink.signing import Signing
@@ -85,6 +85,7 @@ class VirtualVehicle:
         self.team = Team(config, number, 1_700_000_000, begin_ns, 0.4, {"tunnel": budget})
         self.world, self.outcome = World(), Outcome(number)
         self._taken = 0
+        self._published_ns, self._has_new = 0, False
 
     def step(self, now_ns: int) -> list[bytes]:
         """What it sends at this instant."""
@@ -95,7 +96,8 @@ class VirtualVehicle:
             team.own.planes = own_planes(self.world, now_ns, c.least_hits, c.range_m, c.send_planes)
         packets = team.packets(now_ns).get("tunnel", []) if now_ns % SEND_NS == 0 else []
         team.align(now_ns)
-        if now_ns % PUBLISH_NS == 0:
+        if is_due(self._published_ns, now_ns, has_new=self._has_new):
+            self._published_ns, self._has_new = now_ns, False
             self.outcome.shared = team.obstacles(now_ns)
             self.outcome.received.published_ns.append(now_ns)
         return [self.codec.encoded(packet, team.vehicle) for packet in packets]
@@ -105,6 +107,7 @@ class VirtualVehicle:
         for packet in self.codec.decoded(data, arrival_ns):
             if not self.team.receive(packet.data, arrival_ns, packet.sender):
                 self.outcome.note(packet.data, arrival_ns)
+                self._has_new = True
 
     def end(self, now_ns: int) -> Outcome:
         """What it has measured."""

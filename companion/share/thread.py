@@ -33,13 +33,19 @@ from .team import Team
 NS: Final = 1_000_000_000
 STEP_S: Final = 0.05
 SEND_NS: Final = NS // 10
-PUBLISH_NS: Final = NS // 5
+PUBLISH_NS, SOON_NS = NS // 5, NS // 10
+"""Longest time between two publications; and the same if a packet was accepted since the last one."""
 LOG_NS: Final = NS
 OWN_PLANES_NS: Final = NS // 10
 MOST_PER_STEP, MOST_LOGGED_PER_S = 64, 100
 MOST_WAITING: Final = 512
 """Packets; beyond it the oldest are dropped."""
 Log = Callable[[str, Message, int], None]
+
+
+def is_due(published_ns: int, now_ns: int, *, has_new: bool) -> bool:
+    """True if the obstacles are to be published now. has_new: a packet was accepted since they were published."""
+    return now_ns - published_ns >= (SOON_NS if has_new else PUBLISH_NS)
 
 
 class Sharing:
@@ -68,7 +74,8 @@ class Sharing:
         self._team: Team | None = None
         self._origin: tuple[float, float, float] | None = None
         self._motion = OwnMotion()
-        self._next_send_ns = self._next_publish_ns = self._next_log_ns = self._next_own_ns = 0
+        self._next_send_ns = self._next_log_ns = self._next_own_ns = 0
+        self._published_ns, self._has_new = -PUBLISH_NS, False
         self._obstacles = SharedObstacles.empty(self._begun_ns)
         self._planes = OwnPlanes(SharedPlanes.empty(), 0)
         self._movers = OwnMovers()
@@ -181,8 +188,9 @@ class Sharing:
             self._next_send_ns = now_ns + SEND_NS
             self._send(team, now_ns)
         team.align(now_ns)
-        if now_ns >= self._next_publish_ns:
-            self._next_publish_ns, self._obstacles = now_ns + PUBLISH_NS, team.obstacles(now_ns)
+        if is_due(self._published_ns, now_ns, has_new=self._has_new):
+            self._published_ns, self._has_new = now_ns, False
+            self._obstacles = team.obstacles(now_ns)
             self._publish(team.own.planes.section, now_ns)
             self._health = self._health_of(team, now_ns)
 
@@ -234,6 +242,7 @@ class Sharing:
             code = team.receive(packet.data, packet.arrival_ns, packet.sender)
             if code:  # counted; a flood of refused packets does not fill the log
                 continue
+            self._has_new = True
             for link in self.links:
                 if link.name == packet.transport:
                     link.confirm(packet)

@@ -213,6 +213,24 @@ def test_without_a_position_nothing_is_exchanged(monkeypatch: pytest.MonkeyPatch
     assert flown.step(6 * NS + NS // 10, [*attitudes(6 * NS + NS // 10)], 6 * NS) == (0, 0)
 
 
+def test_obstacles_are_published_sooner_after_an_accepted_packet() -> None:
+    made, t_ns = Made(), [5 * NS]
+
+    def step(after_ms: int) -> bool:
+        """Whether it published."""
+        t_ns[0] += after_ms * NS // 1000
+        made.sharing.step(t_ns[0])
+        return made.sharing.obstacles.now_ns == t_ns[0]
+
+    made.deliver(1000, t_ns[0])
+    assert step(0)
+    assert [step(50), step(50), step(50), step(50)] == [False, False, False, True]
+    made.deliver(1200, t_ns[0])
+    assert [step(50), step(50)] == [False, True]
+    made.deliver(1200, t_ns[0])  # refused: nothing is new
+    assert [step(50), step(50), step(50), step(50)] == [False, False, False, True]
+
+
 def tracked(camera: str, exposure_ns: int, *objects: MovingObject) -> TracksResult:
     """The tracks of a frame, as far as they are shared."""
     tracks = SimpleNamespace(objects=objects)
