@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inner, kernel
+from .intervals import index_intervals
 from .observed import (
     CLEAR,
     EXPLAINED,
@@ -40,8 +41,9 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
     eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
     their square: what flickers does not accumulate where it is hidden."""
     removed, middle, limits = 0, middle_azimuth(view), measured_limits(view)
-    spans, crossing = np.empty((3, detections.shape[0])), np.empty(detections.shape[0], np.bool_)
+    spans = np.empty((3, detections.shape[0]))
     find_spans(detections, view, spans)
+    index = index_intervals(spans[0], spans[1])
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
         if t.hits == 0:
@@ -57,7 +59,7 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
             x, y = t.x_m + s * t.tx, t.y_m + s * t.ty
             seen = classify(x, y, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view)
             if seen != CLEAR and is_seen_through(
-                x, y, t, detections, spans, crossing, middle, rules.behind_m, view, eye_z
+                x, y, t, detections, spans, index, middle, rules.behind_m, view, eye_z
             ):
                 seen = CLEAR
             if seen >= EXPLAINED:

@@ -10,6 +10,7 @@ import math
 from typing import Any, NamedTuple
 
 from ..jit import inner
+from .intervals import at_value
 from .tables import NONE
 
 OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
@@ -175,27 +176,20 @@ def turn_between(start, end):
 
 
 @inner
-def find_crossing(azimuth, range_m, spans, crossing):
-    """Which detections may cross a direction beyond a range -> crossing (N,) bool. Without branches, so that the compiler
-    compares several at once."""
-    for i in range(crossing.shape[0]):
-        crossing[i] = (spans[0, i] <= azimuth) & (spans[1, i] >= azimuth) & (spans[2, i] >= range_m)
-
-
-@inner
-def is_seen_through(x, y, track, detections, spans, crossing, middle, behind, view, eye_z):
+def is_seen_through(x, y, track, detections, spans, index, middle, behind, view, eye_z):
     """Whether detections of the frame lie behind a place of a track, as seen from the camera, over most of its height, none
     lies at it, and none hides it. Gaps that were filled do not count: nothing was measured in them. spans: of `find_spans`;
-    crossing: (N,) bool scratch; middle: azimuth of the middle of the view."""
+    index: of their directions; middle: azimuth of the middle of the view."""
     dx, dy = x - view.x_m, y - view.y_m
     r = math.sqrt(dx * dx + dy * dy)
     if r < 1e-3:
         return False
     azimuth, dx, dy = turn_between(middle, math.atan2(dy, dx)), dx / r, dy / r
-    find_crossing(azimuth, r - behind - track.margin_m - _RANGE_SLACK_M, spans, crossing)
+    first, end = at_value(index, azimuth)
+    least_m = r - behind - track.margin_m - _RANGE_SLACK_M
     passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m
-    for i in range(detections.shape[0]):
-        if not crossing[i]:
+    for i in index.items[first:end]:
+        if not crosses(spans, i, azimuth) or spans[2, i] < least_m:
             continue
         d = detections[i]
         far = range_along(d, dx, dy, view)
@@ -213,14 +207,19 @@ def is_seen_through(x, y, track, detections, spans, crossing, middle, behind, vi
     if passed < _CLEAR_SHARE * height:
         return False
     hidden = 0.0
-    find_crossing(azimuth, 0.0, spans, crossing)
-    for i in range(detections.shape[0]):
-        if not crossing[i] or is_gap(detections[i]):
+    for i in index.items[first:end]:
+        if not crosses(spans, i, azimuth) or is_gap(detections[i]):
             continue
         far = range_along(detections[i], dx, dy, view)
         if far <= r - behind - track.margin_m - detections[i].margin_m:
             hidden += height_over(detections[i], track, far, r, eye_z)
     return passed - hidden >= _CLEAR_SHARE * height
+
+
+@inner
+def crosses(spans, i, azimuth):
+    """Whether detection i covers a direction, rad from the middle of the view. spans: of `find_spans`."""
+    return spans[0, i] <= azimuth and spans[1, i] >= azimuth
 
 
 @inner

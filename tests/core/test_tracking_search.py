@@ -9,7 +9,8 @@ import pytest
 
 from core.tracking.association import find_near
 from core.tracking.ego_motion import common_shift
-from core.tracking.observed import FreeView, find_crossing, find_spans
+from core.tracking.intervals import at_value, index_intervals
+from core.tracking.observed import FreeView, crosses, find_spans
 from core.tracking.tables import TRACK, detections_of
 
 pytestmark = pytest.mark.nojit
@@ -52,11 +53,13 @@ def test_every_detection_that_crosses_a_ray_beyond_a_place_is_found() -> None:
     d = random_detections(rng, 80)
     edges, nothing = np.array([2.5, 3.5]), np.zeros((0, 0), np.float32)
     view = FreeView(0.3, 0.2, 0.001, edges, edges, nothing, nothing, np.zeros((0, 0), np.uint8), math.inf, 0, 0, 0, 0)
-    spans, crossing, found = np.empty((3, 80)), np.empty(80, np.bool_), 0
+    spans, found = np.empty((3, 80)), 0
     find_spans(d, view, spans)
+    index = index_intervals(spans[0], spans[1])
     for azimuth in np.linspace(-math.pi, math.pi, 37):
         turn = math.remainder(azimuth - 3.0, math.tau)
-        find_crossing(turn, 4.0, spans, crossing)
+        first, end = at_value(index, turn)
+        crossing = [i for i in index.items[first:end] if crosses(spans, i, turn) and spans[2, i] >= 4.0]
         c, s = math.cos(azimuth), math.sin(azimuth)
         for i, one in enumerate(d):
             ax, ay, bx, by = one["ax_m"] - 0.3, one["ay_m"] - 0.2, one["bx_m"] - 0.3, one["by_m"] - 0.2
@@ -65,9 +68,30 @@ def test_every_detection_that_crosses_a_ray_beyond_a_place_is_found() -> None:
                 continue
             far = (c * ax + s * ay) + side_a / (side_a - side_b) * (c * (bx - ax) + s * (by - ay))
             if far >= 4.0:
-                assert crossing[i], (i, azimuth)
+                assert i in crossing, (i, azimuth)
                 found += 1
     assert found > 20
+
+
+def test_the_index_lists_all_intervals_that_hold_a_value_in_order() -> None:
+    rng = np.random.default_rng(3)
+    low = rng.uniform(-5.0, 5.0, 200)
+    high = low + rng.exponential(1.0, 200)
+    index = index_intervals(low, high)
+    for value in (*rng.uniform(-6.0, 12.0, 50), low[7], high[7], low.min(), high.max()):
+        first, end = at_value(index, value)
+        listed = index.items[first:end]
+        assert list(listed) == sorted(set(listed.tolist()))
+        assert set(np.flatnonzero((low <= value) & (value <= high))) <= set(listed.tolist())
+
+
+def test_the_index_of_no_interval_and_of_equal_places() -> None:
+    first, end = at_value(index_intervals(np.zeros(0), np.zeros(0)), 0.5)
+    assert first == end
+    index = index_intervals(np.full(3, 2.0), np.full(3, 2.0))
+    first, end = at_value(index, 2.0)
+    assert index.items[first:end].tolist() == [0, 1, 2]
+    assert at_value(index, math.nan) == at_value(index, -math.inf)
 
 
 def test_the_common_shift_of_three_walls() -> None:
