@@ -171,7 +171,7 @@ def test_keys_of_signatures_by_command(
     assert main(["keys", "--signing", str(tmp_path / "phrase"), "--passphrase"]) == 0
     assert load_key(tmp_path / "phrase").secret == hashlib.sha256(b"open sesame").digest()
     assert main(["keys", "--signing", str(file)]) == 1
-    assert main(["keys"]) == 1
+    assert main(["keys"]) == 2
 
 
 def test_texts_on_signatures_fit_a_statustext_up_to_their_colon() -> None:
