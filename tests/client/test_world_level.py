@@ -102,9 +102,25 @@ def test_a_heading_or_a_plane_that_is_no_number() -> None:
     memory = LevelMemory()
     with pytest.raises(ValueError, match="heading nan of camera front at 7 ns"):
         memory.add("front", ahead(), math.nan, 7)
+    with pytest.raises(ValueError, match="heading inf at 9 ns"):
+        memory.snapshot(math.inf, 9)
     two = seen(np.array([*AHEAD, wall(9.0, 5.0, 9.0, 9.0)]), (0.0, 0.0), 0.0, 0).model
     planes = two.planes.copy()
     planes[0, 0] = np.nan
     memory.add("front", replace(two, planes=planes), 0.0, 0)
     assert len(memory.snapshot(0.0, 0).planes) == len(two.planes) - 1
     assert len(two.planes) == 2
+
+
+@pytest.mark.parametrize("memory_s", [0.0, 1.0])
+def test_after_a_restart_of_the_clock_new_frames_count_and_old_ones_do_not(memory_s: float) -> None:
+    """The stamps are of the computer that sends; it may have been restarted."""
+    memory = LevelMemory(memory_s=memory_s)
+    memory.add("front", ahead(), 0.0, 500 * NS)
+    memory.add("left", ahead(4.0), 0.0, 501 * NS)
+    memory.add("front", ahead(3.0), 0.0, 20 * NS)
+    picture = memory.snapshot(0.0, 20 * NS)
+    assert picture.seen_ns.tolist() == [20 * NS]
+    assert picture.planes[0, 0] == pytest.approx(3.0)
+    memory.add("front", ahead(5.0), 0.0, 19 * NS)  # late by no more than a second
+    assert memory.snapshot(0.0, 20 * NS).seen_ns.tolist() == [20 * NS]

@@ -67,7 +67,8 @@ class LevelMemory:
 
     def add(self, camera: str, model: CameraModel, heading_rad: float, t_ns: int) -> None:
         """Adds the planes of a frame. heading_rad: of the vehicle at the exposure t_ns, clockwise from north. An invalid frame
-        removes nothing; one that comes out of order is ignored.
+        removes nothing; one that comes out of order is ignored. A time stamp that steps back by more than a second, and by more
+        than memory_s, means that the clock restarted: what has later time stamps is removed.
 
         Raises:
             ValueError: the heading is not finite.
@@ -76,8 +77,13 @@ class LevelMemory:
             raise ValueError(
                 f"heading {heading_rad} of camera {camera} at {t_ns} ns: expected a finite number of radians"
             )
+        if not model.valid:
+            return
         newest = self._newest.get(camera)
-        if not model.valid or (newest is not None and t_ns <= newest.t_ns):
+        if newest is not None and newest.t_ns - t_ns > max(NS, self._memory_ns):
+            self._remove_later(t_ns)
+            newest = None
+        if newest is not None and t_ns <= newest.t_ns:
             return
         finite = np.isfinite(model.planes).all(axis=1) & np.isfinite(model.margin_m)
         self._newest[camera] = _Remembered(
@@ -87,9 +93,21 @@ class LevelMemory:
         if newest is not None and (not earlier or newest.t_ns - earlier[-1].t_ns >= self._memory_ns // _KEPT):
             earlier.append(newest)
 
+    def _remove_later(self, t_ns: int) -> None:
+        """Removes the cameras whose newest frame is later than t_ns."""
+        for camera in [name for name, seen in self._newest.items() if seen.t_ns > t_ns]:
+            del self._newest[camera]
+            self._earlier.pop(camera, None)
+
     def snapshot(self, heading_rad: float, now_ns: int) -> WorldSnapshot:
         """The remembered obstacles in the level frame of a vehicle with that heading at now_ns. Planes older than memory_s are
-        left out; margins have grown by speed_m_s times the age. A time stamp in the future counts as one of now."""
+        left out; margins have grown by speed_m_s times the age. A time stamp in the future counts as one of now.
+
+        Raises:
+            ValueError: the heading is not finite.
+        """
+        if not math.isfinite(heading_rad):
+            raise ValueError(f"heading {heading_rad} at {now_ns} ns: expected a finite number of radians")
         parts = [seen for camera in sorted(self._newest) for seen in (*self._earlier[camera], self._newest[camera])]
         parts = [seen for seen in parts if now_ns - seen.t_ns <= self._memory_ns]
         if not parts:
