@@ -40,7 +40,7 @@ _POLL_MS = 20
 _SEQUENCE_STEP_NS = NS // 1000
 """Shorter than the time between two messages."""
 NO_POSITION_NS = NS // 2
-"""Longest time without a frame in ned after which the world is invalid: the vehicle's position in it is unknown."""
+"""Longest time without a valid frame in ned after which the world is invalid: nothing newer is known."""
 
 
 class WorldThread:
@@ -137,7 +137,8 @@ class WorldThread:
                 continue
             if observation is not None:
                 self.world.add(observation)
-                self._newest_ns = observation.t_ns
+                if result.valid:  # an invalid frame shows nothing: it must not make the world look recent
+                    self._newest_ns = observation.t_ns
 
     def _publish_changes(self, now_ns: int) -> None:
         """Publishes the next message of the stream."""
@@ -166,10 +167,10 @@ class WorldThread:
         age_ns = None if self._newest_ns is None else now_ns - self._newest_ns
         message.valid = age_ns is not None and age_ns <= NO_POSITION_NS
         if age_ns is None:
-            message.cause, message.cause_text = pb.WorldUpdate.CAUSE_NO_POSITION, "no frame with a position yet"
+            message.cause, message.cause_text = pb.WorldUpdate.CAUSE_NO_POSITION, "no valid frame with a position yet"
         elif not message.valid:
             message.cause = pb.WorldUpdate.CAUSE_POSITION_STALE
-            message.cause_text = f"no frame with a position for {age_ns / NS:.1f} s"
+            message.cause_text = f"no valid frame with a position for {age_ns / NS:.1f} s"
         message.t_ns = self._newest_ns or 0
         for name, count in (
             self.world.numbers() | {"frames_dropped": self.dropped, "frames_refused": self.refused}
@@ -205,8 +206,8 @@ def open_world(
 
 
 def observation_of(result: PrismsResult) -> Observation | None:
-    """The observation of a frame for the world; None for an invalid frame or one without a position. Raises ValueError
-    for an unusable position."""
+    """The observation of a frame for the world, which counts invalid ones; None for a dropped frame or one without a
+    position. Raises ValueError for an unusable position."""
     if result.frame != "ned" or result.model is None or result.pose is None or result.transform is None:
         return None
     return Observation(

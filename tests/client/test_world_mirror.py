@@ -30,7 +30,7 @@ from osape_client.query.space import Occupancy
 from osape_client.world.decode import blocks_from_message, records_from_message
 from osape_client.world.mirror import WorldMirror
 from tests.companion.live import until
-from tests.core.worlds import NS, house, seen, wall
+from tests.core.worlds import NS, blind, house, seen, wall
 
 pytestmark = pytest.mark.process
 
@@ -97,6 +97,10 @@ def look(
 ) -> None:
     observation = seen(walls, (0.0, 0.0), heading, now(), reset_counter=counter)
     speaker.service.put(result(observation, frame))
+
+
+def look_blind(speaker: Speaker) -> None:
+    speaker.service.put(result(blind(now())))
 
 
 def same_place(mirror: WorldMirror, world: World) -> bool:
@@ -191,7 +195,11 @@ def test_what_is_old_or_has_no_position_is_not_free(speaker: Speaker) -> None:
         # frames go on, without a position
         assert until(lambda: (look(speaker, frame="level"), not mirror.update(0.05))[1], 60.0)
         assert mirror.space.points([[4, 0, 0], [8, 0, 0]], 0.2).tolist() == [Occupancy.UNKNOWN, Occupancy.OCCUPIED]
-        assert until(lambda: not mirror.update(0.05) and "no frame with a position for" in mirror.cause, 60.0)
+        assert until(lambda: not mirror.update(0.05) and "no valid frame with a position for" in mirror.cause, 60.0)
+        assert until(follows, 60.0)
+        # frames go on, and are invalid: the camera is covered
+        assert until(lambda: (look_blind(speaker), not mirror.update(0.05))[1], 60.0)
+        assert mirror.space.points([[4, 0, 0], [8, 0, 0]], 0.2).tolist() == [Occupancy.UNKNOWN, Occupancy.OCCUPIED]
         assert until(follows, 60.0)
         speaker.close()  # a service that ended sends nothing
         assert until(lambda: not mirror.usable, 60.0)
