@@ -8,7 +8,20 @@ import numpy as np
 
 from ..jit import inner, record
 from ..types import PlaneFlags
-from .join_cost import Box, Moments, joined, length_of, moved_moments, segment_moments, shifted, together
+from .evidence import count_hit, erase_outside, merge_steps, steps_of
+from .join_cost import (
+    Box,
+    Moments,
+    ahead_of,
+    joined,
+    joined_cuts,
+    length_of,
+    moved_moments,
+    segment_moments,
+    shifted,
+    together,
+    widened,
+)
 from .plane_index import insert, new_slot, remove, seen_again, set_links
 
 OBSERVATION = record(
@@ -59,14 +72,9 @@ def put_moments(plane, m):
 
 @inner
 def put_box(tables, i, box):
-    """Changes the box of slot i and its links. The part that was observed as clear keeps its place."""
+    """Changes the box of slot i and its links. The evidence along it keeps its place."""
     plane = tables.planes[i]
-    if plane.clears > 0:
-        length = length_of(box.ax, box.ay, box.bx, box.by)
-        ox, oy = float(plane.ax_m) - box.ax, float(plane.ay_m) - box.ay
-        back = (ox * (box.bx - box.ax) + oy * (box.by - box.ay)) / length
-        plane.clear_from_m += back
-        plane.clear_to_m += back
+    erase_outside(tables, i, steps_of(box, float(plane.anchor_x_m), float(plane.anchor_y_m), tables.state[0].step_m))
     set_links(tables, i, False)
     plane.ax_m, plane.ay_m, plane.bx_m, plane.by_m = box.ax, box.ay, box.bx, box.by
     plane.top_m, plane.bottom_m = box.top, box.bottom
@@ -84,22 +92,23 @@ def new_plane(tables, seen, t_ns):
     a = shifted(box, float(plane.anchor_x_m), float(plane.anchor_y_m))
     put_moments(plane, segment_moments(a, seen.weight * length_of(a.ax, a.ay, a.bx, a.by), seen.sigma_m))
     put_box(tables, i, box)
+    count_hit(tables, i, box, 0)
     return i
 
 
 @inner
-def score_observation(plane, seen, rules):
+def score_observation(plane, seen, rules, memory):
     """Returns Joined of a plane and an observation, relative to the anchor of the plane, and the share of the plane's
     past that is kept.
 
-    plane: a record of SLOT; seen: a record of OBSERVATION."""
+    plane: a record of SLOT; seen: a record of OBSERVATION; memory: earlier observations count at most as so many."""
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     a, b = shifted(box_of(plane), x, y), shifted(box_of(seen), x, y)
     length = length_of(b.ax, b.ay, b.bx, b.by)
     n = segment_moments(b, seen.weight * length, seen.sigma_m)
     past = moments_of(plane, x, y)
     # The limit is per metre: otherwise a short observation of a long wall would have no effect.
-    most = rules.memory_frames * seen.weight * length_of(a.ax, a.ay, a.bx, a.by)
+    most = memory * seen.weight * length_of(a.ax, a.ay, a.bx, a.by)
     share = min(1.0, most / past.w)
     return joined(a, b, together(past, n, share), seen.sigma_m, rules), share
 
@@ -113,27 +122,15 @@ def join_box(found, plane, other):
 
 
 @inner
-def ahead_of(found, box):
-    """Returns the distance of the nearer end of a Box in front of the joined plane, on its free side; negative: behind it.
-
-    The margin of a joined plane contains this distance of its parts, so that nothing that was observed lies in front of
-    the plane and its margin. found: Joined; box: relative to the same anchor."""
-    length = length_of(found.ax, found.ay, found.bx, found.by)
-    nx, ny = -(found.by - found.ay) / length, (found.bx - found.ax) / length  # to the right of a -> b
-    return max(
-        (box.ax - found.ax) * nx + (box.ay - found.ay) * ny,
-        (box.bx - found.ax) * nx + (box.by - found.ay) * ny,
-    )
-
-
-@inner
-def add_observation(tables, i, seen, rules, t_ns):
-    """Adds an observation, a record of OBSERVATION, to slot i."""
+def add_observation(tables, i, seen, frame, memory, t_ns):
+    """Adds an observation, a record of OBSERVATION, to slot i. frame: Frame; memory: as in `score_observation`."""
+    rules = frame.rules
     plane = tables.planes[i]
-    found, share = score_observation(plane, seen, rules)
+    found, share = score_observation(plane, seen, rules, memory)
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     box = box_of(seen)
     b = shifted(box, x, y)
+    found = widened(found, b, frame.x_m - x, frame.y_m - y, rules.join_m)
     weight = seen.weight * length_of(b.ax, b.ay, b.bx, b.by)
     m = together(moments_of(plane, x, y), segment_moments(b, weight, seen.sigma_m), share)
     part = weight / m.w
@@ -146,9 +143,10 @@ def add_observation(tables, i, seen, rules, t_ns):
     measured = seen.plane_flags & _INFERRED == 0 and length_of(b.ax, b.ay, b.bx, b.by) >= _WHOLE * length
     inferred = found.gap > rules.corner_m or ((plane.plane_flags | seen.plane_flags) & _INFERRED != 0 and not measured)
     plane.plane_flags = joined_flags(plane.plane_flags, seen.plane_flags, inferred)
+    plane.cut = joined_cuts(found, shifted(box_of(plane), x, y), plane.cut, b, 0)
     put_box(tables, i, join_box(found, plane, box))
     plane.hits = min(plane.hits + 1, 1 << 30)
-    cancel_clears(plane, box, rules)
+    count_hit(tables, i, box, int(rules.free_evidence_per_hit))
     seen_again(tables, i, t_ns)
 
 
@@ -156,20 +154,6 @@ def add_observation(tables, i, seen, rules, t_ns):
 def joined_flags(a, b, inferred):
     """Returns the flags of two joined planes. inferred: the joined plane covers space that was not measured."""
     return ((a & b) & ~_OVER) | ((a | b) & _OVER) | (_INFERRED if inferred else 0)
-
-
-@inner
-def cancel_clears(plane, seen, rules):
-    """Cancels some observations of a part as clear, because that part was observed again. seen: Box of the
-    observation."""
-    if plane.clears == 0:
-        return
-    a = box_of(plane)
-    length = length_of(a.ax, a.ay, a.bx, a.by)
-    dx, dy = (a.bx - a.ax) / length, (a.by - a.ay) / length
-    s0, s1 = (seen.ax - a.ax) * dx + (seen.ay - a.ay) * dy, (seen.bx - a.ax) * dx + (seen.by - a.ay) * dy
-    if min(s1, float(plane.clear_to_m)) > max(s0, float(plane.clear_from_m)):
-        plane.clears = max(0, plane.clears - int(rules.free_evidence_per_hit))
 
 
 @inner
@@ -194,8 +178,10 @@ def absorb_plane(tables, i, k, rules):
     plane.noise_m = max(plane.noise_m, other.noise_m)
     inferred = found.gap > rules.corner_m or (plane.plane_flags | other.plane_flags) & _INFERRED != 0
     plane.plane_flags = joined_flags(plane.plane_flags, other.plane_flags, inferred)
+    b = shifted(box_of(other), x, y)
+    plane.cut = joined_cuts(found, shifted(box_of(plane), x, y), plane.cut, b, other.cut)
     plane.hits = max(plane.hits, other.hits)
-    plane.clears = 0
+    merge_steps(tables, i, k, box, int(rules.free_evidence_per_hit))
     set_links(tables, k, False)
     remove(tables, k)
     tables.state[0].joined += 1

@@ -16,6 +16,7 @@ from ..types import PlaneFlags
 from .free_grid import any_free
 
 REFUSED = 2.0
+END_A, END_B = 1, 2
 WORLD_RULES = record(
     ("turn_cos", np.float64),  # cosine of `plane_angle_deg`
     ("gap_m", np.float64),  # `passable_width_m`
@@ -31,7 +32,6 @@ WORLD_RULES = record(
     ("behind_m", np.float64),  # `free_evidence_behind_m`
     ("free_evidence_sigmas", np.float64),
     ("free_evidence_share", np.float64),
-    ("step_m", np.float64),  # `free_evidence_step_m`
     ("pose_sigma_m", np.float64),
     ("free_evidence_limit_extra", np.float64),
 )
@@ -39,6 +39,10 @@ WORLD_RULES = record(
 
 _GAP_POINTS = 3
 """Number of places along a gap, and of heights, at which free space is tested. It is not a tuning parameter."""
+_LEAST_WIDTH = 0.5
+"""Of a joined plane, seen from a camera, as a share of what the camera observed. It is not a tuning parameter."""
+_FACING = 0.3
+"""Sine of the angle below which a line is seen edge-on. It is not a tuning parameter."""
 _IRREGULAR = int(PlaneFlags.IRREGULAR)
 _TINY = 1e-9
 
@@ -187,6 +191,19 @@ def off_line(box, x, y, dx, dy):
 
 
 @inner
+def reach_of(sigma, rules):
+    """Returns how far an end may lie from the line of a joined plane. sigma: its noise."""
+    return rules.join_m + min(rules.join_sigmas * sigma, rules.noise_cap_m)
+
+
+@inner
+def distance_of(found, box):
+    """Returns the distance of the farther end of a box from a plane. found: Joined."""
+    length = length_of(found.ax, found.ay, found.bx, found.by)
+    return off_line(box, found.ax, found.ay, (found.bx - found.ax) / length, (found.by - found.ay) / length)
+
+
+@inner
 def joined(a, b, m, sigma, rules):
     """Returns Joined of the boxes a and b.
 
@@ -212,7 +229,7 @@ def joined(a, b, m, sigma, rules):
     if gap >= rules.gap_m or end - begin > rules.longest_m:
         return no
     off = max(off_line(a, x, y, dx, dy), off_line(b, x, y, dx, dy))
-    off /= rules.join_m + min(rules.join_sigmas * sigma, rules.noise_cap_m)
+    off /= reach_of(sigma, rules)
     corner = corner_cost(p, q, rules.corner_m)
     if off >= 1.0 or corner >= 1.0:
         return no
@@ -221,18 +238,92 @@ def joined(a, b, m, sigma, rules):
 
 
 @inner
-def stays_open(free, a, b, flags, gap, rules):
-    """True if the gap between two boxes must stay open.
+def stands_for(found, box, sigma, x, y, rules):
+    """True if a joined plane may stand for what a camera at (x, y) observed as a Box.
 
-    It must if it is wide, and observed free at any place at the heights of both, or beside an irregular plane (flags
-    of either), because the extent of foliage beyond its ends is not known."""
+    The plane must be near the box, and not far behind it along the viewing rays; and the camera must see the plane from
+    its free side, at least half as wide as the box. Otherwise the object in view would be replaced by a plane behind it,
+    or by one that is seen edge-on. found: Joined; sigma: noise of the box; box, x, y: relative to the same point."""
+    mx, my = 0.5 * (box.ax + box.bx) - x, 0.5 * (box.ay + box.by) - y
+    width = mx * (box.by - box.ay) - my * (box.bx - box.ax)
+    width /= length_of(box.ax, box.ay, box.bx, box.by)
+    seen = mx * (found.by - found.ay) - my * (found.bx - found.ax)
+    seen /= length_of(found.ax, found.ay, found.bx, found.by)
+    if seen < _LEAST_WIDTH * width or distance_of(found, box) >= reach_of(sigma, rules):
+        return False
+    facing = seen / math.sqrt(mx * mx + my * my) if seen > 0.0 else 0.0
+    return ahead_of(found, box) < reach_of(0.5 * sigma, rules) * max(facing, _LEAST_WIDTH)
+
+
+@inner
+def ahead_of(found, box):
+    """Returns the distance of the nearer end of a Box in front of the joined plane, on its free side; negative: behind it.
+
+    The margin of a joined plane contains this distance of its parts, so that nothing that was observed lies in front of
+    the plane and its margin. found: Joined; box: relative to the same anchor."""
+    length = length_of(found.ax, found.ay, found.bx, found.by)
+    nx, ny = -(found.by - found.ay) / length, (found.bx - found.ax) / length  # to the right of a -> b
+    return max(
+        (box.ax - found.ax) * nx + (box.ay - found.ay) * ny,
+        (box.bx - found.ax) * nx + (box.by - found.ay) * ny,
+    )
+
+
+@inner
+def widened(found, box, x, y, most):
+    """Returns Joined with ends that hide the same directions from a camera at (x, y) as a Box, where that needs at most
+    `most` metres.
+
+    A plane behind the box would hide less. found: Joined; box, x, y: relative to the same point."""
+    length = length_of(found.ax, found.ay, found.bx, found.by)
+    dx, dy = (found.bx - found.ax) / length, (found.by - found.ay) / length
+    begin = min(0.0, hidden_end(found, box.ax, box.ay, x, y, dx, dy, most))
+    end = max(length, hidden_end(found, box.bx, box.by, x, y, dx, dy, most))
+    ax, ay, bx, by = found.ax + begin * dx, found.ay + begin * dy, found.ax + end * dx, found.ay + end * dy
+    return Joined(found.cost, ax, ay, bx, by, found.gap)
+
+
+@inner
+def hidden_end(found, px, py, x, y, dx, dy, most):
+    """Returns where the viewing ray of a point (px, py) meets the line of `found`, m from its end a along (dx, dy), but at
+    most `most` from the foot of the point."""
+    foot = (px - found.ax) * dx + (py - found.ay) * dy
+    rx, ry = px - x, py - y
+    across = rx * dy - ry * dx
+    if abs(across) < _FACING * math.sqrt(rx * rx + ry * ry):
+        return foot
+    share = ((found.ax - x) * dy - (found.ay - y) * dx) / across
+    met = (x + share * rx - found.ax) * dx + (y + share * ry - found.ay) * dy
+    return min(foot + most, max(foot - most, met))
+
+
+@inner
+def joined_cuts(found, a, cut_a, b, cut_b):
+    """Returns which ends of a joined plane lie beside a removed part: END_A, END_B. found: Joined; a, b: Box of both
+    planes relative to the same point; cut_a, cut_b: their ends beside a removed part."""
+    dx, dy = found.bx - found.ax, found.by - found.ay
+    begins = (b.ax - a.ax) * dx + (b.ay - a.ay) * dy < 0.0
+    ends = (b.bx - a.bx) * dx + (b.by - a.by) * dy > 0.0
+    return ((cut_b if begins else cut_a) & END_A) | ((cut_b if ends else cut_a) & END_B)
+
+
+@inner
+def stays_open(free, a, cut_a, b, cut_b, flags, gap, rules):
+    """True if the gap between the boxes of two planes must stay open.
+
+    It must if a removed part lies in it. A wide one must if it was observed free at any place at the heights of both, or
+    beside an irregular plane (flags of either), because the extent of foliage beyond its ends is not known. cut_a, cut_b:
+    ends beside a removed part."""
+    # the facing ends: b of one and a of the other
+    ab = (a.bx - b.ax) ** 2 + (a.by - b.ay) ** 2
+    ba = (b.bx - a.ax) ** 2 + (b.by - a.ay) ** 2
+    cut = (cut_a & END_B) | (cut_b & END_A) if ab < ba else (cut_a & END_A) | (cut_b & END_B)
+    if gap > 0.0 and cut != 0:
+        return True
     if gap <= rules.corner_m:
         return False
     if flags & _IRREGULAR:
         return True
-    # the facing ends: b of one and a of the other
-    ab = (a.bx - b.ax) ** 2 + (a.by - b.ay) ** 2
-    ba = (b.bx - a.ax) ** 2 + (b.by - a.ay) ** 2
     x0, y0, x1, y1 = (a.bx, a.by, b.ax, b.ay) if ab < ba else (b.bx, b.by, a.ax, a.ay)
     top, bottom = max(a.top, b.top), min(a.bottom, b.bottom)
     for k in range(1, _GAP_POINTS + 1):

@@ -31,12 +31,16 @@ class WorldParams:
 
     # What goes again
     free_evidence_limit: int = critical(
-        5, 1, 1000, "", "free evidence at which a plane is removed: observations through it less those onto it"
+        5,
+        1,
+        1000,
+        "",
+        "free evidence at which a step of a plane is removed: observations through it less those onto it",
     )
     free_evidence_limit_extra: int = critical(
-        15, 0, 1000, "", "the limit grows by one for every four earlier observations of the plane, by at most this"
+        15, 0, 1000, "", "the limit grows by one for every four earlier observations of the step, by at most this"
     )
-    free_evidence_per_hit: int = critical(2, 1, 100, "", "free evidence that one observation of the plane cancels")
+    free_evidence_per_hit: int = critical(2, 1, 100, "", "free evidence that one observation of the step cancels")
     free_evidence_behind_m: float = critical(
         0.5, 0.0, 5.0, "m", "observed free space must reach this far behind a plane and its margin to be free evidence"
     )

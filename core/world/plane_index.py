@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, record
+from .evidence import empty_steps, erase, plane_steps
 
 SQUARE_M = 8.0
 """Side of a square, of which a frame covers some dozen. It is not a tuning parameter."""
@@ -33,11 +34,9 @@ SLOT = record(
     ("anchor_y_m", np.float32),
     ("margin_m", np.float32),
     ("noise_m", np.float32),  # the margin without the offsets of joined parts; it determines what may be joined
-    ("clear_from_m", np.float32),  # the part that was observed as clear, relative to a
-    ("clear_to_m", np.float32),
     ("hits", np.int32),  # observations; 0: an empty slot
-    ("clears", np.int32),  # observations as clear
     ("plane_flags", np.int32),  # PlaneFlags
+    ("cut", np.int32),  # END_A, END_B: the ends beside a part that was removed
     ("older", np.int32),  # neighbours in the LRU list; of an empty slot newer is the next empty one
     ("newer", np.int32),
     ("look", np.int32),  # newest search that found it
@@ -56,6 +55,7 @@ TABLE_STATE = record(
     ("looks", np.int64),  # searches
     ("live", np.int64),  # planes
     ("frame", np.int64),  # frames
+    ("step_m", np.float64),  # length of a step of a plane, see evidence.py
     ("dropped", np.int64),  # counts for the log
     ("cleared", np.int64),
     ("joined", np.int64),
@@ -69,23 +69,30 @@ class Tables(NamedTuple):
 
     Attributes:
         planes: (P,) SLOT.
+        steps: (P, N) STEP, see evidence.py.
         heads: (H,) int32, first link of each list.
         links: (L,) LINK.
         state: (1,) TABLE_STATE."""
 
     planes: NDArray[Any]
+    steps: NDArray[Any]
     heads: NDArray[np.int32]
     links: NDArray[Any]
     state: NDArray[Any]
 
 
-def empty_tables(most: int) -> Tables:
-    """Returns empty tables for this number of planes. Pages that are never written take no memory."""
+def empty_tables(most: int, longest_m: float = 100.0, step_m: float = 0.25) -> Tables:
+    """Returns empty tables for this number of planes. Pages that are never written take no memory.
+
+    longest_m: length of the longest joined plane; step_m: of a step of a plane."""
     heads = np.full(1 << max(6, math.ceil(math.log2(max(1, most // 4)))), NONE, np.int32)
     state = np.zeros(1, TABLE_STATE)
     for name in ("free_slot", "oldest", "newest", "free_link"):
         state[name] = NONE
-    return Tables(np.zeros(most, SLOT), heads, np.zeros(_LINKS * most, LINK), state)
+    state["step_m"] = step_m
+    return Tables(
+        np.zeros(most, SLOT), empty_steps(most, longest_m, step_m), heads, np.zeros(_LINKS * most, LINK), state
+    )
 
 
 def plane_bytes(tables: Tables) -> float:
@@ -213,7 +220,7 @@ def new_slot(tables, t_ns):
         state.used += 1
     state.live += 1
     plane = planes[i]
-    plane.hits, plane.clears, plane.plane_flags, plane.look, plane.changed = 1, 0, 0, 0, 0
+    plane.hits, plane.plane_flags, plane.cut, plane.look, plane.changed = 1, 0, 0, 0, 0
     lru_insert(tables, i)
     plane.seen_ns = t_ns
     return i
@@ -246,6 +253,8 @@ def remove(tables, i):
     """Empties slot i, whose links have been removed."""
     plane, state = tables.planes[i], tables.state[0]
     lru_remove(tables, i)
+    steps = plane_steps(tables, i)
+    erase(tables, i, steps.first, steps.end)
     plane.hits, plane.changed = 0, state.frame
     plane.newer = state.free_slot
     state.free_slot = i

@@ -1,8 +1,8 @@
 """Removal of planes, or parts of them, that later frames observe to be clear.
 
-A part is removed if it was observed to be clear more often than occupied, by 5 to 20 observations as delivered. A wall
-that noise hides now and then is kept. A plane grows by one observation and shrinks by many. The count is of one part
-of a plane, so the trail of a moving object may stay."""
+A step of a plane (evidence.py) is removed if it was observed to be clear more often than occupied, by 5 to 20
+observations as delivered. A wall that noise hides now and then is kept. A plane grows by one observation and shrinks by
+many. The trail of a moving object is removed step by step behind it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from typing import Any, NamedTuple
 
 from ..jit import inner
 from .association import box_of, put_box
+from .evidence import copy_steps, count_clear, erase, has_evidence, is_refuted, part_of, plane_steps
 from .free_grid import direction_of, lowest_free
-from .join_cost import Box, length_of
+from .join_cost import END_A, END_B, Box
 from .plane_index import insert, lru_insert, lru_remove, new_slot, remove, set_links
 
 _OBSTACLE = 1
-_HITS_PER_CLEAR = 4
-"""Observations of a plane per additional observation as clear that its removal requires. It is not a tuning
-parameter."""
 _LEAST_M = 0.1
 """A remaining part of a plane is kept if it is longer. It is not a tuning parameter."""
 
@@ -73,7 +71,7 @@ def is_observed_clear(x, y, top, bottom, slack, rules, view):
         over = min(bottom, layers[k + 1]) - max(top, layers[k])
         if over <= 0.0:
             continue
-        if near_m[d, k] <= r - off and far_m[d, k] >= r + off:
+        if near_m[d, k] <= r - (off - slack + rules.pose_sigma_m) and far_m[d, k] >= r + off:
             through += max(0.0, min(bottom, layers[k + 1], lowest) - max(top, layers[k]))
         elif view.end[d, k] == _OBSTACLE and abs(far_m[d, k] - r) < off:
             return False
@@ -82,82 +80,86 @@ def is_observed_clear(x, y, top, bottom, slack, rules, view):
 
 @inner
 def count_clear_view(tables, i, rules, view):
-    """Counts one observation that the longest clear part of slot i is clear. view: FrameView."""
-    x, y = view.x_m, view.y_m
+    """Counts one observation as clear of each step of slot i that a frame observed to be clear. view: FrameView."""
+    steps, step, rows = plane_steps(tables, i), tables.state[0].step_m, tables.steps
+    if not has_evidence(tables, steps):
+        return
     plane = tables.planes[i]
-    a = box_of(plane)
-    length = length_of(a.ax, a.ay, a.bx, a.by)
-    count = int(math.ceil(length / rules.step_m))
+    top, bottom = float(plane.top_m), float(plane.bottom_m)
+    x, y = float(plane.ax_m) - view.x_m, float(plane.ay_m) - view.y_m
     slack = rules.behind_m + rules.pose_sigma_m + float(plane.margin_m)
-    begin, best0, best1 = -1, 0, 0
-    for n in range(count + 1):
-        ok = n < count
-        if ok:
-            share = (n + 0.5) / count
-            px, py = a.ax + (a.bx - a.ax) * share - x, a.ay + (a.by - a.ay) * share - y
-            ok = is_observed_clear(px, py, a.top, a.bottom, slack, rules, view)
-        if ok and begin < 0:
-            begin = n
-        if not ok and begin >= 0:
-            if n - begin > best1 - best0:
-                best0, best1 = begin, n
-            begin = -1
-    if best1 > best0:
-        count_clear_part(plane, length * best0 / count, length * best1 / count)
+    for k in range(steps.first, steps.end):
+        begin, end = part_of(steps, k, step)
+        along = 0.5 * (begin + end)
+        if is_observed_clear(x + along * steps.dx, y + along * steps.dy, top, bottom, slack, rules, view):
+            count_clear(rows[i, k % rows.shape[1]])
 
 
 @inner
-def count_clear_part(plane, begin, end):
-    """Counts one observation of begin..end of a plane as clear.
-
-    The counted part is the one that all observations share. If they do not overlap enough, a new part begins."""
-    if plane.clears > 0:
-        both0, both1 = max(begin, float(plane.clear_from_m)), min(end, float(plane.clear_to_m))
-        if both1 - both0 >= 0.5 * (end - begin):
-            plane.clear_from_m, plane.clear_to_m = both0, both1
-            plane.clears += 1
-            return
-        if plane.clears > 1:
-            plane.clears -= 1
-            return
-    plane.clear_from_m, plane.clear_to_m = begin, end
-    plane.clears = 1
+def refuted_run(tables, i, steps, rules):
+    """Returns begin and end of the first run of steps of slot i that are to be removed; the same number: none."""
+    rows = tables.steps
+    size, begin = rows.shape[1], steps.end
+    for k in range(steps.first, steps.end):
+        if is_refuted(rows[i, k % size], rules):
+            begin = k
+            break
+    end = begin
+    while end < steps.end and is_refuted(rows[i, end % size], rules):
+        end += 1
+    return begin, end
 
 
 @inner
 def cut_cleared(tables, i, rules):
-    """Removes the part of slot i that was observed to be clear often enough; returns True if any part was removed.
+    """Removes the steps of slot i that were observed to be clear often enough.
 
-    Of two remaining parts, the second one gets a new slot."""
-    plane = tables.planes[i]
-    need = rules.free_evidence_limit + min(float(plane.hits // _HITS_PER_CLEAR), rules.free_evidence_limit_extra)
-    if plane.hits == 0 or plane.clears < need:
-        return False
-    a = box_of(plane)
-    length = length_of(a.ax, a.ay, a.bx, a.by)
-    dx, dy = (a.bx - a.ax) / length, (a.by - a.ay) / length
-    begin, end = max(0.0, float(plane.clear_from_m)), min(length, float(plane.clear_to_m))
-    plane.clears = 0
+    Each part between two removed ones gets a new slot."""
+    for _ in range(tables.steps.shape[1]):
+        if tables.planes[i].hits == 0:
+            return
+        steps = plane_steps(tables, i)
+        if not has_evidence(tables, steps):
+            return
+        first, after = refuted_run(tables, i, steps, rules)
+        if first == after:
+            return
+        i = cut_run(tables, i, steps, first, after)
+
+
+@inner
+def cut_run(tables, i, steps, first, after):
+    """Removes the steps first..after - 1 of slot i; returns the slot of the part behind them."""
+    a, step = box_of(tables.planes[i]), tables.state[0].step_m
+    dx, dy, length = steps.dx, steps.dy, steps.length_m
+    begin, _end = part_of(steps, first, step)
+    _begin, end = part_of(steps, after - 1, step)
     tables.state[0].cleared += 1
+    erase(tables, i, first, after)
     left, right = begin > _LEAST_M, length - end > _LEAST_M
     if not left and not right:
         set_links(tables, i, False)
         remove(tables, i)
-        return True
+        return i
     near_part = Box(a.ax, a.ay, a.ax + begin * dx, a.ay + begin * dy, a.top, a.bottom)
     far_part = Box(a.ax + end * dx, a.ay + end * dy, a.bx, a.by, a.top, a.bottom)
+    k, plane = i, tables.planes[i]
     if left and right:
-        copy_part(tables, i, far_part)
+        k = copy_part(tables, i, far_part)
+    if right:
+        tables.planes[k].cut = END_A | (plane.cut & END_B)
     if left:
+        plane.cut = END_B | (plane.cut & END_A)
         put_box(tables, i, near_part)
     else:  # a separate call, because in a kernel the two boxes have different types
         put_box(tables, i, far_part)
-    return True
+    return k
 
 
 @inner
 def copy_part(tables, i, box):
-    """Copies a part of slot i, with the same moments, to a new slot. box: of the part."""
+    """Copies a part of slot i, with the same moments and its evidence, to a new slot, and returns that. box: of the
+    part."""
     planes = tables.planes
     lru_remove(tables, i)
     lru_insert(tables, i)  # otherwise slot i might be removed to make room for the new one
@@ -173,8 +175,10 @@ def copy_part(tables, i, box):
     )
     part.anchor_x_m, part.anchor_y_m = plane.anchor_x_m, plane.anchor_y_m
     part.margin_m, part.noise_m = plane.margin_m, plane.noise_m
-    part.clear_from_m, part.clear_to_m = plane.clear_from_m, plane.clear_to_m
     part.hits, part.plane_flags, part.changed = plane.hits, plane.plane_flags, tables.state[0].frame
+    part.cut = plane.cut
     part.ax_m, part.ay_m, part.bx_m, part.by_m = box.ax, box.ay, box.bx, box.by
     part.top_m, part.bottom_m = box.top, box.bottom
+    copy_steps(tables, i, k, plane_steps(tables, k))
     insert(tables, k)
+    return k

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,20 @@ from .association import (
     score_observation,
     score_planes,
 )
+from .evidence import set_hits
 from .free_grid import stand_in
-from .join_cost import WORLD_RULES, Box, Moments, moved_moments, stays_open
+from .join_cost import REFUSED, WORLD_RULES, Box, Joined, Moments, moved_moments, shifted, stands_for, stays_open
 from .params import WorldParams
-from .plane_index import BOX, MOMENTS, gather, new_slot
+from .plane_index import BOX, MOMENTS, NONE, gather, new_slot
 from .removal import count_clear_view, cut_cleared
 
 _LEAST_M = 0.01
 """A shorter plane has no direction. It is not a tuning parameter."""
 _NEAR = 4096
 """Greatest number of planes considered for one plane, or for the view of one frame; more are counted as overflow."""
+_SHORT_MEMORY = 0.1
+"""Share of the past of a plane that is kept where all of it would keep the plane away from what is in view. It is not a
+tuning parameter."""
 _JOINS = 4
 """Greatest number of neighbours that one plane absorbs per frame; others follow with later frames. It is not a tuning
 parameter."""
@@ -46,7 +50,6 @@ def rules_of(p: WorldParams) -> NDArray[Any]:
         noise_cap_m=p.join_noise_cap_m,
         corner_m=p.join_corner_m,
         behind_m=p.free_evidence_behind_m,
-        step_m=p.free_evidence_step_m,
     )
 
 
@@ -80,37 +83,85 @@ def gather_around(tables, box, grow, near):
     return gather(tables, x0, y0, x1, y1, box.top, box.bottom, near)
 
 
+class Frame(NamedTuple):
+    """The observations of one frame.
+
+    Attributes:
+        observations: (N,) OBSERVATION.
+        touched: (N,) int32, the slot that each was added to.
+        rules: a record of WORLD_RULES.
+        x_m, y_m: place of the camera."""
+
+    observations: Any
+    touched: Any
+    rules: Any
+    x_m: Any
+    y_m: Any
+
+
 @inner
-def add_observations(tables, free, observations, rules, t_ns, near, touched):
-    """Adds each observation to the plane that it fits best, or creates a plane; returns the number of slots in
-    `touched`."""
-    planes, count = tables.planes, 0
+def fitted(plane, seen, frame):
+    """Returns Joined of a plane and an observation, and how many observations the plane's past counts as.
+
+    Where the past keeps the plane away from the observation, as while the position drifts, most of it is given up.
+    plane: a record of SLOT; seen: a record of OBSERVATION; frame: Frame."""
+    x, y, rules = float(plane.anchor_x_m), float(plane.anchor_y_m), frame.rules
+    box, memory = shifted(box_of(seen), x, y), rules.memory_frames
+    found, _share = score_observation(plane, seen, rules, memory)
+    if found.cost >= 1.0 or stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y, rules):
+        return found, memory
+    memory *= _SHORT_MEMORY
+    found, _share = score_observation(plane, seen, rules, memory)
+    if found.cost < 1.0 and not stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y, rules):
+        found = Joined(REFUSED, found.ax, found.ay, found.bx, found.by, found.gap)
+    return found, memory
+
+
+@inner
+def add_observations(tables, free, frame, t_ns, near):
+    """Adds each observation of a Frame to the plane that it fits best, or creates a plane."""
+    planes, observations, rules = tables.planes, frame.observations, frame.rules
     for j in range(observations.shape[0]):
         seen = observations[j]
         b = box_of(seen)
         n = gather_around(tables, b, rules.gap_m, near)
-        best, best_cost = -1, 1.0
+        best, best_cost, best_memory = -1, 1.0, rules.memory_frames
         for m in range(n):
             plane = planes[near[m]]
-            found, _share = score_observation(plane, seen, rules)
+            found, memory = fitted(plane, seen, frame)
             if not found.cost < best_cost:
                 continue
-            if stays_open(free, box_of(plane), b, plane.plane_flags | seen.plane_flags, found.gap, rules):
+            flags = plane.plane_flags | seen.plane_flags
+            if stays_open(free, box_of(plane), plane.cut, b, 0, flags, found.gap, rules):
                 continue
-            best, best_cost = near[m], found.cost
+            best, best_cost, best_memory = near[m], found.cost, memory
         if best >= 0 and planes[best].hits > 0:
-            add_observation(tables, best, seen, rules, t_ns)
+            add_observation(tables, best, seen, frame, best_memory, t_ns)
         else:
             best = new_plane(tables, seen, t_ns)
-        touched[count] = best
-        count += 1
-    return count
+        frame.touched[j] = best
 
 
 @inner
-def join_neighbours(tables, free, i, rules, near):
-    """Joins slot i with neighbours that are now one plane with it."""
-    planes = tables.planes
+def keeps_observed(found, plane, i, k, frame):
+    """True if a plane joined of slots i and k stands for what this frame observed of both.
+
+    A plane with an old part might otherwise be moved away from an object that is in view. found: Joined, relative to the
+    anchor of `plane`; frame: Frame."""
+    x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
+    for j in range(frame.touched.shape[0]):
+        if frame.touched[j] == i or frame.touched[j] == k:
+            seen = frame.observations[j]
+            box = shifted(box_of(seen), x, y)
+            if not stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y, frame.rules):
+                return False
+    return True
+
+
+@inner
+def join_neighbours(tables, free, i, frame, near):
+    """Joins slot i with neighbours that are now one plane with it. frame: Frame."""
+    planes, rules = tables.planes, frame.rules
     plane = planes[i]
     for _ in range(_JOINS):
         if plane.hits == 0:
@@ -123,14 +174,18 @@ def join_neighbours(tables, free, i, rules, near):
                 continue
             other = planes[near[m]]
             found = score_planes(plane, other, rules)
-            if not found.cost < best_cost:
+            if not found.cost < best_cost or not keeps_observed(found, plane, i, near[m], frame):
                 continue
-            if stays_open(free, a, box_of(other), other.plane_flags | plane.plane_flags, found.gap, rules):
+            flags = plane.plane_flags | other.plane_flags
+            if stays_open(free, a, plane.cut, box_of(other), other.cut, flags, found.gap, rules):
                 continue
             best, best_cost = near[m], found.cost
         if best < 0:
             break
         absorb_plane(tables, i, best, rules)
+        for j in range(frame.touched.shape[0]):
+            if frame.touched[j] == best:
+                frame.touched[j] = i
 
 
 @kernel
@@ -145,13 +200,14 @@ def add_frame(tables, free, observations, settings, t_ns, view):
         t_ns: exposure of the frame.
         view: FrameView."""
     rules = settings[0]
-    near, touched = np.empty(_NEAR, np.int32), np.empty(observations.shape[0], np.int32)
-    count = add_observations(tables, free, observations, rules, t_ns, near, touched)
+    near, touched = np.empty(_NEAR, np.int32), np.full(observations.shape[0], NONE, np.int32)
+    frame = Frame(observations, touched, rules, view.x_m, view.y_m)
+    add_observations(tables, free, frame, t_ns, near)
     for j in range(observations.shape[0]):
         b = box_of(observations[j])
         stand_in(free, b.ax, b.ay, b.bx, b.by, b.top, b.bottom)
-    for k in range(count):
-        join_neighbours(tables, free, touched[k], rules, near)
+    for j in range(observations.shape[0]):
+        join_neighbours(tables, free, touched[j], frame, near)
     x, y, layers = view.x_m, view.y_m, view.layers_m
     reach = 0.0
     for d in range(view.far_m.shape[0]):
@@ -175,7 +231,7 @@ SAVED_PLANE = record(
 
 
 @kernel
-def put_saved(tables, free, saved, settings, join):
+def put_saved(tables, free, saved, settings, join, none):
     """Adds planes of a saved world, the oldest first.
 
     Args:
@@ -183,8 +239,10 @@ def put_saved(tables, free, saved, settings, join):
         free: FreeTables.
         saved: (N,) SAVED_PLANE.
         settings: (1,) WORLD_RULES.
-        join: planes that are one with a plane of the world are joined with it."""
+        join: planes that are one with a plane of the world are joined with it.
+        none: (0,) OBSERVATION, no frame is in view."""
     rules, near = settings[0], np.empty(_NEAR, np.int32)
+    frame = Frame(none, np.empty(0, np.int32), rules, 0.0, 0.0)
     for k in range(saved.shape[0]):
         row = saved[k]
         i = new_slot(tables, row.seen_ns)
@@ -198,5 +256,6 @@ def put_saved(tables, free, saved, settings, join):
         put_moments(plane, moved_moments(m, dx, dy))
         plane.plane_flags, plane.hits = row.plane_flags, max(1, row.hits)
         put_box(tables, i, Box(row.ax_m, row.ay_m, row.bx_m, row.by_m, row.top_m, row.bottom_m))
+        set_hits(tables, i, plane.hits)
         if join:
-            join_neighbours(tables, free, i, rules, near)
+            join_neighbours(tables, free, i, frame, near)

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..types import FrameModel
+from .association import OBSERVATION
+from .evidence import empty_steps
 from .free_grid import FreeTables, GroundPlane, empty_free, see_free, seen_blocks
 from .ground import ground_plane, see_ground
 from .params import WorldParams
@@ -218,9 +220,9 @@ class World:
         (`serialize.moved`)."""
         self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
         assert self.section is not None
-        self.section.vouched = True
+        self.section.vouched, none = True, np.zeros(0, OBSERVATION)
         for k, s in enumerate(sections):
-            put_saved(self.section.tables, self.section.free, _planes_of(s), self._rules, k > 0)
+            put_saved(self.section.tables, self.section.free, _planes_of(s), self._rules, k > 0, none)
 
     def numbers(self) -> dict[str, int]:
         """Returns counts for the log and the health report."""
@@ -263,6 +265,8 @@ class World:
     def _begin(self, why: str, t_ns: int, reset_counter: int, place_m: tuple[float, float, float]) -> Section:
         """Begins a section; the one before is kept apart."""
         if self.section is not None:
+            # nothing is added to it any more
+            self.section.tables = self.section.tables._replace(steps=empty_steps(0, 0.0, 1.0))
             self.past.append(self.section)
             while len(self.past) > self.params.most_sections:
                 self.past.popleft()
@@ -271,7 +275,7 @@ class World:
         self.counts.why[why] = self.counts.why.get(why, 0) + 1
         self.section = Section(
             number=self.counts.sections,
-            tables=empty_tables(self.params.most_planes),
+            tables=empty_tables(self.params.most_planes, self.params.longest_m, self.params.free_evidence_step_m),
             free=empty_free(self.params.most_free_blocks),
             begun_ns=t_ns,
             reset_counter=reset_counter,
