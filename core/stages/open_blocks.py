@@ -14,17 +14,19 @@ from .view_geometry import Q_FAR, Q_UNKNOWN
 
 BLOCK = 4
 """Side of a block of cells."""
-_STEP = 2
+STEP = 2
 """Step at which the cells of a block are sampled."""
+EDGE_ROWS = 3
+"""Rows above an edge that its marks take: those of the derivative and `SmoothLimits.grow_px`."""
 OUTSIDE, SMOOTH, MEASURED, PARTLY, OTHER, CONTINUED, TEXTURED = range(7)
 """Kinds of blocks: beyond the image; all textureless; at least half measured; less, with pixels of which nothing is known; such pixels
 alone (masked, dark, saturated, or dropped after they were measured); textureless, or measured in part, of the brightness of what is
 measured below; all others, whose unmeasured pixels are textured."""
-_IS_OUTSIDE, _IS_SMOOTH, _IS_MEASURED, _IS_OTHER, _IS_CONTINUED, _IS_TEXTURED = (
+_IS_OUTSIDE, IS_SMOOTH, IS_MEASURED, _IS_OTHER, IS_CONTINUED, _IS_TEXTURED = (
     np.uint8(1 << kind) for kind in (OUTSIDE, SMOOTH, MEASURED, OTHER, CONTINUED, TEXTURED)
 )
 """Kinds of cells, as bits."""
-_AS_GROUND = _IS_CONTINUED | _IS_MEASURED | _IS_SMOOTH
+_AS_GROUND = IS_CONTINUED | IS_MEASURED | IS_SMOOTH
 BEYOND_ALL = np.float32(np.inf)
 """Distance of what is not measured within the range."""
 _CLEAR, _FAR, _SATURATED, _UNKNOWN = np.uint16(Q_FAR), np.uint16(FAR_MM), np.uint16(SATURATED_MM), np.uint16(UNKNOWN_MM)
@@ -95,10 +97,10 @@ def kinds_of(codes, mm, kinds):
     for i in range(len(kinds)):
         z = mm[i]
         kind = _IS_TEXTURED if z == TEXTURED_MM else _IS_OTHER
-        kind = _IS_CONTINUED if z == CONTINUED_MM else kind
-        kind = _IS_MEASURED if z == BEYOND_MM else kind
-        kind = _IS_SMOOTH if z == TEXTURELESS_MM else kind
-        kinds[i] = _IS_MEASURED if codes[i] != Q_UNKNOWN else kind
+        kind = IS_CONTINUED if z == CONTINUED_MM else kind
+        kind = IS_MEASURED if z == BEYOND_MM else kind
+        kind = IS_SMOOTH if z == TEXTURELESS_MM else kind
+        kinds[i] = IS_MEASURED if codes[i] != Q_UNKNOWN else kind
 
 
 class BlockRows(NamedTuple):
@@ -120,11 +122,11 @@ def sort_blocks(marked, gain, scratch, kind, near):
     of_both, measured, most = scratch.kinds, scratch.measured, scratch.most
     for j in range(kind.shape[0]):
         u0 = j * BLOCK
-        u1 = u0 + _STEP if u0 + _STEP < cols else u0
+        u1 = u0 + STEP if u0 + STEP < cols else u0
         join_columns(marked.kinds[u0], marked.kinds[u1], marked.codes[u0], marked.codes[u1], scratch)
         for i in range(kind.shape[1]):
             v0 = i * BLOCK
-            v1 = v0 + _STEP if v0 + _STEP < rows else v0
+            v1 = v0 + STEP if v0 + STEP < rows else v0
             code = max(most[v0], most[v1])
             near[j, i] = np.float32(gain / code) if code > Q_FAR else BEYOND_ALL
             kind[j, i] = kind_of_block(of_both[v0] | of_both[v1], measured[v0] + measured[v1])
@@ -136,7 +138,7 @@ def join_columns(kinds, other_kinds, codes, other_codes, joined):
     for v in range(len(kinds)):
         a, b = kinds[v], other_kinds[v]
         joined.kinds[v] = a | b
-        joined.measured[v] = np.uint8(a == _IS_MEASURED) + np.uint8(b == _IS_MEASURED)
+        joined.measured[v] = np.uint8(a == IS_MEASURED) + np.uint8(b == IS_MEASURED)
     for v in range(len(kinds)):
         c, d = codes[v], other_codes[v]
         joined.most[v] = c if c > d else d
@@ -147,11 +149,11 @@ def kind_of_block(kinds, measured):
     """The kind of a block. kinds: bits of its four cells; measured: how many of them are measured."""
     if kinds & _IS_OUTSIDE:
         return OUTSIDE
-    if kinds == _IS_SMOOTH:
+    if kinds == IS_SMOOTH:
         return SMOOTH
     if measured >= 2:
         return MEASURED
-    if (kinds & _IS_CONTINUED) and not (kinds & ~_AS_GROUND):
+    if (kinds & IS_CONTINUED) and not (kinds & ~_AS_GROUND):
         return CONTINUED
     if kinds & _IS_OTHER:
         return PARTLY if measured > 0 else OTHER

@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 
 from ..jit import inner, record, record_of
 from ..open_sky_params import OpenSkyParams
-from .open_blocks import BEYOND_ALL, BLOCK, CONTINUED, MEASURED, OUTSIDE, SMOOTH, TEXTURED
+from .open_blocks import (
+    BEYOND_ALL,
+    BLOCK,
+    CONTINUED,
+    EDGE_ROWS,
+    IS_CONTINUED,
+    IS_MEASURED,
+    IS_SMOOTH,
+    MEASURED,
+    OUTSIDE,
+    SMOOTH,
+    TEXTURED,
+)
 from .view_geometry import ViewGeometry
 
 _NOTHING = np.float32(0.0)
@@ -89,6 +101,13 @@ open beyond. The switches: of OpenSkyParams. Heights in tangents (`_t`), lengths
 floating_reach: blocks times metres."""
 
 
+class CellKinds(NamedTuple):
+    """Of the two columns of cells that are sampled in a column of blocks, (rows,) uint8 each: `MarkedView.kinds`."""
+
+    one: Any
+    other: Any
+
+
 class Columns(NamedTuple):
     """Of each column of blocks, (C,): the rows top, edge and base of `scan_column`; base_m: distance below the edge, 0: no
     evidence; above_m, floating_m: of `things_above`; limit_m: forward distance up to which it is open, 0: it is not; refusal:
@@ -138,9 +157,10 @@ def tangent(i, s):
 
 
 @inner
-def scan_column(kind, near, s):
+def scan_column(kind, near, cells, s):
     """(top, edge, base, R, refusal) of one column: the first row of its textureless run, the row behind its last, the row of what is
-    measured below, and the distance of that edge, 0 where the column gives no evidence, with its Refusal. kind, near: (R,)."""
+    measured below, and the distance of that edge, 0 where the column gives no evidence, with its Refusal. kind, near: (R,); cells:
+    `CellKinds` of the column."""
     rows = len(kind)
     top = 0
     while top < rows and kind[top] == OUTSIDE:
@@ -160,7 +180,9 @@ def scan_column(kind, near, s):
     base = edge
     while base < rows and kind[base] == TEXTURED:
         base += 1
-    if tangent(base, s) - tangent(edge, s) > s.gap_t:
+    known = base < rows and (kind[base] == MEASURED or kind[base] == CONTINUED)
+    gap = gap_rows(cells, edge, base) if known else (base - edge) * BLOCK
+    if gap > s.gap_t * s.f_px:
         return top, edge, edge, _NOTHING, _WIDE_EDGE
     if base < rows and kind[base] == CONTINUED:
         base = end_of_strip(kind, edge, base, s)
@@ -172,6 +194,22 @@ def scan_column(kind, near, s):
     for i in range(edge, min(base + 2, rows)):
         nearest = min(nearest, near[i])
     return top, edge, base, nearest, _NONE
+
+
+@inner
+def gap_rows(cells, edge, base):
+    """Rows of cells between the edge of the sky above block row `edge` and what begins in block row `base`. The marks of an edge begin
+    EDGE_ROWS above it, which is sky. cells: `CellKinds` of the column."""
+    one, other = cells
+    first = max(0, edge * BLOCK - 1)  # the last row of a block is not sampled
+    while first < base * BLOCK and one[first] == IS_SMOOTH and other[first] == IS_SMOOTH:
+        first += 1
+    end, known = base * BLOCK, IS_MEASURED | IS_CONTINUED
+    while end < len(one) and not ((one[end] | other[end]) & known):
+        end += 1
+    while end > first and ((one[end - 1] | other[end - 1]) & known):
+        end -= 1
+    return end - first - EDGE_ROWS
 
 
 @inner

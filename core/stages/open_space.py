@@ -25,8 +25,9 @@ from ..open_sky_params import OpenSkyParams
 from ..params import Params
 from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM, Ground
 from .free_space import FreeObservation, observe_free
-from .open_blocks import BLOCK, BlockRows, ForwardRows, MarkedView, level_marks, sort_blocks
+from .open_blocks import BLOCK, EDGE_ROWS, STEP, BlockRows, ForwardRows, MarkedView, level_marks, sort_blocks
 from .open_columns import (
+    CellKinds,
     Columns,
     bridge_columns,
     empty_columns,
@@ -43,40 +44,43 @@ on both sides of it), so that a thing of its own is never filled."""
 
 
 @inner
-def edge_ends(mm, u, first, end, out):
-    """Whether the textureless and textured cells of column u from row `first` on give way to matched or smooth ground in a row before
-    `end`. Where they do not, they are no edge: a textured thing may begin at the horizon."""
-    for v in range(first, min(end, out.shape[1])):
-        if out[u, v] != Q_UNKNOWN:
-            return True
-        mark = mm[u, v]
-        if mark in (BEYOND_MM, CONTINUED_MM):
-            return True
-        if mark not in (TEXTURELESS_MM, TEXTURED_MM):
-            return False
-    return False
+def end_of_edge(mm, u, first, most, out):
+    """The row behind the textured cells of column u that are the edge of the textureless ones from row `first` on, where matched or
+    smooth ground follows. `first` where that does not follow within `most` rows: they are no edge, a textured thing may begin at
+    the horizon. Where matched ground follows within these rows, smooth ground between both is part of the edge."""
+    rows, v = out.shape[1], first
+    while v < rows and out[u, v] == Q_UNKNOWN and mm[u, v] == TEXTURELESS_MM:
+        v += 1
+    last = min(rows - 1, v + most)
+    while v < last and out[u, v] == Q_UNKNOWN and mm[u, v] == TEXTURED_MM:
+        v += 1
+    if v > last or (out[u, v] == Q_UNKNOWN and mm[u, v] not in (BEYOND_MM, CONTINUED_MM)):
+        return first
+    end = v
+    while v < last and out[u, v] == Q_UNKNOWN and mm[u, v] in (TEXTURED_MM, CONTINUED_MM):
+        v += 1
+    return v if out[u, v] != Q_UNKNOWN or mm[u, v] == BEYOND_MM else end
 
 
 @inner
 def set_open(mm, columns, run, code, matched, out):
     """Gives a code to unknown cells of columns (first, end) by their marks, downwards: textureless ones from row run[0] on until
-    something else is met in row run[1] or below; textured ones from there on, the edge itself, until something else is met or to
-    run[2] - 1, where the edge ends by then; smooth ground below that to run[3] - 1. Cells that were matched beyond what millimetres
+    something else is met in row run[1] or below, at the latest before run[2]; textured ones from there on, the edge itself, where it
+    ends within run[4] rows; smooth ground below that to run[3] - 1. Cells that were matched beyond what millimetres
     can hold get the code `matched`. Cells of which nothing is known, and what lies lower, keep theirs."""
     rows = out.shape[1]
     below_sky = min(rows, max(run[0], min(run[1], run[2])))
     end = min(rows, max(below_sky, max(run[2], run[3])))
     for u in range(columns[0], columns[1]):
         # the edge before it changes
-        edge = edge_ends(mm, u, run[1], run[2] + 1, out)
+        edge = end_of_edge(mm, u, below_sky, run[4], out)
         set_marked(mm[u, run[0] : below_sky], code, matched, out[u, run[0] : below_sky])
         sky = True
         for v in range(below_sky, end):
             # a mark stays where the view has no code of its own, and is none elsewhere
             mark = mm[u, v] if out[u, v] == Q_UNKNOWN else np.uint16(UNKNOWN_MM)
             sky = sky and mark == TEXTURELESS_MM
-            edge = edge and (sky or mark == TEXTURED_MM)
-            at_edge = mark == TEXTURED_MM and edge and v < run[2]
+            at_edge = mark == TEXTURED_MM and v < edge
             if mark == BEYOND_MM:
                 out[u, v] = matched
             elif (mark == TEXTURELESS_MM and sky and v < run[2]) or at_edge or (mark == CONTINUED_MM and v < run[3]):
@@ -126,18 +130,20 @@ def open_codes(depth_mm, codes, H, settings, columns, marked):
     level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.clear_m, s.gain, scratch, marked)
     of_blocks = BlockRows(np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty(rows, np.uint16))
     sort_blocks(marked, s.gain, of_blocks, kind, near)
-    judge_columns(kind, near, s, columns)
+    judge_columns(kind, near, marked.kinds, s, columns)
     for j in range(n):
         if columns.base_m[j] > 0.0:
             open_column(marked.mm, columns, j, s, marked.codes)
 
 
 @inner
-def judge_columns(kind, near, s, columns):
-    """Fills `columns`. kind, near: (C, R) of `sort_blocks`."""
+def judge_columns(kind, near, cells, s, columns):
+    """Fills `columns`. kind, near: (C, R) of `sort_blocks`; cells: `MarkedView.kinds`."""
     horizon = int(math.floor((s.horizon_row + 0.5) / BLOCK))
     for j in range(kind.shape[0]):
-        top, edge, base, base_m, why = scan_column(kind[j], near[j], s)
+        u = j * BLOCK
+        sampled = CellKinds(cells[u], cells[u + STEP if u + STEP < len(cells) else u])
+        top, edge, base, base_m, why = scan_column(kind[j], near[j], sampled, s)
         columns.top[j], columns.edge[j], columns.base[j], columns.base_m[j] = top, edge, base, base_m
         columns.refusal[j] = why
         columns.above_m[j], columns.floating_m[j] = things_above(
@@ -156,14 +162,14 @@ def open_column(mm, columns, j, s, out):
     among = (j * BLOCK, min((j + 1) * BLOCK, cols))
     first = columns.top[j] * BLOCK
     if limit <= 0.0:
-        set_open(mm, among, (first, rows, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
+        set_open(mm, among, (first, rows, 0, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
         return
     code = np.uint16(Q_FAR)
     if limit < s.most_m:
         code = np.uint16(min(65535.0, math.ceil(s.gain / max(limit, np.float32(1e-3)))))
     below, edge = min((columns.base[j] + 1) * BLOCK, rows), columns.edge[j] * BLOCK
     gap = int(s.gap_t * s.f_px)
-    run = (first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px))
+    run = (first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px), EDGE_ROWS + gap)
     set_open(mm, among, run, code, code, out)
     fill_holes(mm, among, edge, edge + 3 * gap, code, out)
 

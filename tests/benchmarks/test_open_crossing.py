@@ -113,9 +113,13 @@ def test_a_row_leaves_out_what_did_not_happen() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mode", "moves"), [("presume", True), ("off", False)])
-def test_an_open_field_is_crossed_by_open_space_alone(mode: str, moves: bool) -> None:
-    loop = CrossingLoop(scene_of("field"), "PX4", open_sky=OpenSkyParams(mode=mode, mount_measured=True))
+@pytest.mark.parametrize(
+    ("autopilot", "mode", "moves"),
+    [("PX4", "presume", True), ("PX4", "off", False), ("ArduPilot", "presume", True), ("ArduPilot", "off", False)],
+)
+def test_an_open_field_is_crossed_by_open_space_alone(autopilot: str, mode: str, moves: bool) -> None:
+    """To ArduPilot each sector in view that is not clear is a wall, so that all of them must be."""
+    loop = CrossingLoop(scene_of("field"), autopilot, open_sky=OpenSkyParams(mode=mode, mount_measured=True))
     flown = loop.run(2.5)
     assert (flown.distance_m > 2.0) is moves
     assert flown.stops == 0

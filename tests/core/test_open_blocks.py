@@ -27,7 +27,7 @@ from core.stages.open_blocks import (
     level_marks,
     sort_blocks,
 )
-from core.stages.open_space import edge_ends, set_open
+from core.stages.open_space import end_of_edge, set_open
 from core.stages.view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry, view_geometry
 from core.types import (
     BEYOND_MM,
@@ -171,15 +171,17 @@ def test_every_kind_of_block_occurs() -> None:
     assert found == {OUTSIDE, SMOOTH, MEASURED, OTHER, CONTINUED, TEXTURED}
 
 
-def naive_set_open(mm: Codes, u: int, run: tuple[int, int, int, int], code: int, matched: int, out: Codes) -> None:
+Run = tuple[int, int, int, int, int]
+
+
+def naive_set_open(mm: Codes, u: int, run: Run, code: int, matched: int, out: Codes) -> None:
     """`set_open` of one column, cell by cell."""
-    sky, edge = True, edge_ends(mm, u, run[1], run[2] + 1, out)
+    sky, end = True, end_of_edge(mm, u, max(run[0], min(run[1], run[2])), run[4], out)
     for v in range(run[0], out.shape[1]):
         mark = int(mm[u, v]) if out[u, v] == Q_UNKNOWN else UNKNOWN_MM
         if v >= run[1]:
             sky = sky and mark == TEXTURELESS_MM
-            edge = edge and (sky or mark == TEXTURED_MM)
-        at_edge = mark == TEXTURED_MM and edge and run[1] <= v < run[2]
+        at_edge = mark == TEXTURED_MM and run[1] <= v < end
         below = mark == CONTINUED_MM and run[1] <= v < run[3]
         if mark == BEYOND_MM:
             out[u, v] = matched
@@ -188,8 +190,41 @@ def naive_set_open(mm: Codes, u: int, run: tuple[int, int, int, int], code: int,
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("run", [(3, 12, 17, 25), (0, 40, 0, 0), (0, 10, 10, 10), (4, 20, 30, 22), (0, 36, 40, 60)])
-def test_codes_of_open_cells_are_those_of_each_cell(run: tuple[int, int, int, int]) -> None:
+def test_an_edge_ends_at_ground_within_so_many_rows() -> None:
+    mm = np.full((1, 30), TEXTURELESS_MM, np.uint16)
+    out = np.full((1, 30), Q_UNKNOWN, np.uint16)
+    mm[0, 10:15] = TEXTURED_MM
+    assert end_of_edge(mm, 0, 8, 5, out) == 8, "smooth below it"
+    mm[0, 15:] = CONTINUED_MM
+    assert end_of_edge(mm, 0, 8, 5, out) == 15
+    assert end_of_edge(mm, 0, 8, 4, out) == 8, "too high"
+    mm[0, 15:] = UNKNOWN_MM
+    assert end_of_edge(mm, 0, 8, 9, out) == 8, "nothing known below it"
+    out[0, 15] = 77
+    assert end_of_edge(mm, 0, 8, 9, out) == 15
+    mm[0, 10:] = TEXTURED_MM
+    nothing = np.full((1, 30), Q_UNKNOWN, np.uint16)
+    assert end_of_edge(mm, 0, 8, 40, nothing) == 8, "to the lower border"
+    mm[0] = TEXTURELESS_MM
+    assert end_of_edge(mm, 0, 8, 40, nothing) == 8, "no edge"
+
+
+@pytest.mark.nojit
+def test_smooth_ground_within_an_edge_belongs_to_it_where_matched_ground_follows_soon() -> None:
+    mm, out = np.full((1, 30), TEXTURELESS_MM, np.uint16), np.full((1, 30), Q_UNKNOWN, np.uint16)
+    mm[0, 10:16], mm[0, 16], mm[0, 17:21] = TEXTURED_MM, CONTINUED_MM, TEXTURED_MM
+    out[0, 21:] = 77
+    assert end_of_edge(mm, 0, 8, 11, out) == 21
+    assert end_of_edge(mm, 0, 8, 10, out) == 16, "too high: a thing below the smooth ground"
+    mm[0, 19] = TEXTURELESS_MM
+    assert end_of_edge(mm, 0, 8, 11, out) == 16, "a blank thing"
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize(
+    "run", [(3, 12, 17, 25, 6), (0, 40, 0, 0, 0), (0, 10, 10, 10, 0), (4, 20, 30, 22, 9), (0, 36, 40, 60, 9)]
+)
+def test_codes_of_open_cells_are_those_of_each_cell(run: Run) -> None:
     rng = np.random.default_rng(run[3])
     marks = np.array([UNKNOWN_MM, TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM], np.uint16)
     mm = rng.choice(marks, (60, 40)).astype(np.uint16)

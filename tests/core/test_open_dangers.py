@@ -75,6 +75,34 @@ def test_the_field_itself_is_open(f_px: float) -> None:
     assert open_m(model_of(f_px, field(f_px)), 0.25) >= 10.0
 
 
+@pytest.mark.parametrize("shift", range(4))
+@pytest.mark.parametrize(("rows", "is_open"), [(11, True), (12, True), (13, False), (16, False)])
+def test_what_is_not_measured_at_the_horizon_is_judged_by_its_rows_whatever_the_blocks(
+    shift: int, rows: int, is_open: bool
+) -> None:
+    """An edge marks three rows of the sky above it. A beam whose upper edge lies at the horizon marks three rows below it as well: one
+    of 7 rows takes 13, and 1.5 degrees are 9 rows. Counted in blocks, 11 rows were open in one of four alignments."""
+    f_px = 350.0
+    depth = field(f_px)
+    edge = row_at(f_px, 0.0) + shift
+    depth[: edge - 3] = TEXTURELESS_MM
+    depth[edge - 3 : edge - 3 + rows] = TEXTURED_MM
+    assert (open_m(model_of(f_px, depth), 0.25) >= 10.0) == is_open
+
+
+@pytest.mark.parametrize(("rows", "is_open"), [(5, True), (7, False)])
+def test_the_edge_of_a_crest_below_the_horizon_is_seen_past_and_a_rail_there_is_not(rows: int, is_open: bool) -> None:
+    """Smooth plain between the horizon and a crest: both edges lie within 1.5 degrees. A rail makes that more."""
+    f_px = 350.0
+    depth = field(f_px)
+    edge = row_at(f_px, 0.0)
+    depth[: edge - 3] = TEXTURELESS_MM
+    depth[edge - 3 : edge + 3] = TEXTURED_MM
+    depth[edge + 3] = CONTINUED_MM
+    depth[edge + 4 : edge + 4 + rows] = TEXTURED_MM
+    assert (open_m(model_of(f_px, depth), 0.0) >= 10.0) == is_open
+
+
 @pytest.mark.parametrize(("rows", "is_open"), [(3, True), (9, False)])
 def test_the_border_of_smooth_ground_is_filled_and_a_rail_before_it_is_not(rows: int, is_open: bool) -> None:
     f_px = 350.0
