@@ -5,6 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from core.param_field import check, choice, critical, number, switch, text
+from drivers.mavlink.transport import parse_address
+
+
+def check_line(key: str, address: str) -> None:
+    """Raises ValueError that names the key for an address of a line that cannot be used. Empty: no line."""
+    try:
+        if address:
+            parse_address(address)
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +42,7 @@ class AutopilotConfig:
 
     def __post_init__(self) -> None:
         check("autopilot", self)
+        check_line("[autopilot] address", self.address)
 
 
 STREAMS = ("prisms", "health", "surround", "tracks")

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from core.param_field import check, number, switch, text
 from core.sharing.params import SharingParams
-from drivers.mavlink.transport import parse_address
+
+from .service import check_line
 
 AUTOPILOT_LINE = "autopilot"
 """`[share] tunnel`: over the link to the autopilot, which forwards the messages."""
@@ -43,8 +44,8 @@ class ShareConfig(SharingParams):
                 f"[share] refresh_s = {self.refresh_s:g} must be less than expire_s = {self.expire_s:g}: planes would "
                 "expire before they are repeated"
             )
-        if self.tunnel and self.tunnel != AUTOPILOT_LINE:
-            parse_address(self.tunnel)
+        if self.tunnel != AUTOPILOT_LINE:
+            check_line("[share] tunnel", self.tunnel)
         self.member_numbers()
         self.fixed_origin()
         if not self.zenoh_team or any(c in "/*$#?" for c in self.zenoh_team):

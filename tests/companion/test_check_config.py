@@ -161,3 +161,23 @@ def test_mistakes_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     captured = capsys.readouterr()
     assert json.loads(captured.out)["ok"] is False
     assert "did you mean passable_height_m?" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ('[autopilot]\naddress = "com3"\n', "[autopilot] address"),
+        ('[autopilot]\naddress = "udpin:0.0.0.0:70000"\n', "[autopilot] address"),
+        ('[share]\ntunnel = "com3"\n', "[share] tunnel"),
+    ],
+)
+def test_an_address_that_the_service_would_refuse_is_refused(
+    text: str, key: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The unit would start again and again."""
+    file = tmp_path / "my.toml"
+    file.write_text('[[camera]]\nname = "front"\nkind = "simulated"\n' + text)
+    assert main(["check-config", str(file)]) == 1
+    error = capsys.readouterr().err
+    assert key in error
+    assert "expected serial:/dev/serial/by-id/NAME[:BAUD], udpin:HOST:PORT" in error
