@@ -1,0 +1,98 @@
+"""What sharing leaves out: floods, other coordinates, an unknown own number, and its faults."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+from companion.config.share import ShareConfig
+from companion.diagnostic import DiagnosticCode
+from companion.pipeline.tracking import TracksResult
+from companion.share.packet_rate import ALL_BURST, BURST, PacketRate
+from companion.share.thread import Sharing
+from drivers.sharing.link import ReceivedPacket
+
+from .test_share_thread import NS, Made, MemoryLink, moving, received_movers, tracked
+
+
+def burst(rate: PacketRate, count: int, sender: int, transport: str = "tunnel") -> int:
+    """Number of packets at one instant that are allowed."""
+    return sum(rate.allows(ReceivedPacket(transport, b"", NS, sender)) for _ in range(count))
+
+
+def test_all_senders_together_are_bounded() -> None:
+    rate = PacketRate(frozenset())
+    allowed = sum(burst(rate, round(BURST), sender) for sender in range(1, 20))
+    assert allowed == ALL_BURST
+
+
+def test_a_flood_on_one_link_leaves_room_for_the_same_sender_on_another() -> None:
+    rate = PacketRate(frozenset())
+    assert burst(rate, 1000, 3) == BURST
+    assert burst(rate, 10, 3, "zenoh") == 10
+
+
+def sharing(vehicle: int, origin: str) -> Sharing:
+    return Sharing(
+        ShareConfig(origin=origin),
+        0.4,
+        lambda deliver: [MemoryLink(deliver)],
+        1,
+        lambda: vehicle,
+        None,
+        "",
+        lambda *_: None,
+    )
+
+
+def codes(one: Sharing, now_ns: int) -> list[DiagnosticCode]:
+    return [d.code for d in one.diagnostics(now_ns, 1.0)]
+
+
+def test_the_origin_of_an_autopilot_without_one_is_not_used() -> None:
+    one = sharing(1, "")
+    one.origin(0.0, 0.0, 0.0)
+    one.step(NS)
+    assert DiagnosticCode.SHARE_NO_FRAME in codes(one, NS)
+    one.origin(47.0, 8.0, 400.0)
+    one.step(2 * NS)
+    assert DiagnosticCode.SHARE_NO_FRAME not in codes(one, NS)
+
+
+def test_nothing_is_exchanged_before_the_own_number_is_known() -> None:
+    one = sharing(0, "47.0, 8.0, 400")
+    one.step(NS)
+    assert one.health.vehicle == 0
+    assert one.obstacles.now_ns != NS
+
+
+def test_moving_obstacles_in_other_coordinates_than_ned_are_not_sent() -> None:
+    made = Made()
+    level = cast(SimpleNamespace, tracked("front", 5 * NS, moving(20.0)))
+    level.frame = "level"
+    made.sharing.tracks(cast(TracksResult, level))
+    assert received_movers(made, 5 * NS + NS // 10) == []
+
+
+def test_only_the_link_of_a_packet_is_confirmed() -> None:
+    made = Made()
+    data = made.deliver(1000, 5 * NS)
+    made.sharing.step(5 * NS)
+    (packet,) = made.link.confirmed
+    made.link.deliver(
+        replace(packet, transport="zenoh", data=data[:6] + (2000).to_bytes(4, "little") + data[10:], arrival_ns=6 * NS)
+    )
+    made.sharing.step(6 * NS)
+    assert made.sharing.health.received["accepted"] == 2
+    assert len(made.link.confirmed) == 1
+
+
+def test_a_link_that_is_not_open_and_a_thread_that_does_not_respond_are_reported() -> None:
+    made = Made()
+    made.sharing.step(5 * NS)
+    now_ns = made.sharing.alive_ns
+    assert codes(made.sharing, now_ns) == []
+    assert codes(made.sharing, now_ns + 2 * NS) == [DiagnosticCode.SHARE_FAULT]
+    cast(SimpleNamespace, made.link).fault = "no such device"
+    assert codes(made.sharing, now_ns) == [DiagnosticCode.SHARE_LINK_CLOSED]
