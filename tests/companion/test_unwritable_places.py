@@ -20,6 +20,8 @@ from companion.kernels.warmup import warm_up
 from companion.paths import FolderError, folders
 from companion.whole_file import whole_file, write_whole
 
+from .live import free_port
+
 FULL_DISK = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (16, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
@@ -131,7 +133,7 @@ def test_the_doctor_goes_on_without_a_writable_home(
 
 def _with_autopilot(folder: Path) -> Config:
     path = folder / "a.toml"
-    path.write_text('[autopilot]\naddress = "udpin:127.0.0.1:0"\n')
+    path.write_text(f'[autopilot]\naddress = "udpin:127.0.0.1:{free_port()}"\n')
     return load_config(path)
 
 
