@@ -201,6 +201,17 @@ def test_a_vehicle_that_the_own_sensors_observe_is_compared_where_it_is_now() ->
     )
     one.own.movers, one.own.movers_ns = (mover,), NS
     assert one.state(NS + 3 * NS // 10).movers == (pytest.approx((19.0, 1.0, -1.0)),)
+    assert one.state(NS + 19 * NS // 10).movers == ()  # its observation is 2.1 s old
+
+
+def test_a_small_obstacle_at_the_own_place_is_sent() -> None:
+    """At the place of another vehicle it would be taken for that vehicle."""
+    one = team(1, "47.0, 8.0, 400")
+    box = np.array([[0.3, -0.3, 0.3, 0.3, -3.3, -2.8]])
+    small = replace(street().part(np.array([0])), box=box)
+    one.own.motion, one.own.planes = motion(0.0, NS), OwnPlanes(small, 1, NS)
+    contents = [decoded(data).content for data in one.packets(NS)["tunnel"]]
+    assert [len(c) for c in contents if isinstance(c, SharedPlanes)] == [1]
 
 
 def test_a_world_that_is_not_updated_is_not_sent() -> None:
