@@ -36,8 +36,9 @@ def refusal(
     first = np.repeat(*np.array(beside or column).T)
     kind = np.stack([first, *(np.repeat(*np.array(column).T),) * 2]).astype(np.uint8)
     near = np.where(kind == MEASURED, np.float32(near_m), BEYOND_ALL).astype(np.float32)
+    cells = np.repeat(np.repeat(np.left_shift(1, kind), BLOCK, axis=0), BLOCK, axis=1).astype(np.uint8)
     columns = empty_columns(len(kind))
-    judge_columns(kind, near, s[0], columns)
+    judge_columns(kind, near, cells, s[0], columns)
     return Refusal(int(columns.refusal[1]))
 
 
