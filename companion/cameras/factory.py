@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,6 +113,8 @@ def _simulated(section: CameraConfig) -> DepthSource:
         described = stereo_camera_info(described.intrinsics, section.name, mark_smooth=section.marks_smooth)
     info: CameraInfo = section.applied_to(described)
     plan = flight_plan(section.flight, section.seed)
+    if section.sky_is_far:
+        plan = replace(plan, sensor=replace(plan.sensor, sky_is_far=True))
     if section.follow:
         from drivers.simulation.following_camera import FollowingDepthSource, FollowSettings
 

@@ -194,12 +194,24 @@ class CameraConfig:
         ("depth", "stereo"),
         "simulated only: exact depth with a noise model, or stereo matching of rendered image pairs (0.8 s a frame at 640 px)",
     )
+    sky_is_far: bool = field(
+        default=False,
+        metadata={
+            "unit": "",
+            "doc": 'simulated with render = "depth" only: the sky is measured as farther than the range, which makes it free, '
+            "instead of unmeasured",
+        },
+    )
 
     def __post_init__(self) -> None:
         if self.min_range_m is not None and self.max_range_m is not None and self.min_range_m >= self.max_range_m:
             raise ValueError(
                 f'[[camera]] "{self.name}": min_range_m = {self.min_range_m:g} must be less than '
                 f"max_range_m = {self.max_range_m:g}"
+            )
+        if self.sky_is_far and (self.kind != "simulated" or (self.render == "stereo" and not self.follow)):
+            raise ValueError(
+                f'[[camera]] "{self.name}": sky_is_far = true is for kind "simulated" with render = "depth"; remove it'
             )
         needs = {"zed": ("device", "calibration"), "v4l2": ("device", "fx_px", "fy_px", "cx_px", "cy_px")}
         missing = [key for key in needs.get(self.kind, ()) if getattr(self, key) in ("", None)]

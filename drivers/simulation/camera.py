@@ -186,7 +186,9 @@ class SimulatedDepthSource:
 
     def _name(self) -> str:
         """The same only for the same frames, bit for bit."""
-        content = [asdict(self._info), self._simulation.seed, self._steps, self._flight.plan.name, self._flight.leg_ns]
+        plan = self._flight.plan
+        content = [asdict(self._info), self._simulation.seed, self._steps, plan.name, self._flight.leg_ns]
+        content.append(asdict(plan.sensor))
         modules = [Path(__file__).with_name(f"{module}.py") for module in _RENDERERS]
         if self._simulation.render == "stereo":
             content += [self._simulation.render, self._simulation.disparities, self._simulation.mark_smooth]

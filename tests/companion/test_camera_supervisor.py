@@ -10,6 +10,7 @@ import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from companion.cameras.supervisor import CameraCondition, CameraSupervisor, Froz
 from companion.cameras.worker import info_from_json, info_to_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
-from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics
+from core.types import FAR_MM, CameraInfo, CameraMount, DepthFrame, Intrinsics
 from drivers.base import DepthSource, DeviceLost
 from drivers.cameras.frame_channel import FrameReader
 
@@ -270,6 +271,28 @@ def test_a_simulated_camera_takes_rendered_stereo(tmp_path: Path, monkeypatch: p
         assert not (frame.depth_mm[:, :20] > 0).any()
         assert (frame.depth_mm[:, 32:] > 0).mean() > 0.1
         assert source.info.ke_per_m == pytest.approx(0.3 / (67.5 * 0.12))
+
+
+def test_the_sky_of_a_simulated_camera_is_unmeasured_unless_it_is_configured_as_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both cameras keep their frames in one folder: the setting is part of the frames' name."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    far_px = []
+    for sky_is_far in (False, True):
+        section = CameraConfig(name="front", kind="simulated", width_px=96, fps=1.0, sky_is_far=sky_is_far)
+        with make_source(section) as source:
+            frame = source.read(2.0)
+            assert frame is not None
+            far_px.append(int((frame.depth_mm == FAR_MM).sum()))
+    assert far_px[0] == 0
+    assert far_px[1] > 500
+
+
+@pytest.mark.parametrize("given", [{"kind": "simulated", "render": "stereo"}, {"kind": "oak"}])
+def test_a_far_sky_is_refused_where_it_has_no_effect(given: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="sky_is_far = true is for kind"):
+        CameraConfig(name="front", sky_is_far=True, **given)
 
 
 def test_a_recording_is_no_live_camera() -> None:
