@@ -73,7 +73,7 @@ def write_dataflash(
     gps: bool = True,
     primary: Callable[[float], int] | None = None,
 ) -> Path:
-    """ATT (degrees) and XKF1 of two estimators; with GPS that tells the week and its milliseconds. primary: the core in use at a
+    """ATT (degrees) and XKF1 of two estimators; with GPS that contains the week and its milliseconds. primary: the core in use at a
     time, logged in XKF4; None: no XKF4."""
     formats = {
         0x80: ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", 89),

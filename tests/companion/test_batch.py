@@ -325,7 +325,7 @@ def test_a_flight_is_complete_with_its_last_file_only(fleet: Path, dataset: Path
 
 @pytest.mark.parametrize("text", ["{", "[]", "3", "\udcff"])
 def test_a_damaged_note_of_the_run_is_named(text: str, tmp_path: Path) -> None:
-    """It says how the results are made: without it they could be mixed with others."""
+    """It records how the results were made: without it they could be mixed with others."""
     (tmp_path / "batch.json").write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(BadData, match=r"batch\.json: .*delete the folder, or give -o another one"):
         begin_run(str(tmp_path), {"near_m": 2.0})

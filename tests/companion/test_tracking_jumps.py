@@ -19,6 +19,7 @@ from companion.replay.replay import make_pipeline
 from core.frames import quaternion_from_euler
 from core.tracking.params import TrackingParams
 from core.types import AttitudeSample, CameraInfo, Intrinsics, PoseSample
+from drivers.base import Event
 from drivers.simulation.flight import SimulatedFlight
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -32,17 +33,17 @@ STEADY_HITS = 6
 
 
 @pytest.fixture(scope="module")
-def events() -> list[object]:
+def events() -> list[Event]:
     return list(SimulatedFlight("street", cameras=(SMALL,), duration_s=2.0).events())
 
 
-def jump_ns(events: list[object]) -> int:
+def jump_ns(events: list[Event]) -> int:
     """An instant in the middle of the flight."""
     stamps = [e.t_ns for e in events if isinstance(e, AttitudeSample)]
     return (stamps[0] + stamps[-1]) // 2
 
 
-def heading_jumps(events: list[object], at_ns: int) -> list[object]:
+def heading_jumps(events: list[Event], at_ns: int) -> list[Event]:
     """The events with a heading that jumps at an instant."""
     return [
         dataclasses.replace(e, q_ned_frd_wxyz=product(TURN, e.q_ned_frd_wxyz))
@@ -52,7 +53,7 @@ def heading_jumps(events: list[object], at_ns: int) -> list[object]:
     ]
 
 
-def position_jumps(events: list[object], at_ns: int) -> list[object]:
+def position_jumps(events: list[Event], at_ns: int) -> list[Event]:
     """The events with a position that jumps at an instant, without a reset counter."""
     return [
         dataclasses.replace(e, position_ned_m=(e.position_ned_m[0], e.position_ned_m[1] + STEP_M, e.position_ned_m[2]))
@@ -62,11 +63,11 @@ def position_jumps(events: list[object], at_ns: int) -> list[object]:
     ]
 
 
-def run(pipeline: Pipeline, events: list[object]) -> list[tuple[PrismsResult, TracksResult]]:
+def run(pipeline: Pipeline, events: list[Event]) -> list[tuple[PrismsResult, TracksResult]]:
     """The results of all frames with their tracks."""
     found = []
     for event in events:
-        for output in pipeline.handle(event):  # type: ignore[arg-type]
+        for output in pipeline.handle(event):
             tracks = pipeline.track(output)
             if tracks is not None:
                 assert isinstance(output, PrismsResult)
