@@ -14,23 +14,28 @@ COVER_M, COVER_HEIGHT_M = 0.5, 0.5
 """A part of a plane is contained within this distance of another plane that is as high, up to this height."""
 
 
-def covered(box: Floats, rows: NDArray[np.intp], sent_box: Floats, sent: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def covered(
+    box: Floats, rows: NDArray[np.intp], sent_box: Floats, sent: NDArray[np.bool_], sent_ns: NDArray[np.int64]
+) -> NDArray[np.bool_]:
     """Returns (N,): which of some planes others contain that were sent: no part of them is farther than COVER_M from
     one that is as high.
+
+    Planes that were sent at the same instant do not contain each other: they may be lost in one packet.
 
     Args:
         box: (N, 6) planes.
         rows: (M,) rows of the planes to test; others are not contained.
         sent_box: (N, 6) the same planes as they were sent.
-        sent: (N,) which were sent."""
+        sent: (N,) which were sent.
+        sent_ns: (N,) when they were sent last."""
     found = np.zeros(len(box), np.bool_)
     others = np.flatnonzero(sent)
-    _mark_covered(found, np.ascontiguousarray(box), rows, np.ascontiguousarray(sent_box), others)
+    _mark_covered(found, np.ascontiguousarray(box), rows, np.ascontiguousarray(sent_box), others, sent_ns)
     return found
 
 
 @inner
-def _mark_covered(found, box, rows, sent_box, others):
+def _mark_covered(found, box, rows, sent_box, others, sent_ns):
     """Marks the rows of `box` that others contain, without themselves."""
     for r in range(len(rows)):
         row = rows[r]
@@ -40,18 +45,18 @@ def _mark_covered(found, box, rows, sent_box, others):
         contained = True
         for k in range(count):
             share = k / (count - 1)
-            if not _is_near(ax + share * dx, ay + share * dy, row, box, sent_box, others):
+            if not _is_near(ax + share * dx, ay + share * dy, row, box, sent_box, others, sent_ns):
                 contained = False
                 break
         found[row] = contained
 
 
 @inner
-def _is_near(x, y, row, box, sent_box, others):
+def _is_near(x, y, row, box, sent_box, others, sent_ns):
     """True if a point of a plane is near another plane that is as high."""
     for s in range(len(others)):
         k = others[s]
-        if k == row:
+        if sent_ns[k] == sent_ns[row]:  # the plane itself, or one that may be lost with it
             continue
         if sent_box[k, 4] > box[row, 4] + COVER_HEIGHT_M or sent_box[k, 5] < box[row, 5] - COVER_HEIGHT_M:
             continue

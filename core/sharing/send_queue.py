@@ -240,7 +240,7 @@ class SendQueue:
         times, waited_ns = self._times[ids], now_ns - self._sent_ns[ids]
         changed = _changed(self._boxes[ids], planes.box) & (times > 0) & (waited_ns >= CHANGED_NS)
         new = (times < REPEATS) & (waited_ns >= REPEAT_NS) | changed
-        new &= ~covered(planes.box, np.flatnonzero(new), self._boxes[ids], times > 0)
+        new &= ~covered(planes.box, np.flatnonzero(new), self._boxes[ids], times > 0, self._sent_ns[ids])
         refresh_ns = np.where(times > REPEATS, round(self._budget.refresh_s * NS), THIRD_NS)
         due = new | (waited_ns >= refresh_ns)
         for body in offer.others:

@@ -188,6 +188,22 @@ def test_a_plane_that_others_contain_waits() -> None:
     assert {number for _, number in sent} >= set(range(100, 140))
 
 
+def test_planes_of_one_lost_packet_that_contain_each_other_are_sent_again() -> None:
+    """The packet is not received, so neither plane is at the receiver for the other one."""
+    queue, one, two = SendQueue(1, 5, 0, THIN), walls(1), walls(1, begin=100)
+    box = np.concatenate([one.box, one.box + np.array([0.0, 0.2, 0.0, 0.2, 0.0, 0.0])])
+    pair = SharedPlanes(
+        ids=np.concatenate([one.ids, two.ids]),
+        box=box,
+        margin_m=np.full(2, 0.1),
+        flags=np.zeros(2, np.uint8),
+        age_s=np.full(2, 0.1),
+    )
+    sent = flown(queue, offer(pair), 0.5)
+    assert [number for _, number in sent[:2]] == [0, 100]
+    assert {number for time_s, number in sent if time_s > sent[0][0]} == {0, 100}
+
+
 def test_a_longer_plane_is_new_and_a_shorter_one_is_not() -> None:
     queue, first = SendQueue(1, 5, 0, THIN), walls(1)
     flown(queue, offer(first), 3.0)

@@ -38,18 +38,19 @@ def _apart_m(point: Floats, box: Floats) -> float:
     return math.dist(point, box[:2] + t * along)
 
 
-@given(boxes, st.integers(0, 63), st.integers(0, 63))
-def test_planes_that_others_contain(box: Floats, sent_bits: int, row_bits: int) -> None:
+@given(boxes, st.integers(0, 63), st.integers(0, 63), st.integers(0, 63))
+def test_planes_that_others_contain(box: Floats, sent_bits: int, row_bits: int, late_bits: int) -> None:
     """Along the axes no distance is COVER_M, which rounding could decide."""
     k = np.arange(len(box))
     sent, rows = (sent_bits >> k & 1).astype(bool), np.flatnonzero(row_bits >> k & 1)
     moved = box + np.array([0.07, 0.0, 0.07, 0.0, 0.0, 0.0])  # as they were sent
-    found = covered(box, rows, moved, sent)
+    sent_ns = late_bits >> k & 1
+    found = covered(box, rows, moved, sent, sent_ns)
     for row in k.tolist():
-        others = moved[sent & (k != row)]
+        others = moved[sent & (sent_ns != sent_ns[row])]
         assert found[row] == (row in rows and naive(box[row], others))
 
 
 def test_a_plane_does_not_contain_itself() -> None:
     box = np.array([(0.0, 0.0, 2.0, 0.0, -3.0, 0.0)])
-    assert not covered(box, np.array([0]), box, np.ones(1, bool)).any()
+    assert not covered(box, np.array([0]), box, np.ones(1, bool), np.zeros(1, np.int64)).any()
