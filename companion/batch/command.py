@@ -214,7 +214,7 @@ def run(args: argparse.Namespace) -> int:
     )
     output = args.output if is_url(args.output) else str(Path(args.output).resolve())
     engine = make_engine(EngineName(args.engine), args.address, args.workers, run_task)
-    flights = find_flights(args.inputs, args.vehicle)
+    flights = find_flights(args.inputs, args.vehicle, output)
     if args.engine == EngineName.LOCAL:
         ensure_compiled("extractor", "tracking")
     report = batch(flights, output, options, engine)

@@ -18,13 +18,11 @@ from ..log.log_writer import ACTIVE
 from .flights import Flight
 from .parquet_table import arrow_module
 from .schema import SCHEMA_VERSION, TABLES
-from .storage import StoredFile, file_system, is_url, publish
+from .storage import LOGS, UNFINISHED, StoredFile, file_system, is_url, publish
 
 LAST: Final = "flights"
 """The table whose file marks a flight as complete."""
 RUN_FILE: Final = "batch.json"
-UNFINISHED: Final = ".unfinished"
-"""Folder in a local dataset for files that are being written; readers of Parquet skip names that begin with a dot."""
 
 
 def temporary_folder(output: str, flight: Flight) -> Path:
@@ -44,7 +42,7 @@ def logs_path(file: StoredFile) -> str:
 def publish_flight(output: str, flight: Flight, folder: Path) -> None:
     """Moves the files of a flight into the dataset, that of `flights` last."""
     for log in sorted(folder.glob("*.mcap")):
-        _publish(log, f"{output}/logs/{flight.partition}", log.name)
+        _publish(log, f"{output}/{LOGS}/{flight.partition}", log.name)
     for table in sorted(TABLES, key=lambda name: name == LAST):
         file = folder / f"{table}.parquet"
         if file.exists():

@@ -143,8 +143,9 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         found.clips = chosen
     else:
-        args.output.mkdir(parents=True, exist_ok=True)
-        ensure_compiled("extractor", "tracking")
+        if chosen:
+            args.output.mkdir(parents=True, exist_ok=True)
+            ensure_compiled("extractor", "tracking")
         cut_clips(chosen, found)
     if args.json:
         print_json(

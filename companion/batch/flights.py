@@ -9,7 +9,7 @@ from typing import Final
 
 from ..log.log_directory import flight_and_part
 from ..log.log_writer import ACTIVE
-from .storage import StoredFile, find_logs
+from .storage import StoredFile, find_logs, is_result
 
 UNKNOWN: Final = "unknown"
 """Vehicle or date that is not in the names."""
@@ -40,11 +40,16 @@ class Flight:
         return f"{self.vehicle}/{self.name}"
 
 
-def find_flights(inputs: Sequence[str], vehicle: str | None = None) -> list[Flight]:
-    """The flights in files, folders and patterns. vehicle: of all of them; None: the name of each file's folder.
+def find_flights(inputs: Sequence[str], vehicle: str | None = None, output: str = "") -> list[Flight]:
+    """The flights in files, folders and patterns.
+
+    Args:
+        inputs: local paths, patterns or URLs.
+        vehicle: vehicle of all flights; None: the name of each file's folder.
+        output: dataset that may lie in an input: its replayed logs are no flights.
 
     Raises DeviceNotFound for an input without logs, and ValueError for two flights with the same vehicle and name."""
-    files = {file for text in inputs for file in find_logs(text)}
+    files = {file for text in inputs for file in find_logs(text) if not (output and is_result(file.location, output))}
     groups: dict[tuple[str, str], list[StoredFile]] = {}
     for file in files:
         groups.setdefault((file.folder, flight_and_part(file.name)[0]), []).append(file)

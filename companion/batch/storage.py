@@ -18,6 +18,10 @@ from drivers.optional_library import install_command
 LOG_NAMES: Final = ("*.mcap", "*.mcap.active")
 TEMPORARY: Final = ".tmp"
 """Suffix of a result that is being written. Its name begins with a dot, so that no reader takes it for data."""
+LOGS: Final = "logs"
+"""Folder in a dataset for replayed logs."""
+UNFINISHED: Final = ".unfinished"
+"""Folder in a local dataset for files that are being written; readers of Parquet skip names that begin with a dot."""
 _GLOB_CHARACTERS: Final = frozenset("*?[")
 
 
@@ -68,6 +72,12 @@ def find_logs(location: str) -> list[StoredFile]:
     if not found:
         raise DeviceNotFound(f"{location}: no log (*.mcap) found; check the path")
     return sorted(found)
+
+
+def is_result(location: str, output: str) -> bool:
+    """Whether a log was written by a run into the dataset `output`. Both are absolute paths or URLs."""
+    base = output.rstrip("/")
+    return location.startswith((f"{base}/{LOGS}/vehicle=", f"{base}/{UNFINISHED}/"))
 
 
 def _local_logs(location: str) -> Iterator[StoredFile]:

@@ -138,7 +138,7 @@ def _run_sharing_kernels() -> None:
     points = np.column_stack([np.arange(20) * 0.2, np.zeros(20)])
     scores(points, np.zeros((1, 2)), np.zeros(1), 1.0, points, Grid(0.4, 0.01, 0.3))
     none = SharedPlanes.empty().box  # read-only, as all planes to send
-    covered(none, np.zeros(0, np.intp), np.zeros((0, 6)), np.zeros(0, np.bool_))
+    covered(none, np.zeros(0, np.intp), np.zeros((0, 6)), np.zeros(0, np.bool_), np.zeros(0, np.int64))
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

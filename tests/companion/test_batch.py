@@ -83,6 +83,15 @@ def test_flights_that_would_be_mixed_are_refused(tmp_path: Path) -> None:
         find_flights([str(tmp_path)])
 
 
+@pytest.mark.parametrize("output", ["all/out", "all"])
+def test_replayed_logs_of_the_output_are_no_flights(tmp_path: Path, output: str) -> None:
+    """A second run with the same output would otherwise process what the first one has written."""
+    touch(tmp_path, "all/alpha/one.mcap", "all/logs/two.mcap", f"{output}/logs/vehicle=alpha/date=unknown/one.mcap")
+    touch(tmp_path, f"{output}/.unfinished/alpha-one-x/one.mcap")
+    found = find_flights([str(tmp_path / "all")], output=str(tmp_path / output))
+    assert [str(flight) for flight in found] == ["alpha/one", "logs/two"]
+
+
 def test_an_input_without_logs_is_named(tmp_path: Path) -> None:
     with pytest.raises(DeviceNotFound, match=r"absent.*no log"):
         find_flights([str(tmp_path / "absent")])

@@ -201,6 +201,17 @@ def test_a_wrong_condition_is_explained(
     assert text in capsys.readouterr().err
 
 
+def test_without_hits_nothing_is_compiled_or_written(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled: list[str] = []
+    monkeypatch.setattr("companion.batch.find.ensure_compiled", lambda *modes: compiled.extend(modes))
+    assert main(["find", str(dataset), '[["sequence", "=", 123456]]', "-o", str(tmp_path / "clips")]) == 0
+    assert capsys.readouterr().out.strip() == "0 rows, 0 clips"
+    assert compiled == []
+    assert not (tmp_path / "clips").exists()
+
+
 def test_a_missing_log_stops_no_other_clip(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flights = open_table(str(dataset), "flights").to_table().to_pylist()
     gone = Path(next(row for row in flights if row["flight"] == "20261102-110000")["files"][0])
