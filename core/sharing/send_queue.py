@@ -2,8 +2,9 @@
 planes first.
 
 The planes of the own world are given with an `Offer`; `packets` returns what to send now. A new plane is sent twice
-within a fraction of a second, because packets are lost and not acknowledged, a third time some seconds later, and then
-once per `refresh_s`, so that it does not expire."""
+within a fraction of a second, because packets are lost and not acknowledged, and a third time some seconds later. A plane
+that has changed is sent at once and again some seconds later. Each is then sent once per `refresh_s`, so that it does
+not expire."""
 
 from __future__ import annotations
 
@@ -38,7 +39,9 @@ REPEATS = 2
 """Number of times a new plane is sent at once."""
 REPEAT_NS, LATEST_REPEAT_NS = NS // 10, NS // 4
 """Time between two of these: the least, and that after which a packet is sent for it alone."""
-THIRD_NS = NS
+THIRD_NS, LATEST_THIRD_NS = NS, 3 * NS
+"""Time until the third copy of a new plane and the second one of a changed plane: the least, and that after which a
+packet is sent for it alone."""
 CHANGED_NS = NS
 """Least time between two packets with a plane that changes all the time."""
 STATE_NS, FIRST_STATES, MOTION_NS, MOVERS_NS = 5 * NS, 3, NS, NS // 4
@@ -214,9 +217,10 @@ class SendQueue:
         self._add(out, now_ns, lambda header: planes_packet(header, part, anchor_m, form, motion))
 
     def _note(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> None:
-        """Records what was sent."""
+        """Records what was sent. A changed plane is repeated in its turn like a new one that was sent REPEATS times."""
         ids = planes.ids[rows]
-        self._times[ids] += 1
+        changed = _changed(self._boxes[ids], planes.box[rows])
+        self._times[ids] = np.where(changed & (self._times[ids] >= REPEATS), REPEATS, self._times[ids] + 1)
         self._boxes[ids], self._sent_ns[ids] = planes.box[rows], now_ns
 
     def _worth_a_packet(
@@ -230,8 +234,9 @@ class SendQueue:
         waited_ns = now_ns - self._sent_ns[ids]
         if bool(((self._times[ids] == 0) | (waited_ns >= LATEST_REPEAT_NS)).any()):
             return True
-        limit_ns = now_ns - round(1.25 * self._budget.refresh_s * NS)
-        return bool((self._sent_ns[planes.ids[paced]] <= limit_ns).any())
+        ids = planes.ids[paced]
+        longest_ns = np.where(self._times[ids] > REPEATS, round(1.25 * self._budget.refresh_s * NS), LATEST_THIRD_NS)
+        return bool((now_ns - self._sent_ns[ids] >= longest_ns).any())
 
     def _ranked(self, offer: Offer, now_ns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Returns the rows of the planes to send at once and those of the planes to repeat, each with the most

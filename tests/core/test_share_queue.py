@@ -73,13 +73,14 @@ def test_few_planes_in_rest_need_little() -> None:
     assert (queue.sent_bytes - before) / 60.0 < 130.0  # the state takes 80 of it
 
 
-def test_a_new_plane_goes_at_once_and_twice() -> None:
+def test_a_new_plane_goes_at_once_and_twice_and_soon_a_third_time() -> None:
     queue = SendQueue(1, 5, 0, THIN)
     flown(queue, offer(walls(100)), 40.0)
     times = [t for t, number in flown(queue, offer(walls(101)), 5.0, 40 * NS) if number == 100]
-    assert len(times) == 2
+    assert len(times) == 3
     assert times[0] <= 40.2
     assert times[1] <= 40.7
+    assert 1.0 <= times[2] - times[1] <= 3.0
 
 
 def test_every_plane_is_repeated_before_it_expires() -> None:
@@ -206,14 +207,24 @@ def test_planes_of_one_lost_packet_that_contain_each_other_are_sent_again() -> N
 
 def test_a_longer_plane_is_new_and_a_shorter_one_is_not() -> None:
     queue, first = SendQueue(1, 5, 0, THIN), walls(1)
-    flown(queue, offer(first), 3.0)
+    flown(queue, offer(first), 5.0)  # with its third copy
 
     def sized(length_m: float) -> SharedPlanes:
         box = np.array([[0.0, 0.0, length_m, 0.0, -6.0, 0.0]])
         return SharedPlanes(ids=first.ids, box=box, margin_m=first.margin_m, flags=first.flags, age_s=first.age_s)
 
-    assert flown(queue, offer(sized(0.8)), 2.0, 3 * NS) == []
-    assert flown(queue, offer(sized(2.5)), 2.0, 5 * NS) != []
+    assert flown(queue, offer(sized(0.8)), 2.0, 5 * NS) == []
+    assert flown(queue, offer(sized(2.5)), 2.0, 7 * NS) != []
+
+
+def test_a_changed_plane_is_repeated_soon() -> None:
+    """Its packet may be lost; the interval of repetition is 20 s."""
+    queue, wall = SendQueue(1, 5, 0, THIN), walls(1)
+    flown(queue, offer(wall), 5.0)
+    longer = replace(wall, box=np.array([[0.0, 0.0, 2.5, 0.0, -6.0, 0.0]]))
+    times_s = [time_s for time_s, _ in flown(queue, offer(longer), 5.0, 5 * NS)]
+    assert len(times_s) == 2
+    assert 1.0 <= times_s[1] - times_s[0] <= 3.0
 
 
 def test_the_position_is_sent_each_second_and_the_frame_seldom() -> None:
