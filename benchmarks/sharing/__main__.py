@@ -52,7 +52,7 @@ MEANING = f"""*Rate*: the vehicle that sent most, greatest over {WINDOW_S:g} s a
 
 NOTES = """## What limits the figures
 
-*Delay in a street.* Position and state take 35 of the 300 B/s. A plane takes 11 bytes and a tenth of the 46 bytes that each packet has beyond its planes (MAVLink 17, signature 13, header and anchor 16): 15.6 bytes, so 17 copies per second. In the first ten seconds of a street 8 to 10 planes per second are new. Each is sent once at once, most of them a second time only seconds later. At 10 % loss a p95 of 0.5 s needs a second copy of 56 % of the planes within the same 0.5 s (0.1 x 0.44 + 0.01 x 0.56 = 0.05): 154 B/s of planes, five packets per second with 230 B/s of their own, and 35 B/s, together 420 B/s. 
+*Delay in a street.* Position and state take 35 of the 300 B/s. A plane takes 11 bytes and a tenth of the 46 bytes that each packet has beyond its planes (MAVLink 17, signature 13, header and anchor 16): 15.6 bytes, so 17 copies per second. In the first ten seconds of a street 8 to 10 planes per second are new. Each is sent once at once, most of them a second time only seconds later. At 10 % loss a p95 of 0.5 s needs a second copy of 56 % of the planes within the same 0.5 s (0.1 x 0.44 + 0.01 x 0.56 = 0.05): 154 B/s of planes, five packets per second with 230 B/s of their own, and 35 B/s, together 420 B/s.
 
 *Delay over more runs.* 26 November 2026, two vehicles, four scenes and six seeds of the radio each, obstacles confirmed later than 5 s after the start:
 
