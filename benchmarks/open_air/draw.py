@@ -41,7 +41,7 @@ def column(view: View, noise_grey: float) -> Colours:
     pair = camera.pair(scene, *pose_of(view, scene), view.seed)
     disparities = (StereoCamera(p).disparity(pair) for p in (every_match(profile), profile))
     k = profile.view
-    depths = [coloured(depth_mm(d, k.intrinsics.fx, k.baseline_m)) for d in disparities]
+    depths = [coloured(depth_mm(d, k.intrinsics.fx * k.baseline_m)) for d in disparities]
     gap = np.full((GAP_PX, pair.left.shape[1], 3), 255, np.uint8)
     return np.vstack([cv2.cvtColor(pair.left, cv2.COLOR_GRAY2BGR), gap, depths[0], gap, depths[1]])
 

@@ -39,6 +39,7 @@ def _oak(section: CameraConfig) -> DepthSource:
             width=section.width_px,
             height=section.height_px,
             fps=section.fps,
+            host_matching=section.matched_on_host,
             confidence=section.confidence,
             match=_match(section),
             emitter=section.emitter,

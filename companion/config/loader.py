@@ -154,6 +154,8 @@ def _why_unmarked(camera: CameraConfig) -> str:
     """Why the depth images of a camera bear no marks."""
     if camera.can_mark:
         return f'"{camera.name}" has mark_smooth = false; set it to true'
+    if camera.kind == "oak":
+        return f'"{camera.name}" is matched on the device; set match_on = "host" and mark_smooth = true'
     return f'"{camera.name}" of kind "{camera.kind}" delivers matched depth, so mark_smooth has no effect'
 
 

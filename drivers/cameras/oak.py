@@ -1,4 +1,4 @@
-"""Luxonis OAK cameras through DepthAI v3, with stereo depth computed on the device.
+"""Luxonis OAK cameras through DepthAI v3, with stereo matching on the device or of its rectified images on the host.
 
 The library may hang or abort its process, so a source runs in a process of its own (companion.cameras.worker). The
 source uses the middle of the exposure on the host's monotonic clock and the intrinsics of each frame. Automatic
@@ -27,12 +27,19 @@ from .oak_pipeline import (
     connect_device,
     first_line,
 )
+from .stereo import Gray, StereoMatcher
 
 DISPARITY_SIGMA_PX = 0.25
-"""Noise of the device's subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
+"""Noise of the subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
 _POLL_S = 0.002
+_FRAMES = {
+    (DEPTH,): "depth frame",
+    (DEPTH, LEFT, RIGHT): "depth frame with both rectified images",
+    (LEFT, RIGHT): "pair of rectified images",
+}
+_RESTART = "Restart the device"
 _UNTESTED = (
-    "Restart the device; to fly by the device's own confidence alone, set match_correlation = 0, match_texture = 0 "
+    f"{_RESTART}; to fly by the device's own confidence alone, set match_correlation = 0, match_texture = 0 "
     "and match_period = 1"
 )
 
@@ -41,7 +48,8 @@ class OakSource:
     """A DepthSource. `connect` creates the pipeline; tests pass one that runs on the host."""
 
     def __init__(self, settings: OakSettings, connect: Callable[[OakSettings], OakLink] | None = None) -> None:
-        self._settings = settings
+        self.settings = settings
+        self._matcher = StereoMatcher(settings.match) if settings.host_matching else None
         self._connect = connect or connect_device
         self._link: OakLink | None = None
         self._info: CameraInfo | None = None
@@ -51,22 +59,22 @@ class OakSource:
     def info(self) -> CameraInfo:
         """Known after open(). Raises DeviceNotFound before."""
         if self._info is None:
-            raise DeviceNotFound(f"camera {self._settings.camera}: not open; call open() first")
+            raise DeviceNotFound(f"camera {self.settings.camera}: not open; call open() first")
         return self._info
 
     def open(self) -> None:
         """Boots the device and waits for its first frame, which contains the intrinsics. Raises DeviceNotFound,
         DeviceLost and BadData; a partially opened device is closed."""
-        self._link = self._connect(self._settings)
+        self._link = self._connect(self.settings)
         try:
-            message = self._next(self._settings.first_frame_s)
+            message = self._next(self.settings.first_frame_s)
             if message is None:
-                what = "depth frame with both rectified images" if self._settings.with_images else "depth frame"
+                what = _FRAMES[self.settings.streams]
                 raise DeviceLost(
-                    f"camera {self._settings.camera}: no {what} within {self._settings.first_frame_s:g} s; check "
+                    f"camera {self.settings.camera}: no {what} within {self.settings.first_frame_s:g} s; check "
                     "that the cable is USB 3 and the power supply sufficient (OAK needs up to 1.5 A)"
                 )
-            self._info = self._describe(self._part(message, DEPTH))
+            self._info = self._describe(message)
             self._waiting = self._frame(message)
         except (DeviceLost, BadData):
             self.close()
@@ -90,7 +98,7 @@ class OakSource:
         """The newest message of the queue, None after timeout_s."""
         link = self._link
         if link is None:
-            raise DeviceNotFound(f"camera {self._settings.camera}: not open; call open() first")
+            raise DeviceNotFound(f"camera {self.settings.camera}: not open; call open() first")
         import depthai as dai
 
         until_s = time.monotonic() + timeout_s
@@ -99,100 +107,126 @@ class OakSource:
                 messages = link.queue.tryGetAll()
             except (RuntimeError, dai.MessageQueue.QueueException) as error:  # the link is down or the queue closed
                 raise DeviceLost(
-                    f"camera {self._settings.camera}: the device was lost ({first_line(error)}); check cable and power"
+                    f"camera {self.settings.camera}: the device was lost ({first_line(error)}); check cable and power"
                 ) from error
             if messages:
                 return messages[-1]
             if not link.running():
-                raise DeviceLost(f"camera {self._settings.camera}: the device stopped; check cable and power")
+                raise DeviceLost(f"camera {self.settings.camera}: the device stopped; check cable and power")
             if time.monotonic() >= until_s:
                 return None
             time.sleep(_POLL_S)
 
     def _frame(self, message: Any) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
-        of_depth = self._part(message, DEPTH)
-        depth = self._pixels(of_depth)
-        exposure_ns = _middle_ns(of_depth)
+        first = self._part(message, self.settings.streams[0])
+        exposure_ns = _middle_ns(first)
         if not 0 < exposure_ns <= arrival_ns:
             raise BadData(
-                f"camera {self._settings.camera}: a frame is stamped {(exposure_ns - arrival_ns) / 1e9:+.3f} s from "
+                f"camera {self.settings.camera}: a frame is stamped {(exposure_ns - arrival_ns) / 1e9:+.3f} s from "
                 "its arrival; the device's clock is not synchronised with the host's. Restart the device"
             )
         return DepthFrame(
-            camera=self._settings.camera,
-            sequence=int(of_depth.getSequenceNum()) % (1 << 32),
+            camera=self.settings.camera,
+            sequence=int(first.getSequenceNum()) % (1 << 32),
             t_exposure_ns=exposure_ns,
             t_arrival_ns=arrival_ns,
-            depth_mm=self._confirmed(depth, message) if self._settings.with_images else depth,
+            depth_mm=self._depth(message),
         )
 
     def _part(self, message: Any, name: str) -> Any:
-        """The message of a name in a group; without images the message is the depth. Raises BadData."""
-        if not self._settings.with_images:
+        """The message of a name in a group; with one stream the message is its image. Raises BadData."""
+        if len(self.settings.streams) == 1:
             return message
         import depthai as dai
 
         if not isinstance(message, dai.MessageGroup) or name not in message.getMessageNames():
             raise BadData(
-                f"camera {self._settings.camera}: a frame without its {name} image, with which the depth is tested. {_UNTESTED}"
+                f"camera {self.settings.camera}: a frame without its {name} image, which the stereo matching needs. "
+                f"{self._remedy}"
             )
         return message[name]
 
-    def _confirmed(self, depth: NDArray[np.uint16], group: Any) -> NDArray[np.uint16]:
-        """The depth whose matches the rectified images confirm. Raises BadData where they are not those of the depth."""
-        of_depth = self._part(group, DEPTH)
+    @property
+    def _remedy(self) -> str:
+        return _RESTART if self.settings.host_matching else _UNTESTED
+
+    def _depth(self, message: Any) -> NDArray[np.uint16]:
+        """(H, W) uint16 mm: matched on the host, or the device's depth, of which the images confirm each match. Raises
+        BadData."""
+        settings = self.settings
+        if self._matcher is not None:
+            return self._matcher.depth(*self._pair(message, self._size(message)), self._f_b_px_m())
+        depth = self._pixels(self._part(message, DEPTH))
+        if len(settings.streams) == 1:
+            return depth
+        return confirmed_depth(depth, self._pair(message, depth.shape), self._f_b_px_m(), settings.match)
+
+    def _pair(self, group: Any, shape: tuple[int, ...]) -> tuple[Gray, Gray]:
+        """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape or not of
+        the exposure of the frame."""
+        stamp = self._part(group, self.settings.streams[0]).getTimestamp()
         pair = []
         for name in (LEFT, RIGHT):
             message = self._part(group, name)
-            apart_s = abs((message.getTimestamp() - of_depth.getTimestamp()).total_seconds())
+            apart_s = abs((message.getTimestamp() - stamp).total_seconds())
             image = message.getFrame()
-            if image.dtype != np.uint8 or image.shape != depth.shape:
+            if image.dtype != np.uint8 or image.shape != shape:
                 raise BadData(
-                    f"camera {self._settings.camera}: a {name} image of {image.dtype}, rows and columns {image.shape}, for "
-                    f"depth of {depth.shape}; expected RAW8 of the same size. {_UNTESTED}"
+                    f"camera {self.settings.camera}: a {name} image of {image.dtype}, rows and columns {image.shape}, for "
+                    f"a frame of {shape}; expected RAW8 of the same size. {self._remedy}"
                 )
-            if apart_s > self._settings.same_exposure_s:
+            if apart_s > self.settings.same_exposure_s:
                 raise BadData(
-                    f"camera {self._settings.camera}: a {name} image is stamped {apart_s:.3f} s from its depth. {_UNTESTED}"
+                    f"camera {self.settings.camera}: a {name} image is stamped {apart_s:.3f} s from its frame. {self._remedy}"
                 )
             pair.append(np.asarray(image, np.uint8))
+        return pair[0], pair[1]
+
+    def _f_b_px_m(self) -> float:
+        """Focal length times baseline. Raises BadData where the device has no baseline."""
         baseline_m = self._link.baseline_m if self._link is not None else None
         if not baseline_m:
             raise BadData(
-                f"camera {self._settings.camera}: the device reports no baseline; check that it has its factory "
-                f"calibration. {_UNTESTED}"
+                f"camera {self.settings.camera}: the device reports no baseline; check that it has its factory "
+                f"calibration. {self._remedy}"
             )
-        f_b_px_m = self.info.intrinsics.fx * baseline_m
-        return confirmed_depth(depth, (pair[0], pair[1]), f_b_px_m, self._settings.match)
+        return self.info.intrinsics.fx * baseline_m
+
+    def _size(self, message: Any) -> tuple[int, ...]:
+        """(H, W) of the images of a frame. Raises BadData."""
+        first = self._part(message, self.settings.streams[0])
+        return first.getFrame().shape if self.settings.host_matching else self._pixels(first).shape
 
     def _pixels(self, message: Any) -> NDArray[np.uint16]:
         pixels = message.getCvFrame()
         if not isinstance(pixels, np.ndarray) or pixels.dtype != np.uint16 or pixels.ndim != 2:
             raise BadData(
-                f"camera {self._settings.camera}: a frame of type {message.getType()}; expected RAW16, millimetres"
+                f"camera {self.settings.camera}: a frame of type {message.getType()}; expected RAW16, millimetres"
             )
         return np.ascontiguousarray(pixels)
 
     def _describe(self, message: Any) -> CameraInfo:
-        height, width = self._pixels(message).shape
-        matrix = np.array(message.getTransformation().getIntrinsicMatrix(), np.float64)
+        height, width = self._size(message)
+        first = self._part(message, self.settings.streams[0])
+        matrix = np.array(first.getTransformation().getIntrinsicMatrix(), np.float64)
         try:
             intrinsics = Intrinsics(
                 width, height, float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
             )
         except ValueError as error:
             raise BadData(
-                f"camera {self._settings.camera}: {error}; check that the device has its factory calibration"
+                f"camera {self.settings.camera}: {error}; check that the device has its factory calibration"
             ) from error
         baseline_m = self._link.baseline_m if self._link is not None else None
         ke = DISPARITY_SIGMA_PX / (intrinsics.fx * baseline_m) if baseline_m else 0.005
         return CameraInfo(
-            self._settings.camera,
+            self.settings.camera,
             intrinsics,
-            min_range_m=self._settings.min_range_m,
-            max_range_m=self._settings.max_range_m,
+            min_range_m=self.settings.min_range_m,
+            max_range_m=self.settings.max_range_m,
             ke_per_m=min(max(ke, 1e-4), 0.05),
+            marks_smooth=self.settings.host_matching and self.settings.match.mark_smooth,
         )
 
 

@@ -22,17 +22,29 @@ for _name, _value in (
     os.environ.setdefault(_name, _value)
 
 
+DEPTH, LEFT, RIGHT = "depth", "left", "right"
+"""Names of the streams: depth, and the rectified images."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OakSettings:
-    """Settings of the device. device: its id, USB port or address; empty: the only device. confidence: 0..255, see
-    `configure`. match: rules by which the device's matches are tested on the host; without any the images are not
-    requested. emitter: intensity of the dot projector, 0..1. first_frame_s: time limit to find, boot and deliver."""
+    """Settings of the device.
+
+    Attributes:
+        device: its id, USB port or address; empty: the only device.
+        host_matching: whether the host matches the rectified images; the device then sends no depth.
+        confidence: 0..255, see `configure`.
+        match: parameters of the host's matching, or the rules by which the device's matches are tested on the host;
+            without any rule the device's depth is sent without images.
+        emitter: intensity of the dot projector, 0..1.
+        first_frame_s: time limit to find, boot and deliver."""
 
     camera: str
     device: str = ""
     width: int = 640
     height: int = 400
     fps: float = 30.0
+    host_matching: bool = False
     confidence: int = 55
     match: MatchParams = field(default_factory=MatchParams)
     emitter: float = 0.0
@@ -42,9 +54,11 @@ class OakSettings:
     first_frame_s: float = 20.0
 
     @property
-    def with_images(self) -> bool:
-        """Whether the rectified images are requested beside the depth."""
-        return needs_images(self.match)
+    def streams(self) -> tuple[str, ...]:
+        """Names of the requested images, first the one whose stamp and intrinsics are those of the frame."""
+        if self.host_matching:
+            return (LEFT, RIGHT)
+        return (DEPTH, LEFT, RIGHT) if needs_images(self.match) else (DEPTH,)
 
     @property
     def same_exposure_s(self) -> float:
@@ -52,13 +66,9 @@ class OakSettings:
         return 0.4 / self.fps
 
 
-DEPTH, LEFT, RIGHT = "depth", "left", "right"
-"""Names in a group of messages."""
-
-
 class OakLink(Protocol):
-    """A running pipeline: its queue and its end. queue: of depth (dai.ImgFrame), or with_images of depth and rectified images
-    (dai.MessageGroup)."""
+    """A running pipeline: its queue and its end. queue: of depth (dai.ImgFrame), or with several streams of groups
+    (dai.MessageGroup) with an image of each."""
 
     queue: Any
     baseline_m: float | None
@@ -104,7 +114,9 @@ def synchronised(pipeline: Any, outputs: dict[str, Any], same_exposure_s: float)
 
 
 class DeviceLink:
-    """A pipeline on a device: two rectified cameras, stereo depth, and a queue of the newest two frames."""
+    """A pipeline on a device: two rectified cameras, stereo depth, and a queue of the newest two frames.
+
+    A StereoDepth node enables the outputs that are linked."""
 
     def __init__(self, settings: OakSettings, device: Any) -> None:
         import depthai as dai
@@ -124,13 +136,11 @@ class DeviceLink:
         sides[1].link(stereo.right)
         stereo.setRectification(True)
         configure(stereo.initialConfig, settings.confidence)
+        outputs = {DEPTH: stereo.depth, LEFT: stereo.rectifiedLeft, RIGHT: stereo.rectifiedRight}
+        wanted = {name: outputs[name] for name in settings.streams}
         output = stereo.depth
-        if settings.with_images:
-            output = synchronised(
-                self._pipeline,
-                {DEPTH: stereo.depth, LEFT: stereo.rectifiedLeft, RIGHT: stereo.rectifiedRight},
-                settings.same_exposure_s,
-            )
+        if len(wanted) > 1:
+            output = synchronised(self._pipeline, wanted, settings.same_exposure_s)
         self.queue = output.createOutputQueue(maxSize=2, blocking=False)
         self._pipeline.start()
         if settings.emitter > 0.0:

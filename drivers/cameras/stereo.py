@@ -103,10 +103,7 @@ class StereoDepth:
 
     def depth(self, left: Gray, right: Gray) -> NDArray[np.uint16]:
         """(H, W) uint16 mm of a raw pair of gray images, in the rectified left one."""
-        left, right = self.rectified(left, right)
-        disparity = self.disparity(left, right)
-        depth = depth_mm(disparity, self.intrinsics.fx, self.baseline_m)
-        return mark_unmeasured(depth, disparity, left, right, SmoothLimits()) if self._params.mark_smooth else depth
+        return self._matcher.depth(*self.rectified(left, right), self.intrinsics.fx * self.baseline_m)
 
     def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
         """(H, W) float32 px of a rectified pair; negative: no accepted match."""
@@ -128,6 +125,13 @@ class StereoMatcher:
         if edge:
             found[:edge], found[-edge:], found[:, :edge], found[:, -edge:] = -1, -1, -1, -1
         return found
+
+    def depth(self, left: Gray, right: Gray, f_b_px_m: float) -> NDArray[np.uint16]:
+        """(H, W) uint16 mm of a rectified pair, in the left image, with the marks of smooth pixels where they are on.
+        f_b_px_m: focal length of the rectified images times baseline."""
+        disparity = self.disparity(left, right)
+        depth = depth_mm(disparity, f_b_px_m)
+        return mark_unmeasured(depth, disparity, left, right, SmoothLimits()) if self._params.mark_smooth else depth
 
 
 def confidence_limits(params: MatchParams) -> ConfidenceLimits:
@@ -185,10 +189,11 @@ def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: Mat
     return np.where(agreed, found, np.float32(-1.0))
 
 
-def depth_mm(disparity: NDArray[np.float32], f_px: float, baseline_m: float) -> NDArray[np.uint16]:
-    """Z = f B / d as uint16 mm; no match, and what lies beyond 65 m, is unknown."""
+def depth_mm(disparity: NDArray[np.float32], f_b_px_m: float) -> NDArray[np.uint16]:
+    """Z = f B / d as uint16 mm; no match, and what lies beyond 65 m, is unknown. f_b_px_m: focal length times
+    baseline."""
     with np.errstate(divide="ignore"):
-        mm = np.float32(1000.0 * f_px * baseline_m) / disparity
+        mm = np.float32(1000.0 * f_b_px_m) / disparity
     good = (disparity > 0.0) & (mm < _MAX_MM)
     return np.where(good, mm + np.float32(0.5), np.float32(UNKNOWN_MM)).astype(np.uint16)
 

@@ -127,7 +127,7 @@ def marked_girder(f_px: float, top_row: int, bottom_row: int, lost_rows: int, li
     disparity = np.full((height, width), -1.0, np.float32)
     begin = bottom_row + lost_rows
     disparity[begin:] = (f_px * BASELINE_M / (0.001 * ground_mm(f_px)[begin:]))[:, None]
-    depth = depth_mm(disparity, f_px, BASELINE_M)
+    depth = depth_mm(disparity, f_px * BASELINE_M)
     return mark_unmeasured(depth, disparity, images[0], images[1], SmoothLimits())
 
 

@@ -127,12 +127,17 @@ class HostLink:
 
 
 class HostPairLink(HostLink):
-    """The same with rectified images: the driver's synchronisation of three streams."""
+    """The same with rectified images: the driver's synchronisation of several streams."""
 
-    def __init__(self, make: Callable[[int], dict[str, dai.ImgFrame]], baseline_m: float | None = 0.075) -> None:
+    def __init__(
+        self,
+        make: Callable[[int], dict[str, dai.ImgFrame]],
+        baseline_m: float | None = 0.075,
+        streams: tuple[str, ...] = ("depth", "left", "right"),
+    ) -> None:
         self.baseline_m = baseline_m
         self._pipeline = dai.Pipeline(createImplicitDevice=False)
-        node = self._pipeline.create(HostPair, ("depth", "left", "right"), make, PERIOD_S)
+        node = self._pipeline.create(HostPair, streams, make, PERIOD_S)
         self.queue = synchronised(self._pipeline, node.outs, 0.4 * PERIOD_S).createOutputQueue(2, False)
         self._pipeline.start()
         self._stopped = False

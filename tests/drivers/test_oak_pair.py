@@ -119,7 +119,7 @@ def changed(name: str, message: dai.ImgFrame | None) -> dai.MessageGroup:
         (
             "right",
             lambda: image_message(0, RIGHT[:, : WIDTH // 2].copy(), now()),
-            r"\(80, 120\), for depth of \(80, 240\)",
+            r"\(80, 120\), for a frame of \(80, 240\)",
         ),
         ("left", lambda: depth_message(0, pixels=DEPTH), r"a left image of uint16, .* expected RAW8"),
         (

@@ -184,7 +184,7 @@ def eye(width: int, height: int) -> EyeCalibration:
 
 def test_no_match_and_what_is_beyond_the_range_of_millimetres_is_unknown() -> None:
     disparity = np.array([[-1.0, 0.0, 0.0001, 30.0]], np.float32)
-    assert depth_mm(disparity, 300.0, 0.1).tolist() == [[0, 0, 0, 1000]]
+    assert depth_mm(disparity, 300.0 * 0.1).tolist() == [[0, 0, 0, 1000]]
 
 
 def test_a_real_pair_gives_plausible_depths(shared_data: Path) -> None:
@@ -199,7 +199,7 @@ def test_a_real_pair_gives_plausible_depths(shared_data: Path) -> None:
     offset, corners = vertical_disparity_px(left, right)
     assert corners > 100
     assert abs(offset) < 0.6
-    depth = depth_mm(stereo.disparity(left, right), 534.04, 0.11998737) / 1000.0
+    depth = depth_mm(stereo.disparity(left, right), 534.04 * 0.11998737) / 1000.0
     seen = depth[depth > 0]
     # walls and table top are blank to within the noise: only their borders are measured
     assert 0.15 * depth.size < len(seen) < 0.25 * depth.size

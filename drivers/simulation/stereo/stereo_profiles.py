@@ -100,6 +100,8 @@ OAK = StereoProfile(
     disparity_sigma_px=0.25,
     host_check=True,
 )
+OAK_HOST = replace(OAK, name="oak_host", census=None, host_check=False)
+"""An OAK whose rectified images are matched on the host (`match_on = "host"`)."""
 D400 = StereoProfile(
     name="d400",
     view=_view(640, 480, 385.0, 0.05),
@@ -110,7 +112,7 @@ D400 = StereoProfile(
     max_range_m=6.0,
 )
 D400_ACTIVE = replace(D400, name="d400_active", projector=Projector(offset_m=0.025, strength=2.0))
-PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, LONG, OAK, D400, D400_ACTIVE)}
+PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, LONG, OAK, OAK_HOST, D400, D400_ACTIVE)}
 
 
 class StereoCamera:
@@ -141,7 +143,7 @@ class StereoCamera:
     def depth_of(self, pair: StereoPair) -> NDArray[np.uint16]:
         """(H, W) uint16 mm in the left image."""
         disparity, k, baseline_m = self.disparity(pair), self.profile.view.intrinsics, self.profile.view.baseline_m
-        depth = depth_mm(disparity, k.fx, baseline_m)
+        depth = depth_mm(disparity, k.fx * baseline_m)
         if self.profile.host_check:
             return confirmed_depth(depth, (pair.left, pair.right), k.fx * baseline_m, self.profile.match)
         if self.profile.marks_smooth:

@@ -1,0 +1,114 @@
+"""The OAK driver with `host_matching`: real depthai messages with rectified images, matched on the host, without a device."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import timedelta
+
+import depthai as dai
+import numpy as np
+import pytest
+
+from companion.cameras.factory import make_source
+from companion.config.camera import CameraConfig
+from core.types import TEXTURELESS_MM
+from drivers.base import BadData, DeviceLost
+from drivers.cameras.oak import OakSource
+from drivers.cameras.oak_pipeline import OakSettings
+from drivers.cameras.stereo import MatchParams
+
+from .oak_host import PERIOD_S, HostLink, HostPairLink, depth_message, group_message, image_message, now
+from .test_device_matches import F_PX, HEIGHT, WALL_MM, WIDTH, scene
+
+pytestmark = pytest.mark.process
+
+MATCH = MatchParams(disparities=32, mark_smooth=True)
+SETTINGS = OakSettings(camera="front", first_frame_s=3.0, fps=1.0 / PERIOD_S, host_matching=True, match=MATCH)
+MATRIX = [[F_PX, 0.0, 119.5], [0.0, F_PX, 39.5], [0.0, 0.0, 1.0]]
+STREAMS = ("left", "right")
+LEFT, RIGHT = scene(sky_rows=40)
+
+
+def parts(number: int) -> dict[str, dai.ImgFrame]:
+    """Rectified images; the left one has the intrinsics."""
+    stamp = now() - timedelta(milliseconds=20)
+    left = image_message(number, LEFT, stamp)
+    transformation = dai.ImgTransformation(WIDTH, HEIGHT)
+    transformation.setIntrinsicMatrix(MATRIX)
+    left.setTransformation(transformation)
+    return {"left": left, "right": image_message(number, RIGHT, stamp, dai.ImgFrame.Type.GRAY8)}
+
+
+def test_the_device_sends_both_images_and_no_depth() -> None:
+    assert SETTINGS.streams == STREAMS
+    off = replace(MATCH, correlation=0.0, texture=0.0, period=1.0)
+    assert replace(SETTINGS, match=off).streams == STREAMS
+    assert replace(SETTINGS, host_matching=False).streams == ("depth", "left", "right")
+    assert replace(SETTINGS, host_matching=False, match=off).streams == ("depth",)
+
+
+@pytest.mark.parametrize("marks", [True, False])
+def test_the_host_matches_the_rectified_images(marks: bool) -> None:
+    settings = replace(SETTINGS, match=replace(MATCH, mark_smooth=marks))
+    source = OakSource(settings, HostPairLink(parts, streams=STREAMS))
+    source.open()
+    try:
+        assert source.info.marks_smooth is marks
+        assert (source.info.intrinsics.width, source.info.intrinsics.fx) == (WIDTH, F_PX)
+        frame = source.read(2.0)
+        assert frame is not None
+        wall = frame.depth_mm[52:-10, 40:-10]
+        assert np.mean(np.abs(wall.astype(float) - WALL_MM) < 0.03 * WALL_MM) > 0.9
+        sky = frame.depth_mm[8:30, 40:-10]
+        assert np.mean(sky == (TEXTURELESS_MM if marks else 0)) > 0.9
+        assert 0.02 <= (frame.t_arrival_ns - frame.t_exposure_ns) / 1e9 < 1.0
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize("missing", STREAMS)
+def test_an_image_that_never_comes_is_a_lost_device(missing: str) -> None:
+    def without(number: int) -> dict[str, dai.ImgFrame]:
+        return {name: message for name, message in parts(number).items() if name != missing}
+
+    source = OakSource(replace(SETTINGS, first_frame_s=0.5), HostPairLink(without, streams=STREAMS))
+    with pytest.raises(DeviceLost, match=r"no pair of rectified images within 0.5 s; check that the cable"):
+        source.open()
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda p: p | {"right": image_message(0, RIGHT[:, :120].copy(), now())}, r"\(80, 120\), for a frame of"),
+        (
+            lambda p: p | {"left": depth_message(0, pixels=np.zeros((HEIGHT, WIDTH), np.uint16), matrix=MATRIX)},
+            "a left image of uint16",
+        ),
+        (lambda p: p | {"right": image_message(0, RIGHT, now() - timedelta(seconds=0.2))}, "a right image is stamped"),
+        (lambda p: {"left": p["left"]}, "a frame without its right image"),
+    ],
+)
+def test_groups_that_cannot_be_used_name_the_cause_and_the_remedy(change: object, cause: str) -> None:
+    assert callable(change)
+    group = group_message(change(parts(0)))
+    with pytest.raises(BadData, match=cause) as error:
+        OakSource(SETTINGS, HostLink(lambda k: group)).open()
+    assert str(error.value).endswith("Restart the device")
+
+
+def test_a_device_without_a_baseline_is_refused() -> None:
+    source = OakSource(SETTINGS, HostPairLink(parts, baseline_m=None, streams=STREAMS))
+    with pytest.raises(BadData, match="reports no baseline; check that it has its factory calibration"):
+        source.open()
+
+
+def test_the_configuration_chooses_where_images_are_matched() -> None:
+    on_host = CameraConfig(name="front", kind="oak", match_on="host", mark_smooth=True, disparities=64)
+    on_device = replace(on_host, match_on="device")
+    assert (on_host.unmatched_px, on_host.marks_smooth) == (64, True)
+    assert (on_device.unmatched_px, on_device.marks_smooth) == (0, False)
+    for section in (on_host, on_device):
+        source = make_source(section)
+        assert isinstance(source, OakSource)
+        assert source.settings.host_matching is (section is on_host)
+        assert source.settings.match.mark_smooth is (section is on_host)
