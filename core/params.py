@@ -734,7 +734,9 @@ class Params:
     profile_outer_layers: int = number(
         3, 0, 15, "", "number of outer layers of equal height above the inner ones, and below them (0: none)"
     )
-    profile_ring_m: float = number(0.5, 0.1, 5.0, "m", "step of the free range; smaller: finer and slower")
+    profile_ring_m: float = number(
+        0.5, 0.1, 5.0, "m", "step of the free range, the nearest 8 steps are halved; smaller: finer and slower"
+    )
     free_share: float = critical(
         0.8,
         0.5,

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import kernel
+from ..jit import inner, kernel
 from ..params import Params
 from ..types import Ground
 from .free_cells import DARK_ROWS, count_dark_blocks, look_at, looked_at
@@ -33,6 +33,8 @@ from .view_geometry import ViewGeometry
 
 _MAX_RINGS = 250
 """Greatest number of rings; their index fits one byte. Space beyond them is not free."""
+_FINE_RINGS = 16
+"""Number of rings half a step apart, the nearest ones: in a room free ranges are a few steps long."""
 
 
 class FreeRanges(NamedTuple):
@@ -172,11 +174,23 @@ def observe_free(
     )
 
 
+@inner
+def place_rings(step_m, clear_m, ring_m):
+    """Writes the forward distances of the rings below clear_m: multiples of half of step_m for the first _FINE_RINGS,
+    of step_m beyond them. Returns their number R; ring_m: (N,) float32 out, the first R are set, at most N."""
+    for r in range(len(ring_m)):
+        x = 0.5 * step_m * (r + 1) if r < _FINE_RINGS else step_m * (r + 1 - _FINE_RINGS // 2)
+        if x >= clear_m:
+            return r
+        ring_m[r] = x
+    return len(ring_m)
+
+
 @kernel
 def ranges_of_view(codes, holes, view, source, layers, settings):
     """Returns (edges_rad, edges_t, free_from_m, free_to_m, end) of FreeObservation.
 
-    Directions are step_rad wide, except for the last one. Rings are ring_m apart, up to clear_m.
+    Directions are step_rad wide, except for the last one. See `place_rings` for the rings.
 
     Args:
         codes, view, source: see `observe_free`.
@@ -184,17 +198,16 @@ def ranges_of_view(codes, holes, view, source, layers, settings):
         layers: of `layer_edges`.
         settings: (1,) WALK_SETTINGS."""
     w, image = settings[0], source[0]
-    cu, f_u, step_rad, ring, clear_m = view.cu, view.f_px / np.float64(view.lateral[0]), w.step_rad, w.ring_m, w.clear_m
+    cu, f_u, step_rad = view.cu, view.f_px / np.float64(view.lateral[0]), w.step_rad
     first, last = math.atan((-0.5 - cu) / f_u), math.atan((codes.shape[0] - 0.5 - cu) / f_u)
     n = max(1, int(math.ceil((last - first) / step_rad)))
     edges, edges_t = np.empty(n + 1), np.empty(n + 1)
     for d in range(n + 1):
         edges[d] = first + step_rad * d if d < n else last
         edges_t[d] = math.tan(edges[d])
-    rings = min(max(0, int(math.ceil((clear_m - ring) / ring))), _MAX_RINGS)
-    ring_m, blocking = np.empty(rings, np.float32), np.empty((layers.shape[0] - 1, rings), np.int32)
-    for r in range(rings):
-        ring_m[r] = ring + ring * r
+    ring_m = np.empty(_MAX_RINGS, np.float32)
+    ring_m = ring_m[: place_rings(w.ring_m, w.clear_m, ring_m)]
+    blocking = np.empty((layers.shape[0] - 1, len(ring_m)), np.int32)
     blocking_codes(ring_m, edges_t, layers, w, blocking)
     shape = (n, layers.shape[0] - 1)
     free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)

@@ -171,6 +171,15 @@ def profile(
     return free_profile(seen, 0, planes, np.zeros(0, np.float32))
 
 
+def test_the_nearest_rings_are_half_a_step_apart() -> None:
+    found = np.zeros(60, np.float32)
+    count = fs.place_rings(0.5, 12.0, found)
+    want = np.concatenate([np.arange(1, 17) * 0.25, np.arange(4.5, 12.0, 0.5)])
+    np.testing.assert_array_equal(found[:count], want.astype(np.float32))
+    assert fs.place_rings(0.5, 0.25, found) == 0
+    assert fs.place_rings(0.5, 12.0, found[:5]) == 5
+
+
 @pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
 def test_a_wall_ends_the_free_range_less_than_a_ring_and_its_noise_before_it(distance: float) -> None:
     g = view(rows=120, cols=160)
