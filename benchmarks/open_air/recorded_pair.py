@@ -61,7 +61,7 @@ class Pair:
     def depth(self) -> NDArray[np.uint16]:
         """(H, W) uint16 mm with marks, as the ZED's driver delivers it with `mark_smooth`."""
         disparity = StereoMatcher(MatchParams(mark_smooth=True)).disparity(self.left, self.right)
-        depth = depth_mm(disparity, self.intrinsics.fx, self.baseline_m)
+        depth = depth_mm(disparity, self.intrinsics.fx * self.baseline_m)
         return mark_unmeasured(depth, disparity, self.left, self.right, SmoothLimits())
 
     def info(self) -> CameraInfo:
