@@ -31,7 +31,7 @@ from drivers.mavlink.commands import (
     SET_MESSAGE_INTERVAL,
 )
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import LinkStatus, Vehicle
+from drivers.mavlink.session_types import LinkStatus, Vehicle
 from drivers.simulation.firmware_models.auto_flight import AutoFlight
 from drivers.simulation.ray_caster import cast_rays
 from drivers.simulation.scenes import Scene

@@ -23,6 +23,7 @@ from companion.replay.replay import effective_cameras
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion, rotation_level_cam_optical
 from core.types import CameraInfo, DepthFrame, FreeProfile
+from drivers.base import Event
 
 TO_M: Final = 2.0
 HALF_HEIGHT_M: Final = 0.25
@@ -57,7 +58,7 @@ def count_recording(folder: Path, config_path: Path) -> FreeCounts:
 
 
 def _frames(
-    events: Iterable[object], config: Config, cameras: tuple[CameraInfo, ...]
+    events: Iterable[Event], config: Config, cameras: tuple[CameraInfo, ...]
 ) -> Iterable[tuple[CameraInfo, DepthFrame, PrismsResult]]:
     infos = effective_cameras(config, cameras)
     pipeline = Pipeline(

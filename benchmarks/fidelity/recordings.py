@@ -48,6 +48,7 @@ class TimedExtractor:
 
     def __init__(self, extractor: Extractor, clock: Clock) -> None:
         self._extractor, self._clock = extractor, clock
+        self.open_sky = extractor.open_sky
 
     def extract(
         self,

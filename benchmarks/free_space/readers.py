@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.client_queries import frame_space
 from benchmarks.free_space.random_frames import RandomFrame
 from benchmarks.free_space.volume import (
     SLACK_M,
@@ -26,7 +27,7 @@ from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.types import FrameModel
 from drivers.simulation.source import Rendered
-from osape_client.query.space import Occupancy, PlacedModel, Space
+from osape_client.query.space import Occupancy, Space
 
 Floats = NDArray[np.float64]
 _STEP_M = 0.1
@@ -53,7 +54,7 @@ class ReaderCounts:
 def space_of(frame: Rendered, model: FrameModel) -> Space:
     """The reader of one frame, in ned."""
     x, y, z = (float(c) for c in frame.position_ned_m)
-    return Space([PlacedModel(transform_model(model, LevelTransform(heading_of(frame), (x, y, z))), (x, y, z))])
+    return frame_space(transform_model(model, LevelTransform(heading_of(frame), (x, y, z))), (x, y, z))
 
 
 def deep_in_solid(frame: Rendered, points: Floats, slack_m: Floats, least_m: float) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.client_queries import world_space
 from benchmarks.free_space.random_frames import RandomFrame, has_room, random_frame
 from benchmarks.free_space.readers import deep_in_solid
 from benchmarks.free_space.volume import SLACK_M, SLACK_SIGMAS, above_ground, first_solids, has_ground, heading_of
@@ -26,7 +27,6 @@ from core.world.free_grid import CELL_M, SIDE, TALL
 from core.world.world import Observation, World
 from drivers.simulation.source import Rendered
 from osape_client.query.space import Occupancy
-from osape_client.world.space import WorldSpace
 
 Floats = NDArray[np.float64]
 FRAMES = 12
@@ -79,7 +79,7 @@ def _free_cells(world: World, now_ns: int) -> Floats:
     if not cells:
         return np.zeros((0, 3))
     middles = (np.concatenate(cells) + 0.5) * CELL_M
-    return middles[WorldSpace(picture).points(middles) == Occupancy.FREE]
+    return middles[world_space(picture).points(middles) == Occupancy.FREE]
 
 
 def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, int, int]:

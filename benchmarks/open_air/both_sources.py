@@ -142,8 +142,8 @@ def main(arguments: list[str] | None = None) -> int:
                 where = {"profile": name, "source": source, "scene": scene, "sky": seen.view.sky}
                 each.append(where | {"seed": seen.view.seed, "noise": seen.noise_grey} | figures.sums())
             print(f"{name}, {scene}", file=sys.stderr, flush=True)
-    for rows, first in ((total, "camera, source"), (by_light, "camera, light"), (by_scene, "camera, scene, source")):
-        print(table(rows, first), end="\n\n")
+    for group, first in ((total, "camera, source"), (by_light, "camera, light"), (by_scene, "camera, scene, source")):
+        print(table(group, first), end="\n\n")
     print(outline_table(total), end="\n\n")
     missed = missed_goals(total)
     print("\n".join(missed) or "all goals are reached")

@@ -162,6 +162,8 @@ def rules() -> dict[str, OpenSkyParams]:
 
 def picture(seen: Seen) -> NDArray[np.uint8]:
     """Left image beside the depth image: measured green, textureless blue, matched beyond millimetres yellow, continued red."""
+    if seen.pair is None:
+        raise ValueError("this view has no images")
     left = cv2.cvtColor(seen.pair.left, cv2.COLOR_GRAY2BGR)
     depth = np.zeros_like(left)
     depth[seen.frame.depth_mm > TEXTURED_MM] = _MEASURED

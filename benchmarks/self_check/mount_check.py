@@ -10,6 +10,7 @@ import argparse
 import json
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from benchmarks.scenes.catalogue import SCENES, camera_pose, make_scene
@@ -82,6 +83,11 @@ def right(scenes: tuple[str, ...], seed: int, ke_per_m: float) -> Iterator[Row]:
             yield {"part": "right", "scene": name, "kind": kind, **alarms(flight.fly(poses, judge=False))}
 
 
+def _plane(rise: tuple[float, float], x: float, y: float) -> float:
+    """Returns the height of a slope at a place."""
+    return rise[0] * x + rise[1] * y
+
+
 def slope(seed: int, ke_per_m: float) -> Iterator[Row]:
     """True slopes. Without houses a slope cannot be distinguished from a wrong mount until the vehicle has turned."""
     for houses in (True, False):
@@ -90,7 +96,7 @@ def slope(seed: int, ke_per_m: float) -> Iterator[Row]:
                 if math.hypot(along, across) > 10.1:
                     continue
                 rise = math.tan(math.radians(along)), math.tan(math.radians(across))
-                poses = turning((0.0, 0.0, -HEIGHT_M), 0.0, ground=lambda x, y, r=rise: r[0] * x + r[1] * y)
+                poses = turning((0.0, 0.0, -HEIGHT_M), 0.0, ground=partial(_plane, rise))
                 flight = MountFlight(slope_scene(along, across, houses), Errors(), seed=seed, ke_per_m=ke_per_m)
                 frames = flight.fly(poses, judge=False)
                 withheld = [f.t_s for f in frames if f.verdict is MountVerdict.UNVERIFIED_SLOPE]

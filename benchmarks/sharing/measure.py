@@ -148,8 +148,7 @@ def _figures(
     own = error.true_boxes(first.own), first.own_margin_m
     shared = error.true_boxes(first.shared.planes.astype(np.float64)), first.shared.margin_m
     alone, one = _missed(views, *own, flown_by), _missed(views, *_one_vehicle(parts), flown_by)
-    planes, margin_m = (np.concatenate(columns) for columns in zip(own, shared, strict=True))
-    joint = _missed(views, planes, margin_m, flown_by)
+    joint = _missed(views, np.concatenate([own[0], shared[0]]), np.concatenate([own[1], shared[1]]), flown_by)
     datagrams = sum(map(len, traffic.sent)) * (len(parts) - 1)
     refused: dict[str, int] = {}
     for outcome in outcomes:

@@ -178,7 +178,8 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
         service = stack.enter_context(running("run", "-c", str(config), log=folder / "service.txt"))
         listener = threading.Thread(target=ear.listen, args=(f"ipc://{folder}/prisms", stop))
         listener.start()
-        stack.callback(lambda: (stop.set(), listener.join()))
+        stack.callback(listener.join)
+        stack.callback(stop.set)
         end_s = time.monotonic() + PATIENCE_S
         while not ear.valid:
             if time.monotonic() > end_s or service.poll() is not None:

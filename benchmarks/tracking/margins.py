@@ -89,7 +89,7 @@ def counts(e: Exposure, planes: Floats, margins_m: Floats, ke_per_m: float) -> C
     bins = np.minimum(np.digitize(range_m, EDGES_M) - 1, len(EDGES_M) - 2)
 
     def binned(weights: NDArray[np.float64] | NDArray[np.bool_]) -> Floats:
-        return np.bincount(bins, weights.astype(np.float64), minlength=len(EDGES_M) - 1)
+        return np.bincount(bins, weights.astype(np.float64), minlength=len(EDGES_M) - 1).astype(np.float64)
 
     covered = [binned(is_covered(e.rendered, rays, planes, share * margins_m)) for share in SHARES]
     depth, which = stops(planes, e.info.intrinsics, e.rendered.R_level_optical)

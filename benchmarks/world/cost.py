@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.client_queries import world_space
 from benchmarks.world.flights import CONDITION, TRUE, Flight, flown, renderings
 from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
@@ -21,7 +22,6 @@ from core.world.serialize import SavedSection
 from core.world.snapshot import WorldSnapshot
 from core.world.world import Observation, World
 from osape_client.query.space import Occupancy
-from osape_client.world.space import WorldSpace
 
 Floats = NDArray[np.float64]
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
@@ -167,7 +167,7 @@ def asked(radius_m: float, repeats: int = 5) -> Asked:
     b = a + rng.normal(0.0, 1.05, (WAYS, 3))
     times, answers = [], np.zeros(0, np.uint8)
     for _ in range(repeats):
-        space = WorldSpace(picture)
+        space = world_space(picture)
         begin = time.thread_time_ns()
         answers = space.segments(a, b, radius_m)
         times.append(1e-9 * (time.thread_time_ns() - begin))

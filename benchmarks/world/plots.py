@@ -15,6 +15,7 @@ from benchmarks.world.truth import Step
 from core.types import Prism
 from core.world.snapshot import WorldSnapshot
 from core.world.world import World
+from osape_client.model import Prism as ClientPrism
 from osape_client.world.prisms import world_prisms
 
 SHOWN = ("block", "alley", "trees", "cylinder")
@@ -55,7 +56,7 @@ def draw_world(ax: Any, picture: WorldSnapshot, z_m: float) -> None:
     ax.set_aspect("equal", adjustable="box")
 
 
-def draw_prism(ax: Any, prism: Prism) -> None:
+def draw_prism(ax: Any, prism: Prism | ClientPrism) -> None:
     """A closed solid, filled."""
     if prism.closed:
         ax.fill(prism.vertices_m[:, 1], prism.vertices_m[:, 0], color="#ef9a9a", linewidth=0, alpha=0.6)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.client_queries import world_space
 from benchmarks.fidelity.metrics import NAN, Rays, distances, judge
 from benchmarks.paper.cases import CAMERA, EXACT, rays_under
 from benchmarks.world.flights import Estimate, Flight, Seen, flown
@@ -120,7 +122,7 @@ def verdict(
     flight: Flight, estimate: Estimate, m: Merged, rendered: Sequence[Rendered], views: Sequence[Rendered]
 ) -> Verdict:
     """All figures of one flight."""
-    space = WorldSpace(m.world.picture(m.newest_ns))
+    space = world_space(m.world.picture(m.newest_ns))
     planes = space.snapshot.planes.astype(np.float64)
     there = planes - np.array([*m.drift_m[:2], *m.drift_m[:2], m.drift_m[2], m.drift_m[2]])
     found = [_view(v, there, space, m.drift_m, rendered) for v in views]
@@ -147,7 +149,7 @@ def verdict(
 
 def _view(
     view: Rendered, planes: Floats, space: WorldSpace, drift: Floats, flown_by: Sequence[Rendered]
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Counts of one view. planes: in the true ned."""
     rays = rays_under(view, EXACT, Params())
     level = in_level(planes, view)
