@@ -121,7 +121,9 @@ def sections_of(data: bytes) -> tuple[tuple[SavedSection, ...], str]:
             heads.append(_SECTION.unpack(payload))
             parts.append([])
         elif tag == b"PLAN" and heads and len(payload) % ON_DISK.itemsize == 0:
-            parts[-1].append(np.frombuffer(payload, ON_DISK))
+            records = np.frombuffer(payload, ON_DISK)
+            fault = _impossible(records, at)
+            parts[-1].append(records[:0] if fault else records)
         elif tag == b"END ":
             done = True
         else:
@@ -148,6 +150,15 @@ def _read_part(data: bytes, at: int) -> tuple[bytes, bytes, int, str]:
     if zlib.crc32(tag + payload) != checksum:
         return b"", b"", at, f"byte {at}: a part of {length} bytes is damaged"
     return tag, payload, begin + length, ""
+
+
+def _impossible(records: NDArray[np.void], at: int) -> str:
+    """Returns which plane of a part cannot be, as text; empty: none. at: position of the part."""
+    moments = records["moments"]
+    possible = np.isfinite(moments).all(axis=1) & (moments[:, 0] > 0.0) & (records["height_cm"] > 0)
+    if possible.all():
+        return ""
+    return f"byte {at}: plane {int(np.argmin(possible))} of this part has no height, or moments that cannot be"
 
 
 def _section(head: tuple[int, int, int, int], parts: list[NDArray[np.void]]) -> SavedSection:

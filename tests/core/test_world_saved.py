@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 
 import numpy as np
 import pytest
@@ -94,6 +95,23 @@ def test_damage_and_what_follows_the_end_are_reported() -> None:
         broken = data.copy()
         broken[at] ^= 0x40
         assert sections_of(bytes(broken))[1]
+
+
+@pytest.mark.parametrize(("field", "value"), [("moments", 0.0), ("moments", math.nan), ("height_cm", 0)])
+def test_a_plane_that_cannot_be_is_refused(field: str, value: float) -> None:
+    """Planes with a checksum that fits, of which a comparison would divide by zero, or that no reader accepts."""
+    (saved,) = flown(house(0.0, 0.0), range(20)).saved()
+    data = bytes_of((saved,))
+    at = data.index(b"PLAN")
+    length = int.from_bytes(data[at + 4 : at + 8], "little")
+    records = np.frombuffer(data[at + 12 : at + 12 + length], ON_DISK).copy()
+    records[field][1] = value
+    part = b"PLAN" + length.to_bytes(4, "little")
+    part += zlib.crc32(b"PLAN" + records.tobytes()).to_bytes(4, "little") + records.tobytes()
+    (section,), fault = sections_of(data[:at] + part + data[at + 12 + length :])
+    assert fault.startswith(f"byte {at}: plane 1 of this part")
+    assert len(section.box) == 0, "no plane of the part is used"
+    World().load((section,))
 
 
 def test_a_saved_world_goes_on_and_nothing_of_it_is_free() -> None:
