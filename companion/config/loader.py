@@ -159,6 +159,10 @@ def _why_unmarked(camera: CameraConfig) -> str:
     return f'"{camera.name}" of kind "{camera.kind}" delivers matched depth, so mark_smooth has no effect'
 
 
+WITHOUT_NUL = r"^[^\x00]*$"
+"""A path or a name with a NUL character cannot be given to the operating system."""
+
+
 class ConfigError(Exception):
     """A configuration that cannot be used: `problems` holds one line for each mistake."""
 
@@ -279,7 +283,7 @@ def _section_model(section: str) -> type[BaseModel]:
     for f in fields_of(section):
         kind: Any = _plain_type(f)
         default = ... if f.default is MISSING else f.default
-        limits: dict[str, Any] = {}
+        limits: dict[str, Any] = {"pattern": WITHOUT_NUL} if kind is str else {}
         if "min" in f.metadata:
             limits = {"ge": f.metadata["min"], "le": f.metadata["max"]}
         if "choices" in f.metadata:
@@ -318,6 +322,8 @@ def _words(error: Any, content: Mapping[str, Any]) -> str:
         form = "[[camera]] with double brackets" if section == "camera" else f"a section [{section}]"
         return f"{where}: expected {form}"
     key = next(f for f in fields_of(section) if f.name == path[-1])
+    if isinstance(error["input"], str) and "\0" in error["input"]:
+        return f"{where} = {_shown(error['input'])}: a NUL character cannot be in a text; remove it"
     return f"{where} = {_shown(error['input'])}: expected {expected(key)} ({key.metadata['doc']})"
 
 

@@ -8,6 +8,15 @@ from core.param_field import check, choice, critical, number, switch, text
 from drivers.mavlink.transport import parse_address
 
 
+def _is_endpoint(address: str) -> bool:
+    """True if an address is ipc://PATH or tcp://HOST:PORT."""
+    kind, _, place = address.partition("://")
+    host, _, port = place.rpartition(":")
+    if kind == "tcp":
+        return bool(host) and port.isdecimal() and 0 < int(port) < 65536
+    return kind == "ipc" and bool(place)
+
+
 def check_line(key: str, address: str) -> None:
     """Raises ValueError that names the key for an address of a line that cannot be used. Empty: no line."""
     try:
@@ -92,7 +101,7 @@ class PublishConfig:
             raise ValueError("[publish] world and world_requests: give both addresses, or neither")
         for name in (*STREAMS, *WORLD_STREAMS, "neighbours", "depth"):
             address = getattr(self, name)
-            if address and not address.startswith(("ipc://", "tcp://")):
+            if address and not _is_endpoint(address):
                 raise ValueError(f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT')
             if address and address in places:
                 other = places[address]

@@ -104,6 +104,20 @@ def test_all_mistakes_at_once() -> None:
         ({"camera": [{"name": "x", "min_range_m": 5.0, "max_range_m": 2.0}]}, "must be less than"),
         ({"camera": [{"name": "a b"}]}, "letters, digits"),
         ({"sync": {"max_gap_s": math.nan}}, "expected 0.005..1 s"),
+        *(
+            ({"publish": {"prisms": address}}, f'prisms = "{address}": expected ipc://PATH or tcp://HOST:PORT')
+            for address in (
+                "ipc://",
+                "tcp://",
+                "tcp://:5601",
+                "tcp://127.0.0.1",
+                "tcp://127.0.0.1:0",
+                "tcp://h:65536",
+                "x",
+            )
+        ),
+        ({"publish": {"prisms": "ipc:///run/a\0b"}}, "a NUL character cannot be in a text; remove it"),
+        ({"camera": [{"name": "x", "device": "\0"}]}, "a NUL character cannot be in a text; remove it"),
         ({"avoid": {"send": True}}, "nothing could be sent"),
         (
             {"avoid": {"send": True}, "autopilot": {"address": "tcp:127.0.0.1:5760"}, "service": {"timeout_s": 0.5}},
