@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 import subprocess
 import sys
 import threading
@@ -32,6 +33,8 @@ NS = 1_000_000_000
 _READ_S = 0.1
 """Longest wait for a notification. The end of the process is detected at once."""
 _POLL_S = 0.05
+_EXIT_S = 0.5
+"""Time for the exit status of a process that has closed its channel."""
 _STABLE_RUN_S = 3.0
 """A camera that delivered frames for this long after its start is restarted without delay; otherwise the delay grows.
 """
@@ -151,7 +154,9 @@ class CameraSupervisor:
         reader.close_child()
         try:
             return self._watch(reader)
-        except (DeviceLost, BadData) as error:
+        except DeviceLost as error:
+            return self._last_cause or f"{error}{_exit_text(self._process)}"
+        except BadData as error:
             return self._last_cause or str(error)
         finally:
             self._process.kill()
@@ -265,6 +270,18 @@ class FrozenFrameDetector:
         if self._unchanged_stamps >= self._frames:
             return f"its stamps have not moved for {self._unchanged_stamps} frames"
         return ""
+
+
+def _exit_text(process: subprocess.Popen[bytes]) -> str:
+    """How a process that has closed its channel ended, to be added to a cause; empty: it still runs."""
+    try:
+        status = process.wait(_EXIT_S)
+    except subprocess.TimeoutExpired:
+        return ""
+    if status >= 0:
+        return f", exit status {status}"
+    name = signal.Signals(-status).name if -status in set(signal.Signals) else "unknown"
+    return f" by signal {-status} ({name})"
 
 
 def _now() -> int:

@@ -50,6 +50,8 @@ CAMERA = textwrap.dedent("""
         if after and habit == "ends":
             writer.send("failed", cause="the cable is out")
             sys.exit(1)
+        if after and habit == "exits":
+            os._exit(7)
         if after and habit == "hangs":
             time.sleep(1000)
         now = time.monotonic_ns()
@@ -152,7 +154,13 @@ def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
         assert pid is not None
         os.kill(pid, signal.SIGKILL)
         assert w.until(lambda: w.supervisor.status.starts == 2 and w.is_(CameraCondition.RUNNING))
-        assert "process has ended" in w.supervisor.status.last_loss
+        assert w.supervisor.status.last_loss == "camera front: its process has ended by signal 9 (SIGKILL)"
+
+
+def test_the_exit_status_of_a_process_without_a_cause_is_reported(tmp_path: Path) -> None:
+    with Watched(tmp_path, "exits:3") as w:
+        assert w.until(lambda: bool(w.supervisor.status.last_loss))
+        assert w.supervisor.status.last_loss == "camera front: its process has ended, exit status 7"
 
 
 def test_the_cause_that_a_camera_gives_is_reported(tmp_path: Path) -> None:
