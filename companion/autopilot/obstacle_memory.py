@@ -33,7 +33,9 @@ class Here:
         section: number of the section of the position estimate; it changes when the estimate jumps.
         heading_section: changes when the heading jumps, or may have jumped.
         turned_rad: sum of the known jumps of the heading, clockwise.
-        velocity_ned_m_s: None: not known."""
+        velocity_ned_m_s: None: not known.
+        lean_m_s2: acceleration (north, east) of a multirotor with this attitude in still air, without vertical
+            acceleration; None: not known."""
 
     heading_rad: float
     position_ned_m: tuple[float, float, float] | None = None
@@ -41,6 +43,7 @@ class Here:
     heading_section: int = 0
     turned_rad: float = 0.0
     velocity_ned_m_s: tuple[float, float, float] | None = None
+    lean_m_s2: tuple[float, float] | None = None
 
     @property
     def estimate(self) -> tuple[int | None, int]:

@@ -18,6 +18,8 @@ from .obstacle_memory import Here
 from .view_free import View
 
 NS = 1_000_000_000
+GRAVITY_M_S2 = 9.81
+STEEPEST_RAD = math.radians(75.0)
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
 """Limits within which attitude and position are interpolated or extrapolated to the moment of sending. Outside of
 them the vehicle's heading is unknown."""
@@ -62,6 +64,7 @@ class VehicleMotion:
             heading_section=headings.number,
             turned_rad=headings.turned_rad,
             velocity_ned_m_s=self.velocity_ned_m_s(now_ns),
+            lean_m_s2=_lean_m_s2(attitude.q_ned_frd_wxyz),
         )
         if isinstance(pose, PoseAt):
             return replace(here, position_ned_m=pose.position_ned_m, section=self._sync.sections.number)
@@ -114,6 +117,16 @@ class VehicleMotion:
             open_counts=open_counts,
             t_ns=seen_ns(result),
         )
+
+
+def _lean_m_s2(q_ned_frd_wxyz: tuple[float, float, float, float]) -> tuple[float, float] | None:
+    """Returns the horizontal acceleration (north, east) by a thrust that carries the weight; None: the vehicle leans by
+    more than STEEPEST_RAD. The thrust acts against the axis down of frd."""
+    w, x, y, z = q_ned_frd_wxyz
+    north, east, down = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    if down < math.cos(STEEPEST_RAD):
+        return None
+    return -GRAVITY_M_S2 * north / down, -GRAVITY_M_S2 * east / down
 
 
 def seen_ns(result: PrismsResult) -> int:

@@ -27,6 +27,7 @@ from ..diagnostic import Diagnostic, DiagnosticCode
 from .assessment import PathAssessor, Verdict
 from .braking import braking_of
 from .certainty import Certainty
+from .kept_views import KeptViews
 from .machine import GuardMachine
 from .memory_file import GuardMemoryFile
 from .modes import StopMethod
@@ -88,6 +89,7 @@ class Guard:
         self._assessor = PathAssessor(guard, braking_of(guard, avoid), avoid)
         self._velocity = VelocityHold()
         self._course_rate = CourseRate()
+        self._kept_views = KeptViews(round(guard.keep_free_s * NS))
         self._file = GuardMemoryFile(folder)
         memory = self._file.load(time.monotonic_ns())
         self._machine = GuardMachine(guard, memory or GuardMemory(), self._file.loaded_ns)
@@ -108,7 +110,9 @@ class Guard:
     def observe(self, surroundings: Surroundings) -> None:
         """Takes the surroundings of a decision of the obstacle output."""
         turn_rad_s = self._course_rate.take(surroundings)
-        sight = path_sight(self._velocity.held(surroundings), self._avoid, self._guard, turn_rad_s)
+        held = self._velocity.held(surroundings)
+        sight = path_sight(held, self._avoid, self._guard, turn_rad_s, self._kept_views.before(surroundings))
+        self._kept_views.take(surroundings)
         with self._lock:
             self._sight = sight
             self._assessor.take(sight)

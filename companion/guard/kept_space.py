@@ -100,6 +100,8 @@ def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: fl
         return 0.0
     now_m = now_m - newest.way_m
     together_m = now_m
+    if newest.sight.kept_rays_m is not None:  # the same rays, seen by earlier frames
+        together_m, older = np.maximum(now_m, newest.sight.kept_rays_m - newest.way_m), ()
     for kept in older:
         if kept.sight.rays_free_m is not None:
             counted_m = np.minimum(

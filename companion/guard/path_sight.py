@@ -10,6 +10,7 @@ instant of the decision."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from ..autopilot.confirmation import SMALL_M2
 from ..autopilot.polar_histogram import STEP_RAD, Recall, centres_rad
 from ..autopilot.surroundings import Surroundings
-from ..autopilot.view_free import View, points_free
+from ..autopilot.view_free import View
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
 from .braking import braking_of
+from .kept_views import MovedViews
 from .turn import AHEAD_S, fan, turns
 
 Floats = NDArray[np.float64]
@@ -77,6 +79,8 @@ class PathSight:
         velocity_ns: instant of the velocity; None: that of the decision.
         slope: way down per metre along the path.
         rays_free_m: (N,) distance to which each ray of the corridor is seen free; None: not known.
+        kept_rays_m: (N,) the same, by the frame of the last moment that shows most of each ray; None: no such frame can
+            be compared.
         ahead_rad: angle from the path to the course that follows, clockwise.
         estimate: section of the position, None: not known; and section of the heading."""
 
@@ -96,6 +100,7 @@ class PathSight:
     velocity_ns: int | None = None
     slope: float = 0.0
     rays_free_m: Floats | None = field(default=None, compare=False)
+    kept_rays_m: Floats | None = field(default=None, compare=False)
     ahead_rad: float = 0.0
     estimate: tuple[int | None, int] = (None, 0)
 
@@ -120,17 +125,24 @@ class _Path:
     from_m: float = 0.0
 
 
-def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad_s: float = 0.0) -> PathSight:
+def path_sight(
+    s: Surroundings,
+    avoid: AvoidParams,
+    guard: GuardParams,
+    turn_rad_s: float = 0.0,
+    before: Iterable[MovedViews] = (),
+) -> PathSight:
     """Returns the path at one decision. If it cannot be computed, nothing is seen free.
 
     Args:
         s: surroundings of the decision.
         avoid: parameters of the obstacle output.
         guard: parameters of the guard.
-        turn_rad_s: rate of the course, clockwise."""
+        turn_rad_s: rate of the course, clockwise.
+        before: views of the last moment."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
     free_m, firm, weak, kept_m, course_rad, slope = 0.0, _Nearest(), _Nearest(), math.inf, None, 0.0
-    ahead_free_m, rays_m = math.inf, None
+    ahead_free_m, rays_m, kept_rays_m = math.inf, None, None
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
     if s.here is None:
         cause = cause or "the attitude is lost"
@@ -140,6 +152,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         try:
             rays_m = rays_free_m(s, path, avoid, guard)
             free_m = common_free_m(rays_m, avoid.clear_share)
+            kept_rays_m = _kept_rays_m(before, path, avoid, guard)
             ahead_m = braking_of(guard, avoid).needed_m(speed_m_s or 0.0, guard.limit_ahead_s)
             if not turns(turn_rad_s, speed_m_s or 0.0, ahead_m, guard.side_m):
                 turn_rad_s = 0.0
@@ -154,7 +167,12 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
                 kept_m = remembered_m(s, path, avoid, guard)
             kept_m = min([kept_m, *(remembered_m(s, corridor, avoid, guard) for corridor in beside)])
         except RECKONING_ERRORS as error:
-            free_m, rays_m, cause = 0.0, None, f"the path cannot be computed: {type(error).__name__}: {error}"
+            free_m, rays_m, kept_rays_m, cause = (
+                0.0,
+                None,
+                None,
+                f"the path cannot be computed: {type(error).__name__}: {error}",
+            )
     return PathSight(
         t_ns=s.t_ns,
         exposed_ns=s.exposed_ns,
@@ -170,6 +188,7 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams, turn_rad
         ahead_free_m=ahead_free_m,
         velocity_ns=s.velocity_ns,
         rays_free_m=rays_m,
+        kept_rays_m=kept_rays_m,
         ahead_rad=turn_rad_s * AHEAD_S,
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         estimate=(None, 0) if s.here is None else s.here.estimate,
@@ -211,6 +230,25 @@ def rays_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardPa
     Rays are parallel to the path, always in the same order. Only measured free space counts, not open space that is
     presumed free. Rays that lie partly outside of all images are completed by free space that was seen a moment
     before, as for the sectors of the obstacle output, and only where seen_share of the rays is seen now."""
+    now = MovedViews(s.views, 0.0, (0.0, 0.0, 0.0))
+
+    def free(x: Floats, y: Floats, z: Floats) -> NDArray[np.bool_]:
+        seen = now.free(x, y, z)
+        return seen if s.recall is None else seen | _recalled(seen, x, y, z, s.recall, avoid)
+
+    return _rays_m(free, path, avoid, guard)
+
+
+def _kept_rays_m(before: Iterable[MovedViews], path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats | None:
+    """Returns the greatest distance to which each ray is free by one of the views, (N,); None: there are none."""
+    rays_m = [_rays_m(views.free, path, avoid, guard) for views in before]
+    return np.max(rays_m, axis=0) if rays_m else None
+
+
+def _rays_m(
+    free: Callable[[Floats, Floats, Floats], NDArray[np.bool_]], path: _Path, avoid: AvoidParams, guard: GuardParams
+) -> Floats:
+    """Returns the distance to which each ray of a corridor is free without a gap, (N,). free: see `MovedViews.free`."""
     along = np.arange(avoid.near_m, guard.horizon_m + avoid.step_m, avoid.step_m)
     across = np.linspace(-1.0, 1.0, ACROSS) * half_width_m(avoid, guard)
     x = path.cos * along[None, :] - path.sin * across[:, None]
@@ -218,15 +256,11 @@ def rays_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardPa
     heights = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * (
         avoid.band_above_m + avoid.band_below_m
     )
-    free = np.zeros((len(heights), *x.shape), bool)
+    found = np.zeros((len(heights), *x.shape), bool)
     for piece in _pieces(along, path):
         z = heights + path.slope * float(along[piece].mean())
-        for view in s.views:
-            if view.model.valid:
-                free[:, :, piece] |= points_free(view, x[:, piece], y[:, piece], z, along_rays=True, measured=True)
-        if s.recall is not None:
-            free[:, :, piece] |= _recalled(free[:, :, piece], x[:, piece], y[:, piece], z, s.recall, avoid)
-    steps = np.logical_and.accumulate(free, axis=2).sum(axis=2).ravel()
+        found[:, :, piece] = free(x[:, piece], y[:, piece], z)
+    steps = np.logical_and.accumulate(found, axis=2).sum(axis=2).ravel()
     out: Floats = np.where(steps > 0, along[steps - 1], 0.0)
     return out
 

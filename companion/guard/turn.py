@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from ..autopilot.surroundings import Surroundings
+from .lean import Horizontal, LeanAcceleration
 
 NS = 1_000_000_000
 WINDOW_NS, LONGEST_NS = 3 * NS // 10, 6 * NS // 10
@@ -23,9 +24,9 @@ LEAST_SPEED_M_S: Final = 1.0
 """For a slower vehicle the rate of the course is mostly noise."""
 SLOWEST_M_S: Final = 0.3
 """A slower vehicle is not stopped before an obstacle."""
-LEAST_LATERAL_M_S2: Final = 0.3
-"""Least lateral acceleration of a slow vehicle; less is noise. A noise of 0.03 m/s in each component of the velocity
-causes 0.14 m/s2 over WINDOW_NS."""
+LEAST_LATERAL_M_S2: Final = 0.2
+"""Least lateral acceleration of a turn, by the lean; less is noise. From 2 m/s on, the arc of a weaker turn leaves the
+corridor only beyond the braking distance. Without a lean it holds for a slow vehicle only."""
 HOLD_NS = 6 * NS // 10
 """Time for which the last rate is used if there is no newer velocity."""
 STARTS_M_S2: Final = 1.0
@@ -43,16 +44,19 @@ class CourseRate:
     """Rate of the course, in rad/s clockwise; 0: not known, or noise. `take` gets the surroundings of each decision,
     in order.
 
-    If the vehicle was slow within the window, its course is not yet that of its path, since it still drifts as
+    The velocity shows a turn if the vehicle also leans into it. If the vehicle was slow within the window, its course is not yet that of its path, since it still drifts as
     before. The angle to the velocity that its acceleration gives it within one second is used instead, and 0 while it
     slows down."""
 
     _velocities: deque[tuple[int, float, float]] = field(default_factory=lambda: deque(maxlen=32))
+    _lean: LeanAcceleration = field(default_factory=LeanAcceleration)
     _last: float = 0.0
     _last_ns: int | None = None
 
     def take(self, s: Surroundings) -> float:
         """Returns the rate over the last WINDOW_NS of the velocity's own time; the last known rate for up to HOLD_NS."""
+        if s.here is not None and s.here.lean_m_s2 is not None:
+            self._lean.take(s.t_ns, s.here.lean_m_s2)
         rate = self._newest(s)
         if rate is not None:
             self._last, self._last_ns = rate, s.t_ns
@@ -71,22 +75,33 @@ class CourseRate:
             if age_ns > LONGEST_NS:
                 return None
             if age_ns >= WINDOW_NS:
-                return _rate((north, east), (north_before, east_before), age_ns / NS)
+                self._lean.settle(t_ns, at_ns, (north - north_before, east - east_before))
+                return _rate((north, east), (north_before, east_before), age_ns / NS, self._lean.newest_m_s2())
         return None
 
 
-def _rate(now_m_s: tuple[float, float], before_m_s: tuple[float, float], time_s: float) -> float:
-    """Returns the rate between two velocities (north, east), rad/s clockwise; 0: noise."""
+def _rate(now_m_s: Horizontal, before_m_s: Horizontal, time_s: float, lean_m_s2: Horizontal | None) -> float:
+    """Returns the rate between two velocities, rad/s clockwise; 0: noise. lean_m_s2: acceleration by the lean; None:
+    not known."""
     (north, east), (north_before, east_before) = now_m_s, before_m_s
-    speed_m_s = math.hypot(north, east)
+    speed_m_s, before = math.hypot(north, east), math.hypot(north_before, east_before)
     if speed_m_s < SLOWEST_M_S:
         return 0.0
-    if min(speed_m_s, math.hypot(north_before, east_before)) >= LEAST_SPEED_M_S:
-        return math.remainder(math.atan2(east, north) - math.atan2(east_before, north_before), math.tau) / time_s
-    a_north, a_east = (north - north_before) / time_s, (east - east_before) / time_s
-    across, along = (north * a_east - east * a_north) / speed_m_s, (north * a_north + east * a_east) / speed_m_s
+    change_m_s2 = (north - north_before) / time_s, (east - east_before) / time_s
+    across, along = _across_along(lean_m_s2 or change_m_s2, now_m_s)
+    if min(speed_m_s, before) >= LEAST_SPEED_M_S:
+        rate = math.remainder(math.atan2(east, north) - math.atan2(east_before, north_before), math.tau) / time_s
+        leans = lean_m_s2 is None or (abs(across) >= LEAST_LATERAL_M_S2 and across * rate > 0.0)
+        return rate if leans else 0.0
     turns = abs(across) >= (LEAST_LATERAL_M_S2 if along < STARTS_M_S2 else LEAST_DRIFT * along)
     return math.atan2(across, speed_m_s + along) if turns and along > 0.0 else 0.0
+
+
+def _across_along(a: Horizontal, course: Horizontal) -> tuple[float, float]:
+    """Returns the parts of a vector to the right of a course and along it."""
+    (a_north, a_east), (north, east) = a, course
+    length = math.hypot(north, east)
+    return (north * a_east - east * a_north) / length, (north * a_north + east * a_east) / length
 
 
 def turns(turn_rad_s: float, speed_m_s: float, braking_m: float, side_m: float) -> bool:
