@@ -25,6 +25,8 @@ DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching noise; the extractor measures the actual noise."""
 MAX_VERTICAL_PX = 1.5
 MIN_CORNERS = 30
+AHEAD_NS = 5_000_000
+"""Largest accepted lead of a stamp over the present."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +45,11 @@ class ZedSettings:
     max_range_m: float = 15.0
     match: MatchParams = field(default_factory=MatchParams)
 
+    @property
+    def is_device(self) -> bool:
+        """False: a video file."""
+        return self.device.startswith("/dev/")
+
 
 class Video(Protocol):
     """The used interface of cv2.VideoCapture."""
@@ -56,8 +63,7 @@ class Video(Protocol):
 
 def open_video(settings: ZedSettings) -> Video:
     """Opens the device, or a video file in its place."""
-    is_device = settings.device.startswith("/dev/")
-    return cv2.VideoCapture(settings.device, cv2.CAP_V4L2 if is_device else cv2.CAP_FFMPEG)
+    return cv2.VideoCapture(settings.device, cv2.CAP_V4L2 if settings.is_device else cv2.CAP_FFMPEG)
 
 
 class ZedSource:
@@ -107,7 +113,7 @@ class ZedSource:
                     f"camera {s.camera}: {s.device} cannot be opened; check that it is connected (ls /dev/v4l/by-id), "
                     "that no other program uses it and that the user is in the group video"
                 )
-            if s.device.startswith("/dev/"):
+            if s.is_device:
                 for prop, value in (
                     (cv2.CAP_PROP_FRAME_WIDTH, 2.0 * s.width),
                     (cv2.CAP_PROP_FRAME_HEIGHT, float(s.height)),
@@ -160,9 +166,15 @@ class ZedSource:
                 f"camera {s.camera}: images of {image.shape[1]}x{image.shape[0]}, expected {2 * s.width}x{s.height} "
                 "(both eyes side by side); set width_px and height_px to the camera's format"
             )
+        if not s.is_device:  # a file has a time of its own
+            return image, now_ns
         stamp_ns = round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-        # the kernel's monotonic stamp; a file has its own time, and some drivers have none
-        return image, stamp_ns if now_ns - 2_000_000_000 < stamp_ns <= now_ns else now_ns
+        if not 0 < stamp_ns <= now_ns + AHEAD_NS:
+            raise BadData(
+                f"camera {s.camera}: an image is stamped {(stamp_ns - now_ns) / 1e9:+.3f} s from the present; its driver "
+                "does not use the monotonic clock, so its frames cannot be matched with attitudes"
+            )
+        return image, min(stamp_ns, now_ns)  # an old stamp stays: the image waited in a buffer
 
     def _check(self, image: NDArray[np.uint8]) -> None:
         """Checks that corners of both eyes are on the same rows after rectification. Raises BadData."""

@@ -264,6 +264,25 @@ def test_frames_of_a_device() -> None:
     assert video.released == 1
 
 
+def test_an_image_that_waited_in_a_buffer_keeps_its_stamp() -> None:
+    """A process that was stopped for 3 s reads a buffered image first: it does not show the present."""
+    stamp_ns = time.monotonic_ns() - 3 * 10**9
+    source = ZedSource(SETTINGS, Video([side_by_side()], stamp_ms=stamp_ns / 1e6), CALIBRATION)
+    source.open()
+    frame = source.read(1.0)
+    assert frame is not None
+    assert frame.t_exposure_ns == pytest.approx(stamp_ns - 10_000_000, abs=1000)
+
+
+@pytest.mark.parametrize("stamp_ms", [0.0, 1.8e12])
+def test_a_device_without_monotonic_stamps_is_refused(stamp_ms: float) -> None:
+    """Its frames cannot be matched with attitudes: none, or those of the wall clock."""
+    video = Video([side_by_side()], stamp_ms=stamp_ms)
+    with pytest.raises(BadData, match=r"its driver does not use the monotonic clock"):
+        ZedSource(SETTINGS, video, CALIBRATION).open()
+    assert video.released == 1
+
+
 @pytest.mark.parametrize("marks", [False, True])
 def test_the_description_holds_whether_it_marks(marks: bool) -> None:
     settings = replace(SETTINGS, match=MatchParams(mark_smooth=marks))
