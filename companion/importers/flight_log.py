@@ -92,6 +92,8 @@ def flight_log_samples(
             t_ns, arrival_ns = _stamps(p.t_us, p.stamp_us, epoch_us)
             if all(map(math.isfinite, p.position_m + p.velocity_m_s)):
                 poses.append(PoseSample(t_ns, arrival_ns, p.position_m, p.velocity_m_s, p.reset_counter))
+    if not poses:
+        report.warning("position", f"{path}: no position at the time of the frames: results are not placed in ned")
     return attitudes, poses
 
 

@@ -169,6 +169,18 @@ def test_without_the_index_of_the_core_the_first_one_is_taken(
     assert [(p.position_m[0], p.reset_counter) for p in poses] == [(1.0, 0)] * 11
 
 
+def test_a_log_without_positions_of_the_core_in_use_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    write_dataflash(folder / "log.bin", 3.0, primary=lambda t_s: 2)
+    status, events = imported(folder)
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "no position at the time of the frames" in captured.out + captured.err
+    assert not any(isinstance(e, PoseSample) for e in events)
+
+
 @pytest.mark.parametrize(("write", "read"), [(write_ulog, read_ulog), (write_dataflash, read_dataflash)])
 @given(data=st.data())
 def test_a_log_with_any_damage_is_read_or_refused(
