@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, cast
@@ -80,12 +81,16 @@ class Made:
         )
         (self.link,) = links
 
-    def deliver(self, sent_ms: int, arrival_ns: int, vehicle: int = 2) -> bytes:
+    def deliver(self, sent_ms: int, arrival_ns: int, vehicle: int = 2, stream: int = 1_700_000_000) -> bytes:
         """A packet of a neighbour arrives."""
-        header = Header(vehicle=vehicle, stream=1_700_000_000, sent_ms=sent_ms, section=0)
+        header = Header(vehicle=vehicle, stream=stream, sent_ms=sent_ms, section=0)
         data = state_packet(header, STATE)
         self.link.deliver(ReceivedPacket("tunnel", data, arrival_ns, vehicle))
         return data
+
+    def faults(self, now_ns: int) -> list[str]:
+        """Texts of the present faults, for a thread that must respond within 2 s."""
+        return [d.text for d in self.sharing.diagnostics(now_ns, 2.0)]
 
     def packets(self) -> list[tuple[bytes, int]]:
         """Recorded received packets: (data, time)."""
@@ -128,6 +133,65 @@ def test_messages_that_a_link_refuses_are_reported() -> None:
     made.deliver(1000, 5 * NS)
     made.sharing.step(5 * NS)
     assert dict(made.sharing.health.received) == {"accepted": 1, "signature": 3}
+
+
+def test_another_vehicle_of_the_same_number_is_a_fault_and_own_packets_are_none() -> None:
+    made, now_ns = Made(), time.monotonic_ns()
+    made.deliver(1000, now_ns, vehicle=1)
+    made.sharing.step(now_ns)
+    assert not any("uses number" in text for text in made.faults(now_ns))
+    made.deliver(2000, now_ns, vehicle=1, stream=1_700_000_060)
+    made.sharing.step(now_ns)
+    assert "another vehicle uses number 1, so both refuse the reports of the other; give each its own" in made.faults(
+        now_ns
+    )
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_has_ended_or_does_not_respond_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Made()
+    begun_ns = made.sharing.alive_ns
+    assert not any("respond" in text for text in made.faults(begun_ns + 2 * NS))
+    assert any("the thread does not respond" in text for text in made.faults(begun_ns + 2 * NS + 1))
+
+    def broken(now_ns: int) -> None:
+        raise OSError("no memory")
+
+    monkeypatch.setattr(made.sharing, "step", broken)
+    made.sharing.open()
+    end_s = time.monotonic() + 30.0
+    while not any("not shared any more" in text for text in made.faults(begun_ns)) and time.monotonic() < end_s:
+        time.sleep(0.01)
+    (only,) = made.faults(begun_ns)
+    made.sharing.close()
+    assert only.startswith("obstacles are not shared any more (")
+    assert "no memory" in only
+
+
+def test_a_closed_link_is_a_fault_and_in_the_health_report() -> None:
+    made, now_ns = Made(), time.monotonic_ns()
+    assert not any("not open" in text for text in made.faults(now_ns))
+    made.link.fault = "no such device"
+    made.sharing.step(now_ns)
+    assert "the link tunnel to other vehicles is not open: no such device" in made.faults(now_ns)
+    (link,) = made.sharing.health.links
+    assert (link.name, link.fault) == ("tunnel", "no such device")
+
+
+def test_the_health_report_has_the_rate_of_the_last_ten_seconds() -> None:
+    made = Made()
+    made.sharing.origin(47.0, 8.0, 400.0)
+    for k in range(30 * 20):
+        now_ns = (5 + k) * NS // 20
+        made.sharing.samples([*attitudes(now_ns, begin_ns=now_ns - NS), pose(now_ns)])
+        made.sharing.step(now_ns)
+    sent = [len(packet) + made.link.overhead_bytes for packet in made.link.sent]
+    (link,) = made.sharing.health.links
+    assert made.sharing.health.frame_known
+    assert len(sent) - 1 <= link.sent_packets <= len(sent), "it is at most 0.2 s old"
+    assert link.sent_bytes == sum(sent[: link.sent_packets])
+    last_ten_s = sum(sent[-10:])  # one packet each second
+    assert link.sent_bytes_per_s == pytest.approx(last_ten_s / 10.0, rel=0.25)
 
 
 def pose(t_ns: int, north_m: float = 0.0, resets: int = 0) -> PoseSample:
