@@ -27,6 +27,10 @@ SLOWEST_M_S: Final = 0.3
 LEAST_LATERAL_M_S2: Final = 0.2
 """Least lateral acceleration of a turn, by the lean; less is noise. From 2 m/s on, the arc of a weaker turn leaves the
 corridor only beyond the braking distance. Without a lean it holds for a slow vehicle only."""
+SURE_M_S: Final = 0.4
+"""Change of the velocity across the course within SURE_NS that is a turn whatever the lean is. A noise of 0.1 m/s in each
+component changes it by 0.14 m/s (standard deviation)."""
+SURE_NS = NS
 HOLD_NS = 6 * NS // 10
 """Time for which the last rate is used if there is no newer velocity."""
 STARTS_M_S2: Final = 1.0
@@ -44,9 +48,10 @@ class CourseRate:
     """Rate of the course, in rad/s clockwise; 0: not known, or noise. `take` gets the surroundings of each decision,
     in order.
 
-    The velocity shows a turn if the vehicle also leans into it. If the vehicle was slow within the window, its course is not yet that of its path, since it still drifts as
-    before. The angle to the velocity that its acceleration gives it within one second is used instead, and 0 while it
-    slows down."""
+    The velocity shows a turn if the vehicle also leans into it, or if the velocity changes by more than noise. If the
+    vehicle was slow within the window, its course is not yet that of its path, since it still drifts as before. The
+    angle to the velocity that its acceleration gives it within one second is used instead, and 0 while it slows
+    down."""
 
     _velocities: deque[tuple[int, float, float]] = field(default_factory=lambda: deque(maxlen=32))
     _lean: LeanAcceleration = field(default_factory=LeanAcceleration)
@@ -76,23 +81,43 @@ class CourseRate:
                 return None
             if age_ns >= WINDOW_NS:
                 self._lean.settle(t_ns, at_ns, (north - north_before, east - east_before))
-                return _rate((north, east), (north_before, east_before), age_ns / NS, self._lean.newest_m_s2())
+                return self._between((north, east), (north_before, east_before), age_ns / NS)
         return None
 
+    def _between(self, now_m_s: Horizontal, before_m_s: Horizontal, time_s: float) -> float:
+        """Returns the rate between two velocities; 0: noise."""
+        lean_m_s2 = self._lean.newest_m_s2()
+        if min(math.hypot(*now_m_s), math.hypot(*before_m_s)) < LEAST_SPEED_M_S:
+            changes = (now_m_s[0] - before_m_s[0]) / time_s, (now_m_s[1] - before_m_s[1]) / time_s
+            return _slow_rate(now_m_s, lean_m_s2 or changes)
+        rate_rad_s = _rate(now_m_s, before_m_s, time_s)
+        return rate_rad_s if lean_m_s2 is None or self._leans_into(rate_rad_s, lean_m_s2) else 0.0
 
-def _rate(now_m_s: Horizontal, before_m_s: Horizontal, time_s: float, lean_m_s2: Horizontal | None) -> float:
-    """Returns the rate between two velocities, rad/s clockwise; 0: noise. lean_m_s2: acceleration by the lean; None:
-    not known."""
+    def _leans_into(self, rate_rad_s: float, lean_m_s2: Horizontal) -> bool:
+        """True if the lean shows a turn of this sense, or the velocity alone does."""
+        at_ns, north, east = self._velocities[-1]
+        changes_m_s = (
+            _across_along((north - before_north, east - before_east), (north, east))[0]
+            for t_ns, before_north, before_east in self._velocities
+            if at_ns - t_ns <= SURE_NS
+        )
+        sense = math.copysign(1.0, rate_rad_s)
+        across_m_s2, _ = _across_along(lean_m_s2, (north, east))
+        return sense * across_m_s2 >= LEAST_LATERAL_M_S2 or max(sense * c for c in changes_m_s) >= SURE_M_S
+
+
+def _rate(now_m_s: Horizontal, before_m_s: Horizontal, time_s: float) -> float:
+    """Returns the rate between two velocities, rad/s clockwise."""
     (north, east), (north_before, east_before) = now_m_s, before_m_s
-    speed_m_s, before = math.hypot(north, east), math.hypot(north_before, east_before)
+    return math.remainder(math.atan2(east, north) - math.atan2(east_before, north_before), math.tau) / time_s
+
+
+def _slow_rate(velocity_m_s: Horizontal, acceleration_m_s2: Horizontal) -> float:
+    """Returns the rate of a slow vehicle, rad/s clockwise; 0: noise, or it slows down or stands."""
+    speed_m_s = math.hypot(*velocity_m_s)
     if speed_m_s < SLOWEST_M_S:
         return 0.0
-    change_m_s2 = (north - north_before) / time_s, (east - east_before) / time_s
-    across, along = _across_along(lean_m_s2 or change_m_s2, now_m_s)
-    if min(speed_m_s, before) >= LEAST_SPEED_M_S:
-        rate = math.remainder(math.atan2(east, north) - math.atan2(east_before, north_before), math.tau) / time_s
-        leans = lean_m_s2 is None or (abs(across) >= LEAST_LATERAL_M_S2 and across * rate > 0.0)
-        return rate if leans else 0.0
+    across, along = _across_along(acceleration_m_s2, velocity_m_s)
     turns = abs(across) >= (LEAST_LATERAL_M_S2 if along < STARTS_M_S2 else LEAST_DRIFT * along)
     return math.atan2(across, speed_m_s + along) if turns and along > 0.0 else 0.0
 

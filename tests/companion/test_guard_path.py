@@ -18,7 +18,7 @@ from companion.config.guard import GuardParams
 from companion.guard.assessment import STALE_NS, Action, PathAssessor
 from companion.guard.braking import Braking, braking_of
 from companion.guard.path_sight import PathSight, path_sight
-from companion.guard.turn import AHEAD_S, CourseRate, fan, turns
+from companion.guard.turn import AHEAD_S, turns
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel, Intrinsics
 
@@ -210,118 +210,12 @@ def test_in_a_turn_the_course_that_follows_must_be_seen(turn_deg_s: float, free:
         assert sight.ahead_free_m < 5.0
 
 
-def turning(rate_deg_s: float, speed_m_s: float = 3.0, hz: float = 15.0, frames: int = 12) -> float:
-    """Rate in degrees per second after so many decisions on a turning course that passes south."""
-    course_rate, out = CourseRate(), 0.0
-    for n in range(frames):
-        course = math.radians(175.0 + rate_deg_s * n / hz)
-        s = Surroundings(
-            t_ns=T_NS + round(n * NS / hz),
-            views=(),
-            weak_px=(),
-            exposed_ns=None,
-            recall=None,
-            recalled=nothing_remembered(),
-            blind={},
-            here=HERE,
-            velocity_ned_m_s=(speed_m_s * math.cos(course), speed_m_s * math.sin(course), 0.0),
-        )
-        out = course_rate.take(s)
-    return math.degrees(out)
-
-
-@pytest.mark.parametrize("rate_deg_s", [-45.0, -10.0, 10.0, 60.0])
-def test_the_rate_of_the_course(rate_deg_s: float) -> None:
-    assert turning(rate_deg_s) == pytest.approx(rate_deg_s, abs=0.1)
-    assert turning(rate_deg_s, speed_m_s=0.2) == 0.0, "it stands"
-    assert turning(rate_deg_s, frames=4) == 0.0, "too short a time"
-    assert turning(rate_deg_s, hz=1.0) == 0.0, "too long ago"
-
-
-def starting(course_deg: float, drift_m_s: float, accelerates_m_s2: float, until_s: float) -> tuple[float, float]:
-    """(rate in degrees per second, course in degrees) of a vehicle that begins a leg while it drifts to the right of it."""
-    course_rate, out, course = CourseRate(), 0.0, math.radians(course_deg)
-    side = course + math.pi / 2
-    for n in range(round(until_s * 15) + 1):
-        t = n / 15
-        along, drift = max(0.0, 0.5 + accelerates_m_s2 * t), drift_m_s * (1.0 - t / 2.0)
-        north = along * math.cos(course) + drift * math.cos(side)
-        east = along * math.sin(course) + drift * math.sin(side)
-        s = Surroundings(
-            t_ns=T_NS + round(t * NS),
-            views=(),
-            weak_px=(),
-            exposed_ns=None,
-            recall=None,
-            recalled=nothing_remembered(),
-            blind={},
-            here=HERE,
-            velocity_ned_m_s=(north, east, 0.0),
-        )
-        out = course_rate.take(s)
-    return math.degrees(out), math.degrees(math.atan2(east, north))
-
-
-def test_a_vehicle_that_begins_a_leg_turns_to_where_it_accelerates() -> None:
-    rate, course = starting(67.0, 0.4, 2.5, until_s=0.4)
-    assert course - 67.0 > 10.0
-    assert 67.0 - 2.0 < course + rate < course - 5.0, "towards the leg"
-    assert starting(67.0, 0.0, 2.5, until_s=0.4)[0] == 0.0, "straight"
-    rate, course = starting(67.0, 0.12, 2.5, until_s=0.4)
-    assert course - 67.0 > 3.0
-    assert 67.0 - 2.0 < course + rate < course - 1.0, "a drift of 0.1 m/s, too"
-    assert starting(67.0, 0.4, -0.6, until_s=0.4)[0] == 0.0, "it gets slower"
-
-
 def test_beside_the_course_of_a_vehicle_that_begins_a_leg_obstacles_count() -> None:
     slow = {"velocity": (0.7, 0.0, 0.0)}
     assert seen(at(5.0, 12.0), **slow, turn_deg_s=10.0).obstacle_m == pytest.approx(5.0, abs=0.1)
     assert math.isinf(seen(at(5.0, 12.0), **slow).obstacle_m)
     assert math.isinf(seen(at(5.0, -12.0), **slow, turn_deg_s=10.0).obstacle_m)
     assert math.isinf(seen(at(5.0, 30.0), **slow, turn_deg_s=10.0).obstacle_m)
-
-
-def test_a_rate_counts_where_the_arc_leaves_the_corridor_within_the_braking_distance() -> None:
-    assert turning(5.0) == pytest.approx(5.0, abs=0.1)
-    assert turns(math.radians(5.9), 10.0, 20.0, 0.3), "2.1 m aside"
-    assert not turns(math.radians(0.5), 10.0, 20.0, 0.3)
-    assert not turns(math.radians(4.0), 1.0, 2.9, 0.3)
-    assert turns(math.radians(10.0), 1.0, 2.9, 0.3)
-
-
-@pytest.mark.parametrize(("turn_deg_s", "speed_m_s"), [(5.9, 10.0), (30.0, 3.0), (60.0, 2.0)])
-def test_the_corridors_of_the_fan_leave_no_gap(turn_deg_s: float, speed_m_s: float) -> None:
-    directions = fan(math.radians(turn_deg_s), speed_m_s, 20.0, 0.7)
-    steps = np.diff([0.0, *(angle for angle, _ in directions)])
-    assert (steps * 20.0 <= 2.0 * 0.7 + 1e-9).all()
-
-
-def test_a_missing_or_frozen_velocity_holds_the_last_rate() -> None:
-    course_rate = CourseRate()
-
-    def take(t: float, stamp: float | None) -> float:
-        angle = math.radians(30.0) * (0.0 if stamp is None else stamp)
-        s = Surroundings(
-            t_ns=T_NS + round(t * NS),
-            views=(),
-            weak_px=(),
-            exposed_ns=None,
-            recall=None,
-            recalled=nothing_remembered(),
-            blind={},
-            here=HERE,
-            velocity_ned_m_s=None if stamp is None else (3 * math.cos(angle), 3 * math.sin(angle), 0.0),
-            velocity_ns=None if stamp is None else T_NS + round(stamp * NS),
-        )
-        return math.degrees(course_rate.take(s))
-
-    for n in range(11):
-        rate = take(n * 0.05, n * 0.05)
-    assert rate == pytest.approx(30.0, abs=0.1)
-    assert take(0.55, None) == pytest.approx(30.0, abs=0.1)
-    assert take(0.6, 0.6) == pytest.approx(30.0, abs=0.1), "the samples before the gap still count"
-    assert take(1.1, 0.6) == pytest.approx(30.0, abs=0.1), "frozen"
-    assert take(1.3, 0.6) == 0.0
 
 
 def test_a_remembered_obstacle_counts() -> None:
