@@ -61,7 +61,7 @@ What the algorithm reaches, and what it does not, measured by
 
     make bench
 
-which makes its own environment and rewrites these pages; `make bench ARGS='--only speed'` one of them, `ARGS=--quick` a rough look at all in a few minutes (into `bench-out`). Each page says when it was measured, on what and with what. Figures are of simulated scenes with known truth unless the page says otherwise. Nothing here is edited by hand.
+which makes its own environment and rewrites these pages; `make bench ARGS='--only speed'` one of them, `ARGS=--quick` a rough look at all in a few minutes (into `bench-out`). Each page states when it was measured, on what and with what. Figures are of simulated scenes with known truth unless the page states otherwise. Nothing here is edited by hand.
 
 Where a goal is missed: why, what was tried and what would do it, in `docs/research/attempts.md`, for time in `docs/research/speed.md`.
 

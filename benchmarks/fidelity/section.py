@@ -25,7 +25,7 @@ FULL, BRIEF = "python -m benchmarks --only fidelity", "python -m benchmarks.fide
 BASE_SEEDS = 2
 """Of the base part, at each tilt; the others take one."""
 
-INTRO = """The true depth of each ray is compared with the model. Scenes are ray-cast, so the truth is known; noise is that of stereo, sigma = ke Z², constant in disparity and correlated over about 9 px as that of a real D435 is. Images are 640x480 with a focal length of 450 px and a range of 20 m, and unless a table says otherwise have 5 % dropout, blob holes, 0.2 % of 2x2 mismatches and flying pixels at depth edges. One set of parameters, the shipped one. The last of four frames is scored, so that the noise level and the ground are measured, not given. The form of each scene and the place of the camera differ for each tilt and seed.
+INTRO = """The true depth of each ray is compared with the model. Scenes are ray-cast, so the truth is known; noise is that of stereo, sigma = ke Z², constant in disparity and correlated over about 9 px as that of a real D435 is. Images are 640x480 with a focal length of 450 px and a range of 20 m, and unless a table states otherwise have 5 % dropout, blob holes, 0.2 % of 2x2 mismatches and flying pixels at depth edges. One set of parameters, the shipped one. The last of four frames is scored, so that the noise level and the ground are measured, not given. The form of each scene and the place of the camera differ for each tilt and seed.
 
 - *Obstacle rays*: the truth is more than 0.6 m above the ground, and at least 3 sigma short of the camera's range in disparity.
 - *Error*: distance of each visible true obstacle point to the nearest plane; *grid 0.1 m*: the same of a grid of prisms made of the same noisy depth ([peers](peers.md)).

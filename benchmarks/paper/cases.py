@@ -102,7 +102,7 @@ def frames_of(
     count: int = 2,
     info: CameraInfo | None = None,
 ) -> list[Rendered]:
-    """`count` frames of a scene that differ in their noise only, 640x480 unless `info` says otherwise."""
+    """`count` frames of a scene that differ in their noise only, 640x480 unless `info` is given."""
     info = info or camera_info(ke_per_m=condition.configured_ke_per_m)
     return [
         render(
