@@ -25,6 +25,8 @@ DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching noise; the extractor measures the actual noise."""
 MAX_VERTICAL_PX = 1.5
 MIN_CORNERS = 30
+CHECK_AGAIN_NS = 1_000_000_000
+"""Time until the calibration is checked again, where too few corners were in view."""
 AHEAD_NS = 5_000_000
 """Largest accepted lead of a stamp over the present."""
 
@@ -81,8 +83,8 @@ class ZedSource:
         self._sequence = 0
         self._first: NDArray[np.uint8] | None = None
         self._first_ns = 0
+        self._checked, self._next_check_ns = False, 0
         self.vertical_px = math.nan
-        self.warning = ""
 
     @property
     def info(self) -> CameraInfo:
@@ -101,8 +103,8 @@ class ZedSource:
         )
 
     def open(self) -> None:
-        """Opens the device, reads a first image and checks the calibration with it. Raises DeviceNotFound, DeviceLost
-        and BadData; a partially opened device is closed."""
+        """Opens the device, reads a first image and checks the calibration with it, or with later ones if it has too few
+        corners. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed."""
         s = self._settings
         calibration = self._given or load_zed_calibration(s.calibration, s.width, s.height)
         self._stereo = StereoDepth(calibration, s.match)
@@ -140,6 +142,7 @@ class ZedSource:
             self._first = None
         else:
             image, stamp_ns = self._image()
+            self._check(image)
         assert self._stereo is not None
         left, right = halves(image)
         depth = self._stereo.depth(left, right)
@@ -177,12 +180,16 @@ class ZedSource:
         return image, min(stamp_ns, now_ns)  # an old stamp stays: the image waited in a buffer
 
     def _check(self, image: NDArray[np.uint8]) -> None:
-        """Checks that corners of both eyes are on the same rows after rectification. Raises BadData."""
+        """Checks once that corners of both eyes are on the same rows after rectification: with the first image that has
+        enough of them. Raises BadData."""
+        now_ns = time.monotonic_ns()
+        if self._checked or now_ns < self._next_check_ns:
+            return
+        self._next_check_ns = now_ns + CHECK_AGAIN_NS
         assert self._stereo is not None
         self.vertical_px, corners = vertical_disparity_px(*self._stereo.rectified(*halves(image)))
-        if corners < MIN_CORNERS:
-            self.warning = f"too few corners in view ({corners}) to check the calibration"
-        elif abs(self.vertical_px) > MAX_VERTICAL_PX:
+        self._checked = corners >= MIN_CORNERS
+        if self._checked and abs(self.vertical_px) > MAX_VERTICAL_PX:
             raise BadData(
                 f"camera {self._settings.camera}: the eyes differ by {self.vertical_px:+.1f} px in height after "
                 f"rectification; {self._settings.calibration} belongs to another camera, or this camera was bent"

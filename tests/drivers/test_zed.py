@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.base import BadData, DeviceLost, DeviceNotFound
+from drivers.cameras import zed_uvc
 from drivers.cameras.stereo import MatchParams, StereoDepth, depth_mm, vertical_disparity_px
 from drivers.cameras.zed_calibration import (
     EyeCalibration,
@@ -312,10 +313,31 @@ def test_the_calibration_of_another_camera_is_refused() -> None:
         ZedSource(SETTINGS, Video([side_by_side()]), wrong).open()
 
 
-def test_a_view_without_corners_is_reported_and_goes_on() -> None:
-    source = ZedSource(SETTINGS, Video([np.full((376, 1344, 3), 90, np.uint8)]), CALIBRATION)
+BLANK = np.full((376, 1344, 3), 90, np.uint8)
+
+
+def test_after_a_view_without_corners_the_calibration_is_checked_with_a_later_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A camera that starts before a blank wall, or in the dark."""
+    wrong = parse_zed_calibration(NEW.replace("cy=193.637", "cy=203.637"), "SN3.conf", 672, 376)
+    monkeypatch.setattr(zed_uvc, "CHECK_AGAIN_NS", 0)
+    source = ZedSource(SETTINGS, Video([BLANK, BLANK, side_by_side()]), wrong)
     source.open()
-    assert "too few corners" in source.warning
+    for _ in range(2):
+        assert source.read(1.0) is not None
+    with pytest.raises(BadData, match="belongs to another camera, or this camera was bent"):
+        source.read(1.0)
+
+
+def test_a_checked_calibration_is_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zed_uvc, "CHECK_AGAIN_NS", 0)
+    source = ZedSource(SETTINGS, Video([BLANK, side_by_side(), side_by_side()]), CALIBRATION)
+    source.open()
+    source.read(1.0)
+    source.read(1.0)
+    monkeypatch.setattr(zed_uvc, "vertical_disparity_px", lambda *_: (9.0, 500))
+    assert source.read(1.0) is not None
 
 
 def test_a_video_file_as_the_device(tmp_path: Path) -> None:
