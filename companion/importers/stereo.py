@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo
 from drivers.base import BadData
-from drivers.cameras.stereo import MatchParams, StereoDepth, vertical_disparity_px
+from drivers.cameras.row_check import MAX_VERTICAL_PX, MIN_CORNERS, vertical_disparity_px
+from drivers.cameras.stereo import MatchParams, StereoDepth
 from drivers.cameras.zed_calibration import load_zed_calibration
-from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, MAX_VERTICAL_PX, MIN_CORNERS, halves
+from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, halves
 
 from .frames_csv import FrameRow
 from .report import ImportOptions, Report

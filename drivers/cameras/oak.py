@@ -27,6 +27,7 @@ from .oak_pipeline import (
     connect_device,
     first_line,
 )
+from .row_check import RowCheck
 from .stereo import Gray, StereoMatcher
 
 DISPARITY_SIGMA_PX = 0.25
@@ -49,6 +50,9 @@ class OakSource:
 
     def __init__(self, settings: OakSettings, connect: Callable[[OakSettings], OakLink] | None = None) -> None:
         self.settings = settings
+        self._rows = RowCheck(
+            settings.camera, "the stereo calibration of the device is wrong, as after a crash: calibrate it again"
+        )
         self._matcher = StereoMatcher(settings.match) if settings.host_matching else None
         self._connect = connect or connect_device
         self._link: OakLink | None = None
@@ -163,8 +167,8 @@ class OakSource:
         return confirmed_depth(depth, self._pair(message, depth.shape), self._f_b_px_m(), settings.match)
 
     def _pair(self, group: Any, shape: tuple[int, ...]) -> tuple[Gray, Gray]:
-        """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape or not of
-        the exposure of the frame."""
+        """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape, not of the
+        exposure of the frame, or not rectified."""
         stamp = self._part(group, self.settings.streams[0]).getTimestamp()
         pair = []
         for name in (LEFT, RIGHT):
@@ -181,6 +185,8 @@ class OakSource:
                     f"camera {self.settings.camera}: a {name} image is stamped {apart_s:.3f} s from its frame. {self._remedy}"
                 )
             pair.append(np.asarray(image, np.uint8))
+        if self._rows.due:
+            self._rows.take(pair[0], pair[1])
         return pair[0], pair[1]
 
     def _f_b_px_m(self) -> float:

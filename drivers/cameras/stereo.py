@@ -196,19 +196,3 @@ def depth_mm(disparity: NDArray[np.float32], f_b_px_m: float) -> NDArray[np.uint
         mm = np.float32(1000.0 * f_b_px_m) / disparity
     good = (disparity > 0.0) & (mm < _MAX_MM)
     return np.where(good, mm + np.float32(0.5), np.float32(UNKNOWN_MM)).astype(np.uint16)
-
-
-def vertical_disparity_px(left: Gray, right: Gray) -> tuple[float, int]:
-    """(median row difference of matched corners, their number) of a rectified pair; 0 when the calibration fits."""
-    finder = cv2.ORB.create(nfeatures=800)
-    points_l, descriptors_l = finder.detectAndCompute(left, np.empty(0))
-    points_r, descriptors_r = finder.detectAndCompute(right, np.empty(0))
-    if descriptors_l is None or descriptors_r is None:
-        return float("nan"), 0
-    matches = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(descriptors_l, descriptors_r)
-    rows = [
-        points_r[m.trainIdx].pt[1] - points_l[m.queryIdx].pt[1]
-        for m in matches
-        if m.distance < 40 and -4.0 < points_l[m.queryIdx].pt[0] - points_r[m.trainIdx].pt[0] < 0.3 * left.shape[1]
-    ]
-    return (float(np.median(rows)), len(rows)) if rows else (float("nan"), 0)

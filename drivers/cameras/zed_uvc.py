@@ -4,7 +4,6 @@ It needs the camera's calibration file, but no manufacturer's library. The deliv
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,15 +17,12 @@ from numpy.typing import NDArray
 from core.types import CameraInfo, DepthFrame
 
 from ..base import BadData, DeviceLost, DeviceNotFound
-from .stereo import MatchParams, StereoDepth, vertical_disparity_px
+from .row_check import RowCheck
+from .stereo import MatchParams, StereoDepth
 from .zed_calibration import StereoCalibration, load_zed_calibration
 
 DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching noise; the extractor measures the actual noise."""
-MAX_VERTICAL_PX = 1.5
-MIN_CORNERS = 30
-CHECK_AGAIN_NS = 1_000_000_000
-"""Time until the calibration is checked again, where too few corners were in view."""
 AHEAD_NS = 5_000_000
 """Largest accepted lead of a stamp over the present."""
 
@@ -83,8 +79,9 @@ class ZedSource:
         self._sequence = 0
         self._first: NDArray[np.uint8] | None = None
         self._first_ns = 0
-        self._checked, self._next_check_ns = False, 0
-        self.vertical_px = math.nan
+        self._rows = RowCheck(
+            settings.camera, f"{settings.calibration} belongs to another camera, or this camera was bent"
+        )
 
     @property
     def info(self) -> CameraInfo:
@@ -180,20 +177,10 @@ class ZedSource:
         return image, min(stamp_ns, now_ns)  # an old stamp stays: the image waited in a buffer
 
     def _check(self, image: NDArray[np.uint8]) -> None:
-        """Checks once that corners of both eyes are on the same rows after rectification: with the first image that has
-        enough of them. Raises BadData."""
-        now_ns = time.monotonic_ns()
-        if self._checked or now_ns < self._next_check_ns:
-            return
-        self._next_check_ns = now_ns + CHECK_AGAIN_NS
+        """Checks the calibration, once. Raises BadData."""
         assert self._stereo is not None
-        self.vertical_px, corners = vertical_disparity_px(*self._stereo.rectified(*halves(image)))
-        self._checked = corners >= MIN_CORNERS
-        if self._checked and abs(self.vertical_px) > MAX_VERTICAL_PX:
-            raise BadData(
-                f"camera {self._settings.camera}: the eyes differ by {self.vertical_px:+.1f} px in height after "
-                f"rectification; {self._settings.calibration} belongs to another camera, or this camera was bent"
-            )
+        if self._rows.due:
+            self._rows.take(*self._stereo.rectified(*halves(image)))
 
 
 def halves(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import timedelta
 
+import cv2
 import depthai as dai
 import numpy as np
 import pytest
@@ -94,6 +95,27 @@ def test_groups_that_cannot_be_used_name_the_cause_and_the_remedy(change: object
     with pytest.raises(BadData, match=cause) as error:
         OakSource(SETTINGS, HostLink(lambda k: group)).open()
     assert str(error.value).endswith("Restart the device")
+
+
+@pytest.mark.parametrize("on_host", [True, False])
+def test_images_of_a_wrong_calibration_are_refused(on_host: bool) -> None:
+    """The right image is shifted by three rows."""
+    rng = np.random.default_rng(1)
+    left = cv2.GaussianBlur(rng.integers(0, 256, (200, 320)).astype(np.uint8), (0, 0), 1.5)
+    right = np.roll(left, (3, -6), axis=(0, 1))
+
+    def bent(number: int) -> dict[str, dai.ImgFrame]:
+        stamp = now() - timedelta(milliseconds=20)
+        depth = depth_message(number, pixels=np.full(left.shape, 3000, np.uint16), matrix=MATRIX, stamp=stamp)
+        first = image_message(number, left, stamp)
+        first.setTransformation(depth.getTransformation())
+        found = {"left": first, "right": image_message(number, right, stamp)}
+        return found if on_host else {"depth": depth, **found}
+
+    settings = replace(SETTINGS, host_matching=on_host)
+    source = OakSource(settings, HostPairLink(bent, streams=settings.streams))
+    with pytest.raises(BadData, match=r"differ by \+3.0 px in height; the stereo calibration of the device is wrong"):
+        source.open()
 
 
 def test_a_device_without_a_baseline_is_refused() -> None:
