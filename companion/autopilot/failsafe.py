@@ -213,7 +213,7 @@ class BlindPolicy:
             self._planes(values, sight.scan)
             self._wall(values, sight, policy)
         if policy.name == "brake":
-            self._approached(values, sight.scan, reach)
+            self._approached(values, sight, reach)
         values = np.minimum(values, self._recalled(sight, policy))
         if policy.name != "stop":
             self._leave_edge(values, sight, reach)
@@ -226,15 +226,15 @@ class BlindPolicy:
         silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
         return None if silent and policy.name != "stop" else values
 
-    def _approached(self, values: NDArray[np.uint16], scan: SectorScan, reach: BrakingReach) -> None:
-        """Puts measured obstacles that PX4 must brake for into unseen sectors.
+    def _approached(self, values: NDArray[np.uint16], sight: ObstacleView, reach: BrakingReach) -> None:
+        """Puts measured and remembered obstacles that PX4 must brake for into unseen sectors.
 
         PX4 does not brake for unknown sectors beside its course. Something unmeasured may be before the obstacle, so PX4 must
         not be permitted to move into the sector: a farther obstacle is sent at the distance of the wall."""
-        wanted = (
-            (scan.state == SectorState.UNSEEN) & (100.0 * scan.distance_m <= reach.approach_cm) & (values == UNKNOWN)
-        )
-        values[wanted] = np.minimum(near_cm(scan.distance_m[wanted], self._avoid), reach.wall_cm)
+        distance_m = np.minimum(sight.scan.distance_m, sight.recalled.distance_m)
+        unseen = (sight.scan.state == SectorState.UNSEEN) & (values == UNKNOWN)
+        wanted = unseen & (100.0 * distance_m <= reach.approach_cm)
+        values[wanted] = np.minimum(near_cm(distance_m[wanted], self._avoid), reach.wall_cm)
 
     def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView, reach: BrakingReach) -> None:
         """Removes obstacles from sectors at the edge of the view, because PX4 moves into a sector that has any value.

@@ -104,8 +104,11 @@ def wall_at_10_m() -> Rendered:
 BRAKE = policy_of(AVOID, AutopilotNow(kind=PX4, cp_dist_m=3.0))
 
 
-def braked_for(plane_m: float, velocity_m_s: tuple[float, float] | None, policy: Policy = BRAKE) -> int:
-    """What is sent for sector 4, 20 degrees to the right, that is unseen and has a plane at this distance from the hull."""
+def braked_for(
+    plane_m: float, velocity_m_s: tuple[float, float] | None, policy: Policy = BRAKE, remembered_m: float = math.inf
+) -> int:
+    """What is sent for sector 4, 20 degrees to the right, that is unseen and has a plane at this distance from the hull, or an obstacle
+    that has left the view and to which the way was not seen."""
     clear = np.full(SECTORS, SectorState.CLEAR, np.uint8)
     distance_m = np.full(SECTORS, np.inf)
     clear[4], distance_m[4] = SectorState.UNSEEN, plane_m
@@ -113,9 +116,10 @@ def braked_for(plane_m: float, velocity_m_s: tuple[float, float] | None, policy:
     lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
     found = SectorScan(clear, distance_m, free_m, np.zeros(SECTORS), lacking)
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
-    sight = ObstacleView(
-        found, nothing_remembered(), nowhere, everywhere, everywhere, 0, nowhere, velocity_m_s=velocity_m_s
-    )
+    recalled = nothing_remembered()
+    recalled.distance_m[4] = remembered_m
+    seeing = everywhere if math.isinf(remembered_m) else np.asarray(np.arange(SECTORS) != 4)
+    sight = ObstacleView(found, recalled, nowhere, seeing, seeing, 0, nowhere, velocity_m_s=velocity_m_s)
     values = BlindPolicy(AVOID).values(sight, policy, 0)
     assert values is not None
     return int(for_reader(values, AVOID, PX4, braking_reach(sight, AVOID, policy))[4])
@@ -130,10 +134,29 @@ def test_px4_is_sent_a_measured_obstacle_in_an_unseen_sector_that_it_must_brake_
     assert braked_for(7.0, (4.0, 0.0), NOT_KNOWN) == UNKNOWN
 
 
-@given(st.floats(0.0, 30.0), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
-def test_px4_may_never_move_into_an_unseen_sector(plane_m: float, forward_m_s: float, right_m_s: float) -> None:
-    value = braked_for(plane_m, (forward_m_s, right_m_s))
-    assert value == UNKNOWN or value <= 100 * 3.0 + 2
+def test_px4_is_sent_an_obstacle_that_has_left_the_view_and_that_it_must_brake_for() -> None:
+    """PX4 would pass it nearer than CP_DIST."""
+
+    def sent(remembered_m: float, velocity_m_s: tuple[float, float] | None, policy: Policy = BRAKE) -> int:
+        return braked_for(math.inf, velocity_m_s, policy, remembered_m)
+
+    assert sent(2.8, (0.5, 0.0)) == 280
+    assert sent(2.8, None) == 280
+    assert sent(5.5, (4.0, 0.0)) == 302
+    assert sent(5.5, (1.0, 0.0)) == UNKNOWN
+    assert sent(5.5, (0.0, -4.0)) == UNKNOWN  # moves away
+    assert sent(2.8, (0.5, 0.0), NOT_KNOWN) == UNKNOWN
+
+
+@given(st.floats(0.0, 30.0), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(0.0, 6.0))
+def test_px4_may_never_move_into_an_unseen_sector(
+    plane_m: float, forward_m_s: float, right_m_s: float, remembered_m: float
+) -> None:
+    for value in (
+        braked_for(plane_m, (forward_m_s, right_m_s)),
+        braked_for(math.inf, (forward_m_s, right_m_s), remembered_m=remembered_m),
+    ):
+        assert value == UNKNOWN or value <= 100 * 3.0 + 2
 
 
 # ---- a column without texture before a wall ---------------------------------------------------------------------------
