@@ -19,9 +19,7 @@ from core.types import SATURATED_MM, CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from ..optional_library import install_command
-
-AHEAD_NS = 5_000_000
-"""Largest accepted lead of a stamp over the present, for drivers that compute it from the device's clock."""
+from .kernel_stamps import KernelStamps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +67,7 @@ class V4l2Source:
         self._settings = settings
         self._connect = connect or LinuxpyCapture
         self._capture: Capture | None = None
+        self._stamps = KernelStamps(settings.camera)
         self.faulty = 0
 
     @property
@@ -119,12 +118,7 @@ class V4l2Source:
     def _frame(self, buffer: RawBuffer) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
         s = self._settings
-        if not arrival_ns - 2_000_000_000 < buffer.stamp_ns <= arrival_ns + AHEAD_NS:
-            raise BadData(
-                f"camera {s.camera}: a buffer is stamped {(buffer.stamp_ns - arrival_ns) / 1e9:+.3f} s from the "
-                "present; its driver does not use the monotonic clock, so its frames cannot be matched with attitudes"
-            )
-        exposure_ns = min(buffer.stamp_ns, arrival_ns) - round(s.exposure_latency_s * 1e9)
+        exposure_ns = self._stamps.accepted_ns(buffer.stamp_ns, arrival_ns) - round(s.exposure_latency_s * 1e9)
         return DepthFrame(
             camera=s.camera,
             sequence=buffer.sequence,

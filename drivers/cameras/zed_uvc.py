@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from core.types import CameraInfo, DepthFrame
 
 from ..base import BadData, DeviceLost, DeviceNotFound
+from .kernel_stamps import KernelStamps
 from .row_check import RowCheck
 from .stereo import MatchParams, StereoDepth
 from .zed_calibration import StereoCalibration, load_zed_calibration
 
 DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching noise; the extractor measures the actual noise."""
-AHEAD_NS = 5_000_000
-"""Largest accepted lead of a stamp over the present."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +78,7 @@ class ZedSource:
         self._sequence = 0
         self._first: NDArray[np.uint8] | None = None
         self._first_ns = 0
+        self._stamps = KernelStamps(settings.camera)
         self._rows = RowCheck(
             settings.camera, f"{settings.calibration} belongs to another camera, or this camera was bent"
         )
@@ -168,13 +168,7 @@ class ZedSource:
             )
         if not s.is_device:  # a file has a time of its own
             return image, now_ns
-        stamp_ns = round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-        if not 0 < stamp_ns <= now_ns + AHEAD_NS:
-            raise BadData(
-                f"camera {s.camera}: an image is stamped {(stamp_ns - now_ns) / 1e9:+.3f} s from the present; its driver "
-                "does not use the monotonic clock, so its frames cannot be matched with attitudes"
-            )
-        return image, min(stamp_ns, now_ns)  # an old stamp stays: the image waited in a buffer
+        return image, self._stamps.accepted_ns(round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6), now_ns)
 
     def _check(self, image: NDArray[np.uint8]) -> None:
         """Checks the calibration, once. Raises BadData."""

@@ -128,6 +128,18 @@ def test_stamps_of_another_clock_are_refused(off_s: float) -> None:
         source.read(1.0)
 
 
+def test_a_buffer_that_waited_keeps_its_stamp() -> None:
+    """The process was stopped for 3 s after its first frame."""
+    source, stream = opened()
+    stream.fill(buffer(0))
+    assert source.read(1.0) is not None
+    old = buffer(1, stamp_ns=time.monotonic_ns() - 3 * 10**9)
+    stream.fill(old)
+    frame = source.read(1.0)
+    assert frame is not None
+    assert frame.t_exposure_ns == old.stamp_ns - 12_000_000
+
+
 def test_a_stamp_a_little_ahead_is_now() -> None:
     source, stream = opened()
     stream.fill(buffer(0, stamp_ns=time.monotonic_ns() + 100_000_000))

@@ -217,7 +217,7 @@ class Video:
     """cv2.VideoCapture's side of things."""
 
     def __init__(self, images: list[Any], open_: bool = True, stamp_ms: float | None = None) -> None:
-        self.images, self._open, self._stamp_ms = images, open_, stamp_ms
+        self.images, self._open, self.stamp_ms = images, open_, stamp_ms
         self.released = 0
 
     def __call__(self, settings: ZedSettings) -> Video:
@@ -230,7 +230,7 @@ class Video:
         return (True, self.images.pop(0)) if self.images else (False, None)
 
     def get(self, prop: int) -> float:
-        return (time.monotonic_ns() / 1e6 - 8.0) if self._stamp_ms is None else self._stamp_ms
+        return (time.monotonic_ns() / 1e6 - 8.0) if self.stamp_ms is None else self.stamp_ms
 
     def set(self, prop: int, value: float) -> bool:
         return True
@@ -267,17 +267,20 @@ def test_frames_of_a_device() -> None:
 
 def test_an_image_that_waited_in_a_buffer_keeps_its_stamp() -> None:
     """A process that was stopped for 3 s reads a buffered image first: it does not show the present."""
-    stamp_ns = time.monotonic_ns() - 3 * 10**9
-    source = ZedSource(SETTINGS, Video([side_by_side()], stamp_ms=stamp_ns / 1e6), CALIBRATION)
+    video = Video([side_by_side(), side_by_side()])
+    source = ZedSource(SETTINGS, video, CALIBRATION)
     source.open()
+    source.read(1.0)
+    stamp_ns = time.monotonic_ns() - 3 * 10**9
+    video.stamp_ms = stamp_ns / 1e6
     frame = source.read(1.0)
     assert frame is not None
     assert frame.t_exposure_ns == pytest.approx(stamp_ns - 10_000_000, abs=1000)
 
 
-@pytest.mark.parametrize("stamp_ms", [0.0, 1.8e12])
+@pytest.mark.parametrize("stamp_ms", [0.0, 1.8e12, 1.0])
 def test_a_device_without_monotonic_stamps_is_refused(stamp_ms: float) -> None:
-    """Its frames cannot be matched with attitudes: none, or those of the wall clock."""
+    """Its frames cannot be matched with attitudes: none, those of the wall clock, or those since its opening."""
     video = Video([side_by_side()], stamp_ms=stamp_ms)
     with pytest.raises(BadData, match=r"its driver does not use the monotonic clock"):
         ZedSource(SETTINGS, video, CALIBRATION).open()
