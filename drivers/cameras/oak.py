@@ -1,7 +1,7 @@
 """Luxonis OAK cameras through DepthAI v3, with stereo matching on the device or of its rectified images on the host.
 
 The library may hang or abort its process, so a source runs in a process of its own (companion.cameras.worker). The
-source uses the middle of the exposure on the host's monotonic clock and the intrinsics of each frame. Automatic
+source uses the middle of the exposure on the host's monotonic clock and the intrinsics of the first frame. Automatic
 reconnection is disabled: the supervisor restarts the process."""
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ from .stereo import Gray, StereoMatcher
 
 DISPARITY_SIGMA_PX = 0.25
 """Noise of the subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
+SAME_INTRINSICS_PX = 0.5
+"""Intrinsics of two frames that differ by less are the same: an error of less than a pixel in the direction of a point."""
 _POLL_S = 0.002
 _FRAMES = {
     (DEPTH,): "depth frame",
@@ -80,7 +82,7 @@ class OakSource:
                 )
             self._info = self._describe(message)
             self._waiting = self._frame(message)
-        except (DeviceLost, BadData):
+        except Exception:
             self.close()
             raise
 
@@ -100,9 +102,7 @@ class OakSource:
 
     def _next(self, timeout_s: float) -> Any:
         """The newest message of the queue, None after timeout_s."""
-        link = self._link
-        if link is None:
-            raise DeviceNotFound(f"camera {self.settings.camera}: not open; call open() first")
+        link = self._open_link()
         import depthai as dai
 
         until_s = time.monotonic() + timeout_s
@@ -123,6 +123,7 @@ class OakSource:
 
     def _frame(self, message: Any) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
+        self._check_view(message)
         first = self._part(message, self.settings.streams[0])
         exposure_ns = _middle_ns(first)
         if not 0 < exposure_ns <= arrival_ns:
@@ -137,6 +138,18 @@ class OakSource:
             t_arrival_ns=arrival_ns,
             depth_mm=self._depth(message),
         )
+
+    def _check_view(self, message: Any) -> None:
+        """Raises BadData where size or intrinsics are not those of the first frame, which the service uses for all."""
+        expected, found = self.info.intrinsics, self._intrinsics(message)
+        if (found.width, found.height) != (expected.width, expected.height) or any(
+            abs(getattr(found, name) - getattr(expected, name)) > SAME_INTRINSICS_PX
+            for name in ("fx", "fy", "cx", "cy")
+        ):
+            raise BadData(
+                f"camera {self.settings.camera}: a frame has other intrinsics ({found}) than the first one ({expected}). "
+                f"{_RESTART}"
+            )
 
     def _part(self, message: Any, name: str) -> Any:
         """The message of a name in a group; with one stream the message is its image. Raises BadData."""
@@ -190,14 +203,14 @@ class OakSource:
         return pair[0], pair[1]
 
     def _f_b_px_m(self) -> float:
-        """Focal length times baseline. Raises BadData where the device has no baseline."""
-        baseline_m = self._link.baseline_m if self._link is not None else None
-        if not baseline_m:
-            raise BadData(
-                f"camera {self.settings.camera}: the device reports no baseline; check that it has its factory "
-                f"calibration. {self._remedy}"
-            )
-        return self.info.intrinsics.fx * baseline_m
+        """Focal length times baseline."""
+        return self.info.intrinsics.fx * self._open_link().baseline_m
+
+    def _open_link(self) -> OakLink:
+        """Raises DeviceNotFound before open()."""
+        if self._link is None:
+            raise DeviceNotFound(f"camera {self.settings.camera}: not open; call open() first")
+        return self._link
 
     def _size(self, message: Any) -> tuple[int, ...]:
         """(H, W) of the images of a frame. Raises BadData."""
@@ -205,27 +218,35 @@ class OakSource:
         return first.getFrame().shape if self.settings.host_matching else self._pixels(first).shape
 
     def _pixels(self, message: Any) -> NDArray[np.uint16]:
-        pixels = message.getCvFrame()
+        try:
+            pixels = message.getCvFrame()
+        except RuntimeError as error:  # fewer bytes than the size needs, or an unknown type
+            raise BadData(
+                f"camera {self.settings.camera}: a frame cannot be read ({first_line(error)}). {_RESTART}"
+            ) from error
         if not isinstance(pixels, np.ndarray) or pixels.dtype != np.uint16 or pixels.ndim != 2:
             raise BadData(
                 f"camera {self.settings.camera}: a frame of type {message.getType()}; expected RAW16, millimetres"
             )
         return np.ascontiguousarray(pixels)
 
-    def _describe(self, message: Any) -> CameraInfo:
+    def _intrinsics(self, message: Any) -> Intrinsics:
+        """Of the images of a frame. Raises BadData."""
         height, width = self._size(message)
         first = self._part(message, self.settings.streams[0])
         matrix = np.array(first.getTransformation().getIntrinsicMatrix(), np.float64)
         try:
-            intrinsics = Intrinsics(
+            return Intrinsics(
                 width, height, float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
             )
         except ValueError as error:
             raise BadData(
                 f"camera {self.settings.camera}: {error}; check that the device has its factory calibration"
             ) from error
-        baseline_m = self._link.baseline_m if self._link is not None else None
-        ke = DISPARITY_SIGMA_PX / (intrinsics.fx * baseline_m) if baseline_m else 0.005
+
+    def _describe(self, message: Any) -> CameraInfo:
+        intrinsics = self._intrinsics(message)
+        ke = DISPARITY_SIGMA_PX / (intrinsics.fx * self._open_link().baseline_m)
         return CameraInfo(
             self.settings.camera,
             intrinsics,

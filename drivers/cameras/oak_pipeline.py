@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from ..base import DeviceNotFound
 from ..optional_library import install_command
 from .device_matches import needs_images
+from .oak_calibration import baseline_m
 from .stereo import MatchParams
 
 # read by the library at its import: no signal handlers, no telemetry
@@ -71,7 +72,7 @@ class OakLink(Protocol):
     (dai.MessageGroup) with an image of each."""
 
     queue: Any
-    baseline_m: float | None
+    baseline_m: float
 
     def running(self) -> bool: ...
     def close(self) -> None: ...
@@ -123,7 +124,7 @@ class DeviceLink:
 
         self._device = device
         device.setMaxReconnectionAttempts(0)
-        self.baseline_m: float | None = _baseline_m(device)
+        self.baseline_m = baseline_m(device.readCalibration(), settings.camera)
         self._pipeline = dai.Pipeline(device)
         sides = []
         for socket in (dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C):
@@ -158,7 +159,7 @@ class DeviceLink:
 
 
 def connect_device(settings: OakSettings) -> DeviceLink:
-    """Finds the device and starts its pipeline. Raises DeviceNotFound."""
+    """Finds the device and starts its pipeline. Raises DeviceNotFound, and BadData where its calibration cannot be used."""
     try:
         import depthai as dai
     except ImportError as error:
@@ -167,12 +168,21 @@ def connect_device(settings: OakSettings) -> DeviceLink:
         ) from error
     found = _find(dai, settings)
     try:
-        return DeviceLink(settings, dai.Device(found))
+        return start_pipeline(settings, dai.Device(found))
     except RuntimeError as error:
         raise DeviceNotFound(
             f"camera {settings.camera}: the device {found.getDeviceId()} does not start ({first_line(error)}); "
             "another program may use it, or the udev rule is missing"
         ) from error
+
+
+def start_pipeline(settings: OakSettings, device: Any) -> DeviceLink:
+    """Starts the pipeline on an opened device; where that fails, closes the device: it could not be opened again."""
+    try:
+        return DeviceLink(settings, device)
+    except Exception:
+        device.close()
+        raise
 
 
 def _find(dai: Any, settings: OakSettings) -> Any:
@@ -194,13 +204,6 @@ def _find(dai: Any, settings: OakSettings) -> Any:
     raise DeviceNotFound(
         f"camera {settings.camera}: no {wanted} (available: {others}); check the cable, the power and the udev rule"
     )
-
-
-def _baseline_m(device: Any) -> float | None:
-    try:
-        return float(device.readCalibration().getBaselineDistance()) / 100.0
-    except RuntimeError:
-        return None  # without calibration: the frame's intrinsics will be invalid
 
 
 def first_line(error: Exception) -> str:

@@ -101,7 +101,7 @@ class HostCamera(dai.node.ThreadedHostNode):
 class HostLink:
     """What drivers.cameras.oak_pipeline.connect_device gives, on the host."""
 
-    baseline_m: float | None = 0.075
+    baseline_m: float = 0.075
 
     def __init__(self, make: Callable[[int], dai.ImgFrame | None], period_s: float = 0.01) -> None:
         self._pipeline = dai.Pipeline(createImplicitDevice=False)
@@ -132,7 +132,7 @@ class HostPairLink(HostLink):
     def __init__(
         self,
         make: Callable[[int], dict[str, dai.ImgFrame]],
-        baseline_m: float | None = 0.075,
+        baseline_m: float = 0.075,
         streams: tuple[str, ...] = ("depth", "left", "right"),
     ) -> None:
         self.baseline_m = baseline_m

@@ -104,6 +104,32 @@ def test_frames_that_cannot_be_used_name_the_cause(changes: dict[str, object], c
         source.open()
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pixels": np.full((HEIGHT, WIDTH // 2), 1000, np.uint16)},
+        {"matrix": [[46.0, 0.0, 31.5], [0.0, 46.0, 19.5], [0.0, 0.0, 1.0]]},
+    ],
+    ids=["size", "focal length"],
+)
+def test_a_later_frame_of_another_view_is_refused(changes: dict[str, object]) -> None:
+    later = depth_message(1, **changes)
+    source = OakSource(SETTINGS, HostLink(lambda k: depth_message(k) if k < 3 else later))
+    source.open()
+    with pytest.raises(BadData, match="a frame has other intrinsics"):
+        read_all(source)
+    source.close()
+
+
+def test_a_frame_without_its_bytes_is_refused() -> None:
+    cut = depth_message(0)
+    cut.setData(b"0123456789")
+    link = HostLink(lambda k: cut)
+    with pytest.raises(BadData, match="a frame cannot be read"):
+        OakSource(SETTINGS, link).open()
+    assert not link.running()  # it was closed
+
+
 def test_without_a_device_the_cause_and_the_remedy_are_reported_soon() -> None:
     begun = time.monotonic()
     with pytest.raises(DeviceNotFound, match=r"no OAK device 19443010 \(available: none\); check the cable"):

@@ -142,9 +142,3 @@ def test_depth_alone_is_refused_where_images_were_requested() -> None:
     message = depth_message(0)
     with pytest.raises(BadData, match="a frame without its depth image"):
         OakSource(SETTINGS, HostLink(lambda k: message)).open()
-
-
-def test_a_device_without_a_baseline_is_refused() -> None:
-    source = OakSource(SETTINGS, HostPairLink(parts, baseline_m=None))
-    with pytest.raises(BadData, match="reports no baseline; check that it has its factory calibration"):
-        source.open()
