@@ -61,9 +61,9 @@ class StereoImages:
         rows_px, corners = vertical_disparity_px(*self._stereo.rectified(left, right))
         if corners < MIN_CORNERS:
             report.warning("stereo", f"too few corners in the first pair ({corners}) to check {calibration}")
-        elif abs(rows_px) > MAX_VERTICAL_PX:
+        elif rows_px > MAX_VERTICAL_PX:
             raise BadData(
-                f"{calibration}: both images differ by {rows_px:+.1f} px in height after rectification; the calibration "
+                f"{calibration}: both images differ by {rows_px:.1f} px in height after rectification; the calibration "
                 "belongs to another camera, or left and right are exchanged"
             )
 

@@ -21,7 +21,9 @@ CHECK_AGAIN_NS = 1_000_000_000
 
 
 def vertical_disparity_px(left: Gray, right: Gray) -> tuple[float, int]:
-    """(median row difference of matched corners, their number) of a rectified pair; 0 when the calibration fits."""
+    """(median size of the row differences of matched corners, their number) of a rectified pair; 0 when the calibration fits.
+
+    The sign does not count: where one camera is rolled, the differences on both sides are opposite."""
     finder = cv2.ORB.create(nfeatures=800)
     points_l, descriptors_l = finder.detectAndCompute(left, np.empty(0))
     points_r, descriptors_r = finder.detectAndCompute(right, np.empty(0))
@@ -29,7 +31,7 @@ def vertical_disparity_px(left: Gray, right: Gray) -> tuple[float, int]:
         return float("nan"), 0
     matches = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(descriptors_l, descriptors_r)
     rows = [
-        points_r[m.trainIdx].pt[1] - points_l[m.queryIdx].pt[1]
+        abs(points_r[m.trainIdx].pt[1] - points_l[m.queryIdx].pt[1])
         for m in matches
         if m.distance < 40 and -4.0 < points_l[m.queryIdx].pt[0] - points_r[m.trainIdx].pt[0] < 0.3 * left.shape[1]
     ]
@@ -55,7 +57,7 @@ class RowCheck:
         self._next_ns = time.monotonic_ns() + CHECK_AGAIN_NS
         rows_px, corners = vertical_disparity_px(left, right)
         self.done = corners >= MIN_CORNERS
-        if self.done and abs(rows_px) > MAX_VERTICAL_PX:
+        if self.done and rows_px > MAX_VERTICAL_PX:
             raise BadData(
-                f"camera {self.camera}: the rectified images differ by {rows_px:+.1f} px in height; {self.remedy}"
+                f"camera {self.camera}: the rectified images differ by {rows_px:.1f} px in height; {self.remedy}"
             )

@@ -146,10 +146,23 @@ def test_both_images_agree_in_height_and_a_wrong_calibration_is_found() -> None:
     raw = pair(c, 3.0)
     offset, corners = vertical_disparity_px(*StereoDepth(c).rectified(*raw))
     assert corners > 50
-    assert abs(offset) < 0.5
+    assert offset < 0.5
     wrong = parse_zed_calibration(NEW.replace("cy=193.637", "cy=203.637"), "SN3.conf", 672, 376)
     offset, corners = vertical_disparity_px(*StereoDepth(wrong).rectified(*raw))
-    assert abs(offset) > 5.0
+    assert offset > 5.0
+
+
+@pytest.mark.parametrize("roll_deg", [1.0, 2.0])
+def test_a_camera_that_has_rolled_is_found(roll_deg: float) -> None:
+    """The row differences on both sides are opposite: their median is 0."""
+    rng = np.random.default_rng(2)
+    left = cv2.GaussianBlur(rng.integers(0, 256, (400, 640)).astype(np.uint8), (0, 0), 2.0)
+    right = np.roll(left, -6, axis=1)
+    turn = cv2.getRotationMatrix2D((319.5, 199.5), roll_deg, 1.0)
+    rolled = np.asarray(cv2.warpAffine(right, turn, (640, 400)), np.uint8)
+    row_check.RowCheck("front", "calibrate it again").take(left, right)
+    with pytest.raises(BadData, match="px in height; calibrate it again"):
+        row_check.RowCheck("front", "calibrate it again").take(left, rolled)
 
 
 def test_what_only_one_image_shows_has_no_depth() -> None:
@@ -200,7 +213,7 @@ def test_a_real_pair_gives_plausible_depths(shared_data: Path) -> None:
     stereo = StereoDepth(c, MatchParams(disparities=128))
     offset, corners = vertical_disparity_px(left, right)
     assert corners > 100
-    assert abs(offset) < 0.6
+    assert offset < 0.6
     depth = depth_mm(stereo.disparity(left, right), 534.04 * 0.11998737) / 1000.0
     seen = depth[depth > 0]
     # walls and table top are blank to within the noise: only their borders are measured
