@@ -239,8 +239,12 @@ class BlindPolicy:
     def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView, reach: BrakingReach) -> None:
         """Removes obstacles from sectors at the edge of the view, because PX4 moves into a sector that has any value.
 
-        They are kept if they are near or if the vehicle approaches them: then PX4 must brake for them."""
-        values[sight.edge & sight.seeing & (values > reach.always_cm)] = UNKNOWN
+        They are kept if they are near or if the vehicle approaches them: then PX4 must brake for them. Beside an unseen sector
+        they are then sent at the distance of the wall, by which PX4 does not move into the sector."""
+        farther = sight.edge & sight.seeing & (values > reach.always_cm)
+        braked = farther & (values <= reach.approach_cm)
+        values[farther] = UNKNOWN
+        values[braked] = reach.wall_cm
 
     def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
         """Updates since when sectors are blind.

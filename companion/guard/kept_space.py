@@ -80,6 +80,8 @@ def reach_m(sight: PathSight, newest: PathSight, within: Tolerance, ahead: bool 
     turned = sight.course_rad - newest.course_rad
     if ahead:
         turned += sight.ahead_rad - newest.ahead_rad
+    if math.cos(turned) <= 0.0:  # the opposite direction: its sine is small too
+        return 0.0
     return min(
         max(0.0, within.beside_m - beside_m) / max(abs(math.sin(turned)), 1e-6),
         max(0.0, within.height_m - height_m) / max(abs(sight.slope - newest.slope), 1e-6),

@@ -171,7 +171,7 @@ class GuardMachine:
         """Returns why the path cannot be judged, as text; empty: it can."""
         if now.verdict is None:
             return "vehicle's velocity unknown"
-        if not self.memory.seen:
+        if not self.memory.seen and not now.verdict.obstacle_stop:
             return "nothing seen since take-off"
         unseen = not now.verdict.sees and not now.verdict.obstacle_stop
         return "path still not seen" if self.memory.blind_stop and unseen else ""

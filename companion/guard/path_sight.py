@@ -163,8 +163,9 @@ def path_sight(
             for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
-            if free_m == 0.0:  # otherwise a camera looks there, and its present frame counts
-                kept_m = remembered_m(s, path, avoid, guard)
+            kept_m = remembered_m(s, path, avoid, guard)
+            if kept_m <= free_m:  # a camera looks there, and its present frame counts
+                kept_m = math.inf
             kept_m = min([kept_m, *(remembered_m(s, corridor, avoid, guard) for corridor in beside)])
         except RECKONING_ERRORS as error:
             free_m, rays_m, kept_rays_m, cause = (

@@ -563,6 +563,13 @@ def test_no_stop_for_unseen_space_in_take_off_and_landing() -> None:
     assert commands(f.step()) != []
 
 
+def test_an_obstacle_stops_the_vehicle_although_its_path_was_never_seen() -> None:
+    f = Flight(verdict=BLIND)
+    f.step(30)
+    f.verdict = replace(WEAK, sees=False)
+    assert commands(f.step()) != []
+
+
 def test_nothing_is_stopped_before_anything_was_seen() -> None:
     f = Flight(verdict=BLIND)
     out = f.step(30)

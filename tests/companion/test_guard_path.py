@@ -227,6 +227,10 @@ def test_a_remembered_obstacle_counts() -> None:
     assert ahead.remembered_m == pytest.approx(4.4)
     assert math.isinf(ahead.obstacle_m)
     assert math.isinf(seen(model(free_to_m=0.0), velocity=(0.0, -5.0, 0.0), recalled=recalled).remembered_m)
+    # beyond what a camera shows free now, it still counts
+    assert seen(model(free_to_m=3.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).remembered_m == pytest.approx(
+        4.4, abs=0.1
+    )
     # where a camera looks, what it shows now counts
     assert math.isinf(seen(model(free_to_m=20.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).remembered_m)
 

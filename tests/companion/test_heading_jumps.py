@@ -183,6 +183,14 @@ def test_a_beam_above_keeps_its_direction() -> None:
     assert known.upward_m(replace(jumped, position_ned_m=there), NS) == pytest.approx(2.5)
 
 
+def test_a_sight_of_the_opposite_direction_does_not_count() -> None:
+    """The sine of the angle between them is small too."""
+    before = replace(SIGHT, estimate=(1, 0), ahead_rad=math.pi / 2 - 0.01)
+    newest = replace(before, ahead_rad=-math.pi / 2)
+    assert reach_m(before, newest, Tolerance(0.3, 0.3), ahead=True) == 0.0
+    assert reach_m(before, replace(before), Tolerance(0.3, 0.3), ahead=True) > 0.0
+
+
 @pytest.mark.parametrize(("estimate", "counts"), [((1, 0), True), ((None, 0), True), ((2, 0), False), ((1, 1), False)])
 def test_the_guard_compares_sights_of_one_estimate_only(estimate: tuple[int | None, int], counts: bool) -> None:
     before, newest = replace(SIGHT, estimate=(1, 0)), replace(SIGHT, estimate=estimate)

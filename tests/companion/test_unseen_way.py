@@ -26,7 +26,16 @@ from companion.autopilot.obstacle_distance import (
 )
 from companion.autopilot.obstacle_distance_3d import level_points
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
-from companion.autopilot.polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState, covered, looked_into, scan
+from companion.autopilot.polar_histogram import (
+    SECTORS,
+    STEP_RAD,
+    SectorScan,
+    SectorState,
+    covered,
+    looked_into,
+    scan,
+    too_near_the_edge,
+)
 from companion.autopilot.view_free import View, points_free
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform, transform_model
@@ -132,6 +141,30 @@ def test_px4_is_sent_a_measured_obstacle_in_an_unseen_sector_that_it_must_brake_
     assert braked_for(2.8, None) == 280
     assert braked_for(7.0, None) == UNKNOWN
     assert braked_for(7.0, (4.0, 0.0), NOT_KNOWN) == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "speed_m_s", "sent_cm"), [(8.0, 4.0, 302), (3.6, 4.0, 302), (8.0, 1.0, UNKNOWN)]
+)
+def test_px4_is_sent_an_obstacle_at_the_edge_beside_an_unseen_sector(
+    distance_m: float, speed_m_s: float, sent_cm: int
+) -> None:
+    seeing, whole = covered([looked_at()])
+    edge = too_near_the_edge([looked_at()], AVOID)
+    inner = int(np.flatnonzero((seeing & ~edge)[: SECTORS // 2])[-1])
+    at = inner + 1
+    state = np.where(seeing, SectorState.CLEAR, SectorState.UNSEEN).astype(np.uint8)
+    plane_m = np.full(SECTORS, np.inf)
+    state[inner], state[at], plane_m[at] = SectorState.UNSEEN, SectorState.OBSTACLE, distance_m
+    lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
+    found = SectorScan(state, plane_m, np.full(SECTORS, AVOID.max_distance_m), np.zeros(SECTORS), lacking)
+    towards = speed_m_s * math.cos(math.radians(5 * at)), speed_m_s * math.sin(math.radians(5 * at))
+    blind = np.zeros(SECTORS, np.bool_)
+    sight = ObstacleView(found, nothing_remembered(), blind, seeing, whole, 0, edge, velocity_m_s=towards)
+    values = BlindPolicy(AVOID).values(sight, BRAKE, 0)
+    assert values is not None
+    sent = for_reader(values, AVOID, PX4, braking_reach(sight, AVOID, BRAKE))
+    assert (int(sent[at]), int(sent[inner])) == (sent_cm, UNKNOWN)
 
 
 def test_px4_is_sent_an_obstacle_that_has_left_the_view_and_that_it_must_brake_for() -> None:
