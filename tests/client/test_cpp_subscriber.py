@@ -152,6 +152,24 @@ def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, s
         assert [int(line) for line in done.stdout.split()] == expected.tolist()
 
 
+@pytest.mark.parametrize("lacking", ["stats", "transform", "cause"])
+def test_in_a_message_cut_short_or_with_a_cause_everything_is_unknown(
+    program: Path, tmp_path: Path, lacking: str
+) -> None:
+    message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
+    if lacking == "cause":
+        message.cause = pb.CAUSE_MOUNT_ERROR
+    else:
+        message.ClearField(lacking)
+    file = tmp_path / "frame"
+    file.write_bytes(message.SerializeToString())
+    p = np.random.default_rng(2).uniform([-12, -12, -4], [12, 12, 2], (500, 3))
+    asked = "\n".join(f"{x} {y} {z} 0.0" for x, y, z in p)
+    query = [program.parent / "query", file, "--allow-open"]
+    done = subprocess.run(query, input=asked, capture_output=True, text=True, check=True)
+    assert {int(answer) for answer in done.stdout.split()} == {int(Occupancy.UNKNOWN)}
+
+
 @pytest.mark.parametrize("name", ["height_m", "slope_x", "tolerance_m", "noise_per_m"])
 def test_space_above_a_damaged_ground_is_unknown(program: Path, tmp_path: Path, name: str) -> None:
     message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zmq
 from google.protobuf.message import Message
@@ -26,6 +27,7 @@ from core.frames import quaternion_from_euler
 from osape_client import KeyFileError, LevelMemory, Occupancy, Subscriber
 from osape_client.boot import boot_id
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.subscriber import Message as Received
 from tests.companion.live import free_port, until
 from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
 from tests.companion.test_surround import keeper, results, sees
@@ -98,6 +100,21 @@ def test_a_frame_without_a_position_is_remembered_and_any_other_is_not() -> None
     message.t_exposure_ns += MS
     assert memory.add_message(message) is None
     assert len(memory.snapshot(2.0, START_NS).planes) == len(kept.planes)
+
+
+def test_in_a_message_cut_before_the_place_of_the_camera_nothing_is_free() -> None:
+    content = a_frame()
+    now_ns = time.monotonic_ns()
+    free, camera = content.free, content.transform.translation_m
+    layers = len(free.layer_edges_m) - 1
+    cell = int(np.argmax(np.subtract(free.free_to_m, free.free_from_m)))
+    azimuth_rad = np.mean(free.azimuth_edges_rad[cell // layers : cell // layers + 2])
+    range_m = 0.5 * (free.free_from_m[cell] + free.free_to_m[cell])
+    z_m = np.mean(free.layer_edges_m[cell % layers : cell % layers + 2])
+    at = [[camera.x + range_m * np.cos(azimuth_rad), camera.y + range_m * np.sin(azimuth_rad), z_m]]
+    assert Received(content, now_ns, 0.4).space.points(at).tolist() == [Occupancy.FREE]
+    content.ClearField("transform")
+    assert Received(content, now_ns, 0.4).space.points(at).tolist() == [Occupancy.UNKNOWN]
 
 
 def test_the_newest_message_with_its_age(service: Service) -> None:

@@ -103,6 +103,8 @@ class Message:
             except ValueError:
                 return Space([])
             if model is not None:
+                if not frame.HasField("transform"):  # cut short: the place of the camera is missing
+                    return Space([])
                 at = frame.transform.translation_m
                 models.append(PlacedModel(model, (at.x, at.y, at.z)))
         return Space(models)

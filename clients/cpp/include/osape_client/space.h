@@ -45,6 +45,12 @@ inline bool planes_fit(const osape::v1::Planes& planes) {
   return true;
 }
 
+// Whether a frame was processed and its message is whole: of a message cut short the place of the camera may be missing. A cause
+// of a valid frame is of a newer version or of a damaged message.
+inline bool usable(const osape::v1::PrismsFrame& frame) {
+  return frame.valid() && frame.cause() == osape::v1::CAUSE_NONE && frame.has_stats() && frame.has_transform();
+}
+
 // Whether the numbers of a frame fit together; of a damaged message everything is unknown.
 inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
   const auto& g = frame.ground();
@@ -190,7 +196,7 @@ inline double nearest_plane_m(const osape::v1::Planes& planes, double x, double 
 // occupied; if the frame is not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
 inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open = false) {
   if (!finite(p) || !std::isfinite(radius_m) || radius_m < 0.0) return Occupancy::kOccupied;
-  if (!frame.valid() || !numbers_fit(frame)) return Occupancy::kUnknown;
+  if (!usable(frame) || !numbers_fit(frame)) return Occupancy::kUnknown;
   if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Occupancy::kOccupied;
   if (!clear_of_ground(frame, p, radius_m)) return Occupancy::kUnknown;
   if (observed_free(frame, p, radius_m)) return Occupancy::kFree;
