@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -161,3 +162,31 @@ def test_an_obstacle_that_is_not_finite_is_refused(value: float) -> None:
     )
     with pytest.raises(ValueError, match="finite"):
         shared(movers=(mover,))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"half_size_m": (0.4, -3.0, 0.4)},
+        {"margin_m": -9.0},
+        {"age_s": -100.0},
+        {"age_s": np.nan},
+        {"velocity_m_s": (np.nan, 0.0)},
+        {"velocity_m_s": (0.0, np.inf)},
+    ],
+)
+def test_a_moving_obstacle_that_would_touch_nothing_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="moving obstacles of neighbours"):
+        shared(movers=(replace(vehicle_at(8.0, 10.0), **changes),))
+
+
+def test_a_wall_upside_down_or_with_a_negative_margin_is_refused() -> None:
+    with pytest.raises(ValueError, match="a top below its bottom"):
+        shared((*WALL[:4], WALL[5], WALL[4]))
+    message = obstacles_message(SharedObstacles.empty(7), 3)
+    message.MergeFrom(
+        pb.NeighbourObstacles(sender=b"\x02", id=[1], corners_m=WALL, margin_m=[-5.0], age_s=[1.0], flags=[0])
+    )
+    message.aligned = b"\x01"
+    with pytest.raises(ValueError, match="a negative margin"):
+        NeighbourObstacles(message)

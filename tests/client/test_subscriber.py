@@ -175,6 +175,20 @@ def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: 
         assert received.received_ns > begun_ns
 
 
+@pytest.mark.parametrize(("ahead_s", "published_ms", "boot"), [(60.0, 10, True), (0.0, -60_000, False)])
+def test_a_stamp_of_the_future_and_a_negative_age_do_not_make_a_message_new(
+    ahead_s: float, published_ms: int, boot: bool
+) -> None:
+    now_ns = time.monotonic_ns()
+    content = a_frame()
+    content.t_exposure_ns = now_ns + round(ahead_s * 1e9)
+    content.publication.age_ns = published_ms * MS
+    content.publication.boot_id = boot_id() if boot else "another"
+    received = Received(content, now_ns - 5_000 * MS, 0.4)
+    assert received.age_s >= 5.0
+    assert received.stale
+
+
 def test_on_the_same_computer_the_stamp_gives_the_age(service: Service) -> None:
     with Subscriber(service.address, timeout_s=30.0) as client:
         joined(client, service)

@@ -30,11 +30,11 @@ const std::string& boot_id() {
 
 double Message::age_s() const {
   const auto& publication = content.publication();
-  const double published_s = 1e-9 * static_cast<double>(publication.age_ns());
+  const double published_s = std::max(0.0, 1e-9 * static_cast<double>(publication.age_ns()));
   const auto now = Clock::now();
   if (!boot_id().empty() && publication.boot_id() == boot_id()) {  // one clock: CLOCK_MONOTONIC on both sides
-    const auto exposure = std::chrono::nanoseconds(content.t_exposure_ns());
-    return std::max(seconds(now.time_since_epoch() - exposure), published_s);
+    const auto since = now.time_since_epoch() - std::chrono::nanoseconds(content.t_exposure_ns());
+    if (since.count() >= 0) return std::max(seconds(since), published_s);
   }
   return published_s + seconds(now - received);
 }

@@ -9,6 +9,7 @@ nothing that is occupied becomes anything else."""
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -77,6 +78,8 @@ class NeighbourObstacles:
         if len(lengths) != 1:
             raise ValueError(f"obstacles of neighbours: columns of {sorted(lengths)} rows; is the message damaged?")
         self._rectangles = _finite(self.planes.astype(np.float64), self.margin_m.astype(np.float64))
+        for mover in self.movers:
+            _check_mover(mover)
         self._moving = _mover_rectangles(self.movers)
 
     def later(self, seconds: float) -> NeighbourObstacles:
@@ -104,10 +107,23 @@ class NeighbourObstacles:
 
 
 def _finite(planes: NDArray[np.float64], margin_m: NDArray[np.float64]) -> Rectangles:
-    """The rectangles. Raises ValueError where one is not finite: it would touch nothing."""
+    """The rectangles. Raises ValueError where one is not finite, has its top below its bottom (z points down) or a negative
+    margin: it would touch nothing."""
     if not (np.isfinite(planes).all() and np.isfinite(margin_m).all()):
         raise ValueError("obstacles of neighbours: numbers that are not finite; is the message damaged?")
+    if (planes[:, 4] > planes[:, 5]).any() or (margin_m < 0.0).any():
+        raise ValueError(
+            "obstacles of neighbours: a top below its bottom or a negative margin; is the message damaged?"
+        )
     return rectangles(planes, margin_m)
+
+
+def _check_mover(mover: NeighbourMover) -> None:
+    """Raises ValueError where its size or age is negative, or a number that moves it is not finite."""
+    if not all(math.isfinite(v) for v in (*mover.velocity_m_s, mover.age_s)):
+        raise ValueError("moving obstacles of neighbours: numbers that are not finite; is the message damaged?")
+    if min(*mover.half_size_m, mover.margin_m, mover.age_s) < 0.0:
+        raise ValueError("moving obstacles of neighbours: a negative size, margin or age; is the message damaged?")
 
 
 def _mover_rectangles(movers: tuple[NeighbourMover, ...]) -> Rectangles:
