@@ -102,6 +102,23 @@ def test_a_frame_without_a_position_is_remembered_and_any_other_is_not() -> None
     assert len(memory.snapshot(2.0, START_NS).planes) == len(kept.planes)
 
 
+def test_the_vehicle_is_where_the_pose_of_the_newest_part_is() -> None:
+    content = a_frame()
+    assert Received(content, 0, 0.4).vehicle_m == (0.0, 0.0, 0.0)
+    content.frame = "ned"
+    assert Received(content, 0, 0.4).vehicle_m is None
+    at = content.pose.position_ned_m
+    at.x, at.y, at.z = 50.0, -3.0, -100.0
+    assert Received(content, 0, 0.4).vehicle_m == (50.0, -3.0, -100.0)
+    older = pb.PrismsFrame.FromString(content.SerializeToString())
+    older.t_exposure_ns -= MS
+    older.pose.position_ned_m.x = 49.0
+    blind = blind_message("left", 1, content.t_exposure_ns + MS, "unplugged")
+    together = pb.SurroundFrame(schema_version=1, frame="ned", valid=True, cameras=[older, content, blind])
+    assert Received(together, 0, 0.4).vehicle_m == (50.0, -3.0, -100.0)
+    assert Received(pb.SurroundFrame(frame="other", cameras=[content]), 0, 0.4).vehicle_m is None
+
+
 def test_in_a_message_cut_before_the_place_of_the_camera_nothing_is_free() -> None:
     content = a_frame()
     now_ns = time.monotonic_ns()

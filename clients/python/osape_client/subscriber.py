@@ -6,7 +6,9 @@
         for message in subscriber.messages():
             if message.stale or not message.valid:
                 continue  # nothing may be taken as free
-            print(message.space.segments([[0, 0, 0]], [[5, 0, 0]], radius_m=0.5))
+            at_m = message.vehicle_m
+            if at_m is not None:
+                print(message.space.nearest(at_m)[0][0])
 
 ZeroMQ reconnects by itself when the service is restarted.
 """
@@ -56,6 +58,19 @@ class Message:
     def frame(self) -> str:
         """The frame of all coordinates: "ned", or "level" without a position (docs/reference/frames.md of the service)."""
         return str(self.content.frame)
+
+    @property
+    def vehicle_m(self) -> tuple[float, float, float] | None:
+        """Where the vehicle was at the newest valid exposure, in `frame`: the origin in "level". None: the message does not
+        contain it."""
+        if self.frame == "level":
+            return 0.0, 0.0, 0.0
+        parts = [self.content] if isinstance(self.content, pb.PrismsFrame) else self.content.cameras
+        placed = [part for part in parts if part.valid and part.HasField("pose")]
+        if self.frame != "ned" or not placed:
+            return None
+        at = max(placed, key=lambda part: part.t_exposure_ns).pose.position_ned_m
+        return at.x, at.y, at.z
 
     @property
     def valid(self) -> bool:
