@@ -12,7 +12,7 @@ def on_message(message: Message) -> None:
         return
     space, at_m = message.space, message.vehicle_m
     if at_m is None:
-        print("the message does not contain the place of the vehicle", flush=True)
+        print("the message does not contain the position of the vehicle", flush=True)
         return
     ahead = space.segments([at_m], [[5, 0, 0]], radius_m=0.5) if message.frame == "level" else []  # x along the heading
     print(

@@ -39,7 +39,7 @@ class TimedSocket:
 
 def age_ns(publication: pb.Publication, t_ns: int, received_ns: int) -> int:
     """Upper bound of the present age of an exposure at t_ns on the service's clock. From another machine it lacks the time
-    on the network. received_ns: as `TimedSocket.take` returned it."""
+    on the network, and so for a stamp in the future, until it is past. received_ns: as `TimedSocket.take` returned it."""
     now_ns, published_ns = time.monotonic_ns(), max(0, publication.age_ns)
     if publication.boot_id == boot_id() and t_ns <= now_ns:
         return max(now_ns - t_ns, published_ns)  # one clock

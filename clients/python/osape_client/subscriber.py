@@ -61,7 +61,7 @@ class Message:
 
     @property
     def vehicle_m(self) -> tuple[float, float, float] | None:
-        """Where the vehicle was at the newest valid exposure, in `frame`: the origin in "level". None: the message does not
+        """Position of the vehicle at the newest valid exposure, in `frame`: the origin in "level". None: the message does not
         contain it."""
         if self.frame == "level":
             return 0.0, 0.0, 0.0
@@ -118,7 +118,7 @@ class Message:
             except ValueError:
                 return Space([])
             if model is not None:
-                if not frame.HasField("transform"):  # cut short: the place of the camera is missing
+                if not frame.HasField("transform"):  # cut short: the position of the camera is missing
                     return Space([])
                 at = frame.transform.translation_m
                 models.append(PlacedModel(model, (at.x, at.y, at.z)))

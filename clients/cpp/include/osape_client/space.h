@@ -45,7 +45,7 @@ inline bool planes_fit(const osape::v1::Planes& planes) {
   return true;
 }
 
-// Whether a frame was processed and its message is whole: of a message cut short the place of the camera may be missing. A cause
+// Whether a frame was processed and its message is whole: of a message cut short the position of the camera may be missing. A cause
 // of a valid frame is of a newer version or of a damaged message.
 inline bool usable(const osape::v1::PrismsFrame& frame) {
   return frame.valid() && frame.cause() == osape::v1::CAUSE_NONE && frame.has_stats() && frame.has_transform();
