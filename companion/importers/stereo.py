@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo
 from drivers.base import BadData
-from drivers.cameras.row_check import MAX_VERTICAL_PX, MIN_CORNERS, vertical_disparity_px
+from drivers.cameras.row_check import matched_corners
 from drivers.cameras.stereo import MatchParams, StereoDepth
 from drivers.cameras.zed_calibration import load_zed_calibration
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, halves
@@ -57,15 +57,15 @@ class StereoImages:
         )
 
     def _check(self, calibration: Path, left: Gray, right: Gray, report: Report) -> None:
-        """Raises BadData when the corners of both images are on different rows after rectification."""
-        rows_px, corners = vertical_disparity_px(*self._stereo.rectified(left, right))
-        if corners < MIN_CORNERS:
-            report.warning("stereo", f"too few corners in the first pair ({corners}) to check {calibration}")
-        elif rows_px > MAX_VERTICAL_PX:
+        """Raises BadData when the corners of both rectified images do not fit."""
+        found = matched_corners(*self._stereo.rectified(left, right))
+        if found.fault:
             raise BadData(
-                f"{calibration}: both images differ by {rows_px:.1f} px in height after rectification; the calibration "
-                "belongs to another camera, or left and right are exchanged"
+                f"{calibration}: {found.fault} in the first pair; the calibration belongs to another camera, or left and "
+                "right are exchanged"
             )
+        if not found.enough:
+            report.warning("stereo", f"too few corners in the first pair ({found.corners}) to check {calibration}")
 
     def read(self, row: FrameRow) -> NDArray[np.uint16]:
         """(H, W) uint16 millimetres in the rectified left image. Raises BadData."""

@@ -67,14 +67,15 @@ def parse_zed_calibration(text: str, source: str, width: int, height: int) -> St
         raise BadData(f"{source}: no calibration for {width}x{height}; a ZED delivers {sizes} per eye")
     parser = configparser.ConfigParser(strict=False)
     try:
-        parser.read_string(text)
+        parser.read_string(text, source)
         left, right = _eye(parser, f"LEFT_CAM_{name}"), _eye(parser, f"RIGHT_CAM_{name}")
         stereo = parser["STEREO"]
         baseline_mm = float(stereo["Baseline"])
         vector = np.array([float(stereo[f"{key}_{name}"]) for key in ("RX", "CV", "RZ")])
         offset_mm = np.array([-baseline_mm, float(stereo.get("TY", "0")), float(stereo.get("TZ", "0"))])
     except (configparser.Error, KeyError, ValueError) as error:
-        raise BadData(f"{source}: not a ZED calibration ({error}); download it again") from error
+        cause = " ".join(str(error).split())  # of configparser: several lines
+        raise BadData(f"{source}: not a ZED calibration ({cause}); download it again") from error
     if not 20.0 <= baseline_mm <= 500.0:
         raise BadData(f"{source}: a baseline of {baseline_mm:g} mm; expected about 63 or 120")
     return StereoCalibration(

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras import row_check
-from drivers.cameras.row_check import vertical_disparity_px
+from drivers.cameras.row_check import MatchedCorners, matched_corners
 from drivers.cameras.stereo import MatchParams, StereoDepth, depth_mm
 from drivers.cameras.zed_calibration import (
     EyeCalibration,
@@ -23,6 +24,8 @@ from drivers.cameras.zed_calibration import (
     rotation_from_vector,
 )
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
+from drivers.simulation.stereo.stereo_profiles import ZED, StereoCamera
+from drivers.simulation.stereo.stereo_scenes import make_stereo_scene
 
 OLD = "\r\n".join(
     [
@@ -144,15 +147,17 @@ def test_the_depth_of_a_drawn_wall_through_distortion_and_rotation(z_m: float) -
 def test_both_images_agree_in_height_and_a_wrong_calibration_is_found() -> None:
     c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
     raw = pair(c, 3.0)
-    offset, corners = vertical_disparity_px(*StereoDepth(c).rectified(*raw))
-    assert corners > 50
-    assert offset < 0.5
+    found = matched_corners(*StereoDepth(c).rectified(*raw))
+    assert found.corners > 50
+    assert found.rows_px < 0.5
+    assert found.fault == ""
     wrong = parse_zed_calibration(NEW.replace("cy=193.637", "cy=203.637"), "SN3.conf", 672, 376)
-    offset, corners = vertical_disparity_px(*StereoDepth(wrong).rectified(*raw))
-    assert offset > 5.0
+    found = matched_corners(*StereoDepth(wrong).rectified(*raw))
+    assert found.rows_px > 5.0
+    assert "px in height" in found.fault
 
 
-@pytest.mark.parametrize("roll_deg", [1.0, 2.0])
+@pytest.mark.parametrize("roll_deg", [-2.0, -0.5, 0.5, 1.0, 2.0])
 def test_a_camera_that_has_rolled_is_found(roll_deg: float) -> None:
     """The row differences on both sides are opposite: their median is 0."""
     rng = np.random.default_rng(2)
@@ -160,9 +165,59 @@ def test_a_camera_that_has_rolled_is_found(roll_deg: float) -> None:
     right = np.roll(left, -6, axis=1)
     turn = cv2.getRotationMatrix2D((319.5, 199.5), roll_deg, 1.0)
     rolled = np.asarray(cv2.warpAffine(right, turn, (640, 400)), np.uint8)
-    row_check.RowCheck("front", "calibrate it again").take(left, right)
-    with pytest.raises(BadData, match="px in height; calibrate it again"):
+    check = row_check.RowCheck("front", "calibrate it again")
+    check.take(left, right)
+    assert check.done
+    with pytest.raises(BadData, match=r"px in height.*; calibrate it again"):
         row_check.RowCheck("front", "calibrate it again").take(left, rolled)
+
+
+def test_another_focal_length_is_found() -> None:
+    """The row differences at the upper and the lower border are opposite."""
+    rng = np.random.default_rng(2)
+    left = cv2.GaussianBlur(rng.integers(0, 256, (400, 640)).astype(np.uint8), (0, 0), 2.0)
+    scale = np.array([[1.0, 0.0, -6.0], [0.0, 1.02, -0.02 * 199.5]])
+    right = np.asarray(cv2.warpAffine(left, scale, (640, 400)), np.uint8)
+    found = matched_corners(left, right)
+    assert found.rows_px < 1.5
+    assert "upper and lower" in found.fault
+
+
+@pytest.mark.parametrize("scene", ["field", "street", "hill_crest"])
+def test_a_rolled_camera_is_found_over_open_ground(scene: str) -> None:
+    """Corners lie in the middle of the image there: with a roll of 1 degree their median difference is 1.2 to 1.4 px."""
+    camera = StereoCamera(ZED)
+    R = rotation_from_euler(0.0, 0.0, 0.05) @ R_CAMFRD_OPTICAL
+    pair = camera.pair(make_stereo_scene(scene), R, np.array([0.0, 0.0, -5.0]), 0, 0)
+    assert matched_corners(pair.left, pair.right).fault == ""
+    height, width = pair.right.shape
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), 1.0, 1.0)
+    rolled = np.asarray(cv2.warpAffine(pair.right, turn, (width, height)), np.uint8)
+    found = matched_corners(pair.left, rolled)
+    assert found.roll_px > 5.0
+    assert "px in height" in found.fault
+
+
+def test_a_view_with_corners_on_one_side_only_is_checked_for_roll_later() -> None:
+    rng = np.random.default_rng(2)
+    left = cv2.GaussianBlur(rng.integers(0, 256, (400, 640)).astype(np.uint8), (0, 0), 2.0)
+    half = left.copy()
+    half[:, 200:] = 90
+    check = row_check.RowCheck("front", "calibrate it again")
+    check.take(half, np.roll(half, -6, axis=1))
+    assert not check.done
+    check.take(left, np.roll(left, -6, axis=1))
+    assert check.done
+
+
+def test_exchanged_images_are_found() -> None:
+    """Each disparity is then negative, and no pixel is measured."""
+    c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
+    left, right = StereoDepth(c).rectified(*pair(c, 3.0))
+    check = row_check.RowCheck("front", "connect them again")
+    with pytest.raises(BadData, match=r"left and right are exchanged.*connect them again"):
+        check.take(right, left)
+    assert check.done
 
 
 def test_what_only_one_image_shows_has_no_depth() -> None:
@@ -211,9 +266,10 @@ def test_a_real_pair_gives_plausible_depths(shared_data: Path) -> None:
         width=960, height=540, left=eye(960, 540), right=eye(960, 540), R=np.eye(3), T=np.array([-0.12, 0.0, 0.0])
     )
     stereo = StereoDepth(c, MatchParams(disparities=128))
-    offset, corners = vertical_disparity_px(left, right)
-    assert corners > 100
-    assert offset < 0.6
+    found = matched_corners(left, right)
+    assert found.corners > 100
+    assert found.rows_px < 0.6
+    assert found.fault == ""
     depth = depth_mm(stereo.disparity(left, right), 534.04 * 0.11998737) / 1000.0
     seen = depth[depth > 0]
     # walls and table top are blank to within the noise: only their borders are measured
@@ -352,7 +408,7 @@ def test_a_checked_calibration_is_not_checked_again(monkeypatch: pytest.MonkeyPa
     source.open()
     source.read(1.0)
     source.read(1.0)
-    monkeypatch.setattr(row_check, "vertical_disparity_px", lambda *_: (9.0, 500))
+    monkeypatch.setattr(row_check, "matched_corners", lambda *_: MatchedCorners(500, 9.0, 0))
     assert source.read(1.0) is not None
 
 
