@@ -19,6 +19,8 @@ MANIFEST: Final = "manifest.json"
 CACHED: Final = ("*.nbi", "*.nbc")
 """Patterns of numba's index and code files: no other files are deleted."""
 _ENDING: Final = re.compile(r"(\.\d+)?\.nb[ic]$")
+_TICK_S: Final = 0.02
+"""More than the step of a file system's stamps (Linux: 1 to 10 ms)."""
 Entry = tuple[int, int, str]
 """Size in bytes, modification time in ns, SHA-256."""
 
@@ -34,7 +36,7 @@ def write_manifest(folder: Path) -> None:
     except UnreadableManifest:
         before = {}
     os.sync()  # a power failure must not leave a manifest of files whose content was not written
-    began_ns = time.time_ns()
+    began_ns = _time_ns(folder)
     _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in _kernels(folder)}, began_ns)
 
 
@@ -48,10 +50,10 @@ def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
     if not there:
         return
     written_ns = (source / MANIFEST).stat().st_mtime_ns
-    known = [name for name in names if name in there and (source / name).stat().st_mtime_ns <= written_ns]
+    known = [name for name in names if name in there and (source / name).stat().st_mtime_ns < written_ns]
     taken = {name: there[name] for name in known}
     if taken:
-        _write(target, {**here, **taken}, time.time_ns())
+        _write(target, {**here, **taken}, _time_ns(target))
 
 
 def damaged_kernels(folder: Path) -> list[Path]:
@@ -90,7 +92,7 @@ def _is_damaged(file: Path, entry: Entry, written_ns: int) -> bool:
     except OSError:
         return True
     # unless numba has written a newer one
-    return now.st_mtime_ns <= written_ns or (now.st_size, now.st_mtime_ns) == (size, changed_ns)
+    return now.st_mtime_ns < written_ns or now.st_mtime_ns == changed_ns
 
 
 def _entry(folder: Path, file: Path, before: dict[str, Entry]) -> Entry:
@@ -112,10 +114,23 @@ def _entries(folder: Path) -> dict[str, Entry]:
         raise UnreadableManifest(str(folder / MANIFEST)) from error
 
 
+def _time_ns(folder: Path) -> int:
+    """The time with which the file system stamps a file that is written now. It can be a tick behind the system's time:
+    the stamps of earlier files are smaller than this one, those of later files equal or greater."""
+    time.sleep(_TICK_S)
+    part = _part(folder)
+    part.write_bytes(b"")
+    return part.stat().st_mtime_ns
+
+
+def _part(folder: Path) -> Path:
+    return folder / f"{MANIFEST}.{os.getpid()}.part"
+
+
 def _write(folder: Path, entries: dict[str, Entry], began_ns: int) -> None:
     """Writes the manifest. Its modification time is when the files began to be read, so that a file which another
     process has replaced since counts as newer and not as damaged."""
-    part = folder / f"{MANIFEST}.{os.getpid()}.part"
+    part = _part(folder)
     with part.open("w", encoding="utf-8") as stream:
         json.dump(entries, stream)
         stream.flush()

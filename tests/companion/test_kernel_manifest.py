@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,9 @@ def test_a_kernel_that_another_process_writes_meanwhile_is_not_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two commands compile at once. The one replaces a file after the other has read it, and before its manifest is
-    written."""
+    written. The file system's clock is a tick behind the system's."""
+    time_ns = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: time_ns() + 10_000_000)
     file = made(tmp_path)["a.g-9.py311.nbi"]
     dump = json.dump
 
