@@ -1,4 +1,7 @@
-"""Writes docs/research/tracking.md: `python -m benchmarks.tracking [--out FILE] [--quick] [--only SECTION]`."""
+"""Writes docs/research/tracking.md.
+
+python -m benchmarks.tracking [--out FILE] [--quick] [--only SECTION] [--tilts level|few|all]
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,19 @@ import dataclasses
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.fidelity.matrix import FEW_TILTS_DEG, QUICK_SCENES, TILTS_DEG, Tilts, spread
 from benchmarks.hardware_info import stamp
+from benchmarks.scenes.catalogue import SCENES as ALL_SCENES
 from benchmarks.speed.tables import table
 from companion.bench.timing import one_core
 from drivers.simulation.scene_library import make_scene
 
-from . import margins, movers, stability, timing, wires
+from . import draws, margins, movers, stability, timing, wires
 from .sequences import HZ, Pose, along, drifting, exposures, hovering, swinging, true_pose, vibrating
 
 OUT = Path("docs/research/tracking.md")
@@ -25,7 +30,13 @@ SCENES = ("street", "trees", "alley")
 KES = (0.0015, 0.005)
 WARM = 10
 PICTURE = "tracking_margins.png"
-SECTIONS = ("still", "flight", "moving", "false", "vanish", "wires", "margins", "cost")
+SECTIONS = ("still", "draws", "flight", "moving", "false", "vanish", "wires", "margins", "cost")
+TILTS: dict[str, Tilts] = {"level": ((0, 0),), "few": FEW_TILTS_DEG, "all": TILTS_DEG}
+TILT_TEXTS = {
+    "level": "level",
+    "few": "level, rolled by 30 and pitched by -30 degrees, each with other shapes",
+    "all": "level, rolled and pitched by 10 and 30 degrees to either side, each with other shapes",
+}
 FALSE_SCENES = ("poles", "mixture", "trees", "demo")
 FALSE_S = 15.0
 
@@ -35,12 +46,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.tracking", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--quick", action="store_true", help="fewer frames and scenes")
+    parser.add_argument(
+        "--tilts", choices=TILTS, default="level", help="of the section draws: roll and pitch of the camera"
+    )
     parser.add_argument("--only", action="append", choices=SECTIONS, help="this section; may be given several times")
     args = parser.parse_args()
     frames, scenes = (22, SCENES[:1]) if args.quick else (40, SCENES)
     begun = time.monotonic()
     makers: dict[str, Callable[[], str]] = {
         "still": lambda: still(scenes, frames),
+        "draws": lambda: noise_draws(QUICK_SCENES if args.quick else ALL_SCENES, args.tilts),
         "flight": lambda: flight(scenes, frames if args.quick else 48),
         "moving": lambda: moving(movers.CASES[:2] if args.quick else movers.CASES),
         "false": lambda: false(FALSE_SCENES[:1] if args.quick else FALSE_SCENES, 3.0 if args.quick else FALSE_S),
@@ -53,7 +68,11 @@ def main() -> int:
         parts = [HEAD, *(makers[name]() for name in args.only or SECTIONS)]
     args.out.parent.mkdir(parents=True, exist_ok=True)
     minutes = (time.monotonic() - begun) / 60.0
-    given = ["--quick"] * args.quick + [word for name in args.only or [] for word in ("--only", name)]
+    given = (
+        ["--quick"] * args.quick
+        + ["--tilts", args.tilts] * (args.tilts != "level")
+        + [word for name in args.only or [] for word in ("--only", name)]
+    )
     made = stamp(given, minutes=minutes, quick=args.quick)
     made = dataclasses.replace(made, command=made.command.replace("benchmarks", "benchmarks.tracking", 1))
     args.out.write_text("\n".join([parts[0], made.markdown(), *parts[1:]]))
@@ -104,6 +123,39 @@ def still(scenes: tuple[str, ...], frames: int) -> str:
             poses: dict[str, Pose | None] = {"tracks": true_pose, "tracks, attitude only": None}
             rows += _rows(name, ke, stability.run(hovering(make_scene(name, 1)), frames, ke, poses, WARM))
     return f"## Still camera, still scene\n\n{frames} frames, the first {WARM} not counted. {MEANING}\n{table(COLUMNS, rows)}"
+
+
+def noise_draws(scenes: Iterable[str], tilts: str) -> str:
+    """Several draws of the noise of each scene. tilts: a name of TILTS."""
+    found = []
+    for one in draws.draws_of(spread(scenes, (1,), TILTS[tilts], kes=KES)):
+        _say(f"draws {one.case.name}")
+        found.append(one)
+    rows = []
+    for way, tracks in (("frame", False), ("tracks", True)):
+        s = draws.summary(found, tracks)
+        rows.append(
+            [
+                way,
+                f"{100 * s.missed:.3f}",
+                f"{100 * s.worst_missed[0]:.2f} ({s.worst_missed[1]})",
+                str(s.cases_missed),
+                f"{100 * s.phantom:.3f}",
+                f"{100 * s.worst_phantom[0]:.2f} ({s.worst_phantom[1]})",
+                str(s.cases_phantom),
+            ]
+        )
+    head = [
+        "model",
+        "missed, %",
+        "most",
+        f"cases above {100 * draws.MISSED_LIMIT:g} %",
+        "phantom, %",
+        "most",
+        f"cases above {100 * draws.PHANTOM_LIMIT:g} %",
+    ]
+    worse = sum(one.worse for one in found)
+    return f"## Draws of the noise\n\n{draws.DRAWS} frames of a still camera before each scene of the fidelity run, {TILT_TEXTS[tilts]}, both noises, {len(found)} cases: the mean over all frames, the first included. In {worse} of {draws.DRAWS * len(found)} frames the tracks miss more than the frame's own model.\n\n{table(head, rows)}"
 
 
 def flight(scenes: tuple[str, ...], frames: int) -> str:
