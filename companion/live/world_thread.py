@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import zmq
 
 from core.world.params import WorldParams
@@ -27,7 +26,8 @@ from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.results import PrismsResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publisher import Publisher, Stream
-from ..streams.world_messages import world_message
+from ..streams.world_messages import snapshot_message, world_message
+from .published_blocks import PublishedBlocks
 
 NS = 1_000_000_000
 CHANGES_NS = NS // 5
@@ -66,6 +66,7 @@ class WorldThread:
         # greater than those of an earlier service since the start of the computer: a copy would ignore lower ones
         self._sequence = time.monotonic_ns() // _SEQUENCE_STEP_NS
         self._since, self._section = 0, -1
+        self._blocks = PublishedBlocks()
         self._epoch = -1
         self._next_ns = self._snapshot_ns = 0
         self._newest_ns: int | None = None
@@ -117,7 +118,9 @@ class WorldThread:
             now_ns = time.monotonic_ns()
             if asked:
                 self._requests.socket.recv_multipart()  # the content of a request is not used
-                self._requests.publish(self._completed(self._snapshot(now_ns), now_ns))
+                picture = self.world.picture(now_ns)
+                self._blocks.add(picture)
+                self._requests.publish(self._completed(snapshot_message(picture, now_ns), now_ns))
             if now_ns >= self._next_ns:
                 self._next_ns = now_ns + CHANGES_NS
                 self._publish_changes(now_ns)
@@ -146,20 +149,15 @@ class WorldThread:
         epoch = self.world.epoch(now_ns)
         self._sequence += 1
         if section != self._section or epoch != self._epoch or now_ns >= self._snapshot_ns:
-            message = self._snapshot(now_ns)
+            picture = self.world.picture(now_ns)
+            self._blocks.snapshot(picture, self.world)
+            message = snapshot_message(picture, now_ns)
             self._snapshot_ns = now_ns + SNAPSHOT_NS
         else:
             picture, removed = self.world.changes(now_ns, self._since)
-            message = world_message(picture, removed, now_ns)
+            message = world_message(self._blocks.changes(picture, self.world), removed, now_ns)
         self._section, self._epoch, self._since = section, epoch, self.world.frame
         self._changes.publish(self._completed(message, now_ns))
-
-    def _snapshot(self, now_ns: int) -> pb.WorldUpdate:
-        """A snapshot of the whole world. It may be newer than the last message of the stream; the next changes repeat
-        the difference."""
-        message = world_message(self.world.picture(now_ns), np.zeros(0, np.int32), now_ns)
-        message.snapshot = True
-        return message
 
     def _completed(self, message: pb.WorldUpdate, now_ns: int) -> pb.WorldUpdate:
         """Fills the fields that every message has."""
@@ -215,5 +213,5 @@ def observation_of(result: PrismsResult) -> Observation | None:
         place_m=result.transform.translation_m,
         t_ns=result.t_exposure_ns,
         reset_counter=result.pose.reset_counter,
-        estimate=(result.pose.section.jump_ns, 0 if result.attitude is None else result.attitude.jump_ns),
+        estimate=(result.pose.section.number, 0 if result.attitude is None else result.attitude.jump_ns),
     )

@@ -28,6 +28,14 @@ def world_message(picture: WorldSnapshot, removed: NDArray[np.int32], now_ns: in
     )
 
 
+def snapshot_message(picture: WorldSnapshot, now_ns: int) -> pb.WorldUpdate:
+    """The message of a picture of the whole world. It may be newer than the last message of the stream; the next changes
+    repeat the difference."""
+    message = world_message(picture, np.zeros(0, np.int32), now_ns)
+    message.snapshot = True
+    return message
+
+
 def plane_records(picture: WorldSnapshot, now_ns: int) -> bytes:
     """The planes of a picture as PLANE_RECORDs, their ages counted at now_ns."""
     age_s = np.maximum(0, now_ns - picture.seen_ns) // NS

@@ -334,6 +334,12 @@ def stand_in(free, ax, ay, bx, by, top, bottom):
                         free.blocks[k].touched = free.state[0].frame
 
 
+def held_blocks(free: FreeTables) -> NDArray[np.int32]:
+    """Returns indices (B, 3) of all blocks in use."""
+    blocks = free.blocks[: int(free.state["blocks"][0])]
+    return np.stack([blocks[name] for name in ("ix", "iy", "iz")], axis=1)
+
+
 def seen_blocks(
     free: FreeTables, now: int, since: int = -1
 ) -> tuple[NDArray[np.int32], NDArray[np.uint64], NDArray[np.float32]]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..types import FrameModel
 from .association import OBSERVATION
 from .evidence import empty_steps
-from .free_grid import FreeTables, GroundPlane, empty_free, see_free, seen_blocks
+from .free_grid import FreeTables, GroundPlane, empty_free, held_blocks, see_free, seen_blocks
 from .ground import ground_plane, see_ground
 from .params import WorldParams
 from .plane_index import BOX, MOMENTS, Tables, columns, empty_tables
@@ -103,6 +103,7 @@ class WorldCounts:
     Attributes:
         frames: frames added.
         blind: invalid frames.
+        late: frames of an earlier estimate that arrived after the first one of the present section.
         bad_planes: planes that are not finite, or without a length.
         sections: sections begun.
         sections_dropped: sections removed.
@@ -110,6 +111,7 @@ class WorldCounts:
 
     frames: int = 0
     blind: int = 0
+    late: int = 0
     bad_planes: int = 0
     sections: int = 0
     sections_dropped: int = 0
@@ -132,6 +134,9 @@ class World:
         self.counts.frames += 1
         if not observation.model.valid:
             self.counts.blind += 1
+            return
+        if self._is_late(observation):
+            self.counts.late += 1
             return
         section = self._section_for(observation)
         tables, free = section.tables, section.free
@@ -178,6 +183,16 @@ class World:
         planes = self.section.used_slots
         gone = np.flatnonzero((planes["changed"] > since) & (planes["hits"] == 0)).astype(np.int32)
         return self._picture(now_ns, since, since), gone
+
+    @property
+    def free_blocks(self) -> NDArray[np.int32]:
+        """Indices (B, 3) of all blocks of this section's free space."""
+        return np.zeros((0, 3), np.int32) if self.section is None else held_blocks(self.section.free)
+
+    @property
+    def free_blocks_dropped(self) -> int:
+        """Number of blocks of this section that others have replaced."""
+        return 0 if self.section is None else int(self.section.free.state["dropped"][0])
 
     @property
     def frame(self) -> int:
@@ -229,6 +244,7 @@ class World:
         found = {
             "frames": self.counts.frames,
             "blind": self.counts.blind,
+            "late": self.counts.late,
             "bad_planes": self.counts.bad_planes,
             "sections": self.counts.sections,
             "sections_dropped": self.counts.sections_dropped,
@@ -245,6 +261,16 @@ class World:
                 "free_blocks_dropped": int(free.dropped),
             }
         return found
+
+    def _is_late(self, observation: Observation) -> bool:
+        """Whether a frame of another estimate was exposed before the section began: one camera's frame from before a jump
+        that arrives after another camera's from after it. Its coordinates are not those of the section."""
+        section = self.section
+        if section is None or section.vouched:
+            return False
+        before_s = (section.begun_ns - observation.t_ns) / NS
+        other = (observation.reset_counter, observation.estimate) != (section.reset_counter, section.estimate)
+        return other and 0.0 < before_s <= self.params.restart_s
 
     def _section_for(self, observation: Observation) -> Section:
         section = self.section

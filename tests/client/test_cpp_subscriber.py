@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 import zmq
 
 from companion.pipeline.decode_model import model_from_message
-from osape_client import tracks_from_message
+from osape_client import Message, tracks_from_message
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy, PlacedModel, Space
 
@@ -61,7 +62,13 @@ def output_for(program: Path, publisher: zmq.Socket[bytes], message: bytes | Non
 
 
 def frame(**more: object) -> pb.PrismsFrame:
-    wall = pb.Planes(corners_m=[6, 3, 6, -3, -2, 2, 9, 1, 9, -1, 0, 1], margin_m=[0.25, 0.25])
+    wall = pb.Planes(
+        corners_m=[6, 3, 6, -3, -2, 2, 9, 1, 9, -1, 0, 1],
+        margin_m=[0.25, 0.25],
+        support_px=[9, 9],
+        flags=[0, 0],
+        cluster=[0, 0],
+    )
     return pb.PrismsFrame(schema_version=1, frame="level", valid=True, planes=wall, **more)
 
 
@@ -98,9 +105,6 @@ def over_ground(rng: np.random.Generator, camera: tuple[float, float, float]) ->
     edges = rng.uniform(-4.0, 4.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), directions + 1)
     size = 4 * directions
     made = frame(stats=pb.FrameStats(planes=2))
-    made.planes.support_px.extend([9, 9])
-    made.planes.flags.extend([0, 0])
-    made.planes.cluster.extend([0, 0])
     made.free.CopyFrom(
         pb.FreeProfile(
             azimuth_edges_rad=edges,
@@ -152,15 +156,42 @@ def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, s
         assert [int(line) for line in done.stdout.split()] == expected.tolist()
 
 
-@pytest.mark.parametrize("lacking", ["stats", "transform", "cause"])
-def test_in_a_message_cut_short_or_with_a_cause_everything_is_unknown(
-    program: Path, tmp_path: Path, lacking: str
-) -> None:
-    message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
-    if lacking == "cause":
+def _damage(message: pb.PrismsFrame, part: str) -> None:
+    """Damages this part of a message."""
+    if part == "cause":
         message.cause = pb.CAUSE_MOUNT_ERROR
+    elif part == "frame":
+        message.frame = "another"
+    elif part == "free_to_m":
+        message.free.free_to_m[0] = float("inf")
+    elif part in ("end", "open_from_dm", "open_to_dm"):
+        setattr(message.free, part, getattr(message.free, part)[:-1])
+    elif part in ("support_px", "flags", "cluster"):
+        getattr(message.planes, part).pop()
     else:
-        message.ClearField(lacking)
+        message.ClearField(part)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        "stats",
+        "transform",
+        "cause",
+        "frame",
+        "free_to_m",
+        "end",
+        "open_from_dm",
+        "open_to_dm",
+        "support_px",
+        "flags",
+        "cluster",
+    ],
+)
+def test_in_a_damaged_message_everything_is_unknown(program: Path, tmp_path: Path, part: str) -> None:
+    message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
+    _damage(message, part)
+    assert not Message(message, time.monotonic_ns()).space.knows, "as in Python"
     file = tmp_path / "frame"
     file.write_bytes(message.SerializeToString())
     p = np.random.default_rng(2).uniform([-12, -12, -4], [12, 12, 2], (500, 3))
@@ -230,5 +261,15 @@ def test_the_tracks_are_those_of_python(program: Path) -> None:
         "track 7 a 5.000 1.000 b 5.000 -1.000 margin 0.125 confidence 0.750 state 2",
         f"moving 3 at {x:.3f} {y:.3f} sigma {sigma:.3f}",
     ]
-    message.flags.append(1)
-    assert subprocess.run([tracks], input=message.SerializeToString(), capture_output=True, check=False).returncode == 1
+    for field, value in (("flags", 1), ("margin_m", NAN), ("sigma_m", -1.0), ("velocity_x_m_s", NAN)):
+        damaged = pb.Tracks.FromString(message.SerializeToString())
+        if field == "flags":
+            damaged.flags.append(int(value))
+        elif field == "velocity_x_m_s":
+            damaged.objects[0].velocity_x_m_s = value
+        else:
+            getattr(damaged, field)[0] = value
+        with pytest.raises(ValueError, match="tracks"):
+            tracks_from_message(damaged)
+        done = subprocess.run([tracks], input=damaged.SerializeToString(), capture_output=True, check=False)
+        assert done.returncode == 1, field

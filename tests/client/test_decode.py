@@ -72,6 +72,41 @@ def test_a_plane_that_is_not_finite_is_refused(name: str, value: float) -> None:
     assert not received.space.knows
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("support_px", 2**31), ("corners_m", 5.0), ("flags", 0), ("margin_m", 0.1)]
+)
+def test_columns_of_planes_that_do_not_fit_are_refused(name: str, value: float) -> None:
+    message = pb.PrismsFrame(valid=True, frame="level")
+    set_model(message, seen(house(9.0, 0.0), (0.0, 0.0), 0.0, 0).model)
+    message.transform.SetInParent()
+    if name == "support_px":
+        message.planes.support_px[0] = int(value)
+    else:
+        getattr(message.planes, name).append(value)
+    with pytest.raises(ValueError, match=name):
+        model_from_message(message)
+    assert not Message(message, time.monotonic_ns()).space.knows
+
+
+def test_flags_of_a_newer_version_are_left_out() -> None:
+    message = pb.PrismsFrame(valid=True)
+    set_model(message, seen(house(9.0, 0.0), (0.0, 0.0), 0.0, 0).model)
+    message.planes.flags[0] = 256 + 8
+    model = model_from_message(message)
+    assert model is not None
+    assert model.flags[0] == 8
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("name", ["free_from_m", "free_to_m"])
+def test_a_free_range_without_an_end_is_refused(name: str, value: float) -> None:
+    message = pb.PrismsFrame(valid=True)
+    set_model(message, seen(house(9.0, 0.0), (0.0, 0.0), 0.0, 0).model)
+    getattr(message.free, name)[0] = value
+    with pytest.raises(ValueError, match=name):
+        model_from_message(message)
+
+
 @pytest.mark.parametrize("wrong", [{"planes": np.zeros((2, 5), np.float32)}, {"hits": np.zeros(3, np.int64)}])
 def test_both_snapshots_take_and_refuse_the_same_arrays(wrong: dict[str, np.ndarray]) -> None:
     for kind in (osape_client.WorldSnapshot, core.world.snapshot.WorldSnapshot):

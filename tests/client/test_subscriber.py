@@ -96,9 +96,11 @@ def test_a_frame_without_a_position_is_remembered_and_any_other_is_not() -> None
             setattr(other, name, value)
         assert memory.add_message(other) is None
     assert memory.add_message(blind_message("front", 1, START_NS, "unplugged")) is None
-    at.w = math.nan
+    assert memory.add_message(message) is None, "it does not come after the newest one"
     message.t_exposure_ns += MS
-    assert memory.add_message(message) is None
+    for length in (0.0, 0.9, math.nan):
+        at.w, at.x, at.y, at.z = length * np.array(q)
+        assert memory.add_message(message) is None, "not an attitude"
     assert len(memory.snapshot(2.0, START_NS).planes) == len(kept.planes)
 
 
@@ -192,7 +194,9 @@ def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: 
         assert received.received_ns > begun_ns
 
 
-@pytest.mark.parametrize(("ahead_s", "published_ms", "boot"), [(60.0, 10, True), (0.0, -60_000, False)])
+@pytest.mark.parametrize(
+    ("ahead_s", "published_ms", "boot"), [(60.0, 10, True), (0.0, -60_000, False), (-0.05, -4_950, True)]
+)
 def test_a_stamp_of_the_future_and_a_negative_age_do_not_make_a_message_new(
     ahead_s: float, published_ms: int, boot: bool
 ) -> None:
@@ -374,3 +378,9 @@ def test_the_example_reports_when_nothing_is_free(service: Service) -> None:
 def environment() -> dict[str, str]:
     """With the modules of this checkout."""
     return os.environ | {"PYTHONPATH": str(ROOT)}
+
+
+@pytest.mark.parametrize("address", ["tcp://", "nowhere", "tcp://host"])
+def test_an_address_that_cannot_be_used_names_the_forms(address: str) -> None:
+    with pytest.raises(ValueError, match=r"use ipc://PATH or tcp://HOST:PORT"):
+        Subscriber(address)

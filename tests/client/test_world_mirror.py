@@ -20,7 +20,7 @@ from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause, PoseAt, Source
 from companion.pipeline.transform import LevelTransform
 from companion.streams.publisher import Publisher, Stream
-from companion.streams.world_messages import world_message
+from companion.streams.world_messages import snapshot_message, world_message
 from core.world.params import WorldParams
 from core.world.snapshot import WorldSnapshot
 from core.world.world import Observation, World
@@ -48,12 +48,12 @@ def compiled() -> None:
 class Speaker:
     """A world that publishes its messages on request, as the thread of the service does."""
 
-    def __init__(self, folder: Path, boot: str = "one") -> None:
+    def __init__(self, folder: Path, boot: str = "one", params: WorldParams | None = None) -> None:
         self.context: zmq.Context = zmq.Context()
         self.addresses = f"ipc://{folder}/w", f"ipc://{folder}/r"
         changes = Publisher(Stream("world", self.addresses[0]), self.context, newest_only=False)
         requests = Publisher(Stream("world_requests", self.addresses[1]), self.context, None, zmq.REP, False)
-        self.service = WorldThread(WorldParams(), changes, requests, boot)
+        self.service = WorldThread(params or WorldParams(), changes, requests, boot)
 
     def close(self) -> None:
         self.service.close()
@@ -112,6 +112,38 @@ def same_place(mirror: WorldMirror, world: World) -> bool:
     if not np.allclose(a.planes[order], b.planes, atol=0.011):
         return False
     return np.array_equal(a.blocks, b.blocks) and np.array_equal(a.masks, b.masks)
+
+
+def test_free_space_that_the_service_no_longer_holds_is_not_free_in_the_copy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A long flight with a full table: new blocks replace those that were not seen for the longest time."""
+    monkeypatch.setattr("companion.live.world_thread.SNAPSHOT_NS", 1000 * NS)
+    speaker = Speaker(tmp_path, params=WorldParams(most_free_blocks=64, jump_m=100.0))
+    world, north_m = speaker.service.world, 0.0
+    try:
+        speaker.service.open()
+        with WorldMirror(*speaker.addresses) as mirror:
+
+            def follows() -> bool:
+                walls = np.array([wall(north_m + 8.0, -4.0, north_m + 8.0, 4.0)])
+                speaker.service.put(result(seen(walls, (north_m, 0.0), 0.0, now())))
+                return mirror.update(0.1)
+
+            def advance() -> None:
+                nonlocal north_m
+                north_m, frames = north_m + 4.0, world.numbers()["frames"]
+                follows()
+                assert until(lambda: world.numbers()["frames"] > frames)
+
+            assert until(follows, 60.0), mirror.cause
+            begun = mirror.space.snapshot.blocks.tolist()
+            while world.numbers()["free_blocks_dropped"] < 20:
+                advance()
+            assert until(lambda: follows() and same_place(mirror, world), 20.0)
+            assert not any(block in mirror.space.snapshot.blocks.tolist() for block in begun)
+    finally:
+        speaker.close()
 
 
 def test_a_late_subscriber_requests_a_snapshot_and_follows(speaker: Speaker) -> None:
@@ -250,6 +282,9 @@ def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker:
         for change in (
             {"planes": good.planes[:-1]},
             {"masks": good.masks[: len(good.masks) // 2]},
+            {"masks": good.masks[:-4]},  # without its checksum
+            {"masks": good.masks + b"\0"},
+            {"valid": True, "cause": pb.WorldUpdate.CAUSE_POSITION_STALE},
             {"blocks": [1, 2]},
             {"schema_version": 7},
         ):
@@ -298,7 +333,9 @@ def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
     t_ns = now()  # one for all: later the position would be stale
     speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, t_ns)))
     speaker.service._take()
-    whole = speaker.service._completed(speaker.service._snapshot(t_ns), t_ns).SerializeToString()
+    whole = speaker.service._completed(
+        snapshot_message(speaker.service.world.picture(t_ns), t_ns), t_ns
+    ).SerializeToString()
     with WorldMirror(*speaker.addresses, timeout_s=60.0) as mirror:
         for size in range(len(whole)):
             mirror._read(whole[:size], now())

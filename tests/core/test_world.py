@@ -281,6 +281,20 @@ def test_a_jump_begins_a_new_section_and_nothing_is_smeared(change: dict, why: s
     assert WorldSpace(p).points([[4, -2, 0]]).tolist() == [Occupancy.UNKNOWN]
 
 
+@pytest.mark.parametrize("change", [{"reset_counter": 1}, {"estimate": (2, 0)}])
+def test_a_late_frame_from_before_a_jump_does_not_replace_the_section_after_it(change: dict) -> None:
+    """Two cameras with different latencies: its coordinates are those of before the jump."""
+    walls = np.array([wall(8.0, -4.0, 8.0, 4.0)])
+    world = World()
+    now = fly(world, walls, 10, speed=0.0)
+    moved = walls - np.array([5.0, 0, 5.0, 0, 0, 0])
+    world.add(replace(seen(moved, (-5.0, 0.0), 0.0, now + NS // 10), **change))
+    before = world.picture(now + NS // 10)
+    world.add(seen(walls, (0.0, 0.0), 0.0, now + NS // 20))
+    assert same(before, world.picture(now + NS // 10))
+    assert (world.counts.sections, world.counts.late) == (2, 1)
+
+
 def test_sections_are_bounded_and_counted() -> None:
     world = World(WorldParams(most_sections=2, most_planes=64))
     for k in range(6):

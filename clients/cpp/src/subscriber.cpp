@@ -32,11 +32,14 @@ double Message::age_s() const {
   const auto& publication = content.publication();
   const double published_s = std::max(0.0, 1e-9 * static_cast<double>(publication.age_ns()));
   const auto now = Clock::now();
+  const double since_receipt_s = published_s + seconds(now - received);
   if (!boot_id().empty() && publication.boot_id() == boot_id()) {  // one clock: CLOCK_MONOTONIC on both sides
     const auto since = now.time_since_epoch() - std::chrono::nanoseconds(content.t_exposure_ns());
-    if (since.count() >= 0) return std::max(seconds(since), published_s);
+    // a negative age: the stamp was in the future when it was sent
+    const double least_s = publication.age_ns() >= 0 ? published_s : since_receipt_s;
+    if (since.count() >= 0) return std::max(seconds(since), least_s);
   }
-  return published_s + seconds(now - received);
+  return since_receipt_s;
 }
 
 struct Subscriber::Socket {

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from .integers import flags, integers
 from .model import CameraModel, FreeProfile, Ground, Prism
 from .proto import osape_v1_pb2 as pb
 
@@ -42,9 +43,9 @@ def model_from_message(message: pb.PrismsFrame) -> CameraModel | None:
     return CameraModel(
         valid=message.valid,
         planes=_rows(planes.corners_m, 6, "corners_m"),
-        support_px=np.array(planes.support_px, dtype=np.int32),
+        support_px=integers(planes.support_px, np.int32, "support_px"),
         margin_m=np.array(planes.margin_m, dtype=np.float32),
-        flags=np.array(planes.flags, dtype=np.uint8),
+        flags=flags(planes.flags),
         cluster=np.array(planes.cluster, dtype=np.int32),
         prisms=tuple(prism_from_message(prism) for prism in message.prisms),
         free=free_from_message(message.free),
@@ -75,14 +76,15 @@ def prism_from_message(message: pb.Prism) -> Prism:
 
 
 def free_from_message(message: pb.FreeProfile) -> FreeProfile:
-    """The free-range profile of a message. Raises ValueError where tables do not fit or edges are not finite and increasing."""
+    """The free-range profile of a message. Raises ValueError where tables do not fit, a range is not finite, or
+    edges are not finite and increasing."""
     layers = max(0, len(message.layer_edges_m) - 1)
     directions = max(0, len(message.azimuth_edges_rad) - 1)
     return FreeProfile(
         azimuth_edges_rad=_rising(message.azimuth_edges_rad, "azimuth_edges_rad"),
         layer_edges_m=_rising(message.layer_edges_m, "layer_edges_m"),
-        free_from_m=_table(np.array(message.free_from_m, dtype=np.float32), directions, layers, "free_from_m"),
-        free_to_m=_table(np.array(message.free_to_m, dtype=np.float32), directions, layers, "free_to_m"),
+        free_from_m=_table(_finite(message.free_from_m, "free_from_m"), directions, layers, "free_from_m"),
+        free_to_m=_table(_finite(message.free_to_m, "free_to_m"), directions, layers, "free_to_m"),
         end=_table(np.frombuffer(message.end, dtype=np.uint8), directions, layers, "end"),
         **_open_ranges(message, directions, layers),
     )
@@ -96,6 +98,14 @@ def _open_ranges(message: pb.FreeProfile, directions: int, layers: int) -> dict[
         name: _table(np.frombuffer(getattr(message, name), dtype=np.uint8), directions, layers, name)
         for name in ("open_from_dm", "open_to_dm")
     }
+
+
+def _finite(values: Iterable[float], name: str) -> NDArray[np.float32]:
+    """Ranges of a profile as (N,) float32. Raises ValueError where one is not finite: it would be free without an end."""
+    ranges_m = np.fromiter(values, dtype=np.float32)
+    if not np.isfinite(ranges_m).all():
+        raise ValueError(f"{name} is not finite; is the message damaged?")
+    return ranges_m
 
 
 def _rising(values: Iterable[float], name: str) -> NDArray[np.float32]:

@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .integers import flags, integers
 from .proto import osape_v1_pb2 as pb
 from .query.rectangles import Rectangles, rectangles
 from .query.space import Occupancies, Occupancy
@@ -64,11 +65,11 @@ class NeighbourObstacles:
     def __init__(self, message: pb.NeighbourObstacles) -> None:
         self.t_ns, self.section = message.t_ns, message.section
         self.sender = np.frombuffer(message.sender, np.uint8)
-        self.ids = np.array(message.id, np.uint16)
+        self.ids = integers(message.id, np.uint16, "obstacles of neighbours: id")
         self.planes = np.array(message.corners_m, np.float32).reshape(-1, 6)
         self.margin_m = np.array(message.margin_m, np.float32)
         self.age_s = np.array(message.age_s, np.float32)
-        self.flags = np.array(message.flags, np.uint8)
+        self.flags = flags(message.flags)
         self.aligned = np.frombuffer(message.aligned, np.uint8) != 0
         self.movers = tuple(_mover(m) for m in message.movers)
         self.neighbours = tuple(_neighbour(n) for n in message.neighbours)

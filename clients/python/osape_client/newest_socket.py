@@ -11,7 +11,8 @@ from .receive_time import TimedSocket
 
 
 class NewestSocket:
-    """Connected to address. keys: folder of this client's CURVE keys. Raises KeyFileError. Not thread-safe."""
+    """Connected to address. keys: folder of this client's CURVE keys. Raises KeyFileError, and ValueError for an address that
+    cannot be used. Not thread-safe."""
 
     def __init__(self, address: str, keys: Path | None) -> None:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
@@ -21,7 +22,12 @@ class NewestSocket:
         socket.setsockopt(zmq.LINGER, 0)
         if keys is not None:
             use_client_keys(socket, keys)
-        socket.connect(address)
+        try:
+            socket.connect(address)
+        except zmq.ZMQError as error:
+            socket.close()
+            self._context.term()
+            raise ValueError(f"{address}: {error.strerror or error}; use ipc://PATH or tcp://HOST:PORT") from error
         self._socket = TimedSocket(socket)
 
     def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:

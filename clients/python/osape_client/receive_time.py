@@ -39,8 +39,9 @@ class TimedSocket:
 
 def age_ns(publication: pb.Publication, t_ns: int, received_ns: int) -> int:
     """Upper bound of the present age of an exposure at t_ns on the service's clock. From another machine it lacks the time
-    on the network, and so for a stamp in the future, until it is past. received_ns: as `TimedSocket.take` returned it."""
-    now_ns, published_ns = time.monotonic_ns(), max(0, publication.age_ns)
-    if publication.boot_id == boot_id() and t_ns <= now_ns:
-        return max(now_ns - t_ns, published_ns)  # one clock
-    return published_ns + now_ns - received_ns
+    on the network, and so for a stamp that was in the future when it was sent. received_ns: as `TimedSocket.take` returned it."""
+    now_ns, published_ns = time.monotonic_ns(), publication.age_ns
+    since_receipt_ns = max(0, published_ns) + now_ns - received_ns
+    if publication.boot_id == boot_id() and t_ns <= now_ns:  # one clock
+        return max(now_ns - t_ns, published_ns if published_ns >= 0 else since_receipt_ns)
+    return since_receipt_ns

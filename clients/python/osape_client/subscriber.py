@@ -31,6 +31,7 @@ from .stream_subscriber import StreamSubscriber
 
 NS = 1_000_000_000
 SCHEMA_VERSION = 1
+FRAMES = frozenset({"level", "ned"})
 TIMEOUT_S = 0.4
 """Default age at which a message becomes stale. The service itself reports a camera as unavailable after 0.3 s."""
 
@@ -109,7 +110,9 @@ class Message:
     @cached_property
     def space(self) -> Space:
         """Queries of this message. Unavailable cameras contribute neither free nor occupied space. If the parts of a message
-        do not fit together everything is unknown."""
+        do not fit together, or it is of an unknown frame, everything is unknown."""
+        if self.frame not in FRAMES:
+            return Space([])
         frames = self.content.cameras if isinstance(self.content, pb.SurroundFrame) else [self.content]
         models = []
         for frame in frames:
@@ -118,8 +121,8 @@ class Message:
             except ValueError:
                 return Space([])
             if model is not None:
-                if not frame.HasField("transform"):  # cut short: the position of the camera is missing
-                    return Space([])
+                if not frame.HasField("transform") or frame.frame != self.frame:
+                    return Space([])  # cut short, so that the position of the camera is missing, or of another frame
                 at = frame.transform.translation_m
                 models.append(PlacedModel(model, (at.x, at.y, at.z)))
         return Space(models)

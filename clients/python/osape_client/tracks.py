@@ -4,12 +4,14 @@ They are additional information: where no track is, nothing is known to be free.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .integers import flags, integers
 from .proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
@@ -88,27 +90,48 @@ def tracks_from_message(message: pb.Tracks) -> Tracks:
     if len(message.corners_m) != 6 * n:
         raise ValueError(f"tracks: {len(message.corners_m)} entries of corners_m, expected {6 * n}; is it damaged?")
     planes = np.array(message.corners_m, dtype=np.float32).reshape(n, 6)
-    if not np.isfinite(planes).all():
-        raise ValueError("tracks: corners_m is not finite; is the message damaged?")
+    _check_numbers(message)
     return Tracks(
         frame=message.frame,
         valid=message.valid,
-        ids=np.array(message.id, dtype=np.int64),
+        ids=integers(message.id, np.int64, "id"),
         planes=planes,
         margin_m=np.array(message.margin_m, dtype=np.float32),
         sigma_m=np.array(message.sigma_m, dtype=np.float32),
         confidence=np.array(message.confidence, dtype=np.float32),
         states=tuple(STATES[k] if 0 <= k < len(STATES) else TrackState.UNKNOWN for k in message.state),
-        hits=np.array(message.hits, dtype=np.int32),
+        hits=integers(message.hits, np.int32, "hits"),
         age_s=np.array(message.age_ns, dtype=np.float64) / NS,
         unseen_s=np.array(message.unseen_ns, dtype=np.float64) / NS,
-        flags=np.array(message.flags, dtype=np.uint8),
-        object_id=np.array(message.object_id, dtype=np.int64),
+        flags=flags(message.flags),
+        object_id=integers(message.object_id, np.int64, "object_id"),
         objects=tuple(_object(o) for o in message.objects),
     )
 
 
+def _check_numbers(message: pb.Tracks) -> None:
+    """Raises ValueError where a track has a corner that is not finite, or a margin or standard deviation that is not a finite
+    number of 0 or more."""
+    if not np.isfinite(message.corners_m).all():
+        raise ValueError("tracks: corners_m is not finite; is the message damaged?")
+    for name in ("margin_m", "sigma_m"):
+        if not all(0.0 <= value < math.inf for value in getattr(message, name)):
+            raise ValueError(f"tracks: {name} is not a finite number of 0 or more; is the message damaged?")
+
+
+def _check_object(m: pb.MovingObstacle) -> None:
+    """Raises ValueError where a number that places or moves it is not finite, or its size or a standard deviation is
+    negative."""
+    place = (m.centre_m.x, m.centre_m.y, m.centre_m.z, m.velocity_x_m_s, m.velocity_y_m_s, m.covariance_m2_s)
+    sizes = (m.half_size_m.x, m.half_size_m.y, m.half_size_m.z, m.position_sigma_m, m.velocity_sigma_m_s)
+    if not all(map(math.isfinite, (*place, *sizes))) or min(sizes) < 0.0:
+        raise ValueError(
+            "tracks: a moving obstacle has a number that is not finite or a negative size; is the message damaged?"
+        )
+
+
 def _object(m: pb.MovingObstacle) -> MovingObstacle:
+    _check_object(m)
     return MovingObstacle(
         id=m.id,
         centre_m=(m.centre_m.x, m.centre_m.y, m.centre_m.z),

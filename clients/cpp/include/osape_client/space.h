@@ -38,6 +38,7 @@ inline bool finite_and_increasing(const google::protobuf::RepeatedField<float>& 
 inline bool planes_fit(const osape::v1::Planes& planes) {
   const int count = planes.margin_m_size();
   if (planes.corners_m_size() != 6 * count || !finite(planes.corners_m())) return false;
+  if (planes.support_px_size() != count || planes.flags_size() != count || planes.cluster_size() != count) return false;
   for (int i = 0; i < count; ++i) {
     if (!std::isfinite(planes.margin_m(i)) || planes.margin_m(i) < 0.0f) return false;
     if (!(planes.corners_m(6 * i + 4) < planes.corners_m(6 * i + 5))) return false;  // z points down
@@ -45,17 +46,29 @@ inline bool planes_fit(const osape::v1::Planes& planes) {
   return true;
 }
 
+// Whether the tables of a profile have an entry per direction and layer, and its numbers are finite and its edges increasing.
+inline bool profile_fits(const osape::v1::FreeProfile& free) {
+  const auto directions = static_cast<std::size_t>(std::max(0, free.azimuth_edges_rad_size() - 1));
+  const auto size = directions * static_cast<std::size_t>(std::max(0, free.layer_edges_m_size() - 1));
+  const auto from = static_cast<std::size_t>(free.free_from_m_size()), to = static_cast<std::size_t>(free.free_to_m_size());
+  if (from != size || to != size || free.end().size() != size) return false;
+  const bool presumes = !free.open_from_dm().empty() || !free.open_to_dm().empty();
+  if (presumes && (free.open_from_dm().size() != size || free.open_to_dm().size() != size)) return false;
+  if (!finite(free.free_from_m()) || !finite(free.free_to_m())) return false;
+  return finite_and_increasing(free.azimuth_edges_rad()) && finite_and_increasing(free.layer_edges_m());
+}
+
 // Whether a frame was processed and its message is whole: of a message cut short the position of the camera may be missing. A cause
-// of a valid frame is of a newer version or of a damaged message.
+// of a valid frame is of a newer version or of a damaged message, as is an unknown frame of the coordinates.
 inline bool usable(const osape::v1::PrismsFrame& frame) {
+  if (frame.frame() != "level" && frame.frame() != "ned") return false;
   return frame.valid() && frame.cause() == osape::v1::CAUSE_NONE && frame.has_stats() && frame.has_transform();
 }
 
 // Whether the numbers of a frame fit together; of a damaged message everything is unknown.
 inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
   const auto& g = frame.ground();
-  if (!planes_fit(frame.planes())) return false;
-  if (!finite_and_increasing(frame.free().azimuth_edges_rad()) || !finite_and_increasing(frame.free().layer_edges_m())) return false;
+  if (!planes_fit(frame.planes()) || !profile_fits(frame.free())) return false;
   if (!g.seen()) return true;
   bool margins = true;
   for (const double margin : {g.noise_per_m(), g.tolerance_m()}) margins = margins && std::isfinite(margin) && margin >= 0.0;

@@ -1,6 +1,7 @@
 // Tracked obstacles of one camera (osape.v1.Tracks). They are additional: where no track is, nothing is known to be free.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -23,7 +24,20 @@ struct Track {
   std::uint64_t object_id;
 };
 
-// The tracks of a message; nothing where its parts do not fit together or a corner is not finite.
+inline bool finite_and_not_negative(const google::protobuf::RepeatedField<float>& values) {
+  return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value) && value >= 0.0f; });
+}
+
+// Whether the place, velocity and size of a moving obstacle are finite, and its size and standard deviations not negative.
+inline bool fits(const osape::v1::MovingObstacle& o) {
+  const auto &at = o.centre_m(), &half = o.half_size_m();
+  const std::array<double, 6> place{at.x(), at.y(), at.z(), o.velocity_x_m_s(), o.velocity_y_m_s(), o.covariance_m2_s()};
+  const std::array<double, 5> sizes{half.x(), half.y(), half.z(), o.position_sigma_m(), o.velocity_sigma_m_s()};
+  return std::all_of(place.begin(), place.end(), [](double value) { return std::isfinite(value); }) &&
+         std::all_of(sizes.begin(), sizes.end(), [](double value) { return std::isfinite(value) && value >= 0.0; });
+}
+
+// The tracks of a message; nothing where its parts do not fit together, a number is not finite, or a margin is negative.
 inline std::optional<std::vector<Track>> tracks_of(const osape::v1::Tracks& m) {
   const int n = m.id_size();
   if (m.corners_m_size() != 6 * n || m.margin_m_size() != n || m.sigma_m_size() != n || m.confidence_size() != n ||
@@ -31,6 +45,8 @@ inline std::optional<std::vector<Track>> tracks_of(const osape::v1::Tracks& m) {
       m.unseen_ns_size() != n || m.object_id_size() != n) {
     return std::nullopt;
   }
+  if (!finite_and_not_negative(m.margin_m()) || !finite_and_not_negative(m.sigma_m())) return std::nullopt;
+  if (!std::all_of(m.objects().begin(), m.objects().end(), fits)) return std::nullopt;
   std::vector<Track> tracks;
   tracks.reserve(static_cast<std::size_t>(n));
   for (int k = 0; k < n; ++k) {

@@ -23,6 +23,7 @@ class Cause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CAUSE_FRAME_TOO_OLD: _ClassVar[Cause]
     CAUSE_GAP_TOO_WIDE: _ClassVar[Cause]
     CAUSE_NO_RATES: _ClassVar[Cause]
+    CAUSE_CLOCK_UNCERTAIN: _ClassVar[Cause]
     CAUSE_DUPLICATE_FRAME: _ClassVar[Cause]
     CAUSE_LATE_FRAME: _ClassVar[Cause]
     CAUSE_WRONG_SIZE: _ClassVar[Cause]
@@ -42,6 +43,7 @@ CAUSE_ATTITUDE_TOO_OLD: Cause
 CAUSE_FRAME_TOO_OLD: Cause
 CAUSE_GAP_TOO_WIDE: Cause
 CAUSE_NO_RATES: Cause
+CAUSE_CLOCK_UNCERTAIN: Cause
 CAUSE_DUPLICATE_FRAME: Cause
 CAUSE_LATE_FRAME: Cause
 CAUSE_WRONG_SIZE: Cause
@@ -71,16 +73,18 @@ class Quaternion(_message.Message):
     def __init__(self, w: _Optional[float] = ..., x: _Optional[float] = ..., y: _Optional[float] = ..., z: _Optional[float] = ...) -> None: ...
 
 class AttitudeSample(_message.Message):
-    __slots__ = ("t_ns", "t_arrival_ns", "q_ned_frd", "rates_frd_rad_s")
+    __slots__ = ("t_ns", "t_arrival_ns", "q_ned_frd", "rates_frd_rad_s", "stamp_error_ns")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     T_ARRIVAL_NS_FIELD_NUMBER: _ClassVar[int]
     Q_NED_FRD_FIELD_NUMBER: _ClassVar[int]
     RATES_FRD_RAD_S_FIELD_NUMBER: _ClassVar[int]
+    STAMP_ERROR_NS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     t_arrival_ns: int
     q_ned_frd: Quaternion
     rates_frd_rad_s: Vector3
-    def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., q_ned_frd: _Optional[_Union[Quaternion, _Mapping]] = ..., rates_frd_rad_s: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
+    stamp_error_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., q_ned_frd: _Optional[_Union[Quaternion, _Mapping]] = ..., rates_frd_rad_s: _Optional[_Union[Vector3, _Mapping]] = ..., stamp_error_ns: _Optional[int] = ...) -> None: ...
 
 class PoseSample(_message.Message):
     __slots__ = ("t_ns", "t_arrival_ns", "position_ned_m", "velocity_ned_m_s", "reset_counter")
@@ -727,7 +731,7 @@ class ExposureOffset(_message.Message):
     def __init__(self, state: _Optional[str] = ..., text: _Optional[str] = ..., offset_ms: _Optional[float] = ..., sigma_ms: _Optional[float] = ..., pairs: _Optional[int] = ..., warns: bool = ..., state_enum: _Optional[_Union[ExposureOffset.State, str]] = ...) -> None: ...
 
 class AutopilotHealth(_message.Message):
-    __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns", "flight_mode", "obstacles_sent", "obstacles_echoed")
+    __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns", "flight_mode", "obstacles_sent", "obstacles_echoed", "heartbeat_age_ns")
     class CountsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -750,6 +754,7 @@ class AutopilotHealth(_message.Message):
     FLIGHT_MODE_FIELD_NUMBER: _ClassVar[int]
     OBSTACLES_SENT_FIELD_NUMBER: _ClassVar[int]
     OBSTACLES_ECHOED_FIELD_NUMBER: _ClassVar[int]
+    HEARTBEAT_AGE_NS_FIELD_NUMBER: _ClassVar[int]
     address: str
     line_open: bool
     line_error: str
@@ -765,7 +770,8 @@ class AutopilotHealth(_message.Message):
     flight_mode: str
     obstacles_sent: ObstacleSectors
     obstacles_echoed: ObstacleSectors
-    def __init__(self, address: _Optional[str] = ..., line_open: bool = ..., line_error: _Optional[str] = ..., line_warning: _Optional[str] = ..., autopilot: _Optional[str] = ..., system_id: _Optional[int] = ..., armed: bool = ..., attitude_hz: _Optional[float] = ..., position_hz: _Optional[float] = ..., clock: _Optional[_Union[ClockEstimate, _Mapping]] = ..., counts: _Optional[_Mapping[str, int]] = ..., attitude_age_ns: _Optional[int] = ..., flight_mode: _Optional[str] = ..., obstacles_sent: _Optional[_Union[ObstacleSectors, _Mapping]] = ..., obstacles_echoed: _Optional[_Union[ObstacleSectors, _Mapping]] = ...) -> None: ...
+    heartbeat_age_ns: int
+    def __init__(self, address: _Optional[str] = ..., line_open: bool = ..., line_error: _Optional[str] = ..., line_warning: _Optional[str] = ..., autopilot: _Optional[str] = ..., system_id: _Optional[int] = ..., armed: bool = ..., attitude_hz: _Optional[float] = ..., position_hz: _Optional[float] = ..., clock: _Optional[_Union[ClockEstimate, _Mapping]] = ..., counts: _Optional[_Mapping[str, int]] = ..., attitude_age_ns: _Optional[int] = ..., flight_mode: _Optional[str] = ..., obstacles_sent: _Optional[_Union[ObstacleSectors, _Mapping]] = ..., obstacles_echoed: _Optional[_Union[ObstacleSectors, _Mapping]] = ..., heartbeat_age_ns: _Optional[int] = ...) -> None: ...
 
 class ObstacleSectors(_message.Message):
     __slots__ = ("cm", "t_ns", "clear_cm", "first_deg", "step_deg", "body_frame")
@@ -1035,6 +1041,7 @@ class Diagnostic(_message.Message):
         CODE_SHARE_LINK_CLOSED: _ClassVar[Diagnostic.Code]
         CODE_SHARE_NO_FRAME: _ClassVar[Diagnostic.Code]
         CODE_SHARE_NOT_AUTHENTICATED: _ClassVar[Diagnostic.Code]
+        CODE_CLOCK_UNCERTAIN: _ClassVar[Diagnostic.Code]
     CODE_UNKNOWN: Diagnostic.Code
     CODE_STARTING: Diagnostic.Code
     CODE_THREAD_STALLED: Diagnostic.Code
@@ -1097,6 +1104,7 @@ class Diagnostic(_message.Message):
     CODE_SHARE_LINK_CLOSED: Diagnostic.Code
     CODE_SHARE_NO_FRAME: Diagnostic.Code
     CODE_SHARE_NOT_AUTHENTICATED: Diagnostic.Code
+    CODE_CLOCK_UNCERTAIN: Diagnostic.Code
     CODE_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]

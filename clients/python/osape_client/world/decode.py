@@ -106,4 +106,6 @@ def _decompressed(compressed: bytes, size: int, name: str) -> bytes:
         raise ValueError(f"{name} of {len(compressed)} bytes cannot be decompressed ({error})") from error
     if len(raw) != size:
         raise ValueError(f"{name} of {len(raw)} bytes or more, expected {size}")
+    if compressed and (not decompressor.eof or decompressor.unused_data):
+        raise ValueError(f"{name}: the compressed bytes end early or too late; is the message damaged?")
     return raw

@@ -24,6 +24,9 @@ _KEPT = 6
 """Not tuning: frames of one camera that are kept beside its newest, evenly over the time of the memory. It bounds the memory
 for any frame rate."""
 
+QUATERNION_SLACK = 0.05
+"""Greatest difference of the length of an attitude's quaternion from 1; an empty one has length 0."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Remembered:
@@ -52,23 +55,27 @@ class LevelMemory:
 
     def add_message(self, message: pb.PrismsFrame) -> float | None:
         """Adds a frame without a position. Returns the vehicle's heading at its exposure, rad clockwise from north, for
-        `snapshot`; None when the frame was not added: it is invalid, has a position, or does not fit together."""
+        `snapshot`; None when the frame was not added: it is invalid, has a position, comes out of order, or does not fit
+        together."""
         if message.frame != "level" or not message.valid or not message.HasField("attitude"):
             return None
         q = message.attitude.q_ned_frd
+        if not abs(math.hypot(q.w, q.x, q.y, q.z) - 1.0) <= QUATERNION_SLACK:
+            return None
         heading_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
         try:
             model = model_from_message(message)
-            if model is not None:
-                self.add(message.camera, model, heading_rad, message.t_exposure_ns)
+            added = model is not None and self.add(message.camera, model, heading_rad, message.t_exposure_ns)
         except ValueError:
             return None
-        return heading_rad if model is not None else None
+        return heading_rad if added else None
 
-    def add(self, camera: str, model: CameraModel, heading_rad: float, t_ns: int) -> None:
-        """Adds the planes of a frame. heading_rad: of the vehicle at the exposure t_ns, clockwise from north. An invalid frame
-        removes nothing; one that comes out of order is ignored. A time stamp that steps back by more than a second, and by more
-        than memory_s, means that the clock restarted: what has later time stamps is removed.
+    def add(self, camera: str, model: CameraModel, heading_rad: float, t_ns: int) -> bool:
+        """Adds the planes of a frame. Returns whether they were added. heading_rad: of the vehicle at the exposure t_ns,
+        clockwise from north.
+
+        An invalid frame removes nothing; one that comes out of order is ignored. A time stamp that steps back by more
+        than a second, and by more than memory_s, means that the clock restarted: what has later time stamps is removed.
 
         Raises:
             ValueError: the heading is not finite.
@@ -78,13 +85,13 @@ class LevelMemory:
                 f"heading {heading_rad} of camera {camera} at {t_ns} ns: expected a finite number of radians"
             )
         if not model.valid:
-            return
+            return False
         newest = self._newest.get(camera)
         if newest is not None and newest.t_ns - t_ns > max(NS, self._memory_ns):
             self._remove_later(t_ns)
             newest = None
         if newest is not None and t_ns <= newest.t_ns:
-            return
+            return False
         finite = np.isfinite(model.planes).all(axis=1) & np.isfinite(model.margin_m)
         self._newest[camera] = _Remembered(
             model.planes[finite], model.margin_m[finite], model.flags[finite], heading_rad, t_ns
@@ -92,6 +99,7 @@ class LevelMemory:
         earlier = self._earlier.setdefault(camera, deque(maxlen=_KEPT))
         if newest is not None and (not earlier or newest.t_ns - earlier[-1].t_ns >= self._memory_ns // _KEPT):
             earlier.append(newest)
+        return True
 
     def _remove_later(self, t_ns: int) -> None:
         """Removes the cameras whose newest frame is later than t_ns."""

@@ -234,6 +234,8 @@ class WorldMirror:
                 raise ValueError(f"schema version {message.schema_version}; this mirror reads {SCHEMA_VERSION}")
             if not message.HasField("publication"):
                 raise ValueError("cut short: the part that is written last is missing")
+            if message.valid and message.cause != pb.WorldUpdate.CAUSE_NONE:
+                raise ValueError(f"cause {message.cause} of a valid message")
             self._apply(message, received_ns)
         except (DecodeError, ValueError) as error:
             self.stats.undecodable += 1
