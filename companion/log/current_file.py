@@ -84,7 +84,8 @@ class CurrentLog:
         path = part_path(self._folder, self._flight, self.files)
         self._log = LogWriter(path, level=params.zstd_level)
         self.files += 1
-        self._begun_ns = self._synced_ns = time.monotonic_ns()
+        self._begun_ns = time.monotonic_ns()
+        self._synced_ns = 0  # the first items at once: without a complete chunk nothing of a file can be recovered
         self._log.begin(self._run, item.cameras, item.state, item.t_ns)
 
     def room_for(self, size: int) -> bool:

@@ -80,7 +80,8 @@ class LogWriter:
         return 0 if self._file.closed else self._file.tell()
 
     def sync(self) -> None:
-        """Flushes the file to the disk. Raises OSError."""
+        """Ends the open chunk and flushes the file to the disk. Raises OSError."""
+        self._writer.end_chunk()
         self._file.flush()
         os.fdatasync(self._file.fileno())
 

@@ -113,10 +113,14 @@ class McapWriter:
         if end > self._chunk_bytes:
             self._finish_chunk()
 
-    def finish(self) -> None:
-        """Writes the last chunk and the summary, which readers need for random access."""
+    def end_chunk(self) -> None:
+        """Writes the messages since the last chunk as a chunk of their own."""
         if self._indexes:
             self._finish_chunk()
+
+    def finish(self) -> None:
+        """Writes the last chunk and the summary, which readers need for random access."""
+        self.end_chunk()
         self._write(_record(DataEnd(0)))
         start = self._offset
         groups: tuple[tuple[int, Iterable[bytes]], ...] = (

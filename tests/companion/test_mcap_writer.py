@@ -30,7 +30,7 @@ def messages(seed: int, count: int) -> Written:
     ]
 
 
-def ours(content: Written) -> bytes:
+def ours(content: Written, ended_every: int = 1000) -> bytes:
     stream = io.BytesIO()
     writer = McapWriter(stream, CHUNK)
     writer.start("test")
@@ -40,6 +40,9 @@ def ours(content: Written) -> bytes:
     for channel, log_time, data, publish_time, sequence in content:
         half = len(data) // 2
         writer.add_message(channel, log_time, (data[:half], memoryview(data)[half:]), publish_time, sequence)
+        if sequence % ended_every == ended_every - 1:
+            writer.end_chunk()
+            writer.end_chunk()
     writer.finish()
     return stream.getvalue()
 
@@ -104,8 +107,11 @@ def test_a_reader_finds_every_message_by_the_closing_part() -> None:
     assert sorted(one) == [m[4] for m in content if m[0] == 2]
 
 
-def test_each_place_of_the_indexes_is_consistent() -> None:
-    data = ours(messages(5, 300))
+@pytest.mark.parametrize("ended_every", [1000, 7])
+def test_each_place_of_the_indexes_is_consistent(ended_every: int) -> None:
+    """Also of chunks that were ended early, and twice."""
+    data = ours(messages(5, 300), ended_every)
+    assert sum(1 for _ in make_reader(io.BytesIO(data), validate_crcs=True).iter_messages()) == 300
     summary = make_reader(io.BytesIO(data)).get_summary()
     assert summary is not None
     for chunk in summary.chunk_indexes:
