@@ -7,6 +7,8 @@ from typing import Any
 from osape_client.proto import osape_v1_pb2 as pb
 
 UNKNOWN_CM = 65535
+BETWEEN_HEARTBEATS_NS = 1_000_000_000
+"""Usual age of a heartbeat."""
 
 
 def autopilot_data(health: pb.Health | None, t_ns: int) -> dict[str, Any] | None:
@@ -21,7 +23,7 @@ def autopilot_data(health: pb.Health | None, t_ns: int) -> dict[str, Any] | None
         "kind": a.autopilot,
         "mode": a.flight_mode,
         "armed": a.armed,
-        "age_s": round((t_ns - health.t_ns) / 1e9, 2),
+        "age_s": round((t_ns - health.t_ns + max(0, a.heartbeat_age_ns - BETWEEN_HEARTBEATS_NS)) / 1e9, 2),
         "sent": _sectors(a.obstacles_sent, t_ns) if a.HasField("obstacles_sent") else None,
         "echoed": _sectors(a.obstacles_echoed, t_ns) if a.HasField("obstacles_echoed") else None,
     }

@@ -22,10 +22,9 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.foxglove_scene import scene_message, transform_messages
 from ..log.log_writer import schema_bytes
-from ..pipeline.encode import prisms_from_message
 from ..pipeline.results import PrismsResult
 from ..pipeline.sync import DropCause
-from .live_page import camera_status
+from .live_page import camera_status, decoded
 from .subscriber import NS, WATCHED_S, LiveSubscriber
 
 STATUS_TOPIC = "/status"
@@ -100,10 +99,7 @@ class FoxgloveServer:
             drop=DropCause.NONE,
             model=None,
         )
-        try:
-            result = prisms_from_message(message) if message.valid else blind
-        except ValueError:
-            result = blind
+        result = decoded(message)[0] or blind
         self._send(scene, scene_message(result), t_ns)
         for transform in transform_messages(result, info) if info is not None else ():
             self._send(tf, transform, t_ns)
@@ -123,23 +119,26 @@ class FoxgloveServer:
     def tick(self) -> None:
         """Publishes the state of each camera: blind once per second, not blind once."""
         now_ns = time.monotonic_ns()
-        with self._subscriber.changed:
-            causes = {name: self._cause(name, now_ns) for name in self._subscriber.cameras}
         wanted = self._wants(STATUS_TOPIC, Log)
+        with self._subscriber.changed:
+            newest = {name: camera.newest for name, camera in self._subscriber.cameras.items()}
+        errors = {name: decoded(m)[1] if wanted and m is not None and m.valid else "" for name, m in newest.items()}
+        with self._subscriber.changed:
+            causes = {name: self._cause(name, errors[name], now_ns) for name in newest}
         for name, blind in causes.items() if wanted else ():
             before, at_ns = self._sent.get(name, (None, 0))
             if blind == before and (not blind or now_ns - at_ns < REPEAT_NS):
                 continue
             self._sent[name] = blind, now_ns
-            text = f"{name} is BLIND: {blind}; do not treat any direction as free" if blind else f"{name} sees"
+            text = f"{name} is BLIND: {blind}; do not treat any direction as free" if blind else f"{name}: not blind"
             level = Log.FATAL if blind else Log.INFO
             self._send(STATUS_TOPIC, Log(timestamp=stamp(now_ns), level=level, message=text, name="companion"), now_ns)
         depth = [TOPICS["depth"].of(name) for name in causes]
         if any(topic in self._channels and self._channels[topic].has_sinks() for topic in depth):
             self._subscriber.watch(WATCHED_S)
 
-    def _cause(self, name: str, now_ns: int) -> str:
-        blind = camera_status(self._subscriber, name, None, "", now_ns)["blind"]
+    def _cause(self, name: str, decode_error: str, now_ns: int) -> str:
+        blind = camera_status(self._subscriber, name, None, decode_error, now_ns)["blind"]
         return str(blind)
 
     def _wants(self, topic: str, kind: type[Message]) -> bool:

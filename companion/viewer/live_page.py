@@ -13,11 +13,13 @@ import numpy as np
 
 from osape_client.boot import boot_id
 from osape_client.decode import cause_code
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..live.health import STATES
 from ..live.message_json import message_json
 from ..live.status import status_lines
 from ..pipeline.encode import prisms_from_message
+from ..pipeline.results import PrismsResult
 from .autopilot_view import autopilot_data
 from .colors import depth_index, palette
 from .frame import ViewFrame
@@ -93,25 +95,43 @@ class LivePage:
             return self._ready[shown.number]
 
 
+def decoded(message: pb.PrismsFrame) -> tuple[PrismsResult | None, str]:
+    """(result, why there is none): a frame without a valid result, or with inconsistent numbers, has none."""
+    if not message.valid:
+        return None, message.cause_text or "no cause reported"
+    try:
+        return prisms_from_message(message), ""
+    except ValueError as error:
+        return None, f"its message is inconsistent ({error})"
+
+
 def frame_of(shown: Shown, begun_ns: int) -> dict[str, Any]:
     """A frame as the page draws it. A frame with inconsistent numbers is blind."""
     m = shown.message
-    cause = "" if m.valid else m.cause_text or "no cause reported"
-    try:
-        frame = view_frame(prisms_from_message(m), shown.info, None) if m.valid else None
-    except ValueError as error:
-        frame, cause = None, f"its message is inconsistent ({error})"
-    if frame is None:
-        frame = ViewFrame(info=shown.info, sequence=m.sequence, t_ns=m.t_exposure_ns, dropped=cause)
-    elif shown.tracks is not None:
+    result, cause = decoded(m)
+    blind = ViewFrame(info=shown.info, sequence=m.sequence, t_ns=m.t_exposure_ns, dropped=cause)
+    frame = blind if result is None else view_frame(result, shown.info, None)
+    if result is not None and shown.tracks is not None:
         frame = replace(frame, tracks=tracks_data(shown.tracks, frame.heading_rad, frame.position_ned_m))
     data = frame_data(frame, 0, frame.t_ns, 0)
+    if not _finite(data):
+        not_finite = "its message is inconsistent (a number that is not finite)"
+        data = frame_data(replace(blind, dropped=not_finite), 0, frame.t_ns, 0)
     data["t"] = (shown.exposed_ns - begun_ns) / NS
     p = shown.preview
     if p is not None and len(p.depth_mm) == 2 * p.width_px * p.height_px > 0:
         depth_mm = np.frombuffer(p.depth_mm, "<u2").reshape(p.height_px, p.width_px)
         data["depth"] = packed_png(depth_index(depth_mm, shown.info, frame.ke_per_m), 1)
     return data
+
+
+def _finite(data: dict[str, Any]) -> bool:
+    """Whether all numbers are finite: JSON has no others."""
+    try:
+        json.dumps(data, allow_nan=False)
+    except ValueError:
+        return False
+    return True
 
 
 NO_CURRENT_MESSAGE = "no_current_message"
@@ -172,7 +192,7 @@ def service_status(subscriber: LiveSubscriber, now_ns: int) -> dict[str, Any]:
         missing.append("the service has no camera: add a [[camera]] to its configuration")
     if not subscriber.streams.depth:
         missing.append("no depth images: [publish] depth is empty")
-    elif subscriber.depth_missing(now_ns) and not missing:
+    elif subscriber.depth_missing(now_ns) and not missing and any(c.received_ns for c in subscriber.cameras.values()):
         missing.append(f"no depth images on {subscriber.streams.depth} ([publish] depth)")
     if subscriber.undecodable:
         missing.append(f"not understood: {subscriber.undecodable}")

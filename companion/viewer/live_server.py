@@ -23,6 +23,7 @@ from osape_client.run_folder import run_folder
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
+from .first_frame import load_drawing
 from .live_page import LivePage
 from .subscriber import LiveSubscriber, Streams
 
@@ -72,7 +73,7 @@ class LiveServer:
 def names_of(host: str) -> frozenset[str]:
     """Allowed values of the Host header. On the loopback address these are its own names, so that a web page cannot
     read the data through a host name that resolves to this computer; on other addresses any (empty)."""
-    return frozenset({LOOPBACK, "localhost", "[::1]"}) if is_loopback(host) else frozenset()
+    return frozenset({LOOPBACK, "localhost", "[::1]", host}) if is_loopback(host) else frozenset()
 
 
 def is_loopback(host: str) -> bool:
@@ -179,6 +180,7 @@ def run(args: argparse.Namespace) -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+    load_drawing()
     os.nice(NICE)  # the service has precedence over viewers
     try:
         subscriber.open()

@@ -40,6 +40,8 @@ WATCHED_S = 2.0
 HEALTH_OLD_NS = 3 * NS
 """Health reports arrive once per second; after this time without one the service counts as silent."""
 RECENT = 64
+TRACKS_NS = round(TIMEOUT_S * NS)
+"""The newest tracks are drawn with a frame that has none if both exposures differ by at most this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +61,7 @@ class Streams:
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
     """The frame of a camera that a page draws. number: consecutive; exposed_ns: exposure on the local clock; tracks: after
-    this frame, or the newest ones where these have not arrived."""
+    this frame, or the newest ones where these have not arrived; None: they are too old."""
 
     number: int
     info: CameraInfo
@@ -84,6 +86,15 @@ class Camera:
     shown: Shown | None = None
     key: tuple[Any, ...] = ()
     shown_ns: int = 0
+
+    def tracks_of(self, message: pb.PrismsFrame) -> pb.Tracks | None:
+        """Returns the tracks after a frame, or the newest ones where these have not arrived; None: their exposure differs
+        from that of the frame by more than TRACKS_NS."""
+        newest = next(reversed(self.tracks.values()), None)
+        tracks = self.tracks.get(message.sequence, newest)
+        if tracks is None or abs(tracks.t_exposure_ns - message.t_exposure_ns) > TRACKS_NS:
+            return None
+        return tracks
 
 
 class LiveSubscriber:
@@ -278,7 +289,6 @@ class LiveSubscriber:
         assert camera.info is not None
         self.number += 1
         camera.key, camera.shown_ns = key, now_ns
-        newest = next(reversed(camera.tracks.values()), None)
-        tracks = camera.tracks.get(message.sequence, newest)
+        tracks = camera.tracks_of(message)
         camera.shown = Shown(self.number, camera.info, message, preview, exposed_ns, tracks)
         self.changed.notify_all()

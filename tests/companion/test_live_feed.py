@@ -7,6 +7,7 @@ import http.client
 import json
 import time
 from base64 import b64decode
+from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from google.protobuf.message import Message
 from companion.cli import main
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
-from companion.viewer.subscriber import LiveSubscriber, Streams
+from companion.viewer.subscriber import Camera, LiveSubscriber, Streams
 from core.types import CameraInfo
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_message
@@ -216,6 +217,32 @@ def test_numbers_that_do_not_fit_are_blind(scripted: ScriptedService, page: Live
     assert answer["cameras"][0]["blind"]
 
 
+def test_a_pose_that_is_not_finite_makes_one_camera_blind(scripted: ScriptedService, page: LivePage) -> None:
+    """The answer contains all cameras."""
+    shown(scripted, page)
+    broken = scripted.message()
+    broken.pose.position_ned_m.x = float("nan")
+
+    def reported_blind() -> bool:
+        scripted.publish(broken)
+        answer = update(page)
+        return bool(answer["frames"]) and "is inconsistent" in answer["frames"][0]["cause"]
+
+    assert until(reported_blind)
+    assert update(page)["cameras"][0]["blind"]
+
+
+def test_tracks_of_long_ago_are_not_drawn() -> None:
+    message = pb.PrismsFrame(sequence=9, t_exposure_ns=10**9)
+    camera = Camera(tracks=OrderedDict({1: pb.Tracks(sequence=1, t_exposure_ns=10**9 - 400_000_000)}))
+    assert camera.tracks_of(message) is camera.tracks[1]
+    message.t_exposure_ns += 1
+    assert camera.tracks_of(message) is None
+    camera.tracks[9] = pb.Tracks(sequence=9, t_exposure_ns=5)
+    assert camera.tracks_of(message) is None, "of an earlier run"
+    assert Camera().tracks_of(message) is None
+
+
 def test_foreign_bytes_are_named_and_have_no_effect(scripted: ScriptedService, page: LivePage) -> None:
     shown(scripted, page)
     scripted.nonsense()
@@ -261,6 +288,18 @@ def test_http_gives_page_and_news_and_nothing_else(server: LiveServer) -> None:
     connection.request("POST", "/news", body=b"x")
     assert connection.getresponse().status == 501
     connection.close()
+
+
+def test_the_address_it_listens_on_is_its_own_name(page: LivePage) -> None:
+    server = LiveServer(page, "127.0.0.2", 0)
+    server.open()
+    try:
+        connection = http.client.HTTPConnection("127.0.0.2", server.port, timeout=60.0)
+        connection.request("GET", "/news?after=0")
+        assert connection.getresponse().status == 200
+        connection.close()
+    finally:
+        server.close()
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8760", "127.0.0.1.evil.example:8760"])

@@ -135,7 +135,7 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(
         server.tick()
         viewer.listen()
         message = viewer.newest("/status", Log)
-        return all(viewer.newest(t, k) is not None for t, k in wanted.items()) and message.message == "front sees"
+        return all(viewer.newest(t, k) is not None for t, k in wanted.items()) and message.message == "front: not blind"
 
     assert until(all_received)
     assert viewer.schemas == {topic: kind.DESCRIPTOR.full_name for topic, kind in wanted.items()}
@@ -155,6 +155,16 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(
         return bool(message.level == Log.FATAL and "front is BLIND: lost: its process has ended" in message.message)
 
     assert until(blind)
+
+    def inconsistent() -> bool:
+        broken = scripted.message()
+        broken.planes.corners_m.append(1.0)
+        scripted.publish(broken)
+        server.tick()
+        viewer.listen()
+        return "front is BLIND: its message is inconsistent" in viewer.newest("/status", Log).message
+
+    assert until(inconsistent)
     assert until(lambda: (viewer.listen(), viewer.newest("/camera/front/scene", SceneUpdate).deletions)[1])
 
     def silent() -> bool:

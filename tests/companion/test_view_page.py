@@ -67,6 +67,20 @@ def half_open() -> ViewFrame:
     return replace(made, model=replace(made.model, free=replace(made.model.free, open_from_dm=begin, open_to_dm=end)))
 
 
+def below() -> ViewFrame:
+    """The frame with a third layer, the middle of which is 0.5 m below the ground; all are free to 4 m."""
+    made = frame()
+    assert made.model is not None
+    free = replace(
+        made.model.free,
+        layer_edges_m=np.array([-3.0, -1.0, 1.0, 4.0], np.float32),
+        free_from_m=np.full((2, 3), 0.5, np.float32),
+        free_to_m=np.full((2, 3), 4.0, np.float32),
+        end=np.ones((2, 3), np.uint8),
+    )
+    return replace(made, model=replace(made.model, free=free))
+
+
 def test_page_holds_open_space_apart_from_free_space() -> None:
     plain, opened = (f["free"] for f in data_of(page_of(frame(), half_open()))["frames"])
     assert "openTo" not in plain
@@ -153,6 +167,7 @@ const out = frames.map((f) => {
       .map((c) => m.projectPixel(c, camera, f))),
     roundtrip: m.projectPixel(m.pixelPoint(100, 50, 4, camera, f), camera, f),
     prisms: m.prismWalls(f).map((w) => [w.ax, w.ay, w.bx, w.by, w.top, w.bottom, w.flags]), sectors: m.freeSectors(f), opened: m.freeSectors(f, "open"),
+    layers: m.layersOf(f, true).map(({ layer }) => m.spaceSectors(f, "free", layer, 0).length),
   };
 });
 const times = [0, 1, 2, 2, 5].map((t, k) => ({ t, c: k % 2 }));
@@ -170,7 +185,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Any:
         pytest.skip("no JavaScript engine (node) here to run the page's arithmetic")
     folder = tmp_path_factory.mktemp("node")
     shutil.copy(VIEWER / "model.js", folder / "model.mjs")
-    (folder / "data.json").write_text(json.dumps(data_of(page_of(frame(), tilted(), uphill(), half_open()))))
+    (folder / "data.json").write_text(json.dumps(data_of(page_of(frame(), tilted(), uphill(), half_open(), below()))))
     (folder / "ask.mjs").write_text(SCRIPT)
     done = subprocess.run([node, "ask.mjs"], cwd=folder, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
@@ -211,6 +226,12 @@ def test_page_ends_free_space_where_the_ground_rises_into_it(answers: Any) -> No
     assert clear[1] == pytest.approx(0.25 / 0.2)
     expected = [0.5, clear.min(), clear.min(), 0.5]
     np.testing.assert_allclose(np.hypot(*np.array(sector).T), expected, atol=1e-3)
+
+
+def test_page_draws_no_free_space_inside_the_ground(answers: Any) -> None:
+    """In `below` each layer is free to 4 m; the middle of the lowest one is 0.5 m below the ground."""
+    assert answers["out"][0]["layers"] == [1, 1]
+    assert answers["out"][4]["layers"] == [2, 2, 0]
 
 
 def test_page_reads_prisms_free_space_and_time(answers: Any) -> None:

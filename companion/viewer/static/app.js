@@ -58,10 +58,14 @@ class App {
     this.asked = true;
     requestAnimationFrame(() => {
       this.asked = false;
-      this.renderer.render(this.frames.scene, this.eye);
-      this.frames.release();
-      document.body.dataset.drawn = String(this.at);
+      this.#draw();
     });
+  }
+
+  #draw() {
+    this.renderer.render(this.frames.scene, this.eye);
+    this.frames.release();
+    document.body.dataset.drawn = String(this.at);
   }
 
   get options() {
@@ -90,7 +94,9 @@ class App {
     this.#follow(place);
     this.#words(frame, options);
     $("slider").value = String(this.at);
-    showPilot(this.live ? this.live.news.service.autopilot : frame.autopilot, frame.heading);
+    if (this.live || this.data.frames.some((f) => f.autopilot)) {
+      showPilot(this.live ? this.live.news.service.autopilot : frame.autopilot, frame.heading);
+    }
     this.frames.draw(frame, options, place, null, 0);
     this.ask();
     const image = await this.depth.image(frame);
@@ -180,7 +186,8 @@ class App {
   /** Adds or changes a camera. */
   meet() {
     const { cameras } = this.data;
-    $("camera").replaceChildren(...cameras.map((camera, k) => new Option(camera.name, String(k), false, k === this.camera)));
+    const option = (camera, k) => new Option(camera.name, String(k), false, k === this.camera);
+    $("camera").replaceChildren(...cameras.flatMap((camera, k) => (camera ? [option(camera, k)] : [])));
     $("camera").parentElement.hidden = cameras.length < 2;
     drawLegend(this.data);
   }
@@ -361,7 +368,8 @@ class App {
     this.eye.aspect = w / Math.max(1, h);
     this.eye.updateProjectionMatrix();
     drawLegend(this.data);
-    this.ask();
+    if (document.body.dataset.drawn === undefined) this.ask();
+    else this.#draw(); // at once: the new size has cleared the picture, and an empty one would look clear
   }
 }
 

@@ -7,7 +7,8 @@ const NUMBER_PX = 34;
 
 /** data: palette and cameras of the page. */
 export function drawLegend(data) {
-  const { palette, cameras } = data, by = $("by").value, camera = cameras[0];
+  const { palette, cameras } = data, by = $("by").value, camera = cameras.find((known) => known);
+  if (!camera) return; // of a service whose cameras have not been described yet
   const css = (color) => `rgb(${color.map((v) => Math.round(255 * v)).join(",")})`;
   const sample = (flags) => css(model.wallColor({ flags }, "flags", camera, palette));
   const marks = { distance: [], cluster: [["one colour for each cluster", "#7aa"]],

@@ -5,7 +5,7 @@
 import { teamColor } from "viewer/ned";
 import { showPilot } from "viewer/pilot";
 
-const CUT_MS = 1000, OLD_S = 1, PATIENCE_MS = 3000, AGAIN_MS = 300, TELL_MS = 100;
+const CUT_MS = 1000, OLD_S = 1, OLD_REPORT_S = 3, PATIENCE_MS = 3000, AGAIN_MS = 300, TELL_MS = 100;
 export const KEPT = 300;
 const $ = (id) => document.getElementById(id);
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
@@ -148,7 +148,9 @@ export class Live {
     $("banner").append(chip);
     $("stage").classList.toggle("blind", Boolean(mine));
     $("stage").dataset.word = v.word;
-    $("depth").classList.toggle("old", v.state === "cut" || shown_s > OLD_S);
+    $("depth").classList.toggle("old", v.state === "cut" || v.state === "stale" || shown_s > OLD_S);
+    const report_s = this.news?.service.age_s;
+    $("service").classList.toggle("old", v.state === "cut" || (typeof report_s === "number" && report_s + since_s > OLD_REPORT_S));
     Object.assign(document.body.dataset, { state: v.state, shown: shown_s === null ? "" : shown_s.toFixed(3) });
     if (app) $("count").textContent = app.playing ? "live" : `−${span(Math.max(0, last.t - shown.t))}`;
   }

@@ -115,11 +115,11 @@ export function layerAt(edges, z) {
   return -1;
 }
 
-/** Horizontal range up to which the camera's own height is clear of its ground in a direction: the ground may rise towards
- *  it, and its tolerance and noise belong to it. */
-export function levelRange(frame, azimuth) {
+/** Horizontal range up to which a height is clear of the camera's ground in a direction: the ground may rise towards it, and
+ *  its tolerance and noise belong to it. down: metres from the camera down to the height. */
+export function levelRange(frame, azimuth, down = 0) {
   if (!frame.ground) return Infinity;
-  const [height, sx, sy] = frame.ground, [tolerance, noise] = frame.groundMargin;
+  const [below, sx, sy] = frame.ground, [tolerance, noise] = frame.groundMargin, height = below - down;
   if (!(height >= tolerance)) return 0;
   const rise = -sx * Math.cos(azimuth) - sy * Math.sin(azimuth);
   return Math.min(rise > 0 ? (height - tolerance) / rise : Infinity, rise + noise > 0 ? height / (rise + noise) : Infinity);
@@ -150,18 +150,18 @@ export const SPACES = {
   },
 };
 
-/** [near, far] of the free space of a direction in a layer; far <= near: none. At the camera's own height it ends at the
- *  ground. */
+/** [near, far] of the free space of a direction in a layer; far <= near: none. It ends at the ground. */
 function freeSpan(frame, d, layer) {
   const f = frame.free, cell = d * (f.layers.length - 1) + layer;
   return [f.from[cell] / 100, Math.min(f.to[cell] / 100, groundReach(frame, d, layer))];
 }
 
-/** Distance to the ground in a direction at the camera's own height; Infinity in other layers. */
+/** Distance to the ground in a direction: at the camera's own height in its layer, in others at the middle of the layer, at
+ *  which it is drawn. */
 function groundReach(frame, d, layer) {
-  const f = frame.free;
-  if (layer !== layerAt(f.layers, 100 * frame.cam[2])) return Infinity;
-  return Math.min(...[d, d + 1].map((k) => levelRange(frame, f.azimuth[k] / 1000)));
+  const f = frame.free, own = layer === layerAt(f.layers, 100 * frame.cam[2]);
+  const down = own ? 0 : (f.layers[layer] + f.layers[layer + 1]) / 200 - frame.cam[2];
+  return Math.min(...[d, d + 1].map((k) => levelRange(frame, f.azimuth[k] / 1000, down)));
 }
 
 /** Corners in `level` of one class of space in one layer, seen from above: [[x, y] x 4, ...], near left, far left, far
