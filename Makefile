@@ -28,7 +28,7 @@ $(STAMP): pyproject.toml clients/python/pyproject.toml requirements-dev.lock .ci
 $(DEMO_STAMP): pyproject.toml clients/python/pyproject.toml requirements-demo.lock .ci/find-python .ci/make-env
 	@if [ ! -e $(STAMP) ]; then bash .ci/make-env $(VENV) requirements-demo.lock; else $(MAKE) --no-print-directory env; fi && touch $@
 
-demo: $(DEMO_STAMP) ## the live service on a simulated flight, its log replayed and drawn (about three minutes the first time)
+demo: $(DEMO_STAMP) ## the live service on a simulated flight, its log replayed and drawn (five minutes the first time, half a minute later)
 	@$(BIN)/companion demo $(ARGS)
 
 # A worker that crashes ends the run with the name of its test; pytest-xdist otherwise starts another one, and was seen to wait
@@ -40,6 +40,7 @@ lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 	@$(BIN)/ruff check $(SOURCES)
 	@$(BIN)/ruff format --check $(SOURCES)
 	@$(BIN)/mypy
+	@$(BIN)/mypy examples
 	@$(BIN)/lint-imports
 
 check: $(STAMP) lint ## lint, types and the tests that a change affects (two minutes; REVISION=HEAD~3: since then)
@@ -48,7 +49,7 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 
 # Tests that start processes or wait for the clock come last and apart: beside computing tests, even with the lowest priority of
 # those, a browser or a service did not answer in time. A failed pass ends none of the others (-k).
-test: lint ## all checks, about 11 minutes on two cores
+test: lint ## all checks, 12 to 25 minutes on two cores
 	@$(MAKE) --no-print-directory -k test-computing test-processes
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import importlib
 import os
 import sys
@@ -22,6 +23,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command. 0: success; 1: failure, with cause and remedy on stderr; 2: wrong usage, with the remedy."""
     words = list(sys.argv[1:] if argv is None else argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of numpy's OpenBLAS would spin during the start
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        near = difflib.get_close_matches(words[0], COMMANDS, n=1)
+        remedy = f"did you mean `companion {near[0]}`?" if near else "`companion --help` lists the commands"
+        fail(f"there is no command {words[0]!r}; {remedy}")
+        return 2
     parser = _parser(words[0] if words else "")
     try:
         args = parser.parse_args(words)

@@ -56,7 +56,7 @@ class Room:
         where it may not be flown."""
         a, b = np.atleast_2d(np.asarray(a, float)), np.atleast_2d(np.asarray(b, float))
         length = np.linalg.norm(b - a, axis=1)
-        price = length.copy()
+        price: Floats = length.copy()
         answers = self.space.segments(a, b, self.radius_m)
         price[answers == Occupancy.OCCUPIED] = BLOCKED
         for i in np.flatnonzero(answers == Occupancy.UNKNOWN):

@@ -1,6 +1,6 @@
 """A path through one frame: of a simulated scene, or of a log that `companion replay` or the service wrote.
 
-Run: .venv/bin/python examples/plan_path.py --scene window --goal 9 0.1 0 -o path.png
+Run: .venv/bin/python examples/plan_path.py --scene window --unknown allow --goal 11 3.5 0 -o path.png
      .venv/bin/python examples/plan_path.py demo-out/prisms.mcap --frame 40 --goal 8 0 0 -o path.png
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from path_planner import PLANNERS, NoPath, Room, Unknown, plan
@@ -22,7 +22,9 @@ from companion.viewer.side import draw_side
 from companion.viewer.top import draw_top
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL
+from drivers.base import DriverError
 from drivers.logs.reader import McapRecording
+from osape_client.model import CameraModel
 from osape_client.query.space import PlacedModel, Space
 
 
@@ -83,13 +85,18 @@ def line(ax: Any, x: np.ndarray, y: np.ndarray, radius_m: float) -> None:
 
 def main() -> int:
     args = arguments()
-    frame = logged(args.log, args.frame) if args.log else simulated(args.scene)
+    try:
+        frame = logged(args.log, args.frame) if args.log else simulated(args.scene)
+    except (DriverError, IndexError, OSError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 1
     if frame.model is None or not frame.model.valid:
         print(f"the frame is blind: {frame.cause}", file=sys.stderr)
         return 1
     reach = frame.info.max_range_m
+    model = cast(CameraModel, frame.model)  # both classes have the same fields
     room = Room(
-        space=Space([PlacedModel(frame.model, (0.0, 0.0, 0.0))]),
+        space=Space([PlacedModel(model, (0.0, 0.0, 0.0))]),
         radius_m=args.radius,
         start=np.zeros(3),
         been_m=args.been,

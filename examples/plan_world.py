@@ -1,9 +1,9 @@
 """A path through the merged world: of the flight in a log, of a simulated one, or of the live service.
 
-Run: .venv/bin/python examples/plan_world.py --goal -2 0 -2 -o path.png
+Run: .venv/bin/python examples/plan_world.py --unknown allow --planner rrt --goal 4.5 10 -2 -o path.png
      .venv/bin/python examples/plan_world.py flight.mcap --goal 8 0 -2 -o path.png
      .venv/bin/python examples/plan_world.py --live --start 0 0 -2 --goal 8 0 -2 -o path.png
-All in ned, metres: north, east, down of where the autopilot has its origin.
+--live needs a service with [publish] world and world_requests. All in ned, metres: north, east, down of where the autopilot has its origin.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from path_planner import PLANNERS, NoPath, Room, Unknown, plan
@@ -26,6 +27,7 @@ from core.world.world import World
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
 from osape_client.world.mirror import WorldMirror
+from osape_client.world.snapshot import WorldSnapshot
 from osape_client.world.space import WorldSpace
 
 SLACK_M = 6.0
@@ -37,7 +39,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("log", nargs="?", type=Path, help="a log with depth; without one a flight is simulated")
     parser.add_argument("--live", action="store_true", help="of the service on this machine")
     parser.add_argument("--start", type=float, nargs=3, help="default: where the flight ended")
-    parser.add_argument("--goal", type=float, nargs=3, default=(-2.0, 0.0, -2.0))
+    parser.add_argument("--goal", type=float, nargs=3, default=(4.5, 10.0, -2.0))
     parser.add_argument("--planner", choices=list(PLANNERS), default="rrt-connect")
     parser.add_argument("--unknown", choices=[u.value for u in Unknown], default="avoid")
     parser.add_argument("--radius", type=float, default=0.4, help="of the vehicle, m")
@@ -60,7 +62,8 @@ def flown(log: Path | None) -> tuple[WorldSpace, np.ndarray]:
                 world.add(observation)
                 places.append(observation.place_m)
                 newest_ns = observation.t_ns
-    return WorldSpace(world.picture(newest_ns)), np.array(places).reshape(-1, 3)
+    snapshot = cast(WorldSnapshot, world.picture(newest_ns))  # both classes have the same fields
+    return WorldSpace(snapshot), np.array(places).reshape(-1, 3)
 
 
 def draw(space: WorldSpace, places: np.ndarray, path: np.ndarray, radius_m: float, out: Path) -> None:
@@ -87,7 +90,10 @@ def main() -> int:
     if args.live:
         with WorldMirror() as mirror:
             if not mirror.update(5.0):
-                print(f"the world cannot be used: {mirror.cause}", file=sys.stderr)
+                print(
+                    f"the world cannot be used: {mirror.cause}; the service needs [publish] world and world_requests",
+                    file=sys.stderr,
+                )
                 return 1
             space, places = mirror.space, np.array([args.start])
     else:

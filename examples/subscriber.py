@@ -14,13 +14,13 @@ def on_message(message: Message) -> None:
     if at_m is None:
         print("the message does not contain the position of the vehicle", flush=True)
         return
-    ahead = space.segments([at_m], [[5, 0, 0]], radius_m=0.5) if message.frame == "level" else []  # x along the heading
-    print(
-        f"{message.frame}, {1000 * message.age_s:.0f} ms old; nearest {space.nearest(at_m)[0][0]:.1f} m",
-        *ahead,
-        flush=True,
-    )
+    print(f"{message.frame}, {1000 * message.age_s:.0f} ms old; nearest {space.nearest(at_m)[0][0]:.1f} m", end="")
+    if message.frame == "level":  # x along the heading
+        print(", ahead:", *space.segments([at_m], [[5, 0, 0]], radius_m=0.5), end="")
+    print(flush=True)
 
 
 with suppress(KeyboardInterrupt), Subscriber(*sys.argv[1:]) as subscriber:  # Ctrl-C ends it
+    while subscriber.wait(1.0) is None:
+        print(f"no message on {subscriber.address}: nothing may be taken as free; does the service run?", flush=True)
     subscriber.subscribe(on_message)

@@ -83,12 +83,10 @@ class CameraConfig:
         "and for rendered stereo, otherwise 0)",
         safety=True,
     )
-    flight: str = field(
-        default="demo",
-        metadata={
-            "unit": "",
-            "doc": "simulated only: the flight, one of demo, movers, street, trees, alley, window, tilted, by_hand, broken",
-        },
+    flight: str = _choice(
+        "demo",
+        ("demo", "movers", "street", "trees", "alley", "window", "tilted", "by_hand", "broken"),
+        "simulated only: the flight",
     )
     follow: str = field(
         default="",

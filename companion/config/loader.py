@@ -184,7 +184,7 @@ def load_config(path: Path) -> Config:
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        problem = f"not valid TOML: {error}; strings need quotes, decimals a digit on both sides of the dot"
+        problem = f"not valid TOML: {error}; strings need quotes; decimals have a dot, with a digit on both sides"
         raise ConfigError(str(path), [problem]) from error
     except RecursionError as error:
         raise ConfigError(str(path), [f"{TOO_DEEP}; a configuration has sections and keys only"]) from error
@@ -324,7 +324,8 @@ def _words(error: Any, content: Mapping[str, Any]) -> str:
     key = next(f for f in fields_of(section) if f.name == path[-1])
     if isinstance(error["input"], str) and "\0" in error["input"]:
         return f"{where} = {_shown(error['input'])}: a NUL character cannot be in a text; remove it"
-    return f"{where} = {_shown(error['input'])}: expected {expected(key)} ({key.metadata['doc']})"
+    form = "a number without quotes and unit, " if isinstance(error["input"], str) and "min" in key.metadata else ""
+    return f"{where} = {_shown(error['input'])}: expected {form}{expected(key)} ({key.metadata['doc']})"
 
 
 def _shown(value: Any) -> str:

@@ -153,7 +153,7 @@ class SupervisorParams:
         30.0, 1.0, 300.0, "s", "the process of a camera without a first frame after this time is started again"
     )
     frozen_frames: int = critical(
-        4, 2, 1000, "", "number of repetitions of one image after which a camera counts as frozen"
+        4, 2, 1000, "", "number of repetitions of one image after which a camera counts as frozen; below 14 Hz fewer"
     )
     first_backoff_s: float = number(
         0.5, 0.0, 60.0, "s", "wait before a restart; doubled while the camera gives no frames"

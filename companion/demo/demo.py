@@ -18,7 +18,7 @@ from ..argument_types import number_in
 from ..cameras.factory import make_source
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
-from ..config.service import AutopilotConfig, RecordParams
+from ..config.service import AutopilotConfig, RecordParams, SupervisorParams
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.child_process import WarmupError
 from ..kernels.warmup import ensure_compiled
@@ -33,7 +33,10 @@ from .live import DemoError, LiveRun, fly
 OUTPUT = Path("demo-out")
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
 EMBEDDED = Config(
-    cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"), record=RecordParams(record="off")
+    cameras=(CAMERA,),
+    autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
+    supervision=SupervisorParams(open_s=300.0),
+    record=RecordParams(record="off"),
 )
 """The embedded default, equal to configs/simulated.toml."""
 MAX_FPS = 15.0
@@ -221,7 +224,13 @@ def _print_summary(done: Demo) -> None:
     if (scripts := scripts_outside_path()) is not None:
         print_line(f"  . {_shown(scripts / 'activate')}   puts the command `companion` into the path of this terminal")
     print_line(f"  companion info {_shown(done.log)}")
-    print_line("  companion run -c configs/simulated.toml   run the same service until you stop it")
+    print_line(
+        "  companion run -c configs/simulated.toml   run the same service until you stop it with Ctrl-C, and beside it"
+    )
+    print_line(
+        "  companion simulate-autopilot -c configs/simulated.toml   its attitude: the service is blind without it"
+    )
+    print_line("  companion view --live   page that follows the service")
     print_line(
         "  companion import FOLDER -o my.mcap   convert a recording of your own (docs/how-to/import-recordings.md)"
     )

@@ -110,6 +110,11 @@ def open_recording(path: Path, options: ImportOptions, report: Report) -> FrameL
         raise BadData(
             f"{path}: a ROS 1 bag; convert it first (rosbags-convert of the package rosbags, or the mcap tool)"
         )
+    if path.suffix.lower() in FLIGHT_LOGS:
+        raise BadData(
+            f"{path}: a log of the flight without images; give the folder of the depth images, and this file beside them or with "
+            "--tlog"
+        )
     return Ros2Source(path, options, report)
 
 
@@ -120,6 +125,10 @@ TOPICS: Final = {
     "pose": "topic of the position (default: that of the attitude)",
 }
 """Options --NAME-topic with their help."""
+
+
+FLIGHT_LOGS: Final = (".tlog", ".ulg", ".bin")
+"""Suffixes of logs with attitudes only."""
 
 
 class _Counted:

@@ -50,7 +50,7 @@ def configuration_text(answers: Answers) -> str:
         *_camera(a),
         "",
         "[autopilot]",
-        _line("address", a.autopilot, "" if a.autopilot else "none was found: serial:/dev/serial/by-id/NAME:BAUD or udpin:HOST:PORT"),
+        _line("address", a.autopilot, "" if a.autopilot else "none: serial:/dev/serial/by-id/NAME:BAUD or udpin:HOST:PORT"),
         "",
         "[avoid]",
         _line("send", a.send, "send obstacles to the autopilot; `companion doctor` names the parameters it needs"),

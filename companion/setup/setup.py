@@ -11,6 +11,7 @@ from typing import Any
 
 from drivers.base import DriverError
 from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
+from drivers.cameras.zed_calibration import load_zed_calibration
 from drivers.mavlink.transport import parse_address
 
 from ..argument_types import checked_by, number_in
@@ -25,6 +26,8 @@ from .listen import candidates, find_autopilot
 
 OUTPUT = Path("companion.toml")
 PATIENCE_S = 25.0
+SIMULATED_ADDRESS = "udpin:127.0.0.1:14540"
+"""Where `companion simulate-autopilot` sends."""
 PITCH_DEG = -90.0, 90.0
 YAW_DEG = -180.0, 180.0
 POSITION_M = -10.0, 10.0
@@ -107,6 +110,8 @@ def run(args: argparse.Namespace) -> int:
     used, DriverError and OSError."""
     if args.output.exists() and not args.replace:
         raise ValueError(f"{args.output} exists; add --replace, or name another file with -o")
+    if not args.yes and not sys.stdin.isatty():
+        warn("the input is not a terminal: nothing is asked, the options and defaults are used (as with --yes)")
     ask = Questions(silent=args.yes or not sys.stdin.isatty())
     answers = collect(args, ask)
     write_whole(args.output, configuration_text(answers))
@@ -118,6 +123,9 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"edit {args.output}, then run: companion doctor -c {args.output}")
         return 1
     ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
+    if answers.kind == "simulated":
+        print_line(f"next: companion run -c {args.output}, and beside it companion simulate-autopilot -c {args.output}")
+        return 0 if ok else 1
     start = start_command(install_paths(Path("/")), args.output)
     print_line(f"next: companion run -c {args.output}, or start the service, now and at each boot: {start}")
     return 0 if ok else 1
@@ -171,11 +179,11 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
         position_m=(x, y, z),
         width_m=width,
         height_m=height,
-        autopilot=_autopilot(args.autopilot, ask),
+        autopilot=_autopilot(args.autopilot or (SIMULATED_ADDRESS if camera.kind == "simulated" else None), ask),
         send=args.send,
         record=args.record or ("off" if camera.kind == "simulated" else "always"),
         calibration=_calibration(camera),
-        calibration_file=_calibration_file(args.calibration),
+        calibration_file=_calibration_file(args.calibration, camera.kind),
     )
 
 
@@ -209,7 +217,7 @@ def _camera(given: str | None, ask: Questions) -> FoundCamera:
 
 
 def _autopilot(given: str | None, ask: Questions) -> str:
-    """The address of the flag, else the first with a heartbeat. Raises ValueError for an answer that cannot be used."""
+    """The address of the flag, else the first with a heartbeat, else that of the answer."""
     if given:
         return "" if given == "none" else given
     ports = find_serial_ports()
@@ -219,19 +227,28 @@ def _autopilot(given: str | None, ask: Questions) -> str:
         print_line(f"autopilot: {found.name} on {found.address}")
         return found.address
     warn("no heartbeat of an autopilot: check cable, power and the baud rate of its port")
-    address = ask.text("address of the autopilot (empty: none)", "")
-    if address:
-        parse_address(address)
+    while address := ask.text("address of the autopilot (empty: none)", ""):
+        try:
+            parse_address(address)
+        except ValueError as error:
+            warn(str(error))
+            continue
+        break
     return address
 
 
-def _calibration_file(name: str) -> str:
+def _calibration_file(name: str, kind: str) -> str:
     """The absolute path of a ZED's calibration, which the service reads from another folder; "" without one. Raises ValueError
-    for a file that does not exist."""
+    for a file that does not exist or of another camera, BadData for one that is no calibration."""
+    if name and kind != "zed":
+        raise ValueError(f"--calibration is for a zed, and the camera is of kind {kind}; leave it out")
     if name and not Path(name).is_file():
         raise ValueError(
             f"--calibration {name}: no such file; download the camera's SN<serial>.conf from the manufacturer's site"
         )
+    if name:
+        width_px, height_px, *_ = SIZES["zed"]
+        load_zed_calibration(Path(name), width_px, height_px)
     return str(Path(name).absolute()) if name else ""
 
 

@@ -258,6 +258,19 @@ def test_a_static_scene_with_noise_is_not_frozen_and_one_without_is() -> None:
     assert texts == ["", "", "", "", "the same image 5 times in a row", "the same image 6 times in a row"]
 
 
+@pytest.mark.parametrize(("hz", "repetitions"), [(60, 4), (15, 4), (10, 3), (5, 2), (2, 2)])
+def test_a_slow_camera_is_frozen_after_fewer_repetitions(hz: int, repetitions: int) -> None:
+    """At 5 Hz an image of 0.8 s ago was still used."""
+    judge, same = FrozenFrameDetector(4), np.full((48, 64), 3000, np.uint16)
+    texts = []
+    for k in range(6):
+        t_ns = k * 10**9 // hz
+        texts.append(
+            judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=t_ns, t_arrival_ns=t_ns, depth_mm=same))
+        )
+    assert [bool(text) for text in texts] == [k >= repetitions for k in range(6)]
+
+
 def test_a_description_survives_the_way_between_processes() -> None:
     info = CameraInfo(
         "a", Intrinsics(64, 48, 60.0, 61.0, 32.0, 24.0), CameraMount(0.1, 0.2, 0.3, 1, 2, 3), 0.2, 9.0, 0.004
@@ -288,7 +301,9 @@ def test_the_sky_of_a_simulated_camera_is_unmeasured_unless_it_is_configured_as_
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     far_px = []
     for sky_is_far in (False, True):
-        section = CameraConfig(name="front", kind="simulated", width_px=96, fps=1.0, sky_is_far=sky_is_far)
+        section = CameraConfig(
+            name="front", kind="simulated", width_px=96, fps=1.0, flight="trees", sky_is_far=sky_is_far
+        )
         with make_source(section) as source:
             frame = source.read(2.0)
             assert frame is not None

@@ -63,14 +63,11 @@ def test_wrong_use(arguments: list[str]) -> None:
     assert main(["demo", *arguments]) == 2
 
 
-def test_a_flight_that_does_not_exist(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("companion.demo.demo.ensure_compiled", lambda *modes: None)
+def test_a_flight_that_does_not_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = tmp_path / "c.toml"
     config.write_text('[[camera]]\nname = "front"\nkind = "simulated"\nflight = "moon"\n')
     assert main(["demo", "-c", str(config), "-o", str(tmp_path / "out")]) == 1
-    assert "no flight 'moon'; there are: demo, movers, street" in capsys.readouterr().err
+    assert 'flight = "moon": expected one of "demo", "movers", "street"' in capsys.readouterr().err
 
 
 # ---- its processes ----------------------------------------------------------------------------------------------------

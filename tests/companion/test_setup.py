@@ -24,6 +24,11 @@ from drivers.base import DeviceNotFound
 from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
 
 CALIBRATION = DepthCalibration(Intrinsics(640, 480, 391.2, 391.3, 322.1, 238.7), 1.0, True, "123")
+ROOT = Path(__file__).resolve().parents[2]
+EYE = "fx=350\nfy=350\ncx=336\ncy=188\nk1=0\nk2=0\np1=0\np2=0\nk3=0\n"
+ZED_CALIBRATION = (
+    f"[LEFT_CAM_VGA]\n{EYE}\n[RIGHT_CAM_VGA]\n{EYE}\n[STEREO]\nBaseline=120\nTY=0\nTZ=0\nCV_VGA=0\nRX_VGA=0\nRZ_VGA=0\n"
+)
 D435 = "usb-Intel_R__RealSense_TM__Depth_Camera_435-video-index0"
 
 
@@ -147,7 +152,7 @@ def test_flags_alone_are_enough(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_the_calibration_is_named_by_its_absolute_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The service runs in another folder."""
     monkeypatch.chdir(tmp_path)
-    Path("SN1.conf").touch()
+    Path("SN1.conf").write_text(ZED_CALIBRATION)
     arguments = ["--camera", "zed:/dev/video0", "--autopilot", "none", "--calibration", "SN1.conf", "--no-doctor"]
     assert main(["setup", "--yes", *arguments, "-o", "c.toml"]) == 0
     assert load_config(Path("c.toml")).cameras[0].calibration == str(tmp_path / "SN1.conf")
@@ -157,13 +162,19 @@ def test_the_calibration_is_named_by_its_absolute_path(tmp_path: Path, monkeypat
     ("arguments", "status", "cause"),
     [
         (["--camera", "kinect"], 2, "expected one of oak"),
-        (["--camera", "oak", "--autopilot", "com3"], 2, "autopilot address"),
+        (["--camera", "oak", "--autopilot", "com3"], 2, "is not an address"),
         (["--camera", "oak", "--autopilot", "none", "--width", "0"], 2, "expected 0.05..10"),
         (
             ["--camera", "zed:/dev/video0", "--autopilot", "none", "--calibration", "SN1.conf"],
             1,
             "SN1.conf: no such file",
         ),
+        (
+            ["--camera", "zed:/dev/video0", "--autopilot", "none", "--calibration", str(ROOT / "README.md")],
+            1,
+            "README.md: not a ZED calibration (",
+        ),
+        (["--camera", "oak", "--autopilot", "none", "--calibration", "SN1.conf"], 1, "--calibration is for a zed"),
     ],
 )
 def test_wrong_flags_write_nothing(
@@ -186,6 +197,35 @@ def test_questions_are_asked_where_flags_are_missing(
     assert (config.cameras[0].device, config.cameras[0].pitch_deg, config.cameras[0].x_m) == ("B", -15.0, 0.2)
     assert config.avoid.radius_m == 0.45
     assert "'down': expected -90..90" in capsys.readouterr().err
+
+
+def test_an_address_that_cannot_be_used_is_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before, setup ended, and the eight answers before it were lost."""
+    lines = iter(["-15", "", "", "", "", "0.9", "0.4", "foo", "/dev/ttyACM0", "serial:/dev/ttyACM0"])
+    monkeypatch.setattr(setup, "find_autopilot", lambda addresses, say: None)
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: next(lines) + "\n"))
+    out = tmp_path / "c.toml"
+    assert main(["setup", "--camera", "oak", "--no-doctor", "-o", str(out)]) == 0
+    assert load_config(out).autopilot.address == "serial:/dev/ttyACM0"
+    assert "did you mean serial:/dev/ttyACM0?" in capsys.readouterr().err
+
+
+def test_answers_from_a_pipe_are_not_silently_ignored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    assert main(["setup", "--camera", "oak", "--autopilot", "none", "--no-doctor", "-o", str(tmp_path / "c.toml")]) == 0
+    assert "the input is not a terminal" in capsys.readouterr().err
+
+
+def test_a_simulated_camera_gets_the_simulated_autopilot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without an address the service was blind for ever."""
+    out = tmp_path / "c.toml"
+    assert main(["setup", "--yes", "--camera", "simulated", "--no-doctor", "-o", str(out)]) == 0
+    assert load_config(out).autopilot.address == "udpin:127.0.0.1:14540"
+    assert f"companion simulate-autopilot -c {out}" in capsys.readouterr().out
 
 
 def test_configs_are_listed_and_copied(
