@@ -42,7 +42,10 @@ class DiagnosticCode(Code):
     LINK_SLOW = "link_slow", "the link to the autopilot is too slow for its messages"
     UDP_FLOOD = "udp_flood", "datagrams of other senders are dropped because there are too many"
     SIGNING_FAULT = "signing_fault", "message signing does not work, or differs between the two ends"
-    DUPLICATE_AUTOPILOT = "duplicate_autopilot", "contradictory heartbeats: two senders use the autopilot's ids"
+    DUPLICATE_AUTOPILOT = (
+        "duplicate_autopilot",
+        "contradictory heartbeats or timestamps: two senders use the autopilot's ids",
+    )
     SEVERAL_VEHICLES = "several_vehicles", "autopilots of several system ids are received and none is configured"
     DUPLICATE_OBSTACLE_SOURCE = "duplicate_obstacle_source", "another component sends obstacles to the autopilot"
     DUPLICATE_COMPONENT = "duplicate_component", "another sender uses the companion's ids"
@@ -54,6 +57,7 @@ class DiagnosticCode(Code):
     ATTITUDE_STALE = "attitude_stale", "the newest attitude is too old, or none was received"
     ATTITUDE_RATE_LOW = "attitude_rate_low", "the attitude arrives too rarely"
     NO_TIMESYNC = "no_timesync", "the autopilot does not answer TIMESYNC"
+    CLOCK_UNCERTAIN = "clock_uncertain", "the error bound of the autopilot's timestamps is large"
     AUTOPILOT_SAMPLES_LOST = "autopilot_samples_lost", "attitudes or positions were lost before they were processed"
     # obstacles for the autopilot
     AVOIDANCE_FAULT = "avoidance_fault", "the distances for the autopilot cannot be computed"

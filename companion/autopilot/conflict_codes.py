@@ -9,6 +9,7 @@ from ..diagnostic import Diagnostic, DiagnosticCode
 
 CONFLICT_CODES: Final = {
     "two autopilots": DiagnosticCode.DUPLICATE_AUTOPILOT,
+    "two clocks": DiagnosticCode.DUPLICATE_AUTOPILOT,
     "two companions": DiagnosticCode.DUPLICATE_OBSTACLE_SOURCE,
     "two of us": DiagnosticCode.DUPLICATE_COMPONENT,
     "several vehicles": DiagnosticCode.SEVERAL_VEHICLES,

@@ -163,8 +163,8 @@ def braking_reach(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> Br
 
     Always sent are near obstacles, and those up to the distance of the wall of the policy `brake`: PX4 does not move into a
     sector by a value that near. At the edge of the view, where sectors are unknown because of the width of the hull, obstacles
-    that the vehicle approaches are always sent too, because PX4 needs them to brake; without a velocity, all obstacles seen
-    there. With a wall, obstacles that PX4 must brake for are sent as the wall elsewhere."""
+    that the vehicle approaches are always sent too, because PX4 needs them to brake. With a wall, obstacles that PX4 must brake
+    for are sent as the wall elsewhere. Without a velocity the vehicle may approach each obstacle."""
     near_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
     wall_cm = _wall_cm(policy) if policy.name == "brake" else 0
     closing = closing_m_s(sight)
@@ -176,6 +176,7 @@ def braking_reach(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> Br
     edge_cm = near_cm + 100.0 * CLOSING_S * closing
     if sight.velocity_m_s is None:
         edge_cm[:] = 100.0 * avoid.max_distance_m
+        approach_cm[:] = 100.0 * avoid.max_distance_m if wall_cm > 0 else 0.0
     return BrakingReach(np.where(at_edge, np.maximum(always_cm, edge_cm), always_cm), approach_cm, wall_cm)
 
 

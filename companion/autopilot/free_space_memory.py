@@ -4,7 +4,8 @@ In forward flight the vehicle pitches down and the upper part of the near space 
 before, from farther away or while level. The cells of a grid in ned hold when they were last seen free. A cell counts
 as free only if it lies outside of all views, in a sector of which the cameras see `seen_share` now, and for
 `remember_free_s`. A cell in which a later frame finds an obstacle stops being free, also after the obstacle has left
-the image. Without a position nothing is remembered."""
+the image. Without a position nothing is remembered, and a frame without one ends what was; a camera that becomes blind
+ends what it saw free."""
 
 from __future__ import annotations
 
@@ -48,6 +49,14 @@ class FreeMemory:
         self._estimate: tuple[int | None, int] | None = None
         self._newest_ns: dict[str, int] = {}
         self._taken_ns: dict[str, int] = {}
+        self._saw_free: set[str] = set()
+
+    def forget(self, camera: str) -> None:
+        """Forgets what a camera saw free, because it has become blind: what came into its view meanwhile is not known."""
+        if camera in self._saw_free:
+            self._saw_free.remove(camera)
+            of_it = self._seen_by == self._numbers[camera]
+            self._seen_s[of_it], self._seen_by[of_it] = NEVER, OBSTACLE
 
     def see(self, camera: str, t_ns: int, view: View, here: Here, placed: bool = True) -> None:
         """Records the cells that a camera sees free or occupied. A frame frees no cell in which one of the same time or
@@ -62,16 +71,17 @@ class FreeMemory:
             here: position and heading of the vehicle.
             placed: True if the view is placed by positions of the section of `here`. Otherwise the distance flown
                 since the exposure is not known: obstacles are recorded, free space is not."""
-        if self._avoid.remember_free_s == 0.0 or here.position_ned_m is None or not view.model.valid:
-            return
-        if t_ns == self._newest_ns.get(camera):
+        if self._avoid.remember_free_s == 0.0 or not view.model.valid or t_ns == self._newest_ns.get(camera):
             return
         self._newest_ns[camera] = t_ns
+        if here.position_ned_m is None:
+            self._estimate = None  # its obstacles cannot be recorded, so that the cells do not count any more
+            return
         self._move_to(here)
-        if t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) >= LEAST_APART_NS:
+        if placed and t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) >= LEAST_APART_NS:
             self._taken_ns[camera] = t_ns
-            if placed:
-                self._see_free(self._numbers.setdefault(camera, OBSTACLE + 1 + len(self._numbers)), t_ns, view, here)
+            self._saw_free.add(camera)
+            self._see_free(self._numbers.setdefault(camera, OBSTACLE + 1 + len(self._numbers)), t_ns, view, here)
         occupied = self._occupied(view.model.planes.astype(np.float64), here)
         self._seen_s[occupied] = np.maximum(self._seen_s[occupied], t_ns / NS)
         self._seen_by[occupied] = OBSTACLE

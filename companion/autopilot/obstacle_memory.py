@@ -85,6 +85,7 @@ class ObstacleMemory:
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(2)
         self._turned_rad = 0.0
+        self._heading_section = 0
         self._velocity_m_s = np.zeros(2)
         self._recalled_ns = 0
 
@@ -94,7 +95,8 @@ class ObstacleMemory:
         place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
         if here.turned_rad != self._turned_rad:  # the heading has changed, not the direction of the vehicle
             self._points[:, :2] = rotated(self._points[:, :2], self._place_m, here.turned_rad - self._turned_rad)
-            self._points[:, 3] = 0.0
+        if here.heading_section != self._heading_section:
+            self._points[:, 3] = 0.0  # the direction is not known exactly, after a gap not at all
         velocity_m_s = np.array((here.velocity_ned_m_s or (0.0, 0.0))[:2])
         if section != self._section:  # the origin of the estimate has changed, not the place of the vehicle
             way_m = (self._velocity_m_s if here.velocity_ned_m_s is None else velocity_m_s) * (
@@ -102,7 +104,8 @@ class ObstacleMemory:
             )
             self._points[:, :2] += place_m - self._place_m - way_m
             self._points[:, 3] = 0.0  # the distance flown is not known exactly
-        self._section, self._place_m, self._turned_rad = section, place_m, here.turned_rad
+        self._section, self._place_m = section, place_m
+        self._turned_rad, self._heading_section = here.turned_rad, here.heading_section
         self._velocity_m_s, self._recalled_ns = velocity_m_s, now_ns
         now_s = now_ns / NS
         young = now_s - self._points[:, 2] <= self._avoid.remember_s

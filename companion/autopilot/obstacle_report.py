@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -19,6 +20,7 @@ from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 
 from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
+from ..pipeline.multi_camera import HEADING_LOST
 from ..pipeline.results import PrismsResult
 from .confirmation import PlaneConfirmation, SectorSight, SeenSectors
 from .distance_sensor import Overhead, downward_m
@@ -46,6 +48,8 @@ NS = 1_000_000_000
 STANDING_M = 0.8
 """Greatest height of the vehicle's middle above the ground while the vehicle stands on it."""
 
+MOST_UNDECIDED = 8
+"""Most frames of a camera that are kept for the next decision; further ones replace the oldest."""
 EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
 """Coverage of a camera that was never opened: it may cover any direction."""
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
@@ -120,6 +124,7 @@ class ObstacleReportBuilder:
         self._freed = FreeMemory(avoid, reach_m)
         self._overhead = Overhead(avoid)
         self._overhead_ns: dict[str, int] = {}
+        self._undecided: dict[str, deque[PrismsResult]] = {c: deque(maxlen=MOST_UNDECIDED) for c in cameras}
         self._newest_good_ns: int | None = None
         self._ended = ""
 
@@ -142,6 +147,8 @@ class ObstacleReportBuilder:
             self._confirmed.pop(result.camera, None)
             if result.valid and result.camera in self._infos:
                 self._confirmed[result.camera] = self._confirmation[result.camera].take(result)
+            if result.valid:
+                self._undecided[result.camera].append(result)
             self._recovery.frame(result.camera, result.valid)
             if result.valid:
                 self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
@@ -170,9 +177,13 @@ class ObstacleReportBuilder:
         causes.update(
             {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
         )
+        for camera in self._cameras:
+            if causes[camera]:
+                self._freed.forget(camera)
         views: list[View] = []
         recall: Recall | None = None
         if here is not None:
+            self._see_undecided(seeing, here)
             views = [self._view(self._confirmed.get(c, self._newest[c]), here) for c in seeing]
             for camera, view in zip(seeing, views, strict=True):
                 newest = self._newest[camera]
@@ -188,6 +199,17 @@ class ObstacleReportBuilder:
             self._observer(self._surroundings(seeing, views, recall, recalled, causes, here, now_ns))
         report = self._report(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
         return self._with_heights(report, dict(zip(seeing, views, strict=False)), here, now_ns)
+
+    def _see_undecided(self, seeing: list[str], here: Here) -> None:
+        """Ends remembered free space where the frames since the last decision show obstacles: those that are not the newest
+        ones, and those of a camera that does not count as seeing yet."""
+        for camera, results in self._undecided.items():
+            for result in results:
+                decides = camera in seeing and result is self._newest[camera]
+                usable = camera in self._infos and result.model is not None and all_numbers(result.model)
+                if usable and not decides:
+                    self._freed.see(camera, seen_ns(result), self._view(result, here), here, placed=False)
+            results.clear()
 
     def _scan(
         self, causes: dict[str, str], views: list[View], recall: Recall | None, here: Here, now_ns: int
@@ -269,7 +291,9 @@ class ObstacleReportBuilder:
         age_ns = now_ns - seen_ns(newest)
         if age_ns > self._stale_ns:
             return f"its newest exposure is {age_ns / NS:.1f} s old"
-        return "the attitude is lost" if here is None else ""
+        if here is None:
+            return "the attitude is lost"
+        return HEADING_LOST if self._motion.heading_lost(newest) else ""
 
     def _surroundings(
         self,

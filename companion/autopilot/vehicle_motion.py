@@ -20,7 +20,7 @@ from .view_free import View
 NS = 1_000_000_000
 GRAVITY_M_S2 = 9.81
 STEEPEST_RAD = math.radians(75.0)
-MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
+MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.15, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
 """Limits within which attitude and position are interpolated or extrapolated to the moment of sending. Outside of
 them the vehicle's heading is unknown."""
 
@@ -93,6 +93,12 @@ class VehicleMotion:
     def _jumped_rad(self, result: PrismsResult) -> float:
         """Returns the jumps of the heading since a result, clockwise."""
         return 0.0 if result.attitude is None else self._sync.headings.since_rad(result.attitude.jump_ns)
+
+    def heading_lost(self, result: PrismsResult) -> bool:
+        """Returns whether the heading may have jumped by an unknown angle since a result, in a gap of the attitude.
+
+        By the time of exposure: the pipeline's attitudes and these can have different gaps."""
+        return seen_ns(result) < self._sync.headings.gap_ns
 
     def view(self, result: PrismsResult, here: Here, info: CameraInfo, ring_m: float, open_counts: bool) -> View:
         """Returns a valid result as a view in level, at the moment of sending. info: of its camera."""

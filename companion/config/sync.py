@@ -21,6 +21,13 @@ class SyncParams:
     max_extrapolation_s: float = critical(
         0.05, 0.0, 0.5, "s", "greatest time over which the newest attitude is extrapolated by its body rates"
     )
+    max_clock_error_deg: float = critical(
+        3.0,
+        0.5,
+        30.0,
+        "deg",
+        "greatest turn of the vehicle within the error of the autopilot's timestamps; frames in faster turns are dropped",
+    )
     pose_max_gap_s: float = critical(0.5, 0.01, 5.0, "s", "greatest gap between two positions that is interpolated")
     pose_max_extrapolation_s: float = critical(
         0.2, 0.0, 2.0, "s", "greatest time over which the newest position is extrapolated by its velocity"

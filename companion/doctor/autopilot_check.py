@@ -24,6 +24,7 @@ from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
 from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low
+from ..live.health import LARGE_BOUND_NS, clock_uncertain_text
 from ..paths import FolderError, folders
 from .finding import Finding
 from .wait import wait_until
@@ -134,14 +135,22 @@ def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iter
         return
     if status.vehicle is None:
         other = f" ({status.received} messages arrived, no heartbeat of an autopilot)" if status.received else ""
-        text = f"no heartbeat on {config.autopilot.address}{other}: check that the autopilot is on and sends to this address"
+        simulated = any(c.kind == "simulated" for c in config.cameras)
+        remedy = (
+            "start `companion simulate-autopilot -c FILE` with this configuration"
+            if simulated
+            else "check that the autopilot is on and sends to this address"
+        )
+        text = f"no heartbeat on {config.autopilot.address}{other}: {remedy}"
         yield Finding("autopilot", False, text, DiagnosticCode.NO_HEARTBEAT)
         return
     v = status.vehicle
     yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
     yield _attitude_finding(status, config.autopilot.attitude_hz)
     clock = status.clock
-    if clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
+    if clock.bound_ns is not None and clock.bound_ns > LARGE_BOUND_NS:
+        yield Finding("clock", False, clock_uncertain_text(clock.bound_ns), DiagnosticCode.CLOCK_UNCERTAIN)
+    elif clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
         yield Finding("clock", True, f"synchronised within {clock.bound_ns / 1e6:.2f} ms")
     else:
         text = "the autopilot does not answer TIMESYNC: the delay of the link becomes an error of the attitude's time"

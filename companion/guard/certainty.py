@@ -24,7 +24,7 @@ AGAIN_NS: Final = 3 * NS
 """Interval of the request while it is acknowledged; otherwise FIRST_WAIT_NS."""
 REACHED_NS: Final = 8 * NS
 """Time for which an acknowledgement counts; six requests are sent in it."""
-CONFLICTS: Final = ("two autopilots", "two of us", "several vehicles")
+CONFLICTS: Final = ("two autopilots", "two clocks", "two of us", "several vehicles")
 """Topics of drivers.mavlink.conflicts that make it uncertain who receives a command, or whose answer arrives."""
 _REQUESTS: Final = frozenset({SET_MESSAGE_INTERVAL, REQUEST_MESSAGE})
 _ANSWERS: Final = frozenset({0, 3, 4})

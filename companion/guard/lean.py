@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 NS = 1_000_000_000
 SETTLE_S = 2.0
 """Time constant of the lean in steady flight, against wind and drag."""
+NEWEST_NS = 3 * NS // 10
+"""An older lean is not that of the vehicle now."""
 Horizontal = tuple[float, float]
 """North and east."""
 
@@ -41,9 +43,9 @@ class LeanAcceleration:
         before = self._steady or (north, east)
         self._steady = before[0] + weight * (north - before[0]), before[1] + weight * (east - before[1])
 
-    def newest_m_s2(self) -> Horizontal | None:
-        """Returns the acceleration by the newest lean; None: not known."""
-        if self._steady is None or not self._leans:
+    def newest_m_s2(self, now_ns: int) -> Horizontal | None:
+        """Returns the acceleration by the newest lean; None: not known, or older than NEWEST_NS."""
+        if self._steady is None or not self._leans or now_ns - self._leans[-1][0] > NEWEST_NS:
             return None
         lean = self._leans[-1][1]
         return lean[0] - self._steady[0], lean[1] - self._steady[1]

@@ -163,9 +163,8 @@ def path_sight(
             for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)
-            kept_m = remembered_m(s, path, avoid, guard)
-            if kept_m <= free_m:  # a camera looks there, and its present frame counts
-                kept_m = math.inf
+            # Where every ray is seen free, a camera looks there, and its present frame counts.
+            kept_m = remembered_m(s, path, avoid, guard, beyond_m=float(rays_m.min()))
             kept_m = min([kept_m, *(remembered_m(s, corridor, avoid, guard) for corridor in beside)])
         except RECKONING_ERRORS as error:
             free_m, rays_m, kept_rays_m, cause = (
@@ -357,9 +356,9 @@ def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -
     return out
 
 
-def remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
-    """Returns the distance along the path to the nearest remembered obstacle whose sector meets the corridor; inf:
-    none."""
+def remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams, beyond_m: float = 0.0) -> float:
+    """Returns the distance along the path to the nearest remembered obstacle whose sector meets the corridor farther
+    away than beyond_m; inf: none."""
     known = np.isfinite(s.recalled.distance_m)
     if not known.any():
         return math.inf
@@ -367,5 +366,5 @@ def remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardP
     angle = centres_rad()[known] - math.atan2(path.sin, path.cos)
     half = half_width_m(avoid, guard) + 0.5 * STEP_RAD * range_m
     along, across = range_m * np.cos(angle), range_m * np.sin(angle)
-    hit = (along > path.from_m) & (np.abs(across) <= half)
+    hit = (along > max(path.from_m, beyond_m)) & (np.abs(across) <= half)
     return float(np.min(along[hit], initial=math.inf))

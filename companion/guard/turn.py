@@ -81,12 +81,14 @@ class CourseRate:
                 return None
             if age_ns >= WINDOW_NS:
                 self._lean.settle(t_ns, at_ns, (north - north_before, east - east_before))
-                return self._between((north, east), (north_before, east_before), age_ns / NS)
+                lean_m_s2 = self._lean.newest_m_s2(s.t_ns)
+                return self._between((north, east), (north_before, east_before), age_ns / NS, lean_m_s2)
         return None
 
-    def _between(self, now_m_s: Horizontal, before_m_s: Horizontal, time_s: float) -> float:
-        """Returns the rate between two velocities; 0: noise."""
-        lean_m_s2 = self._lean.newest_m_s2()
+    def _between(
+        self, now_m_s: Horizontal, before_m_s: Horizontal, time_s: float, lean_m_s2: Horizontal | None
+    ) -> float:
+        """Returns the rate between two velocities; 0: noise. lean_m_s2: acceleration by the lean; None: not known."""
         if min(math.hypot(*now_m_s), math.hypot(*before_m_s)) < LEAST_SPEED_M_S:
             changes = (now_m_s[0] - before_m_s[0]) / time_s, (now_m_s[1] - before_m_s[1]) / time_s
             return _slow_rate(now_m_s, lean_m_s2 or changes)

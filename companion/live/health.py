@@ -26,6 +26,8 @@ from ..self_check.exposure_offset import ExposureOffset
 NS = 1_000_000_000
 THERMAL = Path("/sys/class/thermal")
 ATTITUDE_OLD_NS = NS // 2
+LARGE_BOUND_NS = 10_000_000
+"""Error bound of the autopilot's clock that is reported: 1 degree in a turn of 100 degrees a second."""
 
 STATES = {
     pb.Health.STATE_STARTING: "starting",
@@ -63,6 +65,7 @@ class AutopilotView:
     line: LinkState
     link: LinkStatus
     attitude_age_ns: int | None
+    heartbeat_age_ns: int | None = None
 
 
 def clock_message(clock: ClockEstimate, restarts: int) -> pb.ClockEstimate:
@@ -141,6 +144,8 @@ def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
     )
     if view.attitude_age_ns is not None:
         message.attitude_age_ns = view.attitude_age_ns
+    if view.heartbeat_age_ns is not None:
+        message.heartbeat_age_ns = view.heartbeat_age_ns
     return message
 
 
@@ -217,13 +222,30 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
         age = "never came" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
         text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
         found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
-    if view.link.clock.source is ClockSource.ENVELOPE:
+    clock = view.link.clock
+    if clock.source is ClockSource.ENVELOPE:
         text = (
             "the autopilot does not answer TIMESYNC: its timestamps are estimated from arrival times and include the "
             "delay of the link"
         )
         found.append(of(DiagnosticCode.NO_TIMESYNC, text))
+    elif clock.bound_ns is not None and not view.link.timesync_answered:
+        text = (
+            f"the autopilot no longer answers TIMESYNC in time: the error bound of its timestamps is {clock.bound_ns / 1e6:.1f} "
+            "ms and grows"
+        )
+        found.append(of(DiagnosticCode.NO_TIMESYNC, text))
+    elif clock.bound_ns is not None and clock.bound_ns > LARGE_BOUND_NS:
+        found.append(of(DiagnosticCode.CLOCK_UNCERTAIN, clock_uncertain_text(clock.bound_ns)))
     return found
+
+
+def clock_uncertain_text(bound_ns: int) -> str:
+    """The cause and the remedy of a large error bound of the autopilot's clock."""
+    return (
+        f"the autopilot's timestamps may be wrong by {bound_ns / 1e6:.0f} ms, because TIMESYNC takes that long: frames in fast "
+        "turns are dropped; use a faster link (921600 baud), or request lower rates"
+    )
 
 
 def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], started: bool) -> pb.Health.State:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
-from ..config.loader import load_config
+from ..config.loader import Config, ConfigError, load_config
 from ..console import print_line
 from ..paths import folders
 from .record_note import RecordRate, record_note
@@ -116,12 +116,27 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("-c", "--config", type=Path, metavar="FILE", help=f"configuration (default: {INSTALLED})")
 
 
+def check_live(config: Config, source: Path) -> None:
+    """Raises ConfigError where a camera is a recording: the service would be blind for ever."""
+    problems = [
+        f'[[camera]] "{camera.name}": kind = "mcap" is a recording, not a camera. Set kind to oak, zed, v4l2 or simulated; '
+        "`companion setup` writes such a configuration, `companion configs` lists examples. `companion replay` processes a "
+        "recording"
+        for camera in config.cameras
+        if camera.kind == "mcap"
+    ]
+    if problems:
+        raise ConfigError(str(source), problems)
+
+
 def run(args: argparse.Namespace) -> int:
     """0: stopped on request; 1: a part could not start or has ended."""
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
-    config = load_config(config_path(args.config))
+    path = config_path(args.config)
+    config = load_config(path)
+    check_live(config, path)
     from ..kernels.child_process import WarmupError
     from ..kernels.loading import Loading
 

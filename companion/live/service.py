@@ -340,8 +340,14 @@ class Service:
             return None
         newest_ns = self.loop.newest_attitude_ns
         age_ns = None if newest_ns is None else now_ns - newest_ns
+        status = self.link.status()
+        heartbeat_ns = status.vehicle.heartbeat_ns if status.vehicle is not None else 0
         return AutopilotView(
-            address=self.config.autopilot.address, line=self.link.state, link=self.link.status(), attitude_age_ns=age_ns
+            address=self.config.autopilot.address,
+            line=self.link.state,
+            link=status,
+            attitude_age_ns=age_ns,
+            heartbeat_age_ns=now_ns - heartbeat_ns if heartbeat_ns else None,
         )
 
     def _publish(self, result: PrismsResult, prisms: bytes) -> None:

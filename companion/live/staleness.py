@@ -49,6 +49,8 @@ class StalenessMonitor:
         if age_ns is not None and age_ns <= self._stale_ns and not seen.cause:
             return ""
         if status is not None and status.condition is not CameraCondition.RUNNING:
+            if status.last_loss and status.condition in (CameraCondition.STARTING, CameraCondition.LOST):
+                return f"lost: {status.last_loss}"  # one text for all attempts to open it again: each change is logged
             return f"{status.condition}: {status.cause}"
         if seen.cause:
             return seen.cause

@@ -26,6 +26,8 @@ from .health import STATES
 from .message_json import message_json
 
 MS, S = 1e6, 1e9
+HEARTBEAT_OLD_NS = 3_000_000_000
+"""Heartbeats come once a second. An older one does not say what mode the vehicle is in now."""
 PROBE_S = 1.0
 
 
@@ -73,7 +75,7 @@ def newest_health(address: str, timeout_s: float) -> pb.Health:
 
 def status_lines(h: pb.Health) -> list[str]:
     """The report as text for people."""
-    lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
+    lines = [f"{STATES.get(h.state, 'unknown').upper()}, service running for {_span(h.uptime_ns)}"]
     diagnostics = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older services send texts only
     lines += [f"  ! {line}" for line in diagnostics] or ["  OK"]
     lines += [f"  note: {note}" for note in h.notes]
@@ -137,12 +139,19 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
     source = {1: "not synchronised (arrival times only)", 2: "synchronised"}.get(a.clock.source, "unknown")
     bound = f" within {a.clock.bound_ns / MS:.2f} ms" if a.clock.HasField("bound_ns") else ""
     lines = [
-        f"autopilot: {a.autopilot}, system {a.system_id}, {a.flight_mode + ', ' if a.flight_mode else ''}{'armed' if a.armed else 'disarmed'}, attitude "
-        f"{a.attitude_hz:.0f} Hz, position {a.position_hz:.0f} Hz, clock {source}{bound}, clock restarts "
+        f"autopilot: {a.autopilot}, system {a.system_id}, {a.flight_mode + ', ' if a.flight_mode else ''}{'armed' if a.armed else 'disarmed'}"
+        f"{_silence(a)}, attitude {a.attitude_hz:.0f} Hz, position {a.position_hz:.0f} Hz, clock {source}{bound}, clock restarts "
         f"{a.clock.restarts}"
     ]
     anomalies = ", ".join(f"{count} {code} ({text_of(code, LinkAnomaly)})" for code, count in sorted(a.counts.items()))
     return [*lines, f"  {anomalies}"] if anomalies else lines
+
+
+def _silence(a: pb.AutopilotHealth) -> str:
+    """That mode and armed are those of an old heartbeat, as text."""
+    if a.heartbeat_age_ns <= HEARTBEAT_OLD_NS:
+        return ""
+    return f" when its last heartbeat arrived, {a.heartbeat_age_ns / S:.0f} s ago"
 
 
 def _team_lines(t: pb.TeamHealth) -> list[str]:

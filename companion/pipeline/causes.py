@@ -21,6 +21,7 @@ CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
     DropCause.FRAME_TOO_OLD: pb.CAUSE_FRAME_TOO_OLD,
     DropCause.GAP_TOO_WIDE: pb.CAUSE_GAP_TOO_WIDE,
     DropCause.NO_RATES: pb.CAUSE_NO_RATES,
+    DropCause.CLOCK_UNCERTAIN: pb.CAUSE_CLOCK_UNCERTAIN,
     DropCause.DUPLICATE_FRAME: pb.CAUSE_DUPLICATE_FRAME,
     DropCause.LATE_FRAME: pb.CAUSE_LATE_FRAME,
     DropCause.WRONG_SIZE: pb.CAUSE_WRONG_SIZE,

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 from core.frames import rotation_from_quaternion
 from osape_client.proto import osape_v1_pb2 as pb
@@ -19,6 +20,9 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .encode import SCHEMA_VERSION, blind_message, prisms_message
 from .results import PrismsResult
 from .transform import LevelTransform, transform_model
+
+HEADING_LOST: Final = "the heading may have jumped in a gap of the attitude since its newest frame"
+"""Cause for which a frame is not used that can no longer be rotated into the vehicle's present heading."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,6 +69,11 @@ class AllCamerasModelBuilder:
         result has not arrived yet."""
         causes = {camera: blind(camera) for camera in self._cameras}
         available = [self._newest[c] for c in self._cameras if not causes[c] and self._is_available(c, oldest_ns)]
+        gap_ns = max((_gap_ns(r) for r in available), default=0)
+        for result in available:
+            if _gap_ns(result) != gap_ns:
+                causes[result.camera] = HEADING_LOST
+        available = [r for r in available if _gap_ns(r) == gap_ns]
         frame, target = common_frame(available)
         parts: list[PrismsResult | UnavailableCamera] = []
         for camera in self._cameras:
@@ -100,6 +109,11 @@ def _section(result: PrismsResult) -> tuple[int, int, int] | None:
     if result.pose is None or result.attitude is None:
         return None
     return result.pose.reset_counter, result.pose.section.number, result.attitude.jump_ns
+
+
+def _gap_ns(result: PrismsResult) -> int:
+    """The newest gap of the attitude before a result. Across it the turn of the vehicle is not known."""
+    return 0 if result.attitude is None else result.attitude.gap_ns
 
 
 def _turned_rad(result: PrismsResult) -> float:

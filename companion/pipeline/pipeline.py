@@ -217,10 +217,10 @@ class Pipeline:
 
     def _check_order(self, frame: DepthFrame, info: CameraInfo) -> DropCause:
         """The drop cause by the frame's order and size, NONE if it can be used. A stamp far back means that the camera
-        restarted: its state is reset."""
+        restarted: its state is reset, except for a verdict against its mount."""
         last = self._states[frame.camera].last_t_exposure_ns
         if last is not None and frame.t_exposure_ns <= last - round(self._sync.params.restart_step_s * NS):
-            self._states[frame.camera] = CameraState()
+            self._states[frame.camera] = CameraState(mount=self._states[frame.camera].mount.restarted())
             self.counts["camera_restarts"] += 1
             last = None
         if last is not None and frame.t_exposure_ns <= last:

@@ -40,8 +40,8 @@ class Section:
     Attributes:
         number: counts the sections.
         begins_ns: stamp of its first position.
-        jump_ns: first stamp after the newest jump, of this section or an earlier one; 0: there was none. A section may
-            also begin after a gap, or when small steps have added up."""
+        jump_ns: first stamp after the newest jump, of this section or an earlier one, or after a gap in which the
+            estimate may have jumped; 0: there was none. A section may also begin when small steps have added up."""
 
     number: int
     begins_ns: int
@@ -73,7 +73,7 @@ class PositionSections:
             return
         self._newest = sample
         if newest is None or not 0 < sample.t_ns - newest.t_ns <= LONGEST_NS:
-            self._begin(sample, jumped=newest is not None and sample.reset_counter != newest.reset_counter)
+            self._begin(sample, jumped=newest is not None)
         elif sample.reset_counter != newest.reset_counter or self._stepped(newest, sample):
             self._begin(sample, jumped=True)
         elif self._drifted(newest, sample):

@@ -6,6 +6,7 @@ none."""
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
@@ -45,6 +46,7 @@ class DropCause(Code):
     FRAME_TOO_OLD = "frame_too_old", "the exposure lies before all attitudes still held"
     GAP_TOO_WIDE = "gap_too_wide", "the attitudes before and after the exposure are too far apart"
     NO_RATES = "no_rates", "a single attitude without body rates cannot be carried to the exposure"
+    CLOCK_UNCERTAIN = "clock_uncertain", "the vehicle turns too fast for the error of the autopilot's timestamps"
     DUPLICATE_FRAME = "duplicate_frame", "a frame with this exposure was handled already"
     LATE_FRAME = "late_frame", "a frame exposed later was handled already"
     WRONG_SIZE = "wrong_size", "the image has another size than the camera's description says"
@@ -59,7 +61,9 @@ class AttitudeAt:
         distance_ns: to the nearest sample used.
         jump_ns: first stamp after the newest jump of the heading that is in it; 0: there was none.
         turned_rad: sum of the jumps of the heading that are in it, clockwise.
-        jumps: the newest of them. None of these three is in the messages."""
+        jumps: the newest of them.
+        gap_ns: first stamp after the newest gap of the attitude, in which the heading may have jumped; 0: there was none
+            before it. None of these four is in the messages."""
 
     q_ned_frd_wxyz: Quaternion
     source: Source
@@ -67,6 +71,7 @@ class AttitudeAt:
     jump_ns: int = field(default=0, compare=False)
     turned_rad: float = field(default=0.0, compare=False)
     jumps: Jumps = field(default=(), compare=False)
+    gap_ns: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +175,25 @@ class Synchroniser:
     def attitude_at(self, t_ns: int) -> AttitudeAt | DropCause:
         """The attitude at t_ns, or why there is none: exact; interpolated between two samples that are close enough,
         without a jump of the heading between them; extrapolated from the nearest sample by its body rates, or by those
-        between its neighbour and itself."""
+        between its neighbour and itself. None where the vehicle turns by more than max_clock_error_deg within the error of
+        the stamps."""
+        found = self._attitude_at(t_ns)
+        if isinstance(found, AttitudeAt) and any(
+            s is not None and self._uncertain(s) for s in self.attitudes.around(t_ns)
+        ):
+            return DropCause.CLOCK_UNCERTAIN
+        return found
+
+    def _uncertain(self, sample: AttitudeSample) -> bool:
+        """Returns whether a sample may be wrong by more than max_clock_error_deg, because it is of another instant."""
+        if sample.stamp_error_ns == 0:
+            return False
+        rates = sample.rates_frd_rad_s or self._neighbour_rates(sample)
+        if rates is None:
+            return True
+        return math.hypot(*rates) * sample.stamp_error_ns / NS > math.radians(self.params.max_clock_error_deg)
+
+    def _attitude_at(self, t_ns: int) -> AttitudeAt | DropCause:
         before, after = self.attitudes.around(t_ns)
         if before is None and after is None:
             return DropCause.NO_ATTITUDE
@@ -202,7 +225,8 @@ class Synchroniser:
         """The attitude with the jumps up to the sample that it was obtained from."""
         turned_rad = self.headings.turned_rad - self.headings.since_rad(sample.t_ns)
         jump_ns, jumps = self.headings.newest_ns(sample.t_ns), self.headings.up_to(sample.t_ns)
-        return AttitudeAt(q, source, distance_ns, jump_ns, turned_rad, jumps)
+        gap_ns = self.headings.gap_ns if sample.t_ns >= self.headings.gap_ns else 0
+        return AttitudeAt(q, source, distance_ns, jump_ns, turned_rad, jumps, gap_ns)
 
     def _jumped_between(self, a: AttitudeSample, b: AttitudeSample) -> bool:
         return self.headings.newest_ns(a.t_ns) != self.headings.newest_ns(b.t_ns)

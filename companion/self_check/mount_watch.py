@@ -18,13 +18,21 @@ AT_LIMIT = 0.98
 """Share of the largest allowed slope above which the fitted ground counts as limited by it."""
 MIN_MEASURED_SHARE = 0.5
 """Least share of measured pixels for which a missing ground is reported."""
+LOST_NS = 1_000_000_000
+"""Time without ground after which it is reported: single frames of a level flight show none."""
 
 
 @dataclass(slots=True)
 class _Newest:
     state: MountState
     slope: float
-    lost: bool
+    lost_since_ns: int | None
+    t_ns: int
+
+    @property
+    def lost(self) -> bool:
+        """Whether the ground has been missing for LOST_NS."""
+        return self.lost_since_ns is not None and self.t_ns - self.lost_since_ns >= LOST_NS
 
 
 class MountWatch:
@@ -42,7 +50,9 @@ class MountWatch:
         ground, stats = result.model.ground, result.model.stats
         slope = math.hypot(ground.slope_x, ground.slope_y) if ground.seen else 0.0
         lost = result.mount.ground and not ground.seen and stats.measured_share >= MIN_MEASURED_SHARE
-        self._newest[result.camera] = _Newest(result.mount, slope, lost)
+        before, t_ns = self._newest.get(result.camera), result.t_exposure_ns
+        since_ns = t_ns if before is None or before.lost_since_ns is None else before.lost_since_ns
+        self._newest[result.camera] = _Newest(result.mount, slope, since_ns if lost else None, t_ns)
 
     def health(self, camera: str, info: CameraInfo | None) -> pb.MountHealth | None:
         """The mount health of a camera; None: nothing was measured, or its description is unknown."""

@@ -22,7 +22,8 @@ class Motion:
 
     Attributes:
         pose, attitude: the newest ones; None: none has arrived.
-        jump_ns: first stamp after the newest jump of position or heading; 0: there was none.
+        jump_ns: first stamp after the newest jump of position or heading, or after a gap in which the heading may have
+            jumped; 0: there was none.
         estimate: numbers of sections of the position and of jumps of the heading. One changes when something has jumped,
             or may have in a gap, or when small steps of the position have added up."""
 

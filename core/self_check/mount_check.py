@@ -104,6 +104,12 @@ class MountState:
         """Standard deviations of the error."""
         return math.sqrt(max(0.0, self.filter.covariance[0])), math.sqrt(max(0.0, self.filter.covariance[5]))
 
+    def restarted(self) -> MountState:
+        """Returns the state after a restart of the camera, whose stamps begin again.
+
+        A verdict against the mount is kept: the mount has not changed. A verified mount is verified again."""
+        return replace(self, t_ns=None) if self.verdict >= MountVerdict.DEGRADED else MountState()
+
     def corrected(self, mount: CameraMount) -> tuple[float, float, float]:
         """Returns (roll, pitch, yaw) in rad of the mount as measured, with the configured yaw.
 

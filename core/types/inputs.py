@@ -147,12 +147,13 @@ class AttitudeSample:
     """Attitude of the vehicle at t_ns.
 
     q_ned_frd_wxyz is a unit quaternion. Body rates are in frd, rad/s; None: not known. t_arrival_ns: when the host
-    received the sample."""
+    received the sample. stamp_error_ns: greatest error of t_ns by the autopilot's clock; 0: not stated."""
 
     t_ns: int
     t_arrival_ns: int
     q_ned_frd_wxyz: tuple[float, float, float, float]
     rates_frd_rad_s: tuple[float, float, float] | None = None
+    stamp_error_ns: int = 0
 
     def __post_init__(self) -> None:
         w, x, y, z = self.q_ned_frd_wxyz

@@ -55,7 +55,9 @@ def set_quaternion(message: pb.Quaternion, q_wxyz: tuple[float, float, float, fl
 
 def attitude_message(sample: AttitudeSample) -> pb.AttitudeSample:
     """Encodes an attitude sample."""
-    message = pb.AttitudeSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns)
+    message = pb.AttitudeSample(
+        t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns, stamp_error_ns=sample.stamp_error_ns
+    )
     set_quaternion(message.q_ned_frd, sample.q_ned_frd_wxyz)
     if sample.rates_frd_rad_s is not None:
         set_vector(message.rates_frd_rad_s, sample.rates_frd_rad_s)
@@ -69,6 +71,7 @@ def attitude_from_message(message: pb.AttitudeSample) -> AttitudeSample:
         *checked_stamps(message.t_ns, message.t_arrival_ns),
         (q.w, q.x, q.y, q.z),
         (rates.x, rates.y, rates.z) if message.HasField("rates_frd_rad_s") else None,
+        max(0, message.stamp_error_ns),
     )
 
 

@@ -11,7 +11,7 @@ This module uses no clock and no input or output, so that a replay gives the sam
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from core.param_field import check, number
@@ -24,12 +24,21 @@ NEAR_WRAP_NS = 600 * NS
 """Longest time without a message in which the wrap is recognised. Any other step back is a reboot."""
 
 
+SILENT_NS = NS // 2
+"""Stamps that contradict the estimate mean a reboot or a step only if none that fits has arrived for this time."""
+MIXED, MIXED_NS = 5, 10 * NS
+"""So many changes between refused and used stamps within this time are not a reboot: two clocks, or late copies."""
+ANSWERS_NS = 2 * NS
+"""Answers come twice a second. After a longer time without one the estimate is made again at arrivals."""
+
+
 class ClockSource(IntEnum):
     """The basis of an estimate."""
 
     NONE = 0
     ENVELOPE = 1
-    """No answer to TIMESYNC yet: the fastest messages count as not delayed. The estimate is late by their least delay."""
+    """No answer to TIMESYNC within `window_s`: the fastest messages count as not delayed. The estimate is late by their
+    least delay."""
     TIMESYNC = 2
 
 
@@ -43,7 +52,9 @@ class ClockParams:
     min_exchanges: int = number(3, 1, 50, "", "answers before the clock is called synchronised")
     max_rtt_s: float = number(0.5, 0.01, 5.0, "s", "slower answers are not used")
     reboot_step_s: float = number(1.0, 0.1, 60.0, "s", "boot time that goes back this far is a reboot")
-    reboot_messages: int = number(5, 1, 50, "", "messages in a row that lie so far back; one alone is only late")
+    reboot_messages: int = number(
+        5, 1, 50, "", "messages in a row that contradict the estimate; one alone is only late"
+    )
     strange_exchanges: int = number(
         3, 2, 20, "", "answers in a row that contradict the rest mean a step: restart the estimate"
     )
@@ -105,7 +116,9 @@ class ClockFilter:
         self._doubtful: list[_Bound] = []
         self._arrivals: deque[_Bound] = deque()
         self._newest_boot_ns: int | None = None
-        self._back = 0
+        self._accepted_ns: int | None = None
+        self._refused = 0
+        self._changes_ns: deque[int] = deque(maxlen=MIXED)
 
     def restart(self) -> None:
         """Discards everything: the autopilot has been replaced, or has rebooted."""
@@ -116,8 +129,8 @@ class ClockFilter:
         self._exchanges.clear()
         self._arrivals.clear()
         self._doubtful.clear()
-        self._back = 0
-        self._newest_boot_ns = None
+        self._refused = 0
+        self._newest_boot_ns = self._accepted_ns = None
         self.estimate = ClockEstimate(ClockSource.NONE)
 
     # ---- input ----------------------------------------------------------------------------------------------------
@@ -134,13 +147,17 @@ class ClockFilter:
         """Adds the arrival of a message that was measured at boot_ns (rounded down); returns True if its stamp may be
         used.
 
-        False: the stamp is so far back that the message is very late, or the first one after a reboot."""
-        if self._is_back(boot_ns):
-            self._back += 1
-            if self._back < self.params.reboot_messages:
+        False: the stamp is so far back that the message is very late, or it would have been measured after it arrived.
+        Another sender, a reboot or a step of one of the clocks also causes this."""
+        if self._is_back(boot_ns) or self._is_ahead(boot_ns, arrival_ns):
+            self._refused += 1
+            if self._refused < self.params.reboot_messages or self._fits_recently(arrival_ns):
                 return False
             self.restart()
-        self._back = 0
+        elif self._refused:
+            self._changes_ns.append(arrival_ns)
+        self._refused = 0
+        self._accepted_ns = arrival_ns
         self._newest_boot_ns = max(boot_ns, self._newest_boot_ns or boot_ns)
         high = arrival_ns - boot_ns
         newest = self._arrivals[-1] if self._arrivals else None
@@ -149,10 +166,23 @@ class ClockFilter:
                 return True
             self._arrivals.pop()
         self._arrivals.append(_Bound(boot_ns, None, high))
-        self._trim(boot_ns)
+        self._trim(self._arrivals, boot_ns)
+        self._estimate_at_arrival(boot_ns, arrival_ns)
+        return True
+
+    def _estimate_at_arrival(self, boot_ns: int, arrival_ns: int) -> None:
+        """Without answers the drift may change: the bound grows, and after window_s the arrivals count alone. An arrival
+        before the estimated instant corrects it at once."""
         if self.estimate.source is not ClockSource.TIMESYNC:
             self._envelope(boot_ns)
-        return True
+            return
+        unanswered_ns = boot_ns - self._exchanges[-1].boot_ns
+        if unanswered_ns > self.params.window_s * NS:
+            self._exchanges.clear()
+            self._doubtful.clear()
+            self._envelope(boot_ns)
+        elif unanswered_ns > ANSWERS_NS or self.estimate.local_ns(boot_ns) > arrival_ns:
+            self._estimate(boot_ns)
 
     def exchange(self, ts1_ns: int, tc1_ns: int, now_ns: int) -> bool:
         """Adds an answer to TIMESYNC; returns False if it is not used.
@@ -164,21 +194,39 @@ class ClockFilter:
         if not 0 <= now_ns - ts1_ns <= self.params.max_rtt_s * NS:
             self.slow += 1
             return False
-        if self._is_back(tc1_ns):
-            self.restart()
-        self._newest_boot_ns = max(tc1_ns, self._newest_boot_ns or tc1_ns)
         new = _Bound(tc1_ns, ts1_ns - tc1_ns, now_ns - tc1_ns)
         if self._exchanges and not self._fits(new):
             return self._doubt(new)
+        before = self.estimate.source
+        self._newest_boot_ns = max(tc1_ns, self._newest_boot_ns or tc1_ns)
         self._doubtful.clear()
         self._exchanges.append(new)
-        self._trim(tc1_ns)
+        self._trim(self._exchanges, tc1_ns)
         self._estimate(tc1_ns)
+        if self.estimate.source is not before:  # what arrived earlier may be of another clock
+            self._newest_boot_ns = tc1_ns
+            self._arrivals.clear()
         return True
 
     def _is_back(self, boot_ns: int) -> bool:
         newest = self._newest_boot_ns
         return newest is not None and boot_ns < newest - self.params.reboot_step_s * NS
+
+    def _is_ahead(self, boot_ns: int, arrival_ns: int) -> bool:
+        """Returns whether a message would have arrived before it was measured, whatever the error of the estimate is."""
+        e = self.estimate
+        if e.bound_ns is None:
+            return False
+        slack_ns = MS + round(self.params.max_drift * abs(boot_ns - e.at_boot_ns))
+        return e.local_ns(boot_ns) - arrival_ns > e.bound_ns + slack_ns
+
+    def mixed(self, now_ns: int) -> bool:
+        """Returns whether stamps that are refused keep arriving among those that are used."""
+        return len(self._changes_ns) == MIXED and now_ns - self._changes_ns[0] < MIXED_NS
+
+    def _fits_recently(self, now_ns: int) -> bool:
+        """Returns whether a message with a stamp that fits arrived within SILENT_NS."""
+        return self._accepted_ns is not None and now_ns - self._accepted_ns < SILENT_NS
 
     def _doubt(self, new: _Bound) -> bool:
         """Handles an answer that contradicts the others: one is ignored, several in a row that agree are a step of
@@ -199,11 +247,18 @@ class ClockFilter:
     def _fits(self, new: _Bound) -> bool:
         return _common([*self._exchanges, new], new.boot_ns, self.params.max_drift) is not None
 
-    def _trim(self, boot_ns: int) -> None:
+    def _trim(self, bounds: deque[_Bound], boot_ns: int) -> None:
         oldest = boot_ns - round(self.params.window_s * NS)
-        for bounds in (self._exchanges, self._arrivals):
-            while len(bounds) > 1 and bounds[0].boot_ns < oldest:
-                bounds.popleft()
+        while len(bounds) > 1 and bounds[0].boot_ns < oldest:
+            bounds.popleft()
+
+    def estimate_at(self, now_ns: int) -> ClockEstimate:
+        """Returns the estimate with the bound that it has at a local instant, also when nothing arrives any more."""
+        e = self.estimate
+        if e.bound_ns is None:
+            return e
+        silent_ns = max(0, now_ns - e.local_ns(e.at_boot_ns))
+        return replace(e, bound_ns=e.bound_ns + round(2.0 * self.params.max_drift * silent_ns))
 
     # ---- estimate -------------------------------------------------------------------------------------------------
 
@@ -218,7 +273,7 @@ class ClockFilter:
         interval = _common(bounds, at_ns, p.max_drift) or _common(list(self._exchanges), at_ns, p.max_drift)
         if interval is None:  # impossible: `exchange` keeps only exchanges that agree
             raise AssertionError("the exchanges held contradict each other")
-        if len(self._exchanges) < p.min_exchanges:
+        if len(self._exchanges) < p.min_exchanges and self.estimate.source is not ClockSource.TIMESYNC:
             return
         offset, drift = self._line(at_ns)
         offset = min(max(offset, interval[0]), interval[1])

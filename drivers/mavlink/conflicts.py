@@ -76,15 +76,22 @@ class ConflictDetector:
         self._kind, self._contradiction_ns = "", None
         self._replaced = True
 
-    def texts(self, now_ns: int, configured: int, *, connected: bool) -> dict[str, str]:
+    def texts(self, now_ns: int, configured: int, *, connected: bool, two_clocks: bool = False) -> dict[str, str]:
         """Returns topic -> conflict, as text.
 
-        configured: the only accepted system id, 0: any; connected: an autopilot is received."""
+        configured: the only accepted system id, 0: any; connected: an autopilot is received; two_clocks: its timestamps
+        contradict each other."""
         texts_by_topic: dict[str, str] = {}
         if _recent(self._contradiction_ns, now_ns):
             texts_by_topic["two autopilots"] = (
                 f"{self._contradicting}: heartbeats contradict each other: a second sender uses the autopilot's ids; "
                 "only what is safe for both is sent; sign the link, or give each vehicle another system id"
+            )
+        if two_clocks:
+            texts_by_topic["two clocks"] = (
+                "timestamps of the autopilot contradict each other, and those that do not fit are not used: a second vehicle "
+                "with the same ids, or copies that arrive late by another route; give each vehicle another system id, and "
+                "forward the autopilot's messages by one route"
             )
         for system, component in [s for s, at_ns in self._rivals.items() if _recent(at_ns, now_ns)]:
             texts_by_topic["two companions"] = (

@@ -40,6 +40,8 @@ MUCH_BYTES = 2048
 """After a read of this many bytes the next one follows at once: the buffer of a serial line holds 4096."""
 LITTLE_BYTES = 1024
 """Below this number of bytes a read may pause for LONGEST_PAUSE_S: the next bytes stay well below that buffer."""
+STUCK_NS = NS
+"""After this time with a backlog the line is reported."""
 FEW_BYTES, MOST_WAIT_S = 4096, 0.005
 """Limits of bytes and time of one `catch_up`; an autopilot sends a tenth of it in a pause."""
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
@@ -52,7 +54,7 @@ class LinkState:
     Attributes:
         open: the link is open.
         error: why it is not, as text.
-        warning: that it is slow, as text.
+        warning: that it is slow or does not send, as text.
         losses: how often it was lost.
         alive_ns: time of the last cycle of the thread.
         flood: that datagrams are dropped, as text."""
@@ -89,6 +91,47 @@ class PollScheduler:
         return ahead_s / math.ceil(ahead_s / (LONGEST_PAUSE_S if little else PAUSE_S))
 
 
+class Opening(threading.Thread):
+    """Opens a transport. done: set when it is open or has failed."""
+
+    def __init__(self, address: Address) -> None:
+        super().__init__(name="mavlink open", daemon=True)
+        self._address = address
+        self._lock = threading.Lock()
+        self._abandoned = False
+        self._transport: Transport | None = None
+        self._error: DriverError | None = None
+        self.done = threading.Event()
+
+    def run(self) -> None:
+        try:
+            transport = open_transport(self._address)
+            with self._lock:
+                self._transport = transport
+                if self._abandoned:
+                    transport.close()
+        except DriverError as error:
+            self._error = error
+        finally:
+            self.done.set()
+
+    def result(self) -> Transport:
+        """Returns the open transport. Raises DriverError, and RuntimeError after another exception, whose traceback is
+        printed."""
+        if self._error is not None:
+            raise self._error
+        if self._transport is None:
+            raise RuntimeError(f"{self._address} was not opened: the cause is printed above")
+        return self._transport
+
+    def abandon(self) -> None:
+        """Closes the transport as soon as it is open."""
+        with self._lock:
+            self._abandoned = True
+            if self._transport is not None:
+                self._transport.close()
+
+
 class MavlinkLink:
     """Runs a session until closed.
 
@@ -110,6 +153,7 @@ class MavlinkLink:
         self._left: list[Chunk] = []
         self._broken: DriverError | None = None
         self._poll_scheduler = PollScheduler()
+        self._backlog_since_ns: int | None = None
         self._stop = threading.Event()
         self._wake_event = threading.Event()
         self.budget: LinkBudget | None = None
@@ -194,7 +238,9 @@ class MavlinkLink:
         while not self._stop.is_set():
             transport: Transport | None = None
             try:
-                transport = open_transport(self._address)
+                transport = self._opened(error, losses)
+                if transport is None:
+                    break
                 self.budget = self._session.budget(transport.bytes_per_s)
                 warning = self.budget.warning() if self.budget is not None else ""
                 self._state = LinkState(True, "", warning, losses, time.monotonic_ns())
@@ -215,11 +261,25 @@ class MavlinkLink:
                 self._wait(backoff_s, error, losses)
                 backoff_s = min(2.0 * backoff_s, LONGEST_BACKOFF_S)
 
+    def _opened(self, error: str, losses: int) -> Transport | None:
+        """Opens the transport. Raises DriverError. None: the link was closed meanwhile.
+
+        The name of a host may take many seconds to resolve. It is opened in a thread of its own, so that this one is seen
+        to be alive. error: why the last attempt failed, as text."""
+        opening = Opening(self._address)
+        opening.start()
+        while not opening.done.wait(0.1):
+            self._state = LinkState(False, error or "opening", "", losses, time.monotonic_ns())
+            if self._stop.is_set():
+                opening.abandon()
+                return None
+        return opening.result()
+
     def _talk(self, transport: Transport, warning: str, losses: int) -> None:
         with self._lock:
             self._session.new_line()
         with self._turn:
-            self._transport, self._broken = transport, None
+            self._transport, self._broken, self._backlog_since_ns = transport, None, None
         size = 0
         while not self._stop.is_set():
             if size < MUCH_BYTES:
@@ -230,7 +290,8 @@ class MavlinkLink:
                 size = self._round(transport)
             now_ns = time.monotonic_ns()
             flood = transport.flood.text(now_ns) if transport.flood is not None else ""
-            self._state = LinkState(True, "", warning, losses, now_ns, flood)
+            stuck = self._stuck_text(transport, now_ns)
+            self._state = LinkState(True, "", stuck or warning, losses, now_ns, flood)
         self._send_posted(transport)
 
     def _send_posted(self, transport: Transport) -> None:
@@ -247,7 +308,7 @@ class MavlinkLink:
         if self._session.can_defer_read(now_ns):
             self._wake_event.wait(self._poll_scheduler.pause_s(now_ns, little=little))
             self._wake_event.clear()
-        elif not self._session.has_posted:
+        elif not self._session.has_posted or self._backlog_since_ns is not None:
             transport.wait(READ_S)
 
     def _round(self, transport: Transport) -> int:
@@ -261,9 +322,28 @@ class MavlinkLink:
         with self._lock:
             if self._session.last_chunk is not None:
                 transport.answer(self._session.last_chunk)
-            for data in self._session.due(time.monotonic_ns(), transport.sends_first):
-                transport.write(data)
+            if not self._has_backlog(transport):
+                for data in self._session.due(time.monotonic_ns(), transport.sends_first):
+                    transport.write(data)
         return _bytes(chunks)
+
+    def _has_backlog(self, transport: Transport) -> bool:
+        """Returns whether so much waits in the buffer of the line that distances would arrive old."""
+        if transport.waiting_bytes <= transport.backlog_bytes:
+            self._backlog_since_ns = None
+            return False
+        self._backlog_since_ns = self._backlog_since_ns or time.monotonic_ns()
+        return True
+
+    def _stuck_text(self, transport: Transport, now_ns: int) -> str:
+        """Returns that the line has had a backlog for STUCK_NS, as text; empty: it has not."""
+        since_ns = self._backlog_since_ns
+        if since_ns is None or now_ns - since_ns < STUCK_NS:
+            return ""
+        return (
+            f"the line takes no messages: {transport.waiting_bytes} bytes have waited in its buffer for "
+            f"{(now_ns - since_ns) / NS:.0f} s; {transport.backlog_remedy}"
+        )
 
     def _wait(self, seconds: float, error: str, losses: int) -> None:
         """Waits between two attempts to open the link, and reports that the thread is alive."""

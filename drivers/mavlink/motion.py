@@ -17,6 +17,8 @@ from .parser import Frame
 MS = 1_000_000
 HALF_MS = 500_000
 """time_boot_ms is rounded down: on average the measurement is half a millisecond later."""
+UNKNOWN_DELAY_NS = 30 * MS
+"""Delay that the fastest messages may have where TIMESYNC is not answered: on a busy line of 57600 baud."""
 PREFER_FOR_NS = NS // 2
 """Time for which a better kind of message replaces a poorer one."""
 UNIX_NS = 10**17
@@ -83,6 +85,11 @@ class MotionDecoder:
             t_ns = arrival_ns
         return t_ns
 
+    def _stamp_error_ns(self) -> int:
+        """Returns the greatest error of a stamp."""
+        bound_ns = self._clock.estimate.bound_ns
+        return UNKNOWN_DELAY_NS if bound_ns is None else max(1, bound_ns)
+
     def _attitude(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> AttitudeSample | None:
         roll, pitch, yaw = numbers[:3]
         if not all(map(math.isfinite, numbers[:3])) or max(map(abs, numbers[:3])) > 2.0 * math.pi + 1e-3:
@@ -91,7 +98,8 @@ class MotionDecoder:
         t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
         if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
             return None
-        return AttitudeSample(t_ns, arrival_ns, quaternion_from_euler(roll, pitch, yaw), _three(numbers[3:]))
+        q = quaternion_from_euler(roll, pitch, yaw)
+        return AttitudeSample(t_ns, arrival_ns, q, _three(numbers[3:]), self._stamp_error_ns())
 
     def _attitude_quaternion(
         self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int
@@ -105,7 +113,8 @@ class MotionDecoder:
         if t_ns is None:
             return None
         self._quaternion_ns = arrival_ns
-        return AttitudeSample(t_ns, arrival_ns, (w / norm, x / norm, y / norm, z / norm), _three(numbers[4:]))
+        q = (w / norm, x / norm, y / norm, z / norm)
+        return AttitudeSample(t_ns, arrival_ns, q, _three(numbers[4:]), self._stamp_error_ns())
 
     def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
         position = _three(numbers[:3])

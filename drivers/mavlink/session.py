@@ -342,15 +342,22 @@ class MavlinkSession:
         counts: Counter[LinkAnomaly] = Counter({LinkAnomaly.TIMESYNC_UNPAIRED: self._timesync.unpaired})
         for some in (self.counts, self._motion.counts, self._splitter_counts, self._signing.counts):
             counts.update(some)
+        answered = self._timesync.answers(now_ns)
         return LinkStatus(
             vehicle=self.vehicle,
-            clock=self.clock.estimate,
+            clock=self.clock.estimate_at(now_ns),
             clock_restarts=self.clock.restarts,
             attitude_hz=max(rate(ATTITUDE_ID, now_ns), rate(ATTITUDE_QUATERNION_ID, now_ns)),
             position_hz=rate(LOCAL_POSITION_ID, now_ns),
             received=self.received,
             counts={what.value: often for what, often in counts.items() if often},
             signed=self._signing.good(now_ns),
-            conflicts=self._conflicts.texts(now_ns, self.params.system_id, connected=self.connected(now_ns)),
-            signing_fault=self._signing.fault(now_ns, answered=self._timesync.answers(now_ns)),
+            conflicts=self._conflicts.texts(
+                now_ns,
+                self.params.system_id,
+                connected=self.connected(now_ns),
+                two_clocks=self.clock.mixed(now_ns),
+            ),
+            signing_fault=self._signing.fault(now_ns, answered=answered),
+            timesync_answered=self._timesync.synchronises(now_ns),
         )

@@ -73,5 +73,7 @@ class LinkStatus:
     signed: bool = False
     """The autopilot's messages are signed with the configured key."""
     signing_fault: str = ""
+    timesync_answered: bool = True
+    """The autopilot's answers to TIMESYNC are used, or it is too early to tell."""
     conflicts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is wrong with others on the line, as text."""

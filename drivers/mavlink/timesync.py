@@ -35,6 +35,7 @@ class TimeSync:
         self._next_ns = 0
         self._synchronised_ns: int | None = None
         self._waits_since_ns: int | None = None
+        self._used_ns: int | None = None
         self._asked_ns = 0
         self.asked = self.answered = self.unpaired = self.others = 0
 
@@ -51,6 +52,8 @@ class TimeSync:
         self._pending[now_ns] = None
         if self._waits_since_ns is None or now_ns - self._asked_ns > NS:  # no request was sent
             self._waits_since_ns = now_ns
+        if self._used_ns is None or now_ns - self._asked_ns > NS:
+            self._used_ns = now_ns
         self._asked_ns = now_ns
         if len(self._pending) > _PENDING:
             self._pending.popitem(last=False)
@@ -71,7 +74,8 @@ class TimeSync:
         del self._pending[ts1]
         self.answered += 1
         self._waits_since_ns = arrival_ns
-        self._clock.exchange(ts1, tc1, arrival_ns)
+        if self._clock.exchange(ts1, tc1, arrival_ns):
+            self._used_ns = arrival_ns
 
     def awaits(self, now_ns: int) -> bool:
         """True if the newest request was sent a moment ago and is not answered yet."""
@@ -81,8 +85,13 @@ class TimeSync:
         """True if requests are answered, or if it is too early to tell."""
         return self._waits_since_ns is None or now_ns - self._waits_since_ns < UNANSWERED_NS
 
+    def synchronises(self, now_ns: int) -> bool:
+        """True if the clock filter uses the answers, or if it is too early to tell. It uses none that are slow or contradict
+        the others."""
+        return self._used_ns is None or now_ns - self._used_ns < UNANSWERED_NS
+
     def restart(self) -> None:
         """Discards earlier requests: the autopilot has been replaced or has rebooted."""
         self._pending.clear()
         self._next_ns = 0
-        self._synchronised_ns = self._waits_since_ns = None
+        self._synchronised_ns = self._waits_since_ns = self._used_ns = None

@@ -12,9 +12,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import select
 import socket
+import sys
+import termios
 import time
 from dataclasses import dataclass
 from typing import Protocol
@@ -33,6 +36,10 @@ _LONGEST_NS = 10_000_000
 """Longest time of one read during a flood, since a frame may wait for it."""
 _BUFFER_BYTES = 1 << 20
 """Buffer of a UDP socket, if the system allows it: room for the autopilot beside a flood until the next read."""
+_BACKLOG_S = 0.1
+"""Nothing is sent while the buffer of a serial line holds bytes for a longer time."""
+_TCP_BACKLOG_BYTES = 4096
+"""The same of a TCP connection: 0.2 to 0.5 s of the usual messages."""
 Chunk = tuple[bytes, int]
 """Bytes and their arrival time, monotonic ns."""
 Source = tuple[str, int] | None
@@ -45,6 +52,21 @@ class Transport(Protocol):
     @property
     def bytes_per_s(self) -> float | None:
         """Data rate; None: no relevant limit."""
+        ...
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes in the buffer of the line that are not sent yet; 0: not known. Raises DeviceLost."""
+        ...
+
+    @property
+    def backlog_bytes(self) -> int:
+        """While more bytes are in the buffer nothing is sent, since distances would arrive old; the newest ones wait."""
+        ...
+
+    @property
+    def backlog_remedy(self) -> str:
+        """What to do about a buffer that stays full."""
         ...
 
     @property
@@ -106,7 +128,8 @@ def parse_address(text: str) -> Address:
         return Address(kind, place, int(number)) if number.isdecimal() else Address(kind, rest, DEFAULT_BAUD)
     if kind in ("udpin", "udpout", "tcp") and place and number.isdecimal() and 0 < int(number) < 65536:
         return Address(kind, place, int(number))
-    raise ValueError(f"autopilot address {text!r}: expected {forms}")
+    near = f"; did you mean serial:{text}?" if text.startswith("/dev/") else ""
+    raise ValueError(f'"{text}" is not an address{near or f": expected {forms}"}')
 
 
 def open_transport(address: Address) -> Transport:
@@ -124,6 +147,7 @@ class SerialLine:
     sends_first = False
     sources = None
     flood = None
+    backlog_remedy = "set 921600 baud, and check the cable and its flow control"
 
     def __init__(self, address: Address) -> None:
         self._address, self._rest = address, b""
@@ -137,6 +161,17 @@ class SerialLine:
     @property
     def bytes_per_s(self) -> float | None:
         return self._address.number / 10.0  # 8 bits, start and stop
+
+    @property
+    def backlog_bytes(self) -> int:
+        return round(_BACKLOG_S * self._address.number / 10.0)
+
+    @property
+    def waiting_bytes(self) -> int:
+        try:
+            return int(self._port.out_waiting)
+        except (OSError, serial.SerialException, TypeError) as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}; check its cable") from error
 
     def wait(self, timeout_s: float) -> None:
         try:
@@ -185,6 +220,8 @@ class UdpLine:
     """A UDP socket. udpin sends to the last sender until `answer` selects one; udpout always sends to its host."""
 
     bytes_per_s = None
+    waiting_bytes = backlog_bytes = 0  # a datagram is sent at once or not at all
+    backlog_remedy = ""
 
     def __init__(self, address: Address) -> None:
         self._address = address
@@ -276,6 +313,8 @@ class TcpLine:
     sends_first = False
     sources = None
     flood = None
+    backlog_bytes = _TCP_BACKLOG_BYTES
+    backlog_remedy = "check the network, and that the other end reads"
 
     def __init__(self, address: Address, timeout_s: float = 2.0) -> None:
         self._address = address
@@ -288,6 +327,14 @@ class TcpLine:
         self._socket.setblocking(False)
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes that the other end has not confirmed."""
+        try:
+            return int.from_bytes(fcntl.ioctl(self._socket, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
+        except OSError as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}") from error
 
     def wait(self, timeout_s: float) -> None:
         select.select([self._socket], [], [], timeout_s)
@@ -337,6 +384,8 @@ def _resolve(address: Address) -> tuple[str, int]:
 
 def _reason(error: BaseException) -> str:
     """The system's text of the cause, without the sentence that pyserial puts around it."""
+    if isinstance(error, socket.gaierror):  # its numbers are not those of the system
+        return error.strerror or str(error)
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error) or type(error).__name__
 

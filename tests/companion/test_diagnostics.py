@@ -10,8 +10,10 @@ from typing import Any, cast
 
 import pytest
 
+from companion.config.camera import CameraConfig
 from companion.config.loader import Config, config_of, load_config
 from companion.config.template_intrinsics import TEMPLATE_V4L2_PX, TEMPLATE_ZED_CALIBRATION
+from companion.diagnostic import DiagnosticCode
 from companion.doctor.autopilot_check import link_findings
 from companion.doctor.doctor import config_findings
 from companion.live.diagnostics import (
@@ -21,9 +23,12 @@ from companion.live.diagnostics import (
     GroundCheck,
     template_intrinsics,
 )
+from companion.live.health import AutopilotView, diagnostics_of
 from companion.live.service import Service
 from companion.paths import Folders
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.mavlink.link import LinkState
+from drivers.mavlink.session_types import LinkStatus, Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -82,6 +87,56 @@ def test_doctor_names_a_low_rate_of_the_attitude() -> None:
     findings = {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
     assert not findings["attitude"].ok
     assert findings["attitude"].text.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
+
+
+def test_doctor_names_an_uncertain_clock() -> None:
+    vehicle = SimpleNamespace(autopilot="PX4", system_id=1, armed=False)
+    clock = ClockEstimate(ClockSource.TIMESYNC, bound_ns=54_500_000)
+    status = SimpleNamespace(vehicle=vehicle, attitude_hz=100.0, position_hz=30.0, received=9, clock=clock)
+    link = SimpleNamespace(state=SimpleNamespace(error="", open=True))
+    findings = {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
+    assert (findings["clock"].ok, findings["clock"].code) == (False, DiagnosticCode.CLOCK_UNCERTAIN)
+    assert "921600 baud" in findings["clock"].text
+
+
+@pytest.mark.parametrize(
+    ("kind", "remedy"), [("simulated", "companion simulate-autopilot"), ("oak", "that the autopilot is on")]
+)
+def test_doctor_names_what_sends_no_heartbeat(kind: str, remedy: str) -> None:
+    config = Config(cameras=(CameraConfig(name="front", kind=kind),))
+    status = SimpleNamespace(vehicle=None, received=0)
+    link = SimpleNamespace(state=SimpleNamespace(error="", open=True))
+    (finding,) = link_findings(config, cast(Any, link), cast(Any, status))
+    assert remedy in finding.text
+
+
+@pytest.mark.parametrize(
+    ("clock", "answered", "text"),
+    [
+        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000), True, ""),
+        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=2_300_000), False, "the error bound of its timestamps is 2.3 ms"),
+        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=54_500_000), True, "may be wrong by 5"),
+        (ClockEstimate(ClockSource.ENVELOPE), False, "include the delay of the link"),
+        (ClockEstimate(ClockSource.NONE), False, ""),
+    ],
+)
+def test_timesync_that_is_not_answered_is_named(clock: ClockEstimate, answered: bool, text: str) -> None:
+    link = LinkStatus(
+        vehicle=Vehicle(1, "PX4", 2, True, 0, S),
+        clock=clock,
+        clock_restarts=0,
+        attitude_hz=100.0,
+        position_hz=30.0,
+        received=1,
+        counts={},
+        timesync_answered=answered,
+    )
+    line = LinkState(open=True, error="", warning="", losses=0, alive_ns=S)
+    view = AutopilotView(address="udpin:0.0.0.0:14540", line=line, link=link, attitude_age_ns=0)
+    found = diagnostics_of([], view, None, "")
+    said = [d.text for d in found if d.code in (DiagnosticCode.NO_TIMESYNC, DiagnosticCode.CLOCK_UNCERTAIN)]
+    assert len(said) == bool(text)
+    assert all(text in words for words in said)
 
 
 def frame(measured: float, seen: bool, valid: bool = True, camera: str = "front") -> Any:

@@ -235,6 +235,34 @@ def test_a_remembered_obstacle_counts() -> None:
     assert math.isinf(seen(model(free_to_m=20.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).remembered_m)
 
 
+def test_a_remembered_obstacle_counts_where_a_part_of_the_corridor_is_not_seen() -> None:
+    """A camera that leans back does not show the lowest fifth of the corridor, in which the obstacle may stand."""
+    distance_m = np.full(72, np.inf)
+    distance_m[0] = 4.0
+    recalled = Remembered(distance_m, np.full(72, np.inf))
+    lowest_m = AVOID.band_below_m - 0.2 * (AVOID.band_above_m + AVOID.band_below_m)
+    whole = model(free_to_m=20.0)
+    free_to_m = np.array(whole.free.free_to_m[:, :2])
+    free_to_m[:, 1] = 0.0
+    profile = replace(
+        whole.free,
+        layer_edges_m=np.array([-3.0, lowest_m, 3.0], np.float32),
+        free_from_m=whole.free.free_from_m[:, :2],
+        free_to_m=free_to_m,
+        end=whole.free.end[:, :2],
+    )
+    sight = seen(replace(whole, free=profile), recalled=recalled)
+    assert sight.free_m > 15.0, "four fifths of the rays are free"
+    assert sight.remembered_m == pytest.approx(4.4)
+
+
+def test_a_remembered_obstacle_counts_behind_another_one_that_is_seen_through() -> None:
+    distance_m = np.full(72, np.inf)
+    distance_m[0], distance_m[1] = 3.0, 8.0
+    recalled = Remembered(distance_m, np.full(72, np.inf))
+    assert seen(model(free_to_m=6.0), recalled=recalled).remembered_m == pytest.approx(8.4, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("at_m", "support_px", "weak"), [(8.0, 8, True), (8.0, 9, False), (0.6, 100, True), (0.6, 160, False)]
 )

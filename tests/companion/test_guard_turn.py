@@ -174,16 +174,27 @@ def test_without_a_lean_each_change_of_the_course_counts() -> None:
 
 def test_the_lean_of_steady_flight_is_subtracted() -> None:
     """Wind from the left and drag: the vehicle leans by 1.0 and 0.5 m/s2 and does not accelerate; then it accelerates."""
-    lean = LeanAcceleration()
-    assert lean.newest_m_s2() is None
+    lean, end_ns = LeanAcceleration(), T_NS + NS
+    assert lean.newest_m_s2(end_ns) is None
     lean.settle(T_NS, T_NS + NS, (0.0, 0.0))
-    assert lean.newest_m_s2() is None, "no lean is known"
+    assert lean.newest_m_s2(end_ns) is None, "no lean is known"
     for n in range(10):
         lean.take(T_NS + n * NS // 10, (0.5, -1.0))
         lean.settle(T_NS + n * NS // 10 - 3 * NS // 10, T_NS + n * NS // 10, (0.0, 0.0))
-    assert lean.newest_m_s2() == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert lean.newest_m_s2(end_ns) == pytest.approx((0.0, 0.0), abs=1e-9)
     lean.take(T_NS + NS, (2.5, -1.0))
-    assert lean.newest_m_s2() == pytest.approx((2.0, 0.0), abs=1e-9)
+    assert lean.newest_m_s2(end_ns) == pytest.approx((2.0, 0.0), abs=1e-9)
+    assert lean.newest_m_s2(end_ns + 3 * NS // 10) is not None
+    assert lean.newest_m_s2(end_ns + 4 * NS // 10) is None, "the lean is too old"
+
+
+def test_a_lean_from_before_a_gap_of_the_attitude_does_not_make_a_turn_noise() -> None:
+    """Straight flight with a lean; then the attitude has no lean any more, and the course turns slowly."""
+    course_rate, rate = CourseRate(), 0.0
+    for n in range(3 * HZ):
+        course = math.radians(2.0) * max(0, n - 2 * HZ) / HZ
+        rate = course_rate.take(decision(n / HZ, turned(course, 3.0, 0.0), (0.0, 0.0) if n < 2 * HZ else None))
+    assert math.degrees(rate) == pytest.approx(2.0, abs=0.01)
 
 
 def test_the_steady_lean_follows_the_wind() -> None:
@@ -193,7 +204,7 @@ def test_the_steady_lean_follows_the_wind() -> None:
         t_ns = T_NS + n * NS // 10
         lean.take(t_ns, (0.0, 2.0 if n < 140 else 0.0))
         lean.settle(t_ns - 3 * NS // 10, t_ns, (0.0, 0.0))
-    newest = lean.newest_m_s2()
+    newest = lean.newest_m_s2(T_NS + 199 * NS // 10)
     assert newest is not None
     assert -0.15 < newest[1] < -0.05
 

@@ -20,18 +20,20 @@ from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.config.sync import SyncParams
 from companion.guard.kept_space import Tolerance, reach_m
+from companion.live.world_thread import observation_of
 from companion.pipeline.heading_jumps import HeadingJumps, heading_jump_rad
-from companion.pipeline.multi_camera import AllCamerasModelBuilder
+from companion.pipeline.multi_camera import HEADING_LOST, AllCamerasModelBuilder, UnavailableCamera
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.quaternion import from_rotation_vector, product
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import AttitudeAt, Source, Synchroniser
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, PoseSample
+from core.world.world import World
 
-from .made_up import INFO, MS, START_NS, EasyExtractor, frame
+from .made_up import INFO, MS, START_NS, EasyExtractor, flight, frame
 from .test_guard_path import SIGHT
-from .test_obstacle_sender import AVOID, CAMERA, NS, PX4, Chain
+from .test_obstacle_sender import AVOID, CAMERA, NS, PX4, UNKNOWN, Chain
 from .test_overhead import AHEAD, BEAM
 from .test_sectors import HERE, model, wall_at
 
@@ -75,13 +77,68 @@ def test_jumps_add_up_and_are_told_by_their_stamps(rate: float | None) -> None:
 
 def test_in_a_gap_and_at_a_restart_the_heading_may_have_jumped() -> None:
     jumps = HeadingJumps()
-    for t_ms in (0, 400, 800, 1400):
+    for t_ms in (1000, 1250, 1500, 1751):
         jumps.take(at(t_ms, 0.0))
     assert (jumps.number, jumps.turned_rad) == (1, 0.0)
+    assert [jumps.newest_ns(t * MS) for t in (1750, 1751)] == [0, 1751 * MS]
+    assert jumps.up_to(1751 * MS) == ((1751 * MS, 0.0),)
     jumps.take(at(100, 1.0))
     assert (jumps.number, jumps.turned_rad) == (2, 0.0)
+    assert jumps.newest_ns(100 * MS) == 100 * MS
     jumps.take(at(110, 1.0))
     assert jumps.number == 2
+
+
+@pytest.mark.parametrize(("every_ms", "jump_deg"), [(20, 3.1), (50, 3.7), (100, 4.5), (200, 8.8), (250, 12.0)])
+def test_a_small_jump_is_detected_between_rare_attitudes(every_ms: int, jump_deg: float) -> None:
+    """At 10 Hz 14 degrees were not, in a gap of 0.4 s 45 degrees: a wall was then free in the merged world."""
+    for turn_rad_s in (0.0, 1.0):
+        jumps, turned_rad = HeadingJumps(), turn_rad_s * every_ms / 1000.0
+        for k, jumped in ((0, 0.0), (1, 0.0), (2, math.radians(jump_deg)), (3, math.radians(jump_deg))):
+            jumps.take(at(k * every_ms, k * turned_rad + jumped, turn_rad_s))
+        assert jumps.number == 1
+        assert jumps.turned_rad == pytest.approx(math.radians(jump_deg))
+
+
+@pytest.mark.parametrize("every_ms", [20, 50, 100, 200])
+def test_a_turn_that_begins_and_ends_is_not_a_jump(every_ms: int) -> None:
+    """Rates from 0 to 3 rad/s and back within 0.6 s, sampled at any phase of the turn."""
+    for phase_ms in range(0, every_ms, 5):
+        jumps = HeadingJumps()
+        for t_ms in range(phase_ms, 2000, every_ms):
+            share = min(max((t_ms - 600) / 600, 0.0), 1.0)
+            yaw_rad = 0.9 * (share - math.sin(math.tau * share) / math.tau)
+            jumps.take(at(t_ms, yaw_rad, 1.5 * (1.0 - math.cos(math.tau * share))))
+        assert jumps.number == 0
+
+
+@pytest.mark.parametrize(("rad_s", "number"), [(0.05, 0), (0.07, 3)])
+def test_small_turns_that_the_rates_do_not_explain_add_up(rad_s: float, number: int) -> None:
+    """10 degrees in 3 s begin a section. By which angle the heading is wrong is not known."""
+    jumps = HeadingJumps()
+    for t_ms in range(0, 9000, 20):
+        jumps.take(at(t_ms, rad_s * t_ms / 1000.0))
+    assert (jumps.number, jumps.turned_rad) == (number, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "gap_ms", "sections"),
+    [(AttitudeSample, 200, 1), (AttitudeSample, 400, 2), (PoseSample, 800, 1), (PoseSample, 1200, 2)],
+)
+def test_the_merged_world_begins_a_section_after_a_gap(
+    kind: type[AttitudeSample] | type[PoseSample], gap_ms: int, sections: int
+) -> None:
+    """The estimate may have jumped in it by any angle or distance; what was seen free before may be an obstacle."""
+    begin_ns, world, pipeline = START_NS + 500 * MS, World(), Pipeline((INFO,), EasyExtractor)
+    for event in flight(20):
+        if isinstance(event, kind) and 0 < event.t_ns - begin_ns < gap_ms * MS:
+            continue
+        for output in pipeline.handle(event):
+            observation = observation_of(output) if isinstance(output, PrismsResult) else None
+            if observation is not None:
+                world.add(observation)
+    assert world.section is not None
+    assert world.section.number == sections
 
 
 def test_no_attitude_is_interpolated_across_a_jump() -> None:
@@ -118,6 +175,39 @@ def test_what_a_frame_from_before_the_jump_shows_stays_where_it_is(position: tup
     after = chain.report(PX4).values
     assert after is not None
     assert after.tolist() == before.tolist()
+
+
+@pytest.mark.parametrize("position", [None, (0.0, 0.0, -2.0)])
+def test_a_frame_from_before_a_gap_of_the_attitude_does_not_count(position: tuple[float, float, float] | None) -> None:
+    """The heading may have jumped in it. Before, the space ahead was sent as clear by a heading 40 degrees wrong."""
+    chain = Chain(model(free_to_m=13.0, view_deg=72.0))
+    chain.position = position
+    chain.fly(0.97)
+    assert chain.ahead() == 1201
+    chain.fly(0.03, attitudes=False)
+    chain.now_ns += 240 * MS
+    chain.yaw_rad = JUMP
+    chain.fly(0.01)
+    report = chain.report(PX4)
+    assert "may have jumped" in report.blind["front"]
+    assert report.values is not None
+    assert set(report.values) <= {UNKNOWN}
+    chain.fly(0.6)
+    assert chain.report(PX4).blind == {}
+    assert chain.ahead() == 1201
+
+
+def test_the_heading_is_carried_forward_for_a_short_time_only() -> None:
+    """A turn may change meanwhile. The newest frame is still young enough."""
+    chain = Chain(model(free_to_m=13.0, view_deg=72.0))
+    chain.fly(1.0)
+    chain.fly(0.14, frames=False, attitudes=False)
+    assert chain.ahead() == 1201
+    chain.fly(0.02, frames=False, attitudes=False)
+    report = chain.report(PX4)
+    assert report.blind["front"] == "the attitude is lost"
+    assert report.values is not None
+    assert set(report.values) <= {UNKNOWN}
 
 
 def test_a_turn_is_not_a_jump() -> None:
@@ -174,6 +264,17 @@ def test_a_remembered_obstacle_keeps_its_direction(position: tuple[float, float,
     assert then[4] == pytest.approx(2.7, abs=0.05)
 
 
+def test_the_way_to_an_obstacle_seen_before_a_gap_of_the_attitude_was_not_seen() -> None:
+    """The direction that was seen may be another one."""
+    memory, here = ObstacleMemory(AVOID), Here(0.3, (10.0, -5.0, -2.0), 1)
+    memory.recall(scan([View(model(wall_at(20.0, 3.0), free_to_m=13.0, view_deg=72.0), HERE)], AVOID), [], here, NS)
+    same = memory.recall(scan([], AVOID), [], here, NS + NS // 15)
+    assert np.isfinite(same.way_seen_m[4])
+    after = memory.recall(scan([], AVOID), [], replace(here, heading_section=1), NS + NS // 10)
+    assert np.isfinite(after.distance_m[4])
+    assert np.isinf(after.way_seen_m).all()
+
+
 def test_a_beam_above_keeps_its_direction() -> None:
     known = Overhead(replace(AVOID, upward=True, remember_up_s=5.0))
     known.see(View(model(BEAM), AHEAD), Here(0.0, (100.0, 50.0, -10.0), 1), NS)
@@ -200,18 +301,22 @@ def test_the_guard_compares_sights_of_one_estimate_only(estimate: tuple[int | No
 # ---- several cameras --------------------------------------------------------------------------------------------------
 
 
-def two_cameras(yaw_rad: float, north_m: float) -> dict[str, PrismsResult]:
-    """A frame of each camera, 60 ms apart; between them the heading or the position jumps. Its counter stays."""
+def two_cameras(yaw_rad: float, north_m: float, silent: range = range(0)) -> dict[str, PrismsResult]:
+    """A frame of each camera; between them the heading or the position jumps. Its counter stays.
+
+    silent: steps of 20 ms without an attitude, the frame of the second camera after them."""
     right = replace(INFO, camera="right")
     pipeline = Pipeline((INFO, right), EasyExtractor)
     found = {}
-    for k in range(10):
+    right_k = max(8, silent.stop + 2)
+    for k in range(right_k + 2):
         t_ns = START_NS + k * 20 * MS
         jumped = k >= 6
         q = quaternion_from_euler(0.0, 0.0, 0.2 + yaw_rad * jumped)
-        pipeline.handle(AttitudeSample(t_ns, t_ns, q, (0.0, 0.0, 0.0)))
+        if k not in silent:
+            pipeline.handle(AttitudeSample(t_ns, t_ns, q, (0.0, 0.0, 0.0)))
         pipeline.handle(PoseSample(t_ns, t_ns, (north_m * jumped, 0.0, -3.0), (0.0, 0.0, 0.0)))
-        camera = {5: "front", 8: "right"}.get(k)
+        camera = {5: "front", right_k: "right"}.get(k)
         if camera is not None:
             result = pipeline.handle(frame(7, t_ns, camera=camera))[1]
             assert isinstance(result, PrismsResult)
@@ -231,3 +336,14 @@ def test_results_of_both_sides_of_a_jump_are_not_put_together_in_ned(yaw_rad: fl
     assert front is not None
     assert right is not None
     np.testing.assert_allclose(front.planes, right.planes, atol=1e-4)
+
+
+def test_a_camera_whose_frame_is_from_before_a_gap_of_the_attitude_is_blind() -> None:
+    """By which angle the heading has jumped in it is not known: in no frame both results can be put together."""
+    builder = AllCamerasModelBuilder(("front", "right"))
+    for result in two_cameras(JUMP, 0.0, silent=range(6, 20)).values():
+        builder.result(result)
+    front, right = builder.model(lambda camera: "").parts
+    assert isinstance(front, UnavailableCamera)
+    assert front.cause_text == HEADING_LOST
+    assert isinstance(right, PrismsResult)

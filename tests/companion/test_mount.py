@@ -121,6 +121,23 @@ def test_a_camera_described_otherwise_starts_again(depths: list[np.ndarray]) -> 
     assert pipeline.state().cameras[0][1].mount == MountState()
 
 
+def test_a_restarted_camera_with_a_wrong_mount_reports_nothing(depths: list[np.ndarray]) -> None:
+    """Its stamps step back. Its frames were valid again until the check had measured enough."""
+    pipeline = pipeline_of(INFO)
+    feed(pipeline, depths)
+    again = results(feed(pipeline, depths, first=-5))
+    assert pipeline.counts["camera_restarts"] == 1
+    assert [r.valid for r in again] == [False] * 8
+    assert pipeline.state().cameras[0][1].mount.t_ns == 12 * NS
+
+
+@pytest.mark.parametrize("verdict", list(MountVerdict))
+def test_only_a_verdict_against_the_mount_outlives_a_restart(verdict: MountVerdict) -> None:
+    before = known(0.0, 5.0, verdict)
+    kept = verdict in (MountVerdict.DEGRADED, MountVerdict.UNVERIFIED_SLOPE, MountVerdict.ERROR)
+    assert before.restarted() == (dataclasses.replace(before, t_ns=None) if kept else MountState())
+
+
 # ---- in words --------------------------------------------------------------------------------------------------------
 
 
@@ -162,14 +179,19 @@ def test_each_verdict_has_its_code(verdict: MountVerdict, code: str) -> None:
     assert mount_text(health)
 
 
-def watched(state: MountState, ground: Ground, measured: float) -> tuple[MountWatch, CameraInfo]:
+def watched(
+    state: MountState, ground: Ground, measured: float, at_ms: tuple[int, ...] = (0, 500, 1000)
+) -> tuple[MountWatch, CameraInfo]:
+    """After frames that all show the same. at_ms: when."""
     result = results(feed(pipeline_of(simulated_info(160, 120)), images(1)))[0]
     assert result.model is not None
     model = dataclasses.replace(
         result.model, ground=ground, stats=dataclasses.replace(result.model.stats, measured_share=measured)
     )
     watch = MountWatch(0.06)
-    watch.result(dataclasses.replace(result, model=model, mount=state))
+    for t_ms in at_ms:
+        t_ns = result.t_exposure_ns + t_ms * 1_000_000
+        watch.result(dataclasses.replace(result, model=model, mount=state, t_exposure_ns=t_ns))
     return watch, simulated_info(160, 120)
 
 
@@ -187,6 +209,13 @@ def test_a_ground_at_its_limit_or_lost_is_reported() -> None:
         assert [d.code for d in found] == ([code] if code else []), ground
     watch, info = watched(dataclasses.replace(state, ground=False), Ground(seen=False), 0.9)
     assert not watch.diagnostics([("front", info)])  # a wall fills the view
+
+
+def test_a_ground_that_single_frames_do_not_show_is_not_reported() -> None:
+    """On the shipped flight it was reported 14 times in 2 min, for 0.3 s each."""
+    state = known(0.0, 0.0, MountVerdict.UNKNOWN)
+    watch, info = watched(state, Ground(seen=False), 0.9, (0, 500, 900))
+    assert not watch.diagnostics([("front", info)])
 
 
 def test_status_shows_the_mount() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,13 +11,14 @@ from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.autopilot.surroundings import Surroundings
 from companion.config.sync import SyncParams
 from companion.live.world_thread import observation_of
+from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.position_sections import PositionSections
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import PoseAt, Synchroniser
 from core.types import PoseSample
 from core.world.world import World
 
-from .made_up import frame
+from .made_up import INFO, START_NS, EasyExtractor, flight, frame
 from .test_obstacle_sender import AVOID, CLEAR, NS, PX4, Chain
 from .test_sectors import model, wall_at
 
@@ -174,16 +177,33 @@ def test_a_frame_stamped_after_its_arrival_is_not_placed_by_a_jump_it_did_not_kn
     assert seen[-1].views[0].model.planes[0, 0] == pytest.approx(8.0, abs=0.3)
 
 
-def test_a_gap_and_small_steps_are_told_from_a_jump() -> None:
-    """The merged world goes on after them: it allows for drift, and for gaps of `jump_gap_s`."""
+def test_small_steps_are_told_from_a_jump() -> None:
     sections = PositionSections()
     for k in range(12):
         sections.take(sample(33 * k, (0.4 * k, 0.0, 0.0)))
     sections.take(sample(3000, (4.4, 0.0, 0.0)))
     assert sections.number > 2
-    assert sections.at(3000 * MS).jump_ns == 0
+    assert sections.at(3000 * MS).jump_ns == 3000 * MS, "it may have jumped in the gap"
     sections.take(sample(3033, (9.4, 0.0, 0.0)))
     assert sections.at(3033 * MS).jump_ns == 3033 * MS
+
+
+@pytest.mark.parametrize(("gap_ms", "step_m"), [(900, -4.0), (500, -2.8), (200, -1.4)])
+def test_the_merged_world_begins_a_section_after_a_jump_that_a_gap_hides(gap_ms: int, step_m: float) -> None:
+    """The step is within the limit for the time of the gap; the position after it shows that the vehicle stands."""
+    world, pipeline, end_ns = World(), Pipeline((INFO,), EasyExtractor), START_NS + 1000 * MS
+    for event in flight(30):
+        if isinstance(event, PoseSample):
+            if 0 <= event.t_ns - end_ns < gap_ms * MS:
+                continue
+            north_m = 0.0 if event.t_ns < end_ns else step_m
+            event = replace(event, position_ned_m=(north_m, 0.0, -2.0), velocity_ned_m_s=(0.0, 0.0, 0.0))
+        for output in pipeline.handle(event):
+            observation = observation_of(output) if isinstance(output, PrismsResult) else None
+            if observation is not None:
+                world.add(observation)
+    assert world.section is not None
+    assert world.section.number >= 2
 
 
 @pytest.mark.parametrize(("north_m", "yaw_rad"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.7)])

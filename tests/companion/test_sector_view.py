@@ -61,3 +61,7 @@ def test_the_page_gets_null_for_unknown_and_the_ages() -> None:
     assert data["sent"]["cm"][:4] == [500, 501, 1001, None]
     assert data["sent"]["age_s"] == 1.0
     assert autopilot_data(pb.Health(), 0) is None
+    health.autopilot.heartbeat_age_ns = 74_000_000_000
+    late = autopilot_data(health, 2_000_000_000)
+    assert late is not None
+    assert late["age_s"] == 73.5, "mode and armed are those of the heartbeat"

@@ -19,10 +19,11 @@ from companion.live.status import status_lines
 from companion.share.own_motion import Motion
 from companion.share.own_planes import OwnPlanes
 from companion.share.packet_rate import PacketRate
-from companion.share.team import NS, Team
+from companion.share.team import ALIGN_PLANES, NS, Team
 from companion.share.thread import Sharing
 from companion.streams.publisher import Publisher, Stream
 from core.sharing.neighbour import Neighbour
+from core.sharing.neighbour_map import NeighbourMap
 from core.sharing.obstacles import PlacementState
 from core.sharing.packet_codec import decoded
 from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
@@ -106,6 +107,27 @@ def test_a_wrong_origin_is_aligned_by_the_planes_of_both() -> None:
     assert np.abs(got.planes[:, :4] - true[:, :4]).max() < 0.3
     assert (got.margin_m < 2.0).all()
     assert [m.centre_m[0] for m in got.movers] == [pytest.approx(31.0, abs=1.5)]
+
+
+def test_the_nearest_planes_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time of a fit grows with their number."""
+    compared: list[int] = []
+    monkeypatch.setattr(NeighbourMap, "align", lambda self, box, own, now_ns: compared.append(len(box)))
+    one, many = team(1, "47.0, 8.0, 400"), street()
+    rows = np.tile(np.arange(len(many.ids)), 20)[: ALIGN_PLANES + 50]
+    one.own.planes = OwnPlanes(
+        SharedPlanes(
+            ids=np.arange(len(rows), dtype=np.uint16),
+            box=many.box[rows],
+            margin_m=many.margin_m[rows],
+            flags=many.flags[rows],
+            age_s=many.age_s[rows],
+        ),
+        1,
+    )
+    one.own.motion = motion(0.0, NS)
+    assert one.align(NS)
+    assert compared == [ALIGN_PLANES]
 
 
 def test_neighbours_are_aligned_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -298,7 +320,7 @@ AUTOPILOT = {"address": "udpin:0.0.0.0:14540"}
         ({"share": {"members": "2, x"}}, "members"),
         ({"share": {"origin": "47, 8"}}, "origin"),
         ({"share": {"origin": "147, 8, 0"}}, "not a place on Earth"),
-        ({"share": {"tunnel": "udp:1"}}, "autopilot address"),
+        ({"share": {"tunnel": "udp:1"}}, "is not an address"),
         ({"share": {"refresh_s": 90.0}}, "refresh_s"),
         ({"share": {"zenoh_team": "a/b"}}, "zenoh_team"),
     ],

@@ -259,7 +259,7 @@ def test_gaps_and_sums_of_small_steps_are_counted() -> None:
     own.take([pose(5 * NS + NS // 2 + k * NS // 10, 0.4 * k) for k in range(1, 6)])
     found.append(own.newest.estimate)
     assert found == [(1, 0), (1, 1), (2, 1)]
-    assert own.newest.jump_ns == 0
+    assert own.newest.jump_ns == 5 * NS + 7 * NS // 10, "the first attitude after the gap: the world begins a section"
 
 
 def test_without_an_attitude_nothing_is_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,6 +57,14 @@ def report() -> pb.Health:
     return h
 
 
+def test_mode_and_armed_of_an_old_heartbeat_are_dated() -> None:
+    h = report()
+    h.autopilot.heartbeat_age_ns = 900_000_000
+    assert any(", armed, attitude" in line for line in status_lines(h))
+    h.autopilot.heartbeat_age_ns = 74_000_000_000
+    assert any(", armed when its last heartbeat arrived, 74 s ago, attitude" in line for line in status_lines(h))
+
+
 def test_a_note_is_reported_and_is_no_fault() -> None:
     h = report()
     h.ClearField("troubles")
@@ -64,7 +72,7 @@ def test_a_note_is_reported_and_is_no_fault() -> None:
     h.state = pb.Health.STATE_ACTIVE
     h.notes.append("the processor runs at half its clock: too hot")
     assert status_lines(h)[:3] == [
-        "ACTIVE for 65 s",
+        "ACTIVE, service running for 65 s",
         "  OK",
         "  note: the processor runs at half its clock: too hot",
     ]
@@ -73,7 +81,7 @@ def test_a_note_is_reported_and_is_no_fault() -> None:
 def test_a_report_as_text() -> None:
     text = "\n".join(status_lines(report()))
     for part in (
-        "DEGRADED for 65 s",
+        "DEGRADED, service running for 65 s",
         "! optional_camera_unavailable: camera right (not required) is blind: lost: the cable is out",
         "camera front: running, 30.0 Hz, frame age 42 ms, 3 superseded",
         "camera right: lost, not required, 0.0 Hz, no valid frame yet",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from companion.pipeline.quaternion import (
     slerp,
     to_rotation_vector,
 )
-from companion.pipeline.sync import MAX_DISTANCE_M, NS, DropCause, PoseAt, Source, Synchroniser
+from companion.pipeline.sync import MAX_DISTANCE_M, NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 
@@ -117,6 +118,24 @@ STILL = (0.0, 0.0, 0.0)
 
 def still(t_ms: float, rates=STILL) -> AttitudeSample:
     return AttitudeSample(round(t_ms * MS), round(t_ms * MS), LEVEL, rates)
+
+
+@pytest.mark.parametrize(
+    ("error_ms", "rate_deg_s", "sharp"),
+    [(0, 500.0, True), (2, 500.0, True), (30, 99.0, True), (30, 101.0, False), (55, 60.0, False), (30, None, False)],
+)
+@pytest.mark.parametrize("t_ms", [100, 110, 130])
+def test_in_a_fast_turn_no_attitude_is_used_whose_instant_is_uncertain(error_ms, rate_deg_s, sharp, t_ms):
+    """With a bound of 55 ms a pole stood 5 degrees beside its place at 100 degrees a second, and its place was free."""
+    rates = None if rate_deg_s is None else (0.0, 0.0, math.radians(rate_deg_s))
+    samples = [replace(still(at, rates), stamp_error_ns=error_ms * MS) for at in ((100, 120) if rates else (100,))]
+    answer = synchroniser(*samples).attitude_at(t_ms * MS)
+    if sharp:
+        assert isinstance(answer, AttitudeAt)
+    elif rates is None and t_ms > 100:
+        assert answer is DropCause.NO_RATES
+    else:
+        assert answer is DropCause.CLOCK_UNCERTAIN
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,8 @@ def test_px4_is_sent_a_measured_obstacle_in_an_unseen_sector_that_it_must_brake_
     assert braked_for(7.0, (1.0, 0.0)) == UNKNOWN
     assert braked_for(7.0, (0.0, -4.0)) == UNKNOWN  # moves away
     assert braked_for(2.8, None) == 280
-    assert braked_for(7.0, None) == UNKNOWN
+    assert braked_for(7.0, None) == 302, "the vehicle may approach it"
+    assert braked_for(7.0, None, NOT_KNOWN) == UNKNOWN
     assert braked_for(7.0, (4.0, 0.0), NOT_KNOWN) == UNKNOWN
 
 

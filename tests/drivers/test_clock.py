@@ -147,6 +147,7 @@ def test_a_reboot_starts_over() -> None:
     assert clock.restarts == 1
     assert clock.estimate.source is ClockSource.ENVELOPE
     run(again, clock, 2.0, start_ns=8 * NS)
+    assert not clock.mixed(10 * NS)
     assert clock.estimate.source is ClockSource.TIMESYNC
     assert abs(again.error_ns(clock, again.boot(10 * NS))) < 5 * MS
 
@@ -158,6 +159,115 @@ def test_a_message_a_second_late_is_no_reboot() -> None:
         assert not clock.arrival(link.boot(3 * NS + k * 10 * MS), 5 * NS + k * 10 * MS)
         assert clock.arrival(link.boot(5 * NS + k * 10 * MS), 5 * NS + k * 10 * MS + MS)
     assert clock.restarts == 0
+
+
+def test_messages_of_a_second_route_that_come_in_bursts_are_no_reboot() -> None:
+    """Five in a row were one, although newer messages had arrived milliseconds before: attitudes of 1.5 s ago were
+    stamped as present."""
+    clock, link = ClockFilter(), Link()
+    run(link, clock, 5.0)
+    for k in range(100):
+        now = 5 * NS + k * 10 * MS
+        assert clock.arrival(link.boot(now), now + MS)
+        if k % 10 == 9:
+            assert not any(clock.arrival(link.boot(now - 1500 * MS + j * 10 * MS), now + 2 * MS) for j in range(10))
+    assert clock.restarts == 0
+    assert clock.mixed(6 * NS)
+    assert not clock.mixed(16 * NS)
+
+
+@pytest.mark.parametrize("other_ns", [-200 * NS, -400 * MS, 400 * MS, 200 * NS])
+def test_messages_of_another_clock_change_nothing(other_ns: int) -> None:
+    """A second vehicle with the same ids that was started earlier or later."""
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    run(link, clock, 5.0)
+    for k in range(200):
+        now = 5 * NS + k * 10 * MS
+        assert clock.arrival(link.boot(now), now + MS)
+        accepted = clock.arrival(link.boot(now) + other_ns, now + 2 * MS)
+        assert accepted == (other_ns == -400 * MS), "as a message that is late"
+        if k % 50 == 0:
+            link.exchange(clock, now)
+        if k % 50 == 25:
+            assert not clock.exchange(now, link.boot(now) + other_ns, now + MS)
+        assert abs(link.error_ns(clock, link.boot(now))) < MS
+    assert clock.restarts == 0
+
+
+@pytest.mark.parametrize("other_ns", [-200 * NS, 200 * NS])
+def test_answers_decide_which_of_two_clocks_is_the_autopilots(other_ns: int) -> None:
+    """Messages of both arrive from the beginning on."""
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    for k in range(1000):
+        now = k * 10 * MS
+        if k % 10 == 5:
+            link.exchange(clock, now)
+        clock.arrival(link.boot(now) + other_ns, now + MS)
+        accepted = clock.arrival(link.boot(now), now + 2 * MS)
+        if k >= 100:
+            assert accepted
+            assert abs(link.error_ns(clock, link.boot(now))) < MS
+    assert clock.restarts <= 1
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_after_a_suspension_no_stamp_is_used_that_contradicts_the_answers(answers: bool) -> None:
+    """The local clock stood for 50 ms: stamps were taken for the time of arrival, 50 ms late for the attitude before."""
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    run(link, clock, 5.0)
+    later = Link(boot_at_ns=link.boot_at_ns - 50 * MS, jitter_ns=MS, seed=2)
+    used = []
+    for k in range(300):
+        now = 5 * NS + k * 10 * MS
+        if answers and k % 50 == 0:
+            later.exchange(clock, now)
+        boot_ns = later.boot(now) // MS * MS
+        if clock.arrival(boot_ns, now + MS):
+            used.append(k)
+            assert later.error_ns(clock, boot_ns) < 5 * MS
+    assert 40 <= used[0] <= 160, "SILENT_NS after the newest stamp that fits"
+    assert used == list(range(used[0], 300))
+    assert clock.restarts == 1
+
+
+def test_an_arrival_that_corrects_the_estimate_does_so_at_once() -> None:
+    """Answers are delayed on the way back only: a quicker message shows by how much at least."""
+    clock = ClockFilter()
+    for k in range(20):
+        sent = k * NS // 10
+        clock.exchange(sent, sent + 5 * NS, sent + 8 * MS)
+    assert clock.estimate.local_ns(7 * NS) == pytest.approx(2 * NS + 4 * MS, abs=MS)
+    assert clock.arrival(7 * NS, 2 * NS + MS)
+    assert clock.estimate.local_ns(7 * NS) <= 2 * NS + MS
+
+
+def test_the_bound_grows_when_nothing_arrives() -> None:
+    """The status stated 0.3 ms 74 s after the newest message."""
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    run(link, clock, 5.0)
+    bound_ns = clock.estimate.bound_ns
+    later = clock.estimate_at(79 * NS)
+    assert bound_ns is not None
+    assert later.bound_ns is not None
+    assert later.bound_ns - bound_ns == pytest.approx(74 * 2 * 150_000, rel=0.01)
+    assert clock.estimate_at(79 * NS).offset_ns == clock.estimate.offset_ns
+
+
+@pytest.mark.parametrize("every_s", [25.0, 40.0, 55.0])
+def test_the_bound_holds_with_rare_answers(every_s: float) -> None:
+    """With fewer than min_exchanges in the window the estimate stayed as it was, and so did its bound."""
+    clock, link = ClockFilter(), Link(drift=50e-6, jitter_ns=MS)
+    run(link, clock, 20.0)
+    rare = Link(drift=30e-6, jitter_ns=MS, boot_at_ns=round(20 * NS - link.boot(20 * NS) / (1.0 + 30e-6)), seed=2)
+    for k in range(20 * 10, 1500 * 10):
+        now = k * NS // 10
+        if now % round(every_s * NS) == 0:
+            rare.exchange(clock, now)
+        rare.attitude(clock, now)
+        e = clock.estimate
+        assert e.source is ClockSource.TIMESYNC
+        assert e.bound_ns is not None
+        assert abs(rare.error_ns(clock, rare.boot(now))) <= e.bound_ns + MS
 
 
 def test_a_single_contradiction_changes_nothing() -> None:
@@ -206,3 +316,28 @@ def test_an_old_window_is_forgotten() -> None:
 def test_parameters_out_of_range_are_named() -> None:
     with pytest.raises(ValueError, match=r"clock: window_s = 0.1: expected 2.0..600.0 s"):
         ClockParams(window_s=0.1)
+
+
+@pytest.mark.parametrize("later_drift", [75e-6, -75e-6])
+def test_the_bound_grows_when_answers_stop(later_drift: float) -> None:
+    """The drift may change with the temperature. After 10 min without an answer the error was 45 ms, the bound 1.3 ms."""
+    clock, before = ClockFilter(), Link(drift=75e-6, jitter_ns=MS)
+    run(before, clock, 20.0)
+    later = Link(
+        drift=later_drift, boot_at_ns=round(20 * NS - before.boot(20 * NS) / (1.0 + later_drift)), jitter_ns=MS
+    )
+    bounds_ns = []
+    for k in range(20 * 50, 600 * 50):
+        later.attitude(clock, k * NS // 50)
+        e = clock.estimate
+        if e.source is ClockSource.TIMESYNC:
+            assert e.bound_ns is not None
+            assert abs(later.error_ns(clock, later.boot(k * NS // 50))) <= e.bound_ns + MS
+            bounds_ns.append(e.bound_ns)
+    assert clock.estimate.source is ClockSource.ENVELOPE
+    assert 0 <= later.error_ns(clock, clock.estimate.at_boot_ns) < 3 * MS
+    assert len(bounds_ns) == pytest.approx(60 * 50, abs=100), "window_s after the newest answer"
+    assert bounds_ns[-1] > 3 * bounds_ns[0]
+    run(later, clock, 2.0, start_ns=600 * NS)
+    assert clock.estimate.source is ClockSource.TIMESYNC
+    assert clock.restarts == 0

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.conflicts import RECENT_NS, ConflictDetector
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
@@ -90,6 +91,18 @@ def test_heartbeats_that_contradict_each_other_make_an_autopilot_of_no_known_kin
     c.run(RECENT_NS / NS + 2.0)
     assert c.session.vehicle.autopilot == true
     assert conflicts(c) == {}
+
+
+@pytest.mark.parametrize("started_s", [-200, 20])
+def test_a_second_vehicle_with_the_same_ids_moves_no_clock_and_is_named(started_s: int) -> None:
+    """started_s: of its autopilot, after ours."""
+    c = talk(PX4, boot_at_ns=50 * NS)
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=PX4, boot_at_ns=(50 + started_s) * NS)))
+    c.run(8.0)
+    status = c.session.status(c.now_ns)
+    assert status.clock.source is ClockSource.TIMESYNC
+    assert status.clock.local_ns(58 * NS) == pytest.approx(108 * NS, abs=5_000_000)
+    assert "timestamps of the autopilot contradict each other" in status.conflicts["two clocks"]
 
 
 def test_an_autopilot_that_the_configuration_leaves_out_is_named() -> None:

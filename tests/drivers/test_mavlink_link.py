@@ -10,9 +10,11 @@ import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import serial
 
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData, DeviceLost, DeviceNotFound
@@ -95,6 +97,28 @@ def test_a_slow_serial_line_is_reported() -> None:
         assert "5760 bytes/s" in link.state.warning
 
 
+def test_distances_do_not_wait_in_the_buffer_of_a_slow_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pty has no buffer of its own that can be asked, so the number of its bytes is set here."""
+    waiting = [0]
+    monkeypatch.setattr(serial.Serial, "out_waiting", property(lambda port: waiting[0]))
+    end = PtyEnd()
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT))
+    with AutopilotLink(autopilot, end) as line, linked(parse_address(f"serial:{end.device}:57600")) as (link, _):
+        assert until(lambda: link.status().vehicle is not None)
+        for late, number in ((4000, 1), (4000, 2), (0, 3)):
+            waiting[0] = late
+            if late:
+                time.sleep(0.2)  # what is being sent
+            link.post(dialect.MAVLink_obstacle_distance_message(0, 0, [number] * 72, 5, 20, 1200))
+        assert until(lambda: bool(line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE"))))
+        received = line.change(lambda a: [m.distances[0] for m in a.of_kind("OBSTACLE_DISTANCE")])
+        assert received == [3]
+        waiting[0] = 4000
+        assert until(lambda: "takes no messages: 4000 bytes" in link.state.warning, 5.0)
+        waiting[0] = 0
+        assert until(lambda: "takes no messages" not in link.state.warning, 5.0)
+
+
 def test_noise_doubles_and_late_messages_on_the_line() -> None:
     port = free_port()
     faults = Faults(jitter_s=0.01, noise_share=0.2, double_share=0.1, late_share=0.05)
@@ -148,6 +172,39 @@ def test_a_reboot_with_a_new_udp_port() -> None:
             assert until(lambda: link.status().attitude_hz > 70.0)
 
 
+@pytest.mark.parametrize("found", [True, False])
+def test_a_host_name_that_takes_long_to_resolve_does_not_stop_the_thread(
+    monkeypatch: pytest.MonkeyPatch, found: bool
+) -> None:
+    """Without a network the system tries for 10 to 20 s. The service was restarted meanwhile, as if it were hung."""
+    release, resolve, asked = threading.Event(), socket.getaddrinfo, threading.Event()
+
+    def slow(*args: Any) -> Any:
+        asked.set()
+        release.wait(60.0)
+        if not found:
+            raise socket.gaierror(-3, "Temporary failure in name resolution")
+        return resolve(*args)
+
+    monkeypatch.setattr(socket, "getaddrinfo", slow)
+    with linked(Address("udpout", "localhost", free_port())) as (link, _):
+        assert asked.wait(60.0)
+        begun_ns = time.monotonic_ns()
+        assert until(lambda: link.state.alive_ns > begun_ns + NS)
+        assert not link.state.open
+        release.set()
+        assert until(lambda: link.state.open if found else "Temporary failure" in link.state.error)
+    release.clear()
+    link = MavlinkLink(Address("udpout", "localhost", free_port()), MavlinkSession(), lambda samples: None)
+    asked.clear()
+    link.open()
+    assert asked.wait(60.0)
+    begun_ns = time.monotonic_ns()
+    link.close()
+    assert time.monotonic_ns() - begun_ns < 10 * NS, "it does not wait for the name"
+    release.set()
+
+
 def test_udpout_sends_a_heartbeat_first() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as router:
         router.bind(("127.0.0.1", 0))
@@ -168,6 +225,36 @@ def test_tcp_and_the_loss_of_it() -> None:
             connection.close()
             assert until(lambda: link.state.losses == 1)
             server.accept()[0].close()
+
+
+def test_distances_do_not_wait_in_the_buffer_of_a_connection() -> None:
+    """The other end does not read for 3 s. Before, it then read the distances of 3 s ago."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        server.settimeout(60.0)
+        with linked(parse_address(f"tcp:127.0.0.1:{server.getsockname()[1]}")) as (link, _):
+            connection, _peer = server.accept()
+            connection.settimeout(60.0)
+            autopilot = SimulatedAutopilot()
+
+            def post(number: int) -> None:
+                connection.sendall(b"".join(autopilot.due(time.monotonic_ns())))
+                link.post(dialect.MAVLink_obstacle_distance_message(0, 0, [number] * 72, 5, 20, 1200))
+                time.sleep(0.005)
+
+            post(0)
+            assert until(lambda: link.status().vehicle is not None)
+            for number in range(1, 601):
+                post(number)
+            assert until(lambda: "takes no messages" in link.state.warning, 5.0)
+            parser, received = dialect.MAVLink(None), [0]
+            while received[-1] < 601:
+                post(601)
+                for message in parser.parse_buffer(connection.recv(65536)) or []:
+                    if message.get_type() == "OBSTACLE_DISTANCE":
+                        received.append(message.distances[0])
+            assert len(received) < 100, "600 were sent"
+            assert until(lambda: "takes no messages" not in link.state.warning, 5.0)
 
 
 def test_bytes_waiting_on_the_link_are_read_by_catch_up() -> None:
@@ -435,9 +522,7 @@ def test_addresses(text: str, address: Address) -> None:
     assert parse_address(text) == address
 
 
-@pytest.mark.parametrize(
-    "text", ["", "/dev/ttyACM0", "udp:1.2.3.4:14550", "udpin:0.0.0.0", "tcp:host:0", "serial:ttyS0"]
-)
+@pytest.mark.parametrize("text", ["", "ttyACM0", "udp:1.2.3.4:14550", "udpin:0.0.0.0", "tcp:host:0", "serial:ttyS0"])
 def test_a_wrong_address_names_the_forms_there_are(text: str) -> None:
     with pytest.raises(ValueError, match="expected serial:/dev/serial/by-id"):
         parse_address(text)

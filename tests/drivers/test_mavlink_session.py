@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.types import AttitudeSample, PoseSample
+from drivers.logs.codec import attitude_from_message, attitude_message
 from drivers.mavlink.bandwidth import budget_of
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
@@ -100,6 +101,50 @@ def test_messages_may_lie_while_no_instant_of_an_arrival_counts(kind: str) -> No
     assert sum(a and not b for a, b in pairwise(deferrable)) == 2
     c.session.clock.restart()
     assert not c.session.can_defer_read(c.now_ns)
+
+
+def test_each_attitude_has_the_error_bound_of_the_clock() -> None:
+    c = talk(PX4, boot_at_ns=90 * NS)
+    c.lost = frozenset({111})
+    c.run(1.0)
+    assert {s.stamp_error_ns for s in c.samples if isinstance(s, AttitudeSample)} == {30 * MS}
+    c.lost, c.samples = frozenset(), []
+    c.run(2.0)
+    newest = [s for s in c.samples if isinstance(s, AttitudeSample)][-1]
+    assert newest.stamp_error_ns == pytest.approx(c.session.clock.estimate.bound_ns, abs=MS)
+    assert 0 < newest.stamp_error_ns < 5 * MS
+    assert attitude_from_message(attitude_message(newest)) == newest
+
+
+def test_answers_that_are_too_slow_to_be_used_are_reported() -> None:
+    """They counted as answers: no diagnostic was given while the estimate grew old."""
+    c = talk(PX4, boot_at_ns=90 * NS)
+    c.run(6.0)
+    c.delay_ns = 600 * MS
+    c.run(10.0)
+    assert c.session.clock.slow > 0
+    assert not c.session.status(c.now_ns).timesync_answered
+
+
+def test_answers_that_stop_are_reported_before_the_clock_is_lost() -> None:
+    c = talk(PX4, boot_at_ns=90 * NS)
+    c.run(6.0)
+    before = c.session.status(c.now_ns)
+    assert before.timesync_answered
+    c.lost = frozenset({111})
+    c.run(10.0)
+    after = c.session.status(c.now_ns)
+    assert not after.timesync_answered
+    assert before.clock.bound_ns is not None
+    assert after.clock.bound_ns is not None
+    assert after.clock.bound_ns > before.clock.bound_ns + MS
+    c.run(52.0)
+    assert c.session.status(c.now_ns).clock.source is ClockSource.ENVELOPE
+    c.lost = frozenset()
+    c.run(2.0)
+    found = c.session.status(c.now_ns)
+    assert found.timesync_answered
+    assert found.clock.source is ClockSource.TIMESYNC
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
