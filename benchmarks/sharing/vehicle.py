@@ -20,10 +20,10 @@ from core.sharing.packet_codec import decoded
 from core.sharing.records import SharedPlanes
 from core.types import AttitudeSample, PoseSample
 from core.world.world import Observation, World
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import SigningKey
-from drivers.mavlink.transport import parse_address
 from drivers.sharing.link import Deliver, ReceivedPacket
 from drivers.sharing.tunnel_line import TunnelLine
 

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import ARDUPILOT, PX4
-from drivers.mavlink.transport import parse_address
 
 from ..config.loader import Config
 from ..paths import folders

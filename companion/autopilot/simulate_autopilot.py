@@ -14,8 +14,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.session_types import ARDUPILOT, PX4
-from drivers.mavlink.transport import parse_address
 from drivers.simulation.autopilot import FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 from drivers.simulation.flights import flight_plan

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from core.param_field import check, choice, critical, number, switch, text
-from drivers.mavlink.transport import parse_address
+from drivers.mavlink.address import parse_address
 
 
 def _is_endpoint(address: str) -> bool:

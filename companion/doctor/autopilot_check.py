@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from drivers.base import DriverError
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import LinkStatus
-from drivers.mavlink.transport import parse_address
 
 from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.firmware_version import VersionReader

@@ -18,9 +18,9 @@ from core.self_check.mount_params import MountCheckParams
 from core.self_check.surfaces import find_surfaces
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import Event
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.transport import parse_address
 
 from ..autopilot.session_factory import params_of, signing_of
 from ..cameras.masks import Mask, apply_mask, configured_mask

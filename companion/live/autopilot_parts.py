@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from core.types import AttitudeSample, PoseSample
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.signing import Signing
-from drivers.mavlink.transport import parse_address
 
 from ..autopilot.session_factory import params_of
 from ..cameras.supervisor import CameraSupervisor

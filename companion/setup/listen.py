@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.transport import parse_address
 
 from ..autopilot.session_factory import params_of
 from ..config.loader import Config

@@ -12,7 +12,7 @@ from typing import Any
 from drivers.base import DriverError
 from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
 from drivers.cameras.zed_calibration import load_zed_calibration
-from drivers.mavlink.transport import parse_address
+from drivers.mavlink.address import parse_address
 
 from ..argument_types import checked_by, number_in
 from ..config.loader import ConfigError, load_config

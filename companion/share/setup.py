@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 
 from core.types import AttitudeSample, PoseSample
 from core.world.world import World
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.commands import request_message
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.parser import Frame
@@ -19,7 +20,6 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import load_key
-from drivers.mavlink.transport import parse_address
 from drivers.sharing.link import Deliver, TeamLink
 from drivers.sharing.tunnel import TUNNEL_ID
 from drivers.sharing.tunnel_line import TunnelLine

@@ -28,6 +28,9 @@ SILENT_NS = NS // 2
 """Stamps that contradict the estimate mean a reboot or a step only if none that fits has arrived for this time."""
 MIXED, MIXED_NS = 5, 10 * NS
 """So many changes between refused and used stamps within this time are not a reboot: two clocks, or late copies."""
+UNKNOWN_DELAY_NS = 30 * MS
+"""Delay that the fastest messages may have where TIMESYNC is not answered: on a busy line of 57600 baud. A stamp that is
+ahead of them by more contradicts the estimate."""
 ANSWERS_NS = 2 * NS
 """Answers come twice a second. After a longer time without one the estimate is made again at arrivals."""
 
@@ -215,10 +218,11 @@ class ClockFilter:
     def _is_ahead(self, boot_ns: int, arrival_ns: int) -> bool:
         """Returns whether a message would have arrived before it was measured, whatever the error of the estimate is."""
         e = self.estimate
-        if e.bound_ns is None:
+        if e.source is ClockSource.NONE:
             return False
+        bound_ns = UNKNOWN_DELAY_NS if e.bound_ns is None else e.bound_ns
         slack_ns = MS + round(self.params.max_drift * abs(boot_ns - e.at_boot_ns))
-        return e.local_ns(boot_ns) - arrival_ns > e.bound_ns + slack_ns
+        return e.local_ns(boot_ns) - arrival_ns > bound_ns + slack_ns
 
     def mixed(self, now_ns: int) -> bool:
         """Returns whether stamps that are refused keep arriving among those that are used."""
@@ -264,7 +268,8 @@ class ClockFilter:
 
     def _envelope(self, at_ns: int) -> None:
         drift = self.params.max_drift
-        offset = min(b.high + round(drift * abs(at_ns - b.boot_ns)) for b in self._arrivals)
+        offsets = sorted(b.high + round(drift * abs(at_ns - b.boot_ns)) for b in self._arrivals)
+        offset = offsets[min(1, len(offsets) - 1)]  # of the fastest in each second; one alone may have a wrong stamp
         self.estimate = ClockEstimate(ClockSource.ENVELOPE, offset_ns=offset, at_boot_ns=at_ns)
 
     def _estimate(self, at_ns: int) -> None:

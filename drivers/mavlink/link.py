@@ -17,11 +17,13 @@ from core.types import AttitudeSample, PoseSample
 
 from ..base import DriverError
 from ..watched_thread import WatchedThread
+from .address import Address
 from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget
+from .open_transport import open_transport
 from .session import MavlinkSession
 from .session_types import LinkStatus
-from .transport import Address, Chunk, Transport, open_transport
+from .transport import Chunk, Transport
 
 NS = 1_000_000_000
 READ_S = 0.01

@@ -11,14 +11,12 @@ from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
-from .clock_sync import NS, ClockEstimate, ClockFilter, ClockSource
+from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter, ClockSource
 from .parser import Frame
 
 MS = 1_000_000
 HALF_MS = 500_000
 """time_boot_ms is rounded down: on average the measurement is half a millisecond later."""
-UNKNOWN_DELAY_NS = 30 * MS
-"""Delay that the fastest messages may have where TIMESYNC is not answered: on a busy line of 57600 baud."""
 PREFER_FOR_NS = NS // 2
 """Time for which a better kind of message replaces a poorer one."""
 UNIX_NS = 10**17

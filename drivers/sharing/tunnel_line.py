@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from ..base import DriverError
+from ..mavlink.address import Address
+from ..mavlink.open_transport import open_transport
 from ..mavlink.signing import Signing
-from ..mavlink.transport import Address, Transport, open_transport
+from ..mavlink.transport import Transport
 from ..watched_thread import WatchedThread
 from .link import Deliver, ReceivedPacket
 from .tunnel import NAME, PAYLOAD_BYTES, TunnelCodec

@@ -18,10 +18,10 @@ from core.frames import rotation_frd_optical, rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
 from ..base import DeviceLost, DeviceNotFound
+from ..mavlink.address import parse_address
 from ..mavlink.link import MavlinkLink
 from ..mavlink.session import MavlinkSession
 from ..mavlink.session_types import MavlinkParams
-from ..mavlink.transport import parse_address
 from .flights import FlightPlan
 from .sensor_model import measure
 from .source import look

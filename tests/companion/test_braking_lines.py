@@ -20,9 +20,9 @@ from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
 from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.transport import parse_address
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd, UdpEnd
 from drivers.simulation.flight_path import VehicleState

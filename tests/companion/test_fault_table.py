@@ -23,10 +23,10 @@ from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.transport import parse_address
 from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, FirmwareProfile, SimulatedAutopilot, hovering
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 from drivers.simulation.flight_path import VehicleState

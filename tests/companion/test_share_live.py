@@ -10,7 +10,7 @@ import pytest
 
 from core.sharing.packet_codec import decoded, planes_packet, state_packet
 from core.sharing.records import Header, LocalFrame, SharedPlanes, VehicleState
-from drivers.mavlink.transport import parse_address
+from drivers.mavlink.address import parse_address
 from drivers.sharing.link import ReceivedPacket
 from drivers.sharing.tunnel_line import TunnelLine
 from osape_client.neighbours_subscriber import NeighboursSubscriber

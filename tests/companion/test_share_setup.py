@@ -16,11 +16,11 @@ from companion.share.autopilot_tunnel import AutopilotTunnel
 from companion.share.setup import FOREIGN_READS, READS, REQUEST_AGAIN_NS, REQUEST_NS, ShareService
 from core.types import PoseSample
 from drivers.base import DriverError
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import Vehicle
-from drivers.mavlink.transport import parse_address
 from drivers.sharing.tunnel import PAYLOAD_TYPE, TUNNEL_ID, tunnel_message
 from drivers.sharing.tunnel_line import TunnelLine
 from drivers.sharing.zenoh_link import ZenohLink

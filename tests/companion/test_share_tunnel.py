@@ -10,11 +10,11 @@ from contextlib import contextmanager
 import pytest
 
 from companion.share.autopilot_tunnel import AutopilotTunnel
+from drivers.mavlink.address import Address, parse_address
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.parser import Frame, MessageSplitter
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.transport import Address, parse_address
 from drivers.sharing.link import ReceivedPacket
 from drivers.sharing.tunnel import FRAME_BYTES, PAYLOAD_TYPE, SIGNATURE_BYTES, TUNNEL_ID, tunnel_message
 from drivers.simulation.autopilot import SimulatedAutopilot

@@ -22,10 +22,10 @@ from companion.config.camera import CameraConfig
 from companion.config.loader import Config, load_config
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.transport import parse_address
 
 pytestmark = pytest.mark.process
 

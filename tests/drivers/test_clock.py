@@ -123,6 +123,21 @@ def test_without_answers_the_quickest_arrival_is_used_and_reported() -> None:
     assert 0 <= late < 3 * MS
 
 
+@pytest.mark.parametrize("ahead_ns", [40 * MS, 400 * MS, 400 * NS])
+@pytest.mark.parametrize("at", [0, 300])
+def test_without_answers_a_single_stamp_of_the_future_does_not_move_the_clock(ahead_ns: int, at: int) -> None:
+    """It shifted the estimate by as much for a minute."""
+    clock, link = ClockFilter(), Link(jitter_ns=MS)
+    for k in range(600):
+        now = k * 20 * MS
+        if k == at:
+            used = clock.arrival(link.boot(now) + ahead_ns, now + MS)
+            assert used == (at == 0), "the first stamp has nothing to contradict"
+        link.attitude(clock, now)
+        if k > at + 100:
+            assert abs(link.error_ns(clock, link.boot(now))) < 2 * MS
+
+
 def test_arrivals_sharpen_a_slow_exchange() -> None:
     """Answers take 40 ms each way; attitudes that need 1 ms bound the offset from above."""
     slow, both = ClockFilter(), ClockFilter()

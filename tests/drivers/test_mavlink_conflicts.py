@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 
+from drivers.mavlink.address import Address, parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.conflicts import RECENT_NS, ConflictDetector
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams
-from drivers.mavlink.transport import Address, UdpLine, parse_address
+from drivers.mavlink.udp_line import UdpLine
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 

@@ -18,16 +18,18 @@ import serial
 
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.mavlink import transport
+from drivers.mavlink import udp_line
+from drivers.mavlink.address import Address, parse_address
 from drivers.mavlink.anomalies import LinkAnomaly
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, PollScheduler
+from drivers.mavlink.open_transport import open_transport
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams
-from drivers.mavlink.transport import Address, UdpLine, open_transport, parse_address
 from drivers.mavlink.udp_flood import PER_SOURCE
+from drivers.mavlink.udp_line import UdpLine
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 
@@ -361,7 +363,7 @@ def test_noise_is_left_to_the_links_own_thread() -> None:
 def test_a_flood_does_not_keep_the_attitude_from_the_frame_at_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Real datagrams, 200 of noise before each attitude; the link's own thread does not run. A read may take any time here:
     how many datagrams 10 ms are enough for depends on the machine."""
-    monkeypatch.setattr(transport, "_LONGEST_NS", 60 * NS)
+    monkeypatch.setattr(udp_line, "_LONGEST_NS", 60 * NS)
     line = UdpLine(Address("udpin", "127.0.0.1", free_port()))
     samples: Samples = []
     link = MavlinkLink(Address("udpin", "127.0.0.1", line.port), MavlinkSession(), samples.extend)
@@ -577,6 +579,32 @@ def test_a_message_that_a_full_buffer_cut_short_is_completed() -> None:
         os.close(slave)
     assert 50 < found < written, "the buffer was full"
     assert splitter.counts[LinkAnomaly.NOISE_BYTES] == 0
+
+
+def test_bytes_that_arrive_during_a_read_are_not_stamped_before_their_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No message arrives before it was measured: the clock's error bound depends on it."""
+    own, theirs = os.openpty()
+    tty.setraw(theirs)
+    line = open_transport(Address("serial", os.ttyname(theirs), 57600))
+    read, sent_ns = os.read, 0
+
+    def interrupted(descriptor: int, size: int) -> bytes:
+        nonlocal sent_ns
+        time.sleep(0.002)
+        sent_ns = time.monotonic_ns()
+        os.write(own, b"late")
+        return read(descriptor, size)
+
+    try:
+        os.write(own, b"early")
+        monkeypatch.setattr("drivers.mavlink.serial_line.os.read", interrupted)
+        ((data, arrival_ns),) = line.read(5.0)
+        assert data == b"earlylate"
+        assert arrival_ns >= sent_ns
+    finally:
+        line.close()
+        os.close(own)
+        os.close(theirs)
 
 
 def test_a_pty_that_hangs_up_is_lost() -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from core.types import AttitudeSample, PoseSample
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.tlog import TlogRecord, read_tlog
-from drivers.mavlink.transport import parse_address
 from drivers.simulation.autopilot_link import UdpEnd
 
 from ..companion.live import free_port, until

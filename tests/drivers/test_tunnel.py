@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 import pytest
 
+from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import SigningKey
-from drivers.mavlink.transport import parse_address
 from drivers.sharing.link import ReceivedPacket
 from drivers.sharing.tunnel import FRAME_BYTES, PAYLOAD_TYPE, SIGNATURE_BYTES, TUNNEL_ID, TunnelCodec
 from drivers.sharing.tunnel_line import TunnelLine

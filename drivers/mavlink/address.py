@@ -1,0 +1,40 @@
+"""Address of an autopilot.
+
+serial:/dev/serial/by-id/usb-...:921600      (the rate may be left out: 921600)
+udpin:0.0.0.0:14540                          waits for the autopilot; answers go to its address
+udpout:127.0.0.1:14550                       sends first, to a router or a ground station
+tcp:127.0.0.1:5760"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+DEFAULT_BAUD = 921_600
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Address of an autopilot. kind: serial, udpin, udpout or tcp; place: device or host; number: baud rate or port."""
+
+    kind: str
+    place: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.place}:{self.number}"
+
+
+def parse_address(text: str) -> Address:
+    """Returns the address in a text. Raises ValueError that names the valid forms."""
+    kind, _, rest = text.partition(":")
+    forms = "serial:/dev/serial/by-id/NAME[:BAUD], udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
+    place, _, number = rest.rpartition(":")
+    if kind == "serial" and rest.startswith("/"):
+        if not place:
+            return Address(kind, rest, DEFAULT_BAUD)
+        # by-path names hold colons of their own
+        return Address(kind, place, int(number)) if number.isdecimal() else Address(kind, rest, DEFAULT_BAUD)
+    if kind in ("udpin", "udpout", "tcp") and place and number.isdecimal() and 0 < int(number) < 65536:
+        return Address(kind, place, int(number))
+    near = f"; did you mean serial:{text}?" if text.startswith("/dev/") else ""
+    raise ValueError(f'"{text}" is not an address{near or f": expected {forms}"}')

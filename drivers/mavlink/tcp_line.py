@@ -1,0 +1,81 @@
+"""A TCP connection to an autopilot or a router."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import select
+import socket
+import sys
+import termios
+import time
+
+from ..base import DeviceLost, DeviceNotFound
+from .address import Address
+from .transport import READ_BYTES, Chunk, reason, resolve
+
+_BACKLOG_BYTES = 4096
+"""Nothing is sent while more bytes are not confirmed: 0.2 to 0.5 s of the usual messages."""
+
+
+class TcpLine:
+    """A TCP connection to an autopilot or a router."""
+
+    bytes_per_s = None
+    sends_first = False
+    sources = None
+    flood = None
+    backlog_bytes = _BACKLOG_BYTES
+    backlog_remedy = "check the network, and that the other end reads"
+
+    def __init__(self, address: Address, timeout_s: float = 2.0) -> None:
+        self._address = address
+        try:
+            self._socket = socket.create_connection(resolve(address), timeout=timeout_s)
+        except OSError as error:
+            raise DeviceNotFound(
+                f"{address}: {reason(error)}; check the address, and that the other end listens there"
+            ) from error
+        self._socket.setblocking(False)
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes that the other end has not confirmed."""
+        try:
+            return int.from_bytes(fcntl.ioctl(self._socket, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
+        except OSError as error:
+            raise DeviceLost(f"{self._address}: {reason(error)}") from error
+
+    def wait(self, timeout_s: float) -> None:
+        select.select([self._socket], [], [], timeout_s)
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        if timeout_s > 0.0:
+            self.wait(timeout_s)
+        try:
+            data = self._socket.recv(READ_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError as error:
+            raise DeviceLost(f"{self._address}: {reason(error)}") from error
+        if not data:
+            raise DeviceLost(f"{self._address}: the other end closed the connection")
+        return [(data, time.monotonic_ns())]
+
+    def write(self, data: bytes) -> None:
+        try:
+            sent = self._socket.send(data)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise DeviceLost(f"{self._address}: {reason(error)}") from error
+        if sent < len(data):
+            raise DeviceLost(f"{self._address}: the connection is stuck")
+
+    def answer(self, chunk: int) -> None:
+        pass  # a connection has one other end
+
+    def close(self) -> None:
+        self._socket.close()
