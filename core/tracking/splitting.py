@@ -10,12 +10,13 @@ _LEAST_M = 0.02
 
 
 @kernel
-def split_tracks(table, next_id, t_ns):
+def split_tracks(table, count, next_id, t_ns):
     """Shortens tracks whose ends have been removed, and splits those with a gap; the part observed most often keeps the id.
+    The tracks are in the first `count` slots; a new part takes the first empty slot of the table.
 
     Returns (next id, tracks ended, tracks removed for want of slots)."""
     ended, evicted = 0, 0
-    for j in range(table.tracks.shape[0]):
+    for j in range(count):
         t = table.tracks[j]
         if t.hits == 0:
             continue

@@ -133,7 +133,8 @@ class Tracker:
         collect_evidence(
             self._table, detections, self._rules[0], view, frame.camera_m[2], frame.t_ns, round(memory_s * NS)
         )
-        next_id, _, evicted = split_tracks(self._table, self._state.next_id, frame.t_ns)
+        next_id, _, evicted = split_tracks(self._all, len(self._table.tracks), self._state.next_id, frame.t_ns)
+        self._limit_table(0)
         self.counts["tracks_evicted"] += evicted
         self._state = replace(
             self._state,

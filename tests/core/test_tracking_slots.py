@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from core.tracking.association import assign, find_pairs
 from core.tracking.params import TrackingParams
 from core.tracking.tables import TrackTable, detections_of, empty_table
-from core.tracking.tracker import rules_of
+from core.tracking.tracker import Tracker, rules_of
 from core.tracking.update import apply_detections, begin_frame
 
+from .test_tracking import frame
+from .test_tracking_proof import planes_of
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
@@ -43,3 +47,19 @@ def test_a_detection_of_a_merged_track_does_not_go_to_the_track_that_takes_its_s
     assert first != second
     ids = table.tracks["id"][table.tracks["hits"] > 0]
     assert len(set(ids.tolist())) == len(ids) == 2
+
+
+def test_many_tracks_that_are_split_in_one_frame_evict_none_while_the_table_has_room() -> None:
+    """The slots of one frame were limited to 64 more than its detections need."""
+    tracker = Tracker(TrackingParams(most_tracks=512))
+    walls = [wall(3.0 + 1.5 * k, -1.5, 3.0 + 1.5 * k, 1.5) for k in range(100)]
+    before = len(tracker.observe(planes_of(walls, [], 0)).ids)
+    assert before == 100
+    tracks, cells = tracker._all
+    for j in range(before):
+        middle = tracks["cells"][j] // 2
+        cells[j, middle] = np.zeros((), cells.dtype)
+    blind = frame([], 1)
+    after = tracker.observe(dataclasses.replace(blind, model=dataclasses.replace(blind.model, valid=False)))
+    assert tracker.counts["tracks_evicted"] == 0
+    assert len(after.ids) == 200
