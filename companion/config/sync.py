@@ -28,6 +28,13 @@ class SyncParams:
         "deg",
         "greatest turn of the vehicle within the error of the autopilot's timestamps; frames in faster turns are dropped",
     )
+    max_clock_error_m: float = critical(
+        0.25,
+        0.02,
+        5.0,
+        "m",
+        "greatest way of the vehicle within the error of the autopilot's timestamps; faster, its position is not used",
+    )
     pose_max_gap_s: float = critical(0.5, 0.01, 5.0, "s", "greatest gap between two positions that is interpolated")
     pose_max_extrapolation_s: float = critical(
         0.2, 0.0, 2.0, "s", "greatest time over which the newest position is extrapolated by its velocity"

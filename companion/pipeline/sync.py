@@ -243,12 +243,34 @@ class Synchroniser:
         return rates_between(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
 
     def pose_at(self, t_ns: int) -> PoseAt | str:
-        """The position at t_ns, or a text why there is none. Not across a jump of the autopilot's estimate, and not
-        beyond MAX_DISTANCE_M."""
+        """The position at t_ns, or a text why there is none. Not across a jump of the autopilot's estimate, not beyond
+        MAX_DISTANCE_M, and not where the vehicle flies farther than max_clock_error_m within the error of the stamps."""
         found = self._pose_at(t_ns)
+        if isinstance(found, PoseAt) and any(s is not None and self._displaced(s) for s in self.poses.around(t_ns)):
+            return "the vehicle flies too fast for the error of the autopilot's timestamps"
         if isinstance(found, PoseAt) and not all(abs(c) <= MAX_DISTANCE_M for c in found.position_ned_m):  # also NaN
             return f"the position is farther than {MAX_DISTANCE_M / 1000.0:g} km from the origin of ned"
         return found
+
+    def _displaced(self, sample: PoseSample) -> bool:
+        """Returns whether a position may be wrong by more than max_clock_error_m, because it is of another instant."""
+        if sample.stamp_error_ns == 0:
+            return False
+        velocity = sample.velocity_ned_m_s or self._neighbour_velocity(sample)
+        if velocity is None:
+            return True
+        return math.hypot(*velocity) * sample.stamp_error_ns / NS > self.params.max_clock_error_m
+
+    def _neighbour_velocity(self, sample: PoseSample) -> Vector | None:
+        """Velocity between the sample and its neighbour, where these are close enough and of one section."""
+        neighbour = self.poses.before(sample) or self.poses.around(sample.t_ns + 1)[1]
+        if neighbour is None or self.sections.at(neighbour.t_ns) != self.sections.at(sample.t_ns):
+            return None
+        dt_s = (sample.t_ns - neighbour.t_ns) / NS
+        if abs(dt_s) > self.params.pose_max_gap_s:
+            return None
+        (ax, ay, az), (bx, by, bz) = neighbour.position_ned_m, sample.position_ned_m
+        return (bx - ax) / dt_s, (by - ay) / dt_s, (bz - az) / dt_s
 
     def _pose_at(self, t_ns: int) -> PoseAt | str:
         before, after = self.poses.around(t_ns)

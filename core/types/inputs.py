@@ -166,13 +166,16 @@ class AttitudeSample:
 
 @dataclass(frozen=True, slots=True)
 class PoseSample:
-    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s; None: not known."""
+    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s; None: not known.
+
+    stamp_error_ns: greatest error of t_ns by the autopilot's clock; 0: not stated."""
 
     t_ns: int
     t_arrival_ns: int
     position_ned_m: tuple[float, float, float]
     velocity_ned_m_s: tuple[float, float, float] | None = None
     reset_counter: int = 0
+    stamp_error_ns: int = 0
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, self.position_ned_m)):

@@ -77,7 +77,12 @@ def attitude_from_message(message: pb.AttitudeSample) -> AttitudeSample:
 
 def pose_message(sample: PoseSample) -> pb.PoseSample:
     """Encodes a position sample."""
-    message = pb.PoseSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns, reset_counter=sample.reset_counter)
+    message = pb.PoseSample(
+        t_ns=sample.t_ns,
+        t_arrival_ns=sample.t_arrival_ns,
+        reset_counter=sample.reset_counter,
+        stamp_error_ns=sample.stamp_error_ns,
+    )
     set_vector(message.position_ned_m, sample.position_ned_m)
     if sample.velocity_ned_m_s is not None:
         set_vector(message.velocity_ned_m_s, sample.velocity_ned_m_s)
@@ -92,6 +97,7 @@ def pose_from_message(message: pb.PoseSample) -> PoseSample:
         (p.x, p.y, p.z),
         (v.x, v.y, v.z) if message.HasField("velocity_ned_m_s") else None,
         message.reset_counter,
+        max(0, message.stamp_error_ns),
     )
 
 

@@ -125,7 +125,7 @@ class MotionDecoder:
         self._local_ns = arrival_ns
         if _recent(self._odometry_ns, arrival_ns):
             return None
-        return PoseSample(t_ns, arrival_ns, position, _three(numbers[3:]))
+        return PoseSample(t_ns, arrival_ns, position, _three(numbers[3:]), stamp_error_ns=self._stamp_error_ns())
 
     def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
         position = (float(m.x), float(m.y), float(m.z))
@@ -146,7 +146,9 @@ class MotionDecoder:
         if t_ns is None:
             return None
         self._odometry_ns = arrival_ns
-        return PoseSample(t_ns, arrival_ns, position, _odometry_velocity(m), int(m.reset_counter))
+        return PoseSample(
+            t_ns, arrival_ns, position, _odometry_velocity(m), int(m.reset_counter), self._stamp_error_ns()
+        )
 
 
 def motion_fields(frame: Frame) -> tuple[float, ...] | None:

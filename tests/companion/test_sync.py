@@ -208,6 +208,33 @@ def test_positions_are_interpolated_and_carried():
     assert sync.pose_at(100 * MS).source is Source.EXACT
 
 
+@pytest.mark.parametrize(
+    ("error_ms", "speed_m_s", "used"), [(0, 40.0, True), (30, 8.0, True), (30, 9.0, False), (55, 5.0, False)]
+)
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("t_ms", [100, 150, 250])
+def test_in_fast_flight_no_position_is_used_whose_instant_is_uncertain(error_ms, speed_m_s, used, stated, t_ms):
+    """With an error of 55 ms the merged world put a wall 0.5 m beside its place at 10 m/s, and its place was free."""
+    velocity = (speed_m_s, 0.0, 0.0) if stated else None
+    samples = [
+        PoseSample(at * MS, at * MS, (speed_m_s * at / 1000.0, 0.0, -5.0), velocity, stamp_error_ns=error_ms * MS)
+        for at in (100, 200)
+    ]
+    answer = synchroniser(*samples).pose_at(t_ms * MS)
+    if used and (stated or t_ms < 200):
+        assert isinstance(answer, PoseAt)
+    elif used:
+        assert "no velocity" in answer
+    else:
+        assert isinstance(answer, str)
+
+
+def test_a_single_position_without_velocity_and_with_an_uncertain_instant_is_not_used() -> None:
+    sample = PoseSample(0, 0, (0.0, 0.0, 0.0), stamp_error_ns=MS)
+    assert isinstance(synchroniser(sample).pose_at(0), str)
+    assert isinstance(synchroniser(replace(sample, stamp_error_ns=0)).pose_at(0), PoseAt)
+
+
 def test_no_position_where_none_is_known():
     assert isinstance(synchroniser().pose_at(0), str)
     assert isinstance(synchroniser(position(0, 0.0)).pose_at(201 * MS), str)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.types import AttitudeSample, PoseSample
-from drivers.logs.codec import attitude_from_message, attitude_message
+from drivers.logs.codec import attitude_from_message, attitude_message, pose_from_message, pose_message
 from drivers.mavlink.bandwidth import budget_of
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
@@ -103,17 +103,21 @@ def test_messages_may_lie_while_no_instant_of_an_arrival_counts(kind: str) -> No
     assert not c.session.can_defer_read(c.now_ns)
 
 
-def test_each_attitude_has_the_error_bound_of_the_clock() -> None:
+def test_each_sample_has_the_error_bound_of_the_clock() -> None:
     c = talk(PX4, boot_at_ns=90 * NS)
     c.lost = frozenset({111})
     c.run(1.0)
-    assert {s.stamp_error_ns for s in c.samples if isinstance(s, AttitudeSample)} == {30 * MS}
+    assert {type(s) for s in c.samples} == {AttitudeSample, PoseSample}
+    assert {s.stamp_error_ns for s in c.samples} == {30 * MS}
     c.lost, c.samples = frozenset(), []
     c.run(2.0)
     newest = [s for s in c.samples if isinstance(s, AttitudeSample)][-1]
     assert newest.stamp_error_ns == pytest.approx(c.session.clock.estimate.bound_ns, abs=MS)
     assert 0 < newest.stamp_error_ns < 5 * MS
     assert attitude_from_message(attitude_message(newest)) == newest
+    place = [s for s in c.samples if isinstance(s, PoseSample)][-1]
+    assert 0 < place.stamp_error_ns < 5 * MS
+    assert pose_from_message(pose_message(place)) == place
 
 
 def test_answers_that_are_too_slow_to_be_used_are_reported() -> None:

@@ -87,18 +87,20 @@ class AttitudeSample(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., q_ned_frd: _Optional[_Union[Quaternion, _Mapping]] = ..., rates_frd_rad_s: _Optional[_Union[Vector3, _Mapping]] = ..., stamp_error_ns: _Optional[int] = ...) -> None: ...
 
 class PoseSample(_message.Message):
-    __slots__ = ("t_ns", "t_arrival_ns", "position_ned_m", "velocity_ned_m_s", "reset_counter")
+    __slots__ = ("t_ns", "t_arrival_ns", "position_ned_m", "velocity_ned_m_s", "reset_counter", "stamp_error_ns")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     T_ARRIVAL_NS_FIELD_NUMBER: _ClassVar[int]
     POSITION_NED_M_FIELD_NUMBER: _ClassVar[int]
     VELOCITY_NED_M_S_FIELD_NUMBER: _ClassVar[int]
     RESET_COUNTER_FIELD_NUMBER: _ClassVar[int]
+    STAMP_ERROR_NS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     t_arrival_ns: int
     position_ned_m: Vector3
     velocity_ned_m_s: Vector3
     reset_counter: int
-    def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., position_ned_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_ned_m_s: _Optional[_Union[Vector3, _Mapping]] = ..., reset_counter: _Optional[int] = ...) -> None: ...
+    stamp_error_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., position_ned_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_ned_m_s: _Optional[_Union[Vector3, _Mapping]] = ..., reset_counter: _Optional[int] = ..., stamp_error_ns: _Optional[int] = ...) -> None: ...
 
 class CameraInfo(_message.Message):
     __slots__ = ("camera", "width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px", "mount_roll_rad", "mount_pitch_rad", "mount_yaw_rad", "lever_arm_frd_m", "min_range_m", "max_range_m", "ke_per_m", "marks_smooth")
