@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any
 
-from drivers.base import DeviceNotFound
+from drivers.base import DeviceLost, DeviceNotFound
 from drivers.optional_library import install_command
 
 from .engines import ATTEMPTS, Done, lost_text, unexpected_text
@@ -29,8 +30,8 @@ class DaskEngine:
             ) from error
 
     def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:
-        """Yields each task once, when it has ended. Raises DeviceNotFound where the scheduler does not answer, and
-        ValueError for workers with several threads."""
+        """Yields each task once, when it has ended. Raises DeviceNotFound where the scheduler does not answer, DeviceLost
+        where it no longer does, and ValueError for workers with several threads."""
         try:
             client = self._distributed.Client(self._address, timeout=_CONNECT_S)
         except (OSError, ValueError) as error:
@@ -44,7 +45,14 @@ class DaskEngine:
                 for number, task in enumerate(tasks)
             }
             for future in self._distributed.as_completed(list(futures)):
-                yield Done(futures.pop(future), self._result(future))
+                try:
+                    result = self._result(future)
+                except CancelledError as error:
+                    raise DeviceLost(
+                        f"{self._address}: the Dask scheduler was lost, or has cancelled the tasks; {len(futures)} of "
+                        f"{len(tasks)} flights are not done; start the cluster, then the same command again: it continues"
+                    ) from error
+                yield Done(futures.pop(future), result)
                 future.release()
 
     def _result(self, future: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 from companion.batch.jobs import FlightTask, Outcome
@@ -37,3 +38,10 @@ def always_killed(task: FlightTask) -> Outcome:
 
 def defective(task: FlightTask) -> Outcome:
     raise IndexError("made up")
+
+
+def endless(task: FlightTask) -> Outcome:
+    """Runs until its process is killed."""
+    note(task)
+    time.sleep(600.0)
+    return outcome_of(task)

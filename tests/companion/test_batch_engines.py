@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -20,10 +22,11 @@ from companion.batch.local_engine import LocalEngine
 from companion.batch.ray_engine import RayEngine
 from companion.batch.task import run_task
 from companion.log.provenance import software
-from drivers.base import DeviceNotFound
+from drivers.base import DeviceLost, DeviceNotFound
 
-from .batch_processes import always_killed, defective, killed_at_first
+from .batch_processes import always_killed, defective, endless, killed_at_first
 from .fleet import flight_events, write_fleet, write_parts
+from .live import until
 
 pytest.importorskip("pyarrow", reason="the extra `batch` is not installed")
 
@@ -130,6 +133,32 @@ def test_dask_computes_the_same_files(dask_cluster: str, tmp_path: Path) -> None
     more = ("--engine", "dask", "--address", dask_cluster)
     subprocess.run(batch_command(fleet, tmp_path / "dask", *more), check=True, timeout=PATIENCE_S)
     assert files_of(tmp_path / "dask") == expected_files(fleet, tmp_path / "alone")
+
+
+@pytest.mark.process
+def test_a_dask_scheduler_that_is_killed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended with a traceback."""
+    pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    monkeypatch.setattr("companion.batch.dask_engine._CONNECT_S", 2.0)
+    place = tmp_path / "scheduler.json"
+
+    def start(*arguments: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([sys.executable, "-m", *arguments, "--no-dashboard"], stderr=subprocess.DEVNULL)
+
+    scheduler = start("distributed.cli.dask_scheduler", "--port", "0", "--scheduler-file", str(place))
+    assert until(lambda: place.exists() and place.stat().st_size)
+    address = json.loads(place.read_text())["address"]
+    worker = start("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny")
+    killer = threading.Thread(target=lambda: until(lambda: list(tmp_path.glob("flight*"))) and scheduler.kill())
+    killer.start()
+    try:
+        with pytest.raises(DeviceLost, match="2 of 2 flights are not done; start the cluster"):
+            list(DaskEngine(address, endless).run(tasks_of(tmp_path, 2)))
+    finally:
+        killer.join()
+        for process in (worker, scheduler):
+            process.kill()
+            process.wait()
 
 
 def test_a_dask_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
