@@ -20,6 +20,7 @@ from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig, RecordParams, SupervisorParams
 from ..console import fail, print_json, print_line, progress, warn
+from ..install.steps import packaged_file
 from ..kernels.child_process import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..live.message_json import message_json
@@ -27,6 +28,7 @@ from ..live.status import status_lines
 from ..pipeline.sync import DropCause
 from ..replay.replay import Options, replay
 from ..replay.replay_report import Replay
+from ..viewer.png import missing_library
 from ..viewer.view import ViewOptions, Views, make_views
 from .live import DemoError, LiveRun, fly
 
@@ -72,7 +74,8 @@ def demo_config(config: Config, options: DemoOptions) -> Config:
     simulated = [c for c in config.cameras if c.kind == "simulated"]
     if not simulated:
         raise ValueError(
-            'the configuration has no camera of kind = "simulated"; use for example configs/simulated.toml'
+            'the configuration has no camera of kind = "simulated"; use for example '
+            f"{_shown(packaged_file('configs', 'simulated.toml'))}"
         )
     cameras = tuple(replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MAX_FPS)) for c in simulated)
     return replace(config, cameras=cameras)
@@ -96,7 +99,10 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
         result = replay(log, Options(check=True), on)
     with bar("drawing") as on:
         every = max(1, result.counts.frames // PICTURES)
-        views = make_views(log, options.folder / "view", ViewOptions(every=every), on)
+        missing = missing_library()
+        views = make_views(log, options.folder / "view", ViewOptions(every=every, png=not missing), on)
+    if missing:
+        views.notes.append(missing)
     return Demo(log=log, live=live, replay=result, views=views)
 
 
@@ -224,12 +230,9 @@ def _print_summary(done: Demo) -> None:
     if (scripts := scripts_outside_path()) is not None:
         print_line(f"  . {_shown(scripts / 'activate')}   puts the command `companion` into the path of this terminal")
     print_line(f"  companion info {_shown(done.log)}")
-    print_line(
-        "  companion run -c configs/simulated.toml   run the same service until you stop it with Ctrl-C, and beside it"
-    )
-    print_line(
-        "  companion simulate-autopilot -c configs/simulated.toml   its attitude: the service is blind without it"
-    )
+    shipped = _shown(packaged_file("configs", "simulated.toml"))
+    print_line(f"  companion run -c {shipped}   run the same service until you stop it with Ctrl-C, and beside it")
+    print_line(f"  companion simulate-autopilot -c {shipped}   its attitude: the service is blind without it")
     print_line("  companion view --live   page that follows the service")
     print_line(
         "  companion import FOLDER -o my.mcap   convert a recording of your own (docs/how-to/import-recordings.md)"

@@ -4,6 +4,7 @@ matplotlib belongs to the extra `view` and is imported with the first picture.""
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +26,22 @@ class ViewError(ValueError):
     """The pictures cannot be drawn; the message states the cause and the remedy."""
 
 
+def missing_library() -> str:
+    """Why no pictures can be drawn, and the remedy; empty: they can."""
+    try:
+        importlib.import_module("matplotlib.backends.backend_agg")
+    except ImportError:
+        return f"pictures need matplotlib, which is not installed: run {install_command('matplotlib>=3.8')}"
+    return ""
+
+
 def new_figure() -> Any:
     """An empty matplotlib figure of WIDTH_PX x HEIGHT_PX without a window. Raises ViewError without matplotlib."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as e:
-        raise ViewError(
-            f"pictures need matplotlib, which is not installed: run {install_command('matplotlib>=3.8')} (--no-png "
-            "draws the page only)"
-        ) from e
+    if missing := missing_library():
+        raise ViewError(f"{missing} (--no-png draws the page only)")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure

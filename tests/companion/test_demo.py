@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import sysconfig
 import tomllib
 from pathlib import Path
@@ -35,6 +37,21 @@ def test_the_demo_flies_the_service_and_makes_what_it_names(tmp_path: Path, caps
     with McapRecording(out / "prisms.mcap") as recording:
         results = [item.message for item in recording.messages("prisms")]
     assert sum(isinstance(m, pb.PrismsFrame) and m.valid for m in results) > 5
+
+
+def test_without_matplotlib_the_demo_draws_its_page_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An installation without the extra `view` failed at the end of the demo."""
+    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
+    out = tmp_path / "out"
+    assert main(["demo", "--fast", "--seconds", "1", "-o", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert "pictures need matplotlib" in printed.err
+    assert "pip install 'matplotlib" in printed.err
+    assert f"companion run -c {os.path.relpath(ROOT / 'configs' / 'simulated.toml')}" in printed.out
+    assert (out / "view" / "flight.html").stat().st_size > 10_000
+    assert not list((out / "view").glob("*.png"))
 
 
 def test_the_embedded_default_is_the_shipped_file() -> None:
