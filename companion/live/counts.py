@@ -22,14 +22,19 @@ class FrameRates:
 
 
 class RecentLosses:
-    """Detects losses of samples within the last REPORT_NS."""
+    """Detects losses of samples within the last REPORT_NS. count: number of those that are faults."""
 
     def __init__(self) -> None:
-        self._lost = self._until_ns = 0
+        self._lost = self._until_ns = self.count = 0
+        self._counts = False
 
     def active(self, lost: int, now_ns: int, *, is_fault: bool) -> bool:
-        """lost: total so far. is_fault: whether a loss since the last call counts as a fault."""
+        """lost: total so far. is_fault: whether a loss counts as a fault from now on; what was lost between this call and the
+        one before is a fault if it did at both."""
         if lost != self._lost:
-            self._lost = lost
-            self._until_ns = now_ns + REPORT_NS if is_fault else 0
+            new, self._lost = lost - self._lost, lost
+            if is_fault and self._counts:
+                self.count += new
+                self._until_ns = now_ns + REPORT_NS
+        self._counts = is_fault
         return now_ns < self._until_ns

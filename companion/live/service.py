@@ -318,7 +318,7 @@ class Service:
         # samples lost while the kernels are compiled are not a fault: nothing is detected yet
         if self._losses.active(self.event_queue.lost, now_ns, is_fault=self.started):
             text = (
-                f"{self.event_queue.lost} attitude and position samples were lost: the pipeline is too slow; reduce "
+                f"{self._losses.count} attitude and position samples were lost: the pipeline is too slow; reduce "
                 "the load of the computer or the frame rate"
             )
             found.append(Diagnostic(DiagnosticCode.AUTOPILOT_SAMPLES_LOST, "", text))
