@@ -21,6 +21,11 @@ PAGES = [CHECKOUT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.
 PAGES += sorted((CHECKOUT / "docs").rglob("*.md"))
 USER_PAGES = [page for page in PAGES if "research" not in page.parts]
 """Pages that print today's commands. Research notes also name commands of earlier versions."""
+LINKING_PAGES = [
+    *PAGES,
+    CHECKOUT / "CHANGELOG.md",
+    *(CHECKOUT / "clients" / name / "README.md" for name in ("cpp", "python")),
+]
 
 LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
 FENCE = re.compile(r"^\s*(```|~~~)")
@@ -78,7 +83,7 @@ def broken_links(page: Path) -> list[str]:
     return broken
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", LINKING_PAGES, ids=name_of)
 def test_each_relative_link_and_anchor_exists(page: Path) -> None:
     assert broken_links(page) == []
 
