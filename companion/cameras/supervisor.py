@@ -58,7 +58,7 @@ class CameraCondition(StrEnum):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraStatus:
     """State of a camera. cause: why it does not run; since_ns: time of the last change of condition; last_loss: cause
-    of the last restart."""
+    of the last restart; last_loss_ns: time of that cause, None: none yet."""
 
     camera: str
     condition: CameraCondition
@@ -68,6 +68,7 @@ class CameraStatus:
     dropped: int = 0
     starts: int = 0
     last_loss: str = ""
+    last_loss_ns: int | None = None
     last_arrival_ns: int | None = None
     info: CameraInfo | None = None
     alive_ns: int = 0
@@ -131,7 +132,7 @@ class CameraSupervisor:
             if self._stop.is_set():
                 break
             self._set_condition(CameraCondition.LOST, cause)
-            self._update(last_loss=cause)
+            self._update(last_loss=cause, last_loss_ns=_now())
             if (self._status.last_arrival_ns or begun_ns) - begun_ns > _STABLE_RUN_S * NS:
                 backoff_s = self._params.first_backoff_s  # a short delay limits the time without this camera in flight
             self._wait(backoff_s)

@@ -42,6 +42,7 @@ def camera_views(
                 blind=blind,
                 age_ns=age_ns,
                 hz=rates.hz(name, status.frames, now_ns),
+                last_loss_age_ns=None if status.last_loss_ns is None else max(0, now_ns - status.last_loss_ns),
                 exposure_offset=offsets.get(name),
                 mount=mount,
             )

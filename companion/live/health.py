@@ -46,13 +46,15 @@ CLOCK_SOURCES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraView:
-    """State of a camera in the health report. blind: why it is blind, as text; empty: it is not."""
+    """State of a camera in the health report. blind: why it is blind, as text; empty: it is not. last_loss_age_ns: time
+    since the cause of its last restart; None: never restarted."""
 
     status: CameraStatus
     required: bool
     blind: str
     age_ns: int | None
     hz: float
+    last_loss_age_ns: int | None = None
     exposure_offset: ExposureOffset | None = None
     mount: pb.MountHealth | None = None
 
@@ -106,6 +108,8 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
     )
     if view.age_ns is not None:
         message.age_ns = view.age_ns
+    if view.last_loss_age_ns is not None:
+        message.last_loss_age_ns = view.last_loss_age_ns
     if view.exposure_offset is not None:
         message.exposure_offset.CopyFrom(exposure_offset_message(view.exposure_offset))
     return message

@@ -83,8 +83,9 @@ def status_lines(h: pb.Health) -> list[str]:
     for c in h.cameras:
         age = f"frame age {c.age_ns / MS:.0f} ms" if c.HasField("age_ns") else "no valid frame yet"
         kind = "" if c.required else ", not required"
-        restarts = f", process started {c.starts} times, last cause: {c.last_loss}" if c.starts > 1 else ""
-        lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{restarts}")
+        lines.append(
+            f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{_restarts(c)}"
+        )
         if c.HasField("exposure_offset"):
             lines.append(f"  exposure time offset: {c.exposure_offset.text}")
         if c.HasField("mount"):
@@ -129,6 +130,15 @@ def health_json(h: pb.Health) -> dict[str, Any]:
     found = message_json(h)
     found["texts"] = texts_of(h.frames_dropped, DropCause) | texts_of(h.autopilot.counts, LinkAnomaly)
     return found
+
+
+def _restarts(c: pb.CameraHealth) -> str:
+    """How often the process of a camera was restarted, when last and why, as text; empty: never."""
+    if c.starts <= 1:
+        return ""
+    count = "once" if c.starts == 2 else f"{c.starts - 1} times"
+    last = f"last {_span(c.last_loss_age_ns)} ago: " if c.HasField("last_loss_age_ns") else "last cause: "
+    return f", process restarted {count}, {last}{c.last_loss}"
 
 
 def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:

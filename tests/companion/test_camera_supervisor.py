@@ -150,11 +150,14 @@ def test_frames_of_a_camera_flow(tmp_path: Path) -> None:
 def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
     with Watched(tmp_path, "well:0") as w:
         assert w.until(lambda: len(w.frames) > 5)
+        assert w.supervisor.status.last_loss_ns is None
         pid = w.supervisor.pid
         assert pid is not None
+        killed_ns = time.monotonic_ns()
         os.kill(pid, signal.SIGKILL)
         assert w.until(lambda: w.supervisor.status.starts == 2 and w.is_(CameraCondition.RUNNING))
         assert w.supervisor.status.last_loss == "camera front: its process has ended by signal 9 (SIGKILL)"
+        assert killed_ns <= (w.supervisor.status.last_loss_ns or 0) <= time.monotonic_ns()
 
 
 def test_the_exit_status_of_a_process_without_a_cause_is_reported(tmp_path: Path) -> None:

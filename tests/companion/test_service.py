@@ -163,6 +163,7 @@ def test_a_killed_camera_process_is_reported_and_started_again(flying: Flying) -
     assert longest_silence_s(flying.prisms, begun_ns) < 0.5
     camera = flying.health.wait(lambda h: h.cameras[0].starts > starts and not h.troubles, PATIENCE_S).cameras[0]
     assert "process has ended" in camera.last_loss
+    assert 0 <= camera.last_loss_age_ns <= time.monotonic_ns() - begun_ns
 
 
 def test_a_camera_process_that_hangs_is_reported_and_replaced(flying: Flying) -> None:

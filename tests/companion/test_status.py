@@ -43,6 +43,7 @@ def report() -> pb.Health:
     right = pb.CameraHealth(
         camera="right", condition="lost", cause="the cable is out", starts=4, last_loss="the cable is out"
     )
+    right.last_loss_age_ns = 40_000_000_000
     h.cameras.extend([front, right])
     h.autopilot.CopyFrom(
         pb.AutopilotHealth(
@@ -65,6 +66,15 @@ def test_mode_and_armed_of_an_old_heartbeat_are_dated() -> None:
     assert any(", armed when its last heartbeat arrived, 74 s ago, attitude" in line for line in status_lines(h))
 
 
+def test_restarts_of_a_camera_are_counted_and_dated() -> None:
+    h = report()
+    assert not any("restarted" in line for line in status_lines(h) if line.startswith("camera front"))
+    h.cameras[1].starts = 2
+    assert any(line.endswith("process restarted once, last 40 s ago: the cable is out") for line in status_lines(h))
+    h.cameras[1].ClearField("last_loss_age_ns")  # an older service
+    assert any(line.endswith("process restarted once, last cause: the cable is out") for line in status_lines(h))
+
+
 def test_a_note_is_reported_and_is_no_fault() -> None:
     h = report()
     h.ClearField("troubles")
@@ -85,7 +95,7 @@ def test_a_report_as_text() -> None:
         "! optional_camera_unavailable: camera right (not required) is blind: lost: the cable is out",
         "camera front: running, 30.0 Hz, frame age 42 ms, 3 superseded",
         "camera right: lost, not required, 0.0 Hz, no valid frame yet",
-        "started 4 times, last cause: the cable is out",
+        "process restarted 3 times, last 40 s ago: the cable is out",
         "autopilot: PX4, system 1, armed, attitude 99 Hz",
         "clock synchronised within 0.31 ms",
         "log: /var/log/x.mcap.active, 12.3 MB",

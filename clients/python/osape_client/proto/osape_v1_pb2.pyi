@@ -649,7 +649,7 @@ class ClockEstimate(_message.Message):
     def __init__(self, source: _Optional[_Union[ClockEstimate.Source, str]] = ..., offset_ns: _Optional[int] = ..., drift: _Optional[float] = ..., at_boot_ns: _Optional[int] = ..., bound_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., exchanges: _Optional[int] = ..., restarts: _Optional[int] = ...) -> None: ...
 
 class CameraHealth(_message.Message):
-    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "mount", "exposure_offset", "condition_enum", "restart_count")
+    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "mount", "exposure_offset", "condition_enum", "restart_count", "last_loss_age_ns")
     class Condition(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         CONDITION_UNKNOWN: _ClassVar[CameraHealth.Condition]
@@ -682,6 +682,7 @@ class CameraHealth(_message.Message):
     EXPOSURE_OFFSET_FIELD_NUMBER: _ClassVar[int]
     CONDITION_ENUM_FIELD_NUMBER: _ClassVar[int]
     RESTART_COUNT_FIELD_NUMBER: _ClassVar[int]
+    LAST_LOSS_AGE_NS_FIELD_NUMBER: _ClassVar[int]
     camera: str
     condition: str
     cause: str
@@ -698,7 +699,8 @@ class CameraHealth(_message.Message):
     exposure_offset: ExposureOffset
     condition_enum: CameraHealth.Condition
     restart_count: int
-    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., mount: _Optional[_Union[MountHealth, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ..., condition_enum: _Optional[_Union[CameraHealth.Condition, str]] = ..., restart_count: _Optional[int] = ...) -> None: ...
+    last_loss_age_ns: int
+    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., mount: _Optional[_Union[MountHealth, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ..., condition_enum: _Optional[_Union[CameraHealth.Condition, str]] = ..., restart_count: _Optional[int] = ..., last_loss_age_ns: _Optional[int] = ...) -> None: ...
 
 class ExposureOffset(_message.Message):
     __slots__ = ("state", "text", "offset_ms", "sigma_ms", "pairs", "warns", "state_enum")
