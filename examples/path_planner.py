@@ -1,7 +1,7 @@
-"""Paths through what the companion sees: RRT, RRT-Connect and PRM of OMPL, asking what may be flown through of one frame
-(osape_client.Space) or of the merged world (osape_client.WorldSpace), which answer alike.
+"""Path planning with RRT, RRT-Connect and PRM of OMPL in one frame (osape_client.Space) or in the merged world
+(osape_client.WorldSpace); both have the same queries.
 
-Occupied is never entered. Unknown is a policy: avoided, or allowed at a price. Needs the extra `planner` (ompl).
+Occupied space is never entered. Unknown space is avoided, or allowed at a price. Needs the extra `planner` (ompl).
 """
 
 from __future__ import annotations
@@ -25,24 +25,25 @@ SECONDS_OF_A_QUESTION = 0.001
 
 
 class Unknown(StrEnum):
-    """What to do about places that no camera saw."""
+    """What to do with space that no camera observed."""
 
     AVOID = "avoid"
     ALLOW = "allow"
 
 
 class NoPath(Exception):
-    """There is none, or none was found; the message says which and what to do."""
+    """No path exists or none was found; the message says why and what to do."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Room:
-    """Where a vehicle may fly.
+    """The space in which a vehicle may fly. All positions are in the frame of `space`.
 
-    space: what one frame saw, in any frame, or the merged world, in ned. radius_m: of the vehicle, rotors and the controller's room included.
-    unknown_price: a metre through unknown costs as much as so many more metres through free. start: (3,) where the
-    vehicle is; been_m: so far around it its middle may move unseen, because it came from there (no camera sees the room
-    close before it): what is seen to be occupied stays so there too."""
+    space: the model of one frame, in `level` or `ned`, or the merged world, in `ned`. radius_m: of the vehicle, with its
+    rotors and the room that the controller needs. unknown_price: a metre through unknown space costs as much as
+    1 + unknown_price metres through free space. start: (3,) position of the vehicle; been_m: within this distance of it
+    unknown space counts as free, because the vehicle came from there and no camera observes the space close before it.
+    Occupied space stays occupied there."""
 
     space: Space | WorldSpace
     radius_m: float
@@ -52,8 +53,8 @@ class Room:
     unknown_price: float = 4.0
 
     def price(self, a: ArrayLike, b: ArrayLike) -> Floats:
-        """(M,) what it costs to fly from a (M, 3) to b (M, 3) along straight lines: metres, more through unknown; BLOCKED
-        where it may not be flown."""
+        """(M,) costs of straight segments from a (M, 3) to b (M, 3): metres, more through unknown space; BLOCKED where a
+        segment is not allowed."""
         a, b = np.atleast_2d(np.asarray(a, float)), np.atleast_2d(np.asarray(b, float))
         length = np.linalg.norm(b - a, axis=1)
         price: Floats = length.copy()
@@ -68,7 +69,7 @@ class Room:
         return price
 
     def _unseen(self, a: Floats, b: Floats) -> list[tuple[Floats, Floats]]:
-        """The pieces of a way that are not free, outside of the ball around the start; a place is a way of no length."""
+        """The pieces of a segment that are not free, outside of the ball around the start; a point is a segment of length 0."""
         pieces = outside(a, b, self.start, self.been_m)
         if self.unknown is Unknown.ALLOW:  # only the price needs to know how much of it
             pieces = [short for p, q in pieces for short in cut(p, q, 0.5)]
@@ -80,7 +81,7 @@ class Room:
 
 
 def outside(a: Floats, b: Floats, centre: Floats, radius_m: float) -> list[tuple[Floats, Floats]]:
-    """The pieces of a way that lie outside of a ball: none, one or two."""
+    """The pieces of a segment that lie outside of a ball: none, one or two."""
     along, beside = b - a, a - centre
     aa, ab, bb = float(along @ along), float(along @ beside), float(beside @ beside) - radius_m**2
     if aa == 0.0:
@@ -100,14 +101,14 @@ def outside(a: Floats, b: Floats, centre: Floats, radius_m: float) -> list[tuple
 
 
 def cut(a: Floats, b: Floats, longest_m: float) -> list[tuple[Floats, Floats]]:
-    """A way in equal pieces, none longer than that."""
+    """A segment in equal pieces, none longer than longest_m."""
     count = max(1, math.ceil(float(np.linalg.norm(b - a)) / longest_m))
     points = a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a)
     return list(pairwise(points))
 
 
 class _Flyable(base.MotionValidator):
-    """Asks the room about each straight piece; OMPL's own would ask about points along it."""
+    """Checks each straight piece as a whole; OMPL's default checks points along it."""
 
     def __init__(self, information: base.SpaceInformation, room: Room) -> None:
         super().__init__(information)
@@ -119,7 +120,7 @@ class _Flyable(base.MotionValidator):
 
 
 def point(state: base.State) -> Floats:
-    """(3,) of a state."""
+    """(3,) position of a state."""
     return np.array([state[0], state[1], state[2]])
 
 
@@ -131,10 +132,13 @@ def plan(
     planner: str = "rrt-connect",
     tries: int = 10,
     questions: int = 1000,
+    seed: int = 1,
 ) -> Floats:
-    """(K, 3) corners of a path from room.start to the goal, within bounds (2, 3): of some tries the cheapest one,
-    shortened and smoothed. Every piece of it was asked about again at the end. questions: of each try, before it gives
-    up. Raises NoPath."""
+    """(K, 3) corners of a path from room.start to the goal, within bounds (2, 3: least, greatest): the cheapest of several
+    tries, shortened and smoothed. Every piece of it is checked again at the end.
+
+    questions: checked pieces of each try, after which it ends without a path. seed: of OMPL's random numbers, 1 or more. The
+    same seed gives the same path, except with prm, which ends after a time. Raises NoPath."""
     goal = np.asarray(goal, float)
     for name, place in (("start", room.start), ("goal", goal)):
         if not room.price(place, place)[0] < BLOCKED:
@@ -142,6 +146,10 @@ def plan(
             raise NoPath(
                 f"the {name} {np.round(place, 2).tolist()} is {answer} for a radius of {room.radius_m:g} m: choose another"
             )
+    util.setLogLevel(util.LogLevel.LOG_NONE)
+    util.RNG.setSeed(
+        seed
+    )  # OMPL reports an error where numbers were drawn before; all generators of a try are made after this
     util.setLogLevel(util.LogLevel.LOG_ERROR)
     best, least = None, BLOCKED
     for _ in range(tries):
@@ -150,8 +158,8 @@ def plan(
             best, least = path, price
     if best is None:
         raise NoPath(
-            f"{planner}: no path to {np.round(goal, 2).tolist()} in {tries} tries of {questions} questions: there is none through "
-            "what was seen, or it is narrow; look from elsewhere, or allow more"
+            f"{planner}: no path to {np.round(goal, 2).tolist()} in {tries} tries of {questions} checks: observed space has none, or "
+            "it is narrow; take more tries or another seed, observe from elsewhere, or allow unknown space"
         )
     return best
 
@@ -167,7 +175,7 @@ def _one(room: Room, goal: Floats, bounds_m: Floats, planner: str, questions: in
     information = setup.getSpaceInformation()
     ways = _Flyable(information, room)
     information.setMotionValidator(ways)
-    # quick, and enough: whether an unknown place may be entered is for the ways to judge
+    # fast, and sufficient: the check of the pieces decides about unknown space
     occupied = Occupancy.OCCUPIED
     setup.setStateValidityChecker(lambda state: bool(room.space.points(point(state), room.radius_m)[0] != occupied))
     begin, end = space.allocState(), space.allocState()
@@ -175,7 +183,7 @@ def _one(room: Room, goal: Floats, bounds_m: Floats, planner: str, questions: in
         begin[axis], end[axis] = float(room.start[axis]), float(goal[axis])
     setup.setStartAndGoalStates(begin, end)
     setup.setPlanner(PLANNERS[planner](information))
-    if planner == "prm":  # its second thread asks the condition too, and would wait for ever for a Python one
+    if planner == "prm":  # its second thread evaluates the condition too, and would wait for ever for a Python function
         setup.solve(questions * SECONDS_OF_A_QUESTION)
     else:
         setup.solve(base.PlannerTerminationCondition(lambda: ways.asked > questions))

@@ -37,6 +37,9 @@ def arguments() -> argparse.Namespace:
         "--goal", type=float, nargs=3, default=(9.0, 0.0, 0.0), help="ahead, right, down of the camera, m"
     )
     parser.add_argument("--planner", choices=list(PLANNERS), default="rrt-connect")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of the random numbers, 1 or more; another one gives another path"
+    )
     parser.add_argument("--unknown", choices=[u.value for u in Unknown], default="avoid")
     parser.add_argument("--radius", type=float, default=0.5, help="of the vehicle, m")
     parser.add_argument("--been", type=float, default=3.0, help="so far around the camera the vehicle came from, m")
@@ -103,7 +106,7 @@ def main() -> int:
         unknown=Unknown(args.unknown),
     )
     try:
-        path = plan(room, args.goal, [[-1.0, -reach, -4.0], [reach, reach, 2.0]], planner=args.planner)
+        path = plan(room, args.goal, [[-1.0, -reach, -4.0], [reach, reach, 2.0]], planner=args.planner, seed=args.seed)
     except NoPath as error:
         print(error, file=sys.stderr)
         return 1

@@ -41,6 +41,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--start", type=float, nargs=3, help="default: where the flight ended")
     parser.add_argument("--goal", type=float, nargs=3, default=(4.5, 10.0, -2.0))
     parser.add_argument("--planner", choices=list(PLANNERS), default="rrt-connect")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of the random numbers, 1 or more; another one gives another path"
+    )
     parser.add_argument("--unknown", choices=[u.value for u in Unknown], default="avoid")
     parser.add_argument("--radius", type=float, default=0.4, help="of the vehicle, m")
     parser.add_argument("--been", type=float, default=2.0, help="so far around the start the vehicle came from, m")
@@ -108,7 +111,7 @@ def main() -> int:
     bounds = [corners.min(axis=0) - SLACK_M, np.minimum(corners.max(axis=0) + SLACK_M, [np.inf, np.inf, -0.5])]
     room = Room(space=space, radius_m=args.radius, start=start, been_m=args.been, unknown=Unknown(args.unknown))
     try:
-        path = plan(room, args.goal, bounds, planner=args.planner)
+        path = plan(room, args.goal, bounds, planner=args.planner, seed=args.seed)
     except NoPath as error:
         print(error, file=sys.stderr)
         return 1

@@ -54,7 +54,7 @@ def along(path: np.ndarray) -> np.ndarray:
 def test_around_a_house_of_which_no_frame_saw_all(
     pp: ModuleType, around_a_house: WorldSpace, planner: str, unknown: str, tries: int, goal: list[float]
 ) -> None:
-    """Two of three tries of a tree find the way: it is chance which, and of sixteen one does."""
+    """A single try of rrt finds the way in 13 of 30 cases, so that sixteen fail by chance in 1 of 8000: the seed is fixed."""
     start = [9.5, 0.0, 0.0]
     path = pp.plan(
         room(pp, around_a_house, unknown, start, 3.0), goal, BOUNDS, planner=planner, tries=tries, questions=12000
