@@ -232,6 +232,73 @@ def test_the_verdict_of_what_was_received(page: Page) -> None:
         assert bool(page_state["word"]) == (state in ("cut", "blind", "stale"))
 
 
+SILENT = "document.getElementById('service').classList.contains('old')"
+PAINTED = """(() => {
+  const { renderer } = app, gl = renderer.getContext(), { width, height } = renderer.domElement;
+  const pixels = new Uint8Array(4 * width * height);
+  gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  const colors = new Set();
+  for (let k = 0; k < pixels.length; k += 4) colors.add(pixels[k] << 16 | pixels[k + 1] << 8 | pixels[k + 2]);
+  return colors.size;
+})()"""
+"""How many colours are in the picture: one where nothing is drawn."""
+
+
+def test_the_report_of_a_service_that_has_stopped_is_grey(page: Page, following: Following) -> None:
+    page.wait(f"!{SILENT}")
+    before = "getComputedStyle(document.getElementById('health'), '::before').content"
+    assert page.ask(before) == "none"
+    following.live.stop(signal.SIGKILL)
+    page.wait(SILENT)
+    assert "no longer current" in page.ask(before)
+    assert float(page.ask("getComputedStyle(document.getElementById('health')).opacity")) < 1.0
+    assert page.ask(f"{STATE} !== 'valid'")
+    following.live.start()
+    page.wait(f"{VALID} && !{SILENT}")
+
+
+def resize(page: Page, width_px: int, height_px: int) -> None:
+    """Gives a page a size, and waits until its picture has it."""
+    page.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width_px,
+        height=height_px,
+        deviceScaleFactor=1,
+        mobile=width_px < 900,
+    )
+    stage, canvas = "document.getElementById('stage')", "app.renderer.domElement"
+    same = f"{canvas}.width === {stage}.clientWidth && {canvas}.height === {stage}.clientHeight"
+    page.wait(f"innerWidth === {width_px} && innerHeight === {height_px} && {same}")
+
+
+def test_the_picture_is_never_empty_after_a_change_of_size(page: Page, following: Following, browser: Browser) -> None:
+    """A new size clears the picture: it is drawn at once and not with the next frame, which may be late."""
+    with browser.page(following.address) as other:
+        other.wait(VALID)
+        other.ask("app.ask = () => {}")  # nothing else draws from now on
+        for width, height in ((390, 844), (844, 390)):
+            resize(other, width, height)
+            assert other.ask(PAINTED) > 20
+
+
+LABELS = """(() => {
+  const heights = [], tall = 2 * Math.tan(app.eye.fov * Math.PI / 360), { clientHeight } = document.getElementById("stage");
+  app.frames.scene.traverse((o) => o.isSprite && heights.push(o.scale.y / tall * clientHeight));
+  return heights;
+})()"""
+"""The height of each label on the screen, pixels."""
+
+
+def test_labels_can_be_read_on_a_phone(page: Page, following: Following, browser: Browser) -> None:
+    with browser.page(following.address) as other:
+        other.wait(VALID)
+        for width, height in ((390, 844), (844, 390), (1400, 900)):
+            resize(other, width, height)
+            heights = other.ask(LABELS)
+            assert len(heights) >= 5, "those of the range rings at least"
+            assert min(heights) >= 15.9
+
+
 @pytest.mark.parametrize(
     "defect",
     ["app.frames.draw = () => { throw new Error('a defect') }", "live.tell = () => { throw new Error('a defect') }"],

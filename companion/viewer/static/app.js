@@ -367,6 +367,7 @@ class App {
     this.renderer.setSize(w, h, false);
     this.eye.aspect = w / Math.max(1, h);
     this.eye.updateProjectionMatrix();
+    this.frames.labels.fit(this.frames.scene, h, this.eye.fov);
     drawLegend(this.data);
     if (document.body.dataset.drawn === undefined) this.ask();
     else this.#draw(); // at once: the new size has cleared the picture, and an empty one would look clear

@@ -3,17 +3,26 @@
 import * as THREE from "three";
 
 const KEPT = 120;
+const LEAST_PX = 16; // of a label on the screen: letters of 12 px
 
 export class Labels {
   constructor() {
     this.textures = new Map(); // text, colour -> texture, the latest used last
+    this.least = 0; // share of the picture's height
   }
 
-  /** A sprite. at: in the drawing; size: of the text, as a share of the picture's height. */
+  /** Sets the size of the picture, in which no label of the scene is lower than LEAST_PX. */
+  fit(scene, height_px, fov_deg) {
+    this.least = (LEAST_PX * 2 * Math.tan((fov_deg * Math.PI) / 360)) / Math.max(1, height_px);
+    scene.traverse((object) => object.isSprite && this.#scale(object));
+  }
+
+  /** A sprite. at: in the drawing; size: of the text, as a share of the picture's height; larger in a low picture. */
   sprite(text, at, color, size) {
-    const map = this.#texture(text, color), { width, height } = map.image;
+    const map = this.#texture(text, color);
     const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
-    sprite.scale.set((size * width) / height, size, 1);
+    sprite.userData.size = size;
+    this.#scale(sprite);
     sprite.position.set(...at);
     sprite.renderOrder = 10;
     return sprite;
@@ -26,6 +35,11 @@ export class Labels {
       this.textures.delete(key);
       map.dispose();
     }
+  }
+
+  #scale(sprite) {
+    const { width, height } = sprite.material.map.image, size = Math.max(sprite.userData.size, this.least);
+    sprite.scale.set((size * width) / height, size, 1);
   }
 
   #texture(text, color) {
