@@ -14,6 +14,14 @@ def _digits(number: float) -> str:
     return str(number) if isinstance(number, int) else f"{number:g}"
 
 
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def number_in(kind: Callable[[str], _Number], low: _Number, high: _Number) -> Callable[[str], _Number]:
     """An argument type: a number from low to high. kind: int or float."""
 
@@ -23,7 +31,12 @@ def number_in(kind: Callable[[str], _Number], low: _Number, high: _Number) -> Ca
         except ValueError:
             value = None
         if value is None or not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r}: expected {_digits(low)}..{_digits(high)}")
+            hint = (
+                "; write a decimal point"
+                if kind is float and value is None and _is_number(text.replace(",", "."))
+                else ""
+            )
+            raise argparse.ArgumentTypeError(f"{text!r}: expected {_digits(low)}..{_digits(high)}{hint}")
         return value
 
     return parse

@@ -60,7 +60,7 @@ def configuration_text(answers: Answers) -> str:
         "",
         "[record]",
         _line("record", a.record, '"always", "armed" or "off"'),
-        _line("depth_hz", 0.0, "0: every depth image; a lower rate writes less, see docs/reference/commands.md"),
+        _line("depth_hz", 0.0, "0: every depth image; a lower rate writes less, see docs/reference/configuration.md"),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 

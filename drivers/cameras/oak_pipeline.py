@@ -172,7 +172,7 @@ def connect_device(settings: OakSettings) -> DeviceLink:
     except RuntimeError as error:
         raise DeviceNotFound(
             f"camera {settings.camera}: the device {found.getDeviceId()} does not start ({first_line(error)}); "
-            "another program may use it, or the udev rule is missing"
+            "another program may use it, or the udev rule is missing (docs/how-to/connect-oak.md)"
         ) from error
 
 
@@ -202,7 +202,7 @@ def _find(dai: Any, settings: OakSettings) -> Any:
     wanted = f"OAK device {settings.device}" if settings.device else "OAK device"
     others = ", ".join(d.getDeviceId() for d in there) or "none"
     raise DeviceNotFound(
-        f"camera {settings.camera}: no {wanted} (available: {others}); check the cable, the power and the udev rule"
+        f"camera {settings.camera}: no {wanted} (available: {others}); check the cable, the power and the udev rule (docs/how-to/connect-oak.md)"
     )
 
 
