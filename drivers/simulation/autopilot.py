@@ -1,8 +1,8 @@
 """A simulated autopilot for tests and for the demo: it sends and answers MAVLink messages as PX4 or ArduPilot does.
 
 `SimulatedAutopilot` holds no socket and no clock: bytes and instants in, bytes out. `drivers.simulation.autopilot_link`
-puts it on a UDP port or a pty. Its behaviour was measured on the real firmware: PX4 streams without a request and sends TIMESYNC requests at
-10 Hz; ArduPilot sends only heartbeats until streams are requested, and refuses 400 Hz.
+connects it to a UDP port or a pty. It behaves as measured on the firmware: PX4 streams without a request and sends
+TIMESYNC requests at 10 Hz; ArduPilot sends only heartbeats until streams are requested, and refuses 400 Hz.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _TAKEN_UNSIGNED = {PX4: {0, 109, 246, 247}, ARDUPILOT: {109, 166}}
 _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
 _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
 _LOOK_NS = 1_000_000
-"""Between two looks while a message is held back: it hides its attitude, or is silent."""
+"""Time between two calls of `due` while a message is held back, because the attitude is hidden or the autopilot is silent."""
 
 
 _SYS_STATUS, _PROXIMITY = 1, 1 << 26
@@ -50,21 +50,21 @@ def hovering(_: int) -> VehicleState:
 
 
 def never(_: int) -> bool:
-    """At no instant."""
+    """Returns False at each instant."""
     return False
 
 
 @dataclass(kw_only=True)
 class FirmwareProfile:
-    """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
-    knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
-    which instants it sends all but the attitude. key: it signs, and takes only what is signed with it; a key of
-    zeros: it signs and takes everything, as PX4 1.17 without a key. signing_ticks: its time at boot, in units of signatures;
-    0 is that of one that has no clock. mavlink_1: it uses MAVLink 1.
-    version: of its firmware, None: a usual one;
-    hides_version: it does not answer AUTOPILOT_VERSION. landed_state: MAV_LANDED_STATE, 0: it is not known.
-    proximity_started: PRX1_TYPE was set when it started. flight: it flies by itself, by its mode and by commands; the mode and the
-    motion are then those of the flight."""
+    """Behaviour of a simulated autopilot.
+
+    streams: message id -> Hz sent without a request (None: as the firmware does). knows_intervals: SET_MESSAGE_INTERVAL is
+    supported. motion: the vehicle at a local instant, ns. hides_attitude: whether the attitude is not sent at an instant, ns.
+    key: it signs, and accepts only messages that are signed with it; a key of zeros: it signs and accepts everything, as PX4
+    1.17 without a key. signing_ticks: its time at boot in units of signatures (10 us); 0: it has no clock. mavlink_1: it uses
+    MAVLink 1. version: of its firmware; None: a usual one. hides_version: it does not answer AUTOPILOT_VERSION. landed_state:
+    MAV_LANDED_STATE; 0: unknown. proximity_started: PRX1_TYPE was set when it started. flight: it flies by itself, by its mode
+    and by commands; mode and motion are then those of the flight."""
 
     kind: str = PX4
     system_id: int = 1
@@ -90,13 +90,14 @@ class FirmwareProfile:
 
 
 class SimulatedAutopilot:
-    """`receive` what the companion sent, `due` for what to send. Local instants are the companion's monotonic ns.
+    """An autopilot without input or output: `receive` takes the bytes that the companion sent, `due` returns the bytes to send.
+    Local instants are on the companion's monotonic clock, ns.
 
-    parameters: name -> value, sent when requested and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
-    ints, into the float's bytes). received: the good messages that came, newest last; dropped: those whose signature was
-    not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back when asked for it; obstacle_times_ns: when
-    each came; layers, heights: what it makes of points and of distances up and down. ignores_obstacles: it uses none of them;
-    sends_nothing: it receives only. silent: it neither receives nor sends."""
+    parameters: name -> value, sent when requested and when set; a value in `stubborn` does not change (PX4 encodes whole
+    numbers, here ints, in the bytes of the float). received: accepted messages, newest last; dropped: messages whose signature
+    was refused; obstacles: the model of the firmware's map of OBSTACLE_DISTANCE, which is sent back on request;
+    obstacle_times_ns: arrival of each; layers, heights: the same for points and for distances up and down. ignores_obstacles:
+    these messages have no effect; sends_nothing: it receives only. silent: the link passes nothing to it, and it sends nothing."""
 
     def __init__(self, profile: FirmwareProfile | None = None) -> None:
         self.profile = profile or FirmwareProfile()
@@ -130,7 +131,7 @@ class SimulatedAutopilot:
         self._answers.clear()
 
     def sign(self, key: bytes | None) -> None:
-        """With this key from now on; None: no more. It knows of no signatures from before."""
+        """Signs with this key from now on; None: stops signing. Forgets the timestamps of earlier signatures."""
         self.profile.key = key
         signing = self._mavlink.signing
         signing.secret_key, signing.sign_outgoing = key, key is not None
@@ -144,7 +145,7 @@ class SimulatedAutopilot:
     # ---- in -----------------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """What the companion sent."""
+        """Handles bytes that the companion sent."""
         for message in self._splitter.feed(data):
             kind = message.get_type()
             if not self._takes(message):
@@ -193,7 +194,7 @@ class SimulatedAutopilot:
         return self.layers
 
     def _takes(self, message: Any) -> bool:
-        """By the library's own check, which knows the time by what it hears, too."""
+        """Whether a message is accepted, by the check of the MAVLink library, which also advances its time by received timestamps."""
         frame = message.get_msgbuf()
         if self.profile.key is None or not any(self.profile.key):
             return True
@@ -202,7 +203,7 @@ class SimulatedAutopilot:
         return bool(self._mavlink.check_signature(frame, message.get_srcSystem(), message.get_srcComponent()))
 
     def of_kind(self, kind: str) -> list[Any]:
-        """The messages of one kind that came."""
+        """The received messages of one kind."""
         return [m for m in self.received if m.get_type() == kind]
 
     def _set_interval(self, number: int, interval_us: float) -> None:
@@ -239,7 +240,7 @@ class SimulatedAutopilot:
         self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
 
     def _set_parameter(self, message: Any) -> None:
-        """Takes a value and sends the parameter with its new value."""
+        """Sets a parameter and sends it with its new value."""
         name, value = message.param_id, float(message.param_value)
         if name not in self.parameters:
             return
@@ -250,7 +251,7 @@ class SimulatedAutopilot:
         self._read_parameter(message)
 
     def relay(self, data: bytes) -> None:
-        """Bytes of another sender, which a router forwards with the next message."""
+        """Adds bytes of another sender, which a router forwards with the next message."""
         self._answers.append(data)
 
     def _answer(self, message: Any) -> None:
@@ -259,7 +260,7 @@ class SimulatedAutopilot:
     # ---- out ----------------------------------------------------------------------------------------------------
 
     def due(self, now_ns: int) -> list[bytes]:
-        """What to send now."""
+        """The messages to send now, encoded."""
         out, self._answers = self._answers, []
         if self.silent or self.sends_nothing:
             return []
@@ -278,7 +279,7 @@ class SimulatedAutopilot:
         return out
 
     def next_due_ns(self, now_ns: int) -> int:
-        """When to ask `due` again, after it was asked at now_ns: the next message's instant, or soon where one is held back."""
+        """Instant of the next call of `due` after one at now_ns: that of the next message, or soon where one is held back."""
         own = (_HEARTBEAT, _TIMESYNC)
         awaited = [t_ns for number, t_ns in self._next_ns.items() if number in self._intervals or number in own]
         return max(min(awaited, default=now_ns), now_ns + _LOOK_NS)
