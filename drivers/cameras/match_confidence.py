@@ -41,7 +41,8 @@ _SOBEL_SCALE = 1.0 / 8.0
 _LEAST_NOISE_GREY = 0.12
 """Standard deviation of the derivative by rounding to whole grey levels: sqrt(1/12) times 0.43, the norm of the derivative."""
 _NOISE_SHARES = 2.0
-"""By so many shares of noise in the variance the least correlation of strong texture is lowered: twice what noise takes."""
+"""Factor on the share of noise in the variance, by which the least correlation of strong texture is lowered; 1 is what the noise
+takes."""
 _LEAST_MATCHED = 0.5
 """Share of the window that must have a disparity."""
 _FAR_PX = 1.0
@@ -53,9 +54,9 @@ _PATCH_STEP_PX = 1.5
 _EDGE_PX = 1200
 """Larger patches are more than one edge."""
 _SHARED_PX, _SHARED_STEP_PX = 2, 3.0
-"""A place of the right image is shared by matches within so many columns that differ by more in their disparity."""
+"""Columns within which matches share a place of the right image, and the least difference of their disparities, pixels."""
 _STEP_PX = 8
-"""The noise is sampled at every so many rows and columns."""
+"""Step of rows and columns at which the noise is sampled, pixels."""
 _NOISE_PERCENTILE, _LEAST_SAMPLES = 20.0, 50
 _BAND_PX = 16
 """Rows that are averaged where repetition is looked for."""

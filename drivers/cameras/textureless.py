@@ -20,7 +20,7 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _LEAST_NOISE_GREY, _MOST_NOISE_GREY = 0.3, 2.5
-"""Rounding to whole grey levels, and the most that an image without a smooth tile is taken for."""
+"""Bounds of the estimated noise, grey levels: rounding to whole levels, and the greatest one of an image without a smooth tile."""
 _TILE_PX, _NOISE_PERCENTILE = 16, 15.0
 _SPECKLE_SCALE = 6.0
 """Standard deviation of `_SPECKLE` on noise of 1."""
@@ -33,16 +33,18 @@ _BENDS = (((5, 5), (6, 0)), ((5, 5), (0, 6)), ((21, 3), (0, 4)), ((3, 21), (4, 0
 """Windows (width, height) and the steps (right, down) at which their means are compared, pixels."""
 
 _LIKE_WINDOW, _LIKE_BELOW_PX, _LIKE_GAP_PX, _LIKE_ROWS = (41, 5), 6, 8, 90
-"""Window whose mean is compared with that so many rows below, unmatched rows between both, and rows from the
-surface on."""
+"""A surface is compared with what is below it: window of the means (width, height), distance of its rows, unmatched rows between
+both, and greatest number of rows below the surface, pixels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SmoothLimits:
-    """edge_sigmas: an edge stands out of the noise by this much; slope_grey: change of grey per pixel that a sky may have;
-    bend_grey: and change of that slope over a window; dark_grey, bright_grey: pixels outside are not judged; differ_grey: the most
-    that both images may differ in brightness; like_grey: and that a surface may from what is below it; grow_px: what lies this close
-    to an edge is not smooth."""
+    """Limits of a surface without texture, in grey levels (0..255).
+
+    edge_sigmas: least contrast of an edge, in standard deviations of the noise; slope_grey: greatest change of grey per pixel
+    of a sky; bend_grey: greatest change of that slope over a window; dark_grey, bright_grey: pixels outside of this range are
+    not judged; differ_grey: greatest difference in brightness between both images; like_grey: greatest difference between a
+    surface and what is below it that counts as alike; grow_px: pixels this close to an edge are not smooth."""
 
     edge_sigmas: float = 5.0
     slope_grey: float = 0.8
