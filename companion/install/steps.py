@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pwd
+import shlex
 import shutil
 import subprocess
 import sys
@@ -104,10 +105,12 @@ def install_paths(root: Path) -> InstallPaths:
 
 
 def start_command(paths: InstallPaths, config: Path) -> str:
-    """The commands that start the service with a configuration, now and at each boot."""
+    """The commands that start the service with a configuration, now and at each boot. The command of this environment is
+    named by its place: sudo searches only directories of the system."""
+    name = shlex.quote(str(config))
     if not paths.package_unit.exists():
-        return f"sudo companion install -c {config}"
-    copy = "" if config.absolute() == paths.config else f"sudo cp {config} {paths.config} && "
+        return f"sudo {shlex.quote(str(Path(sys.executable).with_name('companion')))} install -c {name}"
+    copy = "" if config.absolute() == paths.config else f"sudo cp {name} {paths.config} && "
     return f"{copy}sudo systemctl enable --now {NAME}"
 
 

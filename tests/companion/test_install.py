@@ -7,8 +7,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -260,7 +262,9 @@ def test_the_package_is_left_to_apt(command: str, image: Path, capsys: pytest.Ca
 
 def test_the_command_that_starts_the_service_fits_to_the_package(tmp_path: Path) -> None:
     paths = InstallPaths(tmp_path)
-    assert start_command(paths, Path("my.toml")) == "sudo companion install -c my.toml"
+    command = shlex.split(start_command(paths, Path("my file.toml")))
+    assert (command[0], command[2:]) == ("sudo", ["install", "-c", "my file.toml"])
+    assert command[1] == str(Path(sys.executable).with_name("companion")), "the path of root lacks this environment"
     paths.package_unit.parent.mkdir(parents=True)
     paths.package_unit.write_text("")
     assert start_command(paths, paths.config) == "sudo systemctl enable --now osape-companion"
