@@ -23,12 +23,16 @@ class OwnMovers:
         """Replaces those of a camera, whose tracker has moved them to this exposure."""
         self._newest = self._newest | {camera: (exposure_ns, tuple(objects))}
 
-    def at(self, now_ns: int) -> tuple[SharedMover, ...]:
-        """Returns those of all cameras, with their ages at now_ns."""
+    def at(self, now_ns: int, since_ns: int) -> tuple[SharedMover, ...]:
+        """Returns those of all cameras, with their ages at now_ns.
+
+        since_ns: newest jump of the own estimate. Trackers follow it with their next frame: those of earlier frames stand
+        in the section before it, and are left out."""
         cameras = enumerate(self._newest.values())
         return tuple(
             _shared(o, number, (now_ns - exposure_ns) / NS)
             for number, (exposure_ns, objects) in cameras
+            if exposure_ns >= since_ns
             for o in objects
         )
 

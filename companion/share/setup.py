@@ -43,6 +43,8 @@ READS: Final = frozenset({GPS_GLOBAL_ORIGIN})
 FOREIGN_READS: Final = frozenset({TUNNEL_ID})
 """Ids of messages of other vehicles that `foreign` needs."""
 CLOCK_FILE: Final = "signing-clock-share"
+MOST_STREAM: Final = (1 << 32) - 1024
+"""Leaves room for the streams that follow each other without a restart."""
 REQUEST_NS, REQUEST_AGAIN_NS = 2 * NS, 30 * NS
 
 
@@ -79,7 +81,7 @@ class ShareService:
             share,
             self._config.avoid.radius_m,
             self._links,
-            time.time_ns() // NS,
+            stream_of(time.time_ns()),
             self._vehicle,
             publisher,
             self._boot,
@@ -154,6 +156,11 @@ class ShareService:
         if share.zenoh:
             links.append(ZenohLink(share.zenoh_team, Path(share.zenoh), deliver))
         return links
+
+
+def stream_of(unix_ns: int) -> int:
+    """Returns the stream of packets of a start at this wall clock, within the range of a packet whatever the clock."""
+    return min(max(1, unix_ns // NS), MOST_STREAM)
 
 
 def _signing(config: Config, folders: Folders) -> Signing:

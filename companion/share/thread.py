@@ -231,7 +231,7 @@ class Sharing:
     def _update(self, team: Team, now_ns: int) -> None:
         team.own.motion = self._motion.newest
         team.own.planes = self._planes
-        team.own.movers, team.own.movers_ns = self._movers.at(now_ns), now_ns
+        team.own.movers, team.own.movers_ns = self._movers.at(now_ns, team.own.motion.jump_ns), now_ns
         if self._config.fixed_origin() is None:
             team.own.origin = self._origin
 

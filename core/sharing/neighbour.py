@@ -114,7 +114,11 @@ class Neighbour:
     def take(self, packet: Packet, arrival_ns: int, params: SharingParams) -> None:
         """Uses a packet that `refusal` accepts."""
         header, content = packet.header, packet.content
-        if header.stream != self.stream or not self._continues(header, arrival_ns, params):
+        if (
+            header.stream != self.stream
+            or not self._continues(header, arrival_ns, params)
+            or self._delay_s(header, arrival_ns) * NS > SILENT_NS
+        ):
             self._restart(header, arrival_ns)
         elif header.section != self.section:
             self._new_section(header.section)

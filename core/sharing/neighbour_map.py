@@ -129,13 +129,12 @@ class NeighbourMap:
         return _joined(parts, tuple(movers), tuple(statuses), now_ns)
 
     def bodies(self, own: OwnState, now_ns: int) -> list[Body]:
-        """Returns the vehicles of the team in the own frame, the own one first."""
+        """Returns the vehicles of the team in the own frame whose place is certain enough, the own one first."""
         found = []
         if own.state is not None:
             found.append(Body(self._own_vehicle, own.state.position_m, own.state.radius_m, 0.0))
         for _, neighbour in sorted(self._neighbours.items()):
-            placement = self._placement(neighbour, own)
-            body = None if placement is None else self._body(neighbour, placement, now_ns)
+            body = self._body(neighbour, self._placement(neighbour, own), now_ns)
             if body is not None:
                 found.append(
                     Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m, body.velocity_m_s)
@@ -149,7 +148,7 @@ class NeighbourMap:
         state = _state_of(placement, self.params.max_sigma_m)
         status = NeighbourStatus(
             vehicle=neighbour.vehicle,
-            silent_s=(now_ns - neighbour.received_ns) / NS,
+            silent_s=_age_s(neighbour.received_ns, now_ns),
             placement=state,
             fit="" if neighbour.last_fit is None else str(neighbour.last_fit.result.value),
             sigma_m=math.inf if placement is None else placement.sigma_m,
@@ -161,6 +160,8 @@ class NeighbourMap:
             vehicle_m=None,
         )
         frames = self._frames_of(neighbour, placement, own)
+        # a vehicle does not observe itself: what it reports beside itself is something else
+        bodies = [body for body in bodies if body.vehicle != neighbour.vehicle]
         parts = [self._planes_of(neighbour.vehicle, planes, place, bodies, now_ns) for planes, _, place in frames]
         movers = [
             mover
@@ -169,8 +170,7 @@ class NeighbourMap:
         ]
         total = len(neighbour.planes) + sum(len(former.planes) for former in neighbour.retired)
         count = sum(len(part["sender"]) for part in parts)
-        certain = None if state is PlacementState.WITHHELD else placement
-        body = None if certain is None else self._body(neighbour, certain, now_ns)
+        body = self._body(neighbour, placement, now_ns)
         if body is not None and not _is_observed(body, own):
             movers.append(body)
         vehicle_m = None if body is None else body.centre_m
@@ -208,7 +208,7 @@ class NeighbourMap:
             "ids": np.array([held[k][0] for k in rows], np.uint16),
             "planes": planes[rows],
             "margin_m": margin_m[rows],
-            "age_s": np.array([(now_ns - held[k][1].seen_ns) / NS for k in rows], np.float32),
+            "age_s": np.array([_age_s(held[k][1].seen_ns, now_ns) for k in rows], np.float32),
             "flags": np.array([held[k][1].flags for k in rows], np.uint8),
             "aligned": np.full(len(rows), int(placement.refined), np.uint8),
         }
@@ -219,15 +219,17 @@ class NeighbourMap:
         """Returns the moving obstacles of one frame without vehicles of the team."""
         found = []
         for number, held in sorted(movers.items()):
-            mover = _placed_mover(vehicle, number, held.mover, placement, (now_ns - held.seen_ns) / NS)
+            mover = _placed_mover(vehicle, number, held.mover, placement, _age_s(held.seen_ns, now_ns))
             size_m = held.mover.half_size_m  # without the uncertainty of the height
             if not any(body.contains(mover.centre_m, size_m, mover.margin_m) for body in bodies):
                 found.append(mover)
         return found
 
-    def _body(self, neighbour: Neighbour, placement: Placement, now_ns: int) -> SharedMovingObstacle | None:
-        """Returns the neighbour itself; None: its place is too old."""
-        state, age_s = neighbour.state, (now_ns - neighbour.state_ns) / NS
+    def _body(self, neighbour: Neighbour, placement: Placement | None, now_ns: int) -> SharedMovingObstacle | None:
+        """Returns the neighbour itself; None: its place is too old or too uncertain. Then it hides no report, either."""
+        state, age_s = neighbour.state, _age_s(neighbour.state_ns, now_ns)
+        if placement is None or placement.sigma_m > self.params.max_sigma_m:
+            return None
         if state is None or age_s > max(2.5, self.params.mover_expire_s):
             return None
         r = state.radius_m
@@ -276,6 +278,11 @@ def own_frame(params: SharingParams, latitude_deg: float, longitude_deg: float, 
         sigma_z_m=params.height_sigma_m,
         sigma_yaw_rad=math.radians(params.heading_sigma_deg),
     )
+
+
+def _age_s(seen_ns: int, now_ns: int) -> float:
+    """Returns an age. Packets are stamped in other threads, and may be a little later than now_ns."""
+    return max(0, now_ns - seen_ns) / NS
 
 
 def _state_of(placement: Placement | None, max_sigma_m: float) -> PlacementState:

@@ -17,7 +17,7 @@ from core.types import PlaneFlags
 
 THIN = Budget(bytes_per_s=300.0, overhead_bytes=30, packet_bytes=128)
 STATE = VehicleState(
-    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0),
+    frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0, sigma_m=1.5),
     position_m=(0.0, 0.0, -3.0),
     velocity_m_s=(0.0, 0.0, 0.0),
     radius_m=0.4,

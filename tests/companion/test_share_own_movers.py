@@ -1,0 +1,42 @@
+"""Own moving obstacles after a jump of the own position, and the number of a start with an unset clock."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+
+from companion.share.own_movers import OwnMovers
+from companion.share.setup import MOST_STREAM, stream_of
+from core.tracking.snapshot import MovingObject
+
+from .test_share_thread import NS, Made, attitudes, moving, pose, received_movers, tracked
+
+
+def test_moving_obstacles_of_frames_before_a_jump_are_left_out() -> None:
+    """They stand in the section before it: a tracker follows the jump with the next frame of its camera."""
+    own = OwnMovers()
+    own.take("front", (cast(MovingObject, moving(20.0)),), 5 * NS)
+    own.take("rear", (cast(MovingObject, moving(-20.0)),), 6 * NS)
+    assert [m.centre_m[0] for m in own.at(6 * NS, 0)] == [20.0, -20.0]
+    assert [m.centre_m[0] for m in own.at(6 * NS, 6 * NS)] == [-20.0]
+    assert own.at(6 * NS, 6 * NS + 1) == ()
+
+
+def test_a_jump_of_the_own_position_stops_the_report_of_earlier_moving_obstacles() -> None:
+    made = Made()
+    made.sharing.tracks(tracked("front", 5 * NS, moving(20.0)))
+    made.sharing.samples([*attitudes(5 * NS), pose(5 * NS)])
+    made.sharing.samples([pose(5 * NS + NS // 20, 50.0, 1)])
+    assert received_movers(made, 5 * NS + NS // 10) == []
+    made.sharing.tracks(tracked("front", 5 * NS + NS // 2, moving(70.0)))
+    assert received_movers(made, 5 * NS + 6 * NS // 10) == [pytest.approx(70.8, abs=0.3)]
+
+
+@pytest.mark.parametrize(("unix_ns", "stream"), [(-5 * NS, 1), (0, 1), (23 * NS, 23), (1 << 62, (1 << 62) // NS)])
+def test_the_stream_of_a_start_is_the_time(unix_ns: int, stream: int) -> None:
+    assert stream_of(unix_ns) == min(stream, MOST_STREAM)
+
+
+def test_the_stream_of_a_start_fits_into_a_packet_whatever_the_clock() -> None:
+    assert stream_of((1 << 63) - 1) == MOST_STREAM < (1 << 32) - 1
