@@ -93,10 +93,10 @@ def test_walls_of_which_a_third_stands_elsewhere_are_inconsistent(seed: int) -> 
 
 
 def test_parallel_walls_do_not_fix_the_place_along_them() -> None:
-    """With positions so certain that no other place is probable, too."""
+    """With positions so certain that few other places are probable, too."""
     rows = [(0.0, y, 40.0, y, -6.0, 0.0) for y in (5.0, 8.0, 12.0, -6.0, -9.0, -13.0)]
     walls = np.array(rows)
-    assert refused(other_of(TRUE, walls), walls, prior(0.2, 0.1, 0.0, m=0.68)) is FitResult.UNOBSERVABLE
+    assert refused(other_of(TRUE, walls), walls, prior(0.2, 0.1, 0.0, m=0.68)) is FitResult.AMBIGUOUS
 
 
 def test_round_walls_do_not_fix_the_yaw() -> None:
@@ -159,6 +159,25 @@ def test_a_row_of_similar_trees_is_not_shifted_by_a_period(first: int, seed: int
     rng = np.random.Generator(np.random.PCG64(seed))
     other, own = similar_trees(rng, seed, first, 17), similar_trees(rng, seed, 0, 10)
     assert refused(other_of(TRUE, other), own, prior(-3.2, 0.2, 0.02)) in (FitResult.AMBIGUOUS, FitResult.TOO_LITTLE)
+
+
+@pytest.mark.parametrize("period_m", [1.5, 2.6, 3.0, 3.4])
+def test_a_facade_that_repeats_is_ambiguous_whatever_its_period(period_m: float) -> None:
+    """Both vehicles have observed bays of the same facades, and one has observed those beyond, too. The periods are no
+    multiples of the cells of the coarse grid."""
+    for seed in range(12):
+        rng = np.random.Generator(np.random.PCG64([seed, 5]))
+        x = period_m * np.arange(int(48.0 / period_m))
+        rows = []
+        for side in (-7.0, 7.0):
+            y, zero = np.full(len(x), side), np.zeros(len(x))
+            rows.append(np.column_stack([x, y, x + 0.7 * period_m, y, zero - 8.0, zero]))
+            rows.append(np.column_stack([x, y + math.copysign(3.0, side), x, y, zero - 8.0, zero]))
+        own = np.concatenate(rows)
+        other = own[(own[:, 0] >= 12.0) & (own[:, 0] < 36.0)]
+        own, other = (box + rng.normal(0.0, 0.1, box.shape) for box in (own, other))
+        wrong = prior(*rng.uniform(-3.0, 3.0, 2), 0.0)
+        assert refused(other_of(TRUE, other), own, wrong) in (FitResult.AMBIGUOUS, FitResult.TOO_LITTLE)
 
 
 @pytest.mark.parametrize(
