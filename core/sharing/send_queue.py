@@ -44,7 +44,7 @@ THIRD_NS, LATEST_THIRD_NS = NS, 3 * NS
 packet is sent for it alone."""
 CHANGED_NS = NS
 """Least time between two packets with a plane that changes all the time."""
-STATE_NS, FIRST_STATES, MOTION_NS, MOVERS_NS = 5 * NS, 3, NS, NS // 4
+STATE_NS, FIRST_STATES, MOTION_NS, MOVERS_NS = 10 * NS, 3, NS, NS // 4
 """Intervals of the state, after the first ones, of which each has the interval of the motion; of the motion, and of
 moving obstacles."""
 MOVED_M, GROWN_M = 0.3, 0.5
@@ -191,7 +191,9 @@ class SendQueue:
             used += self._budget.overhead_bytes
             room, paced_room = ((self._sent.room(urgent=u) - used) // form.bytes for u in (True, False))
             some = rows[: min(len(urgent), max(0, room)) + max(0, min(len(paced), paced_room - len(urgent)))]
-            if len(some) < min(most, len(urgent) or len(paced)):  # of many planes full packets: each has its overhead
+            unsent = int((self._times[planes.ids[urgent]] == 0).sum())
+            # Each packet has its overhead: copies wait for a full one, what was never sent does not wait for copies.
+            if len(some) < min(most, unsent or len(urgent) or len(paced)):
                 return
             fitting = (r for r in some[: 4 * most] if plane_fits(form, planes, int(r), anchor_m))
             chosen = np.array([row for row, _ in zip(fitting, range(min(most, room)), strict=False)], np.intp)
