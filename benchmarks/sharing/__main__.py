@@ -52,7 +52,7 @@ MEANING = f"""*Rate*: the vehicle that sent most, greatest over {WINDOW_S:g} s a
 
 NOTES = """## What limits the figures
 
-*Delay over more runs.* 28 November 2026, commit 908deb67, two vehicles, four scenes, six (trees: three) seeds of the radio each, the same for both versions, without alignment: `python -m benchmarks.sharing.many_delays street 300 6`, obstacles confirmed later than 5 s after the start. Shares are of all, with those that never arrived. The delays of the table above are of the packets before.
+*Delay over more runs.* 28 November 2026, packets of version 3, two vehicles, four scenes, six (trees: three) seeds of the radio each, the same for both versions, without alignment: `python -m benchmarks.sharing.many_delays street 300 6`, obstacles confirmed later than 5 s after the start. Shares are of all, with those that never arrived. The delays of the table above are of the packets before.
 
 | scene | B/s | new obstacles | within 0.5 s, % | p50, s | p95, s | p99, s | max, s | never, % |
 |---|---:|---:|---:|---:|---:|---:|---:|---:|
