@@ -16,7 +16,7 @@ from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, measured_mm
 from .stages.free_profile import free_profile
 from .stages.free_space import FreeObservation, observe_free
-from .stages.ground import POINT, find_ground
+from .stages.ground import POINT, find_ground, ground_settings
 from .stages.ground_ranges import with_ranges
 from .stages.level import LevelledView, level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
@@ -39,6 +39,7 @@ class Extractor:
     def __init__(self, params: Params | None = None, open_sky: OpenSkyParams | None = None) -> None:
         self.params = params or Params()
         self.open_sky = open_sky or OpenSkyParams()
+        self._ground_settings = ground_settings(self.params)
         self._settings: Settings | None = None
         self._buffers = Buffers()
         self._strip_search = StripSearch(self.params, self._buffers)
@@ -82,7 +83,7 @@ class Extractor:
         source = source_of(info, R, clear_range_m(info, ke, p))
         ke, next_state = estimate_noise(state, depth_mm, marks, info, ke, p)
         points = self._buffers("points", (p.ground_max_samples,), POINT)
-        ground = find_ground(marks, info, R, ke, state.ground_height_m, p, points)
+        ground = find_ground(marks, info, R, ke, state.ground_height_m, p, self._ground_settings, points)
         smear = remove_smeared_edges(next_state, depth_mm, marks, info, R, ground, ke, p, self._buffers)
         next_state, stats = smear.state, pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)

@@ -12,14 +12,13 @@ bounded slopes is fitted. If no height is accepted, no ground is assumed."""
 from __future__ import annotations
 
 import math
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Rotation
-from ..jit import inner, kernel, record
+from ..jit import inner, kernel, record, record_of
 from ..params import Params
 from ..types import FAR_MM, CameraInfo, Ground
 
@@ -32,10 +31,9 @@ _CLIMB_MOST = 2.0 / 3.0
 """Greatest climb of a pair as a share of the camera's height. At a height of a few centimetres the least climb would
 otherwise reach over the horizon, and no pair on the ground would vote."""
 GROUND_SETTINGS = record(
-    ("pair_rows_min", np.float64),  # rows between the two pixels of a pair
-    ("pair_rows_max", np.float64),
     ("tolerance_m", np.float64),  # `ground_tolerance_m`, at most cap_m
     ("cap_m", np.float64),  # greatest tolerance
+    ("pair_min_px", np.float64),
     ("min_height_m", np.float64),
     ("max_height_m", np.float64),
     ("height_step", np.float64),
@@ -60,13 +58,13 @@ GROUND_SETTINGS = record(
     ("max_below_share", np.float64),
     ("recede_share", np.float64),
     ("recede_noise", np.float64),
+    ("pair_parts", np.int64),
     ("seed_steps", np.int64),
     ("tries", np.int64),
     ("fit_rounds", np.int64),
 )
 """Settings of the ground search. Fields without a comment are the parameters of these names with the prefix
 `ground_`."""
-_named_parameters = attrgetter(*(f"ground_{name}" for name in (GROUND_SETTINGS.names or ())[4:]))
 
 POINT = record(
     ("x", np.float32),  # place in level_cam, m
@@ -80,13 +78,11 @@ POINT = record(
 """A sampled pixel."""
 
 
-def ground_settings(rows: int, p: Params) -> NDArray[Any]:
-    """Returns (1,) GROUND_SETTINGS for images of this number of rows."""
+def ground_settings(p: Params) -> NDArray[Any]:
+    """Returns (1,) GROUND_SETTINGS."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
-    derived = p.ground_pair_min_px, rows // p.ground_pair_parts, min(p.ground_tolerance_m, cap), cap
-    out = np.zeros(1, GROUND_SETTINGS)
-    out[0] = (*derived, *_named_parameters(p))
-    return out
+    named = {name: getattr(p, f"ground_{name}") for name in (GROUND_SETTINGS.names or ())[2:]}
+    return record_of(GROUND_SETTINGS, p, tolerance_m=min(p.ground_tolerance_m, cap), cap_m=cap, **named)
 
 
 def height_bins(p: Params) -> int:
@@ -120,7 +116,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
         points: (N,) POINT out. Further samples vote but are not written."""
     rows, cols = marks.shape
     least, bin_step = tuning.min_height_m, tuning.height_step
-    bins, lowest = len(votes), step_of(least, bin_step)
+    bins, lowest, pair_rows_max = len(votes), step_of(least, bin_step), np.float64(rows // tuning.pair_parts)
     votes[:] = 0
     n = 0
     sampled = 0
@@ -146,7 +142,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             # the height that a wall covers over the rows of the pair
             climb_min = min(tuning.pair_climb_min_m, _CLIMB_MOST * z)
             climb = min(max(tuning.pair_climb * z, climb_min), tuning.pair_climb_max_m)
-            v2 = v - int(max(tuning.pair_rows_min, min(tuning.pair_rows_max, climb * k[1] * d)))
+            v2 = v - int(max(tuning.pair_min_px, min(pair_rows_max, climb * k[1] * d)))
             if v2 < 0:
                 continue
             mark = marks[v2, u]
@@ -301,6 +297,7 @@ def find_ground(
     ke: float,
     seed_height_m: float,
     params: Params,
+    settings: NDArray[Any],
     points: NDArray[Any],
 ) -> Ground:
     """Returns the ground of one frame, or NO_GROUND.
@@ -312,6 +309,7 @@ def find_ground(
         ke: noise coefficient, 1/m.
         seed_height_m: height of the last frame's ground, which gets more weight; nan: none.
         params: parameters.
+        settings: (1,) of `ground_settings`.
         points: (ground_max_samples,) POINT out, for `with_ranges`."""
     k, p = info.intrinsics, params
     across, down = p.ground_column_step, p.ground_row_step
@@ -325,7 +323,7 @@ def find_ground(
         seed_height_m,
         across * step,
         down * step,
-        ground_settings(k.height, p),
+        settings,
         np.zeros(height_bins(p), np.int32),
         points,
     )

@@ -288,9 +288,9 @@ def find_openings(
         settings: (1,) OPENING_SETTINGS.
         buffers: scratch memory."""
     p = settings[0]
-    cell = int(p.opening_cell_px)
+    cell = int(p["opening_cell_px"])
     shape = -(-view.cols // cell), -(-view.rows // cell)
-    layers = 1 + max(0, round(math.log(max_range_m / p.opening_first_m) / math.log(p.opening_ratio)))
+    layers = 1 + max(0, round(math.log(max_range_m / p["opening_first_m"]) / math.log(p["opening_ratio"])))
     masks, steps_m = buffers("opening_masks", (layers, *shape), np.uint8), np.empty(layers - 1)
     spare = buffers("opening_spare", (2, shape[0] * shape[1]), np.uint8)
     open_masks(codes, strips, n, view, settings, max_range_m, spare, masks, steps_m)

@@ -43,7 +43,7 @@ def find(
     points = np.zeros(p.ground_max_samples, POINT)
     marks = np.empty(depth.shape, np.uint16)
     classify(depth, *measured_mm(info, ke, p), 1e9, 0.0, marks)
-    return find_ground(marks, info, R, ke, seed, p, points)
+    return find_ground(marks, info, R, ke, seed, p, ground_settings(p), points)
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])
@@ -236,7 +236,7 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
     k, R = info.intrinsics, level(pitch)
     image = rng.integers(1500, 9000, (24, 20)).astype(np.uint16)
     image[rng.random(image.shape) < 0.2] = rng.choice([0, FAR_MM])
-    tuning, points = ground_settings(24, P)[0], np.zeros(P.ground_max_samples, POINT)
+    tuning, points = ground_settings(P)[0], np.zeros(P.ground_max_samples, POINT)
     n, _ = vote(
         image, R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005, 2, 2, tuning, np.zeros(height_bins(P), np.int32), points
     )
