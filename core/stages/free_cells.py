@@ -1,13 +1,13 @@
 """Samples of the levelled view for the free-range profile, in an order in which they are counted fast.
 
-Input: quantised disparity of the exact view. Output: the samples of one direction, block by block of rows, and the
-number of unknown samples and columns. Used by free_space.py."""
+Input: quantised disparity of the exact view. Output: the unknown cells of each block of a column, the samples of one
+direction, block by block of rows, and the number of unknown samples and columns. Used by free_space.py."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inner
+from ..jit import inner, kernel
 from .view_geometry import Q_UNKNOWN
 
 DARK_ROWS = 4
@@ -67,27 +67,44 @@ def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
             total += np.int64(unknown[v])
 
 
+@kernel
+def unknown_of_blocks(codes):
+    """Returns the number of unknown cells in each block of DARK_ROWS rows of a column, (cols, blocks) uint8. Cells beyond
+    the last row count as unknown. codes: (cols, rows) uint16."""
+    cols, rows = codes.shape
+    counts = np.empty((cols, (rows + DARK_ROWS - 1) // DARK_ROWS), np.uint8)
+    one, two, three, step = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(DARK_ROWS)
+    for u in range(cols):
+        column, blocks, v = codes[u], counts[u], np.uint64(0)
+        for b in range(rows // DARK_ROWS):
+            upper = np.uint8(column[v] == Q_UNKNOWN) + np.uint8(column[v + one] == Q_UNKNOWN)
+            lower = np.uint8(column[v + two] == Q_UNKNOWN) + np.uint8(column[v + three] == Q_UNKNOWN)
+            blocks[b] = upper + lower
+            v += step
+        if rows % DARK_ROWS:
+            blocks[-1] = DARK_ROWS
+            for row in range(rows // DARK_ROWS * DARK_ROWS, rows):
+                blocks[-1] -= column[row] != Q_UNKNOWN
+    return counts
+
+
 @inner
-def count_dark_blocks(codes, u0, u1, dark_blocks):
+def count_dark_blocks(unknown, u0, u1, dark_blocks):
     """Counts blocks of DARK_ROWS rows of which more than half are unknown; returns the number of columns that have
     any.
 
     Args:
-        codes: (cols, rows) uint16.
+        unknown: of `unknown_of_blocks`.
         u0, u1: first column and end.
         dark_blocks: (cols, rows // DARK_ROWS + 1) int16 out. Line k is the k-th of these columns; element b is the
             number of such blocks before block b."""
-    one, two, three, step = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(DARK_ROWS)
     found = 0
     for u in range(u0, u1):
-        column, counts, total, v = codes[u], dark_blocks[found], np.int16(0), np.uint64(0)
+        column, counts, total = unknown[u], dark_blocks[found], np.int16(0)
         counts[0] = 0
         for b in range(1, counts.shape[0]):
-            upper = np.int16(column[v] == Q_UNKNOWN) + np.int16(column[v + one] == Q_UNKNOWN)
-            lower = np.int16(column[v + two] == Q_UNKNOWN) + np.int16(column[v + three] == Q_UNKNOWN)
-            total += np.int16(upper + lower > 2)
+            total += np.int16(2 * column[b - 1] > DARK_ROWS)
             counts[b] = total
-            v += step
         if total > 0:
             found += 1
     return found

@@ -1,6 +1,6 @@
 """Holes of the levelled view: squares of unknown cells that are large enough to hide a thing.
 
-Input: quantised disparity of the exact view. Output: for each column and block of rows the sides of the unknown squares
+Input: the number of unknown cells of each block of the exact view. Output: for each column and block of rows the sides of the unknown squares
 that contain it. Used by free_space.py.
 
 What is nearer than the minimum range, and a surface without texture, leaves a hole in the image and no plane. The share
@@ -16,7 +16,6 @@ import numpy as np
 
 from ..jit import inner, inner_inline, kernel
 from .free_cells import DARK_ROWS
-from .view_geometry import Q_UNKNOWN
 
 LEAST_SIDE = DARK_ROWS
 """Side of the smallest squares, cells. Their rows are those of a block, so a hole of 2 LEAST_SIDE - 1 rows is always found."""
@@ -28,46 +27,37 @@ _BEYOND = LEAST_SIDE << (_SIDES - 1)
 """Cells beyond the border of the view that count as unknown."""
 
 
-@kernel
-def fill_unknown(codes, out):
-    """Finds blocks of LEAST_SIDE rows of a column whose cells are all unknown.
+@inner
+def fill_dark(unknown, out):
+    """Finds blocks whose cells are all unknown.
 
     Args:
-        codes: (cols, rows) uint16.
-        out: (cols + 2 _BEYOND, blocks + 2 _BEYOND / LEAST_SIDE) uint8 out, _EACH for such blocks, else 0. Cells beyond the border count as
-            unknown."""
-    cols, rows = codes.shape
+        unknown: (cols, blocks) uint8 of `unknown_of_blocks`.
+        out: (cols + 2 _BEYOND, blocks + 2 _BEYOND / LEAST_SIDE) uint8 out, _EACH for such blocks and for those beyond
+            the border, else 0."""
+    cols, blocks = unknown.shape
     beyond = _BEYOND // LEAST_SIDE
     out[:] = _EACH
-    step, one, two, three = np.uint64(LEAST_SIDE), np.uint64(1), np.uint64(2), np.uint64(3)
     for u in range(cols):
-        column, blocks, v = codes[u], out[u + _BEYOND], np.uint64(0)
-        for b in range(rows // LEAST_SIDE):
-            any_code = column[v] | column[v + one] | column[v + two] | column[v + three]
-            blocks[beyond + b] = _EACH if any_code == Q_UNKNOWN else np.uint8(0)
-            v += step
-        rest = 0
-        for row in range(rows // LEAST_SIDE * LEAST_SIDE, rows):
-            rest |= column[row]
-        if rows % LEAST_SIDE:
-            blocks[beyond + rows // LEAST_SIDE] = _EACH if rest == Q_UNKNOWN else np.uint8(0)
+        column, line = unknown[u], out[u + _BEYOND, beyond : beyond + blocks]
+        for b in range(blocks):
+            line[b] = _EACH if column[b] == LEAST_SIDE else np.uint8(0)
 
 
 @kernel
-def find_holes(codes):
+def find_holes(unknown):
     """Returns (cols, blocks) uint8: bit k is set where a block of LEAST_SIDE rows of a column lies in a square of unknown
-    cells of side LEAST_SIDE << k. codes: (cols, rows) uint16.
+    cells of side LEAST_SIDE << k. unknown: (cols, blocks) uint8 of `unknown_of_blocks`.
 
     Squares are marked at their first column and block. One of twice the side consists of four; in the opposite order,
     each square that was found is filled by four of half the side. The columns are searched as one line of blocks, in
     which a column is `line` blocks long: a square that runs from one column into the next lies in the blocks beyond the
     border."""
-    cols, rows = codes.shape
-    beyond = _BEYOND // LEAST_SIDE
-    line = (rows + LEAST_SIDE - 1) // LEAST_SIDE + 2 * beyond
-    unknown = np.empty((cols + 2 * _BEYOND, line), np.uint8)
-    fill_unknown(codes, unknown)
-    blocks = unknown.reshape(unknown.size)
+    cols, beyond = unknown.shape[0], _BEYOND // LEAST_SIDE
+    line = unknown.shape[1] + 2 * beyond
+    dark = np.empty((cols + 2 * _BEYOND, line), np.uint8)
+    fill_dark(unknown, dark)
+    blocks = dark.reshape(dark.size)
     n = len(blocks) - (LEAST_SIDE - 1) * line
     squares = np.empty((_SIDES, n), np.uint8)
     join_four(blocks, blocks[line:], blocks[2 * line :], blocks[3 * line :], squares[0])

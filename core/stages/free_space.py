@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel
 from ..params import Params
 from ..types import Ground
-from .free_cells import DARK_ROWS, count_dark_blocks, look_at, looked_at
+from .free_cells import DARK_ROWS, count_dark_blocks, look_at, looked_at, unknown_of_blocks
 from .free_holes import find_holes, join_holes
 from .free_walk import Sampled, blocking_codes, common_source_rows, rows_of_rings, walk_rings, walk_settings
 from .view_geometry import ViewGeometry
@@ -51,12 +51,11 @@ class FreeRanges(NamedTuple):
 
 
 @kernel
-def walk_view(codes, holes, view, image, edges_t, blocking, ring_m, layers, w, out):
+def walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, out):
     """Computes the free ranges of every direction and layer of a levelled view.
 
     Args:
         codes: (cols, rows) uint16 of the view without pooling.
-        holes: of `find_holes`.
         view: ViewGeometry.
         image: a record of SOURCE.
         edges_t: (D + 1,) float64.
@@ -70,7 +69,8 @@ def walk_view(codes, holes, view, image, edges_t, blocking, ring_m, layers, w, o
     cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
     dark, unknown = np.empty(begin.shape[0], np.int64), np.empty(rows, np.uint16)
     looked, layer_rows = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
-    dark_blocks = np.empty((cols, rows // DARK_ROWS + 1), np.int16)
+    unknown_blocks = unknown_of_blocks(codes)
+    holes, dark_blocks = find_holes(unknown_blocks), np.empty((cols, rows // DARK_ROWS + 1), np.int16)
     own_holes, near_holes = np.empty(holes.shape[1], np.uint8), np.empty(holes.shape[1], np.uint8)
     looked_at(rows, looked)
     rows_of_rings(ring_m, layers, w, layer_rows)
@@ -82,7 +82,7 @@ def walk_view(codes, holes, view, image, edges_t, blocking, ring_m, layers, w, o
             u1 += 1
         look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
         in_source = common_source_rows(H, u0, u1, image.width_px, image.height_px, rows)
-        dark_columns = count_dark_blocks(codes, u0, u1, dark_blocks)
+        dark_columns = count_dark_blocks(unknown_blocks, u0, u1, dark_blocks)
         join_holes(holes, u0, u1, own_holes, near_holes)
         sampled = Sampled(cells, begin, dark, in_source, dark_blocks[:dark_columns], own_holes, near_holes)
         for layer in range(len(layers) - 1):
@@ -160,8 +160,7 @@ def observe_free(
         params: parameters."""
     layers = layer_edges(params)
     settings = walk_settings(view, source[0], ground, ke_per_m, params)
-    holes = find_holes(codes)
-    edges, edges_t, free_from, free_to, end = ranges_of_view(codes, holes, view, source, layers, settings)
+    edges, edges_t, free_from, free_to, end = ranges_of_view(codes, view, source, layers, settings)
     return FreeObservation(
         edges_rad=edges,
         edges_t=edges_t,
@@ -187,14 +186,13 @@ def place_rings(step_m, clear_m, ring_m):
 
 
 @kernel
-def ranges_of_view(codes, holes, view, source, layers, settings):
+def ranges_of_view(codes, view, source, layers, settings):
     """Returns (edges_rad, edges_t, free_from_m, free_to_m, end) of FreeObservation.
 
     Directions are step_rad wide, except for the last one. See `place_rings` for the rings.
 
     Args:
         codes, view, source: see `observe_free`.
-        holes: of `find_holes`.
         layers: of `layer_edges`.
         settings: (1,) WALK_SETTINGS."""
     w, image = settings[0], source[0]
@@ -211,5 +209,5 @@ def ranges_of_view(codes, holes, view, source, layers, settings):
     blocking_codes(ring_m, edges_t, layers, w, blocking)
     shape = (n, layers.shape[0] - 1)
     free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-    walk_view(codes, holes, view, image, edges_t, blocking, ring_m, layers, w, FreeRanges(free_from, free_to, end))
+    walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, FreeRanges(free_from, free_to, end))
     return edges, edges_t, free_from, free_to, end

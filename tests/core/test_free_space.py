@@ -13,7 +13,6 @@ from core.params import Params
 from core.stages import free_space as fs
 from core.stages import free_walk as walk
 from core.stages.free_cells import count_codes
-from core.stages.free_holes import find_holes
 from core.stages.free_profile import free_profile, stop_at_planes
 from core.stages.ground import NO_GROUND
 from core.stages.view_geometry import SOURCE, ViewGeometry
@@ -106,7 +105,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
         return max(depths(x, ts, zs))
 
     ranges = fs.FreeRanges(start, to, end)
-    fs.walk_view(codes, find_holes(codes), g._replace(H=to_source), image, edges_t, behind, ring_m, layers, w, ranges)
+    fs.walk_view(codes, g._replace(H=to_source), image, edges_t, behind, ring_m, layers, w, ranges)
     for d in range(3):
         for layer in range(3):
             first, last, why = naive.free_walk(
