@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import kernel
+from ..jit import inner, kernel
 from ..params import Params
 from ..types import GREATEST_MARK_MM, UNKNOWN_MM, CameraInfo, ExtractorState
 from .classify import measured_mm
-from .spatial_noise import estimate_ke, noise_tiles
+from .spatial_noise import estimate_ke, noise_tiles, quantile_of_tiles
 
 SAMPLE_ROWS, SAMPLE_COLS = 24, 32
 """Size of the grid of sampled pixels. At 640 x 480 they are 20 px apart, farther than the noise of a D435 is
@@ -42,16 +42,23 @@ def depth_samples(depth_mm: NDArray[np.uint16]) -> bytes:
     millimetres.
 
     depth_mm: (H, W) uint16. Values that are marks become UNKNOWN_MM."""
-    rows, cols = depth_mm.shape
-    v = (2 * np.arange(SAMPLE_ROWS) + 1) * rows // (2 * SAMPLE_ROWS)
-    u = (2 * np.arange(SAMPLE_COLS) + 1) * cols // (2 * SAMPLE_COLS)
-    samples = depth_mm[v[:, None], u].astype("<u2")
-    samples[samples <= GREATEST_MARK_MM] = UNKNOWN_MM
-    return samples.tobytes()
+    samples = np.empty((SAMPLE_ROWS, SAMPLE_COLS), np.uint16)
+    sample_pixels(depth_mm, samples)
+    return samples.astype("<u2", copy=False).tobytes()
+
+
+@inner
+def sample_pixels(depth_mm, samples):
+    """Fills `samples` (N, M) uint16 with the pixels in the middle of N x M equal parts of the image."""
+    (rows, cols), (down, across) = depth_mm.shape, samples.shape
+    for i in range(down):
+        for j in range(across):
+            z = depth_mm[(2 * i + 1) * rows // (2 * down), (2 * j + 1) * cols // (2 * across)]
+            samples[i, j] = z if z > GREATEST_MARK_MM else UNKNOWN_MM
 
 
 @kernel
-def tile_differences(before, now, least_mm, greatest_mm, min_samples, differences, tiles):
+def tile_differences(before, now, least_mm, greatest_mm, min_samples, tiles):
     """Computes motion and noise of each tile from the difference of 1/Z over time; returns the number of tiles with a
     result.
 
@@ -64,11 +71,11 @@ def tile_differences(before, now, least_mm, greatest_mm, min_samples, difference
         least_mm: least depth that counts as measured.
         greatest_mm: greatest depth that counts as measured.
         min_samples: least number of samples that are measured in both frames.
-        differences: (samples of a tile,) float64 scratch.
         tiles: (n, 2) float64 out: the median difference over its standard error, and the sigma of 1/Z of one frame in
             1/m."""
     count = 0
     high, wide = before.shape[0] // TILE_ROWS, before.shape[1] // TILE_COLS
+    differences = np.empty(high * wide)
     for tv in range(TILE_ROWS):
         for tu in range(TILE_COLS):
             n = 0
@@ -91,6 +98,14 @@ def tile_differences(before, now, least_mm, greatest_mm, min_samples, difference
     return count
 
 
+@kernel
+def still_tiles(tiles, errors, quantile):
+    """Returns the number of tiles without motion, and a quantile of the noise of all tiles.
+
+    tiles: (n, 2) of `tile_differences`. errors: greatest difference of a tile without motion over its standard error."""
+    return (tiles[:, 0] <= errors).sum(), quantile_of_tiles(tiles[:, 1], quantile, 1)
+
+
 def still_sigma(
     before: NDArray[np.uint16], now: NDArray[np.uint16], measured_mm: tuple[int, int], params: Params
 ) -> float:
@@ -105,18 +120,11 @@ def still_sigma(
         measured_mm: least and greatest depth that count as measured.
         params: parameters."""
     p = params
-    tiles = np.empty((TILE_ROWS * TILE_COLS, 2))
-    scratch = np.empty(before.size // len(tiles))
     least, greatest = max(measured_mm[0], math.ceil(1000.0 * p.noise_min_depth_m)), measured_mm[1]
-    known = tiles[: tile_differences(before, now, least, greatest, p.noise_time_min_samples, scratch, tiles)]
-    if len(known) < p.noise_min_tiles:
-        return math.nan
-    still = np.count_nonzero(known[:, 0] <= p.noise_still_errors)
-    return (
-        float(np.quantile(known[:, 1], p.noise_time_quantile))
-        if still >= p.noise_still_share * len(known)
-        else math.nan
-    )
+    tiles = np.empty((TILE_ROWS * TILE_COLS, 2))
+    count = tile_differences(before, now, least, greatest, p.noise_time_min_samples, tiles)
+    still, sigma = still_tiles(tiles[:count], p.noise_still_errors, p.noise_time_quantile)
+    return sigma if count >= p.noise_min_tiles and still >= p.noise_still_share * count else math.nan
 
 
 def observe(
