@@ -150,23 +150,29 @@ def compact(strips, n, keep):
 @kernel
 def sort_columns(strips, cols, first_of_column):
     """Sorts the strips of every column by top row, then from near to far. Insertion sort: they are few and nearly
-    sorted."""
+    sorted.
+
+    A record whose fields were read before is copied byte by byte, so `_comes_after` reads them from the table."""
     held = np.zeros(1, STRIP)
     for u in range(cols):
         first = first_of_column[u]
         for i in range(first + 1, first_of_column[u + 1]):
-            top, d = strips[i].top_row, strips[i].disparity_px
-            at = i
-            for _ in range(i - first):
-                if strips[at - 1].top_row < top or (strips[at - 1].top_row == top and strips[at - 1].disparity_px >= d):
-                    break
-                at -= 1
-            if at == i:
+            if not _comes_after(strips[i - 1], strips[i]):
                 continue
             held[0] = strips[i]
-            for j in range(i - at):
-                strips[i - j] = strips[i - j - 1]
+            at = i
+            for _ in range(i - first):
+                if not _comes_after(strips[at - 1], held[0]):
+                    break
+                strips[at] = strips[at - 1]
+                at -= 1
             strips[at] = held[0]
+
+
+@inner
+def _comes_after(a, b):
+    """True if strip a comes after strip b in the order of `sort_columns`."""
+    return a.top_row > b.top_row or (a.top_row == b.top_row and a.disparity_px < b.disparity_px)
 
 
 @inner
@@ -196,10 +202,9 @@ def smooth_near(strips, n, cols, settings, first_of_column, lowest, raw):
         n: number of strips.
         cols: number of columns.
         settings: a record of STRIP_SETTINGS.
-        first_of_column: (cols + 1,) int32 out.
+        first_of_column: (cols + 1,) int32 of `index_columns`.
         lowest: (N,) int32 scratch.
         raw: (N,) float32 scratch, the edges before."""
-    index_columns(strips, n, cols, first_of_column)
     lowest_rows(strips, cols, first_of_column, lowest)
     for i in range(n):
         raw[i] = strips[i].near_px
