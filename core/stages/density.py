@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner_inline
+from ..jit import inner_inline, kernel_ieee
 from ..params import Params
 from .row_mask import CODE
 
@@ -61,15 +61,8 @@ def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params)
     depth = params.bin_depth_m
     knee = math.sqrt(uniform * f_px / depth) if depth > 0.0 else top
     uniform = max(uniform, min(knee, top) / (0.75 * _MAX_BINS))
-    code_px = np.arange(65536) / lsb_per_px
-    with np.errstate(divide="ignore"):
-        beyond = knee / uniform + (f_px / depth if depth > 0.0 else 0.0) * (
-            1.0 / knee - 1.0 / np.maximum(code_px, knee)
-        )
-    position = np.where(code_px <= knee, code_px / uniform, beyond)
-    bins = np.minimum(position.astype(np.int64), _MAX_BINS - 2) + 1
-    bins[:2] = 0  # unknown, far
-    count = int(bins.max())
+    bins = bins_of_codes(lsb_per_px, uniform, knee, f_px / depth if depth > 0.0 else 0.0)
+    count = int(bins[-1])
     edges = np.arange(count + 2, dtype=np.float64) - 0.5  # centre of bin b (from 1) stands at position b - 0.5
     knee_at = knee / uniform
     inverse = 1.0 / knee - (edges - knee_at) * (depth / f_px)
@@ -80,13 +73,27 @@ def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params)
     weights = np.rint(ONE_PX * np.exp(-0.5 * (taps / params.kernel_sigma_bins) ** 2)).astype(np.int32)
     threshold = np.maximum(params.density_share * params.min_obstacle_height_m * centre, params.density_min_px)
     return BinTable(
-        bin_of_code=bins.astype(np.uint16),
+        bin_of_code=bins,
         disparity_px=centre.astype(np.float32),
         width_px=width.astype(np.float32),
         threshold=np.minimum(ONE_PX * threshold, 2.0**30).astype(np.int32),
         weights=weights,
         first_code=np.searchsorted(bins, np.arange(count + 3)).astype(np.int32),
     )
+
+
+@kernel_ieee
+def bins_of_codes(lsb_per_px, uniform_px, knee_px, f_per_depth):
+    """Returns bin_of_code of BinTable: bins are uniform_px wide up to a disparity of knee_px, and uniform in depth
+    beyond it, f_per_depth / disparity bins."""
+    bins = np.empty(65536, np.uint16)
+    for code in range(65536):
+        px = np.int32(code) / lsb_per_px
+        beyond = knee_px / uniform_px + f_per_depth * (1.0 / knee_px - 1.0 / px)
+        position = px / uniform_px if px <= knee_px else beyond
+        bins[code] = np.int32(min(position, _MAX_BINS - 2.0)) + 1
+    bins[:2] = 0  # unknown, far
+    return bins
 
 
 @inner_inline
