@@ -20,6 +20,7 @@ at the horizontal derivative of both images, the right one taken where the dispa
   columns and rows may belong to that area. One column is dropped, an upright edge locates itself. As many rows as the window
   reaches are dropped: above and below a level edge it is not known to which side the disparity belongs. A far row whose own texture
   agrees in both images keeps all but the outermost pixel: far ground fades gradually, and has no edge there.
+- *level line*: a level rod has no derivative along the row; the rows above and below give it their disparity, see level_lines.py.
 
 What fails a rule is no measurement."""
 
@@ -31,6 +32,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from .level_lines import without_level_lines
 
 Gray = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -80,7 +83,8 @@ class ConfidenceLimits:
     patch_per_px: so are those of fewer pixels for each pixel of their disparity, 0: off. An upright edge is 3 to 4 px wide: with 3
     it must be about as high as the baseline is long.
     shared: patches of one edge are dropped of which a greater share lies where other matches lie in the right image, 1: off.
-    smear_px, smear_rows: columns and rows of the border of accepted areas beside unmeasured ones that are dropped, 0: off."""
+    smear_px, smear_rows: columns and rows of the border of accepted areas beside unmeasured ones that are dropped, 0: off.
+    level_px: length of level lines on which a match counts only where its own row agrees, 0: off."""
 
     window_px: int = 7
     correlation: float = 0.7
@@ -93,6 +97,7 @@ class ConfidenceLimits:
     shared: float = 0.5
     smear_px: int = 1
     smear_rows: int = 4
+    level_px: int = 61
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -303,4 +308,6 @@ def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: Confiden
         far = (kept >= 0.0) & (kept < _FAR_PX)
         located = far & rows_agree(left, right, kept) if far.any() else far
         kept = without_smear(kept, limits.smear_px, limits.smear_rows, limits.window_px, located)
+    if limits.level_px:
+        kept = without_level_lines(left, right, kept, limits.level_px)
     return kept

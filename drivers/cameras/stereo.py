@@ -67,6 +67,9 @@ class MatchParams:
         "",
         "patches of an edge are dropped of which a greater share lies where other matches lie in the right image; 1: off",
     )
+    level_px: int = number(
+        61, 0, 501, "px", "matches on level lines of this length count only where their own row agrees; 0: off"
+    )
     mark_smooth: bool = switch(False, "mark unmeasured pixels whose image is smooth; [open_sky] needs it")
 
     def __post_init__(self) -> None:
@@ -148,6 +151,7 @@ def confidence_limits(params: MatchParams) -> ConfidenceLimits:
         shared=params.shared,
         smear_px=params.smear_px,
         smear_rows=params.smear_rows,
+        level_px=params.level_px,
     )
 
 

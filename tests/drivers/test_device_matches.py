@@ -60,7 +60,7 @@ def test_chance_depths_of_a_noisy_sky_are_not_measured() -> None:
         depth,
         scene(sky_rows=40),
         F_B_PX_M,
-        replace(OFF, patch_px=0, patch_per_px=0.0, shared=1.0, smear_px=0, smear_rows=0),
+        replace(OFF, patch_px=0, patch_per_px=0.0, shared=1.0, smear_px=0, smear_rows=0, level_px=0),
     )
     assert np.array_equal(without_rules[:, 24:], depth[:, 24:])  # to the left matches lie outside of the right image
 

@@ -24,7 +24,15 @@ from drivers.cameras.stereo import MatchParams, StereoMatcher, compute_disparity
 WIDTH, HEIGHT, D = 320, 160, 48
 PARAMS = MatchParams(disparities=D, edge_px=0)
 OFF = ConfidenceLimits(
-    correlation=0.0, texture=0.0, period=1.0, patch_px=0, patch_per_px=0.0, shared=1.0, smear_px=0, smear_rows=0
+    correlation=0.0,
+    texture=0.0,
+    period=1.0,
+    patch_px=0,
+    patch_per_px=0.0,
+    shared=1.0,
+    smear_px=0,
+    smear_rows=0,
+    level_px=0,
 )
 ALL = ConfidenceLimits()
 
