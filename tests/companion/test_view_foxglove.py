@@ -8,6 +8,7 @@ import os
 import socket
 import struct
 import sys
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -48,6 +49,7 @@ class Viewer:
         head, self._rest = self._rest.split(b"\r\n\r\n", 1)
         assert b" 101 " in head.split(b"\r\n")[0]
         self._topics: dict[int, str] = {}
+        self._subscribed_s = 0.0
         self.schemas: dict[str, str] = {}
         self.received: dict[str, list[bytes]] = {}
 
@@ -55,7 +57,10 @@ class Viewer:
         self._socket.close()
 
     def listen(self) -> None:
-        """Takes what is there, and subscribes to each new topic."""
+        """Takes what is there, and subscribes to each new topic; again to those without a message after a second, since the
+        library advertises a channel a moment before it accepts subscriptions to it."""
+        if time.monotonic() - self._subscribed_s > 1.0:
+            self._subscribe([n for n, topic in self._topics.items() if topic not in self.received])
         while (frame := self._frame()) is not None:
             kind, body = frame
             if kind == 1:
@@ -75,7 +80,13 @@ class Viewer:
         for channel in scripted["channels"]:
             self._topics[channel["id"]] = channel["topic"]
             self.schemas[channel["topic"]] = channel["schemaName"]
-        wanted = [{"id": c["id"], "channelId": c["id"]} for c in scripted["channels"]]
+        self._subscribe([c["id"] for c in scripted["channels"]])
+
+    def _subscribe(self, channels: list[int]) -> None:
+        if not channels:
+            return
+        self._subscribed_s = time.monotonic()
+        wanted = [{"id": n, "channelId": n} for n in channels]
         text = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
         size = bytes([0x80 | len(text)]) if len(text) < 126 else b"\xfe" + struct.pack(">H", len(text))
         self._socket.sendall(b"\x81" + size + b"\0\0\0\0" + text)
