@@ -9,13 +9,13 @@ from typing import Final
 from .plane_codec import LONG, SHORT, Anchor, PlaneForm, decoded_planes, encoded_plane, fits
 from .records import Header, LocalFrame, Motion, Packet, PacketError, SharedMover, SharedPlanes, VehicleState
 
-VERSION: Final = 3
+VERSION: Final = 2
 STATE_KIND, LONG_PLANES_KIND, MOVERS_KIND, SHORT_PLANES_KIND = 1, 2, 3, 4
 MOTION_FLAG: Final = 8
 """Of the kind: the motion of the sender follows the anchor."""
 TUNNEL_BYTES: Final = 128
 """Greatest payload of a TUNNEL message."""
-ANCHOR_STEP_M: Final = 32.0
+ANCHOR_STEP_M: Final = 64.0
 ANCHOR_STEP_Z_M: Final = 16.0
 _HEADER: Final = struct.Struct("<BBIIB")
 _ANCHOR: Final = struct.Struct("<hhb")

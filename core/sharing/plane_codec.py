@@ -1,4 +1,4 @@
-"""A plane in 10 bytes, or in 14 if it does not fit into them. The layout is in docs/reference/sharing.md.
+"""A plane in 11 bytes, or in 14 if it does not fit into them. The layout is in docs/reference/sharing.md.
 
 Rounding never makes an obstacle smaller: the decoded plane with its margin contains the encoded one with its margin."""
 
@@ -23,6 +23,7 @@ from .steps import (
     age_code,
 )
 
+TOP_STEP_M: Final = 0.1
 _ID_BITS: Final = 16
 _FLAG_BITS: Final = (PlaneFlags.INFERRED, PlaneFlags.UNKNOWN_BEHIND, PlaneFlags.CUT_LEFT, PlaneFlags.IRREGULAR)
 _TINY: Final = 1e-9
@@ -35,7 +36,7 @@ class PlaneForm:
 
     Attributes:
         bytes: size of a plane.
-        step_m, top_step_m: steps of horizontal coordinates and of the top.
+        step_m: step of horizontal coordinates.
         first_bits, second_bits: of each coordinate of the first end and of the second end.
         relative: the second end is relative to the first one; otherwise to the anchor.
         top_bits: of the top, relative to the anchor.
@@ -44,7 +45,6 @@ class PlaneForm:
 
     bytes: int
     step_m: float
-    top_step_m: float
     first_bits: int
     second_bits: int
     relative: bool
@@ -68,8 +68,8 @@ class PlaneForm:
         )
 
 
-SHORT: Final = PlaneForm(10, 0.1, 0.2, 10, 9, True, 8, SHORT_HEIGHT_M, SHORT_MARGIN_M, SHORT_AGES_S)
-LONG: Final = PlaneForm(14, 0.02, 0.1, 15, 15, False, 12, LONG_HEIGHT_M, LONG_MARGIN_M, LONG_AGES_S)
+SHORT: Final = PlaneForm(11, 0.05, 12, 10, True, 9, SHORT_HEIGHT_M, SHORT_MARGIN_M, SHORT_AGES_S)
+LONG: Final = PlaneForm(14, 0.02, 15, 15, False, 12, LONG_HEIGHT_M, LONG_MARGIN_M, LONG_AGES_S)
 
 
 def fits(form: PlaneForm, box: tuple[float, ...], margin_m: float, anchor_m: Anchor) -> bool:
@@ -114,7 +114,7 @@ def decoded_planes(form: PlaneForm, data: bytes, anchor_m: Anchor) -> SharedPlan
         second = _signed(bx, form.second_bits), _signed(by, form.second_bits)
         if form.relative:
             second = first[0] + second[0], first[1] + second[1]
-        top_m = anchor_m[2] + form.top_step_m * _signed(top, form.top_bits)
+        top_m = anchor_m[2] + TOP_STEP_M * _signed(top, form.top_bits)
         ends = (form.step_m * code + anchor_m[i % 2] for i, code in enumerate((*first, *second)))
         box[k] = *ends, top_m, top_m + form.height.value(height)
         if first == second or height == 0:
@@ -134,8 +134,8 @@ def _codes(form: PlaneForm, box: tuple[float, ...], margin_m: float, anchor_m: A
         return None
     if form.relative:
         second = [second[0] - first[0], second[1] - first[1]]
-    top = math.floor((box[4] - anchor_m[2]) / form.top_step_m + _TINY)
-    height = form.height.code_up(box[5] - (anchor_m[2] + form.top_step_m * top))
+    top = math.floor((box[4] - anchor_m[2]) / TOP_STEP_M + _TINY)
+    height = form.height.code_up(box[5] - (anchor_m[2] + TOP_STEP_M * top))
     margin = form.margin.code_up(margin_m + form.place_error_m)
     limits = (form.first_bits, form.first_bits, form.second_bits, form.second_bits, form.top_bits)
     within = all(-(1 << (n - 1)) <= v < 1 << (n - 1) for v, n in zip((*first, *second, top), limits, strict=True))

@@ -41,8 +41,8 @@ SHORT_MARGIN_M = Steps(32, 16, 0.05, 0.25)
 """5 bits, up to 4.55 m."""
 LONG_HEIGHT_M = Steps(1024, 512, 0.1, 0.5)
 """10 bits, up to 306.7 m."""
-SHORT_HEIGHT_M = Steps(64, 32, 0.2, 1.0)
-"""6 bits, up to 37.4 m."""
+SHORT_HEIGHT_M = Steps(128, 64, 0.1, 0.5)
+"""7 bits, up to 37.9 m."""
 LONG_AGES_S = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0, math.inf)
 """4 bits."""
 SHORT_AGES_S = (0.25, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0, math.inf)

@@ -59,10 +59,8 @@ def contained(form: PlaneForm, b: tuple[float, ...], margin_m: float, flags: int
     assert got.margin_m[0] >= margin_m + moved_m - 1e-6
     step_m = 0.05 if margin_m + form.place_error_m < form.margin.fine * form.margin.fine_codes else 0.25
     assert got.margin_m[0] <= margin_m + form.place_error_m + step_m + 1e-6
-    assert b[4] - form.top_step_m - 1e-6 <= got.box[0, 4] <= b[4] + 1e-6
-    is_low = b[5] - b[4] + form.top_step_m < form.height.fine * form.height.fine_codes
-    lower_m = form.height.fine if is_low else form.height.coarse
-    assert b[5] - 1e-6 <= got.box[0, 5] <= b[5] + lower_m + 1e-6
+    assert b[4] - 0.1 - 1e-6 <= got.box[0, 4] <= b[4] + 1e-6
+    assert b[5] - 1e-6 <= got.box[0, 5] <= b[5] + 0.6 + 1e-6
     assert got.age_s[0] >= age_s
 
 
@@ -73,7 +71,7 @@ def test_a_decoded_plane_contains_the_encoded_one(
     contained(LONG, b, margin_m, flags, age_s)
 
 
-@given(boxes(51.0, 25.5, 25.4, 36.0), st.floats(0.0, 4.4), st.integers(0, 127), st.floats(0.0, 5000.0))
+@given(boxes(76.0, 25.5, 25.4, 36.0), st.floats(0.0, 4.4), st.integers(0, 127), st.floats(0.0, 5000.0))
 def test_a_decoded_short_plane_contains_the_encoded_one(
     b: tuple[float, ...], margin_m: float, flags: int, age_s: float
 ) -> None:
@@ -111,15 +109,15 @@ def test_a_plane_that_would_be_made_smaller_is_refused(
     assert refused.value.code == "plane_unencodable"
 
 
-@pytest.mark.parametrize(("form", "count"), [(SHORT, 11), (LONG, 8)])
-def test_a_tunnel_message_holds_eleven_short_planes_or_eight_long_ones(form: PlaneForm, count: int) -> None:
+@pytest.mark.parametrize(("form", "count"), [(SHORT, 10), (LONG, 8)])
+def test_a_tunnel_message_holds_ten_short_planes_or_eight_long_ones(form: PlaneForm, count: int) -> None:
     far = [(5000.0 + k, -9000.0, 5020.0, -9000.0, -40.0, -34.0) for k in range(count)]
     data = planes_packet(HEADER, planes(*far), anchor_of(5000.0, -9000.0, -40.0), form)
     assert TUNNEL_BYTES - form.bytes < len(data) <= TUNNEL_BYTES
     assert sum(form.widths) == 8 * form.bytes
     got = decoded(data).content
     assert isinstance(got, SharedPlanes)
-    assert np.abs(got.box - far).max() <= form.top_step_m + 0.01
+    assert np.abs(got.box - far).max() <= 0.11
     assert MOVERS_PER_TUNNEL == 7
 
 
@@ -210,7 +208,7 @@ def test_noise_is_refused_or_decoded_to_finite_numbers(data: bytes) -> None:
     _refused_or_finite(data)
 
 
-@given(st.binary(min_size=1, max_size=130), st.sampled_from([0x31, 0x32, 0x33, 0x34, 0x3A, 0x3B, 0x3C]))
+@given(st.binary(min_size=1, max_size=130), st.sampled_from([0x21, 0x22, 0x23, 0x24, 0x2A, 0x2B, 0x2C]))
 def test_noise_behind_a_true_first_byte(data: bytes, first: int) -> None:
     _refused_or_finite(bytes([first]) + data)
 
