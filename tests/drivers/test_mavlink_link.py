@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
+import sys
+import termios
 import threading
 import time
 import tty
@@ -582,6 +585,11 @@ def test_a_message_that_a_full_buffer_cut_short_is_completed() -> None:
     assert splitter.counts[LinkAnomaly.NOISE_BYTES] == 0
 
 
+def waiting(descriptor: int) -> int:
+    """The number of bytes that a read would return."""
+    return int.from_bytes(fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+
 def test_bytes_that_arrive_during_a_read_are_not_stamped_before_their_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
     """No message arrives before it was measured: the clock's error bound depends on it."""
     own, theirs = os.openpty()
@@ -594,6 +602,7 @@ def test_bytes_that_arrive_during_a_read_are_not_stamped_before_their_arrival(mo
         time.sleep(0.002)
         sent_ns = time.monotonic_ns()
         os.write(own, b"late")
+        assert until(lambda: waiting(descriptor) == 9)  # a pty passes bytes on a little later
         return read(descriptor, size)
 
     try:
