@@ -20,9 +20,12 @@ from .view_free import View
 NS = 1_000_000_000
 GRAVITY_M_S2 = 9.81
 STEEPEST_RAD = math.radians(75.0)
-MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.15, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
+MOTION = SyncParams(
+    max_gap_s=0.3, max_extrapolation_s=0.15, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3, max_clock_error_m=5.0
+)
 """Limits within which attitude and position are interpolated or extrapolated to the moment of sending. Outside of
-them the vehicle's heading is unknown."""
+them the vehicle's heading is unknown. A constant error of the timestamps cancels out in the distance flown, by which
+remembered obstacles are moved: positions are used in fast flight too."""
 
 
 @dataclass(slots=True)

@@ -33,7 +33,7 @@ class SyncParams:
         0.02,
         5.0,
         "m",
-        "greatest way of the vehicle within the error of the autopilot's timestamps; faster, its position is not used",
+        "greatest distance that the vehicle flies within the error of the autopilot's timestamps; beyond it frames have no position",
     )
     pose_max_gap_s: float = critical(0.5, 0.01, 5.0, "s", "greatest gap between two positions that is interpolated")
     pose_max_extrapolation_s: float = critical(
