@@ -98,7 +98,9 @@ class Extractor:
             stats = replace(stats, dropped_strips=strips.found)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
         planes = self._plane_shaper.shape(levelled, strips, source, settings)
-        published = published_planes(planes.count, planes.table, ground, levelled.view, p, settings.publish)
+        published = published_planes(
+            planes.count, planes.table, ground, levelled.view, info.bias_per_m, p, settings.publish
+        )
         if published is None:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
@@ -106,7 +108,7 @@ class Extractor:
                 with_ranges(ground, points, free.edges_t),
                 replace(next_state, ground_height_m=ground.height_m),
             )
-        return self._model(published, planes, free, opened, ground, strips, stats, ke, keep_strips), next_state
+        return self._model(info, published, planes, free, opened, ground, strips, stats, ke, keep_strips), next_state
 
     def _classify(
         self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
@@ -126,6 +128,7 @@ class Extractor:
 
     def _model(
         self,
+        info: CameraInfo,
         published: PublishedPlanes,
         planes: Planes,
         free: FreeObservation,
@@ -148,7 +151,15 @@ class Extractor:
             flags=published.flags,
             cluster=cluster,
             prisms=prisms,
-            free=free_profile(free, len(rows), planes.table, margin, opened, self.open_sky.open_max_range_m),
+            free=free_profile(
+                free,
+                len(rows),
+                planes.table,
+                published.noise_margin_m,
+                info.bias_per_m,
+                opened,
+                self.open_sky.open_max_range_m,
+            ),
             ground=ground,
             stats=replace(
                 stats,

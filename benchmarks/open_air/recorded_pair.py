@@ -34,6 +34,7 @@ from core.types import (
     Intrinsics,
 )
 from drivers.cameras.stereo import MatchParams, StereoMatcher, depth_mm
+from drivers.cameras.stereo_errors import bias_coefficient, noise_coefficient
 from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX
 
@@ -65,9 +66,16 @@ class Pair:
         return mark_unmeasured(depth, disparity, self.left, self.right, SmoothLimits())
 
     def info(self) -> CameraInfo:
-        """The constants of its camera, with the noise that the ZED's driver assumes."""
-        ke = DISPARITY_SIGMA_PX / (self.intrinsics.fx * self.baseline_m)
-        return CameraInfo("recorded", self.intrinsics, max_range_m=12.0, ke_per_m=ke, marks_smooth=True)
+        """The constants of its camera, with the errors that the ZED's driver assumes."""
+        optics = self.intrinsics.fx, self.baseline_m
+        return CameraInfo(
+            "recorded",
+            self.intrinsics,
+            max_range_m=12.0,
+            ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
+            marks_smooth=True,
+            bias_per_m=bias_coefficient(*optics),
+        )
 
 
 def load(left: Path, right: Path, f_px: float, baseline_m: float) -> Pair:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from core.types import CameraInfo, CameraMount
+from core.types import MOST_BIAS_PER_M, CameraInfo, CameraMount
 
 _CORNER = r"-?\d+(?:\.\d+)?,-?\d+(?:\.\d+)?"
 _POLYGON = rf"{_CORNER}(?: +{_CORNER})+"
@@ -62,6 +62,14 @@ class CameraConfig:
         0.05,
         "1/m",
         "depth noise: standard deviation = ke_per_m * depth^2; the start value where the noise is measured",
+        safety=True,
+    )
+    bias_per_m: float | None = _number(
+        0.0,
+        MOST_BIAS_PER_M,
+        "1/m",
+        "greatest error that all depths share, of the calibration: bias_per_m * depth^2; it is part of every margin and "
+        "ends free space earlier (docs/how-to/connect-a-camera.md)",
         safety=True,
     )
     masks: str = field(
@@ -229,7 +237,9 @@ class CameraConfig:
         angles = {"roll_rad": self.roll_deg, "pitch_rad": self.pitch_deg, "yaw_rad": self.yaw_deg}
         mount: dict[str, Any] = {k: math.radians(v) for k, v in angles.items() if v is not None}
         mount |= {k: getattr(self, k) for k in ("x_m", "y_m", "z_m") if getattr(self, k) is not None}
-        optional: dict[str, Any] = {k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m")}
+        optional: dict[str, Any] = {
+            k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m", "bias_per_m")
+        }
         given = {k: v for k, v in optional.items() if v is not None}
         return replace(info, mount=replace(info.mount, **mount), **given)
 

@@ -45,7 +45,7 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
 
 
 def frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -> Finding:
-    """Frame rate and share of measured pixels of frames in their order, at least one."""
+    """Frame rate, share of measured pixels and depth in the middle, of frames in their order, at least one."""
     span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
     hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
     depth = frames[-1].depth_mm
@@ -63,4 +63,17 @@ def frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -
             f": fps = {section.fps:g} is configured; check that the camera is on USB 3 and used by this process only"
         )
         return Finding(part, False, text, DiagnosticCode.CAMERA_RATE_LOW)
+    middle_m = middle_depth_m(frames)
+    if middle_m is not None:
+        text += f", {middle_m:.2f} m in the middle of the image"
     return Finding(part, True, text)
+
+
+def middle_depth_m(frames: list[DepthFrame]) -> float | None:
+    """Median depth of the middle tenth of the image, in width and height, of all frames; None where less than half of it is
+    measured. To be compared with a tape measure."""
+    height, width = frames[0].depth_mm.shape
+    rows, columns = slice(9 * height // 20, 11 * height // 20 + 1), slice(9 * width // 20, 11 * width // 20 + 1)
+    middle = np.stack([f.depth_mm[rows, columns] for f in frames])
+    measured = is_measured(middle)
+    return float(np.median(middle[measured])) / 1000.0 if measured.mean() > 0.5 else None

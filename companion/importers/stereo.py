@@ -15,6 +15,7 @@ from core.types import CameraInfo
 from drivers.base import BadData
 from drivers.cameras.row_check import matched_corners
 from drivers.cameras.stereo import MatchParams, StereoDepth
+from drivers.cameras.stereo_errors import bias_coefficient, noise_coefficient
 from drivers.cameras.zed_calibration import load_zed_calibration
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, halves
 
@@ -47,8 +48,13 @@ class StereoImages:
         )
         self._stereo = StereoDepth(load_zed_calibration(calibration, width, height), match)
         self._check(calibration, left, right, report)
-        ke = DISPARITY_SIGMA_PX / (self._stereo.intrinsics.fx * self._stereo.baseline_m)
-        info = CameraInfo(c.name, self._stereo.intrinsics, ke_per_m=min(max(ke, 1e-4), 0.05))
+        optics = self._stereo.intrinsics.fx, self._stereo.baseline_m
+        info = CameraInfo(
+            c.name,
+            self._stereo.intrinsics,
+            ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
+            bias_per_m=bias_coefficient(*optics),
+        )
         self.info = c.applied_to(info)
         nearest_m = self._stereo.intrinsics.fx * self._stereo.baseline_m / c.disparities
         report.note(

@@ -38,6 +38,7 @@ PUBLISH_SETTINGS = record(
     ("column_t", np.float64),  # tangent of a column
     ("left_t", np.float64),  # tangents beyond which a plane is cut by the left and right border
     ("right_t", np.float64),
+    ("bias_per_m", np.float64),  # of the camera
     ("ground_tolerance_m", np.float64),
     ("min_plane_height_m", np.float64),
     ("safe_distance_m", np.float64),
@@ -55,12 +56,14 @@ class PublishedPlanes(NamedTuple):
     Attributes:
         rows: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in m. From a to b the camera is on the right.
         margin_m: (N,) float32.
+        noise_margin_m: (N,) float32, margin_m without the error that all depths of the camera share.
         flags: (N,) uint8 PlaneFlags.
         support_px: (N,) int32.
         cluster: (N,) int32."""
 
     rows: NDArray[np.float32]
     margin_m: NDArray[np.float32]
+    noise_margin_m: NDArray[np.float32]
     flags: NDArray[np.uint8]
     support_px: NDArray[np.int32]
     cluster: NDArray[np.int32]
@@ -98,36 +101,45 @@ def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameSt
 
 
 def publish_settings(column_t: float, params: Params) -> NDArray[Any]:
-    """Returns (1,) PUBLISH_SETTINGS without ground and borders, which are set for each frame. column_t: tangent of a
-    column."""
-    frame = dict.fromkeys(("ground_seen", "height_m", "slope_x", "slope_y", "left_t", "right_t"), 0.0)
+    """Returns (1,) PUBLISH_SETTINGS without ground, borders and bias, which are set for each frame. column_t: tangent of
+    a column."""
+    frame = dict.fromkeys(("ground_seen", "height_m", "slope_x", "slope_y", "left_t", "right_t", "bias_per_m"), 0.0)
     return record_of(PUBLISH_SETTINGS, params, column_t=column_t, **frame)
 
 
 def published_planes(
-    count: int, planes: NDArray[Any], ground: Ground, view: ViewGeometry, params: Params, settings: NDArray[Any]
+    count: int,
+    planes: NDArray[Any],
+    ground: Ground,
+    view: ViewGeometry,
+    bias_per_m: float,
+    params: Params,
+    settings: NDArray[Any],
 ) -> PublishedPlanes | None:
     """Returns the planes to publish; None if a number of one of them is not finite, since its place is then not
     known.
 
     Planes end at the ground below them, but keep min_plane_height_m. The margin contains the distance of the near
-    edge in front of the plane (up to safe_distance_m) and margin_sigmas of the noise of the plane's distance.
-    Neighbouring columns share this noise.
+    edge in front of the plane (up to safe_distance_m), margin_sigmas of the noise of the plane's distance, and the error
+    that all depths of the camera share. Neighbouring columns share the noise.
 
     Args:
         count: number of planes.
         planes: (N,) PLANE. Planes that exist are moved to the front.
         ground: ground of the frame.
         view: geometry of the levelled view.
+        bias_per_m: of the CameraInfo.
         params: parameters.
-        settings: (1,) of `publish_settings`; ground and borders are written."""
+        settings: (1,) of `publish_settings`; ground, borders and bias_per_m are written."""
     column_t = float(view.lateral[0]) / view.f_px
     settings["ground_seen"], settings["height_m"] = ground.seen, ground.height_m
     settings["slope_x"], settings["slope_y"] = ground.slope_x, ground.slope_y
     settings["left_t"] = (params.cut_columns - view.cu) * column_t
     settings["right_t"] = (view.cols - 1 - params.cut_columns - view.cu) * column_t
+    settings["bias_per_m"] = bias_per_m
     out = PublishedPlanes(
         np.empty((count, 6), np.float32),
+        np.empty(count, np.float32),
         np.empty(count, np.float32),
         np.empty(count, np.uint8),
         np.empty(count, np.int32),
@@ -136,7 +148,14 @@ def published_planes(
     n = write_planes(count, planes, settings, out)
     if n < 0:
         return None
-    return PublishedPlanes(out.rows[:n], out.margin_m[:n], out.flags[:n], out.support_px[:n], out.cluster[:n])
+    return PublishedPlanes(
+        out.rows[:n],
+        out.margin_m[:n],
+        out.noise_margin_m[:n],
+        out.flags[:n],
+        out.support_px[:n],
+        out.cluster[:n],
+    )
 
 
 @inner
@@ -152,7 +171,7 @@ def write_planes(count, planes, settings, out):
             n += 1
     if p.ground_seen != 0:
         _cut_at_ground(n, planes, p)
-    _write_rows(n, planes, p, out.rows, out.margin_m)
+    _write_rows(n, planes, p, out.rows, out.margin_m, out.noise_margin_m)
     _write_flags(n, planes, p, out.flags)
     return n if _all_finite(n, planes, out.rows, out.margin_m) else -1
 
@@ -185,8 +204,8 @@ def _cut_at_ground(count, planes, settings):
 
 
 @inner
-def _write_rows(count, planes, settings, rows, margin):
-    """Writes rows and margins of PublishedPlanes."""
+def _write_rows(count, planes, settings, rows, margin, noise_margin):
+    """Writes rows and both margins of PublishedPlanes."""
     safe_m, alike_px = settings.safe_distance_m, settings.noise_alike_px
     for k in range(count):
         p, row = planes[k], rows[k]
@@ -200,7 +219,10 @@ def _write_rows(count, planes, settings, rows, margin):
         columns = max((p.t1 - p.t0) / settings.column_t, 1.0)
         correlated = alike_px * columns / (columns + alike_px - 1.0)
         noise = max(x0, x1) ** 2 * math.sqrt(correlated / max(p.sum_w, 1e-9))
-        margin[k] = min(max(p.front_m + safe_m, 0.0), safe_m) + settings.margin_sigmas * noise
+        noise_margin[k] = min(max(p.front_m + safe_m, 0.0), safe_m) + settings.margin_sigmas * noise
+        # the bias moves points along their rays; across the plane, at its distance d, that is bias x d
+        across_m = 1.0 / max(math.sqrt(p.a * p.a + p.b * p.b), LEAST_S)
+        margin[k] = noise_margin[k] + settings.bias_per_m * max(x0, x1) * across_m
 
 
 @inner

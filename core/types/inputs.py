@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,10 @@ class CameraMount:
                 raise ValueError(f"camera mount: {name} is not finite")
 
 
+MOST_BIAS_PER_M: Final = 0.05
+"""Greatest bias_per_m of a CameraInfo."""
+
+
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
     """Constants of one camera.
@@ -95,6 +100,8 @@ class CameraInfo:
     Attributes:
         min_range_m, max_range_m: limits of the measured distance.
         ke_per_m: initial value of the noise coefficient, sigma_Z = ke * Z^2.
+        bias_per_m: greatest error that all depths of the camera share, over Z^2: of its calibration. No frame shows it, so
+            it is part of each margin. For an error e of the disparity in pixels, bias_per_m = e / (f B).
         marks_smooth: the driver writes TEXTURELESS_MM, BEYOND_MM and GREATEST_MARK_MM. Otherwise these values are raw
             depths of unknown pixels, and no evidence of open space."""
 
@@ -105,6 +112,7 @@ class CameraInfo:
     max_range_m: float = 20.0
     ke_per_m: float = 0.005
     marks_smooth: bool = False
+    bias_per_m: float = 0.0
 
     @property
     def least_mm(self) -> int:
@@ -120,6 +128,8 @@ class CameraInfo:
             )
         if not 1e-5 <= self.ke_per_m <= 0.05:
             raise ValueError(f"camera info: ke_per_m={self.ke_per_m:g}, expected 1e-5..0.05")
+        if not 0.0 <= self.bias_per_m <= MOST_BIAS_PER_M:
+            raise ValueError(f"camera info: bias_per_m={self.bias_per_m:g}, expected 0..{MOST_BIAS_PER_M:g}")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

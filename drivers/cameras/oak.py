@@ -29,6 +29,7 @@ from .oak_pipeline import (
 )
 from .row_check import RowCheck
 from .stereo import Gray, StereoMatcher
+from .stereo_errors import bias_coefficient, noise_coefficient
 
 DISPARITY_SIGMA_PX = 0.25
 """Noise of the subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
@@ -246,14 +247,15 @@ class OakSource:
 
     def _describe(self, message: Any) -> CameraInfo:
         intrinsics = self._intrinsics(message)
-        ke = DISPARITY_SIGMA_PX / (intrinsics.fx * self._open_link().baseline_m)
+        optics = intrinsics.fx, self._open_link().baseline_m
         return CameraInfo(
             self.settings.camera,
             intrinsics,
             min_range_m=self.settings.min_range_m,
             max_range_m=self.settings.max_range_m,
-            ke_per_m=min(max(ke, 1e-4), 0.05),
+            ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=self.settings.host_matching and self.settings.match.mark_smooth,
+            bias_per_m=bias_coefficient(*optics),
         )
 
 

@@ -36,6 +36,8 @@ class V4l2Settings:
     min_range_m: float = 0.3
     max_range_m: float = 10.0
     ke_per_m: float = 0.005
+    bias_per_m: float = 0.0075
+    """0.15 px of a RealSense D435 at 640 px, whose focal length times baseline is 20 px m (stereo_errors.py)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,12 @@ class V4l2Source:
         """The description, from the settings."""
         s = self._settings
         return CameraInfo(
-            s.camera, s.intrinsics, min_range_m=s.min_range_m, max_range_m=s.max_range_m, ke_per_m=s.ke_per_m
+            s.camera,
+            s.intrinsics,
+            min_range_m=s.min_range_m,
+            max_range_m=s.max_range_m,
+            ke_per_m=s.ke_per_m,
+            bias_per_m=s.bias_per_m,
         )
 
     def open(self) -> None:

@@ -20,6 +20,7 @@ from ..base import BadData, DeviceLost, DeviceNotFound
 from .kernel_stamps import KernelStamps
 from .row_check import RowCheck
 from .stereo import MatchParams, StereoDepth
+from .stereo_errors import bias_coefficient, noise_coefficient
 from .zed_calibration import StereoCalibration, load_zed_calibration
 
 DISPARITY_SIGMA_PX = 0.3
@@ -89,14 +90,15 @@ class ZedSource:
         stereo, s = self._stereo, self._settings
         if stereo is None:
             raise DeviceNotFound(f"camera {s.camera}: not open; call open() first")
-        ke = DISPARITY_SIGMA_PX / (stereo.intrinsics.fx * stereo.baseline_m)
+        optics = stereo.intrinsics.fx, stereo.baseline_m
         return CameraInfo(
             s.camera,
             stereo.intrinsics,
             min_range_m=s.min_range_m,
             max_range_m=s.max_range_m,
-            ke_per_m=min(max(ke, 1e-4), 0.05),
+            ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=s.match.mark_smooth,
+            bias_per_m=bias_coefficient(*optics),
         )
 
     def open(self) -> None:

@@ -120,6 +120,7 @@ def camera_message(info: CameraInfo) -> pb.CameraInfo:
         max_range_m=info.max_range_m,
         ke_per_m=info.ke_per_m,
         marks_smooth=info.marks_smooth,
+        bias_per_m=info.bias_per_m,
     )
 
 
@@ -134,6 +135,7 @@ def camera_from_message(message: pb.CameraInfo) -> CameraInfo:
         message.max_range_m,
         message.ke_per_m,
         message.marks_smooth,
+        message.bias_per_m,
     )
 
 

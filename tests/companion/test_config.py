@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -175,6 +175,9 @@ def test_a_camera_section_changes_only_the_keys_it_has() -> None:
     assert info.mount == CameraMount(roll_rad=math.pi / 2, pitch_rad=0.3, x_m=0.2)
     assert (info.min_range_m, info.max_range_m, info.ke_per_m) == (0.4, 8.0, 0.002)
     assert config.camera("rear").applied_to(recorded) == recorded
+    stated = config_of({"camera": [{"name": "front", "bias_per_m": 0.01}]}, "x")
+    assert stated.camera("front").applied_to(recorded) == replace(recorded, bias_per_m=0.01)
+    assert stated.camera("front").applied_to(replace(recorded, bias_per_m=0.02)).bias_per_m == 0.01
 
 
 def test_every_key_has_its_meaning_and_bounds() -> None:

@@ -152,8 +152,10 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
         assert planes[0].front_m == pytest.approx(front, abs=0.01)
 
 
-def published(count: int, planes: np.ndarray, ground: Ground = NO_GROUND) -> PublishedPlanes | None:
-    return published_planes(count, planes, ground, view(), P, publish_settings(1.0 / F, P))
+def published(
+    count: int, planes: np.ndarray, ground: Ground = NO_GROUND, bias_per_m: float = 0.0
+) -> PublishedPlanes | None:
+    return published_planes(count, planes, ground, view(), bias_per_m, P, publish_settings(1.0 / F, P))
 
 
 def test_hidden_planes_are_not_published_and_the_others_keep_their_order() -> None:
@@ -161,7 +163,7 @@ def test_hidden_planes_are_not_published_and_the_others_keep_their_order() -> No
     planes["cluster"][:4], planes["support"][:4] = (0, 1, 2, 3), (160, -1, 320, -1)
     message = published(4, planes)
     assert message is not None
-    rows, margin, flags, support_px, cluster = message
+    rows, margin, _, flags, support_px, cluster = message
     assert rows[:, 0].tolist() == pytest.approx([5.0, 7.0], abs=1e-4)
     assert (support_px.tolist(), cluster.tolist()) == ([10, 20], [0, 2])
     assert len(margin) == len(flags) == 2

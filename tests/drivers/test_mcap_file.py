@@ -14,7 +14,7 @@ from companion.log.log_writer import LogWriter, schema_bytes
 from companion.log.provenance import run_info
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceNotFound, DriverError, Event
-from drivers.logs.codec import attitude_message, camera_message, depth_message
+from drivers.logs.codec import attitude_message, camera_from_message, camera_message, depth_message
 from drivers.logs.reader import McapRecording
 from drivers.logs.record_scanner import Damage, Logged, McapScan
 from drivers.logs.topics import TOPICS
@@ -230,6 +230,14 @@ def test_depth_without_a_camera_description_is_refused(tmp_path):
     path = handmade(tmp_path / "bare.mcap", [("depth", "front", depth_message(frame(0, START_NS)))])
     with pytest.raises(BadData, match=r"/camera/front/info is missing"):
         McapRecording(path)
+
+
+def test_the_bias_of_a_camera_is_logged_and_older_logs_have_none():
+    info = dataclasses.replace(INFO, bias_per_m=0.004)
+    message = camera_message(info)
+    assert camera_from_message(message) == info
+    message.ClearField("bias_per_m")
+    assert camera_from_message(message) == dataclasses.replace(info, bias_per_m=0.0)
 
 
 def test_intrinsics_that_do_not_fit_are_refused(tmp_path):

@@ -103,7 +103,7 @@ class PoseSample(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., position_ned_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_ned_m_s: _Optional[_Union[Vector3, _Mapping]] = ..., reset_counter: _Optional[int] = ..., stamp_error_ns: _Optional[int] = ...) -> None: ...
 
 class CameraInfo(_message.Message):
-    __slots__ = ("camera", "width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px", "mount_roll_rad", "mount_pitch_rad", "mount_yaw_rad", "lever_arm_frd_m", "min_range_m", "max_range_m", "ke_per_m", "marks_smooth")
+    __slots__ = ("camera", "width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px", "mount_roll_rad", "mount_pitch_rad", "mount_yaw_rad", "lever_arm_frd_m", "min_range_m", "max_range_m", "ke_per_m", "marks_smooth", "bias_per_m")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
     HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
@@ -119,6 +119,7 @@ class CameraInfo(_message.Message):
     MAX_RANGE_M_FIELD_NUMBER: _ClassVar[int]
     KE_PER_M_FIELD_NUMBER: _ClassVar[int]
     MARKS_SMOOTH_FIELD_NUMBER: _ClassVar[int]
+    BIAS_PER_M_FIELD_NUMBER: _ClassVar[int]
     camera: str
     width_px: int
     height_px: int
@@ -134,7 +135,8 @@ class CameraInfo(_message.Message):
     max_range_m: float
     ke_per_m: float
     marks_smooth: bool
-    def __init__(self, camera: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., fx_px: _Optional[float] = ..., fy_px: _Optional[float] = ..., cx_px: _Optional[float] = ..., cy_px: _Optional[float] = ..., mount_roll_rad: _Optional[float] = ..., mount_pitch_rad: _Optional[float] = ..., mount_yaw_rad: _Optional[float] = ..., lever_arm_frd_m: _Optional[_Union[Vector3, _Mapping]] = ..., min_range_m: _Optional[float] = ..., max_range_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., marks_smooth: bool = ...) -> None: ...
+    bias_per_m: float
+    def __init__(self, camera: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., fx_px: _Optional[float] = ..., fy_px: _Optional[float] = ..., cx_px: _Optional[float] = ..., cy_px: _Optional[float] = ..., mount_roll_rad: _Optional[float] = ..., mount_pitch_rad: _Optional[float] = ..., mount_yaw_rad: _Optional[float] = ..., lever_arm_frd_m: _Optional[_Union[Vector3, _Mapping]] = ..., min_range_m: _Optional[float] = ..., max_range_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., marks_smooth: bool = ..., bias_per_m: _Optional[float] = ...) -> None: ...
 
 class AttitudeUsed(_message.Message):
     __slots__ = ("source", "q_ned_frd", "distance_ns")
