@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from core.params import Params
 from core.self_check.mount_check import MountVerdict
 from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
@@ -18,6 +19,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..cameras.masks import Mask
 from ..cameras.supervisor import CameraCondition, CameraSupervisor
 from ..config.avoidance import AvoidParams
+from ..config.clear_reach import clear_reach_text
 from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.latency import Latencies, LatencyStage
@@ -38,7 +40,6 @@ from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
 from .surroundings import Observer
 from .vehicle_motion import seen_ns
-from .view_free import RING_M
 
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
@@ -64,7 +65,7 @@ class Avoidance:
         ill: Callable[[str], str] = lambda camera: "",
         silent: Callable[[], Vehicle | None] = lambda: None,
         last: LastValuesFile | None = None,
-        ring_m: float = RING_M,
+        extractor: Params | None = None,
         observer: Observer | None = None,
         open_counts: bool = False,
         reach_m: float = 0.0,
@@ -80,7 +81,7 @@ class Avoidance:
             ill: returns why the frames of a camera must not be used although they arrive; empty: they may.
             silent: returns an autopilot in flight that is not received any more; None: none. It may still receive.
             last: values of the autopilot that were read before this start, used until they are read again.
-            ring_m: step of the free-range profiles.
+            extractor: parameters of the extraction; None: the defaults.
             observer: gets the surroundings of each decision.
             open_counts: see ObstacleReportBuilder.
             reach_m: see ObstacleReportBuilder."""
@@ -100,6 +101,9 @@ class Avoidance:
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
+        self._extractor = extractor or Params()
+        self._too_short: dict[str, str] = {}
+        ring_m = self._extractor.profile_ring_m
         self._builder = ObstacleReportBuilder(
             avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts, reach_m=reach_m
         )
@@ -144,6 +148,7 @@ class Avoidance:
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
         """Takes a camera that was opened. hidden: pixels that are never measured."""
+        self._too_short[info.camera] = clear_reach_text(info, self._avoid, self._extractor)
         self._builder.announce(info, hidden)
 
     def result(self, result: PrismsResult) -> None:
@@ -232,9 +237,10 @@ class Avoidance:
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
         """Returns the faults that keep the vehicle from braking."""
-        vehicle = self._vehicle()
+        vehicle, too_short = self._vehicle(), sorted(self._too_short.items())
+        found = [Diagnostic(DiagnosticCode.CLEAR_OUT_OF_RANGE, camera, text) for camera, text in too_short if text]
         if vehicle is None:
-            return []
+            return found
         facts, report = self._facts(vehicle), self.report
         advised = advice(facts, self._avoid) + delay_advice(facts, self.latency())
         texts = [
@@ -256,7 +262,7 @@ class Avoidance:
             if cp_dist_m is not None:
                 text = f"CP_DIST was not read yet: the artificial wall is placed for {cp_dist_m:g} m of the last start"
                 texts.append((DiagnosticCode.PARAMETER_ADVICE, text))
-        return [Diagnostic(code, "", text) for code, text in texts if text]
+        return [Diagnostic(code, "", text) for code, text in texts if text] + found
 
     def fill(self, health: pb.AutopilotHealth, now_ns: int) -> None:
         """Writes the newest obstacle distances, sent and echoed, into a report."""
@@ -352,7 +358,7 @@ def avoidance_of(
         frozen,
         silent,
         last,
-        config.extractor.profile_ring_m,
+        config.extractor,
         observer,
         config.open_sky.presumes,
         config.guard.horizon_m if config.guard.enabled else 0.0,

@@ -8,8 +8,9 @@ from typing import Any
 
 from core.types import CameraInfo, Intrinsics
 
-from ..console import fail, print_json, print_line
+from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
+from .clear_reach import clear_reach_text
 from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
@@ -46,6 +47,10 @@ def run(args: argparse.Namespace) -> int:
     for camera in config.cameras:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
+        if config.avoid.send and camera.kind != "mcap":
+            text = clear_reach_text(_described(camera), config.avoid, config.extractor)
+            if text:
+                warn(text)
     for difference in found:
         print_line(f"  {'safety key: ' if difference.safety else ''}{difference.text()}")
     if not found:
@@ -55,12 +60,17 @@ def run(args: argparse.Namespace) -> int:
 
 def _range_line(camera: CameraConfig) -> str:
     """The range up to which obstacles are found, of a camera whose greatest range is configured."""
-    info = camera.applied_to(CameraInfo(camera.name, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5)))
+    info = _described(camera)
     how = "" if camera.ke_per_m is not None else " (default; some drivers set their own)"
     return (
         f"{camera.name}: obstacles are found up to {obstacle_range_m(info):.1f} m of max_range_m = {info.max_range_m:g}, "
         f"with ke_per_m = {info.ke_per_m:g}{how}"
     )
+
+
+def _described(camera: CameraConfig) -> CameraInfo:
+    """A camera with the defaults for all that its configuration leaves out."""
+    return camera.applied_to(CameraInfo(camera.name, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5)))
 
 
 def _as_json(found: list[Difference]) -> dict[str, dict[str, dict[str, Any]]]:

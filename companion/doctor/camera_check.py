@@ -6,10 +6,11 @@ from statistics import median
 
 import numpy as np
 
-from core.types import DepthFrame, is_measured
+from core.types import CameraInfo, DepthFrame, is_measured
 
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
+from ..config.clear_reach import clear_reach_text
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from .finding import Finding
@@ -23,13 +24,14 @@ MIN_RATE_SHARE = 0.8
 
 
 def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> Finding:
-    """Whether a camera opens, its frame rate and the share of measured pixels."""
+    """Whether a camera opens, its frame rate, the share of measured pixels, and whether a sector can be clear by it."""
     part = f"camera {section.name}"
     if section.kind == "mcap":
         text = 'kind = "mcap" is a recording; set the kind of a live camera: oak, zed, v4l2 or simulated'
         return Finding(part, False, text, DiagnosticCode.NOT_A_LIVE_CAMERA)
     frames: list[DepthFrame] = []
-    supervisor = CameraSupervisor(section, lambda info: None, frames.append, config.supervision)
+    infos: list[CameraInfo] = []
+    supervisor = CameraSupervisor(section, infos.append, frames.append, config.supervision)
     supervisor.open()
     try:
         wait_until(lambda: len(frames) > 3 * section.fps or bool(supervisor.status.last_loss), patience_s)
@@ -41,7 +43,11 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
         if not status.last_loss:
             cause += f" (for {patience_s:g} s; --patience gives it more time)"
         return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE)
-    return frames_finding(part, section, frames)
+    finding = frames_finding(part, section, frames)
+    if finding.ok and config.avoid.send and infos:
+        text = clear_reach_text(infos[-1], config.avoid, config.extractor)
+        return Finding(part, False, f"{finding.text}; {text}", DiagnosticCode.CLEAR_OUT_OF_RANGE) if text else finding
+    return finding
 
 
 def frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -> Finding:

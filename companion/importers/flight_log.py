@@ -139,7 +139,7 @@ def _derived_epoch(
     if match is None:
         raise BadData(
             f"{path}: the offset between its clock and t_ns of frames.csv is unknown, and roll and pitch match at "
-            f"several times or nowhere; give the {'unix time' if vehicle.unix else 'time of this log'} of t_ns 0 with --tlog-epoch SECONDS, or leave the log out "
+            f"several times or nowhere; give the time of t_ns 0 ({'unix time' if vehicle.unix else 'since the start of the autopilot'}) with --tlog-epoch SECONDS, or leave the log out "
             "with --no-tlog"
         )
     epoch_us, rms_rad = match

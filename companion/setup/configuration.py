@@ -15,6 +15,9 @@ SIZES = {
     "simulated": (640, 480, 30.0, 20.0),
 }
 """Width and height in px, frames per second and range in metres, as in the shipped configurations."""
+CLEAR_M = {"oak": 9.0, "zed": 8.0, "v4l2": 4.5, "simulated": 12.0}
+"""Distance to which a clear sector is seen free: less than what the noise and the bias leave of the range, so that more
+noise than assumed does not close every direction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +57,7 @@ def configuration_text(answers: Answers) -> str:
         "",
         "[avoid]",
         _line("send", a.send, "send obstacles to the autopilot; `companion doctor` names the parameters it needs"),
+        _line("max_distance_m", CLEAR_M[a.kind], "a clear direction must be seen free to here; less than the camera's range"),
         _line("radius_m", round(a.width_m / 2.0, 3), "of the vehicle, rotors included"),
         _line("band_above_m", round(max(0.8, a.height_m / 2.0 + 0.5), 2), "obstacles in this band of heights stop the vehicle"),
         _line("band_below_m", round(max(0.8, a.height_m / 2.0 + 0.5), 2)),

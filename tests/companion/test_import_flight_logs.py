@@ -108,7 +108,7 @@ def test_small_stamps_of_both_clocks_are_not_taken_for_the_same_time(
     folder = write_folder(tmp_path / "rec", 20, rows, heading="file,t_ns")
     write(folder / name, 30.0, gps=False)
     assert imported(folder)[0] == 1
-    assert "give the time of this log of t_ns 0 with --tlog-epoch" in capsys.readouterr().err
+    assert "give the time of t_ns 0 (since the start of the autopilot) with --tlog-epoch" in capsys.readouterr().err
     assert imported(folder, "--tlog-epoch", "0")[0] == 0
 
 

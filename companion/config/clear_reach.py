@@ -1,0 +1,51 @@
+"""Whether a camera can see a sector free as far as a clear sector must be: to [avoid] max_distance_m.
+
+Otherwise no direction before this camera is ever reported as clear: PX4 does not move there, and ArduPilot is sent the
+artificial wall."""
+
+from __future__ import annotations
+
+import math
+
+from core.params import Params
+from core.types import CameraInfo
+
+from .avoidance import AvoidParams
+from .obstacle_range import obstacle_range_m
+
+
+_BEFORE_M = 1e-3
+"""A ring that ends at the range itself is not free."""
+
+
+def clear_reach_m(info: CameraInfo, params: Params) -> float:
+    """Returns the greatest range to which a camera sees free space ahead of it, by its prior noise.
+
+    Free ranges end at whole rings before the range up to which depths count as measured, less the camera's bias."""
+    ring_m = params.profile_ring_m
+    measured_m = math.floor((obstacle_range_m(info, params=params) - _BEFORE_M) / ring_m) * ring_m
+    return measured_m / (1.0 + info.bias_per_m * measured_m)
+
+
+def must_reach_m(avoid: AvoidParams) -> float:
+    """Returns the distance of the last sample of a sector: it is seen in steps from near_m on."""
+    steps = math.ceil((avoid.max_distance_m - avoid.near_m) / avoid.step_m - 1e-9)
+    return avoid.near_m + max(steps, 0) * avoid.step_m
+
+
+def clear_reach_text(info: CameraInfo, avoid: AvoidParams, params: Params) -> str:
+    """Returns why no sector can be clear by this camera, and what to do; empty: one can."""
+    reach_m = clear_reach_m(info, params)
+    if must_reach_m(avoid) <= reach_m:
+        return ""
+    least_m = max(avoid.near_m, avoid.min_distance_m + 0.1)
+    advised_m = math.floor(reach_m / avoid.step_m) * avoid.step_m
+    remedy = (
+        f"set [avoid] max_distance_m to at most {advised_m:g}"
+        if advised_m >= least_m
+        else "raise max_range_m of the camera, or lower [avoid] near_m"
+    )
+    return (
+        f"camera {info.camera} sees free space up to {reach_m:.1f} m, and a clear sector must be seen free to [avoid] "
+        f"max_distance_m = {avoid.max_distance_m:g} m: no direction is ever reported as clear; {remedy}"
+    )
