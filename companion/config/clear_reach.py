@@ -13,7 +13,6 @@ from core.types import CameraInfo
 from .avoidance import AvoidParams
 from .obstacle_range import obstacle_range_m
 
-
 _BEFORE_M = 1e-3
 """A ring that ends at the range itself is not free."""
 

@@ -184,7 +184,13 @@ def load_config(path: Path) -> Config:
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        problem = f"not valid TOML: {error}; strings need quotes; decimals have a dot, with a digit on both sides"
+        repeated = "twice" in str(error) or "overwrite" in str(error)
+        remedy = (
+            "a section or a key stands there twice: put all keys of a section under one header"
+            if repeated
+            else "strings need quotes; decimals have a dot, with a digit on both sides"
+        )
+        problem = f"not valid TOML: {error}; {remedy}"
         raise ConfigError(str(path), [problem]) from error
     except RecursionError as error:
         raise ConfigError(str(path), [f"{TOO_DEEP}; a configuration has sections and keys only"]) from error

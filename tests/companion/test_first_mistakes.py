@@ -95,3 +95,13 @@ def test_a_camera_that_is_opened_again_and_again_has_one_cause() -> None:
         )
     }
     assert texts == {"lost: no OAK was found"}
+
+
+@pytest.mark.parametrize(
+    "text", ["[avoid]\nsend = false\n[avoid]\nradius_m = 0.4\n", "[avoid]\nradius_m = 1\nradius_m = 2\n"]
+)
+def test_a_section_or_key_that_stands_twice_names_the_remedy(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "twice.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match="put all keys of a section under one header"):
+        load_config(path)
