@@ -19,11 +19,11 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..cameras.masks import Mask
 from ..cameras.supervisor import CameraCondition, CameraSupervisor
 from ..config.avoidance import AvoidParams
-from ..config.clear_reach import clear_reach_text
 from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.results import PrismsResult
+from .clear_sectors import no_clear_text
 from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
@@ -102,7 +102,8 @@ class Avoidance:
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
         self._extractor = extractor or Params()
-        self._too_short: dict[str, str] = {}
+        self._announced: dict[str, tuple[CameraInfo, Mask | None]] = {}
+        self._never_clear: dict[str, str] = {}
         ring_m = self._extractor.profile_ring_m
         self._builder = ObstacleReportBuilder(
             avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts, reach_m=reach_m
@@ -148,11 +149,14 @@ class Avoidance:
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
         """Takes a camera that was opened. hidden: pixels that are never measured."""
-        self._too_short[info.camera] = clear_reach_text(info, self._avoid, self._extractor)
+        self._announced[info.camera] = info, hidden
         self._builder.announce(info, hidden)
 
     def result(self, result: PrismsResult) -> None:
-        """Takes the result of a frame."""
+        """Takes the result of a frame. With the first one of a camera the kernels are loaded, and it is examined."""
+        if result.camera in self._announced:
+            info, hidden = self._announced.pop(result.camera)
+            self._never_clear[result.camera] = no_clear_text(info, self._avoid, self._extractor, hidden)
         self._exposed_ns[result.camera] = seen_ns(result)
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
@@ -237,8 +241,8 @@ class Avoidance:
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
         """Returns the faults that keep the vehicle from braking."""
-        vehicle, too_short = self._vehicle(), sorted(self._too_short.items())
-        found = [Diagnostic(DiagnosticCode.CLEAR_OUT_OF_RANGE, camera, text) for camera, text in too_short if text]
+        vehicle, never_clear = self._vehicle(), sorted(self._never_clear.items())
+        found = [Diagnostic(DiagnosticCode.NEVER_CLEAR, camera, text) for camera, text in never_clear if text]
         if vehicle is None:
             return found
         facts, report = self._facts(vehicle), self.report

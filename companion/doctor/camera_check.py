@@ -8,9 +8,10 @@ import numpy as np
 
 from core.types import CameraInfo, DepthFrame, is_measured
 
+from ..autopilot.clear_sectors import no_clear_text
+from ..cameras.masks import unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
-from ..config.clear_reach import clear_reach_text
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from .finding import Finding
@@ -45,8 +46,9 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
         return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE)
     finding = frames_finding(part, section, frames)
     if finding.ok and config.avoid.send and infos:
-        text = clear_reach_text(infos[-1], config.avoid, config.extractor)
-        return Finding(part, False, f"{finding.text}; {text}", DiagnosticCode.CLEAR_OUT_OF_RANGE) if text else finding
+        hidden = unmeasured_mask(section, infos[-1])
+        text = no_clear_text(infos[-1], config.avoid, config.extractor, hidden)
+        return Finding(part, False, f"{finding.text}; {text}", DiagnosticCode.NEVER_CLEAR) if text else finding
     return finding
 
 

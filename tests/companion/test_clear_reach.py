@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -9,22 +10,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.autopilot.clear_sectors import clear_sectors, no_clear_text
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.polar_histogram import SectorState, scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.config.clear_reach import clear_reach_m, clear_reach_text, must_reach_m
 from companion.diagnostic import DiagnosticCode
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.transform import LevelTransform
 from companion.setup.configuration import Answers, configuration_text
+from core.extractor import Extractor
 from core.params import Params
-from core.types import FAR_MM, CameraInfo, Intrinsics
+from core.types import FAR_MM, CameraInfo, CameraMount, DepthFrame, Intrinsics
 from drivers.cameras.oak import DISPARITY_SIGMA_PX as OAK_SIGMA_PX
 from drivers.cameras.stereo_errors import bias_coefficient, noise_coefficient
 from drivers.cameras.v4l2_depth import V4l2Settings, V4l2Source
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX as ZED_SIGMA_PX
 from tests.core.views import extract, level
 
+NS = 1_000_000_000
 CONFIGS = Path(__file__).parents[2] / "configs"
 D435 = Intrinsics(640, 480, 384.0, 384.0, 320.0, 240.0)
 
@@ -92,13 +98,71 @@ def test_the_stated_reach_is_that_of_the_sectors(kind: str, max_range_m: float) 
     assert f"at most {within.max_distance_m:g}" in clear_reach_text(info, beyond, Params())
 
 
+def first_result(info: CameraInfo) -> PrismsResult:
+    """The result of a frame without an attitude."""
+    k = info.intrinsics
+    frame = DepthFrame(
+        camera=info.camera,
+        sequence=0,
+        t_exposure_ns=NS,
+        t_arrival_ns=NS + 1,
+        depth_mm=np.full((k.height, k.width), FAR_MM, np.uint16),
+    )
+    outputs = list(Pipeline((info,), lambda _: Extractor()).handle(frame))
+    return next(output for output in outputs if isinstance(output, PrismsResult))
+
+
 def test_the_service_reports_a_camera_whose_range_is_too_short() -> None:
     part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: None, lambda message: None)
-    part.announce(described("v4l2", 6.0))
-    assert [(d.code, d.camera) for d in part.diagnostics(0)] == [(DiagnosticCode.CLEAR_OUT_OF_RANGE, "front")]
+    info = described("v4l2", 6.0)
+    part.announce(info)
+    part.result(first_result(info))
+    assert [(d.code, d.camera) for d in part.diagnostics(0)] == [(DiagnosticCode.NEVER_CLEAR, "front")]
     assert "set [avoid] max_distance_m to at most 5.25" in part.diagnostics(0)[0].text
-    part.announce(replace(described("v4l2", 6.0), max_range_m=20.0))
+    info = replace(info, max_range_m=20.0)
+    part.announce(info)
+    part.result(first_result(info))
     assert part.diagnostics(0) == []
+
+
+def tilted(kind: str, pitch_deg: float, yaw_deg: float = 0.0) -> CameraInfo:
+    mount = CameraMount(pitch_rad=math.radians(pitch_deg), yaw_rad=math.radians(yaw_deg), x_m=0.1)
+    return replace(described(kind, 15.0), mount=mount)
+
+
+@pytest.mark.parametrize("pitch_deg", [0.0, -10.0, 10.0])
+def test_a_camera_that_looks_about_level_finds_the_sectors_of_its_view_clear(pitch_deg: float) -> None:
+    for yaw_deg, middle in ((0.0, 0), (90.0, 18)):
+        found = clear_sectors(tilted("zed", pitch_deg, yaw_deg), AvoidParams(max_distance_m=8.0), Params())
+        offsets = (np.flatnonzero(found) - middle + 36) % 72 - 36
+        assert len(offsets) >= 9
+        assert np.abs(offsets).max() <= 9
+
+
+def test_a_mount_by_which_no_sector_can_be_clear_is_reported() -> None:
+    """The documentation's example of a camera that looks 20 degrees down: its image ends below the height band."""
+    avoid = AvoidParams(max_distance_m=8.0)
+    text = no_clear_text(tilted("zed", -20.0), avoid, Params())
+    assert "mounted with a pitch of -20 degrees, does not cover 80 % of the height band" in text
+    narrow = replace(avoid, band_above_m=0.4)
+    assert no_clear_text(tilted("zed", -20.0), narrow, Params()) == ""
+    assert no_clear_text(tilted("zed", 0.0), avoid, Params()) == ""
+
+
+def test_a_camera_that_looks_down_is_not_there_to_find_directions_clear() -> None:
+    avoid = AvoidParams(max_distance_m=8.0)
+    assert not clear_sectors(tilted("zed", -89.0), avoid, Params()).any()
+    assert no_clear_text(tilted("zed", -89.0), avoid, Params()) == ""
+
+
+def test_masked_sectors_are_not_clear() -> None:
+    info, avoid = tilted("zed", 0.0), AvoidParams(max_distance_m=8.0)
+    hidden = np.zeros((376, 672), np.bool_)
+    hidden[:, :336] = True
+    right = clear_sectors(info, avoid, Params(), hidden)
+    assert right[1:6].all()
+    assert not right[36:].any()
+    assert "check the masks" in no_clear_text(info, avoid, Params(), np.ones((376, 672), np.bool_))
 
 
 def test_a_range_shorter_than_where_sectors_begin_names_another_remedy() -> None:

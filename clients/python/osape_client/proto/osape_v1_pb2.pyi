@@ -1048,7 +1048,7 @@ class Diagnostic(_message.Message):
         CODE_SHARE_NO_FRAME: _ClassVar[Diagnostic.Code]
         CODE_SHARE_NOT_AUTHENTICATED: _ClassVar[Diagnostic.Code]
         CODE_CLOCK_UNCERTAIN: _ClassVar[Diagnostic.Code]
-        CODE_CLEAR_OUT_OF_RANGE: _ClassVar[Diagnostic.Code]
+        CODE_NEVER_CLEAR: _ClassVar[Diagnostic.Code]
     CODE_UNKNOWN: Diagnostic.Code
     CODE_STARTING: Diagnostic.Code
     CODE_THREAD_STALLED: Diagnostic.Code
@@ -1112,7 +1112,7 @@ class Diagnostic(_message.Message):
     CODE_SHARE_NO_FRAME: Diagnostic.Code
     CODE_SHARE_NOT_AUTHENTICATED: Diagnostic.Code
     CODE_CLOCK_UNCERTAIN: Diagnostic.Code
-    CODE_CLEAR_OUT_OF_RANGE: Diagnostic.Code
+    CODE_NEVER_CLEAR: Diagnostic.Code
     CODE_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
