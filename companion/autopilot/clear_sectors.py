@@ -49,7 +49,6 @@ def clear_sectors(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: 
         intrinsics=k,
         R_optical_level=R.T,
         ring_m=params.profile_ring_m,
-        bias_per_m=info.bias_per_m,
     )
     return np.asarray(scan([view], avoid).state == SectorState.CLEAR)
 

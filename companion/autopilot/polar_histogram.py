@@ -215,11 +215,11 @@ def _sector_rays(
 def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
     """Returns the distance, (72,), to which a sector must be seen free before its plane.
 
-    The free-range profile ends before the plane by a ring, a step, the noise and the bias along the ray, in addition to
-    the margin, which plane_m does not include: before a wall that is seen from the side it contains less of the bias."""
+    The free-range profile ends before the plane by a ring, a step and the noise of the plane, in addition to the
+    margin, which plane_m does not include."""
     short_m = step_m + max((view.ring_m for view in views), default=0.0)
-    short_per_m = max((SHORT_SIGMAS * view.model.ke_per_m + view.bias_per_m for view in views), default=0.0)
-    return plane_m - short_m - short_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
+    ke_per_m = max((view.model.ke_per_m for view in views), default=0.0)
+    return plane_m - short_m - SHORT_SIGMAS * ke_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
 
 
 def _beside_m(plane_m: NDArray[np.float64], rays: int) -> NDArray[np.float64]:

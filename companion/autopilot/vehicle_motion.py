@@ -123,7 +123,6 @@ class VehicleMotion:
             intrinsics=info.intrinsics,
             R_optical_level=R_optical_level,
             ring_m=ring_m,
-            bias_per_m=info.bias_per_m,
             open_counts=open_counts,
             t_ns=seen_ns(result),
         )

@@ -32,7 +32,6 @@ class View:
         intrinsics: of the camera; None: not known.
         R_optical_level: (3, 3) direction of the camera; None: not known.
         ring_m: step of its free-range profile.
-        bias_per_m: of its CameraInfo.
         open_counts: sectors count open space as free. The memories of obstacles and of free space, and the guard,
             never do.
         t_ns: exposure of the frame."""
@@ -42,7 +41,6 @@ class View:
     intrinsics: Intrinsics | None = None
     R_optical_level: NDArray[np.float64] | None = None
     ring_m: float = RING_M
-    bias_per_m: float = 0.0
     open_counts: bool = False
     t_ns: int = 0
 

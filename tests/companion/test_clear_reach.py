@@ -61,7 +61,6 @@ def ahead(info: CameraInfo, avoid: AvoidParams, far: int = FAR_MM) -> SectorStat
         transform=LevelTransform(0.0, (0.0, 0.0, 0.0)),
         intrinsics=k,
         R_optical_level=level().T,
-        bias_per_m=info.bias_per_m,
     )
     return SectorState(int(scan([view], avoid).state[0]))
 
