@@ -13,7 +13,7 @@ import numpy as np
 
 from ..jit import inner, kernel
 from .line import along, offset, sideways, variance_at
-from .tables import NONE
+from .tables import CUT_BOTTOM, CUT_TOP, NONE
 
 _TOUCH_M = 0.1
 """Not tuning: ends this close touch."""
@@ -31,7 +31,6 @@ STEADY_HITS = 5
 """Not tuning: a track observed as often is steady."""
 _TALLER_M = 0.5
 """Not tuning: one detection makes a steady track taller by at most this, at each edge."""
-_CUT_TOP, _CUT_BOTTOM = 16, 32
 SIDEWAYS_M = 0.15
 """Not tuning: a detection is seen at most this far beside the line of its track."""
 CONTINUES, COVERS = 1, 2
@@ -71,8 +70,8 @@ def is_much_taller(d, flags, track):
     if track.hits < STEADY_HITS:
         return False
     cut = flags | track.plane_flags
-    above = track.top_m - d.top_m > _TALLER_M and cut & _CUT_TOP == 0
-    return above or (d.bottom_m - track.bottom_m > _TALLER_M and cut & _CUT_BOTTOM == 0)
+    above = track.top_m - d.top_m > _TALLER_M and cut & CUT_TOP == 0
+    return above or (d.bottom_m - track.bottom_m > _TALLER_M and cut & CUT_BOTTOM == 0)
 
 
 @inner

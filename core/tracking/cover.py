@@ -18,7 +18,7 @@ import numpy as np
 from ..jit import inner, kernel, record
 from .line import EDGE_ON, offset, seen_at, sideways
 from .publish import BEHIND_M
-from .tables import NONE, count_observation, observe_cells
+from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, NONE, count_observation, observe_cells
 
 LOST_M = 0.02
 """Not tuning: a track seen edge-on is too narrow for what lies farther beside it."""
@@ -255,8 +255,21 @@ def support_part(table, j, d, s0, s1, top, bottom, eye, t_ns):
         return
     t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)
     t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, top), max(t.frame_bottom_m, bottom)
+    keep_cut_edges(t, d.plane_flags)
     near = max(offset(t, ax, ay), offset(t, bx, by))
     t.excess_m = max(t.excess_m, near) if t.seen_ns == t_ns else near
     t.margin_m = max(t.margin_m, d.margin_m + min(0.0, near))
     observe_cells(table, j, low, high, bottom - top, t_ns)
     count_observation(t, t_ns)
+
+
+@inner
+def keep_cut_edges(t, flags):
+    """Extends the frame's extent of a track to its own edges where the border of the image cut a detection, with these flags,
+    that it hides: the track may continue there, and does not shrink."""
+    if flags & (CUT_LEFT | CUT_RIGHT):
+        t.frame_s0_m, t.frame_s1_m = t.s0_m, t.s1_m
+    if flags & CUT_TOP:
+        t.frame_top_m = t.top_m
+    if flags & CUT_BOTTOM:
+        t.frame_bottom_m = t.bottom_m

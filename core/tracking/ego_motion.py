@@ -9,8 +9,8 @@ import numpy as np
 from ..jit import inner, kernel
 from .association import CONTINUES
 from .line import offset
+from .tables import CUT_BOTTOM, CUT_TOP
 
-_CUT_TOP, _CUT_BOTTOM = 16, 32
 _ROUNDS, _LEAST_HEIGHTS = 4, 6
 _SCALE_M = 0.1
 """Not tuning: distances above this count less, so that moving obstacles do not decide."""
@@ -40,10 +40,10 @@ def common_shift(detections, tracks, pairs, scores, dt_s):
             continue
         d, t = detections[pairs[n, 0]], tracks[pairs[n, 1]]
         cut = d.plane_flags | t.plane_flags
-        if cut & _CUT_TOP == 0:
+        if cut & CUT_TOP == 0:
             heights[count] = d.top_m - t.top_m
             count += 1
-        if cut & _CUT_BOTTOM == 0:
+        if cut & CUT_BOTTOM == 0:
             heights[count] = d.bottom_m - t.bottom_m
             count += 1
     z = np.median(heights[:count]) if count >= _LEAST_HEIGHTS else 0.0

@@ -8,10 +8,11 @@ import numpy as np
 
 from ..jit import inner, kernel, record
 from .observed import is_gap, measured_limits, turn_between
+from .tables import CUT_LEFT, CUT_RIGHT
 
 GAP_M = 0.4
 """Not tuning: detections closer together belong to one group."""
-_CUT_SIDES = 4 | 8
+_CUT_SIDES = CUT_LEFT | CUT_RIGHT
 _BORDER_RAD = 0.01
 """Not tuning: what ends so close to the border of the measured directions may continue."""
 _TALL_SHARE = 0.5

@@ -7,9 +7,8 @@ import math
 from ..jit import inner
 from .line import EDGE_ON, facing
 from .observed import is_unobserved
-from .tables import MEMORY_HITS, NONE
+from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, MEMORY_HITS, NONE
 
-_CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = 4, 8, 16, 32
 _REACH_M = 0.75
 """Not tuning: an end that is observed farther inside belongs to a part of the surface."""
 _WHOLE_SHARE, _PART_SHARE = 0.6, 0.3
@@ -22,7 +21,7 @@ def shrink(table, j, detections, rules, view, limits):
     cut, that a nearer obstacle hides or that lies out of the measured directions stays. limits: of `measured_limits`."""
     t = table.tracks[j]
     cut, share = flags_of(detections, t.first_detection), rules.shrink_share
-    if cut & (_CUT_LEFT | _CUT_RIGHT) == 0:
+    if cut & (CUT_LEFT | CUT_RIGHT) == 0:
         low, high = t.frame_s0_m - t.s0_m, t.s1_m - t.frame_s1_m
         if low < _REACH_M and not is_end_hidden(table, j, t.s0_m, t.frame_s0_m, rules, view, limits):
             t.s0_m += share * low
@@ -30,9 +29,9 @@ def shrink(table, j, detections, rules, view, limits):
             t.s1_m -= share * high
     whole = t.frame_bottom_m - t.frame_top_m >= _WHOLE_SHARE * (t.bottom_m - t.top_m)
     share = share if whole else _PART_SHARE * share
-    if cut & _CUT_TOP == 0:
+    if cut & CUT_TOP == 0:
         t.top_m += share * (t.frame_top_m - t.top_m)
-    if cut & _CUT_BOTTOM == 0:
+    if cut & CUT_BOTTOM == 0:
         t.bottom_m += share * (t.frame_bottom_m - t.bottom_m)
 
 

@@ -12,7 +12,9 @@ _LEAST_M = 0.02
 @kernel
 def split_tracks(table, count, next_id, t_ns):
     """Shortens tracks whose ends have been removed, and splits those with a gap; the part observed most often keeps the id.
-    The tracks are in the first `count` slots; a new part takes the first empty slot of the table.
+    The tracks are in the first `count` slots; a new part takes the first empty slot of the table, else that of the track not
+    observed longest. Where this frame observed all others, the track stays whole: nothing of it was observed to be free but the
+    gap.
 
     Returns (next id, tracks ended, tracks removed for want of slots)."""
     ended, evicted = 0, 0
@@ -25,7 +27,7 @@ def split_tracks(table, count, next_id, t_ns):
             t.hits = 0
             ended += 1
             continue
-        begin = NONE
+        begin, low, high = NONE, best0, best1
         for k in range(t.cells + 1):
             alive = k < t.cells and table.cells[j, k].hits > 0
             if alive and begin == NONE:
@@ -34,12 +36,14 @@ def split_tracks(table, count, next_id, t_ns):
                 continue
             if begin != best0:
                 other, gone = free_slot(table, t_ns)
-                evicted += 1 if gone else 0
-                if other != NONE and other != j:
+                if other in (NONE, j):
+                    low, high = min(low, begin), max(high, k)
+                else:
                     copy_part(table, j, other, begin, k, next_id)
                     next_id += 1
+                    evicted += 1 if gone else 0
             begin = NONE
-        keep_part(table, j, best0, best1)
+        keep_part(table, j, low, high)
         if t.s1_m - t.s0_m < _LEAST_M and t.seen_ns != t_ns:
             t.s0_m -= 0.5 * _LEAST_M
             t.s1_m += 0.5 * _LEAST_M

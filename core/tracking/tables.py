@@ -25,6 +25,8 @@ SHIFT_M = 4.0
 THIN_M = 0.3
 """Not tuning: an obstacle of more height is not thin."""
 NONE = -1
+CUT_LEFT, CUT_RIGHT, CUT_TOP, CUT_BOTTOM = 4, 8, 16, 32
+"""Of the flags of a plane: the border of the image cut it there."""
 _RATE_STEP = 0.1
 """Not tuning: weight of a frame in the hit rate."""
 _MOST_HITS = 1 << 20

@@ -19,7 +19,7 @@ BOX = wall(6.0, -0.25, 6.0, 0.25)
 BACK = wall(12.0, -9.0, 12.0, 9.0)
 
 
-def planes_of(planes: list[list[float]], walls: list[list[float]], k: int) -> TrackingFrame:
+def planes_of(planes: list[list[float]], walls: list[list[float]], k: int, flags: int = 2) -> TrackingFrame:
     """Frame k with these planes and the free ranges before `walls`."""
     f = frame(walls, k)
     n = len(planes)
@@ -28,7 +28,7 @@ def planes_of(planes: list[list[float]], walls: list[list[float]], k: int) -> Tr
         planes=np.array(planes, np.float32).reshape(-1, 6),
         support_px=np.full(n, 50, np.int32),
         margin_m=np.full(n, 0.05, np.float32),
-        flags=np.full(n, 2, np.uint8),
+        flags=np.full(n, flags, np.uint8),
         cluster=np.zeros(n, np.int32),
     )
     return dataclasses.replace(f, model=model)
@@ -73,3 +73,23 @@ def test_a_detection_that_replaces_the_line_of_a_new_track_keeps_what_it_does_no
     s = tracker.observe(planes_of([part], [part], 1))
     assert len(s.ids) == 1
     assert distance(s, 8.9, -1.0) < 0.3
+
+
+@pytest.mark.parametrize("cut", ["nowhere", "left", "right", "top", "bottom"])
+def test_tracks_keep_the_edge_at_which_the_border_of_the_image_cut_what_they_hide(cut: str) -> None:
+    """Two tracks hide one detection that continues neither, in a view that ends where it ends. Edges that were not cut follow
+    it, the ends because few frames know them."""
+    flags = {"nowhere": 0, "left": 4, "right": 8, "top": 16, "bottom": 32}[cut]
+    walls = [wall(6.0, -1.5, 6.0, 0.0), wall(6.25, 0.0, 6.25, 1.5)]
+    tracker = settled(walls, 5)
+    before = tracker.observe(frame(walls, 5)).planes
+    across = [5.98, -1.2, 6.35, 1.0, -2.0, 2.0]
+    for k in range(6, 10):
+        f = planes_of([across], walls, k, flags)
+        ends = frame(walls, k, view_deg=19.0).model.free
+        s = tracker.observe(dataclasses.replace(f, model=dataclasses.replace(f.model, free=ends)))
+        assert s.ids.tolist() == [1, 2]
+        assert s.unseen_ns.tolist() == [0, 0]
+    assert np.allclose(s.planes[:, [1, 3]], before[:, [1, 3]], atol=1e-3) == (cut in ("left", "right"))
+    assert np.allclose(s.planes[:, 4], before[:, 4], atol=0.05) == (cut == "top")
+    assert np.allclose(s.planes[:, 5], before[:, 5], atol=0.05) == (cut == "bottom")

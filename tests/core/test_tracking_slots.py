@@ -9,6 +9,7 @@ import pytest
 
 from core.tracking.association import assign, find_pairs
 from core.tracking.params import TrackingParams
+from core.tracking.splitting import split_tracks
 from core.tracking.tables import TrackTable, detections_of, empty_table
 from core.tracking.tracker import Tracker, rules_of
 from core.tracking.update import apply_detections, begin_frame
@@ -63,3 +64,22 @@ def test_many_tracks_that_are_split_in_one_frame_evict_none_while_the_table_has_
     after = tracker.observe(dataclasses.replace(blind, model=dataclasses.replace(blind.model, valid=False)))
     assert tracker.counts["tracks_evicted"] == 0
     assert len(after.ids) == 200
+
+
+@pytest.mark.parametrize("gap", [4, 7])
+@pytest.mark.parametrize("observed", [True, False])
+def test_a_track_that_is_split_in_a_full_table_loses_only_its_gap(observed: bool, gap: int) -> None:
+    """Its smaller part, the first or the second, takes the slot of a track that this frame did not observe; where there is none,
+    the track stays whole."""
+    tracker, t_ns = Tracker(TrackingParams(most_tracks=64)), 7
+    tracker.observe(planes_of([wall(3.0 + 1.5 * k, -1.5, 3.0 + 1.5 * k, 1.5) for k in range(64)], [], 0))
+    table = tracker._all
+    table.tracks["seen_ns"], table.cells["seen_ns"] = t_ns, t_ns
+    if not observed:
+        table.tracks["seen_ns"][9] = 0
+    table.cells[5, gap] = np.zeros((), table.cells.dtype)
+    next_id, ended, evicted = split_tracks(table, 64, 65, t_ns)
+    assert (next_id, ended, evicted) == ((65, 0, 0) if observed else (66, 0, 1))
+    parts = table.tracks[np.abs(table.tracks["x_m"] - 10.5) < 0.01]
+    assert len(parts) == (1 if observed else 2)
+    assert np.abs(parts["s0_m"]).max() == np.abs(parts["s1_m"]).max() == 1.5
