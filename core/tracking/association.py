@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel
+from .boxes import find_near, track_boxes
 from .line import along, offset, sideways, variance_at
 from .tables import CUT_BOTTOM, CUT_TOP, NONE
 
@@ -75,6 +76,17 @@ def is_much_taller(d, flags, track):
 
 
 @inner
+def lies_along(d, track, reach_m):
+    """Whether both ends of a detection lie within reach_m of the line of a track, or those of the track of its line: else no
+    relation is possible. Without branches, since most tracks near a detection fail."""
+    x0, y0 = track.x_m + track.s0_m * track.tx - d.ax_m, track.y_m + track.s0_m * track.ty - d.ay_m
+    x1, y1 = track.x_m + track.s1_m * track.tx - d.ax_m, track.y_m + track.s1_m * track.ty - d.ay_m
+    off_a, off_b = abs(offset(track, d.ax_m, d.ay_m)), abs(offset(track, d.bx_m, d.by_m))
+    off_0, off_1 = abs(y0 * d.tx - x0 * d.ty), abs(y1 * d.tx - x1 * d.ty)
+    return ((off_a <= reach_m) & (off_b <= reach_m)) | ((off_0 <= reach_m) & (off_1 <= reach_m))
+
+
+@inner
 def continues(d, track, rules, eye_x, eye_y):
     """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye_x,
     eye_y: of the camera; the track must hide what the detection hides from it."""
@@ -128,21 +140,18 @@ def covers(d, track, rules):
 
 
 @kernel
-def find_pairs(detections, tracks, live, rules, eye_x, eye_y, pairs, scores):
-    """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, track, relation;
-    scores (P,) float64. live: (T,) slots; eye_x, eye_y: of the camera. Returns (number of pairs, number of pairs that did
-    not fit)."""
-    boxes, near = np.empty((6, live.shape[0])), np.empty(live.shape[0], np.bool_)
-    track_boxes(tracks, live, boxes)
+def find_pairs(detections, tracks, rules, eye_x, eye_y, pairs, scores):
+    """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, slot of the track,
+    relation; scores (P,) float64. eye_x, eye_y: of the camera. Returns (number of pairs, number of pairs that did not fit)."""
+    boxes, slots = track_boxes(tracks), tracks.shape[0]
+    near, found = np.empty(slots, np.bool_), np.empty(slots + 1, np.int64)
     reach = rules.gate_max_m + _TOUCH_M
     count, lost = 0, 0
     for i in range(detections.shape[0]):
         d = detections[i]
-        find_near(d, boxes, reach, near)
-        for n in range(live.shape[0]):
-            if not near[n]:
+        for j in found[: find_near(d, boxes, reach, 0.0, near, found)]:
+            if not lies_along(d, tracks[j], rules.gate_max_m):
                 continue
-            j = live[n]
             score = continues(d, tracks[j], rules, eye_x, eye_y)
             relation = CONTINUES
             if score <= 0.0:
@@ -157,31 +166,6 @@ def find_pairs(detections, tracks, live, rules, eye_x, eye_y, pairs, scores):
             scores[count] = score
             count += 1
     return count, lost
-
-
-@inner
-def track_boxes(tracks, live, boxes):
-    """Bounds of the live tracks (slots in `live`) -> boxes (6, T) float64: least and greatest x, y and z."""
-    for n in range(live.shape[0]):
-        t = tracks[live[n]]
-        x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-        x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
-        boxes[0, n], boxes[1, n] = min(x0, x1), max(x0, x1)
-        boxes[2, n], boxes[3, n] = min(y0, y1), max(y0, y1)
-        boxes[4, n], boxes[5, n] = t.top_m, t.bottom_m
-
-
-@inner
-def find_near(d, boxes, reach, near):
-    """Which boxes (6, T) a detection, enlarged by reach, overlaps -> near (T,) bool. Without branches, so that the compiler
-    compares several boxes at once."""
-    x0, x1 = min(d.ax_m, d.bx_m) - reach, max(d.ax_m, d.bx_m) + reach
-    y0, y1 = min(d.ay_m, d.by_m) - reach, max(d.ay_m, d.by_m) + reach
-    top, bottom = d.top_m, d.bottom_m
-    for n in range(near.shape[0]):
-        in_x = (boxes[0, n] <= x1) & (boxes[1, n] >= x0)
-        in_y = (boxes[2, n] <= y1) & (boxes[3, n] >= y0)
-        near[n] = in_x & in_y & (boxes[4, n] < bottom) & (boxes[5, n] > top)
 
 
 @inner

@@ -12,10 +12,12 @@ its whole height. No track is extended: what they leave uncovered makes the dete
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..jit import inner, kernel, record
+from .boxes import find_near, track_boxes
 from .line import EDGE_ON, offset, seen_at, sideways
 from .publish import BEHIND_M
 from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, NONE, count_observation, observe_cells
@@ -39,16 +41,29 @@ PART = record(
 hits: its observations."""
 
 
+class Search(NamedTuple):
+    """What `is_hidden` searches, and its scratch. boxes: of `track_boxes`; near, found: of `find_near`; parts: (MOST_PARTS,) PART;
+    borders: float64, of the pieces."""
+
+    boxes: Any
+    near: Any
+    found: Any
+    parts: Any
+    borders: Any
+
+
 @kernel
-def new_parts():
-    """Scratch of `is_hidden`: (MOST_PARTS,) PART, and float64 for the borders of the pieces."""
-    return np.zeros(MOST_PARTS, PART), np.zeros(2 * MOST_PARTS + 2)
+def begin_search(tracks):
+    """The search among tracks (T,) TRACK."""
+    near, found = np.empty(tracks.shape[0], np.bool_), np.empty(tracks.shape[0] + 1, np.int64)
+    return Search(track_boxes(tracks), near, found, np.zeros(MOST_PARTS, PART), np.zeros(2 * MOST_PARTS + 2))
 
 
 @inner
-def is_hidden(tracks, d, gate_m, eye, parts, borders):
+def is_hidden(tracks, d, gate_m, eye, search):
     """Number of parts found where the tracks together hide a detection, else 0. eye: x, y, z of the camera."""
-    count = find_parts(tracks, d, gate_m, eye, parts)
+    parts, borders = search.parts, search.borders
+    count = find_parts(tracks, d, gate_m, eye, search)
     if count == 0:
         return 0
     n = find_borders(parts, count, d, borders)
@@ -76,20 +91,14 @@ def behind_of(d):
 
 
 @inner
-def find_parts(tracks, d, gate_m, eye, parts):
+def find_parts(tracks, d, gate_m, eye, search):
     """The parts of a detection that tracks can hide, those observed most often first where there are too many."""
-    count = 0
+    parts, found, count = search.parts, search.found, 0
     reach = max(gate_m, BEHIND_MAX_M)
-    low_x, high_x = min(d.ax_m, d.bx_m) - reach, max(d.ax_m, d.bx_m) + reach
-    low_y, high_y = min(d.ay_m, d.by_m) - reach, max(d.ay_m, d.by_m) + reach
-    for j in range(tracks.shape[0]):
+    for j in found[: find_near(d, search.boxes, reach, reach, search.near, found)]:
         t = tracks[j]
-        if t.hits == 0 or t.top_m > d.bottom_m + reach or t.bottom_m < d.top_m - reach:
-            continue
         x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
         x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
-        if min(x0, x1) > high_x or max(x0, x1) < low_x or min(y0, y1) > high_y or max(y0, y1) < low_y:
-            continue
         if offset(t, eye[0], eye[1]) <= 0.0:
             continue  # seen from behind
         a, b = seen_on(d, x0, y0, eye), seen_on(d, x1, y1, eye)
@@ -189,18 +198,13 @@ def next_part(tracks, d, parts, count, s, z, eye):
         if p.s0_m > s or p.s1_m < s or (best != NONE and p.hits <= parts[best].hits):
             continue
         t = tracks[p.slot]
-        upper, lower = upper_edge(t, d, s, eye), lower_edge(t, d, s, eye)
+        share = range_share(t, d, s, eye)
+        upper, lower = eye[2] + (t.top_m - eye[2]) / share, eye[2] + (t.bottom_m - eye[2]) / share
         if min(lower, d.bottom_m) - max(upper, d.top_m) < _EXACT_M:
             continue
         if upper <= z + _EXACT_M and lower > z + _EXACT_M:
             best = k
     return best
-
-
-@inner
-def upper_edge(t, d, s, eye):
-    """Height at which the upper edge of a track is seen on a detection at s."""
-    return eye[2] + (t.top_m - eye[2]) / range_share(t, d, s, eye)
 
 
 @inner
@@ -220,8 +224,9 @@ def range_share(t, d, s, eye):
 
 
 @inner
-def support(table, d, parts, count, borders, eye, t_ns):
+def support(table, d, count, eye, t_ns, search):
     """Observes the tracks that hide a detection. Their lines and extents remain, and their margins reach its nearest face."""
+    parts, borders = search.parts, search.borders
     n = find_borders(parts, count, d, borders)
     for k in range(n - 1):
         if borders[k + 1] - borders[k] < _EXACT_M:

@@ -75,7 +75,8 @@ def lowest_free(x, y, r, view):
 def classify(x, y, top, bottom, slack, rules, view):
     """How a frame observed a place (x, y, in the tracks' frame) with heights top..bottom: CLEAR, EXPLAINED, HIDDEN or
     OUT_OF_VIEW. slack: how far behind the place it must be free, m, without noise."""
-    clear, explained, hidden = observed_heights(x, y, top, bottom, slack, rules, view)
+    dx, dy = x - view.x_m, y - view.y_m
+    clear, explained, hidden = observed_heights(dx, dy, math.atan2(dy, dx), top, bottom, slack, rules, view)
     if explained > _EXPLAINED_SHARE * (bottom - top):
         return EXPLAINED
     if clear >= _CLEAR_SHARE * (bottom - top):
@@ -84,14 +85,14 @@ def classify(x, y, top, bottom, slack, rules, view):
 
 
 @inner
-def observed_heights(x, y, top, bottom, slack, rules, view):
-    """How much of the height of a place is (clear, explained, hidden), m; zeros out of view."""
-    dx, dy = x - view.x_m, y - view.y_m
+def observed_heights(dx, dy, azimuth, top, bottom, slack, rules, view):
+    """How much of the height of a place is (clear, explained, hidden), m; zeros out of view. dx, dy, azimuth: of the place from
+    the camera."""
     r = math.sqrt(dx * dx + dy * dy)
     clear, explained, hidden = 0.0, 0.0, 0.0
     if r < 1e-3 or view.edges_rad.shape[0] < 2:
         return clear, explained, hidden
-    d = direction_of(view.edges_rad, math.atan2(dy, dx))
+    d = direction_of(view.edges_rad, azimuth)
     if d == NONE:
         return clear, explained, hidden
     off = slack + rules.free_sigmas * view.ke_per_m * r * r
@@ -116,13 +117,14 @@ def is_unobserved(x, y, top, bottom, slack, rules, view, limits):
     """Whether a frame did not observe most of a place above the ground: an obstacle hides it, it lies beyond the range, or out
     of the measured directions. limits: of `measured_limits`."""
     dx, dy = x - view.x_m, y - view.y_m
+    azimuth = math.atan2(dy, dx)
     middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
-    if abs(turn_between(middle, math.atan2(dy, dx))) >= half:
+    if abs(turn_between(middle, azimuth)) >= half:
         return True
     bottom = min(bottom, lowest_free(dx, dy, math.sqrt(dx * dx + dy * dy), view))
     if bottom <= top:
         return False
-    return observed_heights(x, y, top, bottom, slack, rules, view)[2] > 0.5 * (bottom - top)
+    return observed_heights(dx, dy, azimuth, top, bottom, slack, rules, view)[2] > 0.5 * (bottom - top)
 
 
 @inner
@@ -189,7 +191,7 @@ def is_seen_through(x, y, track, detections, spans, index, middle, behind, view,
     least_m = r - behind - track.margin_m - _RANGE_SLACK_M
     passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m
     for i in index.items[first:end]:
-        if not crosses(spans, i, azimuth) or spans[2, i] < least_m:
+        if not crosses(spans, i, azimuth) & (spans[2, i] >= least_m):
             continue
         d = detections[i]
         far = range_along(d, dx, dy, view)
@@ -219,7 +221,7 @@ def is_seen_through(x, y, track, detections, spans, index, middle, behind, view,
 @inner
 def crosses(spans, i, azimuth):
     """Whether detection i covers a direction, rad from the middle of the view. spans: of `find_spans`."""
-    return spans[0, i] <= azimuth and spans[1, i] >= azimuth
+    return (spans[0, i] <= azimuth) & (spans[1, i] >= azimuth)
 
 
 @inner

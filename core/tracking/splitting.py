@@ -16,8 +16,8 @@ def split_tracks(table, count, next_id, t_ns):
     observed longest. Where this frame observed all others, the track stays whole: nothing of it was observed to be free but the
     gap.
 
-    Returns (next id, tracks ended, tracks removed for want of slots)."""
-    ended, evicted = 0, 0
+    Returns (next id, end of the slots in use, tracks removed for want of slots)."""
+    end, evicted = 0, 0
     for j in range(count):
         t = table.tracks[j]
         if t.hits == 0:
@@ -25,7 +25,6 @@ def split_tracks(table, count, next_id, t_ns):
         best0, best1 = most_observed_run(table, j)
         if best0 == NONE:
             t.hits = 0
-            ended += 1
             continue
         begin, low, high = NONE, best0, best1
         for k in range(t.cells + 1):
@@ -40,14 +39,15 @@ def split_tracks(table, count, next_id, t_ns):
                     low, high = min(low, begin), max(high, k)
                 else:
                     copy_part(table, j, other, begin, k, next_id)
-                    next_id += 1
+                    next_id, end = next_id + 1, max(end, other + 1)
                     evicted += 1 if gone else 0
             begin = NONE
         keep_part(table, j, low, high)
+        end = max(end, j + 1)
         if t.s1_m - t.s0_m < _LEAST_M and t.seen_ns != t_ns:
             t.s0_m -= 0.5 * _LEAST_M
             t.s1_m += 0.5 * _LEAST_M
-    return next_id, ended, evicted
+    return next_id, end, evicted
 
 
 @inner

@@ -88,6 +88,7 @@ class Tracker:
         self._pairs, self._scores = np.zeros((_LEAST_PAIRS, 3), np.int32), np.zeros(_LEAST_PAIRS)
         self._no_detections = np.zeros(0, DETECTION)
         self._groups, self._distances = np.zeros(_GROUPS, GROUP), np.zeros((_GROUPS, MOST_OBJECTS))
+        self._next_id, self._next_object_id = 1, 1
         self._reset()
         if state is not None:
             self._resume(state)
@@ -95,16 +96,16 @@ class Tracker:
     def _reset(self) -> None:
         self._all = empty_table(self.params.most_tracks)
         self._table = self._all
+        self._used = 0  # end of the slots in use
         self._objects = np.zeros(MOST_OBJECTS, OBJECT)
         self._history = np.zeros((MOST_OBJECTS, HISTORY, 3))
         self._views: list[tuple[int, FreeView]] = []
-        self._state = TrackerState()
+        self._velocity_m_s = 0.0, 0.0
+        self._state = TrackerState()  # of the newest frame; its ids, velocity and tables are set by `state`
 
     def clear(self) -> None:
         """Ends all tracks and moving obstacles. Their ids are not given again."""
-        next_id, next_object_id = self._state.next_id, self._state.next_object_id
         self._reset()
-        self._state = replace(self._state, next_id=next_id, next_object_id=next_object_id)
 
     def observe(self, frame: TrackingFrame) -> TrackSnapshot:
         """The tracks after a frame. A frame older than the newest one starts an empty tracker. An invalid frame is no evidence: its
@@ -133,12 +134,11 @@ class Tracker:
         collect_evidence(
             self._table, detections, self._rules[0], view, frame.camera_m[2], frame.t_ns, round(memory_s * NS)
         )
-        next_id, _, evicted = split_tracks(self._all, len(self._table.tracks), self._state.next_id, frame.t_ns)
+        self._next_id, self._used, evicted = split_tracks(self._all, len(self._table.tracks), self._next_id, frame.t_ns)
         self._limit_table(0)
         self.counts["tracks_evicted"] += evicted
         self._state = replace(
             self._state,
-            next_id=int(next_id),
             last_ns=frame.t_ns,
             positioned=frame.positioned,
             reset_counter=frame.reset_counter,
@@ -154,8 +154,7 @@ class Tracker:
         """Limits the table to the slots in use and as many as the detections of a frame can need. Slots are taken from the
         lowest up, so that empty ones beyond need not be read."""
         tracks, cells = self._all
-        used = np.flatnonzero(tracks["hits"])
-        limit = (int(used[-1]) + 1 if len(used) else 0) + 2 * detections + _SPARE_SLOTS
+        limit = self._used + 2 * detections + _SPARE_SLOTS
         self._table = TrackTable(tracks[:limit], cells[:limit])
 
     # ---- place of the tracks ------------------------------------------------------------------------------------------
@@ -166,17 +165,17 @@ class Tracker:
         s = self._state
         if s.last_ns is None:
             return True
-        step = np.subtract(frame.origin_m, s.origin_m)
+        step = [new - old for new, old in zip(frame.origin_m, s.origin_m, strict=True)]
         both = frame.positioned and s.positioned and frame.reset_counter == s.reset_counter
         both = both and frame.position_jump_ns <= s.position_jump_ns
         jumps = [jump_rad for at_ns, jump_rad in frame.heading_jumps if at_ns > s.heading_jump_ns]
-        if both and not jumps and np.linalg.norm(step) <= _JUMP_M + _JUMP_SPEED_M_S * dt_s:
+        if both and not jumps and math.hypot(*step) <= _JUMP_M + _JUMP_SPEED_M_S * dt_s:
             if dt_s > 0.0:
-                self._state = replace(s, velocity_m_s=(float(step[0]) / dt_s, float(step[1]) / dt_s))
+                self._velocity_m_s = step[0] / dt_s, step[1] / dt_s
             return True
         # between origins of vehicles the tracks keep their place relative to the vehicle, but for its motion
-        vx, vy = s.velocity_m_s
-        self._shift(float(step[0]) - vx * dt_s, float(step[1]) - vy * dt_s, float(step[2]))
+        vx, vy = self._velocity_m_s
+        self._shift(step[0] - vx * dt_s, step[1] - vy * dt_s, step[2])
         self._rotate(sum(jumps), frame.origin_m)
         self._objects["hits"] = 0
         self._views.clear()
@@ -192,8 +191,8 @@ class Tracker:
         tracks["x_m"], tracks["y_m"] = cx + c * x - s * y, cy + s * x + c * y
         tx, ty = tracks["tx"].copy(), tracks["ty"].copy()
         tracks["tx"], tracks["ty"] = c * tx - s * ty, s * tx + c * ty
-        vx, vy = self._state.velocity_m_s
-        self._state = replace(self._state, velocity_m_s=(c * vx - s * vy, s * vx + c * vy))
+        vx, vy = self._velocity_m_s
+        self._velocity_m_s = c * vx - s * vy, s * vx + c * vy
 
     def _shift(self, x_m: float, y_m: float, z_m: float) -> None:
         tracks = self._table.tracks
@@ -209,9 +208,9 @@ class Tracker:
         x, y, z = map(float, common_shift(detections, self._table.tracks, pairs, scores, dt_s))
         self._shift(x, y, z)
         if dt_s > 0.0:
-            vx, vy = self._state.velocity_m_s
+            vx, vy = self._velocity_m_s
             share = _VELOCITY_SHARE / dt_s
-            self._state = replace(self._state, velocity_m_s=(vx - share * x, vy - share * y))
+            self._velocity_m_s = vx - share * x, vy - share * y
 
     # ---- detections ---------------------------------------------------------------------------------------------------
 
@@ -219,9 +218,8 @@ class Tracker:
         most = max(_LEAST_PAIRS, _PAIRS_PER_DETECTION * len(detections))
         if len(self._pairs) < most:
             self._pairs, self._scores = np.zeros((most, 3), np.int32), np.zeros(most)
-        tracks = self._table.tracks
-        live = np.flatnonzero(tracks["hits"])
-        count, lost = find_pairs(detections, tracks, live, rules, view.x_m, view.y_m, self._pairs, self._scores)
+        tracks = self._all.tracks[: self._used]
+        count, lost = find_pairs(detections, tracks, rules, view.x_m, view.y_m, self._pairs, self._scores)
         self.counts["pairs_left_out"] += lost
         return int(count)
 
@@ -229,18 +227,17 @@ class Tracker:
         count = self._find_pairs(detections, self._rules[0], view)
         order = np.argsort(-self._scores[:count], kind="stable")
         assign(detections, self._table.tracks, self._pairs, order)
-        next_id, evicted, left_out = apply_detections(
+        self._next_id, evicted, left_out = apply_detections(
             self._table,
             detections,
             self._pairs,
             order,
             self._rules[0],
             frame.camera_m,
-            self._state.next_id,
+            self._next_id,
             frame.t_ns,
             frame.positioned,
         )
-        self._state = replace(self._state, next_id=int(next_id))
         self.counts["tracks_evicted"] += evicted
         self.counts["detections_left_out"] += left_out
         if frame.positioned:
@@ -251,15 +248,14 @@ class Tracker:
         count = find_groups(detections, view, self.params.pose_sigma_m, groups)
         assign_groups(groups, count, self._objects, self._mover_rules[0], self._distances)
         rules, motion = self._rules[0], self._mover_rules[0]
-        next_object_id, waiting = update_objects(
-            groups, count, self._objects, self._history, self._state.next_object_id, frame.t_ns, motion, rules, view
+        self._next_object_id, waiting = update_objects(
+            groups, count, self._objects, self._history, self._next_object_id, frame.t_ns, motion, rules, view
         )
         newest_ns = frame.t_ns - round(OLD_S * NS)
         for t_ns, earlier in self._views:
             if waiting and t_ns <= newest_ns:
                 waiting = support_by_view(self._objects, rules, earlier)
         declare_objects(self._objects, frame.t_ns, motion)
-        self._state = replace(self._state, next_object_id=int(next_object_id))
         mark_tracks(detections, groups, self._objects, self._table.tracks)
 
     def _keep_view(self, view: FreeView, frame: TrackingFrame) -> None:
@@ -278,6 +274,9 @@ class Tracker:
         slots = np.flatnonzero(tracks["hits"] > 0).astype("<i4")
         return replace(
             self._state,
+            next_id=self._next_id,
+            next_object_id=self._next_object_id,
+            velocity_m_s=self._velocity_m_s,
             slots=slots.tobytes(),
             tracks=tracks[slots].tobytes(),
             cells=cells[slots].tobytes(),
@@ -300,6 +299,7 @@ class Tracker:
             raise ValueError(
                 f"tracker state: a track lies outside the table of {self.params.most_tracks}; was most_tracks changed?"
             )
+        self._used = 1 + int(slots.max(initial=-1))
         self._all.tracks[slots] = np.frombuffer(state.tracks, TRACK)
         self._all.cells[slots] = np.frombuffer(state.cells, CELL).reshape(n, CELLS)
         if state.objects or state.history:
@@ -308,4 +308,6 @@ class Tracker:
             self._objects[:] = np.frombuffer(state.objects, OBJECT)
             self._history[:] = np.frombuffer(state.history).reshape(self._history.shape)
         self._views = [view_from_bytes(data) for data in state.views]
+        self._next_id, self._next_object_id = state.next_id, state.next_object_id
+        self._velocity_m_s = state.velocity_m_s
         self._state = replace(state, slots=b"", tracks=b"", cells=b"", objects=b"", history=b"", views=())

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from ..jit import inner, kernel
-from .cover import is_hidden, new_parts, support
+from .boxes import set_box
+from .cover import begin_search, is_hidden, support
 from .line import along, begin_line, is_thin, offset, predict_line, seen_at, seen_heights
 from .merging import merge_pairs
 from .publish import BEHIND_M
@@ -46,16 +47,16 @@ def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns,
     merge_pairs(table, detections, pairs, order, rules, eye)
     for i in range(detections.shape[0]):  # before a new track takes the slot of a merged one
         detections[i].track = present_slot(table.tracks, detections[i].track)
-    parts, borders = new_parts()
+    search = begin_search(table.tracks)
     for i in range(detections.shape[0]):
         j = detections[i].track
         if j != NONE and represents(table.tracks[j], detections[i], rules, eye_x, eye_y):
             continue
         if j != NONE:  # it is no part of that track
             table.tracks[j].first_detection = remove_detection(detections, table.tracks[j].first_detection, i)
-        count = is_hidden(table.tracks, detections[i], rules.gate_max_m, eye, parts, borders)
+        count = is_hidden(table.tracks, detections[i], rules.gate_max_m, eye, search)
         if count > 0:
-            support(table, detections[i], parts, count, borders, eye, t_ns)
+            support(table, detections[i], count, eye, t_ns, search)
             continue
         j, evicted = free_slot(table, t_ns)
         removed += 1 if evicted else 0
@@ -66,6 +67,7 @@ def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns,
         begin_track(table, j, detections[i], i, next_id, t_ns)
         next_id += 1
         observe(table, j, detections[i], rules, eye, t_ns)
+        set_box(search.boxes, j, table.tracks[j])
     if joins:
         join_lines(table, detections, rules, eye, t_ns)
     for i in range(detections.shape[0]):

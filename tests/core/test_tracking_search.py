@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from core.tracking.association import find_near
+from core.tracking.boxes import find_near
 from core.tracking.ego_motion import common_shift
 from core.tracking.intervals import at_value, index_intervals
 from core.tracking.observed import FreeView, crosses, find_spans
@@ -30,17 +30,18 @@ def test_overlapping_boxes() -> None:
     d, others = random_detections(rng, 40), random_detections(rng, 60)
     x, y = np.sort([others["ax_m"], others["bx_m"]], axis=0), np.sort([others["ay_m"], others["by_m"]], axis=0)
     boxes = np.array([x[0], x[1], y[0], y[1], others["top_m"], others["bottom_m"]])
-    near, found = np.empty(60, np.bool_), 0
+    near, listed, found = np.empty(60, np.bool_), np.empty(61, np.int64), 0
     for one in d:
-        find_near(one, boxes, 0.5, near)
+        count = find_near(one, boxes, 0.5, 0.25, near, listed)
+        assert listed[:count].tolist() == np.flatnonzero(near).tolist()
         for n in range(60):
             apart = (
                 x[0, n] > max(one["ax_m"], one["bx_m"]) + 0.5
                 or x[1, n] < min(one["ax_m"], one["bx_m"]) - 0.5
                 or y[0, n] > max(one["ay_m"], one["by_m"]) + 0.5
                 or y[1, n] < min(one["ay_m"], one["by_m"]) - 0.5
-                or boxes[4, n] >= one["bottom_m"]
-                or boxes[5, n] <= one["top_m"]
+                or boxes[4, n] >= one["bottom_m"] + 0.25
+                or boxes[5, n] <= one["top_m"] - 0.25
             )
             assert near[n] != apart
             found += near[n]

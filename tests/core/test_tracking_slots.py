@@ -30,8 +30,7 @@ def apply(table: TrackTable, walls: list[list[float]], t_ns: int, next_id: int) 
     d = detections_of(np.array(walls, np.float32), margins, zeros.astype(np.uint8), zeros, 0.03)
     begin_frame(table, 0.1, RULES)
     pairs, scores = np.zeros((256, 3), np.int32), np.zeros(256)
-    live = np.flatnonzero(table.tracks["hits"])
-    count, _ = find_pairs(d, table.tracks, live, RULES, 0.0, 0.0, pairs, scores)
+    count, _ = find_pairs(d, table.tracks, RULES, 0.0, 0.0, pairs, scores)
     order = np.argsort(-scores[:count], kind="stable")
     assign(d, table.tracks, pairs, order)
     apply_detections(table, d, pairs, order, RULES, EYE, next_id, t_ns, True)
@@ -78,8 +77,8 @@ def test_a_track_that_is_split_in_a_full_table_loses_only_its_gap(observed: bool
     if not observed:
         table.tracks["seen_ns"][9] = 0
     table.cells[5, gap] = np.zeros((), table.cells.dtype)
-    next_id, ended, evicted = split_tracks(table, 64, 65, t_ns)
-    assert (next_id, ended, evicted) == ((65, 0, 0) if observed else (66, 0, 1))
+    next_id, end, evicted = split_tracks(table, 64, 65, t_ns)
+    assert (next_id, end, evicted) == ((65, 64, 0) if observed else (66, 64, 1))
     parts = table.tracks[np.abs(table.tracks["x_m"] - 10.5) < 0.01]
     assert len(parts) == (1 if observed else 2)
     assert np.abs(parts["s0_m"]).max() == np.abs(parts["s1_m"]).max() == 1.5
