@@ -21,6 +21,7 @@ from .observed import (
     is_seen_through,
     measured_limits,
     middle_azimuth,
+    seen_from,
 )
 from .shrinking import shrink
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
@@ -56,10 +57,10 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
             if c.hits == 0 or c.seen_ns == t_ns:
                 continue
             s = cell_middle(t, k)
-            x, y = t.x_m + s * t.tx, t.y_m + s * t.ty
-            seen = classify(x, y, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view)
+            place = seen_from(t.x_m + s * t.tx, t.y_m + s * t.ty, view)
+            seen = classify(place, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view)
             if seen != CLEAR and is_seen_through(
-                x, y, t, detections, spans, index, middle, rules.behind_m, view, eye_z
+                place, t, detections, spans, index, middle, rules.behind_m, view, eye_z
             ):
                 seen = CLEAR
             if seen >= EXPLAINED:

@@ -12,7 +12,7 @@ import math
 from ..jit import inner, kernel
 from .groups import may_move
 from .objects import TAKEN_AFTER, begin_object, free_object, object_lost_at, speed_variance, take_over, update_object
-from .observed import CLEAR, classify
+from .observed import CLEAR, classify, seen_from
 from .tables import NONE
 
 HISTORY = 10
@@ -77,7 +77,7 @@ def end_passed(objects, rules, view, t_ns):
         o = objects[m]
         if o.hits == 0 or o.seen_ns == t_ns:
             continue
-        if classify(o.x_m, o.y_m, o.top_m, o.bottom_m, _SMALL_M, rules, view) == CLEAR:
+        if classify(seen_from(o.x_m, o.y_m, view), o.top_m, o.bottom_m, _SMALL_M, rules, view) == CLEAR:
             o.hits = 0
 
 
@@ -90,7 +90,7 @@ def support_by_view(objects, rules, earlier):
         o = objects[m]
         if o.hits == 0 or o.evidence != WAITING or o.moving_ns != 0:
             continue
-        if classify(o.x_m, o.y_m, o.top_m, o.bottom_m, _SMALL_M, rules, earlier) == CLEAR:
+        if classify(seen_from(o.x_m, o.y_m, earlier), o.top_m, o.bottom_m, _SMALL_M, rules, earlier) == CLEAR:
             o.evidence = SUPPORTED
         else:
             waiting += 1
@@ -135,7 +135,8 @@ def left_place(o, places, rules, view, t_ns):
         miss = math.sqrt((dx - o.vx_m_s * dt_s) ** 2 + (dy - o.vy_m_s * dt_s) ** 2)
         if miss > 0.5 * math.sqrt(dx * dx + dy * dy):
             continue
-        if classify(places[n, 1], places[n, 2], o.top_m, o.bottom_m, _SMALL_M, rules, view) == CLEAR:
+        place = seen_from(places[n, 1], places[n, 2], view)
+        if classify(place, o.top_m, o.bottom_m, _SMALL_M, rules, view) == CLEAR:
             return SUPPORTED
         evidence = WAITING
     return evidence

@@ -106,24 +106,21 @@ def predict_objects(objects, dt_s, t_ns, observing):
 
 
 @kernel
-def assign_groups(groups, count, objects, rules, costs):
-    """Gives each group the object that explains it best, the best pair first. costs: (G, M) float64 scratch."""
+def assign_groups(groups, count, objects, rules):
+    """Gives each group the object that explains it best, the best pair first."""
+    pairs, costs = np.empty((count * objects.shape[0], 2), np.int64), np.empty(count * objects.shape[0])
+    found = 0
     for g in range(count):
         for m in range(objects.shape[0]):
-            costs[g, m] = pair_cost(groups[g], objects[m], rules)
-    for _ in range(count):
-        best, best_g, best_m = math.inf, NONE, NONE
-        for g in range(count):
-            if groups[g].object != NONE:
-                continue
-            for m in range(objects.shape[0]):
-                if costs[g, m] < best:
-                    best, best_g, best_m = costs[g, m], g, m
-        if best_g == NONE:
-            break
-        groups[best_g].object = best_m
-        for g in range(count):
-            costs[g, best_m] = math.inf
+            cost = pair_cost(groups[g], objects[m], rules)
+            if cost < math.inf:
+                pairs[found, 0], pairs[found, 1], costs[found] = g, m, cost
+                found += 1
+    taken = np.zeros(objects.shape[0], np.bool_)
+    for n in np.argsort(costs[:found], kind="mergesort"):
+        g, m = pairs[n, 0], pairs[n, 1]
+        if groups[g].object == NONE and not taken[m]:
+            groups[g].object, taken[m] = m, True
 
 
 @inner

@@ -57,11 +57,16 @@ def direction_of(edges, azimuth):
         if high - low <= 1:
             break
         middle = (low + high) // 2
-        if edges[middle] <= azimuth:
-            low = middle
-        else:
-            high = middle
+        beyond = edges[middle] <= azimuth
+        low, high = middle if beyond else low, high if beyond else middle
     return low
+
+
+@inner
+def seen_from(x, y, view):
+    """A place (x, y, in the tracks' frame) as seen from the camera: x, y, horizontal range, m, and azimuth, rad."""
+    dx, dy = x - view.x_m, y - view.y_m
+    return dx, dy, math.sqrt(dx * dx + dy * dy), math.atan2(dy, dx)
 
 
 @inner
@@ -72,11 +77,10 @@ def lowest_free(x, y, r, view):
 
 
 @inner
-def classify(x, y, top, bottom, slack, rules, view):
-    """How a frame observed a place (x, y, in the tracks' frame) with heights top..bottom: CLEAR, EXPLAINED, HIDDEN or
-    OUT_OF_VIEW. slack: how far behind the place it must be free, m, without noise."""
-    dx, dy = x - view.x_m, y - view.y_m
-    clear, explained, hidden = observed_heights(dx, dy, math.atan2(dy, dx), top, bottom, slack, rules, view)
+def classify(place, top, bottom, slack, rules, view):
+    """How a frame observed a place (of `seen_from`) with heights top..bottom: CLEAR, EXPLAINED, HIDDEN or OUT_OF_VIEW. slack:
+    how far behind the place it must be free, m, without noise."""
+    clear, explained, hidden = observed_heights(place, top, bottom, slack, rules, view)
     if explained > _EXPLAINED_SHARE * (bottom - top):
         return EXPLAINED
     if clear >= _CLEAR_SHARE * (bottom - top):
@@ -85,10 +89,9 @@ def classify(x, y, top, bottom, slack, rules, view):
 
 
 @inner
-def observed_heights(dx, dy, azimuth, top, bottom, slack, rules, view):
-    """How much of the height of a place is (clear, explained, hidden), m; zeros out of view. dx, dy, azimuth: of the place from
-    the camera."""
-    r = math.sqrt(dx * dx + dy * dy)
+def observed_heights(place, top, bottom, slack, rules, view):
+    """How much of the height of a place (of `seen_from`) is (clear, explained, hidden), m; zeros out of view."""
+    dx, dy, r, azimuth = place
     clear, explained, hidden = 0.0, 0.0, 0.0
     if r < 1e-3 or view.edges_rad.shape[0] < 2:
         return clear, explained, hidden
@@ -116,15 +119,15 @@ def observed_heights(dx, dy, azimuth, top, bottom, slack, rules, view):
 def is_unobserved(x, y, top, bottom, slack, rules, view, limits):
     """Whether a frame did not observe most of a place above the ground: an obstacle hides it, it lies beyond the range, or out
     of the measured directions. limits: of `measured_limits`."""
-    dx, dy = x - view.x_m, y - view.y_m
-    azimuth = math.atan2(dy, dx)
+    place = seen_from(x, y, view)
+    dx, dy, r, azimuth = place
     middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
     if abs(turn_between(middle, azimuth)) >= half:
         return True
-    bottom = min(bottom, lowest_free(dx, dy, math.sqrt(dx * dx + dy * dy), view))
+    bottom = min(bottom, lowest_free(dx, dy, r, view))
     if bottom <= top:
         return False
-    return observed_heights(dx, dy, azimuth, top, bottom, slack, rules, view)[2] > 0.5 * (bottom - top)
+    return observed_heights(place, top, bottom, slack, rules, view)[2] > 0.5 * (bottom - top)
 
 
 @inner
@@ -178,15 +181,14 @@ def turn_between(start, end):
 
 
 @inner
-def is_seen_through(x, y, track, detections, spans, index, middle, behind, view, eye_z):
-    """Whether detections of the frame lie behind a place of a track, as seen from the camera, over most of its height, none
-    lies at it, and none hides it. Gaps that were filled do not count: nothing was measured in them. spans: of `find_spans`;
-    index: of their directions; middle: azimuth of the middle of the view."""
-    dx, dy = x - view.x_m, y - view.y_m
-    r = math.sqrt(dx * dx + dy * dy)
+def is_seen_through(place, track, detections, spans, index, middle, behind, view, eye_z):
+    """Whether detections of the frame lie behind a place (of `seen_from`) of a track, as seen from the camera, over most of its
+    height, none lies at it, and none hides it. Gaps that were filled do not count: nothing was measured in them. spans: of
+    `find_spans`; index: of their directions; middle: azimuth of the middle of the view."""
+    dx, dy, r, azimuth = place
     if r < 1e-3:
         return False
-    azimuth, dx, dy = turn_between(middle, math.atan2(dy, dx)), dx / r, dy / r
+    azimuth, dx, dy = turn_between(middle, azimuth), dx / r, dy / r
     first, end = at_value(index, azimuth)
     least_m = r - behind - track.margin_m - _RANGE_SLACK_M
     passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m

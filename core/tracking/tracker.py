@@ -87,7 +87,7 @@ class Tracker:
         self.counts = {"tracks_evicted": 0, "detections_left_out": 0, "pairs_left_out": 0}
         self._pairs, self._scores = np.zeros((_LEAST_PAIRS, 3), np.int32), np.zeros(_LEAST_PAIRS)
         self._no_detections = np.zeros(0, DETECTION)
-        self._groups, self._distances = np.zeros(_GROUPS, GROUP), np.zeros((_GROUPS, MOST_OBJECTS))
+        self._groups = np.zeros(_GROUPS, GROUP)
         self._next_id, self._next_object_id = 1, 1
         self._reset()
         if state is not None:
@@ -246,7 +246,7 @@ class Tracker:
     def _follow_movers(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
         groups = self._groups
         count = find_groups(detections, view, self.params.pose_sigma_m, groups)
-        assign_groups(groups, count, self._objects, self._mover_rules[0], self._distances)
+        assign_groups(groups, count, self._objects, self._mover_rules[0])
         rules, motion = self._rules[0], self._mover_rules[0]
         self._next_object_id, waiting = update_objects(
             groups, count, self._objects, self._history, self._next_object_id, frame.t_ns, motion, rules, view
