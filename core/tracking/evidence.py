@@ -42,7 +42,7 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
     eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
     their square: what flickers does not accumulate where it is hidden."""
     removed, middle, limits = 0, middle_azimuth(view), measured_limits(view)
-    spans = np.empty((3, detections.shape[0]))
+    spans = np.empty((2, detections.shape[0]))
     find_spans(detections, view, spans)
     index = index_intervals(spans[0], spans[1])
     for j in range(table.tracks.shape[0]):

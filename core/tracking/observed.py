@@ -21,8 +21,6 @@ _CLEAR_SHARE = 0.5
 """Not tuning: shares of a place's height."""
 _SPAN_SLACK_RAD = 1e-6
 """Not tuning: for the rounding of directions."""
-_RANGE_SLACK_M = 1e-3
-"""Not tuning: for the rounding of ranges."""
 
 
 class FreeView(NamedTuple):
@@ -139,8 +137,8 @@ def is_gap(d):
 
 @inner
 def find_spans(detections, view, spans):
-    """Directions that detections cover, and their reach -> spans (3, N) float64: least and greatest direction, rad from the
-    middle of the view, and the greatest range with the margin. A detection behind the camera covers all directions."""
+    """Directions that detections cover -> spans (2, N) float64: least and greatest direction, rad from the middle of the view. A
+    detection behind the camera covers all directions."""
     middle = middle_azimuth(view)
     for i in range(detections.shape[0]):
         d = detections[i]
@@ -149,7 +147,6 @@ def find_spans(detections, view, spans):
         if abs(a - b) > math.pi:
             a, b = -math.pi, math.pi
         spans[0, i], spans[1, i] = min(a, b) - _SPAN_SLACK_RAD, max(a, b) + _SPAN_SLACK_RAD
-        spans[2, i] = math.sqrt(max(ax * ax + ay * ay, bx * bx + by * by)) + d.margin_m
 
 
 @inner
@@ -190,33 +187,26 @@ def is_seen_through(place, track, detections, spans, index, middle, behind, view
         return False
     azimuth, dx, dy = turn_between(middle, azimuth), dx / r, dy / r
     first, end = at_value(index, azimuth)
-    least_m = r - behind - track.margin_m - _RANGE_SLACK_M
-    passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m
+    passed, at, hidden, height = 0.0, 0.0, 0.0, track.bottom_m - track.top_m
     for i in index.items[first:end]:
-        if not crosses(spans, i, azimuth) & (spans[2, i] >= least_m):
+        if not crosses(spans, i, azimuth):
             continue
         d = detections[i]
         far = range_along(d, dx, dy, view)
         over = height_over(d, track, far, r, eye_z)
+        reach = behind + track.margin_m + d.margin_m
         if over <= 0.0:
             continue
-        reach = behind + track.margin_m + d.margin_m
         if far >= r + reach:
             if d.plane_flags & _INFERRED == 0:
                 passed = max(passed, over)
         elif far > r - reach:
             at += over
-            if at > _EXPLAINED_SHARE * height:
-                return False
-    if passed < _CLEAR_SHARE * height:
-        return False
-    hidden = 0.0
-    for i in index.items[first:end]:
-        if not crosses(spans, i, azimuth) or is_gap(detections[i]):
-            continue
-        far = range_along(detections[i], dx, dy, view)
-        if far <= r - behind - track.margin_m - detections[i].margin_m:
-            hidden += height_over(detections[i], track, far, r, eye_z)
+        elif not is_gap(d):
+            hidden += over
+        # at most the whole height is passed
+        if at > _EXPLAINED_SHARE * height or hidden > (1.0 - _CLEAR_SHARE) * height:
+            return False
     return passed - hidden >= _CLEAR_SHARE * height
 
 
