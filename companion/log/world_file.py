@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 
-from core.world.serialize import SavedSection, bytes_of, sections_of
+from core.world.serialize import SavedSection, bytes_of, fitting, sections_of
+
+log = logging.getLogger("companion")
 
 
-def write_world(path: Path, sections: tuple[SavedSection, ...]) -> None:
-    """Replaces the file atomically: after a power failure it is either the old or the new one. Raises OSError."""
+def write_world(path: Path, sections: tuple[SavedSection, ...]) -> str:
+    """Replaces the file atomically: after a power failure it is either the old or the new one. Raises OSError.
+
+    Returns which planes were left out because their numbers do not fit in the file, as text, which is also logged; "": all
+    planes were written."""
+    fit, left_out = [], []
+    for section in sections:
+        kept, causes = fitting(section)
+        fit.append(kept)
+        if causes:
+            k, cause = next(iter(causes.items()))
+            left_out.append(
+                f"{len(causes)} of {len(section.box)} planes of section {section.number} (plane {k}: {cause})"
+            )
+    fault = f"{path}: left out: {'; '.join(left_out)}; what is loaded from it lacks them" if left_out else ""
+    if fault:
+        log.warning("%s", fault)
     part = path.with_name(path.name + ".part")
     with part.open("wb") as file:
-        file.write(bytes_of(sections))
+        file.write(bytes_of(tuple(fit)))
         file.flush()
         os.fsync(file.fileno())
     os.replace(part, path)
+    return fault
 
 
 def read_world(path: Path) -> tuple[tuple[SavedSection, ...], str]:

@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from core.world.serialize import packed
+from core.world.serialize import MOST_MARGIN_M, packed
 from core.world.snapshot import WorldSnapshot
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.world.decode import BLOCK_HEIGHT_M, NO_GROUND_CM, PLANE_RECORD, SCHEMA_VERSION
@@ -39,7 +39,9 @@ def snapshot_message(picture: WorldSnapshot, now_ns: int) -> pb.WorldUpdate:
 def plane_records(picture: WorldSnapshot, now_ns: int) -> bytes:
     """The planes of a picture as PLANE_RECORDs, their ages counted at now_ns."""
     age_s = np.maximum(0, now_ns - picture.seen_ns) // NS
-    records = packed(PLANE_RECORD, picture.planes, picture.margin_m, picture.flags, picture.hits, age_s)
+    # beyond the greatest range of a camera, a margin covers all that it sees
+    margin_m = np.clip(picture.margin_m, 0.0, MOST_MARGIN_M)
+    records = packed(PLANE_RECORD, picture.planes, margin_m, picture.flags, picture.hits, age_s)
     records["slot"] = picture.slots
     return records.tobytes()
 

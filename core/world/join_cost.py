@@ -16,6 +16,8 @@ from ..types import PlaneFlags
 from .free_grid import any_free
 
 REFUSED = 2.0
+TALLEST_M = 650.0
+"""No joined plane is higher: messages and files hold up to 655 m."""
 END_A, END_B = 1, 2
 WORLD_RULES = record(
     ("turn_cos", np.float64),  # cosine of `plane_angle_deg`
@@ -213,7 +215,7 @@ def joined(a, b, m, sigma, rules):
         sigma: noise of the farther one.
         rules: a record of WORLD_RULES."""
     no = Joined(REFUSED, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if min(a.bottom, b.bottom) <= max(a.top, b.top):
+    if min(a.bottom, b.bottom) <= max(a.top, b.top) or max(a.bottom, b.bottom) - min(a.top, b.top) > TALLEST_M:
         return no
     la, lb = length_of(a.ax, a.ay, a.bx, a.by), length_of(b.ax, b.ay, b.bx, b.by)
     uax, uay, ubx, uby = (a.bx - a.ax) / la, (a.by - a.ay) / la, (b.bx - b.ax) / lb, (b.by - b.ay) / lb

@@ -1,7 +1,7 @@
 """A world as bytes, 55 per plane, and its transform to another frame.
 
 Coordinates are integer centimetres, ends relative to the middle of the plane; moments are float32 about it. Rounding
-makes no plane lower than it was. Each part of a file has its length and a checksum, so that the complete parts of a
+makes no plane lower than it was. A plane whose numbers do not fit is refused, never changed. Each part of a file has its length and a checksum, so that the complete parts of a
 damaged file are read, and the place of the damage is reported. Free space is not saved: it may have changed
 meanwhile."""
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,10 @@ from numpy.typing import NDArray
 MAGIC = b"OSAPE world 1\n"
 NS = 1_000_000_000
 _CM = 100.0
+_FARTHEST_M, _MOST_LENGTH_M, _MOST_HEIGHT_M = 2e7, 655.0, 655.3
+"""Greatest coordinate, length and height of a plane in a record, after rounding."""
+MOST_MARGIN_M = 65.535
+"""Greatest margin of a plane in a record."""
 _MOST_PLANES = 4096
 """Planes per part of a file, which is the greatest number that is lost at a damaged place."""
 _PART = struct.Struct("<4sII")
@@ -65,19 +69,44 @@ class SavedSection:
     age_s: NDArray[np.float64]
 
 
+def unfit_planes(box: Any, margin_m: Any) -> dict[int, str]:
+    """Returns why a plane does not fit in a record, as text, by its index. box: (N, 6) m; margin_m: (N,)."""
+    box, margin = np.asarray(box, np.float64).reshape(-1, 6), np.asarray(margin_m, np.float64)
+    numbers = np.column_stack([box, margin])
+    height = box[:, 5] - box[:, 4]
+    length = np.maximum(np.abs(box[:, 2] - box[:, 0]), np.abs(box[:, 3] - box[:, 1]))
+    causes: dict[int, str] = {}
+    for bad, cause in (
+        (~np.isfinite(numbers).all(axis=1), "a number that is not finite"),
+        (~(np.abs(box) <= _FARTHEST_M).all(axis=1), f"a coordinate beyond {_FARTHEST_M:g} m"),
+        (~(length <= _MOST_LENGTH_M), f"more than {_MOST_LENGTH_M:g} m along x or y"),
+        (~(height <= _MOST_HEIGHT_M), f"a height of more than {_MOST_HEIGHT_M:g} m"),
+        (~(height >= 0.0), "a lower edge above its upper edge"),
+        (~((margin >= 0.0) & (margin <= MOST_MARGIN_M)), f"a margin outside of 0..{MOST_MARGIN_M:g} m"),
+    ):
+        for k in np.flatnonzero(bad):
+            causes.setdefault(int(k), cause)
+    return causes
+
+
 def packed(kind: np.dtype[Any], box: Any, margin_m: Any, flags: Any, hits: Any, age_s: Any) -> NDArray[np.void]:
-    """Returns (N,) records of a dtype, filled except for slot or moments."""
+    """Returns (N,) records of a dtype, filled except for slot or moments.
+
+    Raises:
+        ValueError: a plane does not fit; see `unfit_planes`."""
+    for k, cause in unfit_planes(box, margin_m).items():
+        raise ValueError(f"plane {k} of {len(box)} does not fit in a record: {cause}")
     out = np.zeros(len(box), kind)
     box = box.astype(np.float64)
     x, y = np.rint(50.0 * (box[:, 0] + box[:, 2])), np.rint(50.0 * (box[:, 1] + box[:, 3]))
     out["x_cm"], out["y_cm"] = x, y
     ends = np.rint(_CM * box[:, :4]) - np.column_stack([x, y, x, y])
-    out["ends_cm"] = np.clip(ends, -32768, 32767)
+    out["ends_cm"] = ends
     top, bottom = np.floor(_CM * box[:, 4] + 1e-3), np.ceil(_CM * box[:, 5] - 1e-3)
-    out["top_cm"], out["height_cm"] = top, np.clip(bottom - top, 1, 65535)
-    out["margin_mm"] = np.clip(np.ceil(1000.0 * margin_m.astype(np.float64) - 1e-3), 0, 65535)
-    out["flags"], out["hits"] = flags, np.minimum(hits, 65535)
-    out["age_s"] = np.clip(age_s, 0, 4294967295)
+    out["top_cm"], out["height_cm"] = top, np.maximum(bottom - top, 1)
+    out["margin_mm"] = np.maximum(np.ceil(1000.0 * margin_m.astype(np.float64) - 1e-3), 0)
+    out["flags"], out["hits"] = flags, np.clip(hits, 1, 65535)
+    out["age_s"] = np.clip(np.nan_to_num(age_s, nan=0.0), 0, 4294967295)
     return out
 
 
@@ -89,10 +118,30 @@ def box_of_records(records: NDArray[np.void]) -> NDArray[np.float64]:
     return np.column_stack([ends, top, top + records["height_cm"]]) / _CM
 
 
+def fitting(section: SavedSection) -> tuple[SavedSection, dict[int, str]]:
+    """Returns the planes of a section that fit in a file, and why the other ones do not, as text, by their index."""
+    causes = unfit_planes(section.box, section.margin_m)
+    with np.errstate(over="ignore"):
+        moments = section.moments.astype(np.float32)
+    for k in np.flatnonzero(~(np.isfinite(moments).all(axis=1) & (moments[:, 0] > 0.0))):
+        causes.setdefault(int(k), "moments that no file can hold")
+    if not causes:
+        return section, causes
+    fits = np.ones(len(section.box), bool)
+    fits[list(causes)] = False
+    arrays = {name: getattr(section, name)[fits] for name in ("box", "moments", "margin_m", "flags", "hits", "age_s")}
+    return replace(section, **arrays), causes
+
+
 def bytes_of(sections: tuple[SavedSection, ...]) -> bytes:
-    """Returns the content of the file of a world."""
+    """Returns the content of the file of a world.
+
+    Raises:
+        ValueError: a plane does not fit; `fitting` leaves such planes out."""
     out = [MAGIC]
     for s in sections:
+        for k, cause in fitting(s)[1].items():
+            raise ValueError(f"section {s.number}: plane {k} of {len(s.box)} does not fit in a file: {cause}")
         head = _SECTION.pack(s.number, s.reset_counter & 0xFFFFFFFF, s.begun_ns, s.newest_ns)
         out.append(_part(b"SECT", head))
         records = packed(ON_DISK, s.box, s.margin_m, s.flags, s.hits, s.age_s)

@@ -22,7 +22,7 @@ from .ground import ground_plane, see_ground
 from .params import WorldParams
 from .plane_index import BOX, MOMENTS, Tables, columns, empty_tables
 from .removal import FrameView
-from .serialize import SavedSection
+from .serialize import SavedSection, fitting
 from .snapshot import WorldSnapshot
 from .update import SAVED_PLANE, add_frame, observations_of, put_saved, rules_of
 
@@ -232,7 +232,13 @@ class World:
         """Begins a section with saved planes. Planes of one surface are joined, and no space becomes free.
 
         The next frame belongs to this section: the caller must have moved the planes into its frame
-        (`serialize.moved`)."""
+        (`serialize.moved`).
+
+        Raises:
+            ValueError: a plane does not fit in a message; nothing is loaded then."""
+        for s in sections:
+            for k, cause in fitting(s)[1].items():
+                raise ValueError(f"section {s.number}: plane {k} of {len(s.box)} cannot be loaded: {cause}")
         self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
         assert self.section is not None
         self.section.vouched, none = True, np.zeros(0, OBSERVATION)

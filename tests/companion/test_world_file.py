@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,3 +54,17 @@ def test_a_cut_file_gives_its_whole_parts_and_another_file_is_refused(tmp_path: 
         read_world(path)
     with pytest.raises(OSError, match=r"nothing\.world"):
         read_world(tmp_path / "nothing.world")
+
+
+def test_a_plane_that_does_not_fit_is_left_out_and_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path, three = tmp_path / "site.world", section(3)
+    box = three.box.copy()
+    box[1, 5] = 800.0
+    fault = write_world(path, (section(10), replace(three, box=box)))
+    assert "site.world: left out: 1 of 3 planes of section 1 (plane 1: a height of more than 655.3 m)" in fault
+    assert fault in caplog.text
+    (whole, cut), damage = read_world(path)
+    assert damage == ""
+    assert len(whole.box) == 10
+    assert np.allclose(cut.box, box[[0, 2]])
+    assert write_world(path, (three,)) == ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,16 @@ from hypothesis import strategies as st
 
 from companion.streams.world_messages import plane_records
 from core.world.params import WorldParams
-from core.world.serialize import MAGIC, ON_DISK, box_of_records, bytes_of, moved, sections_of
+from core.world.serialize import (
+    MAGIC,
+    MOST_MARGIN_M,
+    ON_DISK,
+    box_of_records,
+    bytes_of,
+    fitting,
+    moved,
+    sections_of,
+)
 from core.world.world import World
 from osape_client.query.space import Occupancy
 from osape_client.world.decode import PLANE_RECORD
@@ -149,3 +159,78 @@ def test_a_move_that_is_no_number_is_refused() -> None:
     (saved,) = flown(house(0.0, 0.0), range(3)).saved()
     with pytest.raises(ValueError, match="not finite"):
         moved(saved, math.nan, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("field", "column", "value", "cause"),
+    [
+        ("box", 5, 700.0, "a height of more than 655.3 m"),
+        ("box", 4, 50.0, "a lower edge above its upper edge"),
+        ("box", 4, math.nan, "not finite"),
+        ("box", 0, math.inf, "not finite"),
+        ("box", 2, 700.0, "more than 655 m along x or y"),
+        ("box", 1, -700.0, "more than 655 m along x or y"),
+        ("box", slice(0, 4), 3e7, "a coordinate beyond"),
+        ("margin_m", None, 65.6, "a margin outside of"),
+        ("margin_m", None, -0.1, "a margin outside of"),
+        ("margin_m", None, math.nan, "not finite"),
+        ("moments", 3, math.nan, "moments"),
+        ("moments", 0, 0.0, "moments"),
+        ("moments", 5, 1e39, "moments"),
+    ],
+)
+def test_a_plane_that_does_not_fit_is_refused_and_never_changed(
+    field: str, column: int | slice | None, value: float, cause: str
+) -> None:
+    (saved,) = flown(house(0.0, 0.0), range(20)).saved()
+    array = getattr(saved, field).copy()
+    array[(1,) if column is None else (1, column)] = value
+    broken = replace(saved, **{field: array})
+    with pytest.raises(ValueError, match=rf"plane 1 of {len(saved.box)} does not fit in a file: .*{cause}"):
+        bytes_of((broken,))
+    with pytest.raises(ValueError, match=rf"plane 1 of {len(saved.box)} cannot be loaded: .*{cause}"):
+        World().load((broken,))
+    kept, causes = fitting(broken)
+    assert list(causes) == [1]
+    assert np.array_equal(kept.box, np.delete(saved.box, 1, axis=0))
+    assert len(sections_of(bytes_of((kept,)))[0][0].box) == len(saved.box) - 1
+
+
+@pytest.mark.parametrize("field", ["box", "margin_m"])
+def test_what_just_fits_comes_back(field: str) -> None:
+    (saved,) = flown(house(0.0, 0.0), range(20)).saved()
+    most = getattr(saved, field).copy()
+    if field == "box":
+        most[0] = (-327.5, -327.5, 327.5, 327.5, -655.0, 0.3)
+    else:
+        most[0] = MOST_MARGIN_M
+    ((back,), fault) = sections_of(bytes_of((replace(saved, **{field: most}),)))
+    assert not fault
+    assert np.abs(getattr(back, field) - most).max() <= 0.011
+
+
+def test_an_old_plane_and_one_of_an_unknown_age_are_still_obstacles() -> None:
+    (saved,) = flown(house(0.0, 0.0), range(20)).saved()
+    aged = replace(saved, age_s=np.array([1e12, math.nan, *saved.age_s[2:]]), hits=np.zeros_like(saved.hits))
+    ((back,), fault) = sections_of(bytes_of((aged,)))
+    assert not fault
+    assert len(back.box) == len(saved.box)
+    assert (back.hits == 1).all()
+
+
+def test_planes_that_are_seen_one_above_another_are_not_joined_beyond_what_a_message_holds() -> None:
+    """A cliff that the vehicle climbs along. A message would cut it, and its foot would be missing."""
+    (saved,) = flown(house(0.0, 0.0), range(20)).saved()
+    edges = [(-900.0, -500.0), (-510.0, -200.0), (-210.0, 0.0)]
+    box = np.array([[*saved.box[0, :4], top, bottom] for top, bottom in edges])
+    first = {
+        name: np.repeat(getattr(saved, name)[:1], 3, axis=0)
+        for name in ("moments", "margin_m", "flags", "hits", "age_s")
+    }
+    cliff = replace(saved, box=box, **first)
+    world = World()
+    world.load((cliff, cliff))
+    planes = box_of_records(np.frombuffer(plane_records(world.picture(0), 0), PLANE_RECORD))
+    assert (planes[:, 5] - planes[:, 4]).max() <= 655.3
+    for z in range(-900, 0, 10):
+        assert ((planes[:, 4] <= z) & (planes[:, 5] >= z)).any(), f"nothing is left at {z} m"
