@@ -217,7 +217,8 @@ class Guard:
 
     def _announce(self, text: Announcement, now_ns: int) -> None:
         log.warning("%s", text.text)
-        if now_ns - self._announced.get(text.text, -REPEAT_NS) < REPEAT_NS:
+        self._announced = {old: t_ns for old, t_ns in self._announced.items() if now_ns - t_ns < REPEAT_NS}
+        if text.text in self._announced:
             return
         self._announced[text.text] = now_ns
         severity = CRITICAL if text.critical else WARNING

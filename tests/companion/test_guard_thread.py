@@ -15,9 +15,9 @@ from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
-from companion.guard.guard import Guard
+from companion.guard.guard import REPEAT_NS, Guard
 from companion.guard.memory_file import GuardMemoryFile
-from companion.guard.states import GuardMemory, GuardState
+from companion.guard.states import Announcement, GuardMemory, GuardState
 from companion.live.part_checks import failures, stalled_part
 from companion.pipeline.transform import LevelTransform
 from drivers.mavlink.dialect import dialect
@@ -137,6 +137,19 @@ def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_afte
     kept = GuardMemoryFile(tmp_path).load(flight.now_ns)
     assert kept is not None
     assert kept.state is GuardState.STOPPING
+
+
+def test_texts_that_were_announced_are_forgotten_when_they_may_be_repeated() -> None:
+    """Most texts contain a distance, so that each one differs from those before."""
+    sent: list[Any] = []
+    guard = Guard(GuardParams(enabled=True), AvoidParams(), 196, lambda: None, lambda: LINK, sent.append, None)
+    for k in range(1000):
+        guard._announce(Announcement(f"guard: stop, obstacle {k} m ahead"), START_NS + k * NS)
+        guard._announce(Announcement(f"guard: stop, obstacle {k} m ahead"), START_NS + k * NS)
+    assert len(sent) == 1000
+    assert len(guard._announced) <= REPEAT_NS // NS
+    guard._announce(Announcement("guard: stop, obstacle 995 m ahead"), START_NS + 1000 * NS)
+    assert len(sent) == 1001
 
 
 @pytest.mark.parametrize(("speed_m_s", "protected"), [(3.0, True), (1.0, False)])
