@@ -12,6 +12,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any, Final
 
+from .argument_parser import ArgumentParser
 from .command_list import COMMANDS, GROUPS
 from .console import fail
 from .usage_error import UsageError
@@ -68,7 +69,7 @@ def _error_text(error: Exception, output: Path | None) -> str:
 
 def _parser(command: str) -> argparse.ArgumentParser:
     """The parser with the options of one command and the names of the others."""
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="companion",
         usage="companion COMMAND [OPTIONS]",
         description=_command_table(),

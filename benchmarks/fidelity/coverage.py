@@ -5,7 +5,6 @@ a plane's margin of that plane. The frames are ray-cast, so the truth is known."
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from benchmarks.fidelity.matrix import FEW_TILTS_DEG, GOAL_KE, spread
 from benchmarks.fidelity.metrics import Rays, stops
 from benchmarks.fidelity.result import Case
 from benchmarks.scenes.catalogue import TUNING_SEEDS
+from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.params import Params
 from core.types import FrameModel
@@ -99,7 +99,7 @@ def of_cases(todo: Iterable[Case], extractor: Extractor) -> Coverage:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints a row for each noise, level and kind."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser = ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--scenes", default=",".join(SCENES), help="names, separated by commas")
     parser.add_argument("--seeds", type=int, default=1, help="how many (1)")
     args = parser.parse_args(argv)

@@ -30,6 +30,7 @@ from benchmarks.fidelity.matrix import (
 from benchmarks.fidelity.result import Case
 from benchmarks.fidelity.text_report import print_report
 from benchmarks.scenes.catalogue import HELD_OUT_SEEDS, SCENES, TUNING_SEEDS
+from companion.argument_parser import ArgumentParser
 from core.params import Params
 
 
@@ -86,9 +87,7 @@ def _set(params: Params, settings: list[str]) -> Params:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.fidelity.run", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = ArgumentParser(prog="python -m benchmarks.fidelity.run", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--quick", action="store_true", help="ten scenes, three tilts, one noise")
     parser.add_argument("--part", type=_parts, help=f"whole sets of cases: {', '.join(PARTS)}")
     parser.add_argument("--scenes", type=_scenes, help="names or families, separated by commas")

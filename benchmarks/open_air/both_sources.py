@@ -24,6 +24,7 @@ from benchmarks.open_air.joint_figures import JointFigures, figures_of, outline_
 from benchmarks.open_air.open_claims import marked
 from benchmarks.open_air.view_options import INDOOR, words
 from benchmarks.open_air.views import Seen, View, pose_of, profile_of, scene_of, see
+from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.frames import rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
@@ -112,7 +113,7 @@ def missed_goals(rows: dict[str, JointFigures]) -> list[str]:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--profiles", type=words, default=list(PROFILES))
     p.add_argument("--scenes", type=words, default=list(SCENES))
     p.add_argument("--height", type=float, default=2.0, help="metres above the ground")

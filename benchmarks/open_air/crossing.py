@@ -19,6 +19,7 @@ import numpy as np
 from benchmarks.open_air.crossing_loop import Course, CrossingLoop, Flown
 from benchmarks.open_air.vehicles import AUTOPILOTS
 from benchmarks.open_air.view_options import words
+from companion.argument_parser import ArgumentParser
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.stereo.sky import SKIES
 from drivers.simulation.stereo.stereo_scenes import StereoScene, surfaces_of
@@ -153,7 +154,7 @@ def row(name: str, autopilot: str, f: Flown) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns 1 where a vehicle flew into something."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--flights", type=words, default=list(FLIGHTS))
     p.add_argument("--autopilots", type=words, default=list(AUTOPILOTS))
     p.add_argument("--seeds", type=words, default=[0])

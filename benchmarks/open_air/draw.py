@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.open_air.views import View, every_match, pose_of, profile_of, scene_of
+from companion.argument_parser import ArgumentParser
 from drivers.cameras.stereo import depth_mm
 from drivers.simulation.stereo.pair_renderer import with_noise
 from drivers.simulation.stereo.stereo_profiles import StereoCamera
@@ -48,7 +49,7 @@ def column(view: View, noise_grey: float) -> Colours:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--scenes", default="field_with_trees,container_8m,white_pillars,fence")
     p.add_argument("--profile", default="zed")
     p.add_argument("--sky", default="clear")

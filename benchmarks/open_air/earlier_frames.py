@@ -27,6 +27,7 @@ from benchmarks.open_air.open_claims import as_free, marked
 from benchmarks.open_air.refusals import OPEN
 from benchmarks.open_air.view_options import add_view_options, views, words
 from benchmarks.open_air.views import View, pose_of, profile_of, scene_of
+from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
@@ -193,7 +194,7 @@ def table(rows: dict[str, Counter[str]], movers_m_s: list[float]) -> str:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_view_options(p)
     p.set_defaults(scenes=["field", "hill_crest", "meadow_by_wood", "street", "field_with_trees", "roof_edge"])
     p.add_argument("--skies", type=words, default=["clear"])

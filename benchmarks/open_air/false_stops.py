@@ -25,6 +25,7 @@ from benchmarks.open_air.directions import judge_directions
 from benchmarks.open_air.outlines import OutlineCounts, outline_counts
 from benchmarks.open_air.view_options import add_view_options, views, words
 from benchmarks.open_air.views import Seen, every_match, profile_of, see
+from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.params import Params
 from drivers.simulation.stereo.sky import SKIES
@@ -167,7 +168,7 @@ def outline_table(found: list[OutlineCounts]) -> str:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_view_options(p)
     p.add_argument("--all-matches", action="store_true", help="accept every match: the confidence rules are off")
     p.add_argument("--skies", type=words, default=["clear", "hazy", "clouds"], help=f"of {', '.join(SKIES)}")

@@ -23,6 +23,7 @@ from benchmarks.free_space.volume import WrongCell, wrong_cells
 from benchmarks.open_air.directions import TO_M, judged_azimuths, truth
 from benchmarks.open_air.view_options import add_view_options, views, words
 from benchmarks.open_air.views import Seen, profile_of, see
+from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
@@ -187,7 +188,7 @@ def marked(profile: StereoProfile) -> StereoProfile:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_view_options(p)
     p.add_argument("--skies", type=words, default=["clear", "hazy"])
     p.add_argument("--noise", type=words, default=[1.0], help="grey levels")

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.open_air.draw import coloured
+from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
@@ -130,7 +131,7 @@ def picture(pair: Pair, depth: NDArray[np.uint16]) -> NDArray[np.uint8]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("left", type=Path)
     p.add_argument("right", type=Path)
     p.add_argument("--f-px", type=float, required=True, help="focal length of the full image, px")

@@ -21,6 +21,7 @@ from benchmarks.open_air.directions import TO_M, judged_azimuths, truth
 from benchmarks.open_air.open_claims import as_free, marked
 from benchmarks.open_air.view_options import add_view_options, views, words
 from benchmarks.open_air.views import profile_of, see
+from companion.argument_parser import ArgumentParser
 from core.buffers import Buffers
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
@@ -133,7 +134,7 @@ def counted(a: argparse.Namespace) -> Iterator[tuple[str, Counter[str]]]:
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_view_options(p)
     p.set_defaults(scenes=["field", "hill_crest", "meadow_by_wood", "street", "field_with_trees", "roof_edge"])
     p.add_argument("--skies", type=words, default=["clear", "clouds"])

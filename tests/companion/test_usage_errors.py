@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.fidelity.run import parse as fidelity_options
+from benchmarks.open_air.view_options import add_view_options
+from companion.argument_parser import ArgumentParser, negative_values_joined
 from companion.cli import _parser, main
 from companion.command_list import COMMANDS
 
@@ -21,6 +24,8 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--camera moon", "expected one of oak"),
         ("--autopilot carrier-pigeon", "expected serial"),
         ("--pitch nan", "expected -90..90"),
+        ("--pitch -20,5", "'-20,5': expected -90..90; write a decimal point"),
+        ("--pitch -200.", "expected -90..90"),
         ("--width 0", "expected 0.05..10"),
         ("--height 99", "expected 0.05..5"),
         ("--position 1 2 nan", "expected -10..10"),
@@ -48,6 +53,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
     "ros2": (("--router moon", "expected PROTOCOL/ADDRESS"), ("--namespace a//b", "a//b")),
     "import": (
         ("folder -o out.mcap --mount 1,2", "three numbers"),
+        ("folder -o out.mcap --mount -1,2", "three numbers"),
         ("folder -o out.mcap --mount=0,nan,0", "pitch_deg = NaN: expected -90..90"),
         ("folder -o out.mcap --frame-latency-ms x", "expected 0..5000"),
         ("folder -o out.mcap --tlog-epoch nan", "unix time"),
@@ -116,6 +122,31 @@ def test_wrong_usage_is_status_2_with_a_remedy_and_writes_nothing(
     assert part in output.err
     assert "error: " in output.err
     assert [f.name for f in tmp_path.iterdir()] == ["simulated.toml"]
+
+
+@pytest.mark.parametrize(
+    ("line", "joined"),
+    [
+        ("--mount -1,2,3 folder", "--mount=-1,2,3 folder"),
+        ("--tilts -10:0,0:5", "--tilts=-10:0,0:5"),
+        ("--pitch -20. --roll -.5,3", "--pitch=-20. --roll=-.5,3"),
+        ("--pitch -20 -5,3", "--pitch -20 -5,3"),
+        ("--pitch=3 -5,3", "--pitch=3 -5,3"),
+        ("--position -1 -2 -3", "--position -1 -2 -3"),
+        ("--pitch -x", "--pitch -x"),
+        ("-c --live", "-c --live"),
+        ("--pitch -- -5,3", "--pitch -- -5,3"),
+    ],
+)
+def test_a_list_that_begins_with_a_minus_is_the_value_of_the_option_before_it(line: str, joined: str) -> None:
+    assert negative_values_joined(line.split()) == joined.split()
+
+
+def test_parsers_accept_a_list_that_begins_with_a_minus() -> None:
+    assert fidelity_options(["--tilts", "-10:0,0:5"]).tilts == [(-10.0, 0.0), (0.0, 5.0)]
+    views = ArgumentParser()
+    add_view_options(views)
+    assert views.parse_args(["--pitch", "-20,5"]).pitch == ["-20", "5"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,0 +1,42 @@
+"""A parser of command lines that accepts values such as `-20,5` as words of their own."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+_NEGATIVE = re.compile(r"-[0-9.].*")
+"""A word that argparse takes for an option, unless it is a plain negative number."""
+_OPTION = re.compile(r"--[^=]+")
+
+
+def negative_values_joined(words: Sequence[str]) -> list[str]:
+    """Returns the words of a command line, with `--option -20,5` as `--option=-20,5`.
+
+    argparse takes a word that begins with a minus for an option, unless it is a plain number, and reports "expected one
+    argument". No option of this program begins with a minus and a digit."""
+    out: list[str] = []
+    for k, word in enumerate(words):
+        if word == "--":
+            return [*out, *words[k:]]
+        if out and _NEGATIVE.fullmatch(word) and not _plain(word) and _OPTION.fullmatch(out[-1]):
+            out[-1] += f"={word}"
+        else:
+            out.append(word)
+    return out
+
+
+def _plain(word: str) -> bool:
+    """Whether argparse accepts a word as a negative number."""
+    return re.fullmatch(r"-\d+|-\d*\.\d+", word) is not None
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """An `argparse.ArgumentParser` that accepts a list of numbers with a minus as a word of its own."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As in the base class, which calls it for `parse_args` too."""
+        return super().parse_known_args(negative_values_joined(sys.argv[1:] if args is None else args), namespace)
