@@ -56,11 +56,11 @@ class GuardParams:
         0.7, 0.3, 3.0, "m/s", "below this speed unseen space does not stop the vehicle; obstacles do"
     )
     keep_free_s: float = critical(
-        0.25,
+        0.35,
         0.0,
         0.5,
         "s",
-        "space that was seen free counts for this time when newer frames do not see it and show no obstacle",
+        "space that was seen free counts for this time from the exposure when newer frames do not see it and show no obstacle",
     )
     raise_after_s: float = critical(
         3.0, 0.5, 30.0, "s", "a speed limit is raised after the space was free for this time"

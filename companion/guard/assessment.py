@@ -3,8 +3,8 @@
 Input: a `PathSight` per decision of the obstacle output. Output: a `Verdict` at any instant.
 
 Free space belongs to the world, not to a frame: space that an earlier frame showed free is still free a moment later,
-nearer by the distance flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along
-nearly the same course, ray by ray, because holes of the depth image are at other places in each frame. A frame that
+nearer by the distance flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` from the
+exposure of the frame and along nearly the same course, ray by ray, because holes of the depth image are at other places in each frame. A frame that
 shows less, but no obstacle, therefore does not stop the vehicle. Obstacles count at once. Those with weak support
 count when a second frame shows them at the same place."""
 
@@ -200,22 +200,23 @@ class PathAssessor:
         return None
 
     def _free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
-        """Returns the distance to which the path is free by the sights of the last keep_free_s, less the distance
-        flown since.
+        """Returns the distance to which the path is free by the frames exposed in the last keep_free_s, less the
+        distance flown since.
 
         It is the greatest of the distances of single sights, and of the rays of all sights together."""
         if now_ns - newest.t_ns > STALE_NS:  # the obstacle output has stopped
             return 0.0
-        keep_ns = self._guard.keep_free_s * NS
+        since_ns = now_ns - round(self._guard.keep_free_s * NS)
         best_m = newest.free_m - _way_m(newest, newest, now_ns, speed_m_s)
         older = []
         for sight in self._sights:
-            if sight is not newest and newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest):
+            kept = sight is not newest and sight.exposed_ns is not None and sight.exposed_ns >= since_ns
+            if kept and _same_course(sight, newest):
                 way_m = _way_m(sight, newest, now_ns, speed_m_s)
                 best_m = max(best_m, min(sight.free_m, reach_m(sight, newest, self._tolerance)) - way_m)
                 older.append(Kept(sight, way_m))
         way_m = _way_m(newest, newest, now_ns, speed_m_s)
-        return max(0.0, best_m, kept_free_m(Kept(newest, way_m), older, self._grid, self._clear_share))
+        return max(0.0, best_m, kept_free_m(Kept(newest, way_m), older, self._grid, self._clear_share, since_ns))
 
     def _follows_free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
         """Returns the distance to which a turn does not limit the free space of the present course.

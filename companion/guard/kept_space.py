@@ -94,16 +94,19 @@ def _one_estimate(a: PathSight, b: PathSight) -> bool:
     return heading_a == heading_b and (section_a == section_b or section_a is None or section_b is None)
 
 
-def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: float) -> float:
+def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: float, since_ns: int) -> float:
     """Returns the distance to which clear_share of the rays are free, each by the newest sight or an earlier one; 0
-    without rays."""
+    without rays. since_ns: oldest exposure of an earlier frame that counts; the caller has applied it to `older`."""
     now_m = newest.sight.rays_free_m
     if now_m is None:
         return 0.0
     now_m = now_m - newest.way_m
     together_m = now_m
-    if newest.sight.kept_rays_m is not None:  # the same rays, seen by earlier frames
-        together_m, older = np.maximum(now_m, newest.sight.kept_rays_m - newest.way_m), ()
+    if newest.sight.kept_rays:  # the same rays, seen by earlier frames
+        older = ()
+        for rays in newest.sight.kept_rays:
+            if rays.exposed_ns >= since_ns:
+                together_m = np.maximum(together_m, rays.free_m - newest.way_m)
     for kept in older:
         if kept.sight.rays_free_m is not None:
             counted_m = np.minimum(

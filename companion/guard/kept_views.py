@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovedViews:
-    """Views of one decision, for places in `level` at another one: p_then = Rz(turn_rad) p + shift_m."""
+    """Views of one decision, for places in `level` at another one: p_then = Rz(turn_rad) p + shift_m.
+
+    exposed_ns: the oldest exposure of the views."""
 
     views: tuple[View, ...]
     turn_rad: float
     shift_m: tuple[float, float, float]
+    exposed_ns: int = 0
 
     def free(self, x: Floats, y: Floats, z: Floats) -> NDArray[np.bool_]:
         """Returns which places were measured free, (len(z), *x.shape). x, y: of one shape; z: (heights,)."""
@@ -40,19 +43,31 @@ class MovedViews:
         return out
 
 
-def _moved(then: Here, now: Here, views: tuple[View, ...]) -> MovedViews | None:
-    """Returns views for places at another decision; None: the places cannot be compared."""
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptRays:
+    """The rays of the present corridor by frames of a moment ago.
+
+    Attributes:
+        exposed_ns: oldest exposure of the frames.
+        free_m: (N,) distance to which each ray is seen free."""
+
+    exposed_ns: int
+    free_m: Floats
+
+
+def _moved(then: Here, now: Here) -> MovedViews | None:
+    """Returns no views yet, for places at another decision; None: the places cannot be compared."""
     if then.position_ned_m is None or now.position_ned_m is None or then.estimate != now.estimate:
         return None
     north, east, down = (b - a for a, b in zip(then.position_ned_m, now.position_ned_m, strict=True))
     c, s = math.cos(then.heading_rad), math.sin(then.heading_rad)
     turn_rad = math.remainder(now.heading_rad - then.heading_rad, math.tau)
-    return MovedViews(views, turn_rad, (c * north + s * east, c * east - s * north, down))
+    return MovedViews((), turn_rad, (c * north + s * east, c * east - s * north, down))
 
 
 @dataclass(slots=True)
 class KeptViews:
-    """The views of the last keep_ns, one decision for each set of frames."""
+    """The views exposed in the last keep_ns, one decision for each set of frames."""
 
     keep_ns: int
     _kept: deque[Surroundings] = field(default_factory=lambda: deque(maxlen=32))
@@ -63,10 +78,17 @@ class KeptViews:
             self._kept.append(s)
 
     def before(self, s: Surroundings) -> Iterator[MovedViews]:
-        """Yields the kept views of other frames, for places in `level` at a decision."""
+        """Yields the kept views of other frames, for places in `level` at a decision.
+
+        The views of several cameras differ in age. Each decision comes with all of them, then without the oldest one,
+        and so on, so that those of a slow camera do not end what the others have seen."""
         for kept in self._kept:
-            if kept.frames == s.frames or s.t_ns - kept.t_ns > self.keep_ns or s.here is None or kept.here is None:
+            if kept.frames == s.frames or s.here is None or kept.here is None:
                 continue
-            moved = _moved(kept.here, s.here, kept.views)
-            if moved is not None:
-                yield moved
+            moved = _moved(kept.here, s.here)
+            if moved is None:
+                continue
+            by_age = sorted(zip(kept.views, kept.frames, strict=True), key=lambda pair: pair[1][1])
+            for k, (_, (_, exposed_ns)) in enumerate(by_age):
+                if s.t_ns - exposed_ns <= self.keep_ns:
+                    yield replace(moved, views=tuple(view for view, _ in by_age[k:]), exposed_ns=exposed_ns)

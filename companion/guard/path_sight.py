@@ -23,7 +23,7 @@ from ..autopilot.view_free import View
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
 from .braking import braking_of
-from .kept_views import MovedViews
+from .kept_views import KeptRays, MovedViews
 from .turn import AHEAD_S, fan, turns
 
 Floats = NDArray[np.float64]
@@ -79,8 +79,7 @@ class PathSight:
         velocity_ns: instant of the velocity; None: that of the decision.
         slope: way down per metre along the path.
         rays_free_m: (N,) distance to which each ray of the corridor is seen free; None: not known.
-        kept_rays_m: (N,) the same, by the frame of the last moment that shows most of each ray; None: no such frame can
-            be compared.
+        kept_rays: the same by the frames of the last moment; empty: no such frame can be compared.
         ahead_rad: angle from the path to the course that follows, clockwise.
         estimate: section of the position, None: not known; and section of the heading."""
 
@@ -100,7 +99,7 @@ class PathSight:
     velocity_ns: int | None = None
     slope: float = 0.0
     rays_free_m: Floats | None = field(default=None, compare=False)
-    kept_rays_m: Floats | None = field(default=None, compare=False)
+    kept_rays: tuple[KeptRays, ...] = field(default=(), compare=False)
     ahead_rad: float = 0.0
     estimate: tuple[int | None, int] = (None, 0)
 
@@ -142,7 +141,8 @@ def path_sight(
         before: views of the last moment."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
     free_m, firm, weak, kept_m, course_rad, slope = 0.0, _Nearest(), _Nearest(), math.inf, None, 0.0
-    ahead_free_m, rays_m, kept_rays_m = math.inf, None, None
+    ahead_free_m, rays_m = math.inf, None
+    kept_rays: tuple[KeptRays, ...] = ()
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
     if s.here is None:
         cause = cause or "the attitude is lost"
@@ -152,7 +152,7 @@ def path_sight(
         try:
             rays_m = rays_free_m(s, path, avoid, guard)
             free_m = common_free_m(rays_m, avoid.clear_share)
-            kept_rays_m = _kept_rays_m(before, path, avoid, guard)
+            kept_rays = _kept_rays(before, path, avoid, guard)
             ahead_m = braking_of(guard, avoid).needed_m(speed_m_s or 0.0, guard.limit_ahead_s)
             if not turns(turn_rad_s, speed_m_s or 0.0, ahead_m, guard.side_m):
                 turn_rad_s = 0.0
@@ -167,12 +167,8 @@ def path_sight(
             kept_m = remembered_m(s, path, avoid, guard, beyond_m=float(rays_m.min()))
             kept_m = min([kept_m, *(remembered_m(s, corridor, avoid, guard) for corridor in beside)])
         except RECKONING_ERRORS as error:
-            free_m, rays_m, kept_rays_m, cause = (
-                0.0,
-                None,
-                None,
-                f"the path cannot be computed: {type(error).__name__}: {error}",
-            )
+            free_m, rays_m, kept_rays = 0.0, None, ()
+            cause = f"the path cannot be computed: {type(error).__name__}: {error}"
     return PathSight(
         t_ns=s.t_ns,
         exposed_ns=s.exposed_ns,
@@ -188,7 +184,7 @@ def path_sight(
         ahead_free_m=ahead_free_m,
         velocity_ns=s.velocity_ns,
         rays_free_m=rays_m,
-        kept_rays_m=kept_rays_m,
+        kept_rays=kept_rays,
         ahead_rad=turn_rad_s * AHEAD_S,
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         estimate=(None, 0) if s.here is None else s.here.estimate,
@@ -239,10 +235,11 @@ def rays_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardPa
     return _rays_m(free, path, avoid, guard)
 
 
-def _kept_rays_m(before: Iterable[MovedViews], path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats | None:
-    """Returns the greatest distance to which each ray is free by one of the views, (N,); None: there are none."""
-    rays_m = [_rays_m(views.free, path, avoid, guard) for views in before]
-    return np.max(rays_m, axis=0) if rays_m else None
+def _kept_rays(
+    before: Iterable[MovedViews], path: _Path, avoid: AvoidParams, guard: GuardParams
+) -> tuple[KeptRays, ...]:
+    """Returns the rays of the corridor by each of the views."""
+    return tuple(KeptRays(views.exposed_ns, _rays_m(views.free, path, avoid, guard)) for views in before)
 
 
 def _rays_m(

@@ -71,7 +71,7 @@ def test_a_course_that_drifts_does_not_keep_a_corridor_free_that_was_never_seen(
     halves = slice(0, RAYS // 2), slice(RAYS // 2, RAYS)
     sights = [
         later(
-            80 * k, **rays(halves[k > 0]), course_rad=math.radians(k * drift_deg), position_ned_m=SIGHT.position_ned_m
+            60 * k, **rays(halves[k > 0]), course_rad=math.radians(k * drift_deg), position_ned_m=SIGHT.position_ned_m
         )
         for k in range(4)
     ]

@@ -49,7 +49,7 @@ def after(first: Surroundings, second: Surroundings) -> PathSight:
 
 def kept_m(sight: PathSight) -> float:
     """0: nothing was kept."""
-    return 0.0 if sight.kept_rays_m is None else common_free_m(sight.kept_rays_m, 1.0)
+    return max((common_free_m(kept.free_m, 1.0) for kept in sight.kept_rays), default=0.0)
 
 
 def test_what_an_earlier_frame_saw_counts_from_the_present_place() -> None:
@@ -85,15 +85,36 @@ def test_a_turned_vehicle_compares_places_in_ned() -> None:
     ],
 )
 def test_places_that_cannot_be_compared_do_not_count(then: Here, now: Here) -> None:
-    assert after(decision(FAR, 0, then), decision(NEAR, 100, now)).kept_rays_m is None
+    assert after(decision(FAR, 0, then), decision(NEAR, 100, now)).kept_rays == ()
 
 
-def test_old_frames_the_same_frame_and_invalid_ones_do_not_count() -> None:
-    assert kept_m(after(decision(FAR, 0), decision(NEAR, 250))) > 15.0
-    assert kept_m(after(decision(FAR, 0), decision(NEAR, 251))) == 0.0
+def test_the_same_frame_and_invalid_ones_do_not_count() -> None:
     same = replace(decision(FAR, 100), frames=decision(NEAR, 0).frames)
-    assert after(decision(FAR, 0), same).kept_rays_m is None
+    assert after(decision(FAR, 0), same).kept_rays == ()
     assert kept_m(after(decision(replace(FAR, valid=False), 0), decision(NEAR, 100))) == 0.0
+
+
+@pytest.mark.parametrize("old_ms", [50, 120, 240])
+def test_a_frame_counts_from_its_exposure(old_ms: int) -> None:
+    """It may be old at the decision that uses it."""
+    first = replace(decision(FAR, 0), frames=(("front", T_NS - old_ms * MS),))
+    assert kept_m(after(first, decision(NEAR, 250 - old_ms))) > 15.0
+    assert after(first, decision(NEAR, 251 - old_ms)).kept_rays == ()
+
+
+@pytest.mark.parametrize(("now_ms", "free"), [(60, True), (180, True), (201, False)])
+def test_each_camera_counts_from_its_own_exposure(now_ms: int, free: bool) -> None:
+    """The frame of the camera that looks along the path is 50 ms old at the decision, that of the other one 150 ms."""
+    first = decision(FAR, 0)
+    away = replace(first.views[0], model=model(free_to_m=0.0))
+    two = replace(
+        first,
+        views=(away, first.views[0]),
+        weak_px=(0.0, 0.0),
+        exposed_ns=T_NS - 150 * MS,
+        frames=(("back", T_NS - 150 * MS), ("front", T_NS - 50 * MS)),
+    )
+    assert (kept_m(after(two, decision(NEAR, now_ms))) > 15.0) is free
 
 
 def test_each_ray_counts_by_the_frame_that_shows_most_of_it() -> None:

@@ -356,9 +356,30 @@ def test_a_vehicle_that_accelerates_is_stopped_earlier() -> None:
     assert action(before, replace(SIGHT, obstacle_m=room_m)) is Action.STOP
 
 
-def test_one_frame_that_sees_less_does_not_stop_and_two_do() -> None:
+def test_one_frame_that_sees_less_does_not_stop_and_three_do() -> None:
     assert action(SIGHT, later(80, free_m=3.0)) is Action.PASS
-    assert action(SIGHT, later(80, free_m=3.0), later(160, free_m=3.0), later(260, free_m=3.0)) is Action.STOP
+    assert action(SIGHT, later(80, free_m=3.0), later(160, free_m=3.0), later(310, free_m=3.0)) is Action.STOP
+
+
+def test_what_was_seen_free_is_kept_from_its_exposure() -> None:
+    """With several cameras, or a slow one, a frame may be old at the decision that uses it."""
+    kept_ms = round(1000 * GUARD.keep_free_s)
+    for old_ms in (50, 120, 200):
+        before = replace(SIGHT, exposed_ns=T_NS - old_ms * MS)
+        last_ms = kept_ms - old_ms
+        assert action(before, later(last_ms, free_m=3.0)) is Action.PASS
+        assert action(before, later(last_ms + 1, free_m=3.0)) is Action.STOP
+
+
+def test_what_was_seen_free_ends_between_two_decisions() -> None:
+    now = later(100, free_m=3.0)
+    left_ms = round(1000 * GUARD.keep_free_s) - 150
+    assert action(SIGHT, now, after_ms=left_ms) is Action.PASS
+    assert action(SIGHT, now, after_ms=left_ms + 1) is Action.STOP
+
+
+def test_a_sight_whose_exposure_is_not_known_is_not_kept() -> None:
+    assert action(replace(SIGHT, exposed_ns=None), later(50, free_m=3.0)) is Action.STOP
 
 
 def test_the_course_that_follows_must_be_seen_by_the_newest_frame_or_the_one_before() -> None:
