@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from core.sharing.bodies import MovingReport
 from core.sharing.neighbour_map import NeighbourMap, OwnState, own_frame
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
@@ -99,7 +100,7 @@ class Team:
             state = VehicleState(
                 frame=frame, position_m=_moved(pose, now_ns), velocity_m_s=velocity, radius_m=self._radius_m
             )
-        movers = tuple(_present_centre(m) for m in self._movers(now_ns))
+        movers = tuple(_present(m) for m in self._movers(now_ns))
         return OwnState(state=state, section=self.own.planes.section, estimate=self.own.motion.estimate, movers=movers)
 
     @property
@@ -131,7 +132,13 @@ def _moved(pose: PoseSample, now_ns: int) -> tuple[float, float, float]:
     return x + vx * seconds, y + vy * seconds, z + vz * seconds
 
 
-def _present_centre(mover: SharedMover) -> tuple[float, float, float]:
-    """Returns the centre moved by the velocity since the newest observation."""
+def _present(mover: SharedMover) -> MovingReport:
+    """Returns an own moving obstacle, moved by its velocity since the newest observation."""
     (x, y, z), (vx, vy) = mover.centre_m, mover.velocity_m_s
-    return x + vx * mover.age_s, y + vy * mover.age_s, z
+    return MovingReport(
+        centre_m=(x + vx * mover.age_s, y + vy * mover.age_s, z),
+        half_size_m=mover.half_size_m,
+        velocity_m_s=mover.velocity_m_s,
+        sigma_m_s=mover.sigma_m_s,
+        margin_m=2.0 * mover.sigma_m,
+    )

@@ -1,9 +1,13 @@
 """Bodies of the vehicles of a team. Obstacles that neighbours report at these places are the vehicles themselves.
 
-Only reports of neighbours are compared with them, never obstacles of the own sensors."""
+Only reports of neighbours are compared with them, never obstacles of the own sensors. A person may stand or walk below
+or beside a vehicle, within the uncertainty of its place. Where a report may be something else, it is kept: a vehicle
+that is reported twice is harmless, a person who is not reported is not."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,43 +19,86 @@ BODY_SIZE_M = 1.5
 SLACK_M = 0.5
 MOST_SLACK_M = 3.0
 """Greatest distance at which a report counts as a body, whatever the uncertainty."""
+HIGHER_M, MOST_HALF_HEIGHT_M = 0.3, 0.7
+"""A report of a vehicle is not higher than its radius and HIGHER_M, half of the height. A higher report than
+MOST_HALF_HEIGHT_M may be a person, and is never a vehicle."""
+VELOCITY_SLACK_M_S = 0.5
+"""Difference of the velocities of a vehicle and a report of it, beyond 2 sigma."""
+
+
+@dataclass(frozen=True, slots=True)
+class MovingReport:
+    """A moving obstacle in the own frame, now.
+
+    Attributes:
+        centre_m, half_size_m: its box, without the uncertainty of its place.
+        velocity_m_s: horizontal.
+        sigma_m_s: of the velocity, on each axis.
+        margin_m, margin_z_m: uncertainty of its place, horizontal and vertical."""
+
+    centre_m: tuple[float, float, float]
+    half_size_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float]
+    sigma_m_s: float = 0.0
+    margin_m: float = 0.0
+    margin_z_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A vehicle by its own report, in the own frame. margin_m: uncertainty of its place; velocity_m_s: horizontal."""
+    """A vehicle by its own report, in the own frame. margin_m, margin_z_m: uncertainty of its place, horizontal and
+    vertical; velocity_m_s: horizontal."""
 
     vehicle: int
     centre_m: tuple[float, float, float]
     radius_m: float
     margin_m: float
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
+    margin_z_m: float = 0.0
 
     @property
     def most_half_size_m(self) -> float:
-        """Half the greatest size of a report of this vehicle: of others it may be up to twice as large as it is."""
+        """Half the greatest width of a report of this vehicle: of others it may be up to twice as large as it is."""
         return min(2.0 * self.radius_m, BODY_SIZE_M) + SLACK_M
 
-    def contains(
-        self, centre_m: tuple[float, float, float], half_size_m: tuple[float, float, float], margin_m: float
-    ) -> bool:
-        """True if a reported mover is this vehicle."""
-        return bool(self.contains_each(np.array([centre_m]), np.array([max(half_size_m)]), margin_m)[0])
+    def find(self, reports: Sequence[MovingReport]) -> int | None:
+        """Returns the index of the report that is this vehicle, the nearest one; None: none is.
 
-    def contains_each(self, centre_m: Floats, half_size_m: Floats, margin_m: float) -> NDArray[np.bool_]:
-        """Returns (N,): which reports are this vehicle. centre_m: (N, 3); half_size_m: (N,), the greatest of each."""
+        One vehicle is reported once. Further reports at its place are something else."""
+        found = [(self._apart_m(r), k) for k, r in enumerate(reports) if self.may_be(r)]
+        return min(found)[1] if found else None
+
+    def may_be(self, r: MovingReport) -> bool:
+        """True if a moving report has the place, size and velocity of this vehicle."""
+        (vx, vy), (ux, uy) = self.velocity_m_s, r.velocity_m_s
+        if not math.hypot(vx - ux, vy - uy) <= VELOCITY_SLACK_M_S + 2.0 * r.sigma_m_s:
+            return False
+        size = np.array([[max(r.half_size_m[:2]), r.half_size_m[2]]])
+        return bool(self.contains_each(np.array([r.centre_m]), size, r.margin_m, r.margin_z_m)[0])
+
+    def contains_each(
+        self, centre_m: Floats, half_size_m: Floats, margin_m: float, margin_z_m: float
+    ) -> NDArray[np.bool_]:
+        """Returns (N,): which reports are of the place and size of this vehicle. centre_m: (N, 3); half_size_m: (N, 2)
+        greatest horizontal one and vertical one of each; margin_m, margin_z_m: uncertainty of their place."""
         # the reported radius is limited, so that it cannot remove other obstacles
         radius_m = min(self.radius_m, BODY_SIZE_M)
         slack_m = min(SLACK_M + self.margin_m + margin_m, MOST_SLACK_M)
+        slack_z_m = min(SLACK_M + self.margin_z_m + margin_z_m, MOST_SLACK_M)
         off = centre_m - np.array(self.centre_m)
         near = np.hypot(off[:, 0], off[:, 1]) <= radius_m + slack_m
-        near &= np.abs(off[:, 2]) <= radius_m + MOST_SLACK_M
-        return np.asarray(near & (half_size_m <= self.most_half_size_m))
+        near &= np.abs(off[:, 2]) <= radius_m + slack_z_m
+        near &= half_size_m[:, 0] <= self.most_half_size_m
+        return np.asarray(near & (half_size_m[:, 1] <= min(radius_m + HIGHER_M, MOST_HALF_HEIGHT_M)))
+
+    def _apart_m(self, r: MovingReport) -> float:
+        return math.hypot(r.centre_m[0] - self.centre_m[0], r.centre_m[1] - self.centre_m[1])
 
 
-def are_bodies(body: Body, box: Floats, sigma_m: float = 0.0) -> NDArray[np.bool_]:
-    """Returns (N,): which reported planes (N, 6) are a side of this vehicle. sigma_m: uncertainty of the place of the
-    planes."""
+def are_bodies(body: Body, box: Floats, sigma_m: float = 0.0, sigma_z_m: float = 0.0) -> NDArray[np.bool_]:
+    """Returns (N,): which reported planes (N, 6) are a side of this vehicle. sigma_m, sigma_z_m: uncertainty of the place
+    of the planes."""
     length_m, height_m = np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]), box[:, 5] - box[:, 4]
     centre_m = 0.5 * np.column_stack([box[:, 0] + box[:, 2], box[:, 1] + box[:, 3], box[:, 4] + box[:, 5]])
-    return body.contains_each(centre_m, 0.5 * np.maximum(length_m, height_m), 2.0 * sigma_m)
+    half_size_m = 0.5 * np.column_stack([length_m, height_m])
+    return body.contains_each(centre_m, half_size_m, 2.0 * sigma_m, 2.0 * sigma_z_m)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import Body, are_bodies
+from .bodies import Body, MovingReport, are_bodies
 from .neighbour import NS, HeldMover, HeldPlane, Neighbour, boxes_of
 from .obstacles import (
     MoverKind,
@@ -42,12 +42,12 @@ class OwnState:
         state: None: the place of its frame on Earth is not known.
         section: number of the own frame.
         estimate: numbers that change when the own position or heading has jumped, or may have.
-        movers: centres (x, y, z) of moving obstacles that the own sensors observe."""
+        movers: moving obstacles that the own sensors observe, moved to the present."""
 
     state: VehicleState | None
     section: int
     estimate: tuple[int, ...] = ()
-    movers: tuple[tuple[float, float, float], ...] = ()
+    movers: tuple[MovingReport, ...] = ()
 
 
 class NeighbourMap:
@@ -119,10 +119,10 @@ class NeighbourMap:
         """Returns the obstacles that count now."""
         self._follow(own)
         parts, movers, statuses = [], [], []
-        bodies = self.bodies(own, now_ns)
+        bodies, own_movers = self.bodies(own, now_ns), list(own.movers)
         for _, neighbour in sorted(self._neighbours.items()):
             neighbour.expire(now_ns, self.params)
-            found, moving, status = self._placed(neighbour, own, bodies, now_ns)
+            found, moving, status = self._placed(neighbour, own, bodies, own_movers, now_ns)
             statuses.append(status)
             movers += moving
             parts += found
@@ -132,17 +132,22 @@ class NeighbourMap:
         """Returns the vehicles of the team in the own frame whose place is certain enough, the own one first."""
         found = []
         if own.state is not None:
-            found.append(Body(self._own_vehicle, own.state.position_m, own.state.radius_m, 0.0))
+            vx, vy, _ = own.state.velocity_m_s
+            found.append(Body(self._own_vehicle, own.state.position_m, own.state.radius_m, 0.0, (vx, vy)))
         for _, neighbour in sorted(self._neighbours.items()):
-            body = self._body(neighbour, self._placement(neighbour, own), now_ns)
-            if body is not None:
-                found.append(
-                    Body(neighbour.vehicle, body.centre_m, body.half_size_m[0], body.margin_m, body.velocity_m_s)
-                )
+            placement = self._placement(neighbour, own)
+            body = self._body(neighbour, placement, now_ns)
+            if body is not None and placement is not None:
+                found.append(_body_of(body, placement))
         return found
 
     def _placed(
-        self, neighbour: Neighbour, own: OwnState, bodies: list[Body], now_ns: int
+        self,
+        neighbour: Neighbour,
+        own: OwnState,
+        bodies: list[Body],
+        own_movers: list[MovingReport],
+        now_ns: int,
     ) -> tuple[list[dict[str, NDArray[Any]]], list[SharedMovingObstacle], NeighbourStatus]:
         placement = self._placement(neighbour, own)
         state = _state_of(placement, self.params.max_sigma_m)
@@ -171,8 +176,12 @@ class NeighbourMap:
         total = len(neighbour.planes) + sum(len(former.planes) for former in neighbour.retired)
         count = sum(len(part["sender"]) for part in parts)
         body = self._body(neighbour, placement, now_ns)
-        if body is not None and not _is_observed(body, own):
-            movers.append(body)
+        if body is not None and placement is not None:
+            observed = _body_of(body, placement).find(own_movers)
+            if observed is None:
+                movers.append(body)
+            else:
+                del own_movers[observed]  # it is no other neighbour
         vehicle_m = None if body is None else body.centre_m
         status = replace(status, planes=count, withheld=total - count, movers=len(movers), vehicle_m=vehicle_m)
         return parts, movers, status
@@ -201,7 +210,7 @@ class NeighbourMap:
         keep = sigma_m <= self.params.max_sigma_m
         placed = placement.boxes(box)
         for body in bodies:
-            keep &= ~are_bodies(body, placed, placement.sigma_m)
+            keep &= ~are_bodies(body, placed, placement.sigma_m, placement.sigma_z_m)
         rows = np.flatnonzero(keep)
         return {
             "sender": np.full(len(rows), vehicle, np.uint8),
@@ -217,12 +226,24 @@ class NeighbourMap:
         self, vehicle: int, movers: dict[int, HeldMover], placement: Placement, bodies: list[Body], now_ns: int
     ) -> list[SharedMovingObstacle]:
         """Returns the moving obstacles of one frame without vehicles of the team."""
-        found = []
+        found, reports = [], []
         for number, held in sorted(movers.items()):
             mover = _placed_mover(vehicle, number, held.mover, placement, _age_s(held.seen_ns, now_ns))
-            size_m = held.mover.half_size_m  # without the uncertainty of the height
-            if not any(body.contains(mover.centre_m, size_m, mover.margin_m) for body in bodies):
-                found.append(mover)
+            found.append(mover)
+            reports.append(
+                MovingReport(
+                    centre_m=mover.centre_m,
+                    half_size_m=held.mover.half_size_m,  # without the uncertainty of the height
+                    velocity_m_s=mover.velocity_m_s,
+                    sigma_m_s=held.mover.sigma_m_s,
+                    margin_m=mover.margin_m,
+                    margin_z_m=2.0 * placement.sigma_z_m,
+                )
+            )
+        for body in bodies:
+            k = body.find(reports)
+            if k is not None:
+                del found[k], reports[k]
         return found
 
     def _body(self, neighbour: Neighbour, placement: Placement | None, now_ns: int) -> SharedMovingObstacle | None:
@@ -293,10 +314,16 @@ def _state_of(placement: Placement | None, max_sigma_m: float) -> PlacementState
     return PlacementState.ALIGNED if placement.refined else PlacementState.BY_POSITION
 
 
-def _is_observed(vehicle: SharedMovingObstacle, own: OwnState) -> bool:
-    """True if the own sensors observe a moving obstacle at the place of a neighbour."""
-    body = Body(vehicle.sender, vehicle.centre_m, vehicle.half_size_m[0], vehicle.margin_m)
-    return any(body.contains(centre, (0.0, 0.0, 0.0), 0.0) for centre in own.movers)
+def _body_of(vehicle: SharedMovingObstacle, placement: Placement) -> Body:
+    """Returns a neighbour as a body."""
+    return Body(
+        vehicle=vehicle.sender,
+        centre_m=vehicle.centre_m,
+        radius_m=vehicle.half_size_m[0],
+        margin_m=vehicle.margin_m,
+        velocity_m_s=vehicle.velocity_m_s,
+        margin_z_m=2.0 * placement.sigma_z_m,
+    )
 
 
 def _placed_mover(

@@ -222,7 +222,9 @@ def test_a_vehicle_that_the_own_sensors_observe_is_compared_where_it_is_now() ->
         age_s=0.2,
     )
     one.own.movers, one.own.movers_ns = (mover,), NS
-    assert one.state(NS + 3 * NS // 10).movers == (pytest.approx((19.0, 1.0, -1.0)),)
+    (found,) = one.state(NS + 3 * NS // 10).movers
+    assert found.centre_m == pytest.approx((19.0, 1.0, -1.0))
+    assert found.velocity_m_s == (8.0, -2.0)
     assert one.state(NS + 19 * NS // 10).movers == ()  # its observation is 2.1 s old
 
 

@@ -44,12 +44,12 @@ def state_at(sent_ms: int, **of: int) -> bytes:
     return state_packet(header(sent_ms, **of), state())
 
 
-def mover(x_m: float, y_m: float = 0.0) -> SharedMover:
+def mover(x_m: float, y_m: float = 0.0, speed_m_s: float = 1.0) -> SharedMover:
     return SharedMover(
         id=4,
         centre_m=(x_m, y_m, -3.0),
         half_size_m=(0.4, 0.4, 0.3),
-        velocity_m_s=(1.0, 0.0),
+        velocity_m_s=(speed_m_s, 0.0),
         sigma_m=0.1,
         sigma_m_s=0.1,
         age_s=0.0,

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from core.sharing.bodies import MovingReport
 from core.sharing.neighbour import MOST_MOVERS, NS
 from core.sharing.neighbour_map import NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind, PlacementState, SharedObstacles
@@ -199,7 +200,10 @@ def test_a_claimed_radius_hides_nothing_larger_than_a_vehicle(length_m: float, h
 def test_the_bodies_of_the_team_are_one_obstacle_each() -> None:
     found = filled_map()  # vehicle 2 is at x = 30
     found.receive(state_packet(header(10, vehicle=3), state(60.0)), 2 * NS)
-    reports = (mover(30.5), mover(0.3))  # vehicle 3 observes vehicle 2 and the own vehicle
+    reports = (
+        mover(30.5, speed_m_s=0.0),
+        mover(0.3, speed_m_s=0.0),
+    )  # vehicle 3 observes vehicle 2 and the own vehicle
     for k, one in enumerate(reports):
         found.receive(movers_packet(header(20 + k, vehicle=3), (one,), (0.0, 0.0, 0.0)), 2 * NS)
         got = found.obstacles(OWN, 2 * NS).movers
@@ -214,12 +218,13 @@ def test_the_own_body_is_recognised_with_the_default_errors_of_the_positions() -
     own = replace(OWN, state=replace(OWN.state, frame=vague))
     found = NeighbourMap(1)
     found.receive(state_packet(header(1), state(frame=vague)), NS)
-    found.receive(movers_packet(header(2), (mover(1.5),), (0.0, 0.0, 0.0)), NS)
+    found.receive(movers_packet(header(2), (mover(1.5, speed_m_s=0.0),), (0.0, 0.0, 0.0)), NS)
     assert [m.kind for m in found.obstacles(own, NS).movers] == [MoverKind.VEHICLE]
 
 
 def test_a_vehicle_that_the_own_sensors_observe_is_not_reported_again() -> None:
-    seen = OwnState(state=OWN.state, section=1, movers=((30.2, 0.1, -3.0),))
+    at = MovingReport(centre_m=(30.2, 0.1, -3.0), half_size_m=(0.4, 0.4, 0.3), velocity_m_s=(0.0, 0.0))
+    seen = OwnState(state=OWN.state, section=1, movers=(at,))
     assert filled_map().obstacles(seen, NS).movers == ()
     assert len(filled_map().obstacles(OWN, NS).movers) == 1
 

@@ -148,12 +148,12 @@ def test_the_own_body_hides_what_is_near_it_only(x_m: float, z_m: float, hidden:
     vague = replace(FRAME, sigma_m=2.5, sigma_z_m=4.0)
     assert OWN.state is not None
     own = replace(OWN, state=replace(OWN.state, frame=vague))
-    found = received((replace(mover(x_m), centre_m=(x_m, 0.0, z_m)),), state(30.0, vague))
+    found = received((replace(mover(x_m, speed_m_s=0.0), centre_m=(x_m, 0.0, z_m)),), state(30.0, vague))
     assert (moving(found, NS, own) == []) is hidden
 
 
 def test_a_claimed_radius_hides_nothing_at_a_distance() -> None:
-    found = received((mover(45.0),))
+    found = received((mover(45.0, speed_m_s=0.0),))
     huge = VehicleState(frame=FRAME, position_m=(50.5, 0.0, -3.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=25.5)
     found.receive(state_packet(header(10, vehicle=3), huge), NS)
     assert len(moving(found, NS)) == 1

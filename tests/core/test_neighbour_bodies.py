@@ -1,0 +1,111 @@
+"""Which reports are a vehicle of the team: a person below or beside one is never taken for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.sharing.bodies import MovingReport, are_bodies
+from core.sharing.neighbour import NS
+from core.sharing.neighbour_map import NeighbourMap
+from core.sharing.obstacles import MoverKind
+from core.sharing.packet_codec import movers_packet, planes_packet, state_packet
+from core.sharing.records import LocalFrame, SharedMover, SharedPlanes
+
+from .neighbours import FRAME, OWN, header, mover, state
+
+ORIGIN = (0.0, 0.0, 0.0)
+PERSON = (0.3, 0.3, 0.9)
+VAGUE = replace(FRAME, sigma_m=2.5, sigma_z_m=4.0)
+"""With so much uncertainty a person who walks below or beside a vehicle has the place of the vehicle."""
+
+
+def reported(*movers: SharedMover, frame: LocalFrame = VAGUE, speed_m_s: float = 0.0) -> list[MoverKind]:
+    """The kinds of what counts when vehicle 3 reports these beside vehicle 2, which is at x = 30 and flies at that speed."""
+    assert OWN.state is not None
+    own, found = replace(OWN, state=replace(OWN.state, frame=frame)), NeighbourMap(1)
+    flown = replace(state(30.0, frame), velocity_m_s=(speed_m_s, 0.0, 0.0))
+    assert found.receive(state_packet(header(1), flown), NS) == ""
+    assert found.receive(state_packet(header(1, vehicle=3), state(60.0, frame)), NS) == ""
+    assert found.receive(movers_packet(header(2, vehicle=3), movers, ORIGIN), NS) == ""
+    return sorted(m.kind for m in found.obstacles(own, NS).movers if (m.sender, m.kind) != (3, MoverKind.VEHICLE))
+
+
+BOTH = [MoverKind.OBSTACLE, MoverKind.VEHICLE]
+
+
+@pytest.mark.parametrize("off_m", [(0.0, 0.0, 2.1), (0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, -2.9, 1.0)])
+@pytest.mark.parametrize("speed_m_s", [0.0, 1.4])
+def test_a_person_below_or_beside_a_neighbour_stays(off_m: tuple[float, float, float], speed_m_s: float) -> None:
+    """With the velocity of the vehicle, too."""
+    x, y, z = off_m
+    person = replace(mover(30.0, speed_m_s=speed_m_s), centre_m=(30.0 + x, y, -3.0 + z), half_size_m=PERSON)
+    assert reported(person, speed_m_s=speed_m_s) == BOTH
+
+
+def test_a_child_that_walks_where_a_neighbour_hovers_stays() -> None:
+    child = replace(mover(31.0, speed_m_s=1.2), half_size_m=(0.2, 0.2, 0.55))
+    assert reported(child) == BOTH
+
+
+def test_a_low_thing_below_a_neighbour_stays_where_the_heights_are_known() -> None:
+    low = replace(mover(30.0, speed_m_s=0.0), centre_m=(30.0, 0.0, -0.5), half_size_m=(0.3, 0.3, 0.5))
+    assert reported(low, frame=FRAME) == BOTH
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 6.0])
+def test_a_neighbour_that_others_report_counts_once(speed_m_s: float) -> None:
+    assert reported(mover(30.8, speed_m_s=speed_m_s + 0.3), speed_m_s=speed_m_s) == [MoverKind.VEHICLE]
+
+
+def test_one_report_is_the_vehicle_and_what_is_beside_it_stays() -> None:
+    beside = replace(mover(31.5, speed_m_s=0.0), id=5)
+    assert reported(mover(30.3, speed_m_s=0.0), beside) == BOTH
+
+
+def own_movers(*movers: MovingReport) -> list[int]:
+    """The neighbours, of 2 at x = 30 and 3 at x = 32, that count as vehicles while the own sensors observe these."""
+    assert OWN.state is not None
+    own, found = replace(OWN, state=replace(OWN.state, frame=VAGUE), movers=movers), NeighbourMap(1)
+    assert found.receive(state_packet(header(1), state(30.0, VAGUE)), NS) == ""
+    assert found.receive(state_packet(header(1, vehicle=3), state(32.0, VAGUE)), NS) == ""
+    return [m.sender for m in found.obstacles(own, NS).movers]
+
+
+def test_own_moving_obstacles_replace_the_neighbours_that_they_are() -> None:
+    vehicle = MovingReport(centre_m=(30.2, 0.0, -3.0), half_size_m=(0.4, 0.4, 0.3), velocity_m_s=(0.1, 0.0))
+    assert own_movers() == [2, 3]
+    assert own_movers(vehicle) == [3], "one obstacle is one neighbour"
+    assert own_movers(vehicle, replace(vehicle, centre_m=(32.1, 0.0, -3.0))) == []
+
+
+def test_an_own_moving_obstacle_beside_a_neighbour_does_not_replace_it() -> None:
+    person = MovingReport(centre_m=(31.0, 0.0, -0.9), half_size_m=PERSON, velocity_m_s=(0.0, 0.0))
+    assert own_movers(person) == [2, 3]
+    assert own_movers(replace(person, half_size_m=(0.2, 0.2, 0.5), velocity_m_s=(1.4, 0.0))) == [2, 3]
+    assert own_movers(replace(person, half_size_m=(2.5, 1.0, 0.6))) == [2, 3], "a car"
+
+
+def small_plane(top_m: float, bottom_m: float) -> SharedPlanes:
+    """A plane 0.5 m wide 1 m beside vehicle 2."""
+    return SharedPlanes(
+        ids=np.array([5], np.uint16),
+        box=np.array([[31.0, -0.25, 31.0, 0.25, top_m, bottom_m]]),
+        margin_m=np.array([0.1]),
+        flags=np.zeros(1, np.uint8),
+        age_s=np.array([0.1]),
+    )
+
+
+@pytest.mark.parametrize(("top_m", "bottom_m", "stays"), [(-1.8, 0.0, True), (-3.9, -2.1, True), (-3.2, -2.8, False)])
+def test_the_planes_of_a_person_who_stands_beside_a_neighbour_stay(top_m: float, bottom_m: float, stays: bool) -> None:
+    assert OWN.state is not None
+    own, found = replace(OWN, state=replace(OWN.state, frame=VAGUE)), NeighbourMap(1)
+    assert found.receive(state_packet(header(1), state(30.0, VAGUE)), NS) == ""
+    assert found.receive(state_packet(header(1, vehicle=3), state(60.0, VAGUE)), NS) == ""
+    assert found.receive(planes_packet(header(2, vehicle=3), small_plane(top_m, bottom_m), ORIGIN), NS) == ""
+    assert (5 in found.obstacles(own, NS).ids) is stays
+    (body,) = (b for b in found.bodies(own, NS) if b.vehicle == 2)
+    assert bool(are_bodies(body, small_plane(top_m, bottom_m).box)[0]) is not stays, "so it is sent, too"
