@@ -15,6 +15,7 @@ import pytest
 import zmq
 
 from companion.config.loader import config_of
+from companion.live.published_blocks import with_empty_blocks
 from companion.live.world_thread import WorldThread, open_world
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause, PoseAt, Source
@@ -278,6 +279,7 @@ def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker:
         follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
         good = world_message(speaker.service.world.picture(now()), np.zeros(0, np.int32), now())
+        good.publication.boot_id = "one"  # without it, every message is cut short
         broken = []
         for change in (
             {"planes": good.planes[:-1]},
@@ -287,6 +289,9 @@ def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker:
             {"valid": True, "cause": pb.WorldUpdate.CAUSE_POSITION_STALE},
             {"blocks": [1, 2]},
             {"schema_version": 7},
+            {"section": 0},
+            {"section": 0, "planes": b""},
+            {"section": 0, "planes": b"", "blocks": [], "masks": b"", "ground": b"", "valid": True},
         ):
             message = pb.WorldUpdate.FromString(good.SerializeToString())
             message.sequence = 10**6
@@ -327,6 +332,57 @@ def test_what_comes_twice_or_too_late_changes_nothing() -> None:
         mirror._read(sent[3], now())
         assert mirror.usable
         assert mirror.stats.messages == 4
+
+
+def made(world: World, sequence: int, boot: str, snapshot: bool) -> bytes:
+    """A message of a service with this world, which has just published it."""
+    message = world_message(world.picture(now()), np.zeros(0, np.int32), now())
+    message.schema_version, message.sequence, message.snapshot, message.valid = 1, sequence, snapshot, True
+    message.t_ns, message.publication.boot_id = now(), boot
+    return message.SerializeToString()
+
+
+def test_a_snapshot_of_an_earlier_boot_is_refused() -> None:
+    """The answer of a service that has ended waits in the socket of requests, and the stream is that of the next boot."""
+    old, new = World(), World()
+    old.add(seen(WALLS, (0.0, 0.0), 0.0, now()))
+    new.add(seen(WALLS + 0.5, (0.0, 0.0), 0.0, now()))
+    with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
+        mirror._read(made(old, 10, "one", True), now())
+        assert mirror.usable
+        mirror._read(made(new, 3, "two", False), now())
+        assert not mirror.usable
+        mirror._read(made(old, 11, "one", True), now())
+        assert not mirror.usable
+        assert Occupancy.FREE not in mirror.space.points([[4, 0, 0]])
+        assert mirror.stats.out_of_order == 1
+        mirror._read(made(new, 4, "two", True), now())
+        assert mirror.usable
+        mirror._read(made(old, 12, "one", False), now())
+        assert mirror.usable, "a late message of the earlier boot ends nothing, either"
+        mirror._read(made(new, 5, "two", False), now())
+        assert mirror.usable
+        assert mirror.stats.out_of_order == 2
+
+
+def test_blocks_that_became_empty_are_not_kept() -> None:
+    world = World()
+    world.add(seen(WALLS, (0.0, 0.0), 0.0, now()))
+    with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
+        mirror._read(made(world, 1, "one", True), now())
+        blocks = np.array(sorted(mirror._blocks), np.int32)
+        assert len(blocks) > 0
+        picture = with_empty_blocks(
+            replace(world.picture(now()), blocks=blocks[:0], masks=np.zeros((0, 256), np.uint64), ground=None), blocks
+        )
+        message = pb.WorldUpdate.FromString(made(world, 2, "one", False))
+        emptied = world_message(picture, np.zeros(0, np.int32), now())
+        message.ClearField("blocks")
+        message.blocks.extend(emptied.blocks)
+        message.masks, message.ground = emptied.masks, emptied.ground
+        mirror._read(message.SerializeToString(), now())
+        assert mirror.usable
+        assert mirror._blocks == {}
 
 
 def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:

@@ -13,6 +13,7 @@ complete again, when no messages come, and while the service has no position, no
 from __future__ import annotations
 
 import time
+from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -43,11 +44,14 @@ TIMEOUT_S = 1.0
 message five times a second."""
 _REPEAT_NS = NS
 """A request that was not answered within this time is sent again."""
+_FORMER_BOOTS = 16
+"""Largest number of earlier boots of the service's machine that are remembered."""
 
 
 @dataclass(slots=True)
 class MirrorStats:
-    """Counts of received messages. gaps: how often a message was missing; out_of_order: already contained in the copy;
+    """Counts of received messages. gaps: how often a message was missing; out_of_order: already contained in the copy, or of
+    an earlier boot of the service's machine;
     undecodable: not a message of this schema, or one that does not fit together; last_error: the cause of the last one."""
 
     messages: int = 0
@@ -83,6 +87,7 @@ class WorldMirror:
         self._newest: pb.WorldUpdate | None = None
         self._received_ns = 0
         self._complete = False
+        self._former_boots: deque[str] = deque(maxlen=_FORMER_BOOTS)
         self._planes: dict[int, np.void] = {}
         self._blocks: dict[tuple[int, int, int], tuple[NDArray[np.uint64], NDArray[np.float32]]] = {}
         self._space: tuple[bool, WorldSpace] | None = None
@@ -169,8 +174,11 @@ class WorldMirror:
         fit together; the copy is unchanged then."""
         records, ground = records_from_message(message), ground_from_message(message)
         blocks, masks = blocks_from_message(message)
-        before = self._newest
-        same = before is not None and before.publication.boot_id == message.publication.boot_id
+        before, boot = self._newest, message.publication.boot_id
+        if boot in self._former_boots:  # it waited in the other socket meanwhile
+            self.stats.out_of_order += 1
+            return
+        same = before is not None and before.publication.boot_id == boot
         newest = before.sequence if before is not None and same else 0
         if same and (message.sequence < newest or (message.sequence == newest and self._complete)):
             self.stats.out_of_order += 1
@@ -191,6 +199,11 @@ class WorldMirror:
                 self._planes.pop(slot, None)
             columns = zip(masks, ground, strict=True)
             self._blocks |= dict(zip(map(tuple, blocks.tolist()), columns, strict=True))
+            for block in set(map(tuple, blocks.tolist())):
+                if _is_empty(*self._blocks[block]):
+                    del self._blocks[block]
+        if before is not None and not same:
+            self._former_boots.append(before.publication.boot_id)
         self.stats.messages += 1
         self._newest, self._received_ns, self._space = message, received_ns, None
 
@@ -234,6 +247,8 @@ class WorldMirror:
                 raise ValueError(f"schema version {message.schema_version}; this mirror reads {SCHEMA_VERSION}")
             if not message.HasField("publication"):
                 raise ValueError("cut short: the part that is written last is missing")
+            if message.section == 0 and (message.valid or message.planes or message.blocks):
+                raise ValueError("section 0 means that there is no world yet, but the message contains one")
             if message.valid and message.cause != pb.WorldUpdate.CAUSE_NONE:
                 raise ValueError(f"cause {message.cause} of a valid message")
             self._apply(message, received_ns)
@@ -244,11 +259,14 @@ class WorldMirror:
 
     def _snapshot(self) -> WorldSnapshot:
         records = np.array(list(self._planes.values()), PLANE_RECORD)
-        used = sorted(
-            block for block, (mask, ground) in self._blocks.items() if mask.any() or not np.isnan(ground).all()
-        )
+        used = sorted(self._blocks)
         blocks = np.array(used, np.int32).reshape(-1, 3)
         masks = np.array([self._blocks[block][0] for block in used], np.uint64).reshape(-1, 256)
         ground = np.array([self._blocks[block][1] for block in used], np.float32).reshape(-1, 256, 2)
         t_ns = 0 if self._newest is None else self._newest.t_ns
         return snapshot_from_parts(self.section, records, blocks, masks, ground, t_ns)
+
+
+def _is_empty(mask: NDArray[np.uint64], ground: NDArray[np.float32]) -> bool:
+    """Whether nothing is known of a block: the service no longer holds it."""
+    return not mask.any() and bool(np.isnan(ground).all())
