@@ -1,5 +1,9 @@
 """A WebSocket server for Foxglove's viewer, with the topics and schemas of a log (extra `foxglove`).
 
+The server of foxglove-sdk accepts every Host and Origin header and has no option to refuse one (0.30). A web page that
+is open in a browser of this computer can therefore read the streams, also where the server listens on 127.0.0.1 only.
+The page of `live_server.py` refuses such requests.
+
 Drawings expire in the viewer after one second. Blind cameras and their causes are published on `/status` once per
 second, since a viewer does not show that messages have stopped."""
 

@@ -196,6 +196,9 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"page: http://{shown}:{server.port}/ (stop with Ctrl-C)")
         if foxglove is not None:
             print_line(f"Foxglove: ws://{shown}:{foxglove.port}")
+            warn(
+                f"any web page in a browser of this computer can read port {foxglove.port}: open no unknown page meanwhile"
+            )
         sys.stdout.flush()
         while not stop.wait(TICK_S):
             if not subscriber.running:

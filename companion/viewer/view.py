@@ -268,7 +268,7 @@ def add_parser(subparsers: Any) -> None:
         nargs="?",
         const=8765,
         metavar="N",
-        help="also serve a WebSocket for the Foxglove viewer (default port: 8765)",
+        help="also serve a WebSocket for the Foxglove viewer (default port: 8765). Any web page that is open in a browser of this computer can read it, with camera images and position",
     )
     live.add_argument(
         "--no-depth", action="store_true", help="request no depth images, which saves the service their computation"
