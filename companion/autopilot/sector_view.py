@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any, Final
 
@@ -40,12 +41,15 @@ class SectorView:
         """Takes a message of the autopilot: PX4 echoes its map as OBSTACLE_DISTANCE, ArduPilot one DISTANCE_SENSOR
         per face."""
         if message.get_type() == "OBSTACLE_DISTANCE":
+            first_deg, step_deg = float(message.angle_offset), float(message.increment_f or message.increment)
+            if not (math.isfinite(first_deg) and math.isfinite(step_deg)):
+                return  # readers of the report could not draw them
             echo = pb.ObstacleSectors(
                 cm=[int(v) for v in message.distances],
                 t_ns=now_ns,
                 clear_cm=int(message.max_distance) + 1,
-                first_deg=float(message.angle_offset),
-                step_deg=float(message.increment_f or message.increment),
+                first_deg=first_deg,
+                step_deg=step_deg,
                 body_frame=message.frame == BODY_FRD,
             )
             with self._lock:

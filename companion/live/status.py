@@ -73,6 +73,15 @@ def newest_health(address: str, timeout_s: float) -> pb.Health:
         context.term()
 
 
+def _range_text(message: pb.CameraInfo) -> str:
+    """Up to where a camera detects obstacles, as text."""
+    try:
+        info = camera_from_message(message)
+    except ValueError as error:
+        return f"its description is damaged: {error}"
+    return f"obstacles are detected up to {obstacle_range_m(info):.1f} m (depth noise ke_per_m = {info.ke_per_m:g})"
+
+
 def status_lines(h: pb.Health) -> list[str]:
     """The report as text for people."""
     lines = [f"{STATES.get(h.state, 'unknown').upper()}, service running for {_span(h.uptime_ns)}"]
@@ -91,11 +100,7 @@ def status_lines(h: pb.Health) -> list[str]:
         if c.HasField("mount"):
             lines.append(f"  mount: {mount_text(c.mount)}")
         if c.HasField("info"):
-            info = camera_from_message(c.info)
-            lines.append(
-                f"  obstacles are detected up to {obstacle_range_m(info):.1f} m (depth noise ke_per_m = "
-                f"{info.ke_per_m:g})"
-            )
+            lines.append(f"  {_range_text(c.info)}")
     if h.HasField("autopilot"):
         lines += _autopilot_lines(h.autopilot)
     if h.HasField("team"):

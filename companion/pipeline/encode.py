@@ -132,16 +132,23 @@ def prisms_from_message(message: pb.PrismsFrame) -> PrismsResult:
 
 def _attitude_at(message: pb.AttitudeUsed) -> AttitudeAt:
     q = message.q_ned_frd
+    norm = math.hypot(q.w, q.x, q.y, q.z)
+    if not abs(norm - 1.0) < 1e-3:  # also NaN
+        raise ValueError(f"attitude: the norm of q_ned_frd is {norm:g}, expected 1; is the message damaged?")
     return AttitudeAt((q.w, q.x, q.y, q.z), Source(message.source), message.distance_ns)
 
 
 def _pose_at(message: pb.PoseUsed) -> PoseAt:
     p = message.position_ned_m
+    if not all(map(math.isfinite, (p.x, p.y, p.z))):
+        raise ValueError("pose: position_ned_m is not finite; is the message damaged?")
     return PoseAt((p.x, p.y, p.z), Source(message.source), message.distance_ns, message.reset_counter)
 
 
 def _transform(message: pb.LevelTransform) -> LevelTransform:
     t = message.translation_m
+    if not all(map(math.isfinite, (message.yaw_rad, t.x, t.y, t.z))):
+        raise ValueError("transform: a number is not finite; is the message damaged?")
     return LevelTransform(message.yaw_rad, (t.x, t.y, t.z))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from osape_client.proto import osape_v1_pb2 as pb
@@ -29,7 +30,10 @@ def autopilot_data(health: pb.Health | None, t_ns: int) -> dict[str, Any] | None
     }
 
 
-def _sectors(s: pb.ObstacleSectors, t_ns: int) -> dict[str, Any]:
+def _sectors(s: pb.ObstacleSectors, t_ns: int) -> dict[str, Any] | None:
+    """None where their directions are not finite."""
+    if not (math.isfinite(s.first_deg) and math.isfinite(s.step_deg)):
+        return None
     return {
         "cm": [None if cm == UNKNOWN_CM else cm for cm in s.cm],
         "first": s.first_deg,

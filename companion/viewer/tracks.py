@@ -17,7 +17,8 @@ AHEAD_S = 1.0
 def tracks_data(
     message: pb.Tracks, heading_rad: float, position_ned_m: tuple[float, float, float] | None
 ) -> dict[str, Any] | None:
-    """The tracks in `level`, lengths in whole centimetres; None where there are none, or where their place is not known.
+    """The tracks in `level`, lengths in whole centimetres; None where there are none, where their place is not known, or
+    where a number is not finite.
 
     planes: six numbers each; id, confidence (percent), unseen (ms since the newest observation) and object (id of the
     moving obstacle, 0: static) of each; movers: see `_mover`. heading_rad, position_ned_m: of the vehicle."""
@@ -29,12 +30,12 @@ def tracks_data(
         return None
     angle_rad, origin_m = (-heading_rad, position_ned_m) if message.frame == "ned" else (0.0, None)
     at = np.zeros(3) if origin_m is None else np.array(origin_m)
+    if not np.isfinite([heading_rad, *at, *message.corners_m, *message.confidence, *_numbers(message)]).all():
+        return None
     planes = np.array(message.corners_m, np.float64).reshape(n, 6)
     planes[:, 0:2] = _turned(planes[:, 0:2] - at[:2], angle_rad)
     planes[:, 2:4] = _turned(planes[:, 2:4] - at[:2], angle_rad)
     planes[:, 4:6] -= at[2]
-    if not np.isfinite(planes).all():
-        return None
     return {
         "planes": np.rint(100.0 * planes).astype(int).ravel().tolist(),
         "id": list(message.id),
@@ -43,6 +44,18 @@ def tracks_data(
         "object": list(message.object_id),
         "movers": [_mover(o, angle_rad, at) for o in message.objects],
     }
+
+
+def _numbers(message: pb.Tracks) -> list[float]:
+    """All numbers of the moving obstacles that are drawn."""
+    return [
+        number
+        for o in message.objects
+        for number in (
+            *(o.centre_m.x, o.centre_m.y, o.centre_m.z, o.half_size_m.x, o.half_size_m.y, o.half_size_m.z),
+            *(o.velocity_x_m_s, o.velocity_y_m_s),
+        )
+    ]
 
 
 def _mover(o: pb.MovingObstacle, angle_rad: float, at: NDArray[np.float64]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from companion.autopilot.sector_view import FORGOTTEN_NS, SectorView
 from companion.viewer.autopilot_view import autopilot_data
@@ -31,6 +32,15 @@ def test_what_was_sent_is_reported_until_it_is_too_old() -> None:
     sent = filled(view, 100 + FORGOTTEN_NS).obstacles_sent
     assert (list(sent.cm), sent.step_deg, sent.clear_cm, sent.body_frame) == (VALUES.tolist(), 5.0, 1001, True)
     assert not filled(view, 101 + FORGOTTEN_NS).HasField("obstacles_sent")
+
+
+@pytest.mark.parametrize("field", ["angle_offset", "increment_f"])
+def test_a_map_whose_directions_are_not_finite_is_not_reported(field: str) -> None:
+    view = SectorView()
+    echo = dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1000, 5.0, 12.0, 12)
+    setattr(echo, field, float("nan"))
+    view.take(echo, 50)
+    assert not filled(view, 60).HasField("obstacles_echoed")
 
 
 def test_px4_sends_its_map_back() -> None:

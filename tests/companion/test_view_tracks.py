@@ -5,20 +5,24 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
 
+from companion.live.status import status_lines
 from companion.log.log_writer import LogWriter
 from companion.log.provenance import run_info
 from companion.pipeline.encode import prisms_message
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
-from companion.viewer.live_page import frame_of
+from companion.viewer.autopilot_view import autopilot_data
+from companion.viewer.live_page import decoded, frame_of
 from companion.viewer.log import TRACKS_WAITING, read_frames
 from companion.viewer.page import PageBuilder
 from companion.viewer.subscriber import Shown
 from companion.viewer.tracks import tracks_data
+from drivers.logs.codec import camera_message
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -52,6 +56,89 @@ def test_tracks_are_rotated_from_ned_to_the_vehicles_level() -> None:
     assert (mover["from"], mover["to"]) == ([225, -300, 25], [375, -300, 25])
     assert mover["text"] == "moving 3: 1.5 m/s"
     assert (mover["top"], mover["bottom"]) == (-50, 100)
+
+
+def prisms_of_a_flight() -> pb.PrismsFrame:
+    """The newest valid frame of a flight, with a prism."""
+    pipeline = Pipeline((INFO,), EasyExtractor)
+    results = [r for event in flight(10) for r in pipeline.handle(event) if isinstance(r, PrismsResult) and r.valid]
+    whole = prisms_message(results[-1])
+    del whole.prisms[:]
+    whole.prisms.add(
+        top_m=-2.0, bottom_m=0.0, margin_m=0.1, closed=True, vertices_m=[4, -1, 4, 1, 5, 0], plane=[0, 0, 0]
+    )
+    return whole
+
+
+def put(m: Any, path: str, value: float) -> None:
+    """Sets a field by its path, such as `objects.0.centre_m.z`."""
+    *parents, name = path.split(".")
+    for parent in parents:
+        m = m[int(parent)] if parent.isdigit() else getattr(m, parent)
+    if name.isdigit():
+        m[int(name)] = value
+    else:
+        setattr(m, name, value)
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize(
+    "path",
+    ["corners_m.3", "confidence.1", "objects.0.centre_m.z", "objects.0.half_size_m.z", "objects.0.velocity_x_m_s"],
+)
+def test_tracks_with_a_number_that_is_not_finite_are_not_drawn(path: str, value: float) -> None:
+    """It must not end the answer, which contains all cameras."""
+    broken = message("level")
+    put(broken, path, value)
+    assert tracks_data(broken, 0.0, None) is None
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "planes.corners_m.0",
+        "planes.margin_m.0",
+        "prisms.0.vertices_m.0",
+        "prisms.0.margin_m",
+        "prisms.0.top_m",
+        "pose.position_ned_m.x",
+        "attitude.q_ned_frd.w",
+        "transform.yaw_rad",
+        "transform.translation_m.z",
+    ],
+)
+def test_a_frame_with_a_number_that_is_not_finite_has_no_result_and_is_blind(path: str, value: float) -> None:
+    """The page draws it as blind, and the server for Foxglove reports it so by the same function."""
+    whole = prisms_of_a_flight()
+    assert decoded(whole)[1] == ""
+    put(whole, path, value)
+    result, cause = decoded(whole)
+    assert result is None
+    assert "is the message damaged?" in cause
+    drawn = frame_of(Shown(1, INFO, whole, None, 0, message()), 0)
+    assert "is the message damaged?" in drawn["cause"]
+    assert drawn["planes"] == []
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize("name", ["first_deg", "step_deg"])
+def test_sectors_whose_directions_are_not_finite_are_not_drawn(name: str) -> None:
+    health = pb.Health(autopilot=pb.AutopilotHealth(autopilot="PX4"))
+    health.autopilot.obstacles_echoed.cm.extend([100, 200])
+    setattr(health.autopilot.obstacles_echoed, name, math.nan)
+    data = autopilot_data(health, 0)
+    assert data is not None
+    assert data["echoed"] is None
+
+
+@pytest.mark.unit
+def test_a_damaged_description_of_a_camera_is_a_line_of_the_status() -> None:
+    health = pb.Health(schema_version=1)
+    health.cameras.add(camera="front", condition="running", info=camera_message(INFO)).info.fx_px = math.nan
+    assert "  its description is damaged: intrinsics: fx is not finite" in status_lines(health)
 
 
 @pytest.mark.unit
@@ -90,9 +177,7 @@ def test_each_frame_of_a_log_has_its_own_tracks(tmp_path: Path) -> None:
 
 @pytest.mark.unit
 def test_the_live_page_draws_the_tracks_of_a_valid_frame() -> None:
-    pipeline = Pipeline((INFO,), EasyExtractor)
-    results = [r for event in flight(10) for r in pipeline.handle(event) if isinstance(r, PrismsResult) and r.valid]
-    prisms = prisms_message(results[-1])
+    prisms = prisms_of_a_flight()
     drawn = frame_of(Shown(1, INFO, prisms, None, 0, message()), 0)["tracks"]
     assert drawn is not None
     assert drawn["id"] == [5, 9]

@@ -63,7 +63,12 @@ def _check_planes(planes: pb.Planes) -> None:
 
 
 def prism_from_message(message: pb.Prism) -> Prism:
-    """One prism of a message."""
+    """One prism of a message. Raises ValueError where a number is not finite or the margin is negative: such a prism would
+    contain nothing."""
+    if not np.isfinite([message.top_m, message.bottom_m, *message.vertices_m]).all():
+        raise ValueError("prisms: a number is not finite; is the message damaged?")
+    if not 0.0 <= message.margin_m < math.inf:
+        raise ValueError("prisms: margin_m is not a finite number of 0 or more; is the message damaged?")
     return Prism(
         cluster=message.cluster,
         top_m=message.top_m,
