@@ -118,14 +118,21 @@ def is_unobserved(x, y, top, bottom, slack, rules, view, limits):
     """Whether a frame did not observe most of a place above the ground: an obstacle hides it, it lies beyond the range, or out
     of the measured directions. limits: of `measured_limits`."""
     place = seen_from(x, y, view)
-    dx, dy, r, azimuth = place
-    middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
-    if abs(turn_between(middle, azimuth)) >= half:
+    if is_beside(place, limits):
         return True
+    dx, dy, r, _ = place
     bottom = min(bottom, lowest_free(dx, dy, r, view))
     if bottom <= top:
         return False
     return observed_heights(place, top, bottom, slack, rules, view)[2] > 0.5 * (bottom - top)
+
+
+@inner
+def is_beside(place, limits):
+    """Whether a place lies beside the measured directions of a frame; any place where it has none. place: of `seen_from`;
+    limits: of `measured_limits`."""
+    middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
+    return abs(turn_between(middle, place[3])) >= half
 
 
 @inner

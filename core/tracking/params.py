@@ -15,7 +15,11 @@ class TrackingParams:
 
     # How long an obstacle is kept without an observation
     memory_s: float = critical(
-        10.0, 0.5, 120.0, "s", "an obstacle that is hidden or out of view is removed after this time"
+        10.0,
+        0.5,
+        120.0,
+        "s",
+        "an obstacle that is hidden or out of view is removed after this time; sooner where it is hidden and fewer than ten frames observed it",
     )
     memory_without_position_s: float = critical(
         2.0, 0.2, 30.0, "s", "the same without a position of the vehicle, where its place becomes uncertain"

@@ -206,13 +206,13 @@ def test_an_obstacle_out_of_view_is_kept_until_its_memory_ends() -> None:
 
 
 @pytest.mark.parametrize(("hits", "steps"), [(1, 2), (5, 25), (8, 64)])
-def test_the_memory_grows_with_the_square_of_the_observations(hits: int, steps: int) -> None:
-    tracker = Tracker(SMALL)
+def test_the_memory_of_what_is_hidden_grows_with_the_square_of_the_observations(hits: int, steps: int) -> None:
+    tracker, far, screen = Tracker(SMALL), wall(8.0, -0.4, 8.0, 0.4), wall(4.0, -2.0, 4.0, 2.0)
     for k in range(hits):
-        tracker.observe(frame([WALL], k))
+        tracker.observe(frame([far], k))
     last = hits - 1
-    assert len(tracker.observe(frame([WALL], last + steps, heading=math.pi)).ids) == 1
-    assert not len(tracker.observe(frame([WALL], last + steps + 1, heading=math.pi)).ids)
+    assert distance(tracker.observe(frame([screen], last + steps)), 8.0, 0.0) < 0.1
+    assert distance(tracker.observe(frame([screen], last + steps + 1)), 8.0, 0.0) > 1.0
 
 
 def test_a_post_before_a_wall_is_seen_through_where_the_free_ranges_are_coarse() -> None:

@@ -11,7 +11,7 @@ import pytest
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
-from .test_tracking import SMALL, WALL, distance, frame
+from .test_tracking import POST, SMALL, WALL, distance, frame, without_position
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
@@ -93,3 +93,36 @@ def test_tracks_keep_the_edge_at_which_the_border_of_the_image_cut_what_they_hid
     assert np.allclose(s.planes[:, [1, 3]], before[:, [1, 3]], atol=1e-3) == (cut in ("left", "right"))
     assert np.allclose(s.planes[:, 4], before[:, 4], atol=0.05) == (cut == "top")
     assert np.allclose(s.planes[:, 5], before[:, 5], atol=0.05) == (cut == "bottom")
+
+
+@pytest.mark.parametrize("frames", [1, 2, 7, 20])
+@pytest.mark.parametrize(("positioned", "memory_s"), [(True, SMALL.memory_s), (False, SMALL.memory_without_position_s)])
+def test_what_has_left_the_view_is_kept_for_the_whole_memory(frames: int, positioned: bool, memory_s: float) -> None:
+    """However few frames have observed it: the camera turns away, so that no frame can prove anything."""
+    tracker, last = Tracker(SMALL), frames - 1
+    for k in range(frames):
+        f = frame([POST], k)
+        tracker.observe(f if positioned else without_position(f))
+    for k in range(frames, last + round(10 * memory_s) + 2):
+        f = frame([POST], k, heading=math.radians(90.0))
+        s = tracker.observe(f if positioned else without_position(f))
+        assert (distance(s, 4.0, 0.0) < 0.1) is (k - last <= round(10 * memory_s)), k
+
+
+@pytest.mark.parametrize("frames", [1, 7])
+def test_what_was_observed_is_kept_for_the_whole_memory_while_the_camera_is_blind(frames: int) -> None:
+    tracker, last = Tracker(SMALL), frames - 1
+    for k in range(frames):
+        tracker.observe(without_position(frame([POST], k)))
+    for k in range(frames, last + 21):
+        unseen = dataclasses.replace(frame([], k).model, valid=False)
+        s = tracker.observe(without_position(dataclasses.replace(frame([], k), model=unseen)))
+        assert distance(s, 4.0, 0.0) < 0.1, k
+
+
+def test_what_one_frame_has_observed_and_another_obstacle_hides_goes_soon() -> None:
+    tracker, screen = Tracker(SMALL), wall(3.0, -1.0, 3.0, 1.0)
+    tracker.observe(frame([POST], 0))
+    for k in range(1, 5):
+        s = tracker.observe(planes_of([screen], [screen], k))
+    assert distance(s, 4.0, 0.0) > 0.5
