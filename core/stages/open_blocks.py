@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,11 +48,11 @@ class ForwardRows(NamedTuple):
 
 
 @inner
-def level_marks(flat, shape, codes, H, clear_m, gain, scratch, marked):
+def level_marks(flat, shape, codes, H, least_m, gain, scratch, marked):
     """Each cell of the levelled view takes what its source pixel holds, and a far one the code of what was measured there.
 
-    flat: (H * W,) uint16 of the source, with its marks; shape: (H, W); codes: (cols, rows) uint16 of the view. clear_m: optical depth from
-    which on a cell is far; gain: f_px * lsb_per_px. scratch: ForwardRows. marked: MarkedView, filled."""
+    flat: (H * W,) uint16 of the source, with its marks; shape: (H, W); codes: (cols, rows) uint16 of the view. least_m: optical depth that a
+    far cell has at least; gain: f_px * lsb_per_px. scratch: ForwardRows. marked: MarkedView, filled."""
     src_rows, src_cols = shape
     rows = codes.shape[1]
     for u in range(codes.shape[0]):
@@ -64,7 +63,7 @@ def level_marks(flat, shape, codes, H, clear_m, gain, scratch, marked):
         forward, at = scratch.forward[: end - first], scratch.at[: end - first]
         source_of_rows(H, u, first, src_cols, src_rows, forward, at)
         fetch_marks(flat, at, mm[first:end])
-        codes_beyond(codes[u, first:end], mm[first:end], forward, clear_m, gain, line[first:end])
+        codes_beyond(codes[u, first:end], mm[first:end], forward, least_m, gain, line[first:end])
         kinds_of(line[first:end], mm[first:end], kinds[first:end])
 
 
@@ -79,14 +78,13 @@ def fetch_marks(flat, at, mm):
 
 
 @inline_ieee
-def codes_beyond(codes, mm, forward, clear_m, gain, out):
-    """out: (N,) uint16, the codes with those of far cells by their mm; by clear_m where nothing was measured. clear_m: optical depth
-    from which on a cell is far; gain: f_px * lsb_per_px."""
-    clear_mm, scale = np.float32(1000.0 * clear_m), np.float32(1000.0 * gain)
-    least = np.uint16(min(65535.0, math.floor(1000.0 * clear_m)))
+def codes_beyond(codes, mm, forward, least_m, gain, out):
+    """out: (N,) uint16, the codes with those of far cells by their mm. least_m: optical depth that a far cell has at least, also where
+    nothing was measured; gain: f_px * lsb_per_px."""
+    least_mm, scale = np.float32(1000.0 * least_m), np.float32(1000.0 * gain)
     for i in range(len(out)):
         z, code = mm[i], codes[i]
-        depth_mm = np.float32(z) if (z < _FAR) & (z > least) else clear_mm
+        depth_mm = max(np.float32(z), least_mm) if z < _FAR else least_mm
         measured = np.uint16(np.int32(min(np.ceil(scale * forward[i] / depth_mm), np.float32(65535.0))))
         out[i] = measured if code == _CLEAR else code
 

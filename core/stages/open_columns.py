@@ -84,7 +84,7 @@ OPEN_SETTINGS = record(
     ("f_px", np.float64),
     ("horizon_row", np.float64),
     ("gain", np.float64),
-    ("clear_m", np.float64),
+    ("far_m", np.float64),
     ("most_m", np.float64),
     ("upper_border", np.bool_),
     ("neighbours", np.bool_),
@@ -96,7 +96,7 @@ OPEN_SETTINGS = record(
     ("reach_blocks", np.int64),
     ("floating_reach", np.float64),
 )
-"""f_px, horizon_row: of the view; gain: f_px * lsb_per_px. clear_m: optical depth from which on a cell is far; most_m: nothing is
+"""f_px, horizon_row: of the view; gain: f_px * lsb_per_px. far_m: optical depth that a far cell has at least; most_m: nothing is
 open beyond. The switches: of OpenSkyParams. Heights in tangents (`_t`), lengths along rows in blocks;
 floating_reach: blocks times metres."""
 
@@ -130,7 +130,7 @@ def empty_columns(n: int) -> Columns:
     return Columns(top, edge, base, base_m, above_m, floating_m, limit_m, np.zeros(n, np.uint8))
 
 
-def open_settings(view: ViewGeometry, most_m: float, clear_m: float, p: OpenSkyParams) -> NDArray[Any]:
+def open_settings(view: ViewGeometry, most_m: float, far_m: float, p: OpenSkyParams) -> NDArray[Any]:
     """(1,) OPEN_SETTINGS."""
     per_block = BLOCK / view.f_px
     return record_of(
@@ -139,7 +139,7 @@ def open_settings(view: ViewGeometry, most_m: float, clear_m: float, p: OpenSkyP
         f_px=view.f_px,
         horizon_row=view.cv,
         gain=view.f_px * view.lsb_per_px,
-        clear_m=clear_m,
+        far_m=far_m,
         most_m=most_m,
         horizon_t=math.tan(math.radians(p.horizon_deg)),
         gap_t=max(math.tan(math.radians(p.gap_deg)), 1.01 * per_block),

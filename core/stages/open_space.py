@@ -25,7 +25,17 @@ from ..open_sky_params import OpenSkyParams
 from ..params import Params
 from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM, Ground
 from .free_space import FreeObservation, observe_free
-from .open_blocks import BLOCK, EDGE_ROWS, STEP, BlockRows, ForwardRows, MarkedView, level_marks, sort_blocks
+from .open_blocks import (
+    BEYOND_ALL,
+    BLOCK,
+    EDGE_ROWS,
+    STEP,
+    BlockRows,
+    ForwardRows,
+    MarkedView,
+    level_marks,
+    sort_blocks,
+)
 from .open_columns import (
     CellKinds,
     Columns,
@@ -127,11 +137,13 @@ def open_codes(depth_mm, codes, H, settings, columns, marked):
     kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
     # what is beyond the range of the camera has a distance too
     scratch = ForwardRows(np.empty(rows, np.float32), np.empty(rows, np.uint32))
-    level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.clear_m, s.gain, scratch, marked)
+    level_marks(depth_mm.ravel(), depth_mm.shape, codes, H, s.far_m, s.gain, scratch, marked)
     of_blocks = BlockRows(np.empty(rows, np.uint8), np.empty(rows, np.uint8), np.empty(rows, np.uint16))
     sort_blocks(marked, s.gain, of_blocks, kind, near)
     judge_columns(kind, near, marked.kinds, s, columns)
     for j in range(n):
+        if columns.limit_m[j] < s.most_m:
+            limit_far(codes, H, (j * BLOCK, min((j + 1) * BLOCK, len(codes))), columns.limit_m[j], s, marked.codes)
         if columns.base_m[j] > 0.0:
             open_column(marked.mm, columns, j, s, marked.codes)
 
@@ -174,6 +186,34 @@ def open_column(mm, columns, j, s, out):
     fill_holes(mm, among, edge, edge + 3 * gap, code, out)
 
 
+@inner
+def limit_far(codes, H, columns, limit_m, s, out):
+    """Limits the distance of far cells of columns (first, end) to limit_m, but not to less than free ranges see through them.
+
+    No planes stand for what is measured beyond the range. The side of a blank thing is at times measured too far away there, as its
+    upright edge takes part of the disparity of the ground behind. So a far cell is open only as far as its column.
+
+    codes, H: as in `open_codes`; s: a record of OPEN_SETTINGS; out: (cols, rows) uint16, in and out."""
+    rows = codes.shape[1]
+    most = np.float32(s.gain / limit_m) if limit_m > 0.0 else BEYOND_ALL
+    per_row, scale = np.float32(H[2, 1]), np.float32(s.gain / s.far_m)
+    for u in range(columns[0], columns[1]):
+        first = np.float32(H[2, 0] * u + H[2, 2])
+        for v in range(rows):
+            # an optical depth as a forward distance
+            at_far = scale * (first + per_row * np.float32(v))
+            least = np.uint16(np.int32(min(np.ceil(min(most, at_far)), np.float32(65535.0))))
+            out[u, v] = max(out[u, v], least) if codes[u, v] == Q_FAR else out[u, v]
+
+
+def far_m(clear_m: float, ke_per_m: float, params: Params) -> float:
+    """The optical depth that the walk, which takes its noise off, sees through up to clear_m: free ranges take none off what is far."""
+    spread = params.profile_sigmas * ke_per_m
+    root = 1.0 - 4.0 * spread * clear_m
+    without_cap = 2.0 * clear_m / (1.0 + math.sqrt(root)) if root >= 0.0 else math.inf
+    return min(without_cap, clear_m / (1.0 - params.profile_noise_cap))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class OpenObservation:
     """What is free or open by pixels alone, and the evidence: seen: as `observe_free` gives it; columns: of the blocks of the view."""
@@ -206,7 +246,7 @@ def observe_open(
     if not open_sky.presumes:
         return None
     most_m = min(float(source["max_range_m"][0]), open_sky.open_max_range_m)
-    settings = open_settings(view, most_m, float(source["clear_m"][0]), open_sky)
+    settings = open_settings(view, most_m, far_m(float(source["clear_m"][0]), ke_per_m, params), open_sky)
     columns = empty_columns(-(-len(codes) // BLOCK))
     marked = MarkedView(
         codes=buffers("open_codes", codes.shape, np.uint16),

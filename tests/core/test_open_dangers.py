@@ -205,6 +205,25 @@ def test_an_unmatched_thing_whose_top_lies_at_the_horizon_is_not_open(mark: int,
     assert f.open_to_m[d, layer] == 0.0 or f.open_to_m[d - 1, layer] == 0.0
 
 
+@FOCAL
+@pytest.mark.parametrize("above", [TEXTURED_MM, CONTINUED_MM])
+def test_what_is_matched_beyond_the_range_is_not_open_in_columns_without_evidence(f_px: float, above: int) -> None:
+    """The side of a blank container is measured too far away, beyond the range less its noise, and has no sky above it."""
+    depth, k = field(f_px), info_of(f_px).intrinsics
+    u0, u1 = (round(k.cx + f_px * math.tan(math.radians(a))) for a in (4.0, 11.0))
+    top, base = row_at(f_px, 0.0), row_at(f_px, -8.0)  # its foot stands on ground 14 m away
+    depth[:top, u0:u1] = above
+    depth[top:base, u0:u1] = 15_500
+    noisy = dataclasses.replace(info_of(f_px), ke_per_m=0.006)
+    R = rotation_level_cam_optical(R_CAMFRD_OPTICAL)
+    f = Extractor(Params(), OpenSkyParams(mode="presume")).extract(depth, noisy, R)[0].free
+    side, beside = (int(np.searchsorted(f.azimuth_edges_rad, math.radians(a), side="right")) - 1 for a in (7.5, -7.5))
+    layer = int(np.searchsorted(f.layer_edges_m, 0.5, side="right")) - 1
+    free_m = float(f.free_to_m[side, layer])
+    assert f.open_to_m[beside, layer] > free_m + 0.5
+    assert f.open_to_m[side, layer] <= free_m
+
+
 @pytest.mark.parametrize("f_px", [350.0, 700.0])
 def test_what_may_hide_a_thing_nearer_than_the_minimum_range_is_not_open(f_px: float) -> None:
     """A hole of 1 degree below the horizon: less than 5 % of each ring up to 2.5 m, and not in those behind."""
