@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..buffers import Buffers
-from ..jit import inner, inner_inline, kernel
+from ..jit import inline_ieee, inner, inner_inline, kernel
 from ..open_sky_params import OpenSkyParams
 from ..params import Params
 from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM, Ground
@@ -48,6 +48,7 @@ from .open_columns import (
 )
 from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
 
+_FAR = np.uint16(Q_FAR)
 _MOST_HOLE = 4
 """Rows of a textured hole in measured ground that are filled: one less than the marks of a single edge take (`SmoothLimits.grow_px`
 on both sides of it), so that a thing of its own is never filled."""
@@ -194,16 +195,22 @@ def limit_far(codes, H, columns, limit_m, s, out):
     upright edge takes part of the disparity of the ground behind. So a far cell is open only as far as its column.
 
     codes, H: as in `open_codes`; s: a record of OPEN_SETTINGS; out: (cols, rows) uint16, in and out."""
-    rows = codes.shape[1]
     most = np.float32(s.gain / limit_m) if limit_m > 0.0 else BEYOND_ALL
-    per_row, scale = np.float32(H[2, 1]), np.float32(s.gain / s.far_m)
+    scale = s.gain / s.far_m
     for u in range(columns[0], columns[1]):
-        first = np.float32(H[2, 0] * u + H[2, 2])
-        for v in range(rows):
-            # an optical depth as a forward distance
-            at_far = scale * (first + per_row * np.float32(v))
-            least = np.uint16(np.int32(min(np.ceil(min(most, at_far)), np.float32(65535.0))))
-            out[u, v] = max(out[u, v], least) if codes[u, v] == Q_FAR else out[u, v]
+        # an optical depth as a forward distance
+        first, per_row = np.float32(scale * (H[2, 0] * u + H[2, 2])), np.float32(scale * H[2, 1])
+        raise_far(codes[u], first, per_row, most, out[u])
+
+
+@inline_ieee
+def raise_far(codes, first, per_row, most, out):
+    """Raises the codes of far cells of one column (rows,) to at least first + per_row * row, or to `most`, where that is less."""
+    for v in range(len(out)):
+        least = np.ceil(min(first + per_row * np.float32(np.int32(v)), most))
+        code = np.uint16(np.int32(min(least, np.float32(65535.0))))
+        code = max(code, out[v])
+        out[v] = code if codes[v] == _FAR else out[v]
 
 
 def far_m(clear_m: float, ke_per_m: float, params: Params) -> float:
