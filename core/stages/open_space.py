@@ -223,10 +223,12 @@ def far_m(clear_m: float, ke_per_m: float, params: Params) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class OpenObservation:
-    """What is free or open by pixels alone, and the evidence: seen: as `observe_free` gives it; columns: of the blocks of the view."""
+    """What is free or open by pixels alone, and the evidence: seen: as `observe_free` gives it; columns: of the blocks of the view;
+    marked: its cells with the codes of open ones, in buffers that the next call overwrites."""
 
     seen: FreeObservation
     columns: Columns
+    marked: MarkedView
 
 
 @lru_cache(maxsize=4)
@@ -265,4 +267,4 @@ def observe_open(
     up_to["clear_m"] = most_m
     walk = _walk_params(params, open_sky.open_share)
     seen = observe_free(marked.codes, view, up_to, ground, ke_per_m, walk)
-    return OpenObservation(seen=seen, columns=columns)
+    return OpenObservation(seen=seen, columns=columns, marked=marked)
