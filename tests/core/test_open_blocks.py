@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
+from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.stages.level import source_of_rows, source_rows_of_column
 from core.stages.open_blocks import (
@@ -27,7 +28,8 @@ from core.stages.open_blocks import (
     level_marks,
     sort_blocks,
 )
-from core.stages.open_space import end_of_edge, set_open
+from core.stages.open_columns import open_settings
+from core.stages.open_space import end_of_edge, limit_far, set_open
 from core.stages.view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry, view_geometry
 from core.types import (
     BEYOND_MM,
@@ -238,3 +240,23 @@ def test_codes_of_open_cells_are_those_of_each_cell(run: Run) -> None:
     set_open(mm, (0, len(mm)), run, np.uint16(500), np.uint16(600), out)
     assert np.array_equal(out, expected)
     assert (out == 600).any()
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("limit_m", [0.0, 4.0, 11.0])
+def test_far_cells_reach_to_the_limit_of_their_column_or_to_the_range(limit_m: float) -> None:
+    _, codes, view = made_up(1)
+    gain = view.f_px * view.lsb_per_px
+    s = open_settings(view, 15.0, CLEAR_M, OpenSkyParams(mode="presume"))[0]
+    out = np.where(codes == Q_FAR, 1 + np.arange(codes.size, dtype=np.uint16).reshape(codes.shape), codes)
+    out = out.astype(np.uint16)
+    before, last = out.copy(), len(codes) - 1
+    limit_far(codes, view.H, (1, last), limit_m, s, out)
+    assert np.array_equal(out[[0, last]], before[[0, last]])
+    assert np.array_equal(out[codes != Q_FAR], before[codes != Q_FAR])
+    u, v = np.nonzero(codes[1:last] == Q_FAR)
+    per_forward = view.H[2, 0] * (u + 1) + view.H[2, 1] * v + view.H[2, 2]
+    reached_m = np.maximum(CLEAR_M / per_forward, limit_m)
+    expected = np.maximum(before[u + 1, v], np.minimum(np.ceil(gain / reached_m), 65535))
+    assert np.abs(out[u + 1, v].astype(int) - expected).max() <= 1
+    assert (out[u + 1, v] > before[u + 1, v]).any()

@@ -14,6 +14,7 @@ from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_ca
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.stages.classify import measured_mm
+from core.stages.open_space import far_m
 from core.types import (
     BEYOND_MM,
     CONTINUED_MM,
@@ -232,3 +233,12 @@ def test_open_ranges_end_at_the_configured_range() -> None:
 def test_the_marks_are_never_a_measurement() -> None:
     near = CameraInfo("front", INFO.intrinsics, min_range_m=0.0001)
     assert measured_mm(near, 0.002, Params())[0] > max(TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM)
+
+
+@pytest.mark.parametrize("clear_m", [3.0, 10.4, 18.0])
+@pytest.mark.parametrize("ke_per_m", [0.0, 0.0015, 0.0042, 0.02])
+def test_a_far_cell_is_open_as_far_as_free_ranges_see_through_it(clear_m: float, ke_per_m: float) -> None:
+    """The walk over open cells takes the noise off its distance."""
+    p = Params()
+    z = far_m(clear_m, ke_per_m, p)
+    assert z - min(p.profile_sigmas * ke_per_m * z**2, p.profile_noise_cap * z) == pytest.approx(clear_m)
