@@ -42,7 +42,7 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
 
     eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
     their square: what flickers does not accumulate where it is hidden. Beside the measured directions it has the whole
-    memory: it may have left the view as soon as it was in it."""
+    memory, unless one frame alone has observed it: it may have left the view as soon as it was in it."""
     removed, middle, limits = 0, middle_azimuth(view), measured_limits(view)
     spans = np.empty((2, detections.shape[0]))
     find_spans(detections, view, spans)
@@ -70,7 +70,7 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
             missed = missed or seen >= EXPLAINED
             best = max(best, seen)
             share = 0.0 if gap else min(1.0, (c.hits / MEMORY_HITS) ** 2)
-            if 0.0 < share < 1.0 and seen == OUT_OF_VIEW and is_beside(place, limits):
+            if 0.0 < share < 1.0 and c.hits > 1 and seen == OUT_OF_VIEW and is_beside(place, limits):
                 share = 1.0
             too_old = t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory_ns * share)
             if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or too_old:
