@@ -39,6 +39,7 @@ def tracks_message(result: TracksResult) -> pb.Tracks:
     message.flags.extend(t.flags.tolist())
     message.object_id.extend(t.object_id.tolist())
     message.objects.extend(_object_message(o) for o in t.objects)
+    message.left_out, message.evicted = t.left_out, t.evicted
     return message
 
 

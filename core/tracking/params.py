@@ -27,7 +27,13 @@ class TrackingParams:
     speed_error_m_s: float = critical(
         1.0, 0.0, 20.0, "m/s", "without a position, margins of obstacles grow by this for each second out of view"
     )
-    most_tracks: int = critical(2048, 64, 16384, "", "tracks held; those not observed longest are removed, and counted")
+    most_tracks: int = critical(
+        2048,
+        64,
+        16384,
+        "",
+        "tracks held; those not observed longest are removed, and counted in `Tracks` (evicted, left_out)",
+    )
 
     # When a plane of a frame is an observation of a track
     gate_sigmas: float = number(2.0, 0.5, 6.0, "sigma", "largest distance of an observation from the track's line")

@@ -68,7 +68,8 @@ class TrackSnapshot:
     subtracts; sigma_m: (N,) float32, standard deviation of the filtered place across the plane; confidence: (N,) float32
     0..1; state: (N,) int32, key of STATES; hits: (N,) int32; age_ns, unseen_ns: (N,) int64 since the first and the newest
     observation; flags: (N,) uint8 PlaneFlags; object_id: (N,) int64 of the moving object, 0: static.
-    objects: the moving obstacles."""
+    objects: the moving obstacles. left_out: detections of this frame without a track, evicted: tracks removed in this frame, both
+    for want of slots."""
 
     ids: NDArray[np.int64]
     planes: NDArray[np.float32]
@@ -82,6 +83,8 @@ class TrackSnapshot:
     flags: NDArray[np.uint8]
     object_id: NDArray[np.int64]
     objects: tuple[MovingObject, ...] = ()
+    left_out: int = 0
+    evicted: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

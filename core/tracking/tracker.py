@@ -114,6 +114,7 @@ class Tracker:
             self.clear()  # the camera was restarted
         last_ns = self._state.last_ns
         dt_s = 0.0 if last_ns is None else min((frame.t_ns - last_ns) / NS, 10.0)
+        before = dict(self.counts)
         self._limit_table(len(frame.model.planes))
         aligned = self._align(frame, dt_s)
         begin_frame(self._table, dt_s, self._rules[0])
@@ -148,7 +149,12 @@ class Tracker:
         )
         self._keep_view(view, frame)
         growth_m_s = 0.0 if frame.positioned else self.params.speed_error_m_s
-        return snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s, frame.camera_m)
+        snapshot = snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s, frame.camera_m)
+        return replace(
+            snapshot,
+            left_out=self.counts["detections_left_out"] - before["detections_left_out"],
+            evicted=self.counts["tracks_evicted"] - before["tracks_evicted"],
+        )
 
     def _limit_table(self, detections: int) -> None:
         """Limits the table to the slots in use and as many as the detections of a frame can need. Slots are taken from the

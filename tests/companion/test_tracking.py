@@ -109,6 +109,14 @@ def test_the_message_holds_the_tracks(events):
         tracks_from_message(message)
 
 
+def test_a_message_says_what_had_no_room(events):
+    result = next(r for r in run(ON, events) if r.tracks is not None)
+    full = dataclasses.replace(result, tracks=dataclasses.replace(result.tracks, left_out=3, evicted=5))
+    tracks = tracks_from_message(tracks_message(full))
+    assert (tracks.left_out, tracks.evicted) == (3, 5)
+    assert tracks_from_message(tracks_message(result)).left_out == 0
+
+
 def test_a_moving_obstacle_is_predicted_with_its_error():
     message = pb.Tracks(schema_version=1, frame="ned", valid=True)
     message.objects.add(

@@ -82,3 +82,14 @@ def test_a_track_that_is_split_in_a_full_table_loses_only_its_gap(observed: bool
     parts = table.tracks[np.abs(table.tracks["x_m"] - 10.5) < 0.01]
     assert len(parts) == (1 if observed else 2)
     assert np.abs(parts["s0_m"]).max() == np.abs(parts["s1_m"]).max() == 1.5
+
+
+def test_a_full_table_says_what_it_leaves_out_and_what_it_removes() -> None:
+    tracker = Tracker(TrackingParams(most_tracks=64))
+    walls = [wall(3.0 + 1.5 * k, -1.5, 3.0 + 1.5 * k, 1.5) for k in range(80)]
+    first = tracker.observe(planes_of(walls, [], 0))
+    assert (len(first.ids), first.left_out, first.evicted) == (64, 16, 0)
+    same = tracker.observe(planes_of(walls[:64], [], 1))
+    assert (len(same.ids), same.left_out, same.evicted) == (64, 0, 0)
+    others = tracker.observe(planes_of([*walls[:44], *walls[64:74]], [], 2))
+    assert (len(others.ids), others.left_out, others.evicted) == (64, 0, 10)

@@ -63,7 +63,8 @@ class Tracks:
     """The tracks after one frame, N of each. ids: (N,) int64; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom, m;
     margin_m, sigma_m, confidence: (N,) float32; states: N TrackStates; hits: (N,) int32; age_s, unseen_s: (N,) float64;
     flags: (N,) uint8 PlaneFlags; object_id: (N,) int64, 0: static. frame: of all coordinates; valid: whether the newest
-    frame was evidence."""
+    frame was evidence. left_out: detections of that frame without a track, evicted: tracks removed in it, both because the service
+    had no room ([tracking] most_tracks): take the obstacles of the frame itself."""
 
     frame: str
     valid: bool
@@ -79,6 +80,8 @@ class Tracks:
     flags: NDArray[np.uint8]
     object_id: NDArray[np.int64]
     objects: tuple[MovingObstacle, ...]
+    left_out: int = 0
+    evicted: int = 0
 
 
 def tracks_from_message(message: pb.Tracks) -> Tracks:
@@ -106,6 +109,8 @@ def tracks_from_message(message: pb.Tracks) -> Tracks:
         flags=flags(message.flags),
         object_id=integers(message.object_id, np.int64, "object_id"),
         objects=tuple(_object(o) for o in message.objects),
+        left_out=message.left_out,
+        evicted=message.evicted,
     )
 
 

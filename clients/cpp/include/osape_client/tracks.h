@@ -37,7 +37,8 @@ inline bool fits(const osape::v1::MovingObstacle& o) {
          std::all_of(sizes.begin(), sizes.end(), [](double value) { return std::isfinite(value) && value >= 0.0; });
 }
 
-// The tracks of a message; nothing where its parts do not fit together, a number is not finite, or a margin is negative.
+// The tracks of a message; nothing where its parts do not fit together, a number is not finite, or a margin is negative. Where
+// m.left_out() is not 0, the service had no room for all: take the obstacles of the PrismsFrame.
 inline std::optional<std::vector<Track>> tracks_of(const osape::v1::Tracks& m) {
   const int n = m.id_size();
   if (m.corners_m_size() != 6 * n || m.margin_m_size() != n || m.sigma_m_size() != n || m.confidence_size() != n ||

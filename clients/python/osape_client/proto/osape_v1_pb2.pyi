@@ -331,7 +331,7 @@ class PrismsFrame(_message.Message):
     def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., cause_text: _Optional[str] = ..., planes: _Optional[_Union[Planes, _Mapping]] = ..., prisms: _Optional[_Iterable[_Union[Prism, _Mapping]]] = ..., free: _Optional[_Union[FreeProfile, _Mapping]] = ..., ground: _Optional[_Union[Ground, _Mapping]] = ..., stats: _Optional[_Union[FrameStats, _Mapping]] = ..., ke_per_m: _Optional[float] = ..., attitude: _Optional[_Union[AttitudeUsed, _Mapping]] = ..., pose: _Optional[_Union[PoseUsed, _Mapping]] = ..., transform: _Optional[_Union[LevelTransform, _Mapping]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
 
 class Tracks(_message.Message):
-    __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "frame", "valid", "cause", "id", "corners_m", "margin_m", "sigma_m", "confidence", "state", "hits", "age_ns", "unseen_ns", "flags", "object_id", "objects", "publication")
+    __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "frame", "valid", "cause", "id", "corners_m", "margin_m", "sigma_m", "confidence", "state", "hits", "age_ns", "unseen_ns", "flags", "object_id", "objects", "publication", "left_out", "evicted")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNKNOWN: _ClassVar[Tracks.State]
@@ -366,6 +366,8 @@ class Tracks(_message.Message):
     OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     OBJECTS_FIELD_NUMBER: _ClassVar[int]
     PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
+    EVICTED_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     camera: str
     sequence: int
@@ -386,7 +388,9 @@ class Tracks(_message.Message):
     object_id: _containers.RepeatedScalarFieldContainer[int]
     objects: _containers.RepeatedCompositeFieldContainer[MovingObstacle]
     publication: Publication
-    def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., id: _Optional[_Iterable[int]] = ..., corners_m: _Optional[_Iterable[float]] = ..., margin_m: _Optional[_Iterable[float]] = ..., sigma_m: _Optional[_Iterable[float]] = ..., confidence: _Optional[_Iterable[float]] = ..., state: _Optional[_Iterable[_Union[Tracks.State, str]]] = ..., hits: _Optional[_Iterable[int]] = ..., age_ns: _Optional[_Iterable[int]] = ..., unseen_ns: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., object_id: _Optional[_Iterable[int]] = ..., objects: _Optional[_Iterable[_Union[MovingObstacle, _Mapping]]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+    left_out: int
+    evicted: int
+    def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., id: _Optional[_Iterable[int]] = ..., corners_m: _Optional[_Iterable[float]] = ..., margin_m: _Optional[_Iterable[float]] = ..., sigma_m: _Optional[_Iterable[float]] = ..., confidence: _Optional[_Iterable[float]] = ..., state: _Optional[_Iterable[_Union[Tracks.State, str]]] = ..., hits: _Optional[_Iterable[int]] = ..., age_ns: _Optional[_Iterable[int]] = ..., unseen_ns: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., object_id: _Optional[_Iterable[int]] = ..., objects: _Optional[_Iterable[_Union[MovingObstacle, _Mapping]]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ..., left_out: _Optional[int] = ..., evicted: _Optional[int] = ...) -> None: ...
 
 class MovingObstacle(_message.Message):
     __slots__ = ("id", "centre_m", "half_size_m", "velocity_x_m_s", "velocity_y_m_s", "position_sigma_m", "velocity_sigma_m_s", "covariance_m2_s", "hits", "age_ns", "unseen_ns")
