@@ -14,6 +14,7 @@ from .frames import Rotation
 from .open_sky_params import OpenSkyParams
 from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, measured_mm
+from .stages.depth_bias import DepthBias
 from .stages.free_profile import free_profile
 from .stages.free_space import FreeObservation, observe_free
 from .stages.ground import POINT, find_ground, ground_settings
@@ -98,9 +99,8 @@ class Extractor:
             stats = replace(stats, dropped_strips=strips.found)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
         planes = self._plane_shaper.shape(levelled, strips, source, settings)
-        published = published_planes(
-            planes.count, planes.table, ground, levelled.view, info.bias_per_m, p, settings.publish
-        )
+        bias = DepthBias(info.bias_per_m, float(R[0, 2]), float(R[2, 2]))
+        published = published_planes(planes.count, planes.table, ground, levelled.view, bias, p, settings.publish)
         if published is None:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
@@ -108,7 +108,7 @@ class Extractor:
                 with_ranges(ground, points, free.edges_t),
                 replace(next_state, ground_height_m=ground.height_m),
             )
-        return self._model(info, published, planes, free, opened, ground, strips, stats, ke, keep_strips), next_state
+        return self._model(bias, published, planes, free, opened, ground, strips, stats, ke, keep_strips), next_state
 
     def _classify(
         self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
@@ -128,7 +128,7 @@ class Extractor:
 
     def _model(
         self,
-        info: CameraInfo,
+        bias: DepthBias,
         published: PublishedPlanes,
         planes: Planes,
         free: FreeObservation,
@@ -156,7 +156,7 @@ class Extractor:
                 len(rows),
                 planes.table,
                 published.noise_margin_m,
-                info.bias_per_m,
+                bias,
                 opened,
                 self.open_sky.open_max_range_m,
             ),

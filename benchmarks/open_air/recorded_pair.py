@@ -75,7 +75,7 @@ class Pair:
             max_range_m=12.0,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=True,
-            bias_per_m=bias_coefficient(*optics),
+            bias_per_m=bias_coefficient(self.intrinsics, optics[1]),
         )
 
 

@@ -23,7 +23,7 @@ from .view_free import View
 
 Mask = NDArray[np.bool_]
 STEEP_DEG = 45.0
-"""A camera that looks more steeply up or down is not there to find directions clear."""
+"""A camera that looks more steeply up or down is not expected to find directions clear."""
 
 
 def clear_sectors(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: Mask | None = None) -> Mask:
@@ -54,14 +54,18 @@ def clear_sectors(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: 
 
 
 def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: Mask | None = None) -> str:
-    """Returns why no sector can be clear by this camera, and what to do; empty: one can, or the camera looks up or down."""
+    """Returns why the sector straight ahead of this camera can never be clear, and what to do; empty: it can, or the camera
+    looks up or down. Sectors aside of it reach farther, and are no help to a vehicle that flies ahead."""
+    north, east, down = (float(c) for c in rotation_frd_optical(info.mount)[:, 2])
+    if abs(down) > math.sin(math.radians(STEEP_DEG)):
+        return ""
+    ahead = round(math.degrees(math.atan2(east, north)) / (360.0 / SECTORS)) % SECTORS
+    if clear_sectors(info, avoid, params, hidden)[ahead]:
+        return ""
     if text := clear_reach_text(info, avoid, params):
         return text
-    axis_down = float(rotation_frd_optical(info.mount)[2, 2])
-    if abs(axis_down) > math.sin(math.radians(STEEP_DEG)) or clear_sectors(info, avoid, params, hidden).any():
-        return ""
     return (
-        f"by camera {info.camera} no direction is ever clear, however far it sees: its image, mounted with a pitch of "
+        f"straight ahead of camera {info.camera} no sector is ever clear, however far it sees: its image, mounted with a pitch of "
         f"{math.degrees(info.mount.pitch_rad):.0f} degrees, does not cover {100 * avoid.clear_share:.0f} % of the height band "
         f"({avoid.band_above_m:g} m above to {avoid.band_below_m:g} m below the vehicle) from {avoid.near_m:g} m on; mount it "
         "closer to level, or lower [avoid] band_above_m and band_below_m, and check the masks"

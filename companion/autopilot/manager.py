@@ -32,7 +32,7 @@ from .flight_modes import mode_fault
 from .landed import EXTENDED_SYS_STATE, LandedState
 from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
-from .obstacle_report import ObstacleReport, ObstacleReportBuilder
+from .obstacle_report import RECKONING_ERRORS, ObstacleReport, ObstacleReportBuilder
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .parameters import WANTED, ParameterReader
 from .sector_view import SectorView
@@ -103,6 +103,7 @@ class Avoidance:
         self._counted: ObstacleReport | None = None
         self._extractor = extractor or Params()
         self._announced: dict[str, tuple[CameraInfo, Mask | None]] = {}
+        self._examined: dict[str, CameraInfo] = {}
         self._never_clear: dict[str, str] = {}
         ring_m = self._extractor.profile_ring_m
         self._builder = ObstacleReportBuilder(
@@ -154,13 +155,24 @@ class Avoidance:
 
     def result(self, result: PrismsResult) -> None:
         """Takes the result of a frame. With the first one of a camera the kernels are loaded, and it is examined."""
-        if result.camera in self._announced:
-            info, hidden = self._announced.pop(result.camera)
-            self._never_clear[result.camera] = no_clear_text(info, self._avoid, self._extractor, hidden)
         self._exposed_ns[result.camera] = seen_ns(result)
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
         self._builder.result(result)
+        if result.camera in self._announced:
+            self._examine(*self._announced.pop(result.camera))
+
+    def _examine(self, info: CameraInfo, hidden: Mask | None) -> None:
+        """Finds out once whether a sector can be clear by a camera. It is advice: a fault in it must not end the output."""
+        if self._examined.get(info.camera) == info:
+            return
+        self._examined[info.camera] = info
+        try:
+            self._never_clear[info.camera] = no_clear_text(info, self._avoid, self._extractor, hidden)
+        except RECKONING_ERRORS as error:
+            self._never_clear[info.camera] = (
+                f"whether a sector can be clear by camera {info.camera} is not known: {error}"
+            )
 
     def message(self, message: Any, arrival_ns: int) -> None:
         """Takes a message of the autopilot, of those in READS."""

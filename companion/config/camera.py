@@ -68,7 +68,7 @@ class CameraConfig:
         0.0,
         MOST_BIAS_PER_M,
         "1/m",
-        "greatest error that all depths share, of the calibration: bias_per_m * depth^2; it is part of every margin and "
+        "error of the calibration that is assumed for all depths: bias_per_m * depth^2; it is part of every margin and "
         "ends free space earlier (docs/how-to/connect-a-camera.md)",
         safety=True,
     )

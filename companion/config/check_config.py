@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,11 @@ from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
 from .template_intrinsics import template_texts
+
+_TYPICAL = {"zed": (15.0, 0.0071, 0.0037), "oak": (15.0, 0.0076, 0.0045), "v4l2": (10.0, 0.005, 0.01)}
+"""Greatest range, noise and bias that the drivers set for common models: ZED 2, OAK-D, RealSense D435."""
+_STEEP_RAD = 0.8
+"""A camera that looks more steeply up or down is not expected to find directions clear."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -47,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     for camera in config.cameras:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
-        if config.avoid.send and camera.kind != "mcap":
+        if config.avoid.send and camera.kind != "mcap" and abs(camera.mount.pitch_rad) < _STEEP_RAD:
             text = clear_reach_text(_described(camera), config.avoid, config.extractor)
             if text:
                 warn(text)
@@ -61,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 def _range_line(camera: CameraConfig) -> str:
     """The range up to which obstacles are found, of a camera whose greatest range is configured."""
     info = _described(camera)
-    how = "" if camera.ke_per_m is not None else " (default; some drivers set their own)"
+    how = "" if camera.ke_per_m is not None else " (typical of its driver)"
     return (
         f"{camera.name}: obstacles are found up to {obstacle_range_m(info):.1f} m of max_range_m = {info.max_range_m:g}, "
         f"with ke_per_m = {info.ke_per_m:g}{how}"
@@ -69,8 +75,10 @@ def _range_line(camera: CameraConfig) -> str:
 
 
 def _described(camera: CameraConfig) -> CameraInfo:
-    """A camera with the defaults for all that its configuration leaves out."""
-    return camera.applied_to(CameraInfo(camera.name, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5)))
+    """A camera with typical values of its driver for all that its configuration leaves out."""
+    max_range_m, ke_per_m, bias_per_m = _TYPICAL.get(camera.kind, (20.0, 0.005, 0.0))
+    info = CameraInfo(camera.name, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5))
+    return camera.applied_to(replace(info, max_range_m=max_range_m, ke_per_m=ke_per_m, bias_per_m=bias_per_m))
 
 
 def _as_json(found: list[Difference]) -> dict[str, dict[str, dict[str, Any]]]:

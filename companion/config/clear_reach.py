@@ -18,12 +18,14 @@ _BEFORE_M = 1e-3
 
 
 def clear_reach_m(info: CameraInfo, params: Params) -> float:
-    """Returns the greatest range to which a camera sees free space ahead of it, by its prior noise.
+    """Returns the distance from the vehicle's middle to which a camera sees free space ahead of it, by its prior noise.
 
     Free ranges end at whole rings before the range up to which depths count as measured, less the camera's bias."""
     ring_m = params.profile_ring_m
     measured_m = math.floor((obstacle_range_m(info, params=params) - _BEFORE_M) / ring_m) * ring_m
-    return measured_m / (1.0 + info.bias_per_m * measured_m)
+    mount = info.mount
+    ahead_m = mount.x_m * math.cos(mount.yaw_rad) + mount.y_m * math.sin(mount.yaw_rad)
+    return measured_m / (1.0 + info.bias_per_m * measured_m) + ahead_m
 
 
 def must_reach_m(avoid: AvoidParams) -> float:
@@ -33,7 +35,7 @@ def must_reach_m(avoid: AvoidParams) -> float:
 
 
 def clear_reach_text(info: CameraInfo, avoid: AvoidParams, params: Params) -> str:
-    """Returns why no sector can be clear by this camera, and what to do; empty: one can."""
+    """Returns why the range of this camera is too short for a clear sector ahead, and what to do; empty: it is not."""
     reach_m = clear_reach_m(info, params)
     if must_reach_m(avoid) <= reach_m:
         return ""
@@ -46,5 +48,5 @@ def clear_reach_text(info: CameraInfo, avoid: AvoidParams, params: Params) -> st
     )
     return (
         f"camera {info.camera} sees free space up to {reach_m:.1f} m, and a clear sector must be seen free to [avoid] "
-        f"max_distance_m = {avoid.max_distance_m:g} m: no direction is ever reported as clear; {remedy}"
+        f"max_distance_m = {avoid.max_distance_m:g} m: straight ahead of it no sector is ever clear; {remedy}"
     )

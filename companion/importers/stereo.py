@@ -53,7 +53,7 @@ class StereoImages:
             c.name,
             self._stereo.intrinsics,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
-            bias_per_m=bias_coefficient(*optics),
+            bias_per_m=bias_coefficient(self._stereo.intrinsics, optics[1]),
         )
         self.info = c.applied_to(info)
         nearest_m = self._stereo.intrinsics.fx * self._stereo.baseline_m / c.disparities

@@ -141,4 +141,5 @@ def _present(mover: SharedMover) -> MovingReport:
         velocity_m_s=mover.velocity_m_s,
         sigma_m_s=mover.sigma_m_s,
         margin_m=2.0 * mover.sigma_m,
+        age_s=mover.age_s,
     )

@@ -2,7 +2,7 @@
 
 Only reports of neighbours are compared with them, never obstacles of the own sensors. A person may stand or walk below
 or beside a vehicle, within the uncertainty of its place. Where a report may be something else, it is kept: a vehicle
-that is reported twice is harmless, a person who is not reported is not."""
+of the team that is reported twice is harmless, a person who is not reported is not."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ MOST_SLACK_M = 3.0
 HIGHER_M, MOST_HALF_HEIGHT_M = 0.3, 0.7
 """A report of a vehicle is not higher than its radius and HIGHER_M, half of the height. A higher report than
 MOST_HALF_HEIGHT_M may be a person, and is never a vehicle."""
-VELOCITY_SLACK_M_S = 0.5
-"""Difference of the velocities of a vehicle and a report of it, beyond 2 sigma."""
+VELOCITY_SLACK_M_S, ACCELERATION_M_S2 = 0.5, 5.0
+"""Difference of the velocities of a vehicle and a report of it, beyond 2 sigma, and by how much it grows with the age of the
+report: a vehicle brakes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,8 @@ class MovingReport:
         centre_m, half_size_m: its box, without the uncertainty of its place.
         velocity_m_s: horizontal.
         sigma_m_s: of the velocity, on each axis.
-        margin_m, margin_z_m: uncertainty of its place, horizontal and vertical."""
+        margin_m, margin_z_m: uncertainty of its place, horizontal and vertical.
+        age_s: of its velocity."""
 
     centre_m: tuple[float, float, float]
     half_size_m: tuple[float, float, float]
@@ -42,6 +44,7 @@ class MovingReport:
     sigma_m_s: float = 0.0
     margin_m: float = 0.0
     margin_z_m: float = 0.0
+    age_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +74,8 @@ class Body:
     def may_be(self, r: MovingReport) -> bool:
         """True if a moving report has the place, size and velocity of this vehicle."""
         (vx, vy), (ux, uy) = self.velocity_m_s, r.velocity_m_s
-        if not math.hypot(vx - ux, vy - uy) <= VELOCITY_SLACK_M_S + 2.0 * r.sigma_m_s:
+        slack_m_s = VELOCITY_SLACK_M_S + 2.0 * r.sigma_m_s + ACCELERATION_M_S2 * r.age_s
+        if not math.hypot(vx - ux, vy - uy) <= slack_m_s:
             return False
         size = np.array([[max(r.half_size_m[:2]), r.half_size_m[2]]])
         return bool(self.contains_each(np.array([r.centre_m]), size, r.margin_m, r.margin_z_m)[0])

@@ -238,6 +238,7 @@ class NeighbourMap:
                     sigma_m_s=held.mover.sigma_m_s,
                     margin_m=mover.margin_m,
                     margin_z_m=2.0 * placement.sigma_z_m,
+                    age_s=_age_s(held.seen_ns, now_ns),
                 )
             )
         for body in bodies:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..jit import inner
 from ..params import Params
 from ..types import NOTHING_OPEN, FreeEnd, FreeProfile
+from .depth_bias import DepthBias, shorten_by_bias
 from .free_space import FreeObservation, layer_edges
 from .planes import distance_at
 
@@ -105,22 +106,12 @@ def as_ranges(edges_t, free_from, free_to):
             free_to[d, layer] *= math.sqrt(1.0 + near**2)
 
 
-@inner
-def shorten_by_bias(bias_per_m, free_to):
-    """Shortens forward distances (D, L), in place: each was measured, and all measurements may be too far by bias_per_m
-    over the square of the distance. Planes, ground and the greatest range alike."""
-    if bias_per_m > 0.0:
-        for d in range(free_to.shape[0]):
-            for layer in range(free_to.shape[1]):
-                free_to[d, layer] /= 1.0 + bias_per_m * free_to[d, layer]
-
-
 def free_profile(
     seen: FreeObservation,
     count: int,
     planes: NDArray[Any],
     noise_margin_m: NDArray[np.float32],
-    bias_per_m: float = 0.0,
+    bias: DepthBias,
     opened: FreeObservation | None = None,
     open_max_range_m: float = math.inf,
 ) -> FreeProfile:
@@ -131,12 +122,12 @@ def free_profile(
         count: number of planes.
         planes: (N,) PLANE.
         noise_margin_m: (N,) of PublishedPlanes.
-        bias_per_m: of the CameraInfo.
+        bias: of the camera.
         opened: free or open ranges of `observe_open`; None: nothing is open.
         open_max_range_m: horizontal range beyond which nothing is open."""
     for s in (seen,) if opened is None else (seen, opened):
         stop_at_planes(count, planes, noise_margin_m, s.pixel_t, s.row_t, s.edges_t, s.layers_m, s.free_to_m, s.end)
-        shorten_by_bias(bias_per_m, s.free_to_m)
+        shorten_by_bias(bias, s.layers_m, s.free_to_m)
         as_ranges(s.edges_t, s.free_from_m, s.free_to_m)
     open_from, open_to = (
         (NOTHING_OPEN, NOTHING_OPEN) if opened is None else _beyond_free(seen, opened, open_max_range_m)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..jit import inner, record, record_of
 from ..params import Params
 from ..types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
+from .depth_bias import DepthBias, greatest_depth
 from .free_profile import empty_profile
 from .ground import NO_GROUND
 from .planes import LEAST_S
@@ -39,6 +40,8 @@ PUBLISH_SETTINGS = record(
     ("left_t", np.float64),  # tangents beyond which a plane is cut by the left and right border
     ("right_t", np.float64),
     ("bias_per_m", np.float64),  # of the camera
+    ("axis_x", np.float64),  # of the optical axis in level_cam: the depth of a point (x, y, z) is axis_x x + axis_z z
+    ("axis_z", np.float64),
     ("ground_tolerance_m", np.float64),
     ("min_plane_height_m", np.float64),
     ("safe_distance_m", np.float64),
@@ -103,7 +106,9 @@ def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameSt
 def publish_settings(column_t: float, params: Params) -> NDArray[Any]:
     """Returns (1,) PUBLISH_SETTINGS without ground, borders and bias, which are set for each frame. column_t: tangent of
     a column."""
-    frame = dict.fromkeys(("ground_seen", "height_m", "slope_x", "slope_y", "left_t", "right_t", "bias_per_m"), 0.0)
+    frame = dict.fromkeys(
+        ("ground_seen", "height_m", "slope_x", "slope_y", "left_t", "right_t", "bias_per_m", "axis_x", "axis_z"), 0.0
+    )
     return record_of(PUBLISH_SETTINGS, params, column_t=column_t, **frame)
 
 
@@ -112,7 +117,7 @@ def published_planes(
     planes: NDArray[Any],
     ground: Ground,
     view: ViewGeometry,
-    bias_per_m: float,
+    bias: DepthBias,
     params: Params,
     settings: NDArray[Any],
 ) -> PublishedPlanes | None:
@@ -128,15 +133,15 @@ def published_planes(
         planes: (N,) PLANE. Planes that exist are moved to the front.
         ground: ground of the frame.
         view: geometry of the levelled view.
-        bias_per_m: of the CameraInfo.
+        bias: of the camera.
         params: parameters.
-        settings: (1,) of `publish_settings`; ground, borders and bias_per_m are written."""
+        settings: (1,) of `publish_settings`; ground, borders and bias are written."""
     column_t = float(view.lateral[0]) / view.f_px
     settings["ground_seen"], settings["height_m"] = ground.seen, ground.height_m
     settings["slope_x"], settings["slope_y"] = ground.slope_x, ground.slope_y
     settings["left_t"] = (params.cut_columns - view.cu) * column_t
     settings["right_t"] = (view.cols - 1 - params.cut_columns - view.cu) * column_t
-    settings["bias_per_m"] = bias_per_m
+    settings["bias_per_m"], settings["axis_x"], settings["axis_z"] = bias
     out = PublishedPlanes(
         np.empty((count, 6), np.float32),
         np.empty(count, np.float32),
@@ -220,9 +225,10 @@ def _write_rows(count, planes, settings, rows, margin, noise_margin):
         correlated = alike_px * columns / (columns + alike_px - 1.0)
         noise = max(x0, x1) ** 2 * math.sqrt(correlated / max(p.sum_w, 1e-9))
         noise_margin[k] = min(max(p.front_m + safe_m, 0.0), safe_m) + settings.margin_sigmas * noise
-        # the bias moves points along their rays; across the plane, at its distance d, that is bias x d
+        # the bias moves points along their rays; across the plane, at its distance d, that is bias depth d
         across_m = 1.0 / max(math.sqrt(p.a * p.a + p.b * p.b), LEAST_S)
-        margin[k] = noise_margin[k] + settings.bias_per_m * max(x0, x1) * across_m
+        depth_m = greatest_depth(settings.axis_x, settings.axis_z, max(x0, x1), p.top_m, p.bottom_m)
+        margin[k] = noise_margin[k] + settings.bias_per_m * depth_m * across_m
 
 
 @inner

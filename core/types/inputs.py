@@ -100,8 +100,8 @@ class CameraInfo:
     Attributes:
         min_range_m, max_range_m: limits of the measured distance.
         ke_per_m: initial value of the noise coefficient, sigma_Z = ke * Z^2.
-        bias_per_m: greatest error that all depths of the camera share, over Z^2: of its calibration. No frame shows it, so
-            it is part of each margin. For an error e of the disparity in pixels, bias_per_m = e / (f B).
+        bias_per_m: assumed greatest error that all depths of the camera share, over Z^2: of its calibration. No frame shows
+            it, so it is part of each margin. For an error e of the disparity in pixels, bias_per_m = e / (f B).
         marks_smooth: the driver writes TEXTURELESS_MM, BEYOND_MM and GREATEST_MARK_MM. Otherwise these values are raw
             depths of unknown pixels, and no evidence of open space."""
 

@@ -255,7 +255,7 @@ class OakSource:
             max_range_m=self.settings.max_range_m,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=self.settings.host_matching and self.settings.match.mark_smooth,
-            bias_per_m=bias_coefficient(*optics),
+            bias_per_m=bias_coefficient(intrinsics, optics[1]),
         )
 
 

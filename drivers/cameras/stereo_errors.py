@@ -4,11 +4,12 @@ Z = f B / d, so an error e of the disparity d is an error of e Z^2 / (f B) of th
 
 from __future__ import annotations
 
-from core.types import MOST_BIAS_PER_M
+from core.types import MOST_BIAS_PER_M, Intrinsics
 
-DISPARITY_BIAS_PX = 0.15
-"""Error of the disparity that all pixels share, at a width of about 640 px: of a factory calibration, and of the matcher.
-docs/research/recorded-stereo.md has measurements and the makers' statements. Nothing in a frame shows it."""
+DISPARITY_BIAS_PX, BIAS_WIDTH_PX = 0.15, 640
+"""Error of the disparity that all pixels share, in an image of this width: of a factory calibration, and of the matcher. It is an
+error of an angle, so in wider images it is as many times more pixels. docs/research/recorded-stereo.md has measurements and the
+makers' statements. Nothing in a frame shows it."""
 _LEAST_KE, _MOST_KE = 1e-4, 0.05
 
 
@@ -17,6 +18,7 @@ def noise_coefficient(sigma_px: float, f_px: float, baseline_m: float) -> float:
     return min(max(sigma_px / (f_px * baseline_m), _LEAST_KE), _MOST_KE)
 
 
-def bias_coefficient(f_px: float, baseline_m: float) -> float:
-    """bias_per_m of a CameraInfo for DISPARITY_BIAS_PX."""
-    return min(DISPARITY_BIAS_PX / (f_px * baseline_m), MOST_BIAS_PER_M)
+def bias_coefficient(intrinsics: Intrinsics, baseline_m: float) -> float:
+    """bias_per_m of a CameraInfo for DISPARITY_BIAS_PX; it does not depend on the size of the image."""
+    bias_px = DISPARITY_BIAS_PX * intrinsics.width / BIAS_WIDTH_PX
+    return min(bias_px / (intrinsics.fx * baseline_m), MOST_BIAS_PER_M)

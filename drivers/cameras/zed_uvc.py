@@ -98,7 +98,7 @@ class ZedSource:
             max_range_m=s.max_range_m,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=s.match.mark_smooth,
-            bias_per_m=bias_coefficient(*optics),
+            bias_per_m=bias_coefficient(stereo.intrinsics, optics[1]),
         )
 
     def open(self) -> None:

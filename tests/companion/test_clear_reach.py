@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.autopilot import manager
 from companion.autopilot.clear_sectors import clear_sectors, no_clear_text
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.polar_histogram import SectorState, scan
@@ -43,12 +44,13 @@ def described(kind: str, max_range_m: float) -> CameraInfo:
         "oak": ((640, 400), 441.0, 0.075, OAK_SIGMA_PX),
         "zed": ((672, 376), 350.0, 0.12, ZED_SIGMA_PX),
     }[kind]
+    intrinsics = Intrinsics(*size, f_px, f_px, 0.5 * size[0], 0.5 * size[1])
     return CameraInfo(
         "front",
-        Intrinsics(*size, f_px, f_px, 0.5 * size[0], 0.5 * size[1]),
+        intrinsics,
         max_range_m=max_range_m,
         ke_per_m=noise_coefficient(sigma_px, f_px, baseline_m),
-        bias_per_m=bias_coefficient(f_px, baseline_m),
+        bias_per_m=bias_coefficient(intrinsics, baseline_m),
     )
 
 
@@ -117,7 +119,7 @@ def test_the_service_reports_a_camera_whose_range_is_too_short() -> None:
     part.announce(info)
     part.result(first_result(info))
     assert [(d.code, d.camera) for d in part.diagnostics(0)] == [(DiagnosticCode.NEVER_CLEAR, "front")]
-    assert "set [avoid] max_distance_m to at most 5.25" in part.diagnostics(0)[0].text
+    assert "set [avoid] max_distance_m to at most 5" in part.diagnostics(0)[0].text
     info = replace(info, max_range_m=20.0)
     part.announce(info)
     part.result(first_result(info))
@@ -148,10 +150,45 @@ def test_a_mount_by_which_no_sector_can_be_clear_is_reported() -> None:
     assert no_clear_text(tilted("zed", 0.0), avoid, Params()) == ""
 
 
-def test_a_camera_that_looks_down_is_not_there_to_find_directions_clear() -> None:
-    avoid = AvoidParams(max_distance_m=8.0)
-    assert not clear_sectors(tilted("zed", -89.0), avoid, Params()).any()
-    assert no_clear_text(tilted("zed", -89.0), avoid, Params()) == ""
+@pytest.mark.parametrize(("kind", "max_distance_m"), [("zed", 8.0), ("v4l2", 12.0)])
+def test_a_camera_that_looks_down_is_not_expected_to_find_directions_clear(kind: str, max_distance_m: float) -> None:
+    info, avoid = replace(tilted(kind, -89.0), max_range_m=6.0), AvoidParams(max_distance_m=max_distance_m)
+    assert not clear_sectors(info, avoid, Params()).any()
+    assert no_clear_text(info, avoid, Params()) == ""
+
+
+def test_what_counts_is_the_sector_straight_ahead_of_the_camera() -> None:
+    """Sectors at the side reach farther than those ahead, and the middle of the image may be masked."""
+    avoid = AvoidParams(max_distance_m=10.0)
+    info = replace(tilted("zed", 0.0), max_range_m=12.0)
+    found = clear_sectors(info, avoid, Params())
+    assert found.any()
+    assert not found[0]
+    assert "straight ahead of it no sector is ever clear" in no_clear_text(info, avoid, Params())
+    hidden = np.zeros((376, 672), np.bool_)
+    hidden[:, 200:460] = True
+    text = no_clear_text(info, AvoidParams(max_distance_m=8.0), Params(), hidden)
+    assert "straight ahead of camera front no sector is ever clear" in text
+
+
+def test_the_place_of_the_camera_counts() -> None:
+    """Distances begin at the middle of the vehicle."""
+    avoid = AvoidParams(max_distance_m=9.0)
+    for x_m, clear in ((0.3, True), (-0.5, False)):
+        info = replace(tilted("zed", 0.0), max_range_m=12.0, mount=CameraMount(x_m=x_m))
+        assert bool(clear_sectors(info, avoid, Params())[0]) is clear
+        assert (no_clear_text(info, avoid, Params()) == "") is clear
+
+
+def test_an_error_of_the_advice_does_not_end_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> str:
+        raise ValueError("made up")
+
+    monkeypatch.setattr(manager, "no_clear_text", fails)
+    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: None, lambda message: None)
+    part.announce(described("zed", 12.0))
+    part.result(first_result(described("zed", 12.0)))
+    assert "is not known: made up" in part.diagnostics(0)[0].text
 
 
 def test_masked_sectors_are_not_clear() -> None:
@@ -182,4 +219,4 @@ def test_check_config_warns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
             f'[[camera]]\nname = "front"\nkind = "oak"\nmax_range_m = 6.0\n\n[autopilot]\naddress = "udpin:127.0.0.1:14540"\n\n[avoid]\n{line}\n'
         )
         assert main(["check-config", str(path)]) == 0
-        assert ("no direction is ever reported as clear" in capsys.readouterr().err) is expected
+        assert ("straight ahead of it no sector is ever clear" in capsys.readouterr().err) is expected

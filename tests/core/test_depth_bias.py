@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.stages.free_profile import shorten_by_bias
+from core.stages.depth_bias import DepthBias, shorten_by_bias
 from core.types import MOST_BIAS_PER_M, FrameModel, FreeEnd, FreeProfile
 from drivers.simulation.scenes import SceneBuilder
 
@@ -92,11 +92,35 @@ def test_free_space_beside_a_wall_that_is_measured_too_far_ends_before_it() -> N
 
 
 def test_without_a_bias_nothing_changes() -> None:
+    layers = np.array([-0.5, 0.0, 0.5, 1.0], np.float32)
     free_to = np.array([[3.0, np.inf, 0.0]], np.float32)
-    shorten_by_bias(0.0, free_to)
+    shorten_by_bias(DepthBias(0.0, 1.0, 0.0), layers, free_to)
     assert free_to.tolist() == [[3.0, math.inf, 0.0]]
-    shorten_by_bias(0.01, free_to[:, ::2])
-    assert free_to[0].tolist() == pytest.approx([3.0 / 1.03, math.inf, 0.0])
+    free_to = np.array([[3.0, 8.0, 0.0]], np.float32)
+    shorten_by_bias(DepthBias(0.01, 1.0, 0.0), layers, free_to)
+    assert free_to[0].tolist() == pytest.approx([3.0 / 1.03, 8.0 / 1.08, 0.0])
+
+
+@pytest.mark.parametrize("pitch_deg", [-30.0, -20.0, 20.0])
+@pytest.mark.parametrize("distance_m", [4.0, 8.0])
+def test_a_tilted_camera_has_the_error_of_the_depth_not_of_the_forward_distance(
+    pitch_deg: float, distance_m: float
+) -> None:
+    """Below a camera that looks down the depth of a wall is greater than its forward distance."""
+    pitch = math.radians(pitch_deg)
+    bias_per_m = 2.0 * BIAS_PER_M
+    depth_mm = biased(flat_wall(VIEW, distance_m, pitch), bias_per_m)
+    info = replace(VIEW, bias_per_m=bias_per_m)
+    model = extract(depth_mm, info, level(pitch))
+    truth = distance_m + 0.01  # steps of a millimetre in depth, half a pixel of a levelled cell
+    assert nearest_m(extract(depth_mm, VIEW, level(pitch))) > truth
+    for plane, margin_m in zip(model.planes, model.margin_m, strict=True):
+        assert min(plane[0], plane[2]) - margin_m <= truth
+    free = model.free
+    stopped = (free.end == FreeEnd.OBSTACLE) & (free.free_to_m > free.free_from_m)
+    assert (
+        free.free_to_m[stopped] <= (truth / np.cos(inner_edge_rad(free))[:, None] * np.ones_like(stopped))[stopped]
+    ).all()
 
 
 @pytest.mark.parametrize("bias_per_m", [-0.001, MOST_BIAS_PER_M + 0.001, math.nan, math.inf])

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from core.params import Params
 from core.stages import free_space as fs
 from core.stages import free_walk as walk
+from core.stages.depth_bias import DepthBias
 from core.stages.free_cells import count_codes
 from core.stages.free_profile import free_profile, stop_at_planes
 from core.stages.ground import NO_GROUND
@@ -167,7 +168,7 @@ def profile(
     planes = plane_table(room=1)
     source = np.array([(*codes.shape, 1.0, 0.0, clear_m, 20.0, min_range_m)], SOURCE)
     seen = fs.observe_free(codes, g, source, ground, KE, Params(**{**THICK, **params}))
-    return free_profile(seen, 0, planes, np.zeros(0, np.float32))
+    return free_profile(seen, 0, planes, np.zeros(0, np.float32), DepthBias(0.0, 1.0, 0.0))
 
 
 def test_the_nearest_rings_are_half_a_step_apart() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.sharing.bodies import MovingReport, are_bodies
+from core.sharing.bodies import Body, MovingReport, are_bodies
 from core.sharing.neighbour import NS
 from core.sharing.neighbour_map import NeighbourMap
 from core.sharing.obstacles import MoverKind
@@ -34,6 +34,14 @@ def reported(*movers: SharedMover, frame: LocalFrame = VAGUE, speed_m_s: float =
 
 
 BOTH = [MoverKind.OBSTACLE, MoverKind.VEHICLE]
+
+
+def test_a_vehicle_that_has_braked_since_it_was_observed_is_no_obstacle() -> None:
+    """Neither another one, nor the own vehicle, which would become an obstacle to itself."""
+    body = Body(vehicle=1, centre_m=ORIGIN, radius_m=0.4, margin_m=0.0, velocity_m_s=(0.5, 0.0))
+    report = MovingReport(centre_m=(0.8, 0.0, 0.0), half_size_m=(0.4, 0.4, 0.2), velocity_m_s=(3.0, 0.0), sigma_m_s=0.3)
+    assert not body.may_be(report)
+    assert body.may_be(replace(report, age_s=0.4))
 
 
 @pytest.mark.parametrize("off_m", [(0.0, 0.0, 2.1), (0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, -2.9, 1.0)])

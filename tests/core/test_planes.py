@@ -15,6 +15,7 @@ from core.params import Params
 from core.stages import openings, refine
 from core.stages import planes as pl
 from core.stages import strips as s
+from core.stages.depth_bias import DepthBias
 from core.stages.evidence import Evidence
 from core.stages.ground import NO_GROUND
 from core.stages.model import PublishedPlanes, publish_settings, published_planes
@@ -155,7 +156,8 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
 def published(
     count: int, planes: np.ndarray, ground: Ground = NO_GROUND, bias_per_m: float = 0.0
 ) -> PublishedPlanes | None:
-    return published_planes(count, planes, ground, view(), bias_per_m, P, publish_settings(1.0 / F, P))
+    bias = DepthBias(bias_per_m, 1.0, 0.0)
+    return published_planes(count, planes, ground, view(), bias, P, publish_settings(1.0 / F, P))
 
 
 def test_hidden_planes_are_not_published_and_the_others_keep_their_order() -> None:

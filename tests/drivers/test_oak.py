@@ -35,7 +35,7 @@ def test_frames_come_with_intrinsics_stamps_and_millimetres() -> None:
         assert (k.width, k.height, k.fx, k.cy) == (WIDTH, HEIGHT, MATRIX[0][0], MATRIX[1][2])
         assert not source.info.marks_smooth
         assert source.info.ke_per_m == 0.05  # 0.25 px on so short a focal length is more than the bound
-        assert source.info.bias_per_m == pytest.approx(0.15 / (MATRIX[0][0] * 0.075))
+        assert source.info.bias_per_m == pytest.approx(0.15 * WIDTH / 640 / (MATRIX[0][0] * 0.075))
         for _ in range(3):
             frame = source.read(2.0)
             assert frame is not None

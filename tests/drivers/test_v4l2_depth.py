@@ -81,7 +81,7 @@ def test_a_frame_is_exposed_before_the_kernels_stamp() -> None:
     assert np.array_equal(frame.depth_mm, pixels(1007))
     assert source.info.intrinsics == SIZE
     assert not source.info.marks_smooth
-    assert source.info.bias_per_m == pytest.approx(0.15 / 20.0)  # pixels, over f B of a D435
+    assert source.info.bias_per_m * 2.0**2 == pytest.approx(0.02 * 2.0)  # 2 % at 2 m
 
 
 def test_the_newest_of_several_buffers_is_delivered() -> None:

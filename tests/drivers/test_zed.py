@@ -362,7 +362,8 @@ def test_the_description_holds_whether_it_marks(marks: bool) -> None:
     source = ZedSource(settings, Video([side_by_side()]), CALIBRATION)
     source.open()
     assert source.info.marks_smooth is marks
-    assert source.info.bias_per_m == pytest.approx(source.info.ke_per_m * 0.15 / 0.3)  # pixels of both
+    width_px = source.info.intrinsics.width
+    assert source.info.bias_per_m == pytest.approx(source.info.ke_per_m * 0.15 * width_px / 640 / 0.3)
     source.close()
 
 
