@@ -71,7 +71,7 @@ class DiagnosticCode(Code):
     PARAMETER_CONTRADICTION = "parameter_contradiction", "contradictory values of a parameter are received"
     PARAMETERS_NOT_WRITTEN = "parameters_not_written", "parameters of the autopilot could not be written"
     AVOID_MARGIN_UNKNOWN = "avoid_margin_unknown", "AVOID_MARGIN is not known"
-    NEVER_CLEAR = "never_clear", "no direction can ever be clear by a camera"
+    NEVER_CLEAR = "never_clear", "the sector straight ahead of a camera can never be clear"
     # guard
     GUARD_UNAVAILABLE = "guard_unavailable", "the guard is on and cannot stop the vehicle in its flight mode"
     GUARD_INTERVENES = "guard_intervenes", "the guard limits the speed, or stops or has stopped the vehicle"

@@ -31,7 +31,7 @@ from core.stages.open_blocks import OUTSIDE
 from core.stages.open_space import OpenObservation
 from core.stages.view_geometry import Q_UNKNOWN, ViewGeometry
 from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM
-from drivers.cameras.match_confidence import ConfidenceLimits, accepted_matches
+from drivers.cameras.match_confidence import EVERY_MATCH, ConfidenceLimits, accepted_matches
 from drivers.cameras.stereo import MatchParams, compute_disparity, confidence_limits, matcher
 from drivers.simulation.stereo.stereo_profiles import StereoCamera
 
@@ -51,17 +51,6 @@ RULES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("level line", ("level_px",)),
 )
 """In the order of `accepted_matches`, with the limits that switch them."""
-_OFF = ConfidenceLimits(
-    correlation=0.0,
-    texture=0.0,
-    period=1.0,
-    patch_px=0,
-    patch_per_px=0.0,
-    shared=1.0,
-    smear_px=0,
-    smear_rows=0,
-    level_px=0,
-)
 Mask = NDArray[np.bool_]
 
 
@@ -128,7 +117,7 @@ def kinds_of(seen: Seen, params: Params, open_sky: OpenSkyParams) -> Counter[str
 
 def steps_of(limits: ConfidenceLimits) -> list[ConfidenceLimits]:
     """The limits with no rule, and with one more at each step."""
-    steps = [replace(_OFF, window_px=limits.window_px, period_px=limits.period_px)]
+    steps = [replace(EVERY_MATCH, window_px=limits.window_px, period_px=limits.period_px)]
     for _, keys in RULES:
         steps.append(replace(steps[-1], **{key: getattr(limits, key) for key in keys}))
     return steps

@@ -16,14 +16,14 @@ from core.params import Params
 from core.types import FAR_MM, UNKNOWN_MM, CameraInfo
 
 from ..config.avoidance import AvoidParams
-from ..config.clear_reach import clear_reach_text
+from ..config.clear_reach import clear_reach_text, looks_ahead
+from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.transform import LevelTransform, transform_model
+from .obstacle_report import RECKONING_ERRORS
 from .polar_histogram import SECTORS, SectorState, scan
 from .view_free import View
 
 Mask = NDArray[np.bool_]
-STEEP_DEG = 45.0
-"""A camera that looks more steeply up or down is not expected to find directions clear."""
 
 
 def clear_sectors(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: Mask | None = None) -> Mask:
@@ -56,10 +56,10 @@ def clear_sectors(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: 
 def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: Mask | None = None) -> str:
     """Returns why the sector straight ahead of this camera can never be clear, and what to do; empty: it can, or the camera
     looks up or down. Sectors aside of it reach farther, and are no help to a vehicle that flies ahead."""
-    north, east, down = (float(c) for c in rotation_frd_optical(info.mount)[:, 2])
-    if abs(down) > math.sin(math.radians(STEEP_DEG)):
+    if not looks_ahead(info):
         return ""
-    ahead = round(math.degrees(math.atan2(east, north)) / (360.0 / SECTORS)) % SECTORS
+    forward, right, _ = (float(c) for c in rotation_frd_optical(info.mount)[:, 2])
+    ahead = round(math.degrees(math.atan2(right, forward)) / (360.0 / SECTORS)) % SECTORS
     if clear_sectors(info, avoid, params, hidden)[ahead]:
         return ""
     if text := clear_reach_text(info, avoid, params):
@@ -70,3 +70,33 @@ def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: 
         f"({avoid.band_above_m:g} m above to {avoid.band_below_m:g} m below the vehicle) from {avoid.near_m:g} m on; mount it "
         "closer to level, or lower [avoid] band_above_m and band_below_m, and check the masks"
     )
+
+
+class ClearCheck:
+    """Examines each camera once, and again when its description has changed. Methods may be called in different threads."""
+
+    def __init__(self, avoid: AvoidParams, params: Params) -> None:
+        self._avoid, self._params = avoid, params
+        self._announced: dict[str, tuple[CameraInfo, Mask | None]] = {}
+        self._examined: dict[str, CameraInfo] = {}
+        self._texts: dict[str, str] = {}
+
+    def announce(self, info: CameraInfo, hidden: Mask | None) -> None:
+        """Takes a camera that was opened. hidden: pixels that are never measured."""
+        self._announced[info.camera] = info, hidden
+
+    def examine(self, camera: str) -> None:
+        """Examines a camera that was announced; with its first result, because the kernels are loaded then. It is advice: a
+        fault in it must not end the output."""
+        info, hidden = self._announced.pop(camera, (None, None))
+        if info is None or self._examined.get(camera) == info:
+            return
+        self._examined[camera] = info
+        try:
+            self._texts[camera] = no_clear_text(info, self._avoid, self._params, hidden)
+        except RECKONING_ERRORS as error:
+            self._texts[camera] = f"whether a sector can be clear by camera {camera} is not known: {error}"
+
+    def diagnostics(self) -> list[Diagnostic]:
+        """Returns one for each camera straight ahead of which no sector can be clear."""
+        return [Diagnostic(DiagnosticCode.NEVER_CLEAR, c, text) for c, text in sorted(self._texts.items()) if text]

@@ -23,7 +23,7 @@ from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.results import PrismsResult
-from .clear_sectors import no_clear_text
+from .clear_sectors import ClearCheck
 from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
@@ -32,7 +32,7 @@ from .flight_modes import mode_fault
 from .landed import EXTENDED_SYS_STATE, LandedState
 from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
-from .obstacle_report import RECKONING_ERRORS, ObstacleReport, ObstacleReportBuilder
+from .obstacle_report import ObstacleReport, ObstacleReportBuilder
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .parameters import WANTED, ParameterReader
 from .sector_view import SectorView
@@ -101,11 +101,8 @@ class Avoidance:
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
-        self._extractor = extractor or Params()
-        self._announced: dict[str, tuple[CameraInfo, Mask | None]] = {}
-        self._examined: dict[str, CameraInfo] = {}
-        self._never_clear: dict[str, str] = {}
-        ring_m = self._extractor.profile_ring_m
+        params = extractor or Params()
+        self._clear_check, ring_m = ClearCheck(avoid, params), params.profile_ring_m
         self._builder = ObstacleReportBuilder(
             avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts, reach_m=reach_m
         )
@@ -150,29 +147,16 @@ class Avoidance:
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
         """Takes a camera that was opened. hidden: pixels that are never measured."""
-        self._announced[info.camera] = info, hidden
+        self._clear_check.announce(info, hidden)
         self._builder.announce(info, hidden)
 
     def result(self, result: PrismsResult) -> None:
-        """Takes the result of a frame. With the first one of a camera the kernels are loaded, and it is examined."""
+        """Takes the result of a frame."""
         self._exposed_ns[result.camera] = seen_ns(result)
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
         self._builder.result(result)
-        if result.camera in self._announced:
-            self._examine(*self._announced.pop(result.camera))
-
-    def _examine(self, info: CameraInfo, hidden: Mask | None) -> None:
-        """Finds out once whether a sector can be clear by a camera. It is advice: a fault in it must not end the output."""
-        if self._examined.get(info.camera) == info:
-            return
-        self._examined[info.camera] = info
-        try:
-            self._never_clear[info.camera] = no_clear_text(info, self._avoid, self._extractor, hidden)
-        except RECKONING_ERRORS as error:
-            self._never_clear[info.camera] = (
-                f"whether a sector can be clear by camera {info.camera} is not known: {error}"
-            )
+        self._clear_check.examine(result.camera)
 
     def message(self, message: Any, arrival_ns: int) -> None:
         """Takes a message of the autopilot, of those in READS."""
@@ -253,10 +237,9 @@ class Avoidance:
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
         """Returns the faults that keep the vehicle from braking."""
-        vehicle, never_clear = self._vehicle(), sorted(self._never_clear.items())
-        found = [Diagnostic(DiagnosticCode.NEVER_CLEAR, camera, text) for camera, text in never_clear if text]
+        vehicle, never_clear = self._vehicle(), self._clear_check.diagnostics()
         if vehicle is None:
-            return found
+            return never_clear
         facts, report = self._facts(vehicle), self.report
         advised = advice(facts, self._avoid) + delay_advice(facts, self.latency())
         texts = [
@@ -278,7 +261,7 @@ class Avoidance:
             if cp_dist_m is not None:
                 text = f"CP_DIST was not read yet: the artificial wall is placed for {cp_dist_m:g} m of the last start"
                 texts.append((DiagnosticCode.PARAMETER_ADVICE, text))
-        return [Diagnostic(code, "", text) for code, text in texts if text] + found
+        return [Diagnostic(code, "", text) for code, text in texts if text] + never_clear
 
     def fill(self, health: pb.AutopilotHealth, now_ns: int) -> None:
         """Writes the newest obstacle distances, sent and echoed, into a report."""

@@ -11,7 +11,7 @@ from core.types import CameraInfo, Intrinsics
 
 from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
-from .clear_reach import clear_reach_text
+from .clear_reach import clear_reach_text, looks_ahead
 from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
@@ -19,8 +19,6 @@ from .template_intrinsics import template_texts
 
 _TYPICAL = {"zed": (15.0, 0.0071, 0.0037), "oak": (15.0, 0.0076, 0.0045), "v4l2": (10.0, 0.005, 0.01)}
 """Greatest range, noise and bias that the drivers set for common models: ZED 2, OAK-D, RealSense D435."""
-_STEEP_RAD = 0.8
-"""A camera that looks more steeply up or down is not expected to find directions clear."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -53,8 +51,9 @@ def run(args: argparse.Namespace) -> int:
     for camera in config.cameras:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
-        if config.avoid.send and camera.kind != "mcap" and abs(camera.mount.pitch_rad) < _STEEP_RAD:
-            text = clear_reach_text(_described(camera), config.avoid, config.extractor)
+        info = _described(camera)
+        if config.avoid.send and camera.kind != "mcap" and looks_ahead(info):
+            text = clear_reach_text(info, config.avoid, config.extractor)
             if text:
                 warn(text)
     for difference in found:

@@ -1,12 +1,13 @@
 """Whether a camera can see a sector free as far as a clear sector must be: to [avoid] max_distance_m.
 
-Otherwise no direction before this camera is ever reported as clear: PX4 does not move there, and ArduPilot is sent the
+Otherwise the sector straight ahead of this camera is never clear: PX4 does not move there, and ArduPilot is sent the
 artificial wall."""
 
 from __future__ import annotations
 
 import math
 
+from core.frames import rotation_frd_optical
 from core.params import Params
 from core.types import CameraInfo
 
@@ -15,6 +16,16 @@ from .obstacle_range import obstacle_range_m
 
 _BEFORE_M = 1e-3
 """A ring that ends at the range itself is not free."""
+
+
+STEEP_DEG = 45.0
+"""A camera that looks more steeply up or down is not expected to find directions clear."""
+
+
+def looks_ahead(info: CameraInfo) -> bool:
+    """Whether a camera is expected to find directions clear."""
+    down = float(rotation_frd_optical(info.mount)[2, 2])
+    return abs(down) <= math.sin(math.radians(STEEP_DEG))
 
 
 def clear_reach_m(info: CameraInfo, params: Params) -> float:

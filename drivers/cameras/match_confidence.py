@@ -100,6 +100,20 @@ class ConfidenceLimits:
     level_px: int = 61
 
 
+EVERY_MATCH = ConfidenceLimits(
+    correlation=0.0,
+    texture=0.0,
+    period=1.0,
+    patch_px=0,
+    patch_per_px=0.0,
+    shared=1.0,
+    smear_px=0,
+    smear_rows=0,
+    level_px=0,
+)
+"""Limits with which every rule is off, to examine the rules one by one."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MatchStatistics:
     """Of the window around each pixel, all (H, W) float32. correlation: -1..1 of the derivatives of both images; variance: the

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.autopilot import manager
+from companion.autopilot import clear_sectors as clear_sectors_module
 from companion.autopilot.clear_sectors import clear_sectors, no_clear_text
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.polar_histogram import SectorState, scan
@@ -184,7 +184,7 @@ def test_an_error_of_the_advice_does_not_end_the_output(monkeypatch: pytest.Monk
     def fails(*_: object) -> str:
         raise ValueError("made up")
 
-    monkeypatch.setattr(manager, "no_clear_text", fails)
+    monkeypatch.setattr(clear_sectors_module, "no_clear_text", fails)
     part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: None, lambda message: None)
     part.announce(described("zed", 12.0))
     part.result(first_result(described("zed", 12.0)))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.cameras.match_confidence import (
+    EVERY_MATCH,
     ConfidenceLimits,
     accepted_matches,
     derivative,
@@ -23,17 +24,6 @@ from drivers.cameras.stereo import MatchParams, StereoMatcher, compute_disparity
 
 WIDTH, HEIGHT, D = 320, 160, 48
 PARAMS = MatchParams(disparities=D, edge_px=0)
-OFF = ConfidenceLimits(
-    correlation=0.0,
-    texture=0.0,
-    period=1.0,
-    patch_px=0,
-    patch_per_px=0.0,
-    shared=1.0,
-    smear_px=0,
-    smear_rows=0,
-    level_px=0,
-)
 ALL = ConfidenceLimits()
 
 
@@ -73,7 +63,7 @@ def test_noise_of_a_blank_sky_is_no_depth(noise_grey: float, rule: dict[str, flo
     found = matched(left, right)
     high = np.s_[:112, D:]
     assert np.mean(found[high] > 2.0) > 0.03
-    kept = accepted_matches(left, right, found, replace(OFF, **rule, patch_px=20))
+    kept = accepted_matches(left, right, found, replace(EVERY_MATCH, **rule, patch_px=20))
     assert np.mean(kept[high] > 2.0) <= left_over
     assert np.mean(kept[128:, D:] >= 0.0) > 0.95 * np.mean(found[128:, D:] >= 0.0)
 
