@@ -1,11 +1,13 @@
-"""Which sectors can be clear by a camera at all: those that are clear where everything it measures is far.
+"""Which sectors can be clear by the cameras at all: those that are clear where everything they measure is far.
 
-Range, noise, bias, field of view, mount, masks, and the height band all limit it. A camera by which no sector can be clear
+Range, noise, bias, field of view, mount, masks, and the height band all limit it. A camera ahead of which no sector can be clear
 makes the vehicle stand: PX4 does not move into sectors that are not clear, ArduPilot is sent the artificial wall there."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +28,11 @@ from .view_free import View
 Mask = NDArray[np.bool_]
 
 
-def clear_sectors(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: Mask | None = None) -> Mask:
-    """Returns the sectors, (72,), that are clear by this camera while the vehicle is level and everything is far.
+def far_view(info: CameraInfo, params: Params, hidden: Mask | None = None) -> View | None:
+    """Returns the view of a camera while the vehicle is level and everything it measures is far; None: it has none.
 
     Args:
         info: description of the camera; its prior noise is used.
-        avoid: parameters of the obstacle output.
         params: parameters of the extraction.
         hidden: (H, W) pixels that are never measured."""
     k, R = info.intrinsics, rotation_frd_optical(info.mount)
@@ -40,27 +41,35 @@ def clear_sectors(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: 
         depth_mm[hidden] = UNKNOWN_MM
     model, _ = Extractor(params).extract(depth_mm, info, rotation_level_cam_optical(R))
     if not model.valid:
-        return np.zeros(SECTORS, np.bool_)
+        return None
     mount = info.mount
     to_level = LevelTransform(math.atan2(R[1, 2], R[0, 2]), (mount.x_m, mount.y_m, mount.z_m))
-    view = View(
+    return View(
         model=transform_model(model, to_level),
         transform=to_level,
         intrinsics=k,
         R_optical_level=R.T,
         ring_m=params.profile_ring_m,
     )
-    return np.asarray(scan([view], avoid).state == SectorState.CLEAR)
 
 
-def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: Mask | None = None) -> str:
+def clear_sectors(views: Sequence[View], avoid: AvoidParams) -> Mask:
+    """Returns the sectors, (72,), that are clear by these far views together."""
+    if not views:
+        return np.zeros(SECTORS, np.bool_)
+    return np.asarray(scan(views, avoid).state == SectorState.CLEAR)
+
+
+def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, views: Sequence[View]) -> str:
     """Returns why the sector straight ahead of this camera can never be clear, and what to do; empty: it can, or the camera
-    looks up or down. Sectors aside of it reach farther, and are no help to a vehicle that flies ahead."""
+    looks up or down. Sectors aside of it reach farther, and are no help to a vehicle that flies ahead.
+
+    views: far views of this camera and of those beside it; two cameras may cover the height band together."""
     if not looks_ahead(info):
         return ""
     forward, right, _ = (float(c) for c in rotation_frd_optical(info.mount)[:, 2])
     ahead = round(math.degrees(math.atan2(right, forward)) / (360.0 / SECTORS)) % SECTORS
-    if clear_sectors(info, avoid, params, hidden)[ahead]:
+    if clear_sectors(views, avoid)[ahead]:
         return ""
     if text := clear_reach_text(info, avoid, params):
         return text
@@ -72,30 +81,47 @@ def no_clear_text(info: CameraInfo, avoid: AvoidParams, params: Params, hidden: 
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenedCamera:
+    """A camera that was opened. hidden: (H, W) pixels that are never measured; None: all can be."""
+
+    info: CameraInfo
+    hidden: Mask | None
+
+
+def never_clear_texts(cameras: Sequence[OpenedCamera], avoid: AvoidParams, params: Params) -> dict[str, str]:
+    """Returns the text of no_clear_text for each of the cameras of a vehicle, by its name."""
+    views = [view for camera in cameras if (view := far_view(camera.info, params, camera.hidden)) is not None]
+    return {camera.info.camera: no_clear_text(camera.info, avoid, params, views) for camera in cameras}
+
+
 class ClearCheck:
-    """Examines each camera once, and again when its description has changed. Methods may be called in different threads."""
+    """Examines the cameras after one was opened with another description. Methods may be called in different threads."""
 
     def __init__(self, avoid: AvoidParams, params: Params) -> None:
         self._avoid, self._params = avoid, params
-        self._announced: dict[str, tuple[CameraInfo, Mask | None]] = {}
+        self._opened: dict[str, OpenedCamera] = {}
         self._examined: dict[str, CameraInfo] = {}
         self._texts: dict[str, str] = {}
 
     def announce(self, info: CameraInfo, hidden: Mask | None) -> None:
         """Takes a camera that was opened. hidden: pixels that are never measured."""
-        self._announced[info.camera] = info, hidden
+        self._opened[info.camera] = OpenedCamera(info, hidden)
 
-    def examine(self, camera: str) -> None:
-        """Examines a camera that was announced; with its first result, because the kernels are loaded then. It is advice: a
-        fault in it must not end the output."""
-        info, hidden = self._announced.pop(camera, (None, None))
-        if info is None or self._examined.get(camera) == info:
+    def examine(self) -> None:
+        """Examines what was announced; with the first result of a camera, because the kernels are loaded then. It is advice:
+        a fault in it must not end the output."""
+        cameras = self._opened.copy()
+        infos = {name: camera.info for name, camera in cameras.items()}
+        if infos == self._examined:
             return
-        self._examined[camera] = info
+        self._examined = infos
         try:
-            self._texts[camera] = no_clear_text(info, self._avoid, self._params, hidden)
+            self._texts = never_clear_texts(list(cameras.values()), self._avoid, self._params)
         except RECKONING_ERRORS as error:
-            self._texts[camera] = f"whether a sector can be clear by camera {camera} is not known: {error}"
+            self._texts = {
+                name: f"whether a sector can be clear by camera {name} is not known: {error}" for name in infos
+            }
 
     def diagnostics(self) -> list[Diagnostic]:
         """Returns one for each camera straight ahead of which no sector can be clear."""

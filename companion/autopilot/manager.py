@@ -156,7 +156,7 @@ class Avoidance:
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
         self._builder.result(result)
-        self._clear_check.examine(result.camera)
+        self._clear_check.examine()
 
     def message(self, message: Any, arrival_ns: int) -> None:
         """Takes a message of the autopilot, of those in READS."""

@@ -1,14 +1,15 @@
-"""Checks one camera: it opens it in a process of its own, as the service does, and measures its frames."""
+"""Checks the cameras: opens each in a process of its own, as the service does, and measures its frames."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from statistics import median
 
 import numpy as np
 
 from core.types import CameraInfo, DepthFrame, is_measured
 
-from ..autopilot.clear_sectors import no_clear_text
+from ..autopilot.clear_sectors import OpenedCamera, never_clear_texts
 from ..cameras.masks import unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
@@ -24,12 +25,26 @@ MIN_RATE_SHARE = 0.8
 """Least share of the configured frame rate."""
 
 
-def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> Finding:
-    """Whether a camera opens, its frame rate, the share of measured pixels, and whether a sector can be clear by it."""
+def camera_findings(config: Config, patience_s: float) -> Iterator[Finding]:
+    """Opens each camera, one after the other, and examines at last whether the sectors ahead of them can be clear."""
+    opened: list[OpenedCamera] = []
+    for section in config.cameras:
+        finding, info = camera_finding(section, config, patience_s)
+        yield finding
+        if finding.ok and info is not None:
+            opened.append(OpenedCamera(info, unmeasured_mask(section, info)))
+    if config.avoid.send:
+        for camera, text in never_clear_texts(opened, config.avoid, config.extractor).items():
+            if text:
+                yield Finding(f"camera {camera}", False, text, DiagnosticCode.NEVER_CLEAR)
+
+
+def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> tuple[Finding, CameraInfo | None]:
+    """Whether a camera opens, its frame rate and the share of measured pixels; and the camera's description, if it opened."""
     part = f"camera {section.name}"
     if section.kind == "mcap":
         text = 'kind = "mcap" is a recording; set the kind of a live camera: oak, zed, v4l2 or simulated'
-        return Finding(part, False, text, DiagnosticCode.NOT_A_LIVE_CAMERA)
+        return Finding(part, False, text, DiagnosticCode.NOT_A_LIVE_CAMERA), None
     frames: list[DepthFrame] = []
     infos: list[CameraInfo] = []
     supervisor = CameraSupervisor(section, infos.append, frames.append, config.supervision)
@@ -43,13 +58,8 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
         cause = status.last_loss or status.cause or "the camera opened and sent no frame"
         if not status.last_loss:
             cause += f" (for {patience_s:g} s; --patience gives it more time)"
-        return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE)
-    finding = frames_finding(part, section, frames)
-    if finding.ok and config.avoid.send and infos:
-        hidden = unmeasured_mask(section, infos[-1])
-        text = no_clear_text(infos[-1], config.avoid, config.extractor, hidden)
-        return Finding(part, False, f"{finding.text}; {text}", DiagnosticCode.NEVER_CLEAR) if text else finding
-    return finding
+        return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE), None
+    return frames_finding(part, section, frames), infos[-1] if infos else None
 
 
 def frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -> Finding:

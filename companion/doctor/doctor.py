@@ -27,7 +27,7 @@ from ..diagnostic import DiagnosticCode
 from ..live.diagnostics import template_intrinsics
 from ..usage_error import UsageError
 from .autopilot_check import autopilot_findings
-from .camera_check import camera_finding
+from .camera_check import camera_findings
 from .computer_check import computer_findings
 from .finding import Finding
 from .intrinsics_check import intrinsics_findings
@@ -48,8 +48,7 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
             text = "none is configured: add a [[camera]] to the configuration"
             yield Finding("cameras", False, text, DiagnosticCode.NO_CAMERA_CONFIGURED)
         yield from intrinsics_findings(config.cameras)
-        for camera in config.cameras:
-            yield camera_finding(camera, config, patience_s)
+        yield from camera_findings(config, patience_s)
         yield from autopilot_findings(config, patience_s)
     yield from share_findings(config)
     yield from computer_findings(config)

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from companion.autopilot import clear_sectors as clear_sectors_module
-from companion.autopilot.clear_sectors import clear_sectors, no_clear_text
+from companion.autopilot.clear_sectors import OpenedCamera, clear_sectors, far_view, never_clear_texts
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.polar_histogram import SectorState, scan
 from companion.autopilot.view_free import View
@@ -126,6 +127,16 @@ def test_the_service_reports_a_camera_whose_range_is_too_short() -> None:
     assert part.diagnostics(0) == []
 
 
+def alone(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """The sectors that can be clear by one camera."""
+    view = far_view(info, Params(), hidden)
+    return clear_sectors([] if view is None else [view], avoid)
+
+
+def text_alone(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> str:
+    return never_clear_texts([OpenedCamera(info, hidden)], avoid, Params())[info.camera]
+
+
 def tilted(kind: str, pitch_deg: float, yaw_deg: float = 0.0) -> CameraInfo:
     mount = CameraMount(pitch_rad=math.radians(pitch_deg), yaw_rad=math.radians(yaw_deg), x_m=0.1)
     return replace(described(kind, 15.0), mount=mount)
@@ -134,7 +145,7 @@ def tilted(kind: str, pitch_deg: float, yaw_deg: float = 0.0) -> CameraInfo:
 @pytest.mark.parametrize("pitch_deg", [0.0, -10.0, 10.0])
 def test_a_camera_that_looks_about_level_finds_the_sectors_of_its_view_clear(pitch_deg: float) -> None:
     for yaw_deg, middle in ((0.0, 0), (90.0, 18)):
-        found = clear_sectors(tilted("zed", pitch_deg, yaw_deg), AvoidParams(max_distance_m=8.0), Params())
+        found = alone(tilted("zed", pitch_deg, yaw_deg), AvoidParams(max_distance_m=8.0))
         offsets = (np.flatnonzero(found) - middle + 36) % 72 - 36
         assert len(offsets) >= 9
         assert np.abs(offsets).max() <= 9
@@ -143,31 +154,53 @@ def test_a_camera_that_looks_about_level_finds_the_sectors_of_its_view_clear(pit
 def test_a_mount_by_which_no_sector_can_be_clear_is_reported() -> None:
     """The documentation's example of a camera that looks 20 degrees down: its image ends below the height band."""
     avoid = AvoidParams(max_distance_m=8.0)
-    text = no_clear_text(tilted("zed", -20.0), avoid, Params())
+    text = text_alone(tilted("zed", -20.0), avoid)
     assert "mounted with a pitch of -20 degrees, does not cover 80 % of the height band" in text
     narrow = replace(avoid, band_above_m=0.4)
-    assert no_clear_text(tilted("zed", -20.0), narrow, Params()) == ""
-    assert no_clear_text(tilted("zed", 0.0), avoid, Params()) == ""
+    assert text_alone(tilted("zed", -20.0), narrow) == ""
+    assert text_alone(tilted("zed", 0.0), avoid) == ""
 
 
 @pytest.mark.parametrize(("kind", "max_distance_m"), [("zed", 8.0), ("v4l2", 12.0)])
 def test_a_camera_that_looks_down_is_not_expected_to_find_directions_clear(kind: str, max_distance_m: float) -> None:
     info, avoid = replace(tilted(kind, -89.0), max_range_m=6.0), AvoidParams(max_distance_m=max_distance_m)
-    assert not clear_sectors(info, avoid, Params()).any()
-    assert no_clear_text(info, avoid, Params()) == ""
+    assert not alone(info, avoid).any()
+    assert text_alone(info, avoid) == ""
+
+
+def test_two_cameras_that_cover_the_height_band_together_find_the_way_ahead_clear() -> None:
+    avoid = AvoidParams(max_distance_m=8.0)
+    pair = [replace(tilted("zed", pitch_deg), camera=f"pitch{pitch_deg:.0f}") for pitch_deg in (-20.0, 20.0)]
+    assert all(text_alone(info, avoid) for info in pair)
+    assert not any(never_clear_texts([OpenedCamera(info, None) for info in pair], avoid, Params()).values())
+    apart = [pair[0], replace(pair[1], mount=replace(pair[1].mount, yaw_rad=math.pi))]
+    assert all(never_clear_texts([OpenedCamera(info, None) for info in apart], avoid, Params()).values())
+
+
+def test_the_service_reports_no_camera_that_another_one_completes() -> None:
+    part = Avoidance(
+        AvoidParams(send=True, max_distance_m=8.0), ("down", "up"), 0.3, lambda: None, lambda message: None
+    )
+    down, up = (replace(tilted("zed", p), camera=name) for p, name in ((-20.0, "down"), (20.0, "up")))
+    part.announce(down)
+    part.result(first_result(down))
+    assert [d.camera for d in part.diagnostics(0)] == ["down"]
+    part.announce(up)
+    part.result(first_result(up))
+    assert part.diagnostics(0) == []
 
 
 def test_what_counts_is_the_sector_straight_ahead_of_the_camera() -> None:
     """Sectors at the side reach farther than those ahead, and the middle of the image may be masked."""
     avoid = AvoidParams(max_distance_m=10.0)
     info = replace(tilted("zed", 0.0), max_range_m=12.0)
-    found = clear_sectors(info, avoid, Params())
+    found = alone(info, avoid)
     assert found.any()
     assert not found[0]
-    assert "straight ahead of it no sector is ever clear" in no_clear_text(info, avoid, Params())
+    assert "straight ahead of it no sector is ever clear" in text_alone(info, avoid)
     hidden = np.zeros((376, 672), np.bool_)
     hidden[:, 200:460] = True
-    text = no_clear_text(info, AvoidParams(max_distance_m=8.0), Params(), hidden)
+    text = text_alone(info, AvoidParams(max_distance_m=8.0), hidden)
     assert "straight ahead of camera front no sector is ever clear" in text
 
 
@@ -176,8 +209,8 @@ def test_the_place_of_the_camera_counts() -> None:
     avoid = AvoidParams(max_distance_m=9.0)
     for x_m, clear in ((0.3, True), (-0.5, False)):
         info = replace(tilted("zed", 0.0), max_range_m=12.0, mount=CameraMount(x_m=x_m))
-        assert bool(clear_sectors(info, avoid, Params())[0]) is clear
-        assert (no_clear_text(info, avoid, Params()) == "") is clear
+        assert bool(alone(info, avoid)[0]) is clear
+        assert (text_alone(info, avoid) == "") is clear
 
 
 def test_an_error_of_the_advice_does_not_end_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,10 +228,10 @@ def test_masked_sectors_are_not_clear() -> None:
     info, avoid = tilted("zed", 0.0), AvoidParams(max_distance_m=8.0)
     hidden = np.zeros((376, 672), np.bool_)
     hidden[:, :336] = True
-    right = clear_sectors(info, avoid, Params(), hidden)
+    right = alone(info, avoid, hidden)
     assert right[1:6].all()
     assert not right[36:].any()
-    assert "check the masks" in no_clear_text(info, avoid, Params(), np.ones((376, 672), np.bool_))
+    assert "check the masks" in text_alone(info, avoid, np.ones((376, 672), np.bool_))
 
 
 def test_a_range_shorter_than_where_sectors_begin_names_another_remedy() -> None:
