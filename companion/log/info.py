@@ -195,6 +195,7 @@ def _camera_json(info: CameraInfo) -> dict[str, Any]:
         "lever_arm_m": [m.x_m, m.y_m, m.z_m],
         "range_m": [info.min_range_m, info.max_range_m],
         "ke_per_m": info.ke_per_m,
+        "bias_per_m": info.bias_per_m,
         "obstacle_range_m": obstacle_range_m(info),
     }
 
@@ -238,7 +239,7 @@ def _camera_line(info: CameraInfo) -> str:
     angles = ", ".join(f"{math.degrees(a):g}" for a in (m.roll_rad, m.pitch_rad, m.yaw_rad))
     return (
         f"camera {info.camera}: {k.width}x{k.height}, fx {k.fx:g} fy {k.fy:g} px, "
-        f"{info.min_range_m:g}..{info.max_range_m:g} m, depth noise {info.ke_per_m:g}/m, obstacles are detected up to "
+        f"{info.min_range_m:g}..{info.max_range_m:g} m, depth noise {info.ke_per_m:g}/m, bias {info.bias_per_m:g}/m, obstacles are detected up to "
         f"{obstacle_range_m(info):.1f} m, mount roll, pitch, yaw {angles} deg"
     )
 

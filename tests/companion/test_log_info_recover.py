@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -153,6 +154,16 @@ def test_info_shows_topics_rates_and_gaps(tmp_path, capsys):
     text = capsys.readouterr().out
     assert "/vehicle/attitude: gaps: 1, the longest 0.520 s at 1.020 s" in text
     assert "camera front: 64x48" in text
+
+
+def test_info_shows_the_noise_and_the_bias_of_a_camera(tmp_path, capsys):
+    path = tmp_path / "flight.mcap"
+    with LogWriter(path) as log:
+        log.begin(run_info("simulated"), (replace(INFO, bias_per_m=0.004),), t_ns=START_NS)
+    assert main(["info", str(path)]) == 0
+    assert f"depth noise {INFO.ke_per_m:g}/m, bias 0.004/m" in capsys.readouterr().out
+    assert main(["info", "--json", str(path)]) == 0
+    assert json.loads(capsys.readouterr().out)["cameras"][0]["bias_per_m"] == 0.004
 
 
 def test_info_counts_decisions_and_blind_frames(tmp_path, capsys):
