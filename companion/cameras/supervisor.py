@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from fastcrc.crc32 import iso_hdlc
-
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, DeviceLost
 from drivers.cameras.frame_channel import FrameReader, Notification
@@ -27,6 +25,7 @@ from drivers.watched_thread import WatchedThread
 
 from ..config.camera import CameraConfig
 from ..config.service import SupervisorParams
+from .frozen_frames import FrozenFrameDetector
 from .worker import info_from_json
 
 NS = 1_000_000_000
@@ -38,10 +37,6 @@ _EXIT_S = 0.5
 _STABLE_RUN_S = 3.0
 """A camera that delivered frames for this long after its start is restarted without delay; otherwise the delay grows.
 """
-FROZEN_HZ = 14.0
-"""Frame rate at which the default of `frozen_frames` repetitions takes less than 0.3 s, the limit for stale frames."""
-_SAMPLED_ROWS = 16
-"""Row step of the image comparison; noise changes every row of a live image."""
 
 
 class CameraCondition(StrEnum):
@@ -248,39 +243,6 @@ class CameraSupervisor:
 
     def _update(self, **changes: Any) -> None:
         self._status = dataclasses.replace(self._status, **changes)
-
-
-class FrozenFrameDetector:
-    """Detects a camera that repeats its image while the stamps advance, or whose stamps do not advance.
-
-    An image counts as repeated after `frames` repetitions, or after two in the time of as many at FROZEN_HZ: at a low
-    frame rate it would otherwise be older than the limit for stale frames."""
-
-    def __init__(self, frames: int) -> None:
-        self._frames = frames
-        self._fingerprint: int | None = None
-        self._stamp: tuple[int, int] | None = None
-        self._same_images = self._unchanged_stamps = 0
-        self._longest_ns = round(frames / FROZEN_HZ * NS)
-        self._first_ns = 0  # exposure of the first of the same images
-
-    def check(self, frame: DepthFrame) -> str:
-        """Why the camera is frozen, as text; empty if it is not."""
-        sampled = iso_hdlc(frame.depth_mm[::_SAMPLED_ROWS].tobytes())
-        stamp = (frame.sequence, frame.t_exposure_ns)
-        self._same_images = self._same_images + 1 if sampled == self._fingerprint else 0
-        if not self._same_images:
-            self._first_ns = frame.t_exposure_ns
-        self._unchanged_stamps = (
-            self._unchanged_stamps + 1 if self._stamp is not None and frame.t_exposure_ns <= self._stamp[1] else 0
-        )
-        self._fingerprint, self._stamp = sampled, stamp
-        too_long = self._same_images >= 2 and frame.t_exposure_ns - self._first_ns > self._longest_ns
-        if self._same_images >= self._frames or too_long:
-            return f"the same image {self._same_images + 1} times in a row"
-        if self._unchanged_stamps >= self._frames:
-            return f"its stamps have not moved for {self._unchanged_stamps} frames"
-        return ""
 
 
 def _exit_text(process: subprocess.Popen[bytes]) -> str:

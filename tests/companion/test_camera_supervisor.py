@@ -14,15 +14,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from companion.cameras import supervisor as camera_supervisor
 from companion.cameras import worker
 from companion.cameras.factory import make_source
-from companion.cameras.supervisor import CameraCondition, CameraSupervisor, FrozenFrameDetector
+from companion.cameras.frozen_frames import FrozenFrameDetector
+from companion.cameras.supervisor import CameraCondition, CameraSupervisor
 from companion.cameras.worker import info_from_json, info_to_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
-from core.types import FAR_MM, CameraInfo, CameraMount, DepthFrame, Intrinsics
+from core.types import (
+    FAR_MM,
+    GREATEST_MARK_MM,
+    SATURATED_MM,
+    TEXTURELESS_MM,
+    UNKNOWN_MM,
+    CameraInfo,
+    CameraMount,
+    DepthFrame,
+    Intrinsics,
+)
 from drivers.base import DepthSource, DeviceLost
 from drivers.cameras.frame_channel import FrameReader
 
@@ -247,6 +259,10 @@ def test_the_process_ends_with_the_service(tmp_path: Path) -> None:
         os.kill(pid, 0)
 
 
+def frame_of(depth_mm: NDArray[np.uint16], k: int) -> DepthFrame:
+    return DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth_mm)
+
+
 def test_a_static_scene_with_noise_is_not_frozen_and_one_without_is() -> None:
     rng = np.random.Generator(np.random.PCG64(0))
     judge = FrozenFrameDetector(4)
@@ -259,6 +275,33 @@ def test_a_static_scene_with_noise_is_not_frozen_and_one_without_is() -> None:
         for k in range(20, 26)
     ]
     assert texts == ["", "", "", "", "the same image 5 times in a row", "the same image 6 times in a row"]
+
+
+@pytest.mark.parametrize("mark", [UNKNOWN_MM, TEXTURELESS_MM, GREATEST_MARK_MM, SATURATED_MM])
+def test_images_without_any_measurement_are_not_frozen(mark: int) -> None:
+    """A covered lens, darkness or a cloudless sky gives the same image again and again, and a restart would only make the
+    camera blind for longer. Such a frame is invalid."""
+    detector, blank = FrozenFrameDetector(4), np.full((48, 64), mark, np.uint16)
+    assert [detector.check(frame_of(blank, k)) for k in range(20)] == [""] * 20
+    blank = blank.copy()
+    blank[40] = 3000
+    assert detector.check(frame_of(blank, 20)) == ""
+
+
+@pytest.mark.parametrize("depth_mm", [3000, FAR_MM])
+def test_one_repeated_pixel_that_counts_as_measured_is_enough(depth_mm: int) -> None:
+    """FAR_MM is free space: an old image of it must not pass."""
+    detector, image = FrozenFrameDetector(4), np.zeros((48, 64), np.uint16)
+    image[41, 5] = depth_mm
+    assert [bool(detector.check(frame_of(image, k))) for k in range(6)] == [False] * 4 + [True] * 2
+
+
+def test_any_pixel_that_changes_shows_a_live_image() -> None:
+    detector = FrozenFrameDetector(4)
+    for k in range(20):
+        image = np.full((48, 64), 3000, np.uint16)
+        image[41, 5] += k % 2
+        assert detector.check(frame_of(image, k)) == ""
 
 
 @pytest.mark.parametrize(("hz", "repetitions"), [(60, 4), (15, 4), (10, 3), (5, 2), (2, 2)])

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from companion.autopilot.manager import Avoidance
-from companion.cameras.supervisor import FrozenFrameDetector
+from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult

@@ -1,0 +1,49 @@
+"""Detects a camera that repeats its image while the stamps advance, or whose stamps do not advance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import FAR_MM, DepthFrame, is_measured
+
+NS = 1_000_000_000
+FROZEN_HZ = 14.0
+"""Frame rate at which the default of `frozen_frames` repetitions takes less than 0.3 s, the limit for stale frames."""
+
+
+class FrozenFrameDetector:
+    """Examines the frames of one camera.
+
+    An image counts as repeated after `frames` repetitions, or after two in the time of as many at FROZEN_HZ: at a low
+    frame rate it would otherwise be older than the limit for stale frames. The noise changes every image of a live camera
+    that measures anything. Images without any measurement do not count: a covered lens, darkness or a cloudless sky
+    repeats them, and their frames are invalid."""
+
+    def __init__(self, frames: int) -> None:
+        self._frames = frames
+        self._last: DepthFrame | None = None
+        self._same_images = self._unchanged_stamps = 0
+        self._longest_ns = round(frames / FROZEN_HZ * NS)
+        self._first_ns = 0  # exposure of the first of the same images
+
+    def check(self, frame: DepthFrame) -> str:
+        """Returns why the camera is frozen, as text; empty if it is not."""
+        last, self._last = self._last, frame
+        same_image = last is not None and np.array_equal(frame.depth_mm, last.depth_mm) and _measures(frame.depth_mm)
+        same_stamp = last is not None and frame.t_exposure_ns <= last.t_exposure_ns
+        self._same_images = self._same_images + 1 if same_image else 0
+        self._unchanged_stamps = self._unchanged_stamps + 1 if same_stamp else 0
+        if not self._same_images:
+            self._first_ns = frame.t_exposure_ns
+        too_long = self._same_images >= 2 and frame.t_exposure_ns - self._first_ns > self._longest_ns
+        if self._same_images >= self._frames or too_long:
+            return f"the same image {self._same_images + 1} times in a row"
+        if self._unchanged_stamps >= self._frames:
+            return f"its stamps have not moved for {self._unchanged_stamps} frames"
+        return ""
+
+
+def _measures(depth_mm: NDArray[np.uint16]) -> bool:
+    """Whether any pixel (H, W) is measured, or far, which counts as free."""
+    return bool((is_measured(depth_mm) | (depth_mm == FAR_MM)).any())
