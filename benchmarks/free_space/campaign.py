@@ -17,6 +17,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
+from benchmarks.free_space.biased_frames import biased_frame
 from benchmarks.free_space.blank_frames import blank_frame
 from benchmarks.free_space.matrix import matrix_frames
 from benchmarks.free_space.near_frames import near_frame
@@ -157,6 +158,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--blank", type=int, default=0, help="frames in which some things are not measured at any range"
     )
+    parser.add_argument(
+        "--biased",
+        type=int,
+        default=0,
+        help="frames whose depths are all too great, by the bias that the camera states",
+    )
     parser.add_argument("--worlds", type=int, default=0)
     parser.add_argument("--sectors", type=int, default=0, help="frames whose sectors are judged")
     parser.add_argument(
@@ -172,6 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
         run_frames(matrix_frames(a.seed), a.below_ground, counts)
     run_frames((near_frame(a.seed, number) for number in range(a.first, a.first + a.near)), a.below_ground, counts)
     run_frames((blank_frame(a.seed, number) for number in range(a.first, a.first + a.blank)), a.below_ground, counts)
+    run_frames((biased_frame(a.seed, number) for number in range(a.first, a.first + a.biased)), a.below_ground, counts)
     run_worlds(a.first, a.worlds, a.seed, counts)
     run_sectors(a.first, a.sectors, a.seed, counts)
     run_readers(a.first, a.readers, a.seed, counts)

@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.free_space import campaign as free_campaign
 from benchmarks.free_space import worlds as free_worlds
+from benchmarks.free_space.biased_frames import biased_frame
 from benchmarks.free_space.blank_frames import blank_frame
 from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import ROOM_M, has_room, random_frame
@@ -22,7 +23,7 @@ from core.stages.free_walk import lowest_clear, walk_settings
 from core.stages.ground import NO_GROUND
 from core.stages.model import blind_model
 from core.stages.view_geometry import source_of, view_geometry
-from core.types import FAR_MM, UNKNOWN_MM, FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
+from core.types import FAR_MM, UNKNOWN_MM, FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause, is_measured
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.source import Rendered, camera_info, render
 
@@ -232,6 +233,30 @@ def test_a_blank_frame_is_a_random_frame_without_the_pixels_of_some_things() -> 
             assert (blank.frame.depth_mm[label == thing] == UNKNOWN_MM).all()
         hidden += bool(missing.any())
     assert hidden >= 3
+
+
+def test_biased_depths_are_too_great_by_the_stated_bias() -> None:
+    measured, biased = random_frame(7, 2).frame, biased_frame(7, 2).frame
+    both = is_measured(measured.depth_mm) & is_measured(biased.depth_mm)
+    true_m, told_m = measured.depth_mm[both] / 1000.0, biased.depth_mm[both] / 1000.0
+    assert both.sum() > 1000
+    assert biased.info.bias_per_m == 0.01
+    np.testing.assert_allclose(told_m / (1.0 + 0.01 * told_m), true_m, atol=1e-3)
+    np.testing.assert_array_equal(
+        biased.depth_mm[~is_measured(measured.depth_mm)], measured.depth_mm[~is_measured(measured.depth_mm)]
+    )
+
+
+@pytest.mark.parametrize("number", [19, 62])
+def test_no_free_cell_holds_what_is_measured_too_far(number: int) -> None:
+    """Without the bias in the description of the camera, up to 16 cells do."""
+    r = biased_frame(7, number)
+    wrong, cells, valid, _ = free_campaign.judge(r, Extractor(Params()), False)
+    assert valid
+    assert cells > 0
+    assert wrong == []
+    unaware = replace(r, frame=replace(r.frame, info=replace(r.frame.info, bias_per_m=0.0)))
+    assert free_campaign.judge(unaware, Extractor(Params()), False)[0]
 
 
 def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(
