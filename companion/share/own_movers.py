@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from core.sharing.records import SharedMover
-from core.tracking.snapshot import MovingObject
+from core.sharing.records import CUT, MOVER_IDS, SharedMover
+from core.tracking.snapshot import MovingObject, TrackSnapshot
 
 NS = 1_000_000_000
 CAMERA_BITS = 3
@@ -17,11 +16,12 @@ CAMERA_BITS = 3
 class OwnMovers:
     """Newest moving obstacles of each camera. `take` and `at` may be called from different threads."""
 
-    _newest: dict[str, tuple[int, tuple[MovingObject, ...]]] = field(default_factory=dict)
+    _newest: dict[str, tuple[int, tuple[MovingObject, ...], frozenset[int]]] = field(default_factory=dict)
 
-    def take(self, camera: str, objects: Sequence[MovingObject], exposure_ns: int) -> None:
+    def take(self, camera: str, tracks: TrackSnapshot, exposure_ns: int) -> None:
         """Replaces those of a camera, whose tracker has moved them to this exposure."""
-        self._newest = self._newest | {camera: (exposure_ns, tuple(objects))}
+        cut = tracks.object_id[(tracks.flags & int(CUT)) != 0]
+        self._newest = self._newest | {camera: (exposure_ns, tracks.objects, frozenset(cut.tolist()))}
 
     def at(self, now_ns: int, since_ns: int) -> tuple[SharedMover, ...]:
         """Returns those of all cameras, with their ages at now_ns.
@@ -30,25 +30,27 @@ class OwnMovers:
         in the section before it, and are left out."""
         cameras = enumerate(self._newest.values())
         return tuple(
-            _shared(o, number, (now_ns - exposure_ns) / NS)
-            for number, (exposure_ns, objects) in cameras
+            _shared(o, number, (now_ns - exposure_ns) / NS, is_cut=o.id in cut)
+            for number, (exposure_ns, objects, cut) in cameras
             if exposure_ns >= since_ns
             for o in objects
         )
 
 
-def _shared(o: MovingObject, camera: int, passed_s: float) -> SharedMover:
+def _shared(o: MovingObject, camera: int, passed_s: float, *, is_cut: bool) -> SharedMover:
     """Returns a moving obstacle at its newest observation: receivers move it by its velocity and age since then.
 
-    passed_s: time since the exposure of the frame to which the tracker has moved it."""
+    passed_s: time since the exposure of the frame to which the tracker has moved it. is_cut: the border of the image cuts
+    one of its planes."""
     unseen_s = o.unseen_ns / NS
     (x, y, z), (vx, vy) = o.centre_m, o.velocity_m_s
     return SharedMover(
-        id=(o.id << CAMERA_BITS | camera) & 0xFFFF,
+        id=(o.id << CAMERA_BITS | camera) % MOVER_IDS,
         centre_m=(x - vx * unseen_s, y - vy * unseen_s, z),
         half_size_m=o.half_size_m,
         velocity_m_s=o.velocity_m_s,
         sigma_m=o.position_sigma_m,
         sigma_m_s=o.velocity_sigma_m_s,
         age_s=max(0.0, passed_s) + unseen_s,
+        partial=is_cut,
     )

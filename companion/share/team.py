@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from core.sharing.bodies import MovingReport
 from core.sharing.neighbour_map import NeighbourMap, OwnState, own_frame
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
 from core.sharing.send_budget import Budget
 from core.sharing.send_queue import Offer, SendQueue
+from core.sharing.whole_views import WholeViews
 from core.types import PoseSample
 
 from ..config.share import ShareConfig
@@ -58,6 +58,7 @@ class Team:
         self.vehicle = vehicle
         self._config, self._radius_m = config, radius_m
         self.queues = {name: SendQueue(vehicle, stream, begun_ns, budget) for name, budget in budgets.items()}
+        self._views = WholeViews()
         self._align_ns = -(1 << 62)
 
     def receive(self, data: bytes, arrival_ns: int, sender: int | None) -> str:
@@ -70,9 +71,10 @@ class Team:
         if own.state is None:
             return {}
         others = tuple(body for body in self.map.bodies(own, now_ns) if body.vehicle != self.vehicle)
+        planes = self._views.planes(self._planes(now_ns), own.state.position_m, own.section)
         offer = Offer(
-            planes=self._planes(now_ns),
-            movers=self._movers(now_ns),
+            planes=planes,
+            movers=self._views.movers(self._movers(now_ns), planes.box, own.state.position_m),
             state=own.state,
             section=own.section,
             others=others,
@@ -100,8 +102,7 @@ class Team:
             state = VehicleState(
                 frame=frame, position_m=_moved(pose, now_ns), velocity_m_s=velocity, radius_m=self._radius_m
             )
-        movers = tuple(_present(m) for m in self._movers(now_ns))
-        return OwnState(state=state, section=self.own.planes.section, estimate=self.own.motion.estimate, movers=movers)
+        return OwnState(state=state, section=self.own.planes.section, estimate=self.own.motion.estimate)
 
     @property
     def frame(self) -> LocalFrame | None:
@@ -130,16 +131,3 @@ def _moved(pose: PoseSample, now_ns: int) -> tuple[float, float, float]:
     seconds = min(max(0, now_ns - pose.t_ns), STALE_NS) / NS
     (x, y, z), (vx, vy, vz) = pose.position_ned_m, pose.velocity_ned_m_s or (0.0, 0.0, 0.0)
     return x + vx * seconds, y + vy * seconds, z + vz * seconds
-
-
-def _present(mover: SharedMover) -> MovingReport:
-    """Returns an own moving obstacle, moved by its velocity since the newest observation."""
-    (x, y, z), (vx, vy) = mover.centre_m, mover.velocity_m_s
-    return MovingReport(
-        centre_m=(x + vx * mover.age_s, y + vy * mover.age_s, z),
-        half_size_m=mover.half_size_m,
-        velocity_m_s=mover.velocity_m_s,
-        sigma_m_s=mover.sigma_m_s,
-        margin_m=2.0 * mover.sigma_m,
-        age_s=mover.age_s,
-    )

@@ -101,7 +101,7 @@ class Sharing:
     def tracks(self, result: TracksResult) -> None:
         """Moving obstacles of one camera, in ned."""
         if result.frame == "ned" and result.tracks is not None:
-            self._movers.take(result.camera, result.tracks.objects, result.t_exposure_ns)
+            self._movers.take(result.camera, result.tracks, result.t_exposure_ns)
 
     def world(self, world: World, now_ns: int) -> None:
         """The own world, from the thread that owns it; about ten times a second."""

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .records import CUT
+
 Floats = NDArray[np.float64]
 BODY_SIZE_M = 1.5
 """Greatest radius of a vehicle, whatever it reports."""
@@ -25,6 +27,8 @@ MOST_HALF_HEIGHT_M may be a person, and is never a vehicle."""
 VELOCITY_SLACK_M_S, ACCELERATION_M_S2 = 0.5, 5.0
 """Difference of the velocities of a vehicle and a report of it, beyond 2 sigma, and by how much it grows with the age of the
 report: a vehicle brakes."""
+MOST_VELOCITY_SLACK_M_S = 3.0
+"""Greatest difference, whatever age and sigma: those of an old report would fit to any velocity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +40,8 @@ class MovingReport:
         velocity_m_s: horizontal.
         sigma_m_s: of the velocity, on each axis.
         margin_m, margin_z_m: uncertainty of its place, horizontal and vertical.
-        age_s: of its velocity."""
+        age_s: of its velocity.
+        partial: it may be a part of something larger."""
 
     centre_m: tuple[float, float, float]
     half_size_m: tuple[float, float, float]
@@ -45,12 +50,13 @@ class MovingReport:
     margin_m: float = 0.0
     margin_z_m: float = 0.0
     age_s: float = 0.0
+    partial: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
     """A vehicle by its own report, in the own frame. margin_m, margin_z_m: uncertainty of its place, horizontal and
-    vertical; velocity_m_s: horizontal."""
+    vertical; velocity_m_s: horizontal; is_own: the own vehicle, which is no obstacle to itself."""
 
     vehicle: int
     centre_m: tuple[float, float, float]
@@ -58,6 +64,7 @@ class Body:
     margin_m: float
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
     margin_z_m: float = 0.0
+    is_own: bool = False
 
     @property
     def most_half_size_m(self) -> float:
@@ -75,23 +82,31 @@ class Body:
         """True if a moving report has the place, size and velocity of this vehicle."""
         (vx, vy), (ux, uy) = self.velocity_m_s, r.velocity_m_s
         slack_m_s = VELOCITY_SLACK_M_S + 2.0 * r.sigma_m_s + ACCELERATION_M_S2 * r.age_s
-        if not math.hypot(vx - ux, vy - uy) <= slack_m_s:
+        if r.partial or not math.hypot(vx - ux, vy - uy) <= min(slack_m_s, MOST_VELOCITY_SLACK_M_S):
             return False
-        size = np.array([[max(r.half_size_m[:2]), r.half_size_m[2]]])
+        size = np.array([[math.hypot(*r.half_size_m[:2]), r.half_size_m[2]]])
         return bool(self.contains_each(np.array([r.centre_m]), size, r.margin_m, r.margin_z_m)[0])
 
     def contains_each(
         self, centre_m: Floats, half_size_m: Floats, margin_m: float, margin_z_m: float
     ) -> NDArray[np.bool_]:
         """Returns (N,): which reports are of the place and size of this vehicle. centre_m: (N, 3); half_size_m: (N, 2)
-        greatest horizontal one and vertical one of each; margin_m, margin_z_m: uncertainty of their place."""
+        half of the horizontal diagonal and of the height of each; margin_m, margin_z_m: uncertainty of their place.
+
+        A report of a neighbour must lie within the obstacle that stands for the neighbour: no place at which something
+        was reported becomes free. Nothing stands for the own vehicle."""
         # the reported radius is limited, so that it cannot remove other obstacles
         radius_m = min(self.radius_m, BODY_SIZE_M)
-        slack_m = min(SLACK_M + self.margin_m + margin_m, MOST_SLACK_M)
-        slack_z_m = min(SLACK_M + self.margin_z_m + margin_z_m, MOST_SLACK_M)
-        off = centre_m - np.array(self.centre_m)
-        near = np.hypot(off[:, 0], off[:, 1]) <= radius_m + slack_m
-        near &= np.abs(off[:, 2]) <= radius_m + slack_z_m
+        off = np.abs(centre_m - np.array(self.centre_m))
+        apart_m, apart_z_m = np.hypot(off[:, 0], off[:, 1]), off[:, 2]
+        if self.is_own:
+            slack_m, slack_z_m = (SLACK_M + self.margin_m + margin_m, SLACK_M + self.margin_z_m + margin_z_m)
+        else:
+            slack_m, slack_z_m = self.margin_m, self.margin_z_m
+            apart_m, apart_z_m = apart_m + half_size_m[:, 0], apart_z_m + half_size_m[:, 1]
+        near = (apart_m <= radius_m + min(slack_m, MOST_SLACK_M)) & (
+            apart_z_m <= radius_m + min(slack_z_m, MOST_SLACK_M)
+        )
         near &= half_size_m[:, 0] <= self.most_half_size_m
         return np.asarray(near & (half_size_m[:, 1] <= min(radius_m + HIGHER_M, MOST_HALF_HEIGHT_M)))
 
@@ -99,10 +114,13 @@ class Body:
         return math.hypot(r.centre_m[0] - self.centre_m[0], r.centre_m[1] - self.centre_m[1])
 
 
-def are_bodies(body: Body, box: Floats, sigma_m: float = 0.0, sigma_z_m: float = 0.0) -> NDArray[np.bool_]:
-    """Returns (N,): which reported planes (N, 6) are a side of this vehicle. sigma_m, sigma_z_m: uncertainty of the place
-    of the planes."""
+def are_bodies(
+    body: Body, box: Floats, flags: NDArray[np.uint8], sigma_m: float = 0.0, sigma_z_m: float = 0.0
+) -> NDArray[np.bool_]:
+    """Returns (N,): which reported planes (N, 6) are a side of this vehicle: none that may continue beyond what was
+    observed, by its flags (N,). sigma_m, sigma_z_m: uncertainty of the place of the planes."""
     length_m, height_m = np.hypot(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]), box[:, 5] - box[:, 4]
     centre_m = 0.5 * np.column_stack([box[:, 0] + box[:, 2], box[:, 1] + box[:, 3], box[:, 4] + box[:, 5]])
     half_size_m = 0.5 * np.column_stack([length_m, height_m])
-    return body.contains_each(centre_m, half_size_m, 2.0 * sigma_m, 2.0 * sigma_z_m)
+    whole = (flags & int(CUT)) == 0
+    return np.asarray(whole & body.contains_each(centre_m, half_size_m, 2.0 * sigma_m, 2.0 * sigma_z_m))

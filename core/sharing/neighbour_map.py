@@ -41,13 +41,11 @@ class OwnState:
     Attributes:
         state: None: the place of its frame on Earth is not known.
         section: number of the own frame.
-        estimate: numbers that change when the own position or heading has jumped, or may have.
-        movers: moving obstacles that the own sensors observe, moved to the present."""
+        estimate: numbers that change when the own position or heading has jumped, or may have."""
 
     state: VehicleState | None
     section: int
     estimate: tuple[int, ...] = ()
-    movers: tuple[MovingReport, ...] = ()
 
 
 class NeighbourMap:
@@ -119,10 +117,10 @@ class NeighbourMap:
         """Returns the obstacles that count now."""
         self._follow(own)
         parts, movers, statuses = [], [], []
-        bodies, own_movers = self.bodies(own, now_ns), list(own.movers)
+        bodies = self.bodies(own, now_ns)
         for _, neighbour in sorted(self._neighbours.items()):
             neighbour.expire(now_ns, self.params)
-            found, moving, status = self._placed(neighbour, own, bodies, own_movers, now_ns)
+            found, moving, status = self._placed(neighbour, own, bodies, now_ns)
             statuses.append(status)
             movers += moving
             parts += found
@@ -133,7 +131,8 @@ class NeighbourMap:
         found = []
         if own.state is not None:
             vx, vy, _ = own.state.velocity_m_s
-            found.append(Body(self._own_vehicle, own.state.position_m, own.state.radius_m, 0.0, (vx, vy)))
+            position_m, radius_m = own.state.position_m, own.state.radius_m
+            found.append(Body(self._own_vehicle, position_m, radius_m, 0.0, (vx, vy), is_own=True))
         for _, neighbour in sorted(self._neighbours.items()):
             placement = self._placement(neighbour, own)
             body = self._body(neighbour, placement, now_ns)
@@ -146,7 +145,6 @@ class NeighbourMap:
         neighbour: Neighbour,
         own: OwnState,
         bodies: list[Body],
-        own_movers: list[MovingReport],
         now_ns: int,
     ) -> tuple[list[dict[str, NDArray[Any]]], list[SharedMovingObstacle], NeighbourStatus]:
         placement = self._placement(neighbour, own)
@@ -176,12 +174,8 @@ class NeighbourMap:
         total = len(neighbour.planes) + sum(len(former.planes) for former in neighbour.retired)
         count = sum(len(part["sender"]) for part in parts)
         body = self._body(neighbour, placement, now_ns)
-        if body is not None and placement is not None:
-            observed = _body_of(body, placement).find(own_movers)
-            if observed is None:
-                movers.append(body)
-            else:
-                del own_movers[observed]  # it is no other neighbour
+        if body is not None:
+            movers.append(body)
         vehicle_m = None if body is None else body.centre_m
         status = replace(status, planes=count, withheld=total - count, movers=len(movers), vehicle_m=vehicle_m)
         return parts, movers, status
@@ -208,9 +202,9 @@ class NeighbourMap:
         box = boxes_of(planes_held)
         planes, margin_m, sigma_m = placed_planes(box, np.array([p.margin_m for _, p in held]), placement)
         keep = sigma_m <= self.params.max_sigma_m
-        placed = placement.boxes(box)
+        placed, flags = placement.boxes(box), np.array([p.flags for _, p in held], np.uint8)
         for body in bodies:
-            keep &= ~are_bodies(body, placed, placement.sigma_m, placement.sigma_z_m)
+            keep &= ~are_bodies(body, placed, flags, placement.sigma_m, placement.sigma_z_m)
         rows = np.flatnonzero(keep)
         return {
             "sender": np.full(len(rows), vehicle, np.uint8),
@@ -218,7 +212,7 @@ class NeighbourMap:
             "planes": planes[rows],
             "margin_m": margin_m[rows],
             "age_s": np.array([_age_s(held[k][1].seen_ns, now_ns) for k in rows], np.float32),
-            "flags": np.array([held[k][1].flags for k in rows], np.uint8),
+            "flags": flags[rows],
             "aligned": np.full(len(rows), int(placement.refined), np.uint8),
         }
 
@@ -239,6 +233,7 @@ class NeighbourMap:
                     margin_m=mover.margin_m,
                     margin_z_m=2.0 * placement.sigma_z_m,
                     age_s=_age_s(held.seen_ns, now_ns),
+                    partial=held.mover.partial,
                 )
             )
         for body in bodies:

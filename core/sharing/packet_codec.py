@@ -7,7 +7,17 @@ import struct
 from typing import Final
 
 from .plane_codec import LONG, SHORT, Anchor, PlaneForm, decoded_planes, encoded_plane, fits
-from .records import Header, LocalFrame, Motion, Packet, PacketError, SharedMover, SharedPlanes, VehicleState
+from .records import (
+    MOVER_IDS,
+    Header,
+    LocalFrame,
+    Motion,
+    Packet,
+    PacketError,
+    SharedMover,
+    SharedPlanes,
+    VehicleState,
+)
 
 VERSION: Final = 2
 STATE_KIND, LONG_PLANES_KIND, MOVERS_KIND, SHORT_PLANES_KIND = 1, 2, 3, 4
@@ -176,8 +186,9 @@ def _mover(m: SharedMover, anchor_m: Anchor) -> bytes:
         sizes = [_up(s + 0.5 * _MOVER_STEP_M, _SIZE_STEP_M) for s in m.half_size_m]
         speeds = [round(v / _SPEED_STEP_M_S) for v in m.velocity_m_s]
         sigma_m_s = _up(m.sigma_m_s + 0.5 * _SPEED_STEP_M_S, _SIGMA_STEP_M_S)
+        number = m.id % MOVER_IDS + MOVER_IDS * m.partial
         return _MOVER.pack(
-            m.id & 0xFFFF, *places, *sizes, *speeds, _up(m.sigma_m, _SIGMA_STEP_M), sigma_m_s, _up(m.age_s, _AGE_STEP_S)
+            number, *places, *sizes, *speeds, _up(m.sigma_m, _SIGMA_STEP_M), sigma_m_s, _up(m.age_s, _AGE_STEP_S)
         )
     except (struct.error, OverflowError, ValueError) as error:
         raise PacketError("mover_unencodable", f"moving obstacle {m.id} is out of range: {error}") from error
@@ -191,13 +202,14 @@ def _movers_from(body: bytes, anchor_m: Anchor) -> tuple[SharedMover, ...]:
         centre_m = tuple(a + _MOVER_STEP_M * v for a, v in zip(anchor_m, (x, y, z), strict=True))
         found.append(
             SharedMover(
-                id=number,
+                id=number % MOVER_IDS,
                 centre_m=(centre_m[0], centre_m[1], centre_m[2]),
                 half_size_m=(_SIZE_STEP_M * hx, _SIZE_STEP_M * hy, _SIZE_STEP_M * hz),
                 velocity_m_s=(_SPEED_STEP_M_S * vx, _SPEED_STEP_M_S * vy),
                 sigma_m=_SIGMA_STEP_M * sigma,
                 sigma_m_s=_SIGMA_STEP_M_S * speed_sigma,
                 age_s=_AGE_STEP_S * age,
+                partial=number >= MOVER_IDS,
             )
         )
     return tuple(found)

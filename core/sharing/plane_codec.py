@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from ..types import PlaneFlags
-from .records import PacketError, SharedPlanes
+from .records import CUT, PacketError, SharedPlanes
 from .steps import (
     LONG_AGES_S,
     LONG_HEIGHT_M,
@@ -145,8 +145,7 @@ def _codes(form: PlaneForm, box: tuple[float, ...], margin_m: float, anchor_m: A
 
 
 def _has(flags: int, flag: PlaneFlags) -> bool:
-    wanted = PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT if flag is PlaneFlags.CUT_LEFT else flag
-    return bool(flags & wanted)
+    return bool(flags & (CUT if flag is PlaneFlags.CUT_LEFT else flag))
 
 
 def _bits(codes: int) -> int:

@@ -9,8 +9,12 @@ from numpy.typing import NDArray
 
 from ..types import PlaneFlags, readonly
 
+CUT = PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT | PlaneFlags.CUT_TOP | PlaneFlags.CUT_BOTTOM
+"""It may continue beyond what was observed, at one of its sides."""
 SHARED_FLAGS = PlaneFlags.INFERRED | PlaneFlags.UNKNOWN_BEHIND | PlaneFlags.CUT_LEFT | PlaneFlags.IRREGULAR
-"""Flags that are sent. CUT_LEFT represents either end."""
+"""Flags that are sent. CUT_LEFT represents any flag of CUT."""
+MOVER_IDS = 1 << 15
+"""Number of the numbers of moving obstacles."""
 
 
 class PacketError(ValueError):
@@ -73,11 +77,12 @@ class SharedMover:
     """A moving obstacle.
 
     Attributes:
-        id: its number.
+        id: its number, less than MOVER_IDS.
         centre_m, half_size_m: its box.
         velocity_m_s: horizontal.
         sigma_m, sigma_m_s: standard deviations of position and velocity on each axis.
-        age_s: since its newest observation."""
+        age_s: since its newest observation.
+        partial: it may continue beyond what was observed, as a plane with a flag of CUT."""
 
     id: int
     centre_m: tuple[float, float, float]
@@ -86,6 +91,7 @@ class SharedMover:
     sigma_m: float
     sigma_m_s: float
     age_s: float
+    partial: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

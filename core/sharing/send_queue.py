@@ -251,7 +251,7 @@ class SendQueue:
         refresh_ns = np.where(times > REPEATS, round(self._budget.refresh_s * NS), THIRD_NS)
         due = new | (waited_ns >= refresh_ns)
         for body in offer.others:
-            due &= ~are_bodies(body, planes.box)
+            due &= ~are_bodies(body, planes.box, planes.flags)
         cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
         # Order: never sent, sent once, changed; then near other vehicles; then complete; then waiting longest.
         rank = np.where(times < REPEATS, times, np.where(changed, REPEATS, REPEATS + 1))

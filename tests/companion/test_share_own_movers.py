@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from typing import cast
+from dataclasses import replace
 
 import pytest
 
 from companion.share.own_movers import OwnMovers
 from companion.share.setup import MOST_STREAM, stream_of
-from core.tracking.snapshot import MovingObject
+from core.types import PlaneFlags
 
-from .test_share_thread import NS, Made, attitudes, moving, pose, received_movers, tracked
+from .test_share_thread import NS, Made, attitudes, moving, pose, received_movers, tracked, tracks_of
 
 
 def test_moving_obstacles_of_frames_before_a_jump_are_left_out() -> None:
     """They stand in the section before it: a tracker follows the jump with the next frame of its camera."""
     own = OwnMovers()
-    own.take("front", (cast(MovingObject, moving(20.0)),), 5 * NS)
-    own.take("rear", (cast(MovingObject, moving(-20.0)),), 6 * NS)
+    own.take("front", tracks_of(moving(20.0)), 5 * NS)
+    own.take("rear", tracks_of(moving(-20.0)), 6 * NS)
     assert [m.centre_m[0] for m in own.at(6 * NS, 0)] == [20.0, -20.0]
     assert [m.centre_m[0] for m in own.at(6 * NS, 6 * NS)] == [-20.0]
     assert own.at(6 * NS, 6 * NS + 1) == ()
@@ -31,6 +31,17 @@ def test_a_jump_of_the_own_position_stops_the_report_of_earlier_moving_obstacles
     assert received_movers(made, 5 * NS + NS // 10) == []
     made.sharing.tracks(tracked("front", 5 * NS + NS // 2, moving(70.0)))
     assert received_movers(made, 5 * NS + 6 * NS // 10) == [pytest.approx(70.8, abs=0.3)]
+
+
+@pytest.mark.parametrize("flag", [PlaneFlags.CUT_LEFT, PlaneFlags.CUT_TOP, PlaneFlags.CUT_BOTTOM])
+def test_a_moving_obstacle_that_the_border_of_the_image_cuts_is_partial(flag: PlaneFlags) -> None:
+    """If one of its planes is cut; those of static obstacles and of others do not count."""
+    own = OwnMovers()
+    one, two = moving(20.0), replace(moving(10.0), id=5)
+    own.take("front", tracks_of(one, two, flags={0: flag, 5: PlaneFlags.IRREGULAR, 4: flag}), 5 * NS)
+    assert [m.partial for m in own.at(5 * NS, 0)] == [True, False]
+    own.take("front", tracks_of(one, two, flags={0: flag}), 5 * NS)
+    assert [m.partial for m in own.at(5 * NS, 0)] == [False, False]
 
 
 @pytest.mark.parametrize(("unix_ns", "stream"), [(-5 * NS, 1), (0, 1), (23 * NS, 23), (1 << 62, (1 << 62) // NS)])

@@ -24,7 +24,7 @@ from companion.share.thread import Sharing
 from companion.streams.publisher import Publisher, Stream
 from core.sharing.neighbour import Neighbour
 from core.sharing.neighbour_map import NeighbourMap
-from core.sharing.obstacles import PlacementState
+from core.sharing.obstacles import MoverKind, PlacementState
 from core.sharing.packet_codec import decoded
 from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
 from core.sharing.send_budget import Budget
@@ -209,23 +209,22 @@ def test_movers_are_shared_with_their_age_and_end() -> None:
     assert not [m for m in teams[0].obstacles(6 * NS).movers if m.id == 4]
 
 
-def test_a_vehicle_that_the_own_sensors_observe_is_compared_where_it_is_now() -> None:
-    """At 8 m/s an obstacle is 4 m further half a second after its observation."""
-    one = team(1, "47.0, 8.0, 400")
+@pytest.mark.parametrize("half_size_m", [0.1, 0.5])
+def test_a_neighbour_stays_where_it_reports_itself_whatever_the_own_sensors_observe_there(half_size_m: float) -> None:
+    """What they track with its velocity within 3 m may be something else, and smaller than the neighbour."""
+    teams = pair()
     mover = SharedMover(
         id=4,
-        centre_m=(15.0, 2.0, -1.0),
-        half_size_m=(0.5, 0.5, 0.5),
-        velocity_m_s=(8.0, -2.0),
+        centre_m=(30.4, 1.5, -3.0),
+        half_size_m=(half_size_m, half_size_m, half_size_m),
+        velocity_m_s=(1.0, 0.0),
         sigma_m=0.1,
         sigma_m_s=0.1,
-        age_s=0.2,
+        age_s=0.0,
     )
-    one.own.movers, one.own.movers_ns = (mover,), NS
-    (found,) = one.state(NS + 3 * NS // 10).movers
-    assert found.centre_m == pytest.approx((19.0, 1.0, -1.0))
-    assert found.velocity_m_s == (8.0, -2.0)
-    assert one.state(NS + 19 * NS // 10).movers == ()  # its observation is 2.1 s old
+    teams[0].own.movers = (mover,)
+    flown(teams, 1.0, [0.0, 30.0])
+    assert [m.sender for m in teams[0].obstacles(9 * NS // 10).movers if m.kind is MoverKind.VEHICLE] == [2]
 
 
 def test_a_small_obstacle_at_the_own_place_is_sent() -> None:
@@ -236,6 +235,18 @@ def test_a_small_obstacle_at_the_own_place_is_sent() -> None:
     one.own.motion, one.own.planes = motion(0.0, NS), OwnPlanes(small, 1, NS)
     contents = [decoded(data).content for data in one.packets(NS)["tunnel"]]
     assert [len(c) for c in contents if isinstance(c, SharedPlanes)] == [1]
+
+
+@pytest.mark.parametrize("hedge_top_m", [-3.1, -1.0])
+def test_the_visible_part_of_a_person_beside_a_neighbour_is_sent(hedge_top_m: float) -> None:
+    """A plane of the size of vehicle 2 at its place, at x = 30 m, not sent unless a hedge before it may hide a part."""
+    teams = pair()
+    hedge, part = (27.0, -3.0, 27.0, 3.0, hedge_top_m, 0.0), (30.2, -0.3, 30.2, 0.3, -3.3, -2.8)
+    planes = replace(street().part(np.array([0, 1])), box=np.array([hedge, part]))
+    teams[0].own.planes = OwnPlanes(planes, 1)
+    flown(teams, 4.0, [0.0, 30.0])
+    got = teams[1].obstacles(4 * NS)
+    assert (1 in got.ids) is (hedge_top_m == -3.1)
 
 
 def test_a_world_that_is_not_updated_is_not_sent() -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from types import SimpleNamespace
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 import companion.share.thread as thread_module
@@ -20,7 +21,7 @@ from core.sharing.neighbour_map import NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind
 from core.sharing.packet_codec import state_packet
 from core.sharing.records import Header, LocalFrame, SharedPlanes, VehicleState
-from core.tracking.snapshot import MovingObject
+from core.tracking.snapshot import MovingObject, TrackSnapshot
 from core.types import AttitudeSample, PoseSample
 from core.world.world import World
 from drivers.sharing.link import ReceivedPacket
@@ -297,8 +298,14 @@ def test_obstacles_are_published_sooner_after_an_accepted_packet() -> None:
 
 def tracked(camera: str, exposure_ns: int, *objects: MovingObject) -> TracksResult:
     """The tracks of a frame, as far as they are shared."""
-    tracks = SimpleNamespace(objects=objects)
+    tracks = tracks_of(*objects)
     return cast(TracksResult, SimpleNamespace(camera=camera, frame="ned", t_exposure_ns=exposure_ns, tracks=tracks))
+
+
+def tracks_of(*objects: MovingObject, flags: Mapping[int, int] = MappingProxyType({})) -> TrackSnapshot:
+    """The moving obstacles of a tracker. flags: of one plane of each of these objects; 0: a static one."""
+    owner, values = np.array(list(flags), np.int64), np.array(list(flags.values()), np.uint8)
+    return cast(TrackSnapshot, SimpleNamespace(objects=objects, object_id=owner, flags=values))
 
 
 def moving(north_m: float, unseen_ns: int = 0) -> MovingObject:

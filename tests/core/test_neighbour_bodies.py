@@ -13,6 +13,7 @@ from core.sharing.neighbour_map import NeighbourMap
 from core.sharing.obstacles import MoverKind
 from core.sharing.packet_codec import movers_packet, planes_packet, state_packet
 from core.sharing.records import LocalFrame, SharedMover, SharedPlanes
+from core.types import PlaneFlags
 
 from .neighbours import FRAME, OWN, header, mover, state
 
@@ -38,10 +39,18 @@ BOTH = [MoverKind.OBSTACLE, MoverKind.VEHICLE]
 
 def test_a_vehicle_that_has_braked_since_it_was_observed_is_no_obstacle() -> None:
     """Neither another one, nor the own vehicle, which would become an obstacle to itself."""
-    body = Body(vehicle=1, centre_m=ORIGIN, radius_m=0.4, margin_m=0.0, velocity_m_s=(0.5, 0.0))
+    body = Body(vehicle=1, centre_m=ORIGIN, radius_m=0.4, margin_m=0.0, velocity_m_s=(0.5, 0.0), is_own=True)
     report = MovingReport(centre_m=(0.8, 0.0, 0.0), half_size_m=(0.4, 0.4, 0.2), velocity_m_s=(3.0, 0.0), sigma_m_s=0.3)
     assert not body.may_be(report)
     assert body.may_be(replace(report, age_s=0.4))
+
+
+@pytest.mark.parametrize("vague", [{"age_s": 2.0}, {"sigma_m_s": 6.0}])
+def test_a_report_whose_velocity_is_not_known_does_not_fit_to_every_vehicle(vague: dict[str, float]) -> None:
+    """A person stands below a vehicle that flies past at 8 m/s. After two seconds any velocity would fit."""
+    body = Body(vehicle=1, centre_m=ORIGIN, radius_m=0.4, margin_m=3.0, velocity_m_s=(8.0, 0.0), is_own=True)
+    report = MovingReport(centre_m=(0.8, 0.0, 0.0), half_size_m=(0.2, 0.2, 0.3), velocity_m_s=(0.0, 0.0))
+    assert not body.may_be(replace(report, **vague))
 
 
 @pytest.mark.parametrize("off_m", [(0.0, 0.0, 2.1), (0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, -2.9, 1.0)])
@@ -73,47 +82,51 @@ def test_one_report_is_the_vehicle_and_what_is_beside_it_stays() -> None:
     assert reported(mover(30.3, speed_m_s=0.0), beside) == BOTH
 
 
-def own_movers(*movers: MovingReport) -> list[int]:
-    """The neighbours, of 2 at x = 30 and 3 at x = 32, that count as vehicles while the own sensors observe these."""
-    assert OWN.state is not None
-    own, found = replace(OWN, state=replace(OWN.state, frame=VAGUE), movers=movers), NeighbourMap(1)
-    assert found.receive(state_packet(header(1), state(30.0, VAGUE)), NS) == ""
-    assert found.receive(state_packet(header(1, vehicle=3), state(32.0, VAGUE)), NS) == ""
-    return [m.sender for m in found.obstacles(own, NS).movers]
+@pytest.mark.parametrize("off_m", [(0.0, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.0, 1.0)])
+@pytest.mark.parametrize("partial", [False, True])
+def test_the_visible_part_of_a_person_beside_a_vehicle_stays(off_m: tuple[float, float, float], partial: bool) -> None:
+    """Head and shoulders behind a hedge, or above the border of the image. Beside a neighbour, and beside the own vehicle."""
+    x, y, z = off_m
+    part = replace(mover(30.0, speed_m_s=0.0), half_size_m=(0.3, 0.3, 0.35), partial=partial)
+    for place_m, kinds in ((30.0, [MoverKind.VEHICLE]), (0.0, [MoverKind.VEHICLE])):
+        found = reported(replace(part, centre_m=(place_m + x, y, -3.0 + z)))
+        assert found == (BOTH if partial else kinds)
 
 
-def test_own_moving_obstacles_replace_the_neighbours_that_they_are() -> None:
-    vehicle = MovingReport(centre_m=(30.2, 0.0, -3.0), half_size_m=(0.4, 0.4, 0.3), velocity_m_s=(0.1, 0.0))
-    assert own_movers() == [2, 3]
-    assert own_movers(vehicle) == [3], "one obstacle is one neighbour"
-    assert own_movers(vehicle, replace(vehicle, centre_m=(32.1, 0.0, -3.0))) == []
+def test_a_report_that_a_neighbour_does_not_contain_stays() -> None:
+    """Its place is uncertain by 0.8 m, and what was reported 1.5 m beside it may be something else."""
+    near, beside = mover(30.2, speed_m_s=0.0), mover(31.5, speed_m_s=0.0)
+    assert reported(near, frame=FRAME) == [MoverKind.VEHICLE]
+    assert reported(beside, frame=FRAME) == BOTH
 
 
-def test_an_own_moving_obstacle_beside_a_neighbour_does_not_replace_it() -> None:
-    person = MovingReport(centre_m=(31.0, 0.0, -0.9), half_size_m=PERSON, velocity_m_s=(0.0, 0.0))
-    assert own_movers(person) == [2, 3]
-    assert own_movers(replace(person, half_size_m=(0.2, 0.2, 0.5), velocity_m_s=(1.4, 0.0))) == [2, 3]
-    assert own_movers(replace(person, half_size_m=(2.5, 1.0, 0.6))) == [2, 3], "a car"
-
-
-def small_plane(top_m: float, bottom_m: float) -> SharedPlanes:
+def small_plane(top_m: float, bottom_m: float, flags: int = 0) -> SharedPlanes:
     """A plane 0.5 m wide 1 m beside vehicle 2."""
     return SharedPlanes(
         ids=np.array([5], np.uint16),
         box=np.array([[31.0, -0.25, 31.0, 0.25, top_m, bottom_m]]),
         margin_m=np.array([0.1]),
-        flags=np.zeros(1, np.uint8),
+        flags=np.array([flags], np.uint8),
         age_s=np.array([0.1]),
     )
 
 
+FLAGS = [0, PlaneFlags.CUT_LEFT, PlaneFlags.CUT_RIGHT, PlaneFlags.CUT_TOP, PlaneFlags.CUT_BOTTOM]
+
+
+@pytest.mark.parametrize("flags", FLAGS)
 @pytest.mark.parametrize(("top_m", "bottom_m", "stays"), [(-1.8, 0.0, True), (-3.9, -2.1, True), (-3.2, -2.8, False)])
-def test_the_planes_of_a_person_who_stands_beside_a_neighbour_stay(top_m: float, bottom_m: float, stays: bool) -> None:
+def test_the_planes_of_a_person_who_stands_beside_a_neighbour_stay(
+    top_m: float, bottom_m: float, stays: bool, flags: int
+) -> None:
+    """A plane that the border of the image cuts may be a part of a person, whatever its height."""
     assert OWN.state is not None
     own, found = replace(OWN, state=replace(OWN.state, frame=VAGUE)), NeighbourMap(1)
     assert found.receive(state_packet(header(1), state(30.0, VAGUE)), NS) == ""
     assert found.receive(state_packet(header(1, vehicle=3), state(60.0, VAGUE)), NS) == ""
-    assert found.receive(planes_packet(header(2, vehicle=3), small_plane(top_m, bottom_m), ORIGIN), NS) == ""
+    planes = small_plane(top_m, bottom_m, int(flags))
+    assert found.receive(planes_packet(header(2, vehicle=3), planes, ORIGIN), NS) == ""
+    stays = stays or bool(flags)
     assert (5 in found.obstacles(own, NS).ids) is stays
     (body,) = (b for b in found.bodies(own, NS) if b.vehicle == 2)
-    assert bool(are_bodies(body, small_plane(top_m, bottom_m).box)[0]) is not stays, "so it is sent, too"
+    assert bool(are_bodies(body, planes.box, planes.flags)[0]) is not stays, "so it is sent, too"

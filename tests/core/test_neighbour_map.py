@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from core.sharing.bodies import MovingReport
 from core.sharing.neighbour import MOST_MOVERS, NS
 from core.sharing.neighbour_map import NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind, PlacementState, SharedObstacles
@@ -220,13 +219,6 @@ def test_the_own_body_is_recognised_with_the_default_errors_of_the_positions() -
     found.receive(state_packet(header(1), state(frame=vague)), NS)
     found.receive(movers_packet(header(2), (mover(1.5, speed_m_s=0.0),), (0.0, 0.0, 0.0)), NS)
     assert [m.kind for m in found.obstacles(own, NS).movers] == [MoverKind.VEHICLE]
-
-
-def test_a_vehicle_that_the_own_sensors_observe_is_not_reported_again() -> None:
-    at = MovingReport(centre_m=(30.2, 0.1, -3.0), half_size_m=(0.4, 0.4, 0.3), velocity_m_s=(0.0, 0.0))
-    seen = OwnState(state=OWN.state, section=1, movers=(at,))
-    assert filled_map().obstacles(seen, NS).movers == ()
-    assert len(filled_map().obstacles(OWN, NS).movers) == 1
 
 
 def test_a_plane_at_the_own_body_is_hidden_while_it_is_there() -> None:

@@ -21,7 +21,17 @@ from core.sharing.packet_codec import (
     state_packet,
 )
 from core.sharing.plane_codec import LONG, SHORT, PlaneForm
-from core.sharing.records import Header, LocalFrame, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
+from core.sharing.records import (
+    CUT,
+    MOVER_IDS,
+    Header,
+    LocalFrame,
+    Motion,
+    PacketError,
+    SharedMover,
+    SharedPlanes,
+    VehicleState,
+)
 from core.types import PlaneFlags
 
 HEADER = Header(vehicle=7, stream=1_700_000_000, sent_ms=123_456, section=3)
@@ -78,11 +88,13 @@ def test_a_decoded_short_plane_contains_the_encoded_one(
     contained(SHORT, b, margin_m, flags, age_s)
 
 
+@pytest.mark.parametrize("form", [LONG, SHORT])
 @given(st.integers(0, 127))
-def test_flags_of_a_plane(flags: int) -> None:
-    got = decoded(planes_packet(HEADER, planes((0, 0, 4, 0, -3, 0), flags=flags), (0.0, 0.0, 0.0))).content
+def test_flags_of_a_plane(form: PlaneForm, flags: int) -> None:
+    """One bit says that any of the four sides is cut."""
+    got = decoded(planes_packet(HEADER, planes((0, 0, 4, 0, -3, 0), flags=flags), (0.0, 0.0, 0.0), form)).content
     assert isinstance(got, SharedPlanes)
-    cut = PlaneFlags.CUT_LEFT if flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT) else PlaneFlags(0)
+    cut = PlaneFlags.CUT_LEFT if PlaneFlags(flags) & CUT else PlaneFlags(0)
     kept = PlaneFlags(flags) & (PlaneFlags.INFERRED | PlaneFlags.UNKNOWN_BEHIND | PlaneFlags.IRREGULAR)
     assert got.flags[0] == kept | cut
 
@@ -201,6 +213,40 @@ def test_a_state_survives() -> None:
     assert got.position_m == pytest.approx(sent.position_m, abs=0.06)
     assert got.velocity_m_s == pytest.approx(sent.velocity_m_s, abs=0.01)
     assert got.radius_m >= sent.radius_m
+
+
+def one_mover(number: int, *, partial: bool) -> SharedMover:
+    return SharedMover(
+        id=number,
+        centre_m=(3.0, 4.0, -2.0),
+        half_size_m=(0.5, 0.5, 0.5),
+        velocity_m_s=(1.0, 0.0),
+        sigma_m=0.1,
+        sigma_m_s=0.2,
+        age_s=0.1,
+        partial=partial,
+    )
+
+
+@given(st.integers(0, 0xFFFF), st.booleans())
+def test_a_mover_that_may_be_larger_keeps_its_number(number: int, partial: bool) -> None:
+    data = movers_packet(HEADER, (one_mover(number, partial=partial),), (0.0, 0.0, 0.0))
+    (got,) = decoded(data).content  # type: ignore[misc]
+    assert (got.id, got.partial) == (number % MOVER_IDS, partial)
+
+
+def test_packets_of_earlier_versions_are_decoded() -> None:
+    """They have no mark of a moving obstacle, and that of planes at their ends only."""
+    for packet in (
+        "240700f1536540e2010003000000000000050140280a000f11e1b0",
+        "220700f1536540e2010003000000000000050064019004b0064fe2078361",
+    ):
+        got = decoded(bytes.fromhex(packet)).content
+        assert isinstance(got, SharedPlanes)
+        assert got.box[0] == pytest.approx([1.0, 2.0, 3.0, 2.0, -3.0, 0.0])
+        assert got.flags[0] == PlaneFlags.CUT_LEFT | PlaneFlags.UNKNOWN_BEHIND
+    (mover,) = decoded(bytes.fromhex("230700f1536540e2010003000000000009009600c8009cff0606060400020402")).content  # type: ignore[misc]
+    assert (mover.id, mover.partial, mover.centre_m) == (9, False, pytest.approx((3.0, 4.0, -2.0)))
 
 
 @given(st.binary(max_size=200))
