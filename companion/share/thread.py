@@ -38,6 +38,8 @@ PUBLISH_NS, SOON_NS = NS // 5, NS // 10
 LOG_NS: Final = NS
 OWN_PLANES_NS: Final = NS // 10
 MOST_PER_STEP, MOST_LOGGED_PER_S = 64, 100
+SAME_NUMBER_NS: Final = 30 * NS
+"""A packet of another vehicle with the own number is a fault for this time."""
 MOST_WAITING: Final = 512
 """Packets; beyond it the oldest are dropped."""
 Log = Callable[[str, Message, int], None]
@@ -110,7 +112,7 @@ class Sharing:
         self._next_own_ns = now_ns + OWN_PLANES_NS
         c = self._config
         try:
-            self._planes = own_planes(world, now_ns, c.least_hits, c.range_m, c.send_planes)
+            self._planes, self._world_fault = own_planes(world, now_ns, c.least_hits, c.range_m, c.send_planes), ""
         except (ArithmeticError, LookupError, ValueError) as error:  # it must not end the thread of the world
             self._world_fault = f"{type(error).__name__}: {error}"
 
@@ -151,7 +153,8 @@ class Sharing:
         if self._world_fault:
             text = f"the own planes cannot be shared ({self._world_fault}); report this"
             found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
-        if self._team is not None and self._team.map.counts["same_number"]:
+        same_ns = None if self._team is None else self._team.map.same_number_ns
+        if self._team is not None and same_ns is not None and now_ns - same_ns <= SAME_NUMBER_NS:
             text = f"another vehicle uses number {self._team.vehicle}, so both refuse the reports of the other; give each its own"
             found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
         if now_ns - self.alive_ns > liveness_timeout_s * NS:

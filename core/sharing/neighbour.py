@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
@@ -46,10 +47,12 @@ class HeldMover:
 
 @dataclass(slots=True)
 class Retired:
-    """Reports of a frame that the neighbour has left, with the place of that frame. They count until they expire."""
+    """Reports of a frame that the neighbour has left, with the place of that frame. They count until they expire.
+    aligned_ns: instant of the newest fit that has confirmed `aligned`."""
 
     state: VehicleState | None
     aligned: Placement | None
+    aligned_ns: int
     planes: dict[int, HeldPlane]
     movers: dict[int, HeldMover]
 
@@ -148,6 +151,8 @@ class Neighbour:
         for former in self.retired:
             former.planes = {k: p for k, p in former.planes.items() if p.received_ns > oldest_ns}
             former.movers = {k: m for k, m in former.movers.items() if m.seen_ns > oldest_mover_ns}
+            if now_ns - former.aligned_ns > KEEP_FIT_NS:
+                former.aligned = None
         self.retired = [former for former in self.retired if former.planes or former.movers]
         if self._aligned is not None and now_ns - self._aligned_ns > KEEP_FIT_NS:
             self._aligned = None
@@ -228,7 +233,7 @@ class Neighbour:
     def _retire(self) -> None:
         """Moves the reports to `retired`: they keep the place of the frame in which they were made, and expire there."""
         if self.planes or self.movers:
-            self.retired.append(Retired(self.state, self._aligned, self.planes, self.movers))
+            self.retired.append(Retired(self.state, self._aligned, self._aligned_ns, self.planes, self.movers))
             self.planes, self.movers = {}, {}
         self._aligned = self._candidate = self.last_fit = None
 
@@ -246,8 +251,11 @@ class Neighbour:
             self.planes[number] = HeldPlane(
                 tuple(planes.box[k].tolist()), float(planes.margin_m[k]), int(planes.flags[k]), seen_ns, arrival_ns
             )
-            if len(self.planes) > most:
-                self.planes.pop(next(iter(self.planes)))
+        over = len(self.planes) + sum(len(former.planes) for former in self.retired) - most
+        for held in (*(former.planes for former in self.retired), self.planes):
+            for number in list(islice(held, max(0, over))):
+                del held[number]
+                over -= 1
 
     def _take_movers(self, movers: tuple[SharedMover, ...], arrival_ns: int, sent_ns: int) -> None:
         for mover in movers:

@@ -52,7 +52,8 @@ class NeighbourMap:
     """Map of the reports of all neighbours.
 
     own_vehicle: own number, 1..255; members: numbers of the accepted vehicles, empty: all; own_stream: stream of the
-    own packets, 0: not known."""
+    own packets, 0: not known. same_number_ns: arrival of the newest packet of another vehicle with the own number; None:
+    there was none."""
 
     def __init__(
         self,
@@ -66,6 +67,7 @@ class NeighbourMap:
         self._neighbours: dict[int, Neighbour] = {}
         self._own: tuple[int, tuple[int, ...], LocalFrame | None] = -1, (), None
         self.counts: Counter[str] = Counter()
+        self.same_number_ns: int | None = None
 
     def receive(self, data: bytes, arrival_ns: int, sender: int | None = None) -> str:
         """Takes a packet; returns why it is refused, as a code, or "". sender: the vehicle by the transport; None:
@@ -76,8 +78,10 @@ class NeighbourMap:
             return self._refuse(error.code)
         vehicle = packet.header.vehicle
         if vehicle == self._own_vehicle:
-            same = self._own_stream in (0, packet.header.stream)
-            return self._refuse("own_packet" if same else "same_number")
+            if self._own_stream in (0, packet.header.stream):
+                return self._refuse("own_packet")
+            self.same_number_ns = arrival_ns
+            return self._refuse("same_number")
         if sender is not None and sender != vehicle:
             return self._refuse("sender_mismatch")
         if self._members and vehicle not in self._members:

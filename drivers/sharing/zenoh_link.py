@@ -27,6 +27,7 @@ OVERHEAD_BYTES: Final = CRC_BYTES + 46
 """Of a sample: checksum, key, and zenoh's and TCP's own headers, about."""
 PACKET_BYTES: Final = 1400
 AGAIN_S: Final = 5.0
+MOST_DIGITS: Final = 3
 
 
 def checked(packet: bytes) -> bytes:
@@ -39,6 +40,13 @@ def unchecked(sample: bytes) -> bytes | None:
     packet = sample[CRC_BYTES:]
     fits = len(sample) > CRC_BYTES and zlib.crc32(packet) == int.from_bytes(sample[:CRC_BYTES], "little")
     return packet if fits else None
+
+
+def sender_of(key: str) -> int | None:
+    """The number of the vehicle at the end of a key; None where there is none."""
+    number = key.rpartition("/")[2]
+    is_number = number.isdecimal() and len(number) <= MOST_DIGITS and 0 < int(number) < 256
+    return int(number) if is_number else None
 
 
 def is_authenticated(config: Path) -> bool:
@@ -142,11 +150,11 @@ class ZenohLink:
             self._refused["too_long"] += 1
             return
         packet = unchecked(sample.payload.to_bytes())
-        number = str(sample.key_expr).rpartition("/")[2]
-        if packet is None or not number.isdecimal() or not 0 < int(number) < 256:
+        sender = sender_of(str(sample.key_expr))
+        if packet is None or sender is None:
             self._refused["checksum" if packet is None else "bad_key"] += 1
             return
-        self._deliver(ReceivedPacket(NAME, packet, arrival_ns, int(number)))
+        self._deliver(ReceivedPacket(NAME, packet, arrival_ns, sender))
 
 
 def _library() -> Any:

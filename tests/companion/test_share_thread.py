@@ -15,7 +15,7 @@ from companion.config.share import ShareConfig
 from companion.pipeline.tracking import TracksResult
 from companion.share.own_motion import OwnMotion
 from companion.share.own_planes import OwnPlanes
-from companion.share.thread import MOST_LOGGED_PER_S, Sharing
+from companion.share.thread import MOST_LOGGED_PER_S, SAME_NUMBER_NS, Sharing
 from core.frames import quaternion_from_euler
 from core.sharing.neighbour_map import NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind
@@ -143,9 +143,26 @@ def test_another_vehicle_of_the_same_number_is_a_fault_and_own_packets_are_none(
     assert not any("uses number" in text for text in made.faults(now_ns))
     made.deliver(2000, now_ns, vehicle=1, stream=1_700_000_060)
     made.sharing.step(now_ns)
-    assert "another vehicle uses number 1, so both refuse the reports of the other; give each its own" in made.faults(
-        now_ns
+    text = "another vehicle uses number 1, so both refuse the reports of the other; give each its own"
+    assert text in made.faults(now_ns)
+    assert text in made.faults(now_ns + SAME_NUMBER_NS)
+    assert text not in made.faults(now_ns + SAME_NUMBER_NS + 1), (
+        "it has its own by now, or was an echo of a start before"
     )
+
+
+def test_own_planes_that_cannot_be_shared_are_a_fault_until_they_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = Made()
+
+    def broken(*_: object) -> OwnPlanes:
+        raise ValueError("odd")
+
+    monkeypatch.setattr(thread_module, "own_planes", broken)
+    made.sharing.world(World(), 5 * NS)
+    assert any("cannot be shared (ValueError: odd)" in text for text in made.faults(5 * NS))
+    monkeypatch.undo()
+    made.sharing.world(World(), 6 * NS)
+    assert not any("cannot be shared" in text for text in made.faults(6 * NS))
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -165,3 +165,20 @@ def test_a_jump_of_the_neighbour_begins_without_alignment(fits: Fits) -> None:
     assert one.north_m()[0] == 0.0
     one.fit(0.5)
     assert one.north_m()[0] == 0.5
+
+
+def test_an_alignment_of_a_former_frame_ends_as_that_of_the_present_one(fits: Fits) -> None:
+    """Nothing confirms it any more. Its planes then stand by position, with a larger margin."""
+    found = NeighbourMap(1, SharingParams(expire_s=300.0))
+    assert found.receive(state_at(0), NS) == ""
+    assert found.receive(wall_packet(1), NS) == ""
+    one = Aligned(fits, found)
+    one.fit(0.7, 0.7)
+    confirmed_ns = one.now_ns
+    sent_ms = one.now_ns // 1_000_000
+    assert one.map.receive(state_packet(header(sent_ms, section=1), state()), one.now_ns) == ""
+    one.now_ns = confirmed_ns + KEEP_FIT_NS
+    assert one.map.obstacles(OWN, one.now_ns).aligned.tolist() == [1]
+    one.now_ns += 1
+    got = one.map.obstacles(OWN, one.now_ns)
+    assert (got.aligned.tolist(), one.north_m()) == ([0], [0.0])

@@ -276,6 +276,19 @@ def test_changes_of_the_origin_within_a_section_are_bounded_and_clear_nothing() 
     assert len(got.sender) <= 10
 
 
+def test_planes_of_all_frames_of_a_neighbour_are_bounded_together() -> None:
+    """Those of the oldest frame are dropped first."""
+    found = NeighbourMap(1, SharingParams(most_planes=64))
+    for section in range(6):
+        begin_ms = 1000 * (section + 1)
+        assert found.receive(state_packet(header(begin_ms, section=section), state()), 2 * NS) == ""
+        for k in range(40):
+            packet = wall_packet(begin_ms + 1 + k, number=100 * section + k, section=section)
+            assert found.receive(packet, 2 * NS) == ""
+    got = sorted(found.obstacles(OWN, 2 * NS).ids.tolist())
+    assert got == [*range(416, 440), *range(500, 540)]
+
+
 def test_planes_and_movers_of_one_neighbour_are_bounded() -> None:
     found = NeighbourMap(1, SharingParams(most_planes=64))
     found.receive(state_at(0), NS)

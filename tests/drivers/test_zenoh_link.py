@@ -12,7 +12,7 @@ import pytest
 
 from drivers.base import BadData
 from drivers.sharing.link import ReceivedPacket
-from drivers.sharing.zenoh_link import ZenohLink, checked, is_authenticated, unchecked
+from drivers.sharing.zenoh_link import ZenohLink, checked, is_authenticated, sender_of, unchecked
 
 zenoh = pytest.importorskip("zenoh", reason="the extra `share` is not installed")
 
@@ -95,3 +95,12 @@ def test_a_file_that_is_no_configuration(tmp_path: Path) -> None:
     with pytest.raises(BadData, match=r"bad\.json5"):
         is_authenticated(path)
     assert not is_authenticated(settings(tmp_path, "open"))
+
+
+@pytest.mark.parametrize(
+    ("last", "sender"),
+    [("7", 7), ("255", 255), ("0", None), ("256", None), ("x", None), ("", None), ("9" * 5000, None)],
+)
+def test_a_key_without_the_number_of_a_vehicle_has_no_sender(last: str, sender: int | None) -> None:
+    """Python does not convert more than 4300 digits: that was an error in a thread of the library."""
+    assert sender_of(f"osape/blue/{last}") == sender
