@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codes import Code
-from .correlation import Floats, Grid, Scores, scores, thinned, turned
+from .correlation import Floats, Grid, turned
 from .placement import Placement
+from .rivals import Rivals, rivals_of
 from .samples import (
     MOST_OWN_SAMPLES,
     MOST_SAMPLES,
@@ -32,20 +33,10 @@ from .samples import (
     sample_pairs,
     samples_of,
 )
+from .search import COARSE, centres, log_probability, searched
 
-COARSE = Grid(0.4, math.radians(1.0), 0.3)
-COMMON = Grid(COARSE.cell_m, COARSE.turn_rad, 0.5, flat=True)
-"""Counts the samples in the common area: within 1.5 m of own ones."""
 FINE = Grid(0.1, math.radians(0.5), 0.2)
 FINE_REACH_M = 1.2
-PEAK = Grid(0.1, COARSE.turn_rad, COARSE.spread_m)
-"""Compares the best place with others. On the coarse grid their scores depend on how far they are from its cells: of a
-facade with a period of 3 m, 7.5 cells, places one period apart differed by a factor of 1000 or more."""
-MOST_RIVALS, RIVAL_APART_M = 8, 0.7
-"""Greatest number of other places that are compared, and their distance."""
-EVIDENCE_PER_M = 0.5
-"""Logarithm of the likelihood per metre of matched samples. Neighbouring samples are not independent: with this value
-errors of simulated fits were 0.3 to 0.7 of the computed standard deviation."""
 MATCH_M = 0.3
 """Greatest distance of a sample that matches."""
 OVERLAP_M = 1.5
@@ -62,12 +53,14 @@ SYSTEMATIC_M = 0.2
 MOST_PRIOR_M, MOST_PRIOR_RAD = 6.0, math.radians(10.0)
 """Greatest uncertainty of the place by position, which determines the size of the search."""
 MAX_SIGMA_M, MAX_SIGMA_YAW_RAD = 0.6, math.radians(2.5)
-RIVAL_M, LEAST_LOG_ODDS = 1.6, 3.0
-"""A place at least RIVAL_M away must be less probable by exp(LEAST_LOG_ODDS)."""
-MOST_RIVAL_SHARE, LEAST_RIVAL_M = 1.05, 40.0
-"""At no other place with this length in the common area may a share of it match that is this much greater: in a row of
-similar trees more of them match where more of the row is common. For true places it was 0.79 to 1.03, for places one
-period off 1.08 to 1.16. The length is less than LEAST_MATCHED_M, because at the true place less of a row may be common."""
+LEAST_LOG_ODDS = 3.0
+"""Another place must be less probable by exp(LEAST_LOG_ODDS)."""
+MOST_RIVAL_SHARE = 1.05
+"""At no other place may a share of the common area match that is this much greater: in a row of similar trees more of them
+match where more of the row is common. For true places it was 0.79 to 1.03, for places one period off 1.08 to 1.16."""
+LEAST_FAIR_LOG_ODDS = 0.0
+"""No other place may be more probable if as much were common there. For places one period of a row of trees off it was
+-0.5 at most, for true places 0.1 or more where the positions are 3 m wrong."""
 MOST_EDGE = 0.1
 """Greatest probability at the edge of the fine grid, of its shifts or rotations. A place beyond the edge would be found
 at the edge, with a small uncertainty."""
@@ -111,14 +104,12 @@ class _Posterior:
     Attributes:
         place: x, y of the centre in the own frame, yaw.
         covariance: (3, 3) of place.
-        log_odds: of the best place against the best other one.
-        rival_share: greatest share of the common area that matches at another place, over that at the best place.
+        rivals: how it compares with other places.
         edge: probability at the edge of the fine grid, of its shifts or rotations."""
 
     place: tuple[float, float, float]
     covariance: Floats
-    log_odds: float
-    rival_share: float
+    rivals: Rivals
     edge: float
 
     @property
@@ -199,26 +190,17 @@ def _too_little(plane: NDArray[np.intp]) -> bool:
 def _posterior(pairs: tuple[SamplePair, ...], centre: Floats, prior: Placement) -> _Posterior:
     """Returns the probability of the place of the centre. centre: relative to the pivot."""
     reach_m = PRIOR_SIGMAS * prior.sigma_m + 1.0
-    coarse = _searched(pairs, centre, prior, COARSE, reach_m)
-    value = _log_probability(coarse, prior)
-    k, i, j = np.unravel_index(int(np.argmax(value)), value.shape)
-    shift = coarse.shift_m
-    off = float(shift[i]), float(shift[j])
-    apart_m = np.hypot(shift[:, None] - off[0], shift[None] - off[1])
-    far, near = apart_m > RIVAL_M, apart_m <= 1.5 * COARSE.cell_m
-    rivals = _rivals(shift, np.where(far, value.max(axis=0), -np.inf))
-    log_odds = _log_odds(pairs, centre, prior, off, rivals)
-    common_m = _searched(pairs, centre, prior, COMMON, reach_m).value
-    share = np.where(common_m >= LEAST_RIVAL_M, coarse.value / np.maximum(common_m, 1.0), 0.0)
-    far &= np.hypot(shift[:, None], shift[None]) <= PRIOR_SIGMAS * prior.sigma_m
-    fine = _searched(pairs, centre, prior, FINE, FINE_REACH_M, off)
-    best_share = max(float(share[:, near].max()), float(fine.value.max() / max(common_m[k, i, j], 1.0)))
-    rival_share = float(share[:, far].max(initial=0.0)) / max(best_share, 1e-9)
-    value = _log_probability(fine, prior, off)
+    coarse = searched(pairs, centre, prior, COARSE, reach_m)
+    value = log_probability(coarse, prior)
+    _, i, j = np.unravel_index(int(np.argmax(value)), value.shape)
+    off = float(coarse.shift_m[i]), float(coarse.shift_m[j])
+    fine = searched(pairs, centre, prior, FINE, FINE_REACH_M, off)
+    rivals = rivals_of(pairs, centre, prior, coarse, reach_m, float(fine.value.max()))
+    value = log_probability(fine, prior, off)
     p = np.exp(value - value.max())
     p /= p.sum()
     x, y = (fine.shift_m + o for o in off)
-    at = _centres(centre, fine.turn_rad, prior)
+    at = centres(centre, fine.turn_rad, prior)
     whole = np.zeros_like(p)
     v = np.stack([at[:, 0, None, None] + x[:, None] + whole, at[:, 1, None, None] + y + whole])
     v = np.concatenate([v, (fine.turn_rad[:, None, None] + whole)[None]]).reshape(3, -1)
@@ -227,82 +209,7 @@ def _posterior(pairs: tuple[SamplePair, ...], centre: Floats, prior: Placement) 
     steps = np.array([FINE.cell_m, FINE.cell_m, FINE.turn_rad])
     covariance = (rest * p.ravel()) @ rest.T + np.diag(steps**2 / 12.0)
     place = float(mean[0]), float(mean[1]), math.remainder(float(mean[2]), math.tau)
-    return _Posterior(place, covariance, log_odds, rival_share, 1.0 - float(p[1:-1, 1:-1, 1:-1].sum()))
-
-
-def _rivals(shift_m: Floats, value: Floats) -> list[tuple[float, float]]:
-    """Returns the most probable other places, each RIVAL_APART_M from the others along x or y.
-
-    shift_m: (C,) shifts of the coarse grid; value: (C, C) log-probability of each, -inf: none of another place."""
-    left, found = value.copy(), list[tuple[float, float]]()
-    while len(found) < MOST_RIVALS and np.isfinite(left).any():
-        i, j = np.unravel_index(int(np.argmax(left)), left.shape)
-        x, y = float(shift_m[i]), float(shift_m[j])
-        found.append((x, y))
-        left[np.ix_(np.abs(shift_m - x) < RIVAL_APART_M, np.abs(shift_m - y) < RIVAL_APART_M)] = -np.inf
-    return found
-
-
-def _log_odds(
-    pairs: tuple[SamplePair, ...],
-    centre: Floats,
-    prior: Placement,
-    off: tuple[float, float],
-    rivals: list[tuple[float, float]],
-) -> float:
-    """Returns the logarithm of the probability of the place `off` over that of the most probable rival, each at the
-    best place within a cell of the coarse grid."""
-    places = np.array([off, *rivals])
-    turn_rad = _turns(prior, PEAK)
-    at = (places[:, None] + _centres(centre, turn_rad, prior)).reshape(-1, 2)
-    found = _scored(pairs, at, np.tile(turn_rad, len(places)), PEAK, COARSE.cell_m)
-    values = found.value.reshape(len(places), len(turn_rad), *found.value.shape[1:])
-    best = []
-    for k, (place, value) in enumerate(zip(places, values, strict=True)):
-        x, y = found.shift_m + place[0], found.shift_m + place[1]
-        logs = _log_probability(replace(found, value=value, turn_rad=turn_rad), prior, (place[0], place[1]))
-        other = np.hypot(x[:, None] - off[0], y - off[1]) > RIVAL_M
-        best.append(float(logs[:, other if k else slice(None)].max(initial=-math.inf)))
-    return best[0] - max(best[1:], default=-math.inf)
-
-
-def _searched(
-    pairs: tuple[SamplePair, ...],
-    centre: Floats,
-    prior: Placement,
-    grid: Grid,
-    reach_m: float,
-    off: tuple[float, float] = (0.0, 0.0),
-) -> Scores:
-    """Returns the scores around the place by position, shifted by `off`, in metres of matched samples."""
-    turn_rad = _turns(prior, grid)
-    return _scored(pairs, _centres(centre, turn_rad, prior) + np.array(off), turn_rad, grid, reach_m)
-
-
-def _scored(pairs: tuple[SamplePair, ...], at: Floats, turn_rad: Floats, grid: Grid, reach_m: float) -> Scores:
-    """Returns the scores around places of the centre, (K, 2), each with its rotation, in metres of matched samples."""
-    cell_m = max(SAMPLE_M, grid.cell_m)
-    found = [scores(p.points[thinned(p.points, cell_m)], at, turn_rad, reach_m, p.own, grid) for p in pairs]
-    return replace(found[0], value=cell_m * np.sum([f.value for f in found], axis=0))
-
-
-def _turns(prior: Placement, grid: Grid) -> Floats:
-    """Returns the rotations that are searched, (K,)."""
-    steps = math.ceil(PRIOR_SIGMAS * prior.sigma_yaw_rad / grid.turn_rad)
-    return np.asarray(prior.yaw_rad + np.arange(-steps, steps + 1) * grid.turn_rad, np.float64)
-
-
-def _centres(centre: Floats, turn_rad: Floats, prior: Placement) -> Floats:
-    """Returns the place of the centre by position for each rotation, (K, 2)."""
-    return np.stack([turned(centre[None], yaw)[0] for yaw in turn_rad.tolist()]) + np.array(prior.at_m[:2])
-
-
-def _log_probability(found: Scores, prior: Placement, off: tuple[float, float] = (0.0, 0.0)) -> Floats:
-    """Returns the logarithm of the probability of each place, without its constant."""
-    x, y = found.shift_m + off[0], found.shift_m + off[1]
-    moved = (x[:, None] ** 2 + y[None] ** 2) / prior.sigma_m**2
-    rotated = ((found.turn_rad - prior.yaw_rad) / prior.sigma_yaw_rad) ** 2
-    return np.asarray(EVIDENCE_PER_M * found.value - 0.5 * moved - 0.5 * rotated[:, None, None])
+    return _Posterior(place, covariance, rivals, 1.0 - float(p[1:-1, 1:-1, 1:-1].sum()))
 
 
 def _matches(other: Samples, own: Samples, place: tuple[float, float, float]) -> _Matches:
@@ -332,16 +239,21 @@ def _judged(found: _Posterior, matches: _Matches, centre: Floats, prior: Placeme
         return FitResult.TOO_LITTLE
     if matches.agreeing < LEAST_AGREEING:
         return FitResult.INCONSISTENT
-    if found.log_odds < LEAST_LOG_ODDS or found.rival_share > MOST_RIVAL_SHARE:
+    rivals = found.rivals
+    if (
+        rivals.log_odds < LEAST_LOG_ODDS
+        or rivals.share > MOST_RIVAL_SHARE
+        or rivals.fair_log_odds < LEAST_FAIR_LOG_ODDS
+    ):
         return FitResult.AMBIGUOUS
     if found.sigma_m > MAX_SIGMA_M or found.sigma_yaw_rad > MAX_SIGMA_YAW_RAD:
         return FitResult.UNOBSERVABLE
     x, y, yaw = found.place
-    by_position = _centres(centre, np.array([yaw]), prior)[0]
+    by_position = centres(centre, np.array([yaw]), prior)[0]
     far = math.hypot(x - by_position[0], y - by_position[1]) > POSITION_SIGMAS * prior.sigma_m
     if far or found.edge > MOST_EDGE:
         return FitResult.AGAINST_POSITION
-    return FitResult.ACCEPTED
+    return FitResult.ACCEPTED if found.rivals.fair_log_odds >= LEAST_FAIR_LOG_ODDS else FitResult.AMBIGUOUS
 
 
 def _height(other_box: Floats, own_box: Floats, matches: _Matches, prior: Placement) -> tuple[float, float]:

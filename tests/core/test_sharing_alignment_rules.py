@@ -161,6 +161,31 @@ def test_a_row_of_similar_trees_is_not_shifted_by_a_period(first: int, seed: int
     assert refused(other_of(TRUE, other), own, prior(-3.2, 0.2, 0.02)) in (FitResult.AMBIGUOUS, FitResult.TOO_LITTLE)
 
 
+FARTHER = [(0, 9), (1, 4), (2, 6), (5, 8), (7, 8), (11, 8), (19, 6), (19, 9), (22, 8), (25, 8)]
+
+
+@pytest.mark.parametrize(("seed", "first"), FARTHER)
+def test_a_row_is_not_shifted_further_where_more_of_it_would_be_common(seed: int, first: int) -> None:
+    """The positions are wrong by two trees, one period since they stand alternately on both sides. Two trees further, away
+    from the true place, more of the row is common. A smaller share of it matches there than at other places, which are as
+    probable by position."""
+    rng = np.random.Generator(np.random.PCG64([seed, first, 7]))
+    other, own = similar_trees(rng, seed, first, 17), similar_trees(rng, seed, 0, 10)
+    wrong = prior(-6.4, rng.normal(0.0, 0.5), rng.normal(0.0, 0.02))
+    assert refused(other_of(TRUE, other), own, wrong) is FitResult.AMBIGUOUS
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("off_m", [1.6, 3.2])
+def test_a_row_of_similar_trees_is_aligned_where_enough_of_it_is_common(off_m: float, seed: int) -> None:
+    """By trees that differ, although the positions are wrong by a tree."""
+    rng = np.random.Generator(np.random.PCG64([seed, 9]))
+    other, own = similar_trees(rng, seed, 3, 17), similar_trees(rng, seed, 0, 10)
+    found = fit(other_of(TRUE, other), own, prior(off_m, 0.2, 0.02))
+    assert found.result is FitResult.ACCEPTED
+    assert error_m(found.placement) < 0.3
+
+
 def test_a_row_that_agrees_by_less_than_seventy_percent_is_inconsistent() -> None:
     """At the true place, too, few samples agree, so that no other rule refuses the place one period off. 69.5 percent agree
     there: with a limit of 67 percent the frame is 6.4 m wrong and counts as aligned."""
