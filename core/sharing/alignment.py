@@ -36,7 +36,8 @@ from .samples import (
 from .search import COARSE, centres, log_probability, searched
 
 FINE = Grid(0.1, math.radians(0.5), 0.2)
-FINE_REACH_M = 1.2
+FINE_REACH_M, FINE_EXTENDED_M = 1.2, 1.5
+"""Reach of the fine grid, and by how much long planes are extended for it: by more than it reaches."""
 MATCH_M = 0.3
 """Greatest distance of a sample that matches."""
 OVERLAP_M = 1.5
@@ -154,7 +155,8 @@ def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:
         return Fit(FitResult.TOO_LITTLE, prior)
     centre = other.points.mean(axis=0)
     other = replace(other, points=other.points - centre)
-    found = _posterior(sample_pairs(other, own, own_box), centre, prior)
+    fine_pairs = sample_pairs(other, own, own_box, FINE_EXTENDED_M)
+    found = _posterior(sample_pairs(other, own, own_box), fine_pairs, centre, prior)
     matches = _matches(other, own, found.place)
     matched_m = SAMPLE_M * len(matches.other)
     result = _judged(found, matches, centre, prior)
@@ -187,14 +189,17 @@ def _too_little(plane: NDArray[np.intp]) -> bool:
     return SAMPLE_M * len(plane) < LEAST_MATCHED_M or len(np.unique(plane)) < LEAST_MATCHED_PLANES
 
 
-def _posterior(pairs: tuple[SamplePair, ...], centre: Floats, prior: Placement) -> _Posterior:
-    """Returns the probability of the place of the centre. centre: relative to the pivot."""
+def _posterior(
+    pairs: tuple[SamplePair, ...], fine_pairs: tuple[SamplePair, ...], centre: Floats, prior: Placement
+) -> _Posterior:
+    """Returns the probability of the place of the centre. centre: relative to the pivot; fine_pairs: what the fine grid
+    compares."""
     reach_m = PRIOR_SIGMAS * prior.sigma_m + 1.0
     coarse = searched(pairs, centre, prior, COARSE, reach_m)
     value = log_probability(coarse, prior)
     _, i, j = np.unravel_index(int(np.argmax(value)), value.shape)
     off = float(coarse.shift_m[i]), float(coarse.shift_m[j])
-    fine = searched(pairs, centre, prior, FINE, FINE_REACH_M, off)
+    fine = searched(fine_pairs, centre, prior, FINE, FINE_REACH_M, off)
     rivals = rivals_of(pairs, centre, prior, coarse, reach_m, float(fine.value.max()))
     value = log_probability(fine, prior, off)
     p = np.exp(value - value.max())

@@ -73,12 +73,14 @@ def samples_of(box: Floats, most: int) -> Samples:
     return samples.part(rows[:: max(1, math.ceil(len(rows) / most))])
 
 
-def sample_pairs(other: Samples, own: Samples, own_box: Floats) -> tuple[SamplePair, ...]:
+def sample_pairs(
+    other: Samples, own: Samples, own_box: Floats, extended_m: float = EXTENDED_M
+) -> tuple[SamplePair, ...]:
     """Returns what is compared: samples of short planes with the own planes, those of long planes also with the
-    extensions of long own planes."""
+    extensions of long own planes, by extended_m at each end."""
     box = own_box[np.unique(own.plane[own.long])]
     along = box[:, 2:4] - box[:, 0:2]
-    along *= EXTENDED_M / np.maximum(np.hypot(along[:, 0], along[:, 1]), LONG_M)[:, None]
+    along *= extended_m / np.maximum(np.hypot(along[:, 0], along[:, 1]), LONG_M)[:, None]
     ends = np.concatenate([np.column_stack([e - d, e + d]) for e, d in ((box[:, 0:2], along), (box[:, 2:4], along))])
     extended = samples_of(np.column_stack([ends, np.zeros((len(ends), 2))]), MOST_OWN_SAMPLES)
     pairs = (
