@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
-from .path_sight import ACROSS, PathSight, common_free_m, half_width_m
+from .corridor import ACROSS, common_free_m, half_width_m
+from .path_sight import PathSight
 
 Floats = NDArray[np.float64]
 NEWEST_SHARE = 0.5

@@ -10,37 +10,21 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..autopilot.obstacle_memory import Here
 from ..autopilot.surroundings import Surroundings
 from ..autopilot.view_free import View, points_free
+from .corridor import Bools, Floats, Samples
 
-Floats = NDArray[np.float64]
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MovedViews:
-    """Views of one decision, for places in `level` at another one: p_then = Rz(turn_rad) p + shift_m.
-
-    exposed_ns: the oldest exposure of the views."""
-
-    views: tuple[View, ...]
-    turn_rad: float
-    shift_m: tuple[float, float, float]
-    exposed_ns: int = 0
-
-    def free(self, x: Floats, y: Floats, z: Floats) -> NDArray[np.bool_]:
-        """Returns which places were measured free, (len(z), *x.shape). x, y: of one shape; z: (heights,)."""
-        c, s = math.cos(self.turn_rad), math.sin(self.turn_rad)
-        x_then, y_then = c * x - s * y + self.shift_m[0], s * x + c * y + self.shift_m[1]
-        out = np.zeros((len(z), *x.shape), bool)
-        for view in self.views:
-            if view.model.valid:
-                out |= points_free(view, x_then, y_then, z + self.shift_m[2], along_rays=True, measured=True)
-        return out
+def measured_free(view: View, x: Floats, y: Floats, z: Floats) -> Bools:
+    """Returns which places a view has measured free, (len(z), *x.shape). x, y: of one shape; z: (heights,)."""
+    if not view.model.valid:
+        return np.zeros((len(z), *x.shape), bool)
+    return points_free(view, x, y, z, along_rays=True, measured=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,14 +39,42 @@ class KeptRays:
     free_m: Floats
 
 
-def _moved(then: Here, now: Here) -> MovedViews | None:
-    """Returns no views yet, for places at another decision; None: the places cannot be compared."""
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptDecision:
+    """Views of one decision, for places in `level` at another one: p_then = Rz(turn_rad) p + shift_m.
+
+    Attributes:
+        views: each with its exposure in ns, the youngest first."""
+
+    turn_rad: float
+    shift_m: tuple[float, float, float]
+    views: tuple[tuple[View, int], ...] = ()
+
+    def rays(self, samples: Samples) -> Iterator[KeptRays]:
+        """Yields the rays of a corridor by the youngest view, by the two youngest ones, and so on.
+
+        The views of several cameras differ in age: those of a slow camera must not end what the others have seen."""
+        found = None
+        for view, exposed_ns in self.views:
+            seen = samples.found(partial(self._free, view))
+            found = seen if found is None else found | seen
+            yield KeptRays(exposed_ns, samples.rays_m(found))
+
+    def _free(self, view: View, x: Floats, y: Floats, z: Floats) -> Bools:
+        """Returns which places the view has measured free; see `measured_free`."""
+        c, s = math.cos(self.turn_rad), math.sin(self.turn_rad)
+        x_then, y_then = c * x - s * y + self.shift_m[0], s * x + c * y + self.shift_m[1]
+        return measured_free(view, x_then, y_then, z + self.shift_m[2])
+
+
+def _moved(then: Here, now: Here) -> KeptDecision | None:
+    """Returns a decision without views, for places at another one; None: the places cannot be compared."""
     if then.position_ned_m is None or now.position_ned_m is None or then.estimate != now.estimate:
         return None
     north, east, down = (b - a for a, b in zip(then.position_ned_m, now.position_ned_m, strict=True))
     c, s = math.cos(then.heading_rad), math.sin(then.heading_rad)
     turn_rad = math.remainder(now.heading_rad - then.heading_rad, math.tau)
-    return MovedViews((), turn_rad, (c * north + s * east, c * east - s * north, down))
+    return KeptDecision(turn_rad, (c * north + s * east, c * east - s * north, down))
 
 
 @dataclass(slots=True)
@@ -77,18 +89,16 @@ class KeptViews:
         if s.views and s.here is not None and s.frames and (not self._kept or self._kept[-1].frames != s.frames):
             self._kept.append(s)
 
-    def before(self, s: Surroundings) -> Iterator[MovedViews]:
-        """Yields the kept views of other frames, for places in `level` at a decision.
-
-        The views of several cameras differ in age. Each decision comes with all of them, then without the oldest one,
-        and so on, so that those of a slow camera do not end what the others have seen."""
+    def before(self, s: Surroundings) -> Iterator[KeptDecision]:
+        """Yields the kept decisions with other frames, for places in `level` at a decision, with their views that are not
+        older than keep_ns."""
         for kept in self._kept:
             if kept.frames == s.frames or s.here is None or kept.here is None:
                 continue
             moved = _moved(kept.here, s.here)
             if moved is None:
                 continue
-            by_age = sorted(zip(kept.views, kept.frames, strict=True), key=lambda pair: pair[1][1])
-            for k, (_, (_, exposed_ns)) in enumerate(by_age):
-                if s.t_ns - exposed_ns <= self.keep_ns:
-                    yield replace(moved, views=tuple(view for view, _ in by_age[k:]), exposed_ns=exposed_ns)
+            views = [(view, t_ns) for view, (_, t_ns) in zip(kept.views, kept.frames, strict=True)]
+            fresh = [(view, t_ns) for view, t_ns in views if s.t_ns - t_ns <= self.keep_ns]
+            if fresh:
+                yield replace(moved, views=tuple(sorted(fresh, key=lambda pair: -pair[1])))

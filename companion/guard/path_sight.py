@@ -10,11 +10,10 @@ instant of the decision."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..autopilot.confirmation import SMALL_M2
 from ..autopilot.polar_histogram import STEP_RAD, Recall, centres_rad
@@ -23,20 +22,16 @@ from ..autopilot.view_free import View
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
 from .braking import braking_of
-from .kept_views import KeptRays, MovedViews
+from .corridor import Bools, Floats, Path, common_free_m, half_width_m, samples_of
+from .kept_views import KeptDecision, KeptRays, measured_free
 from .turn import AHEAD_S, fan, turns
 
-Floats = NDArray[np.float64]
 LEAST_SPEED_M_S = 0.2
 """A slower vehicle has no direction of flight: the path is straight ahead."""
 SLOPE_SPEED_M_S = 1.0
 """For a slower vehicle the ratio of vertical to horizontal velocity is mostly noise: the path is level."""
 STEEPEST = 1.0
 """Greatest slope of a path, vertical over horizontal."""
-PIECE_M = 2.0
-"""Along a sloping path the height band is moved once per piece of this length."""
-ACROSS = 5
-"""Number of rays across the corridor."""
 LEAST_RANGE_M = 0.3
 """Least range in the computation of that area."""
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
@@ -109,27 +104,12 @@ class PathSight:
         return frame if frame is not None else ("", self.exposed_ns or 0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Path:
-    """A corridor.
-
-    Attributes:
-        cos, sin: its direction in level.
-        slope: dz/ds, positive down.
-        from_m: obstacles nearer than this do not lie in it."""
-
-    cos: float
-    sin: float
-    slope: float
-    from_m: float = 0.0
-
-
 def path_sight(
     s: Surroundings,
     avoid: AvoidParams,
     guard: GuardParams,
     turn_rad_s: float = 0.0,
-    before: Iterable[MovedViews] = (),
+    before: Iterable[KeptDecision] = (),
 ) -> PathSight:
     """Returns the path at one decision. If it cannot be computed, nothing is seen free.
 
@@ -158,7 +138,7 @@ def path_sight(
                 turn_rad_s = 0.0
             beside = _turned(path, turn_rad_s, speed_m_s or 0.0, avoid, guard)
             if turn_rad_s != 0.0:
-                follows_m = rays_free_m(s, _beside(path, turn_rad_s * AHEAD_S), avoid, guard)
+                follows_m = rays_free_m(s, path.beside(turn_rad_s * AHEAD_S), avoid, guard)
                 ahead_free_m = common_free_m(follows_m, avoid.clear_share)
             for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
@@ -192,93 +172,48 @@ def path_sight(
     )
 
 
-def _path(s: Surroundings, speed_m_s: float | None) -> _Path:
+def _path(s: Surroundings, speed_m_s: float | None) -> Path:
     """Returns the corridor along the velocity; straight ahead if the vehicle is slow or its velocity is not known."""
     assert s.here is not None
     if speed_m_s is None or s.velocity_ned_m_s is None or speed_m_s < LEAST_SPEED_M_S:
-        return _Path(1.0, 0.0, 0.0)
+        return Path(1.0, 0.0, 0.0)
     north, east, down = s.velocity_ned_m_s
     angle = math.atan2(east, north) - s.here.heading_rad
     slope = max(-STEEPEST, min(STEEPEST, down / speed_m_s)) if speed_m_s >= SLOPE_SPEED_M_S else 0.0
-    return _Path(math.cos(angle), math.sin(angle), slope)
+    return Path(math.cos(angle), math.sin(angle), slope)
 
 
-def _turned(path: _Path, turn_rad_s: float, speed_m_s: float, avoid: AvoidParams, guard: GuardParams) -> list[_Path]:
+def _turned(path: Path, turn_rad_s: float, speed_m_s: float, avoid: AvoidParams, guard: GuardParams) -> list[Path]:
     """Returns the corridors beside the tangent into which a turn may lead."""
     directions = fan(turn_rad_s, speed_m_s, guard.horizon_m, half_width_m(avoid, guard))
-    return [_beside(path, angle, from_m) for angle, from_m in directions]
+    return [path.beside(angle, from_m) for angle, from_m in directions]
 
 
-def _beside(path: _Path, angle_rad: float, from_m: float = 0.0) -> _Path:
-    """Returns a corridor at an angle clockwise from a path."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return _Path(c * path.cos - s * path.sin, c * path.sin + s * path.cos, path.slope, from_m)
-
-
-def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
-    """Returns half of the width of the corridor."""
-    return avoid.radius_m + guard.side_m
-
-
-def rays_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
+def rays_free_m(s: Surroundings, path: Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
     """Returns the distance to which each ray of the corridor is seen free from near_m on, (N,); 0 where it is not.
 
-    Rays are parallel to the path, always in the same order. Only measured free space counts, not open space that is
-    presumed free. Rays that lie partly outside of all images are completed by free space that was seen a moment
+    Only measured free space counts, not open space that is presumed free. Rays that lie partly outside of all images are completed by free space that was seen a moment
     before, as for the sectors of the obstacle output, and only where seen_share of the rays is seen now."""
-    now = MovedViews(s.views, 0.0, (0.0, 0.0, 0.0))
 
-    def free(x: Floats, y: Floats, z: Floats) -> NDArray[np.bool_]:
-        seen = now.free(x, y, z)
+    def free(x: Floats, y: Floats, z: Floats) -> Bools:
+        seen = np.zeros((len(z), *x.shape), bool)
+        for view in s.views:
+            seen |= measured_free(view, x, y, z)
         return seen if s.recall is None else seen | _recalled(seen, x, y, z, s.recall, avoid)
 
-    return _rays_m(free, path, avoid, guard)
+    samples = samples_of(path, avoid, guard)
+    return samples.rays_m(samples.found(free))
 
 
 def _kept_rays(
-    before: Iterable[MovedViews], path: _Path, avoid: AvoidParams, guard: GuardParams
+    before: Iterable[KeptDecision], path: Path, avoid: AvoidParams, guard: GuardParams
 ) -> tuple[KeptRays, ...]:
-    """Returns the rays of the corridor by each of the views."""
-    return tuple(KeptRays(views.exposed_ns, _rays_m(views.free, path, avoid, guard)) for views in before)
+    """Returns the rays of the corridor by the views of the last moment."""
+    samples = samples_of(path, avoid, guard)
+    return tuple(rays for decision in before for rays in decision.rays(samples))
 
 
-def _rays_m(
-    free: Callable[[Floats, Floats, Floats], NDArray[np.bool_]], path: _Path, avoid: AvoidParams, guard: GuardParams
-) -> Floats:
-    """Returns the distance to which each ray of a corridor is free without a gap, (N,). free: see `MovedViews.free`."""
-    along = np.arange(avoid.near_m, guard.horizon_m + avoid.step_m, avoid.step_m)
-    across = np.linspace(-1.0, 1.0, ACROSS) * half_width_m(avoid, guard)
-    x = path.cos * along[None, :] - path.sin * across[:, None]
-    y = path.sin * along[None, :] + path.cos * across[:, None]
-    heights = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * (
-        avoid.band_above_m + avoid.band_below_m
-    )
-    found = np.zeros((len(heights), *x.shape), bool)
-    for piece in _pieces(along, path):
-        z = heights + path.slope * float(along[piece].mean())
-        found[:, :, piece] = free(x[:, piece], y[:, piece], z)
-    steps = np.logical_and.accumulate(found, axis=2).sum(axis=2).ravel()
-    out: Floats = np.where(steps > 0, along[steps - 1], 0.0)
-    return out
-
-
-def common_free_m(rays_m: Floats, clear_share: float) -> float:
-    """Returns the distance to which clear_share of the rays are seen free, at least 0."""
-    farthest_first = np.sort(rays_m)[::-1]
-    return max(0.0, float(farthest_first[math.ceil(clear_share * len(rays_m)) - 1]))
-
-
-def _pieces(along: Floats, path: _Path) -> list[slice]:
-    """Returns slices of the samples along the path; one for a level path."""
-    if abs(path.slope) < 0.02:
-        return [slice(0, len(along))]
-    step = max(1, round(PIECE_M / float(along[1] - along[0])))
-    return [slice(k, k + step) for k in range(0, len(along), step)]
-
-
-def _recalled(
-    free: NDArray[np.bool_], x: Floats, y: Floats, z: Floats, recall: Recall, avoid: AvoidParams
-) -> NDArray[np.bool_]:
+def _recalled(free: Bools, x: Floats, y: Floats, z: Floats, recall: Recall, avoid: AvoidParams) -> Bools:
     """Returns which places not seen free now were seen free a moment before, at distances where seen_share of the
     rays is seen now.
 
@@ -292,9 +227,7 @@ def _recalled(
     return out
 
 
-def nearest_obstacles(
-    s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams
-) -> tuple[_Nearest, _Nearest]:
+def nearest_obstacles(s: Surroundings, path: Path, avoid: AvoidParams, guard: GuardParams) -> tuple[_Nearest, _Nearest]:
     """Returns the nearest obstacle in the corridor, and the nearest one with weak support."""
     firm, weak = _Nearest(), _Nearest()
     frames: tuple[Frame | None, ...] = s.frames or (None,) * len(s.views)
@@ -321,7 +254,7 @@ def _small_px(view: View) -> Floats:
     return out
 
 
-def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
+def _planes_m(view: View, path: Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
     """Returns the distance along the path, (N,), to the part of each plane in the corridor, less the plane's margin,
     at least 0.
 
@@ -353,7 +286,7 @@ def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -
     return out
 
 
-def remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams, beyond_m: float = 0.0) -> float:
+def remembered_m(s: Surroundings, path: Path, avoid: AvoidParams, guard: GuardParams, beyond_m: float = 0.0) -> float:
     """Returns the distance along the path to the nearest remembered obstacle whose sector meets the corridor farther
     away than beyond_m; inf: none."""
     known = np.isfinite(s.recalled.distance_m)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from companion.guard.assessment import Action
+from companion.guard.corridor import common_free_m
 from companion.guard.kept_space import eroded
-from companion.guard.path_sight import PathSight, common_free_m
+from companion.guard.path_sight import PathSight
 
 from .test_guard_path import BRAKING, SIGHT, action, later, model, plane, seen
 

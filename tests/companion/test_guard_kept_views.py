@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from companion.autopilot.obstacle_memory import Here
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.view_free import View
-from companion.guard.kept_views import KeptViews
-from companion.guard.path_sight import PathSight, common_free_m, path_sight
+from companion.guard.corridor import Path, common_free_m, samples_of
+from companion.guard.kept_views import KeptViews, measured_free
+from companion.guard.path_sight import PathSight, path_sight
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel
 
@@ -124,3 +126,65 @@ def test_each_ray_counts_by_the_frame_that_shows_most_of_it() -> None:
     now = decision(NEAR, 200)
     assert kept_m(path_sight(now, AVOID, GUARD, 0.0, kept.before(now))) > 15.0
     assert len(list(kept.before(now))) == 3
+
+
+def random_model(rng: np.random.Generator) -> FrameModel:
+    """A view of 110 degrees to a random side, of random free ranges."""
+    found = model(free_to_m=20.0, view_deg=110.0)
+    shape = found.free.free_to_m.shape
+    free = replace(
+        found.free,
+        azimuth_edges_rad=found.free.azimuth_edges_rad + np.float32(rng.choice([0.0, 1.0, -1.0])),
+        free_from_m=rng.uniform(0.0, 1.2, shape).astype(np.float32),
+        free_to_m=np.where(rng.random(shape) < 0.2, 0.0, rng.uniform(2.0, 20.0, shape)).astype(np.float32),
+    )
+    return replace(found, free=free, valid=bool(rng.random() < 0.9))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_views_combined_one_after_another_give_the_rays_of_all_together(seed: int) -> None:
+    """The rays of each decision, with its views down to each age, are those that the views together give."""
+    rng, kept, exposures = np.random.default_rng(seed), KeptViews(KEEP_NS), list[int]()
+    decisions = []
+    for k in range(4):
+        at = replace(HERE, heading_rad=0.1 * k, position_ned_m=(0.3 * k, 0.02 * k, -3.0 - 0.05 * k))
+        views = tuple(View(random_model(rng), LevelTransform(0.0, tuple(rng.normal(0.0, 0.1, 3)))) for _ in range(4))
+        frames = tuple((f"c{i}", T_NS + 60 * k * MS - int(rng.integers(0, 200)) * MS) for i in range(4))
+        decisions.append(replace(decision(FAR, 60 * k, at), views=views, weak_px=(0.0,) * 4, frames=frames))
+        kept.take(decisions[-1])
+    climb = (2.0, 0.3, -0.4)
+    now = decision(NEAR, 200, replace(HERE, heading_rad=0.4, position_ned_m=(1.0, 0.1, -3.1)), climb)
+    found = path_sight(now, AVOID, GUARD, 0.0, kept.before(now)).kept_rays
+    expected = []
+    for old in decisions:
+        for exposed_ns in sorted((t_ns for _, t_ns in old.frames), reverse=True):
+            if now.t_ns - exposed_ns <= KEEP_NS:
+                exposures.append(exposed_ns)
+                expected.append(rays_together(old, now, exposed_ns))
+    assert [rays.exposed_ns for rays in found] == exposures
+    assert any(rays.any() for rays in expected)
+    for rays, wanted in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(rays.free_m, wanted)
+
+
+def rays_together(old: Surroundings, now: Surroundings, since_ns: int) -> np.ndarray:
+    """The rays of the corridor of a decision by all views of an older one that were exposed since then, together."""
+    young = [k for k, (_, t_ns) in enumerate(old.frames) if t_ns >= since_ns]
+    part = replace(old, views=tuple(old.views[k] for k in young), frames=tuple(old.frames[k] for k in young))
+    assert now.here is not None
+    assert old.here is not None
+    c, s = math.cos(old.here.heading_rad), math.sin(old.here.heading_rad)
+    north, east, down = np.subtract(now.here.position_ned_m, old.here.position_ned_m).tolist()
+    shift, turn = (c * north + s * east, c * east - s * north, down), now.here.heading_rad - old.here.heading_rad
+    ct, st = math.cos(turn), math.sin(turn)
+
+    def free(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        x, y = ct * x - st * y + shift[0], st * x + ct * y + shift[1]
+        return np.any([measured_free(view, x, y, z + shift[2]) for view in part.views], axis=0)
+
+    velocity = now.velocity_ned_m_s
+    assert velocity is not None
+    angle = math.atan2(velocity[1], velocity[0]) - now.here.heading_rad
+    slope = velocity[2] / math.hypot(velocity[0], velocity[1])
+    samples = samples_of(Path(math.cos(angle), math.sin(angle), slope), AVOID, GUARD)
+    return samples.rays_m(samples.found(free))

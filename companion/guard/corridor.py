@@ -1,0 +1,109 @@
+"""The corridor along a path, and how far each of its rays is free.
+
+Rays are parallel to the path, ACROSS at each height of the band of `[avoid]`, always in the same order. All coordinates are
+in `level` at the instant of a decision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config.avoidance import AvoidParams
+from ..config.guard import GuardParams
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+FreePlaces = Callable[[Floats, Floats, Floats], Bools]
+"""Returns which places are free, (len(z), *x.shape). x, y: of one shape; z: (heights,)."""
+ACROSS = 5
+"""Number of rays across the corridor."""
+PIECE_M = 2.0
+"""Along a sloping path the height band is moved once per piece of this length."""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """The middle of a corridor.
+
+    Attributes:
+        cos, sin: its direction in level.
+        slope: dz/ds, positive down.
+        from_m: obstacles nearer than this do not lie in the corridor."""
+
+    cos: float
+    sin: float
+    slope: float
+    from_m: float = 0.0
+
+    def beside(self, angle_rad: float, from_m: float = 0.0) -> Path:
+        """Returns a path at an angle clockwise from this one."""
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        return Path(c * self.cos - s * self.sin, c * self.sin + s * self.cos, self.slope, from_m)
+
+
+def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
+    """Returns half of the width of the corridor."""
+    return avoid.radius_m + guard.side_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Places on the rays of a corridor.
+
+    Attributes:
+        along_m: (N,) distances along the path.
+        x, y: (ACROSS, N).
+        z: (heights,) of a level path.
+        slope: of the path."""
+
+    along_m: Floats
+    x: Floats
+    y: Floats
+    z: Floats
+    slope: float
+
+    def found(self, free: FreePlaces) -> Bools:
+        """Returns which samples are free, (heights, ACROSS, N)."""
+        out = np.zeros((len(self.z), *self.x.shape), bool)
+        for piece in self._pieces():
+            z = self.z + self.slope * float(self.along_m[piece].mean())
+            out[:, :, piece] = free(self.x[:, piece], self.y[:, piece], z)
+        return out
+
+    def rays_m(self, found: Bools) -> Floats:
+        """Returns the distance to which each ray is free without a gap, (heights * ACROSS,); 0 where it is not. found: see
+        `found`."""
+        steps = np.logical_and.accumulate(found, axis=2).sum(axis=2).ravel()
+        out: Floats = np.where(steps > 0, self.along_m[steps - 1], 0.0)
+        return out
+
+    def _pieces(self) -> list[slice]:
+        """Returns slices of the samples along the path; one for a level path."""
+        if abs(self.slope) < 0.02:
+            return [slice(0, len(self.along_m))]
+        step = max(1, round(PIECE_M / float(self.along_m[1] - self.along_m[0])))
+        return [slice(k, k + step) for k in range(0, len(self.along_m), step)]
+
+
+def samples_of(path: Path, avoid: AvoidParams, guard: GuardParams) -> Samples:
+    """Returns the samples of a corridor, from near_m to horizon_m."""
+    along = np.arange(avoid.near_m, guard.horizon_m + avoid.step_m, avoid.step_m)
+    across = np.linspace(-1.0, 1.0, ACROSS) * half_width_m(avoid, guard)
+    return Samples(
+        along_m=along,
+        x=path.cos * along[None, :] - path.sin * across[:, None],
+        y=path.sin * along[None, :] + path.cos * across[:, None],
+        z=-avoid.band_above_m
+        + (np.arange(avoid.slices) + 0.5) / avoid.slices * (avoid.band_above_m + avoid.band_below_m),
+        slope=path.slope,
+    )
+
+
+def common_free_m(rays_m: Floats, clear_share: float) -> float:
+    """Returns the distance to which clear_share of the rays are seen free, at least 0."""
+    farthest_first = np.sort(rays_m)[::-1]
+    return max(0.0, float(farthest_first[math.ceil(clear_share * len(rays_m)) - 1]))
