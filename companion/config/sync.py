@@ -40,7 +40,11 @@ class SyncParams:
         0.2, 0.0, 2.0, "s", "greatest time over which the newest position is extrapolated by its velocity"
     )
     restart_step_s: float = number(
-        1.0, 0.1, 60.0, "s", "timestamps that step back by more than this mean a restart of the autopilot"
+        1.0,
+        0.1,
+        60.0,
+        "s",
+        "timestamps that step back by more than this mean a restart of the autopilot; those of a camera, when its frames have done so for this time",
     )
     held_samples: int = number(256, 8, 4096, "", "number of attitudes, and of positions, that are kept for late frames")
     use_pose: bool = field(

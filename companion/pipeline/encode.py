@@ -205,6 +205,7 @@ def state_message(state: PipelineState) -> pb.StateSnapshot:
                 edge_ramps=camera.extractor.edge_ramps,
                 edge_steps=camera.extractor.edge_steps,
                 last_t_exposure_ns=camera.last_t_exposure_ns,
+                back_since_ns=camera.back_since_ns,
                 mount=mount_state_message(camera.mount),
             )
             for name, camera in state.cameras
@@ -232,6 +233,7 @@ def state_from_message(message: pb.StateSnapshot) -> PipelineState:
                 ),
                 camera.last_t_exposure_ns if camera.HasField("last_t_exposure_ns") else None,
                 mount_state_from_message(camera.mount) if camera.HasField("mount") else MountState(),
+                camera.back_since_ns if camera.HasField("back_since_ns") else None,
             ),
         )
         for camera in message.cameras

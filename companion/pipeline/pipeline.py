@@ -61,11 +61,16 @@ class FrameExtractor(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """State of one camera that its next frame depends on."""
+    """State of one camera that its next frame depends on.
+
+    Attributes:
+        last_t_exposure_ns: of the newest frame; None: none yet.
+        back_since_ns: first exposure of the frames in a row that lie far before it; None: the last frame does not."""
 
     extractor: ExtractorState = field(default_factory=ExtractorState)
     last_t_exposure_ns: int | None = None
     mount: MountState = field(default_factory=MountState)
+    back_since_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,21 +221,30 @@ class Pipeline:
         return decision, result
 
     def _check_order(self, frame: DepthFrame, info: CameraInfo) -> DropCause:
-        """The drop cause by the frame's order and size, NONE if it can be used. A stamp far back means that the camera
-        restarted: its state is reset, except for a verdict against its mount."""
-        last = self._states[frame.camera].last_t_exposure_ns
-        if last is not None and frame.t_exposure_ns <= last - round(self._sync.params.restart_step_s * NS):
-            self._states[frame.camera] = CameraState(mount=self._states[frame.camera].mount.restarted())
+        """The drop cause by the frame's order and size, NONE if it can be used. Where the frames have stepped far back for
+        restart_step_s, the camera restarted: its state is reset, except for a verdict against its mount."""
+        state, t_ns = self._states[frame.camera], frame.t_exposure_ns
+        last = state.last_t_exposure_ns
+        if last is not None and t_ns <= last - self._restart_ns:
+            first_ns = t_ns if state.back_since_ns is None else min(t_ns, state.back_since_ns)
+            if (
+                t_ns - first_ns < self._restart_ns
+            ):  # late frames, or wrong stamps: the attitude of that time is not theirs
+                self._states[frame.camera] = dataclasses.replace(state, back_since_ns=first_ns)
+                return DropCause.LATE_FRAME
+            state, last = CameraState(mount=state.mount.restarted()), None
             self.counts["camera_restarts"] += 1
-            last = None
-        if last is not None and frame.t_exposure_ns <= last:
-            return DropCause.DUPLICATE_FRAME if frame.t_exposure_ns == last else DropCause.LATE_FRAME
-        self._states[frame.camera] = dataclasses.replace(
-            self._states[frame.camera], last_t_exposure_ns=frame.t_exposure_ns
-        )
+        if last is not None and t_ns <= last:
+            self._states[frame.camera] = dataclasses.replace(state, back_since_ns=None)
+            return DropCause.DUPLICATE_FRAME if t_ns == last else DropCause.LATE_FRAME
+        self._states[frame.camera] = dataclasses.replace(state, last_t_exposure_ns=t_ns, back_since_ns=None)
         if frame.depth_mm.shape != (info.intrinsics.height, info.intrinsics.width):
             return DropCause.WRONG_SIZE
         return DropCause.NONE
+
+    @property
+    def _restart_ns(self) -> int:
+        return round(self._sync.params.restart_step_s * NS)
 
     def _extract(self, frame: DepthFrame, info: CameraInfo, attitude: AttitudeAt, pose: PoseAt | None) -> PrismsResult:
         R_level_optical, camera_rad, vehicle_rad, lever_ned_m = level_cam_at(attitude.q_ned_frd_wxyz, info.mount)

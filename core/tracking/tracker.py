@@ -52,6 +52,9 @@ _VELOCITY_SHARE = 0.4
 """Not tuning: weight of a frame in the estimated velocity of a vehicle without a position."""
 _SPARE_SLOTS = 64
 """Not tuning: slots for the parts of split tracks."""
+_RESTART_NS = NS
+"""Not tuning: time that has passed at least when a clock went back, the default of [sync] restart_step_s: frames are left out
+so long."""
 _VIEWS, _VIEW_STEP_NS = 9, NS // 5
 """Not tuning: earlier free ranges that are kept, and the least time between them."""
 
@@ -108,10 +111,10 @@ class Tracker:
         self._reset()
 
     def observe(self, frame: TrackingFrame) -> TrackSnapshot:
-        """The tracks after a frame. A frame older than the newest one starts an empty tracker. An invalid frame is no evidence: its
-        tracks only grow older."""
+        """The tracks after a frame. One older than the newest frame means that the camera's clock went back: the tracks go on
+        from its stamp, and moving obstacles are observed again. An invalid frame is no evidence: its tracks only grow older."""
         if self._state.last_ns is not None and frame.t_ns <= self._state.last_ns:
-            self.clear()  # the camera was restarted
+            self._restart_clock(frame, self._state.last_ns)
         last_ns = self._state.last_ns
         dt_s = 0.0 if last_ns is None else min((frame.t_ns - last_ns) / NS, 10.0)
         before = dict(self.counts)
@@ -162,6 +165,23 @@ class Tracker:
         tracks, cells = self._all
         limit = self._used + 2 * detections + _SPARE_SLOTS
         self._table = TrackTable(tracks[:limit], cells[:limit])
+
+    def _restart_clock(self, frame: TrackingFrame, last_ns: int) -> None:
+        """Moves all stamps so that the newest frame lies _RESTART_NS before this one. Jumps of the vehicle's estimate have
+        stamps of another clock: those in the frame count as known."""
+        step_ns = frame.t_ns - _RESTART_NS - last_ns
+        tracks, cells = self._table
+        tracks["first_ns"] += step_ns
+        tracks["seen_ns"] += step_ns
+        cells["seen_ns"] += step_ns
+        self._objects["hits"] = 0
+        self._views.clear()
+        self._state = replace(
+            self._state,
+            last_ns=last_ns + step_ns,
+            position_jump_ns=frame.position_jump_ns,
+            heading_jump_ns=max([at_ns for at_ns, _ in frame.heading_jumps], default=0),
+        )
 
     # ---- place of the tracks ------------------------------------------------------------------------------------------
 

@@ -71,7 +71,9 @@ class WorldParams:
     jump_m: float = critical(1.0, 0.05, 100.0, "m", "a position that steps by more than this,")
     jump_speed_m_s: float = critical(30.0, 1.0, 500.0, "m/s", "and this speed, has jumped: a new section begins")
     jump_gap_s: float = critical(5.0, 0.1, 3600.0, "s", "without a position for longer, a new section begins")
-    restart_s: float = number(1.0, 0.1, 60.0, "s", "stamps that step back by more mean a restart: a new section begins")
+    restart_s: float = number(
+        1.0, 0.1, 60.0, "s", "stamps that step back by more, for as long, mean a restart: a new section begins"
+    )
     most_sections: int = number(4, 0, 64, "", "sections of before a jump that are kept apart; the oldest go, counted")
 
     def __post_init__(self) -> None:

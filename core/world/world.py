@@ -103,7 +103,8 @@ class WorldCounts:
     Attributes:
         frames: frames added.
         blind: invalid frames.
-        late: frames of an earlier estimate that arrived after the first one of the present section.
+        late: frames of an earlier estimate that arrived after the first one of the present section, and frames far
+            before the newest one.
         bad_planes: planes that are not finite, or without a length.
         sections: sections begun.
         sections_dropped: sections removed.
@@ -128,6 +129,7 @@ class World:
         self.past: deque[Section] = deque()
         self.counts = WorldCounts()
         self._epoch_ns = round(0.5 * self.params.free_age_s * NS)
+        self._back_since_ns: int | None = None  # first stamp of the frames in a row that lie far before the newest one
 
     def add(self, observation: Observation) -> None:
         """Adds one frame. An invalid frame changes only the counts."""
@@ -269,11 +271,20 @@ class World:
         return found
 
     def _is_late(self, observation: Observation) -> bool:
-        """Whether a frame of another estimate was exposed before the section began: one camera's frame from before a jump
-        that arrives after another camera's from after it. Its coordinates are not those of the section."""
-        section = self.section
+        """Whether a frame is left out because of its stamp.
+
+        It lies more than restart_s before the newest one, and not all frames of the last restart_s do: its stamp is wrong,
+        or it was read late. Or it is of another estimate and was exposed before the section began: one camera's frame from
+        before a jump that arrives after another camera's from after it. Its coordinates are not those of the section."""
+        section, restart_ns = self.section, round(self.params.restart_s * NS)
         if section is None or section.vouched:
             return False
+        if section.newest_ns - observation.t_ns > restart_ns:
+            first_ns = min(observation.t_ns, observation.t_ns if self._back_since_ns is None else self._back_since_ns)
+            self._back_since_ns = first_ns
+            if observation.t_ns - first_ns < restart_ns:
+                return True
+        self._back_since_ns = None
         before_s = (section.begun_ns - observation.t_ns) / NS
         other = (observation.reset_counter, observation.estimate) != (section.reset_counter, section.estimate)
         return other and 0.0 < before_s <= self.params.restart_s

@@ -146,7 +146,9 @@ def test_the_causes_are_those_of_the_schema():
 def test_the_schema_holds_every_field_of_statistics_and_state():
     assert {f.name for f in dataclasses.fields(FrameStats)} == set(pb.FrameStats.DESCRIPTOR.fields_by_name)
     state = {f.name for f in dataclasses.fields(ExtractorState)}
-    assert state | {"camera", "last_t_exposure_ns", "mount"} == set(pb.CameraState.DESCRIPTOR.fields_by_name)
+    assert state | {"camera", "last_t_exposure_ns", "back_since_ns", "mount"} == set(
+        pb.CameraState.DESCRIPTOR.fields_by_name
+    )
 
 
 @pytest.mark.parametrize("cutoff", [None, 0, START_NS])
@@ -166,7 +168,7 @@ def test_decisions_return_unchanged(cutoff):
 def test_a_state_returns_unchanged():
     cameras = (
         ("front", CameraState(ExtractorState(3.25, 0.004, 0.003, b"\x01\x02", 2, 120.5, 7.25), START_NS)),
-        ("rear", CameraState(ExtractorState(1.0, 0.1))),
+        ("rear", CameraState(ExtractorState(1.0, 0.1), START_NS, back_since_ns=5)),
     )
     state = PipelineState(cameras, (attitude(0), attitude(20)), (pose(5),))
     assert m.state_from_message(wired(m.state_message(state))) == state

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from companion.pipeline.encode import state_from_message, state_message
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import FrameDecision, PrismsResult
 from companion.pipeline.sync import DropCause, PoseAt, Source
@@ -87,15 +88,39 @@ def test_the_same_and_earlier_exposures_are_reported_but_not_published():
 
 
 def test_the_state_of_a_restarted_camera_is_reset():
+    """Its frames count from when they have stepped back for restart_step_s in a row, also from a snapshot in between."""
     line = pipeline()
     outputs([attitude(START_NS), frame(0, START_NS), frame(1, START_NS + 10 * MS)], line)
     assert dict(line.state().cameras)["front"].extractor.ground_height_m == 2.0
-    back_ns = START_NS - 2000 * MS
-    (decision, result) = outputs([attitude(back_ns), frame(0, back_ns)], line)
+    back_ns = START_NS - 5000 * MS
+    for k in range(10):
+        at_ns = back_ns + k * 100 * MS
+        found = outputs([attitude(at_ns), frame(k, at_ns)], line)
+        assert [d.cause for d in found] == [DropCause.LATE_FRAME], k
+        assert dict(line.state().cameras)["front"].extractor.ground_height_m == 2.0
+    line = pipeline(state_from_message(state_message(line.state())))
+    at_ns = back_ns + 1000 * MS
+    (decision, result) = outputs([attitude(at_ns), frame(10, at_ns)], line)
     assert decision.used
     assert result.model.ground.height_m == 0.0
     assert dict(line.state().cameras)["front"].extractor.ground_height_m == 1.0
     assert line.counts["camera_restarts"] == 1
+
+
+@pytest.mark.parametrize("back_ms", [[2000], [4000, 3950, 3900], [3900, 3950, 4000]])
+def test_a_few_frames_with_stamps_of_the_past_are_left_out_and_reset_nothing(back_ms):
+    """A camera's buffer that is read late, or a stamp that is wrong: attitudes of that time are still held."""
+    line = pipeline()
+    samples = [attitude(START_NS + k * 100 * MS) for k in range(-50, 30)]
+    assert outputs([*samples, frame(0, START_NS)], line)[0].used
+    for again in range(2):
+        for k, ms in enumerate(back_ms):
+            found = outputs([frame(1 + k, START_NS - ms * MS)], line)
+            assert [d.cause for d in found] == [DropCause.LATE_FRAME]
+        decision, result = outputs([frame(9, START_NS + (1 + again) * 800 * MS)], line)
+        assert decision.used
+        assert result.model.ground.height_m == 1.0 + again
+    assert line.counts["camera_restarts"] == 0
 
 
 def test_an_unknown_camera_is_refused():

@@ -73,6 +73,18 @@ def test_each_frame_has_tracks_in_its_own_frame(events):
         assert len(firm & set(results[-1].tracks.ids.tolist())) >= 0.7 * len(firm)
 
 
+@pytest.mark.parametrize("config", [ON, LEVEL], ids=["ned", "level"])
+def test_a_frame_with_a_stamp_of_the_past_changes_no_track(events, config):
+    """1.1 s back, where attitudes are still held: the image is a new one, its attitude would be an old one."""
+    frames = [k for k, e in enumerate(events) if isinstance(e, DepthFrame)]
+    at = frames[-3]
+    late = dataclasses.replace(events[at], t_exposure_ns=events[at].t_exposure_ns - 1_100_000_000)
+    one, other = run(config, events), run(config, [*events[: at + 1], late, *events[at + 1 :]])
+    assert len(one) == len(other)
+    for a, b in zip(one, other, strict=True):
+        assert wire_bytes(tracks_message(a)) == wire_bytes(tracks_message(b))
+
+
 def test_without_a_position_tracks_lie_on_the_planes_of_the_frame(events):
     pipeline = make_pipeline(LEVEL, (SMALL,))
     for event in events:

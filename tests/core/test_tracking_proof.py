@@ -11,8 +11,8 @@ import pytest
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
-from .test_tracking import POST, SMALL, WALL, distance, frame, without_position
-from .worlds import wall
+from .test_tracking import POST, SMALL, STEP, WALL, distance, frame, without_position
+from .worlds import NS, wall
 
 pytestmark = pytest.mark.nojit
 BOX = wall(6.0, -0.25, 6.0, 0.25)
@@ -134,3 +134,31 @@ def test_what_one_frame_has_observed_and_another_obstacle_hides_goes_soon() -> N
     for k in range(1, 5):
         s = tracker.observe(planes_of([screen], [screen], k))
     assert distance(s, 4.0, 0.0) > 0.5
+
+
+@pytest.mark.parametrize("positioned", [True, False])
+def test_a_clock_that_went_back_ends_no_track(positioned: bool) -> None:
+    """Ages go on from the second that the clock has been back for, and obstacles beside the view stay for the whole memory."""
+    tracker, memory = Tracker(SMALL), 20
+    for k in range(100, 105):
+        f = frame([POST], k)
+        before = tracker.observe(f if positioned else without_position(f))
+    for k in range(20, 20 + memory - 10):
+        f = frame([], k, heading=math.radians(90.0))
+        s = tracker.observe(f if positioned else without_position(f))
+        assert s.ids.tolist() == before.ids.tolist()
+        assert s.unseen_ns.tolist() == [NS + (k - 20) * STEP]
+        assert s.age_ns.tolist() == [before.age_ns[0] + NS + (k - 20) * STEP]
+        assert distance(s, 4.0, 0.0) < 0.1
+
+
+def test_the_first_frame_after_a_clock_went_back_is_evidence() -> None:
+    tracker = Tracker(SMALL)
+    for k in range(100, 110):
+        tracker.observe(frame([POST, WALL], k))
+    s = tracker.observe(frame([POST, WALL], 20))
+    assert s.unseen_ns.tolist() == [0] * len(s.ids)
+    assert distance(s, 4.0, 0.0) < 0.1
+    for k in range(21, 26):
+        s = tracker.observe(frame([WALL], k))
+    assert distance(s, 4.0, 0.0) > 3.0

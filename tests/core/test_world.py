@@ -261,7 +261,6 @@ def test_blind_frames_change_nothing_and_an_empty_world_is_unknown() -> None:
         ({"reset_counter": 1}, "the estimate of the position was reset"),
         ({"estimate": (1, 7)}, "the estimate of position or heading jumped"),
         ({"place_m": (3.5, 0.0, 0.0)}, "the position stepped"),
-        ({"t_ns": -2 * NS}, "the clock went back"),
         ({"t_ns": 20 * NS}, "there was no position for too long"),
     ],
 )
@@ -293,6 +292,35 @@ def test_a_late_frame_from_before_a_jump_does_not_replace_the_section_after_it(c
     world.add(seen(walls, (0.0, 0.0), 0.0, now + NS // 20))
     assert same(before, world.picture(now + NS // 10))
     assert (world.counts.sections, world.counts.late) == (2, 1)
+
+
+@pytest.mark.parametrize("back_s", [[2.0], [9.0], [9.0, 8.5, 8.1]])
+def test_frames_of_the_past_change_nothing(back_s: list[float]) -> None:
+    """A second camera whose stamps are wrong, or whose frames are read late: its frames end no section and free nothing."""
+    walls = np.array([wall(8.0, -4.0, 8.0, 4.0)])
+    world = World()
+    now = 20 * NS + fly(world, np.zeros((0, 6)), 1, speed=0.0)
+    for k in range(10):
+        world.add(seen(walls, (0.0, 0.0), 0.0, now + k * STEP))
+    for k in range(10, 20):
+        before = world.picture(now + k * STEP)
+        for s in back_s:
+            world.add(seen(np.zeros((0, 6)), (0.0, 0.0), 0.0, now + k * STEP - round(s * NS)))
+        assert same(before, world.picture(now + k * STEP))
+        world.add(seen(walls, (0.0, 0.0), 0.0, now + k * STEP))
+    assert world.counts.late == 10 * len(back_s)
+
+
+def test_a_clock_that_went_back_begins_a_new_section_after_restart_s() -> None:
+    walls = np.array([wall(8.0, -4.0, 8.0, 4.0)])
+    world = World()
+    now = 20 * NS + fly(world, walls, 10, speed=0.0)
+    world.add(seen(walls, (0.0, 0.0), 0.0, now))
+    sections = world.counts.sections
+    for k in range(12):
+        world.add(seen(walls, (0.0, 0.0), 0.0, now - 10 * NS + k * STEP))
+        assert world.counts.sections - sections == (k >= 10), k
+    assert world.counts.why["the clock went back"] == 1
 
 
 def test_sections_are_bounded_and_counted() -> None:

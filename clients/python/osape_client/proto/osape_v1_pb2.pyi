@@ -459,7 +459,7 @@ class FrameDecision(_message.Message):
     def __init__(self, camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., used: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., attitude: _Optional[_Union[AttitudeUsed.Source, str]] = ..., attitude_cutoff_ns: _Optional[int] = ..., pose: _Optional[_Union[AttitudeUsed.Source, str]] = ..., pose_text: _Optional[str] = ...) -> None: ...
 
 class CameraState(_message.Message):
-    __slots__ = ("camera", "ground_height_m", "ke_per_m", "last_t_exposure_ns", "mount", "still_ke_per_m", "samples_mm", "samples_age", "edge_ramps", "edge_steps")
+    __slots__ = ("camera", "ground_height_m", "ke_per_m", "last_t_exposure_ns", "mount", "still_ke_per_m", "samples_mm", "samples_age", "edge_ramps", "edge_steps", "back_since_ns")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     GROUND_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
     KE_PER_M_FIELD_NUMBER: _ClassVar[int]
@@ -470,6 +470,7 @@ class CameraState(_message.Message):
     SAMPLES_AGE_FIELD_NUMBER: _ClassVar[int]
     EDGE_RAMPS_FIELD_NUMBER: _ClassVar[int]
     EDGE_STEPS_FIELD_NUMBER: _ClassVar[int]
+    BACK_SINCE_NS_FIELD_NUMBER: _ClassVar[int]
     camera: str
     ground_height_m: float
     ke_per_m: float
@@ -480,7 +481,8 @@ class CameraState(_message.Message):
     samples_age: int
     edge_ramps: float
     edge_steps: float
-    def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ..., mount: _Optional[_Union[MountState, _Mapping]] = ..., still_ke_per_m: _Optional[float] = ..., samples_mm: _Optional[bytes] = ..., samples_age: _Optional[int] = ..., edge_ramps: _Optional[float] = ..., edge_steps: _Optional[float] = ...) -> None: ...
+    back_since_ns: int
+    def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ..., mount: _Optional[_Union[MountState, _Mapping]] = ..., still_ke_per_m: _Optional[float] = ..., samples_mm: _Optional[bytes] = ..., samples_age: _Optional[int] = ..., edge_ramps: _Optional[float] = ..., edge_steps: _Optional[float] = ..., back_since_ns: _Optional[int] = ...) -> None: ...
 
 class MountState(_message.Message):
     __slots__ = ("t_ns", "measurements", "verdict", "pending", "streak", "slope_rad", "mean", "covariance", "ground", "confirmations", "residual_north_rad", "residual_east_rad")
