@@ -25,7 +25,11 @@ class TrackingParams:
         2.0, 0.2, 30.0, "s", "the same without a position of the vehicle, where its place becomes uncertain"
     )
     speed_error_m_s: float = critical(
-        1.0, 0.0, 20.0, "m/s", "without a position, margins of obstacles grow by this for each second out of view"
+        5.0,
+        0.0,
+        20.0,
+        "m/s",
+        "without a position, margins of obstacles grow by this for each second out of view; at least the greatest speed flown so",
     )
     most_tracks: int = critical(
         2048,

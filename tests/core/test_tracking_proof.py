@@ -162,3 +162,17 @@ def test_the_first_frame_after_a_clock_went_back_is_evidence() -> None:
     for k in range(21, 26):
         s = tracker.observe(frame([WALL], k))
     assert distance(s, 4.0, 0.0) > 3.0
+
+
+def test_margins_without_a_position_contain_an_unknown_speed() -> None:
+    """A vehicle looks to the side and starts along a wall, where its motion cannot be observed, with 5 m/s. The post before it
+    is out of view; it is published where it was, and the margin reaches where it is."""
+    tracker, side = Tracker(SMALL), wall(60.0, 3.0, -60.0, 3.0)
+    for k in range(5):
+        tracker.observe(without_position(frame([POST, side], k)))
+    for k in range(5, 24):
+        s = tracker.observe(without_position(frame([side], k, at=(0.5 * (k - 4), 0.0), heading=math.radians(90.0))))
+        off = [
+            distance(dataclasses.replace(s, planes=s.planes[[n]]), 4.0 - 0.5 * (k - 4), 0.0) for n in range(len(s.ids))
+        ]
+        assert min(np.array(off) - s.margin_m) <= 0.05, k
