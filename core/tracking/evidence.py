@@ -27,12 +27,16 @@ from .observed import (
 from .shrinking import shrink
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
 from .tables import MEMORY_HITS
+from .vertical_limits import share_in_view, vertical_limits
 
 NEW_HITS = 3
 """Not tuning: a track observed less often is new."""
 _LEAST_MEMORY_NS = 200_000_000
 """Not tuning: nothing is forgotten sooner."""
 _RATE_STEP = 0.1
+_IN_VIEW_SHARE, _PROVEN_SHARE = 0.5, 0.75
+"""Not tuning: shares of the height above the ground. With less of it between the highest and the lowest measured ray a place is
+out of view; so much must lie there for free space to remove all of it."""
 
 
 @kernel
@@ -41,9 +45,10 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
     Sets the state of each track. Returns the number of cells removed.
 
     eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
-    their square: what flickers does not accumulate where it is hidden. Beside the measured directions it has the whole
-    memory, unless one frame alone has observed it: it may have left the view as soon as it was in it."""
-    removed, middle, limits = 0, middle_azimuth(view), measured_limits(view)
+    their square: what flickers does not accumulate where it is hidden. Beside the measured directions, and above or below
+    what was measured in them, it has the whole memory, unless one frame alone has observed it: it may have left the view as
+    soon as it was in it."""
+    removed, middle, limits, heights = 0, middle_azimuth(view), measured_limits(view), vertical_limits(view, eye_z)
     spans = np.empty((2, detections.shape[0]))
     find_spans(detections, view, spans)
     index = index_intervals(spans[0], spans[1])
@@ -65,13 +70,17 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
                 place, t, detections, spans, index, middle, rules.behind_m, view, eye_z
             ):
                 seen = CLEAR
+            if seen == CLEAR and share_in_view(place, t.top_m, t.bottom_m, eye_z, view, heights) < _PROVEN_SHARE:
+                seen = OUT_OF_VIEW
             if seen >= EXPLAINED:
                 c.against += 4 if gap else 2
             missed = missed or seen >= EXPLAINED
             best = max(best, seen)
             share = 0.0 if gap else min(1.0, (c.hits / MEMORY_HITS) ** 2)
-            if 0.0 < share < 1.0 and c.hits > 1 and seen == OUT_OF_VIEW and is_beside(place, limits):
-                share = 1.0
+            if 0.0 < share < 1.0 and c.hits > 1 and seen <= HIDDEN:
+                beside = seen == OUT_OF_VIEW and is_beside(place, limits)
+                if beside or share_in_view(place, t.top_m, t.bottom_m, eye_z, view, heights) < _IN_VIEW_SHARE:
+                    share = 1.0
             too_old = t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory_ns * share)
             if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or too_old:
                 c.hits = 0

@@ -19,7 +19,7 @@ class TrackingParams:
         0.5,
         120.0,
         "s",
-        "an obstacle that is hidden or out of view is removed after this time; sooner where one frame alone observed it, or where fewer than ten did and it is hidden, or above or below the view",
+        "an obstacle that is hidden or out of view is removed after this time; sooner where one frame alone observed it, or where fewer than ten did and it is hidden",
     )
     memory_without_position_s: float = critical(
         2.0, 0.2, 30.0, "s", "the same without a position of the vehicle, where its place becomes uncertain"
