@@ -14,11 +14,12 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.service import RecordParams
 from ..pipeline.pipeline import PipelineState
-from .log_directory import free_bytes, make_room, part_path, used_bytes
-from .log_writer import LogWriter
+from .log_directory import free_bytes, make_room, new_flight, part_path, used_bytes
+from .log_writer import FileInUseError, LogWriter
 from .repair import Repairs
 
 NS: Final = 1_000_000_000
+_NAMES_TRIED: Final = 10
 
 
 class LogRemovedError(OSError):
@@ -35,11 +36,11 @@ class Begin:
 
 
 class CurrentLog:
-    """The current file of a flight in a directory. repairs: a repair that runs beside it and is stopped when disk space
-    is needed."""
+    """The current file of a flight in a directory. flight: its name; empty: chosen when the first file is begun. repairs: a
+    repair that runs beside it and is stopped when disk space is needed."""
 
     def __init__(self, folder: Path, flight: str, run: pb.RunInfo, params: RecordParams, repairs: Repairs) -> None:
-        self._folder, self._flight, self._run, self._params = folder, flight, run, params
+        self._folder, self.flight, self._run, self._params = folder, flight, run, params
         self._repairs = repairs
         self._log: LogWriter | None = None
         self._begun_ns = self._synced_ns = 0
@@ -75,18 +76,32 @@ class CurrentLog:
             self._repairs.stop("the recording needs the disk space") and self._has_budget(0)
         ):
             raise OSError(
-                f"the budget of {params.budget_mb:g} MB is used by this flight's logs; raise [record] budget_mb"
+                f"the budget of {params.budget_mb:g} MB is used by logs of this flight, or by ones that cannot be deleted; raise "
+                "[record] budget_mb, or move logs to another disk"
             )
         if not self._has_disk(0) and not (
             self._repairs.stop("the recording needs the disk space") and self._has_disk(0)
         ):
             raise OSError(f"less than {params.least_free_mb:g} MB free on the disk; free disk space")
-        path = part_path(self._folder, self._flight, self.files)
-        self._log = LogWriter(path, level=params.zstd_level)
+        self._log = self._open()
         self.files += 1
         self._begun_ns = time.monotonic_ns()
         self._synced_ns = 0  # the first items at once: without a complete chunk nothing of a file can be recovered
         self._log.begin(self._run, item.cameras, item.state, item.t_ns)
+
+    def _open(self) -> LogWriter:
+        """Another service that records into this directory may choose the same name in the same second."""
+        for _ in range(_NAMES_TRIED):
+            flight = self.flight or new_flight(self._folder)
+            try:
+                log = LogWriter(part_path(self._folder, flight, self.files), level=self._params.zstd_level)
+            except FileInUseError:
+                if self.flight:
+                    raise
+                continue
+            self.flight = flight
+            return log
+        raise OSError(f"{self._folder}: other processes take each name; give each service its own [record] folder")
 
     def room_for(self, size: int) -> bool:
         """Whether a copy of `size` bytes fits the budget and the disk beside this file. Frees space as for a new file."""
@@ -94,7 +109,7 @@ class CurrentLog:
 
     def _has_budget(self, size: int) -> bool:
         budget = max(0, round((self._params.budget_mb - self._params.file_mb) * 1e6) - size)
-        self._repairs.files_deleted(make_room(self._folder, budget, self._flight))
+        self._repairs.files_deleted(make_room(self._folder, budget, self.flight))
         return used_bytes(self._folder) <= budget
 
     def _has_disk(self, size: int) -> bool:

@@ -1,19 +1,21 @@
 """The directory of flight logs: file names and disk budget.
 
-The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT begins with the wall clock's date as a label. A
-file being written ends in .active. When the budget is used, the oldest files of finished flights are deleted; files of
-the running flight are kept."""
+The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT is the wall clock's date and time, and a number
+where it is taken. A file being written ends in .active. When the budget is used, the oldest files of finished flights are
+deleted; files of a flight that is being recorded are kept, also those of another process."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from .log_writer import ACTIVE, RECOVERING
+from .log_writer import ACTIVE, RECOVERING, is_being_written
 
+_FLIGHT = re.compile(r"(?P<label>[0-9]{8}-[0-9]{6})(?:-(?P<number>[0-9]{1,9}))?")
 _PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})\.mcap(?P<active>\.active)?$")
 
 
@@ -26,14 +28,26 @@ class LogFile:
     part: int
     active: bool
     bytes: int
-    modified_ns: int
+
+    @property
+    def order(self) -> tuple[str, int, int]:
+        """Sorts files in the order of recording, by their names: copies and repairs change the times of files."""
+        label, number = _label_and_number(self.flight)
+        return label, number, self.part
+
+
+def _label_and_number(flight: str) -> tuple[str, int]:
+    match = _FLIGHT.fullmatch(flight)
+    assert match is not None
+    return match["label"], int(match["number"] or 1)
 
 
 def new_flight(folder: Path) -> str:
-    """An unused name for a flight: the date and time of the wall clock, as a label only."""
+    """A name for a flight that sorts after all others: the date and time of the wall clock, as a label only. A clock that is
+    behind, as one without a battery after a start, gives the label of the newest flight with the next number."""
     label = time.strftime("%Y%m%d-%H%M%S", time.gmtime(time.time_ns() / 1e9))
-    taken = {f.flight for f in files_of(folder)}
-    return next(name for name in (label, *(f"{label}-{k}" for k in range(2, 10_000))) if name not in taken)
+    newest = max((_label_and_number(f.flight) for f in files_of(folder)), default=("", 0))
+    return label if label > newest[0] else f"{newest[0]}-{newest[1] + 1}"
 
 
 def part_path(folder: Path, flight: str, part: int) -> Path:
@@ -51,20 +65,20 @@ def flight_and_part(name: str) -> tuple[str, int]:
 
 
 def files_of(folder: Path) -> list[LogFile]:
-    """The logs in a directory, oldest first. Files with other names are not logs and are never deleted."""
+    """The recorded logs in a directory, oldest first. Files with other names were not recorded and are never deleted."""
     found = []
     for entry in os.scandir(folder):
-        match = _PART.match(entry.name)
-        if match is None or not entry.is_file(follow_symlinks=False):
+        match = _PART.fullmatch(entry.name)
+        if match is None or _FLIGHT.fullmatch(match["flight"]) is None:
             continue
         try:
-            stat = entry.stat()
-        except FileNotFoundError:
-            continue  # the file was renamed meanwhile
-        active = match["active"] is not None
-        path = Path(entry.path)
-        found.append(LogFile(path, match["flight"], int(match["part"]), active, stat.st_size, stat.st_mtime_ns))
-    return sorted(found, key=lambda f: (f.modified_ns, f.flight, f.part))
+            if not entry.is_file(follow_symlinks=False):
+                continue
+            size = entry.stat().st_size
+        except OSError:
+            continue  # the file was renamed meanwhile, or its entry is damaged
+        found.append(LogFile(Path(entry.path), match["flight"], int(match["part"]), match["active"] is not None, size))
+    return sorted(found, key=lambda f: f.order)
 
 
 def used_bytes(folder: Path) -> int:
@@ -77,27 +91,49 @@ def recovering_files(folder: Path) -> list[Path]:
     return [path for path in folder.glob(f"*{ACTIVE}{RECOVERING}") if path.is_file()]
 
 
+def delete_unfinished_copies(folder: Path) -> None:
+    """Deletes copies that no process is writing; one that cannot be deleted stays."""
+    for path in recovering_files(folder):
+        with contextlib.suppress(OSError):
+            if not is_being_written(path):
+                path.unlink()
+
+
 def _size(path: Path) -> int:
     try:
         return path.stat().st_size
-    except FileNotFoundError:
-        return 0  # the file was renamed meanwhile
+    except OSError:
+        return 0  # the file was renamed meanwhile, or its entry is damaged
 
 
 def make_room(folder: Path, budget_bytes: int, running: str) -> list[Path]:
-    """Deletes the oldest files of finished flights until all logs fit the budget; returns the deleted files."""
+    """Deletes the oldest files of finished flights until all logs fit the budget; returns the deleted files. A file that
+    cannot be deleted is passed over."""
     files = files_of(folder)
     excess = used_bytes(folder) - budget_bytes
-    gone = []
+    gone: list[Path] = []
+    if excess <= 0:
+        return gone
+    kept = {running, *(f.flight for f in files if f.active and _in_use(f.path))}
     for f in files:
         if excess <= 0:
             break
-        if f.flight == running:
+        if f.flight in kept:
             continue
-        f.path.unlink(missing_ok=True)
+        try:
+            f.path.unlink(missing_ok=True)
+        except OSError:
+            continue
         excess -= f.bytes
         gone.append(f.path)
     return gone
+
+
+def _in_use(path: Path) -> bool:
+    try:
+        return is_being_written(path)
+    except OSError:
+        return False
 
 
 def free_bytes(folder: Path) -> int:

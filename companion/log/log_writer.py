@@ -39,11 +39,45 @@ RECOVERING: Final = ".recovering"
 """Suffix after ACTIVE of a file that a repair is writing."""
 
 
+class FileInUseError(ValueError):
+    """Another process writes this file."""
+
+
+def open_locked(path: Path) -> BinaryIO:
+    """Opens a file for writing and empties it; no other process can do so, repair or delete it meanwhile. Raises OSError, and
+    FileInUseError where another process has it open."""
+    stream = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666), "wb")
+    try:
+        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not os.path.samestat(os.stat(path), os.fstat(stream.fileno())):
+            raise BlockingIOError  # the other process has just completed and renamed it
+    except (BlockingIOError, FileNotFoundError) as error:
+        stream.close()
+        raise FileInUseError(f"{path}: another process writes it; wait for its end, or give another name") from error
+    except OSError:
+        pass  # some network file systems have no locks
+    if os.fstat(stream.fileno()).st_size:  # a device cannot be emptied
+        stream.truncate(0)
+    return stream
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether a process has the file open by `open_locked`. Raises OSError where it cannot be opened."""
+    with path.open("rb") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            pass  # some network file systems have no locks
+    return False
+
+
 class LogWriter:
     """A log being written. As a context manager it is finished at the end, or left as .active after an exception.
 
-    Raises OSError (no space, no permission) and ValueError for an output that exists and is not a log, and for
-    timestamps and names that a log cannot hold.
+    Raises OSError (no space, no permission), FileInUseError, and ValueError for an output that exists and is not a log, and
+    for timestamps and names that a log cannot hold.
 
     level: of zstandard, see `McapWriter`."""
 
@@ -51,11 +85,7 @@ class LogWriter:
         self.path = Path(path)
         refuse_output(self.path)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
-        self._file: BinaryIO = self.active_path.open("wb")
-        with contextlib.suppress(OSError):  # some network file systems have no locks
-            fcntl.flock(
-                self._file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB
-            )  # prevents a repair of a file that is being written
+        self._file: BinaryIO = open_locked(self.active_path)
         self._writer = McapWriter(self._file, CHUNK_BYTES, level)
         self._writer.start(LIBRARY)
         self._schemas: dict[str, int] = {}
@@ -187,9 +217,10 @@ class LogWriter:
 def refuse_output(path: Path, *inputs: Path) -> None:
     """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name), a
     directory, or a file that is not a log."""
-    taken = {path.resolve(), path.with_name(path.name + ACTIVE).resolve()}
+    # Path.resolve raises RuntimeError for a link to itself
+    taken = {os.path.realpath(path), os.path.realpath(path.with_name(path.name + ACTIVE))}
     for given in inputs:
-        if given.resolve() in taken:
+        if os.path.realpath(given) in taken:
             raise ValueError(
                 f"{given}: writing {path} would overwrite this input, or its unfinished log would have the same name; "
                 "give -o another name"
@@ -215,8 +246,8 @@ def finish_file(writer: McapWriter | Writer, stream: BinaryIO, active: Path, pat
     finish()
     stream.truncate()
     os.fsync(stream.fileno())
+    os.replace(active, path)  # before the lock ends: `open_locked` of another process would empty the file
     stream.close()
-    os.replace(active, path)
 
 
 def schema_bytes(kind: type[Message]) -> bytes:

@@ -30,7 +30,6 @@ from ..pipeline.results import Output
 from ..pipeline.tracking import TracksResult
 from .current_file import Begin, CurrentLog, LogRemovedError
 from .depth_rate import DepthRate
-from .log_directory import new_flight
 from .log_writer import LogWriter
 from .repair import Repairs
 
@@ -102,9 +101,7 @@ class Recorder:
         self.flight = ""
 
     def open(self) -> None:
-        """Creates the directory and starts the thread. Raises OSError where the directory cannot be created."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        self.flight = new_flight(self._folder)
+        """Starts the thread. A directory that cannot be used is a fault in `status`, and tried again."""
         self._thread.start()
 
     @property
@@ -257,13 +254,17 @@ class Recorder:
 
     def _work(self) -> None:
         repairs = self._repairs
-        repairs.begin(self.flight)
+        prepared = False
         current = CurrentLog(self._folder, self.flight, self._run_info, self._params, repairs)
         repair_ns = time.monotonic_ns() + REPAIR_AFTER_NS
         fault = ""
         try:
             while (items := self._next_items()) is not None:
+                if not prepared:
+                    fault = self._prepare(current.flight)
+                    prepared = not fault
                 fault = self._write(current, items, fault)
+                self.flight = current.flight
                 if current.path is not None or time.monotonic_ns() >= repair_ns:
                     with suppress(OSError):  # a deleted directory has nothing to repair
                         repairs.step(current.room_for)
@@ -274,8 +275,17 @@ class Recorder:
             current.finish()
         except OSError as error:
             self._status = RecordStatus(
-                fault=f"the last file remains .active: {error.strerror}; run `companion recover` on it"
+                fault=f"the last file remains .active: {_cause(error, self._folder)}; the next start repairs it"
             )
+
+    def _prepare(self, flight: str) -> str:
+        """Creates the directory and lists the repairs. Returns why that is not possible, "": it is done."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._repairs.begin(flight)
+        except OSError as error:
+            return f"recording stopped: {_cause(error, self._folder)}"
+        return ""
 
     def _write(self, current: CurrentLog, items: Sequence[Begin | _Item | None], fault: str) -> str:
         """Writes the items to the file. Returns why recording has stopped, "": it continues. fault: the previous fault."""
@@ -290,7 +300,7 @@ class Recorder:
                     current.write(item.write)
             current.sync()
         except (OSError, ValueError) as error:
-            fault = f"recording stopped: {getattr(error, 'strerror', None) or error}"
+            fault = f"recording stopped: {_cause(error, self._folder)}"
             current.abandon()
             with self._ready:
                 # a removed file may be replaced at once
@@ -326,3 +336,10 @@ class Recorder:
             self._queue.clear()
             self._queued_bytes = 0
             return items
+
+
+def _cause(error: Exception, folder: Path) -> str:
+    """The text of an error; of one of the operating system with the place and the remedy."""
+    if not isinstance(error, OSError) or error.strerror is None:
+        return str(error)
+    return f"{error.filename or folder}: {error.strerror}; check the disk, its mount and the rights of the directory"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
 
 from ..console import print_json, print_line
 from ..usage_error import UsageError
-from .log_writer import ACTIVE, RECOVERING, finish_file, start_writer
+from .log_writer import ACTIVE, RECOVERING, finish_file, open_locked, start_writer
 
 
 @dataclass(slots=True)
@@ -33,33 +34,29 @@ def recover(path: Path, output: Path | None = None) -> RecoverResult:
     """Writes the readable part of an MCAP file of any origin into `output` (default: `default_output`). Raises
     DriverError when nothing is readable, ValueError when the output would overwrite a file."""
     target = output or default_output(path)
-    if target.resolve() == path.resolve():
+    if os.path.realpath(target) == os.path.realpath(path):
         raise UsageError(f"{path}: input and output are the same file; give -o another name")
-    result = _copied(path, target)
-    if not result.damages:
-        result.output = None
-    return result
+    if os.path.lexists(target):
+        raise ValueError(f"{target} exists already; give -o another name")
+    return copy_readable(path, target)
 
 
 def default_output(path: Path) -> Path:
-    """FILE.mcap for FILE.mcap.active, otherwise FILE.recovered.mcap. Raises ValueError when it exists."""
+    """FILE.mcap for FILE.mcap.active, otherwise FILE.recovered.mcap."""
     if path.name.endswith(ACTIVE):
-        target = path.with_name(path.name.removesuffix(ACTIVE))
-    else:
-        target = path.with_name(path.stem + ".recovered.mcap")
-    if target.exists():
-        raise ValueError(f"{target} exists already; give -o another name")
-    return target
+        return path.with_name(path.name.removesuffix(ACTIVE))
+    return path.with_name(path.stem + ".recovered.mcap")
 
 
-def _copied(path: Path, target: Path) -> RecoverResult:
-    """Copies message by message; the copy is renamed when it contains a message."""
+def copy_readable(path: Path, target: Path) -> RecoverResult:
+    """Copies message by message, and replaces the target by the copy when it contains a message and the original is
+    damaged. Raises as `recover`, and FileInUseError where another process makes this copy."""
     result = RecoverResult(target)
     scan = open_scan(path)
     active = target.with_name(target.name + ACTIVE + RECOVERING)
     stream = None
     try:
-        stream = active.open("wb")
+        stream = open_locked(active)
         writer = start_writer(stream)
         copy = _Copy(writer, scan)
         for item in scan.items():
@@ -69,11 +66,13 @@ def _copied(path: Path, target: Path) -> RecoverResult:
             raise BadData(f"{path}: no message is readable{first}; nothing was written")
         if result.damages:
             finish_file(writer, stream, active, target)
+        else:
+            result.output = None
     finally:
         scan.close()
-        if stream is not None:
+        if stream is not None and not stream.closed:
+            active.unlink(missing_ok=True)  # before the lock ends: it is the copy of this process
             stream.close()
-            active.unlink(missing_ok=True)
     return result
 
 

@@ -19,9 +19,9 @@ from typing import Final
 from drivers.base import DriverError
 
 from ..console import print_line
-from .log_directory import files_of, recovering_files
+from .log_directory import delete_unfinished_copies, files_of
 from .log_writer import ACTIVE
-from .recover import recover
+from .recover import copy_readable
 
 log = logging.getLogger("companion")
 
@@ -40,8 +40,11 @@ def repair_file(path: Path) -> str:
     target = path.with_name(path.name.removesuffix(ACTIVE))
     try:
         with path.open("rb") as stream:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            result = recover(path, target)
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)  # not while it is written
+            if os.fstat(stream.fileno()).st_size == 0:  # the power failed before the first second was written
+                path.unlink()
+                return f"{path.name}: empty, deleted"
+            result = copy_readable(path, target)
             if result.output is None:
                 os.replace(path, target)  # it was complete except for its name
             else:
@@ -88,9 +91,9 @@ class Repairs:
         return "; ".join(s for s in self.results if LEFT in s)
 
     def begin(self, running: str) -> None:
-        """Lists the files to repair and deletes unfinished copies of an earlier repair."""
-        for path in recovering_files(self._folder):
-            path.unlink(missing_ok=True)
+        """Lists the files to repair and deletes unfinished copies of an earlier repair. Raises OSError where the directory
+        cannot be read."""
+        delete_unfinished_copies(self._folder)
         self._waiting = leftovers(self._folder, running)
 
     def step(self, room_for: Callable[[int], bool]) -> None:
@@ -114,11 +117,11 @@ class Repairs:
             )
             return
         log.info("log: repairing %s, %.0f MB, left unfinished by an earlier run", path.name, size / 1e6)
-        self._path = path
         # the child ends when its standard input closes, which shows that this process has ended
         self._process = subprocess.Popen(
             [*self._command, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
+        self._path = path
 
     def _take_result(self) -> None:
         assert self._process is not None
@@ -147,8 +150,7 @@ class Repairs:
         self._process.kill()
         self._process.communicate()
         self._process = self._path = None
-        for path in recovering_files(self._folder):
-            path.unlink(missing_ok=True)
+        delete_unfinished_copies(self._folder)
         return True
 
 

@@ -13,9 +13,9 @@ from mcap.writer import Writer
 
 from companion.cli import main
 from companion.log.info import read_log_info
-from companion.log.log_writer import LIBRARY, LogWriter, schema_bytes, write_recording
+from companion.log.log_writer import LIBRARY, FileInUseError, LogWriter, open_locked, schema_bytes, write_recording
 from companion.log.provenance import run_info
-from companion.log.recover import default_output, recover
+from companion.log.recover import recover
 from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample
 from drivers.base import BadData, DriverError
@@ -268,7 +268,7 @@ def test_a_killed_log_gets_its_own_name(tmp_path):
     log.finish()
     assert recover(active).output == tmp_path / "f2.mcap"
     with pytest.raises(ValueError, match="exists already"):
-        default_output(active)
+        recover(active)
     with McapRecording(tmp_path / "f2.mcap") as recording:
         assert len(list(recording.events())) > 100
 
@@ -313,6 +313,47 @@ def test_where_nothing_is_readable_nothing_is_written(tmp_path, content, capsys)
 def test_an_unreadable_file_is_not_overwritten(whole):
     with pytest.raises(ValueError, match="the same file"):
         recover(whole, whole)
+
+
+@pytest.mark.parametrize("name", ["flight.mcap", "notes.txt", "folder", "link"])
+def test_what_exists_is_not_overwritten(whole, tmp_path, name, capsys):
+    """It replaced every file that -o named."""
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:-100])
+    (tmp_path / "flight.mcap").write_bytes(whole.read_bytes())
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("nowhere")
+    before = sorted(tmp_path.iterdir())
+    assert main(["recover", str(cut), "-o", str(tmp_path / name)]) == 1
+    assert f"{tmp_path / name} exists already; give -o another name" in capsys.readouterr().err
+    assert sorted(tmp_path.iterdir()) == before
+    assert (tmp_path / "flight.mcap").read_bytes() == whole.read_bytes()
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_copy_that_another_process_makes_is_left_to_it(whole, tmp_path):
+    """The repair of the service and `companion recover` wrote into one file, and the first of both renamed it."""
+    cut = tmp_path / "cut.mcap.active"
+    cut.write_bytes(whole.read_bytes()[:-100])
+    with open_locked(tmp_path / "cut.mcap.active.recovering") as other:
+        other.write(b"begun")
+        other.flush()
+        with pytest.raises(FileInUseError, match="another process writes it"):
+            recover(cut)
+        assert (tmp_path / "cut.mcap.active.recovering").read_bytes() == b"begun"
+    assert recover(cut).messages > 100
+
+
+@pytest.mark.parametrize("command", ["info", "recover", "replay", "import"])
+def test_a_link_to_itself_is_a_file_that_cannot_be_opened(tmp_path, command, capsys):
+    loop = tmp_path / "loop.mcap"
+    loop.symlink_to(loop)
+    arguments = [command, str(loop), *(["-o", str(tmp_path / "out.mcap")] if command == "import" else [])]
+    assert main(arguments) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("companion: error: ")
+    assert str(loop) in error
 
 
 # ---- the front --------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from companion.log import current_file as log_current
 from companion.log import recorder as recorder_module
 from companion.log.current_file import Begin, CurrentLog
 from companion.log.log_directory import files_of, make_room, new_flight, part_path, recovering_files
-from companion.log.log_writer import LogWriter
+from companion.log.log_writer import FileInUseError, LogWriter
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
 from companion.log.repair import Repairs, repair
@@ -41,6 +41,7 @@ from drivers.simulation.flight import Rates, SimulatedFlight
 
 pytestmark = pytest.mark.process
 
+CHECK = "check the disk, its mount and the rights of the directory"
 SMALL = RecordParams(file_mb=1.0, file_s=600.0, budget_mb=100.0, least_free_mb=1.0)
 
 
@@ -272,7 +273,7 @@ def test_a_write_that_fails_leaves_what_was_written(tmp_path: Path, monkeypatch:
         raise OSError(28, "No space left on device")
 
     recorder._enqueue(no_space, 10)
-    assert until(lambda: recorder.status.fault == "recording stopped: No space left on device")
+    assert until(lambda: recorder.status.fault == f"recording stopped: {tmp_path}: No space left on device; {CHECK}")
     recorder.close()
     (left,) = files_of(tmp_path)
     assert left.active
@@ -295,6 +296,10 @@ def test_nothing_is_recorded_while_it_is_not_to_be(tmp_path: Path) -> None:
     assert recorder.status.dropped == 0
 
 
+A, B, C, D = (f"2026010{day}-000000" for day in (1, 2, 3, 4))
+"""Flights, in order."""
+
+
 def fake_log(folder: Path, flight: str, part: int, size: int, age_s: int) -> Path:
     path = part_path(folder, flight, part)
     path.write_bytes(bytes(size))
@@ -304,14 +309,136 @@ def fake_log(folder: Path, flight: str, part: int, size: int, age_s: int) -> Pat
 
 
 def test_the_oldest_flights_go_first_and_the_running_one_never(tmp_path: Path) -> None:
-    running = fake_log(tmp_path, "c", 0, 5000, 900)
-    old = fake_log(tmp_path, "a", 0, 3000, 500)
-    newer = fake_log(tmp_path, "b", 0, 3000, 100)
+    running = fake_log(tmp_path, C, 0, 5000, 900)
+    old = fake_log(tmp_path, A, 0, 3000, 500)
+    newer = fake_log(tmp_path, B, 0, 3000, 100)
     (tmp_path / "notes.txt").write_bytes(bytes(9000))
-    assert make_room(tmp_path, 9000, "c") == [old]
-    assert make_room(tmp_path, 1000, "c") == [newer]
+    assert make_room(tmp_path, 9000, C) == [old]
+    assert make_room(tmp_path, 1000, C) == [newer]
     assert running.exists()
     assert (tmp_path / "notes.txt").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["survey.2024.mcap", "bag.001.mcap", "20260101-000000.mcap", "my 20260101-000000.000.mcap"]
+)
+def test_logs_of_others_are_neither_deleted_nor_repaired(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(bytes(9000))
+    (tmp_path / (name + ".active")).write_bytes(b"")
+    assert make_room(tmp_path, 0, C) == []
+    assert repair(tmp_path, C) == []
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_the_flight_that_another_service_records_is_not_deleted(tmp_path: Path) -> None:
+    finished = fake_log(tmp_path, A, 0, 3000, 900)
+    other = LogWriter(part_path(tmp_path, A, 1))
+    other.begin(run_info("live"), flight().cameras)
+    other.sync()
+    assert make_room(tmp_path, 0, C) == []
+    assert other.in_place
+    other.abandon()
+    assert make_room(tmp_path, 0, C) == [finished, other.active_path]
+
+
+def test_a_flight_recorded_before_the_clock_was_set_is_not_taken_for_the_oldest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a battery the clock begins at the same date after each start."""
+    monkeypatch.setattr(time, "time_ns", lambda: 1_800_000_000 * 10**9)
+    before = fake_log(tmp_path, new_flight(tmp_path), 0, 3000, 0)
+    monkeypatch.setattr(time, "time_ns", lambda: 12 * 10**9)
+    names = []
+    for _ in range(11):
+        names.append(new_flight(tmp_path))
+        path = fake_log(tmp_path, names[-1], 0, 3000, 0)
+        os.utime(path, (12, 12))
+    assert len(set(names)) == len(names)
+    assert [f.flight for f in files_of(tmp_path)] == [before.name.partition(".")[0], *names]
+    assert make_room(tmp_path, 12 * 3000 - 1, "") == [before]
+
+
+def test_a_file_that_cannot_be_deleted_does_not_keep_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A damaged disk, or a file that belongs to somebody else in a directory with the sticky bit."""
+    stuck = fake_log(tmp_path, A, 0, 3000, 0)
+    newer = fake_log(tmp_path, B, 0, 3000, 0)
+    unlink = Path.unlink
+
+    def fails(path: Path, missing_ok: bool = False) -> None:
+        if path == stuck:
+            raise OSError(5, "Input/output error", str(path))
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", fails)
+    assert make_room(tmp_path, 3000, C) == [newer]
+
+
+def test_two_writers_of_one_file_exclude_each_other(tmp_path: Path) -> None:
+    first = LogWriter(tmp_path / "a.mcap")
+    first.begin(run_info("live"), flight().cameras)
+    first.sync()
+    content = first.active_path.read_bytes()
+    with pytest.raises(FileInUseError, match="another process writes it"):
+        LogWriter(tmp_path / "a.mcap")
+    assert first.active_path.read_bytes() == content
+    first.finish()
+    LogWriter(tmp_path / "a.mcap").abandon()  # a new file: the finished one stays
+    assert (tmp_path / "a.mcap").read_bytes()[: len(content)] == content
+
+
+def test_two_services_of_one_second_record_two_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both found the name unused, and wrote into one file."""
+    names = iter([A, A, B])
+    monkeypatch.setattr(log_current, "new_flight", lambda folder: next(names))
+    logs = [CurrentLog(tmp_path, "", run_info("live"), SMALL, Repairs(tmp_path)) for _ in range(2)]
+    for log in logs:
+        log.begin(Begin(1, flight().cameras, PipelineState()))
+    for log in logs:
+        log.finish()
+    assert [f.flight for f in files_of(tmp_path)] == [A, B]
+
+
+def test_a_directory_that_comes_later_is_recorded_into_and_repaired(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is mounted after the start. Before, the service did not start without it."""
+    monkeypatch.setattr(recorder_module, "RETRY_NS", 50_000_000)
+    (tmp_path / "disk").touch()
+    folder = tmp_path / "disk" / "logs"
+    source = flight()
+    pipeline = make_pipeline(Config(), source.cameras)
+    recorder = Recorder(folder, run_info("live"), SMALL)
+    recorder.open()
+    assert until(lambda: recorder.status.fault == f"recording stopped: {folder}: Not a directory; {CHECK}")
+    recorder.begin(0, pipeline.cameras, pipeline.state())
+    assert until(lambda: recorder.status.dropped > 0)
+    (tmp_path / "disk").unlink()
+    folder.mkdir(parents=True)
+    part_path(folder, A, 0).with_suffix(".mcap.active").touch()
+    assert until(lambda: recorder.wants_begin)
+    run_through(recorder, pipeline, source.events())
+    assert until(lambda: bool(recorder._repairs.results), 300.0)
+    recorder.close()
+    assert recorder.status.fault == ""
+    (log,) = files_of(folder)
+    assert log.flight == recorder.flight
+
+
+def test_a_copy_that_cannot_be_deleted_does_not_end_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power failure during a repair, and then a disk with errors."""
+    (tmp_path / f"{A}.000.mcap.active.recovering").touch()
+
+    def fails(path: Path, missing_ok: bool = False) -> None:
+        raise OSError(5, "Input/output error", str(path))
+
+    monkeypatch.setattr(Path, "unlink", fails)
+    recorder = recorded(tmp_path, SMALL)
+    assert recorder.status.fault == ""
+    assert len(files_of(tmp_path)) == 1
 
 
 def test_a_flight_that_has_spent_the_budget_stops_being_recorded(tmp_path: Path) -> None:
@@ -504,7 +631,7 @@ def test_a_repair_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_written_is_not_repaired(tmp_path: Path) -> None:
-    log = LogWriter(part_path(tmp_path, "other", 0))
+    log = LogWriter(part_path(tmp_path, A, 0))
     (results,) = repair(tmp_path, "mine")
     assert "another process writes" in results
     log.abandon()
@@ -512,12 +639,12 @@ def test_a_file_that_is_written_is_not_repaired(tmp_path: Path) -> None:
 
 def test_a_copy_counts_in_the_budget_and_is_deleted_before_the_recording(tmp_path: Path) -> None:
     params = RecordParams(file_mb=1.0, budget_mb=10.0, least_free_mb=1.0)
-    (tmp_path / "a.000.mcap.active.recovering").write_bytes(bytes(9_500_000))
-    old = fake_log(tmp_path, "b", 0, 3000, 100)
+    (tmp_path / f"{A}.000.mcap.active.recovering").write_bytes(bytes(9_500_000))
+    old = fake_log(tmp_path, B, 0, 3000, 100)
     repairs = Repairs(tmp_path, STUCK)
-    repairs._waiting = [unfinished(tmp_path, "c")]
+    repairs._waiting = [unfinished(tmp_path, C)]
     repairs.step(lambda size: True)
-    current = log_current.CurrentLog(tmp_path, "d", run_info("live"), params, repairs)
+    current = log_current.CurrentLog(tmp_path, D, run_info("live"), params, repairs)
     source = flight()
     current.begin(log_current.Begin(0, source.cameras, make_pipeline(Config(), source.cameras).state()))
     assert not old.exists()
@@ -553,6 +680,19 @@ def test_a_folder_that_is_taken_away_in_flight_is_made_again(tmp_path: Path, how
         result = replay(log.path, Options(check=True))
         assert result.comparison is not None
         assert result.comparison.passed
+
+
+def test_an_unfinished_file_without_a_byte_is_deleted(tmp_path: Path) -> None:
+    """The power failed at the begin of a file: each later start reported it as a fault."""
+    empty = tmp_path / f"{A}.000.mcap.active"
+    empty.touch()
+    repairs = Repairs(tmp_path)
+    repairs.begin("now")
+    repairs.step(lambda size: True)
+    assert until(lambda: repairs.step(lambda size: True) or bool(repairs.results), 300.0)
+    assert repairs.results == [f"{empty.name}: empty, deleted"]
+    assert repairs.fault == ""
+    assert not empty.exists()
 
 
 def test_repair_leaves_what_it_cannot_read(tmp_path: Path) -> None:
