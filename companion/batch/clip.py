@@ -17,7 +17,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
 from ..pipeline.pipeline import Pipeline
-from ..replay.replay import decoded_state, make_pipeline, opening_state, recorded_config, skipped_live
+from ..replay.recorded_config import recorded_config
+from ..replay.replay import decoded_state, make_pipeline, opening_state, skipped_live
 
 _OPENING: Final = ("run", "camera_info", "calibration")
 """Messages that `LogWriter.begin` writes."""

@@ -82,7 +82,7 @@ def parsed_filters(text: str) -> list[tuple[str, str, Any]]:
     """The filters of a JSON list, as pyarrow takes them. Raises UsageError."""
     try:
         content = json.loads(text)
-    except json.JSONDecodeError:
+    except ValueError:
         content = None
     if not isinstance(content, list) or not content or not all(isinstance(f, list) and len(f) == 3 for f in content):
         raise UsageError(

@@ -10,9 +10,10 @@ from typing import Any, Final
 from drivers.logs.reader import LoggedMessage, McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..config.loader import Config, config_from_text, config_text
+from ..config.loader import Config, config_text
 from ..log.provenance import software
 from ..pipeline.results import FrameDecision, Output
+from ..replay.recorded_config import readable_recorded_config
 from .events import NS, FlightEvents, FrameSummary
 from .flights import Flight
 from .frame_rows import FrameRows, plane_rows, result_columns, text_hash
@@ -62,10 +63,9 @@ class FlightTables:
     def begin(self, source: McapRecording, config: Config) -> None:
         """config: the configuration in use."""
         self._config_hash = text_hash(config_text(config))
-        recorded = Config()
+        recorded = readable_recorded_config(source)
         if source.run is not None:
             config_json = source.run.config_json
-            recorded = config_from_text(config_json, str(source.path)) if config_json else recorded
             self._onboard = source.run.software, text_hash(config_json) if config_json else None
         every_image = recorded.record.depth and recorded.record.depth_hz <= 0.0
         self._events.gap_s = recorded.service.timeout_s if every_image else math.inf

@@ -14,7 +14,7 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Union
@@ -64,6 +64,7 @@ _COMBINED = ("extractor", "expert", "camera")
 MAX_BLIND_DELAY_S = 0.4
 """After the newest exposure, so late at most: no setting may make it later."""
 TOO_DEEP = "nested deeper than can be read"
+TOO_LONG = "a number has thousands of digits; correct it"
 SHOWN_CHARACTERS = 200
 """Of a wrong value in a message."""
 
@@ -164,18 +165,19 @@ WITHOUT_NUL = r"^[^\x00]*$"
 
 
 class ConfigError(Exception):
-    """A configuration that cannot be used: `problems` holds one line for each mistake."""
+    """A configuration that cannot be used: `problems` holds one line for each mistake. remedy: for all of them."""
 
-    def __init__(self, source: str, problems: list[str]) -> None:
+    def __init__(self, source: str, problems: Sequence[str], remedy: str = "") -> None:
         self.source, self.problems = source, tuple(problems)
         count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
-        super().__init__("\n".join([f"{source}: {count}", *(f"  {p}" for p in problems)]))
+        lines = [f"{source}: {count}", *(f"  {p}" for p in problems), remedy]
+        super().__init__("\n".join(line for line in lines if line))
 
 
 def load_config(path: Path) -> Config:
     """The configuration in a TOML file; logs a warning for each key of an earlier version. Raises ConfigError."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError as error:
         raise ConfigError(str(path), ["not a text file in UTF-8; a configuration is a TOML file"]) from error
     except OSError as error:
@@ -192,6 +194,8 @@ def load_config(path: Path) -> Config:
         )
         problem = f"not valid TOML: {error}; {remedy}"
         raise ConfigError(str(path), [problem]) from error
+    except ValueError as error:  # Python reads numbers of up to 4300 digits
+        raise ConfigError(str(path), [TOO_LONG]) from error
     except RecursionError as error:
         raise ConfigError(str(path), [f"{TOO_DEEP}; a configuration has sections and keys only"]) from error
     if problems := refused_values(content):
@@ -217,7 +221,7 @@ def config_from_text(text: str, source: str = "the configuration in the log") ->
     """The configuration that `config_text` wrote. Raises ConfigError."""
     try:
         content = json.loads(text)
-    except json.JSONDecodeError as error:
+    except ValueError as error:
         raise ConfigError(source, [f"not valid JSON: {error}; the log is damaged"]) from error
     except RecursionError as error:
         raise ConfigError(source, [f"{TOO_DEEP}; the log is damaged"]) from error
@@ -340,6 +344,8 @@ def _shown(value: Any) -> str:
         text = json.dumps(value, default=str, ensure_ascii=False)
     except RecursionError:
         return f"(a value {TOO_DEEP})"
+    except ValueError:
+        return "(a number of thousands of digits)"
     return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}..."
 
 

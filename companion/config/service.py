@@ -89,8 +89,7 @@ class PublishConfig:
         0.5,
         15.0,
         "Hz",
-        "greatest rate of the recorded depth images of each camera; 0: every image. `companion replay` cannot "
-        "compute the images between again",
+        "greatest rate of these small depth images of each camera",
     )
     keys: str = text("", "directory of the CURVE keys (`companion keys`), needed for tcp:// addresses")
 

@@ -52,12 +52,12 @@ def read_intrinsics(path: Path, options: ImportOptions, usual_unit_mm: float = 1
 
 def _json_object(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise BadData(
             f"{path}: cannot be read ({error.strerror}); it must contain width, height, fx, fy, cx, cy"
         ) from error
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # not JSON, not UTF-8, or a number of thousands of digits
         raise BadData(f"{path}: not valid JSON ({error})") from error
     except RecursionError as error:
         raise BadData(f"{path}: nested too deeply; it must contain width, height, fx, fy, cx, cy") from error

@@ -19,7 +19,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..argument_types import number_in
 from ..cameras.masks import configured_mask
-from ..config.loader import Config, ConfigError, config_from_text, load_config
+from ..config.loader import Config, ConfigError, load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, print_json, progress
 from ..kernels.warmup import ensure_compiled
@@ -34,6 +34,7 @@ from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..usage_error import UsageError
 from .compare import Comparison, Key, key_of
 from .observer import Observer
+from .recorded_config import readable_recorded_config, recorded_config
 from .replay_report import Replay, depth_note, print_report, replay_problems, report
 from .summary import ReplayCounts
 
@@ -132,7 +133,7 @@ def replay(
         sink.end()
         result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
-        recorded = recorded_config(source)
+        recorded = readable_recorded_config(source)
         result.configured_offsets_ms = {
             info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras
         }
@@ -212,13 +213,6 @@ def _config(options: Options, source: McapRecording) -> Config:
         _refuse_unknown_cameras(config, str(options.config), source)
         return config
     return recorded_config(source)
-
-
-def recorded_config(source: McapRecording) -> Config:
-    """The configuration with which the frames were recorded; the defaults where the log has none."""
-    if source.run is not None and source.run.config_json:
-        return config_from_text(source.run.config_json, f"the configuration in {source.path}")
-    return Config()
 
 
 def _refuse_unknown_cameras(config: Config, name: str, source: McapRecording) -> None:

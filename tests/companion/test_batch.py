@@ -26,6 +26,7 @@ from drivers.logs.reader import McapRecording
 
 from .fleet import NS, flight_events, write_fleet, write_parts
 from .made_up import easy_model
+from .test_replay import log_of_a_newer_version
 
 pytest.importorskip("pyarrow", reason="the extra `batch` is not installed")
 
@@ -256,6 +257,17 @@ def test_broken_logs_are_part_of_the_result(tmp_path: Path) -> None:
     assert flights["empty"]["frames"] == 0
     assert "empty" in flights["empty"]["damage"]
     assert flights["empty"]["equals_onboard"] is None
+
+
+def test_a_log_of_a_newer_version_is_processed_with_a_configuration_of_this_one(fleet: Path, tmp_path: Path) -> None:
+    (tmp_path / "v").mkdir()
+    newer = log_of_a_newer_version(min(fleet.glob("alpha/*.mcap")), tmp_path / "v" / "20261101-100000.000.mcap")
+    options = BatchOptions(config=Config())
+    (flight,) = find_flights([str(newer)])
+    done = run_task(FlightTask(flight, str(tmp_path / "out"), options, software()))
+    assert isinstance(done, Outcome)
+    assert done.frames > 0
+    assert flight_rows(tmp_path / "out")["20261101-100000"]["onboard_software"] == "osape-companion 99.0"
 
 
 def test_a_log_that_disappears_is_no_result(tmp_path: Path) -> None:

@@ -131,13 +131,34 @@ def test_single_mistakes(content: dict[str, object], text: str) -> None:
 
 @pytest.mark.parametrize(
     ("raw", "text"),
-    [(b"[extractor\n", "not valid TOML"), (b"\xff\xfe\x00", "UTF-8"), (b"[sync]\nmax_gap_s = .1\n", "line 2")],
+    [
+        (b"[extractor\n", "not valid TOML"),
+        (b"\xff\xfe\x00", "UTF-8"),
+        (b"[sync]\nmax_gap_s = .1\n", "line 2"),
+        (b"[service]\nmetrics_port = " + b"1" * 5000, "a number has thousands of digits; correct it"),
+        (
+            b"[service]\nmetrics_port = 0x" + b"f" * 5000,
+            r"metrics_port = \(a number of thousands of digits\): expected",
+        ),
+    ],
 )
 def test_unreadable_files(tmp_path: Path, raw: bytes, text: str) -> None:
     path = tmp_path / "bad.toml"
     path.write_bytes(raw)
     with pytest.raises(ConfigError, match=text):
         load_config(path)
+
+
+def test_a_mark_before_the_text_is_no_part_of_it(tmp_path: Path) -> None:
+    """As editors of Windows write it."""
+    path = tmp_path / "mine.toml"
+    path.write_bytes(b"\xef\xbb\xbf[service]\nblind_hz = 20\n")
+    assert load_config(path).service.blind_hz == 20.0
+
+
+def test_a_number_of_thousands_of_digits_in_a_log_is_refused() -> None:
+    with pytest.raises(ConfigError, match="the log is damaged"):
+        config_from_text('{"service": {"metrics_port": ' + "1" * 5000 + "}}")
 
 
 def test_no_file(tmp_path: Path) -> None:

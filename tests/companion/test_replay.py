@@ -14,7 +14,7 @@ import pytest
 from mcap.writer import Writer
 
 from companion.cli import main
-from companion.config.loader import config_from_text
+from companion.config.loader import Config, config_from_text
 from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.encode import prisms_message, state_from_message, wire_bytes
@@ -422,6 +422,33 @@ def test_a_configuration_for_another_camera_is_refused(tmp_path, recorded, capsy
     assert "its camera front has no section; correct the name" in output
     config.write_text('[[camera]]\nname = "front"\n[[camera]]\nname = "rear"\n')
     assert main(["replay", str(recorded), "-c", str(config)]) == 0
+
+
+def log_of_a_newer_version(source: Path, path: Path) -> Path:
+    """A copy whose configuration has a key that this version does not know."""
+    with McapRecording(source) as recording:
+        run = run_info("live", Config())
+        run.software = "osape-companion 99.0"
+        run.config_json = run.config_json.replace('"service": {', '"service": {"of_the_future": 1,')
+        with LogWriter(path) as log:
+            log.begin(run, recording.cameras)
+            for event in recording.events():
+                log.event(event)
+    return path
+
+
+def test_a_log_of_a_newer_version_is_replayed_with_a_configuration_of_this_one(tmp_path, recorded, capsys):
+    """It was computed to the end, and then refused."""
+    newer = log_of_a_newer_version(recorded, tmp_path / "newer.mcap")
+    assert main(["replay", str(newer)]) == 1
+    error = capsys.readouterr().err
+    assert "[service] of_the_future: no such key" in error
+    assert "made by osape-companion 99.0, this is osape-companion" in error
+    assert "give a configuration with -c FILE" in error
+    (tmp_path / "mine.toml").touch()
+    output = tmp_path / "out.mcap"
+    assert main(["replay", str(newer), "-c", str(tmp_path / "mine.toml"), "-o", str(output)]) == 0
+    assert prisms_of(output)
 
 
 def test_a_state_that_cannot_be_used_is_reported_with_the_file(tmp_path, capsys):

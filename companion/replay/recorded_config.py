@@ -1,0 +1,31 @@
+"""The configuration in a log."""
+
+from __future__ import annotations
+
+from drivers.logs.reader import McapRecording
+
+from ..config.loader import Config, ConfigError, config_from_text
+from ..log.provenance import software
+
+
+def recorded_config(source: McapRecording) -> Config:
+    """The configuration with which the frames were recorded; the defaults where the log has none. Raises ConfigError for one
+    of a newer version, or a damaged one."""
+    if source.run is None or not source.run.config_json:
+        return Config()
+    try:
+        return config_from_text(source.run.config_json, f"the configuration in {source.path}")
+    except ConfigError as error:
+        remedy = (
+            f"The log was made by {source.run.software or 'an unknown version'}, this is {software()}: use that version, or give "
+            "a configuration with -c FILE"
+        )
+        raise ConfigError(error.source, error.problems, remedy) from error
+
+
+def readable_recorded_config(source: McapRecording) -> Config:
+    """`recorded_config`; the defaults where it cannot be read: for a replay with another configuration."""
+    try:
+        return recorded_config(source)
+    except ConfigError:
+        return Config()
