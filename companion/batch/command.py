@@ -212,7 +212,7 @@ def run(args: argparse.Namespace) -> int:
     options = BatchOptions(
         config=config, near_m=_NEAR_M if args.near is None else args.near, planes=args.planes, logs=args.logs
     )
-    output = args.output if is_url(args.output) else str(Path(args.output).resolve())
+    output = args.output if is_url(args.output) else os.path.realpath(args.output)
     engine = make_engine(EngineName(args.engine), args.address, args.workers, run_task)
     flights = find_flights(args.inputs, args.vehicle, output)
     if args.engine == EngineName.LOCAL:
@@ -240,7 +240,7 @@ def _compare(args: argparse.Namespace) -> int:
     arrow_module()
     from .comparison_report import run_comparison
 
-    a, b = (text if is_url(text) else str(Path(text).resolve()) for text in args.compare)
+    a, b = (text if is_url(text) else os.path.realpath(text) for text in args.compare)
     return run_comparison(a, b, Path(args.output), not args.no_pictures, args.json)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -135,7 +136,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: all clips are written; 1: a log gave none."""
-    dataset = args.dataset if is_url(args.dataset) else str(Path(args.dataset).resolve())
+    dataset = args.dataset if is_url(args.dataset) else os.path.realpath(args.dataset)
     hits = find_hits(dataset, args.condition, args.table)
     clips = plan_clips(dataset, hits, args.output, args.before, args.after)
     found = Found(left_out=max(0, len(clips) - args.limit))

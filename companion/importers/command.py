@@ -6,6 +6,8 @@ part is in the log."""
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -93,8 +95,9 @@ def write_file_list(output: Path, files: dict[int, str]) -> Path | None:
     if not files:
         return None
     path = output.with_suffix(".files.csv")
-    lines = [f"{number},{name}\n" for number, name in sorted(files.items())]
-    write_whole(path, "sequence,file\n" + "".join(lines))
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([("sequence", "file"), *sorted(files.items())])
+    write_whole(path, text.getvalue())
     return path
 
 
@@ -346,6 +349,8 @@ def _epoch_us(text: str) -> int:
     """Microseconds of a decimal number of seconds, exact."""
     try:
         value = Decimal(text)
-        return int((value * 1_000_000).to_integral_value())
-    except (InvalidOperation, OverflowError, ValueError) as error:
+    except InvalidOperation as error:
         raise argparse.ArgumentTypeError(f"{text!r}: expected a unix time in seconds") from error
+    if not value.is_finite() or not -(1 << 33) < value < 1 << 33:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a unix time in seconds, nearer than the year 2242")
+    return int((value * 1_000_000).to_integral_value())

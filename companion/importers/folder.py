@@ -7,6 +7,7 @@ from it. Depth PNGs need intrinsics.json; stereo pairs the camera's SN<serial>.c
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from core.frames import quaternion_from_euler
@@ -109,7 +110,10 @@ class _FolderRows:
 
     def report_unlisted(self) -> None:
         """Reports images without a row: they have no time and are not used."""
-        listed = {(self._folder / name).resolve() for r in self._rows for name in (r.file, r.file_right) if name}
+        # Path.resolve raises RuntimeError for a link to itself
+        listed = {
+            Path(os.path.realpath(self._folder / name)) for r in self._rows for name in (r.file, r.file_right) if name
+        }
         for parent in sorted({p.parent for p in listed}):
             unlisted = [p.name for p in sorted(parent.glob("*.png")) if p not in listed]
             if unlisted:

@@ -110,9 +110,11 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
     if not -(1 << 62) < t_ns < 1 << 62:
         report.problem("row", f"{path} line {line}: t_ns {stamp} is out of range; row left out")
         return None
-    if "\0" in file:
-        report.problem("row", f"{path} line {line}: file {file!r} is not a file name; row left out")
-        return None
+    file_right = cells.get("file_right") or ""
+    for name in (file, file_right):
+        if "\0" in name:
+            report.problem("row", f"{path} line {line}: file {name!r} is not a file name; row left out")
+            return None
     return FrameRow(
         line=line,
         number=number,
@@ -120,7 +122,7 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
         t_ns=t_ns,
         euler_rad=_three(cells, ATTITUDE),
         position_ned_m=_three(cells, POSITION),
-        file_right=cells.get("file_right") or "",
+        file_right=file_right,
     )
 
 

@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -34,12 +35,20 @@ def read_depth_png(
             f"{path}: {width}x{height} pixels, but intrinsics.json is for {size[0]}x{size[1]}; use the intrinsics of "
             "the images' resolution"
         )
-    raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    raw = decoded(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None or raw.dtype != np.uint16 or raw.shape != (height, width):
         raise BadData(f"{path}: its pixels cannot be decoded; save it again as a 16-bit grey PNG")
     depth = millimetres(raw, unit_mm)
     depth[np.isin(raw, np.array(list(invalid), dtype=np.int64))] = UNKNOWN_MM
     return depth
+
+
+def decoded(data: NDArray[np.uint8], flags: int) -> Any:
+    """The image of OpenCV; None where it cannot be decoded, which OpenCV reports in two ways."""
+    try:
+        return cv2.imdecode(data, flags) if len(data) else None
+    except cv2.error:  # a size of more pixels than OpenCV reads
+        return None
 
 
 def millimetres(raw: NDArray[np.uint16], unit_mm: float) -> NDArray[np.uint16]:

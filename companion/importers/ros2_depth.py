@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from core.types import FAR_MM, UNKNOWN_MM
 from drivers.base import BadData
 
-from .png import SIGNATURE
+from .png import SIGNATURE, decoded
 from .ros2_decode import COMPRESSED
 from .ros2_frames import depth_from_image
 from .rvl import decode_rvl
@@ -62,7 +62,7 @@ def _png(data: bytes) -> NDArray[np.uint16]:
     header = 0 if data.startswith(SIGNATURE) else _CONFIG.size
     if not data[header:].startswith(SIGNATURE):
         raise BadData("a compressed depth image that contains no PNG")
-    raw = cv2.imdecode(np.frombuffer(data, np.uint8, offset=header), cv2.IMREAD_UNCHANGED)
+    raw = decoded(np.frombuffer(data, np.uint8, offset=header), cv2.IMREAD_UNCHANGED)
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
         raise BadData("a compressed depth image whose PNG is damaged or not 16-bit grey")
     return np.asarray(raw, np.uint16)

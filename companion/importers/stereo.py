@@ -20,6 +20,7 @@ from drivers.cameras.zed_calibration import load_zed_calibration
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, halves
 
 from .frames_csv import FrameRow
+from .png import decoded
 from .report import ImportOptions, Report
 
 Gray = NDArray[np.uint8]
@@ -98,7 +99,12 @@ class StereoImages:
         return left, right
 
     def _image(self, name: str) -> Gray:
-        image = cv2.imread(str(self._folder / name), cv2.IMREAD_GRAYSCALE)
+        path = self._folder / name
+        try:
+            data = np.frombuffer(path.read_bytes(), np.uint8)
+        except OSError as error:
+            raise BadData(f"{path}: cannot be read ({error.strerror}); the file is named in frames.csv") from error
+        image = decoded(data, cv2.IMREAD_GRAYSCALE)
         if image is None:
-            raise BadData(f"{self._folder / name}: no readable image; the file is named in frames.csv")
+            raise BadData(f"{path}: no readable image; the file is named in frames.csv")
         return np.asarray(image, np.uint8)

@@ -94,7 +94,7 @@ def _rows(path: Path, report: Report) -> list[FrameRow]:
     rows: list[FrameRow] = []
     for number, (line, words) in enumerate(_lines(path)):
         t_ns = _stamp_ns(words[0])
-        if len(words) < 2 or t_ns is None:
+        if len(words) < 2 or t_ns is None or "\0" in words[1]:
             report.problem("row", f"{path} line {line}: expected a stamp in seconds and a file; line left out")
             continue
         rows.append(FrameRow(line=line, number=number, file=words[1], t_ns=t_ns, euler_rad=None, position_ned_m=None))

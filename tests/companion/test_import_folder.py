@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 from pathlib import Path
@@ -189,6 +190,42 @@ def test_a_frames_number_leads_to_its_file(tmp_path: Path, capsys: pytest.Captur
     assert lines[0] == "sequence,file"
     assert f"{frames_of(out)[2].sequence},depth/000002.png" in lines
     assert "out.files.csv" in capsys.readouterr().out
+
+
+def test_names_with_any_character_lead_to_their_files(tmp_path: Path) -> None:
+    """A comma, a quote or a line end in a name broke the table."""
+    names = ["a,b.png", 'say "c".png', "ü  x.png", "-n\nl.png"]
+    folder = tmp_path / "rec"
+    write_folder(folder, len(names))
+    for number, name in enumerate(names):
+        (folder / f"depth/{number:06d}.png").rename(folder / name)
+    with (folder / "frames.csv").open("w", newline="", encoding="utf-8") as stream:
+        rows = [[name, *row(number).split(",")[1:]] for number, name in enumerate(names)]
+        csv.writer(stream).writerows([HEADING.split(","), *rows])
+    status, out = imported(folder)
+    assert status == 0
+    with out.with_suffix(".files.csv").open(newline="", encoding="utf-8") as stream:
+        assert [(r["sequence"], r["file"]) for r in csv.DictReader(stream)] == [
+            (str(n), f) for n, f in enumerate(names)
+        ]
+
+
+@pytest.mark.parametrize("how", ["link to itself", "NUL in the right image"])
+def test_a_name_that_is_no_file_costs_its_own_frame(
+    how: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 4)
+    if how == "link to itself":
+        (folder / "depth/000002.png").unlink()
+        (folder / "depth/000002.png").symlink_to("000002.png")
+    else:
+        lines = (folder / "frames.csv").read_text().splitlines()
+        lines = [f"{line},{right}" for line, right in zip(lines, ["file_right", "", "", "a\0b", ""], strict=True)]
+        (folder / "frames.csv").write_text("\n".join(lines) + "\n")
+    status, out = imported(folder)
+    assert status == 1
+    assert "line 4: " in capsys.readouterr().err
+    assert [f.sequence for f in frames_of(out)] == [0, 1, 3]
 
 
 def test_the_import_reports_the_measured_share_and_range(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+import struct
+import zlib
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from companion.cli import main
+from companion.importers.ros2_decode import COMPRESSED
+from companion.importers.ros2_depth import depth_of
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, PoseSample
+from drivers.base import BadData
 from drivers.logs.reader import McapRecording
 
 from .recordings import events_of, frames_of
@@ -115,6 +121,29 @@ def test_one_wrong_stamp_in_a_tum_folder_removes_its_own_frame_only(
     assert [int(f.depth_mm[9, 9]) for f in frames] == [1000 + 100 * k for k in range(5) if k != line - 2]
 
 
+def test_a_tum_name_with_nul_costs_its_own_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_tum(tmp_path / "rgbd")
+    lines = (folder / "depth.txt").read_text().splitlines()
+    lines[-1] += "\0"
+    (folder / "depth.txt").write_text("\n".join(lines) + "\n")
+    status, out = imported(folder)
+    assert status == 1
+    assert "expected a stamp in seconds and a file; line left out" in capsys.readouterr().err
+    assert len(frames_of(out)) == 4
+
+
+@pytest.mark.parametrize("size", [(40_000, 30_000), (1 << 30, 1 << 30), (0, 0)])
+def test_a_png_of_an_impossible_size_is_damaged(size: tuple[int, int]) -> None:
+    """OpenCV raises for more than 2^30 pixels, and returns None for other damages."""
+    header = b"IHDR" + struct.pack(">IIBBBBB", *size, 16, 0, 0, 0, 0)
+    pixels = b"IDAT" + zlib.compress(bytes(100))
+    chunks = [struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in (header, pixels, b"IEND")]
+    data = b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+    message = SimpleNamespace(data=data, format="16UC1; compressedDepth png")
+    with pytest.raises(BadData, match="damaged"):
+        depth_of(COMPRESSED, message)
+
+
 def test_a_tum_folder_without_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_tum(tmp_path / "rgbd")
     (folder / "groundtruth.txt").unlink()
@@ -171,7 +200,7 @@ def test_exchanged_or_foreign_images_are_named(tmp_path: Path, capsys: pytest.Ca
     (folder / "r1.png").unlink()
     status, out = imported(folder)
     assert status == 1
-    assert "r1.png: no readable image" in capsys.readouterr().err
+    assert "r1.png: cannot be read (No such file or directory)" in capsys.readouterr().err
     assert len(frames_of(out)) == 1
     text = (folder / "frames.csv").read_text().replace(",file_right", ",other")
     (folder / "frames.csv").write_text(text)

@@ -124,7 +124,16 @@ def test_several_logs_need_a_choice(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert imported(folder, "--tlog-epoch", EPOCH, "--tlog", str(folder / "b.tlog"))[0] == 0
 
 
-@pytest.mark.parametrize("arguments", [["--tlog-epoch", "noon"], ["--tlog", "x", "--no-tlog"], ["--mount", "1,2"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--tlog-epoch", "noon"],
+        ["--tlog-epoch", "1e400"],
+        ["--tlog-epoch", "1e999999999"],
+        ["--tlog", "x", "--no-tlog"],
+        ["--mount", "1,2"],
+    ],
+)
 def test_wrong_use(arguments: list[str], tmp_path: Path) -> None:
     assert main(["import", str(tmp_path), "-o", str(tmp_path / "o"), *arguments]) == 2
 
