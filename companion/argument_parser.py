@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
+
+from drivers.shell_word import shell_word
 
 _NEGATIVE = re.compile(r"-[0-9.].*")
 """A word that argparse takes for an option, unless it is a plain negative number."""
@@ -37,6 +40,16 @@ def _plain(word: str) -> bool:
 class ArgumentParser(argparse.ArgumentParser):
     """An `argparse.ArgumentParser` that accepts a list of numbers with a minus as a word of its own."""
 
+    _words: Sequence[str] = ()
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As in the base class, which calls it for `parse_args` too."""
-        return super().parse_known_args(negative_values_joined(sys.argv[1:] if args is None else args), namespace)
+        self._words = negative_values_joined(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(self._words, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Prints the usage and the message, and exits. A file whose name begins with a minus was taken for an option."""
+        for word in self._words:
+            if word.startswith("-") and os.path.lexists(word):
+                super().error(f"{message}; give the file as {shell_word(word)}")
+        super().error(message)

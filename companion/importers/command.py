@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, DeviceNotFound, Event
+from drivers.shell_word import shell_word
 
 from ..argument_types import number_in
 from ..config.loader import Config, ConfigError, config_of, load_config
@@ -318,7 +319,7 @@ def _print_summary(done: Imported) -> None:
     if done.file_list is not None:
         print_line(f"  {done.file_list} leads from a frame's number to its file")
     if not done.problems:
-        print_line(f"next: companion replay {done.output} -o prisms.mcap")
+        print_line(f"next: companion replay {shell_word(done.output)} -o prisms.mcap")
 
 
 def _json(done: Imported) -> dict[str, Any]:

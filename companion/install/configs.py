@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from drivers.shell_word import shell_word
+
 from ..console import print_json, print_line
 from ..usage_error import UsageError
 from ..whole_file import write_whole
@@ -49,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json({"written": str(target)})
     else:
-        print_line(f"written: {target}; adapt it, then run: companion check-config {target}")
+        print_line(f"written: {target}; adapt it, then run: companion check-config {shell_word(target)}")
     return 0
 
 

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.shell_word import shell_word
+
 from ..paths import NAME
 
 UNIT = f"{NAME}.service"
@@ -107,7 +109,7 @@ def install_paths(root: Path) -> InstallPaths:
 def start_command(paths: InstallPaths, config: Path) -> str:
     """The commands that start the service with a configuration, now and at each boot. The command of this environment is
     named by its place: sudo searches only directories of the system."""
-    name = shlex.quote(str(config))
+    name = shell_word(config)
     if not paths.package_unit.exists():
         return f"sudo {shlex.quote(str(Path(sys.executable).with_name('companion')))} install -c {name}"
     copy = "" if config.absolute() == paths.config else f"sudo cp {name} {paths.config} && "

@@ -17,6 +17,7 @@ from core.types import CameraInfo, InvalidCause
 from drivers.logs.codec import camera_from_message
 from drivers.logs.reader import open_scan, our_channel
 from drivers.logs.record_scanner import Damage, Logged
+from drivers.shell_word import shell_word
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -270,5 +271,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         print_info(info)
     for damage in info.damages:
-        fail(f"{args.input}: damaged: {damage}. `companion recover {args.input}` recovers the readable part")
+        fail(
+            f"{args.input}: damaged: {damage}. `companion recover {shell_word(args.input)}` recovers the readable part"
+        )
     return 1 if info.damages else 0

@@ -8,6 +8,7 @@ from typing import Any
 
 from core.codes import text_of
 from core.types import InvalidCause
+from drivers.shell_word import shell_word
 
 from ..config.service import RecordParams
 from ..console import print_line
@@ -191,7 +192,7 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"check: tracks of {result.tracks.compared} frames compared: {verdict}")
     if output is not None:
         print_line(f"written: {output}")
-        print_line(f"next: companion view {output} -o pictures")
+        print_line(f"next: companion view {shell_word(output)} -o pictures")
 
 
 def _print_check(comparison: Comparison) -> None:

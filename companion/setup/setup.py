@@ -13,6 +13,7 @@ from drivers.base import DriverError
 from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
 from drivers.cameras.zed_calibration import load_zed_calibration
 from drivers.mavlink.address import parse_address
+from drivers.shell_word import shell_word
 
 from ..argument_types import checked_by, number_in
 from ..config.loader import ConfigError, load_config
@@ -120,14 +121,15 @@ def run(args: argparse.Namespace) -> int:
         config = load_config(args.output)
     except ConfigError as error:
         print_line(f"it is not complete yet: {'; '.join(error.problems)}")
-        print_line(f"edit {args.output}, then run: companion doctor -c {args.output}")
+        print_line(f"edit {args.output}, then run: companion doctor -c {shell_word(args.output)}")
         return 1
     ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
+    name = shell_word(args.output)
     if answers.kind == "simulated":
-        print_line(f"next: companion run -c {args.output}, and beside it companion simulate-autopilot -c {args.output}")
+        print_line(f"next: companion run -c {name}, and beside it companion simulate-autopilot -c {name}")
         return 0 if ok else 1
     start = start_command(install_paths(Path("/")), args.output)
-    print_line(f"next: companion run -c {args.output}, or start the service, now and at each boot: {start}")
+    print_line(f"next: companion run -c {name}, or start the service, now and at each boot: {start}")
     return 0 if ok else 1
 
 

@@ -17,6 +17,7 @@ from core.types import UNKNOWN_MM, CameraInfo, DepthFrame
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..base import BadData, DeviceNotFound, Event
+from ..shell_word import shell_word
 from .codec import (
     attitude_from_message,
     camera_from_message,
@@ -256,7 +257,7 @@ def damage_text(path: Path, damage: Damage) -> str:
     """The text of a damage with its remedy."""
     return (
         f"{path}: damaged at byte {damage.offset}: {damage.cause}; everything before it was read. `companion recover "
-        f"{path}` recovers the readable part"
+        f"{shell_word(path)}` recovers the readable part"
     )
 
 
@@ -274,9 +275,7 @@ def _refusal(path: Path, scan: McapScan, others: list[Channel]) -> str:
     has = ", ".join(f"{topic} ({schema})" for topic, schema in sorted(schemas.items())[:_LISTED]) or "no topics"
     more = f" and {len(schemas) - _LISTED} more" if len(schemas) > _LISTED else ""
     if ros_depth:
-        remedy = (
-            f"it contains ROS 2 images ({', '.join(ros_depth)}): `companion import {path} -o OUT.mcap` converts them"
-        )
+        remedy = f"it contains ROS 2 images ({', '.join(ros_depth)}): `companion import {shell_word(path)} -o OUT.mcap` converts them"
     else:
         remedy = "use a log written by companion, or convert the recording with `companion import`"
     depth, info, attitude = (TOPICS[key] for key in ("depth", "camera_info", "attitude"))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -193,6 +195,26 @@ def test_info_reports_damage_and_foreign_files(whole, tmp_path, shared_data, cap
     assert "not a log of this software" in text
     assert len(text.splitlines()) < 60
     assert main(["info", str(tmp_path / "none.mcap")]) == 1
+
+
+@pytest.mark.parametrize("name", ["my flight.mcap", "-x.mcap", "a'b;c.mcap", "two\nlines.mcap", "\u98de\u884c.mcap"])
+def test_the_named_command_is_one_that_a_shell_runs(whole, tmp_path, name, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_bytes(whole.read_bytes()[:-1000])
+    for arguments in (["info", "--", name], ["replay", "--", name]):
+        assert main(arguments) == 1
+        command = re.search("`companion (recover .*?)` recovers", capsys.readouterr().err, re.DOTALL)
+        assert command is not None
+        assert main([*shlex.split(command[1]), "-o", "out.mcap"]) == 0
+        Path("out.mcap").unlink()
+
+
+def test_a_name_with_a_minus_is_answered_with_the_remedy(whole, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("-x.mcap").write_bytes(whole.read_bytes())
+    assert main(["info", "-x.mcap"]) == 2
+    assert "give the file as ./-x.mcap" in capsys.readouterr().err
+    assert main(["info", "./-x.mcap"]) == 0
 
 
 def test_info_of_a_log_without_messages(tmp_path, capsys):
