@@ -24,7 +24,12 @@ def whole_file(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
-    """Replaces a file; text is written as UTF-8. Raises OSError as `whole_file`."""
-    with whole_file(path) as part:
-        part.write_bytes(content.encode() if isinstance(content, str) else content)
+def write_whole(path: Path, content: str | bytes, mode: int | None = None) -> None:
+    """Replaces a file; text is written as UTF-8. After a power failure it is the old or the new one. mode: permissions; None:
+    the usual ones. Raises OSError as `whole_file`."""
+    with whole_file(path) as part, part.open("wb") as stream:
+        stream.write(content.encode() if isinstance(content, str) else content)
+        stream.flush()
+        os.fsync(stream.fileno())  # the new name may be on the disk before the content
+        if mode is not None:
+            os.fchmod(stream.fileno(), mode)

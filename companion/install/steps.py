@@ -15,6 +15,7 @@ from pathlib import Path
 from drivers.shell_word import shell_word
 
 from ..paths import NAME
+from ..whole_file import write_whole
 
 UNIT = f"{NAME}.service"
 COMMAND_TIMEOUT_S = 120.0
@@ -96,7 +97,9 @@ class InstallPaths:
                 return False
             return True
         passwd = self.root / "etc/passwd"
-        return passwd.exists() and any(line.startswith(f"{NAME}:") for line in passwd.read_text().splitlines())
+        return passwd.exists() and any(
+            line.startswith(f"{NAME}:") for line in passwd.read_text(errors="replace").splitlines()
+        )
 
 
 def install_paths(root: Path) -> InstallPaths:
@@ -129,12 +132,9 @@ def file_step(target: Path, content: str, what: str) -> Step:
 
     def act() -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
-        part = target.with_name(target.name + ".part")
-        part.write_text(content)
-        part.chmod(0o644)
-        part.replace(target)
+        write_whole(target, content, 0o644)
 
-    same = target.is_file() and target.read_text() == content
+    same = target.is_file() and target.read_bytes() == content.encode()  # it may hold any bytes
     return Step(f"write {target}: {what}", same, act)
 
 

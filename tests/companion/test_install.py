@@ -102,6 +102,21 @@ def test_a_configuration_that_is_there_stays_unless_it_is_to_go(
     assert InstallPaths(image).config.read_text() == Path(zed).read_text()
 
 
+@needs("systemctl", "systemd-sysusers")
+def test_a_configuration_and_users_in_another_encoding(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Damaged, or written by an editor in Latin-1: it can be replaced."""
+    paths = InstallPaths(image)
+    paths.config.parent.mkdir(parents=True)
+    paths.config.write_bytes(b"# caf\xe9\n")
+    (image / "etc/passwd").write_bytes(b"jos\xe9:x:1000:1000:Jos\xe9:/:/bin/sh\n")
+    assert main(["install", "--root", str(image), "-c", OAK]) == 1
+    assert f"{paths.config} exists and differs from {OAK}; add --replace-config" in capsys.readouterr().err
+    assert main(["install", "--root", str(image)]) == 1
+    assert f"{paths.config}: 1 mistake" in capsys.readouterr().err
+    assert main(["install", "--root", str(image), "-c", OAK, "--replace-config"]) == 0
+    assert paths.config.read_bytes() == Path(OAK).read_bytes()
+
+
 def test_a_dry_run_prints_the_plan_and_changes_nothing(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["install", "--root", str(image), "-c", OAK, "--dry-run", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -64,6 +66,22 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [target]
     write_whole(target, "new")
     assert target.read_text() == "new"
+
+
+def test_the_content_is_on_the_disk_before_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a power failure the file would be empty on file systems that write names first."""
+    steps: list[str] = []
+    for name in ("fsync", "replace"):
+        done = getattr(os, name)
+
+        def noted(*arguments: Any, name: str = name, done: Any = done) -> Any:
+            steps.append(name)
+            return done(*arguments)
+
+        monkeypatch.setattr(os, name, noted)
+    write_whole(tmp_path / "a.toml", "new", 0o600)
+    assert steps == ["fsync", "replace"]
+    assert (tmp_path / "a.toml").stat().st_mode & 0o777 == 0o600
 
 
 @pytest.mark.process
