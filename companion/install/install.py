@@ -158,11 +158,13 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
             )
         load_config(target)
         return Step(f"keep {target}", True, lambda: None)
-    folder = load_config(config).record.folder
-    if folder and not Path(folder).is_relative_to("/var/lib/" + NAME):
+    state = Path("/var/lib", NAME)
+    folder = Path(os.path.normpath(state / load_config(config).record.folder))
+    if not folder.is_relative_to(state):
         warn(
             f'[record] folder = "{folder}": the service may write there only after `systemctl edit {NAME}` with the '
-            f"lines [Service] and ReadWritePaths={folder}, and if the user {NAME} owns it"
+            f'lines [Service] and ReadWritePaths="-{folder}", and if the user {NAME} owns it. Without the minus the service '
+            "does not start while that directory is missing"
         )
     step = file_step(target, config.read_text(encoding="utf-8"), f"the configuration, from {config}")
     if target.exists() and not step.done and not replace:

@@ -175,9 +175,12 @@ def test_a_folder_of_logs_that_the_unit_does_not_open_is_reported(
     image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = tmp_path / "elsewhere.toml"
-    config.write_text('[record]\nfolder = "/data/flights"\n')
+    config.write_text('[record]\nfolder = "/data/my flights"\n')
     assert main(["install", "--root", str(image), "-c", str(config), "--dry-run"]) == 0
-    assert "ReadWritePaths=/data/flights" in capsys.readouterr().err
+    assert 'ReadWritePaths="-/data/my flights"' in capsys.readouterr().err
+    config.write_text('[record]\nfolder = "logs"\n')  # below the working directory of the unit
+    assert main(["install", "--root", str(image), "-c", str(config), "--dry-run"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_a_command_of_the_system_that_fails_is_reported() -> None:
