@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.base import DeviceNotFound
 
-from .dataset import open_table
+from .dataset import open_table, read_rows
 from .parquet_table import arrow_module
 
 FARTHER_M: Final = 0.5
@@ -130,8 +130,7 @@ class Dataset:
     def rows(self, table: str, name: Name, columns: tuple[str, ...]) -> list[dict[str, Any]]:
         """The rows of a flight."""
         fragment = self._fragments[table].get(name)
-        rows: list[dict[str, Any]] = [] if fragment is None else fragment.to_table(columns=list(columns)).to_pylist()
-        return rows
+        return [] if fragment is None else read_rows(fragment, f"{self.location}/{table}", columns)
 
     def has_planes(self, name: Name) -> bool:
         """Whether the planes of a flight were written."""

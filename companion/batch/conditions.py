@@ -11,7 +11,7 @@ from typing import Any, Final
 from drivers.base import DeviceNotFound
 
 from ..usage_error import UsageError
-from .dataset import open_table
+from .dataset import check_files, open_table
 from .parquet_table import arrow_module
 
 SEARCHED: Final = ("frames", "events")
@@ -58,7 +58,7 @@ def find_hits(dataset: str, condition: str, table: str = "frames") -> list[Hit]:
     """The rows of a dataset that fulfil a condition, in order. condition: a name in NAMED, a filter as a JSON list
     [[COLUMN, OPERATOR, VALUE], ...] for the table, or the path of a Parquet file with rows of the tables.
 
-    Raises ValueError for another condition, DeviceNotFound without the table."""
+    Raises ValueError for another condition, DeviceNotFound without the table, BadData for a damaged file of it."""
     if condition.endswith(".parquet"):
         return _hits(condition, _rows_of_file(Path(condition)))
     if condition in NAMED:
@@ -73,7 +73,8 @@ def find_hits(dataset: str, condition: str, table: str = "frames") -> list[Hit]:
     arrow, parquet = arrow_module(), arrow_module("pyarrow.parquet")
     try:
         found = source.to_table(filter=parquet.filters_to_expression(filters))
-    except (ValueError, arrow.ArrowNotImplementedError, TypeError) as error:
+    except (ValueError, arrow.ArrowNotImplementedError, TypeError, OSError) as error:
+        check_files(source, f"{dataset}/{table}")
         raise ValueError(f"{condition}: not a filter of the table {table}: {error}") from error
     return _hits(f"the table {table}", found.to_pylist())
 

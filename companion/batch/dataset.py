@@ -118,7 +118,7 @@ def _write_text(output: str, name: str, text: str) -> None:
 
 def open_table(output: str, table: str) -> Any:
     """A pyarrow dataset of a table, with the partition columns vehicle and date as texts. Raises DeviceNotFound where the
-    dataset or the table does not exist."""
+    dataset or the table does not exist, BadData for a damaged file."""
     arrow, datasets = arrow_module(), arrow_module("pyarrow.dataset")
     fields = arrow.schema([("vehicle", arrow.string()), ("date", arrow.string())])
     partitioning = datasets.partitioning(fields, flavor="hive")
@@ -133,14 +133,53 @@ def open_table(output: str, table: str) -> Any:
             f"{location}: there is no such table; give the output folder of `companion batch`"
             + (" --planes" if table == "planes" else "")
         ) from error
+    except arrow.ArrowInvalid as error:
+        raise _damaged(location, error) from error
+
+
+def read_rows(table: Any, location: str, columns: Sequence[str]) -> list[dict[str, Any]]:
+    """The rows of a table or of one of its files. Raises BadData for a damaged file."""
+    try:
+        rows: list[dict[str, Any]] = table.to_table(columns=list(columns)).to_pylist()
+    except (arrow_module().ArrowInvalid, OSError) as error:
+        raise _damaged(location, error) from error
+    return rows
+
+
+def check_files(table: Any, location: str) -> None:
+    """Raises BadData where a file of a table is damaged."""
+    try:
+        table.count_rows()
+    except (arrow_module().ArrowInvalid, OSError) as error:
+        raise _damaged(location, error) from error
+
+
+def _damaged(location: str, error: Exception) -> BadData:
+    return BadData(
+        f"{location}: a file of this table is damaged ({error}); delete that file and the one of its flight in the table {LAST}, "
+        "and run the same `companion batch` again"
+    )
 
 
 def finished(output: str, flights: Sequence[Flight]) -> set[Flight]:
-    """The flights whose results are present, made of files of the same total size. A flight with more files than before is
-    processed again."""
+    """The flights whose results are present, made of files of the same total size. A flight with more files than before, or
+    with a damaged row in the table `flights`, is processed again."""
     try:
-        table = open_table(output, LAST).to_table(columns=["vehicle", "flight", "bytes"])
+        rows = read_rows(open_table(output, LAST), f"{output}/{LAST}", ["vehicle", "flight", "bytes"])
     except DeviceNotFound:
         return set()
-    sizes = {(row["vehicle"], row["flight"]): row["bytes"] for row in table.to_pylist()}
+    except BadData:
+        return {flight for flight in flights if _recorded_bytes(output, flight) == flight.size}
+    sizes = {(row["vehicle"], row["flight"]): row["bytes"] for row in rows}
     return {flight for flight in flights if sizes.get((flight.vehicle, flight.name)) == flight.size}
+
+
+def _recorded_bytes(output: str, flight: Flight) -> int | None:
+    """Bytes of the logs that the results of a flight were made of; None: there are none, or they cannot be read."""
+    location = f"{output}/{LAST}/{flight.partition}/{flight.name}.parquet"
+    system, path = file_system(location) if is_url(output) else (None, location)
+    try:
+        (row,) = arrow_module("pyarrow.parquet").read_table(path, columns=["bytes"], filesystem=system).to_pylist()
+    except (OSError, ValueError):
+        return None
+    return int(row["bytes"])

@@ -19,7 +19,7 @@ from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
 from .clip import Span, cut, merged
 from .conditions import NAMED, SEARCHED, Hit, find_hits
-from .dataset import open_table
+from .dataset import open_table, read_rows
 from .flights import safe_name
 from .storage import StoredFile, is_url, local_copy
 
@@ -67,10 +67,8 @@ class Found:
 def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float, after_s: float) -> list[Clip]:
     """The clips of hits: each with the time before and after it, overlapping ones joined. A clip is part of one log file:
     it ends where the log was rotated. Raises ValueError for hits of another dataset."""
-    columns = ["vehicle", "flight", "files", "begin_ns"]
-    flights = {
-        (r["vehicle"], r["flight"]): r for r in open_table(dataset, "flights").to_table(columns=columns).to_pylist()
-    }
+    rows = read_rows(open_table(dataset, "flights"), f"{dataset}/flights", ["vehicle", "flight", "files", "begin_ns"])
+    flights = {(row["vehicle"], row["flight"]): row for row in rows}
     clips = []
     for (vehicle, flight, file), group in itertools.groupby(hits, key=lambda h: (h.vehicle, h.flight, h.file)):
         row = flights.get((vehicle, flight))

@@ -14,7 +14,8 @@ from .storage import StoredFile, find_logs, is_result
 UNKNOWN: Final = "unknown"
 """Vehicle or date that is not in the names."""
 _DATE = re.compile(r"^(\d{4})(\d{2})(\d{2})-\d{6}")
-_UNSAFE = re.compile(r"[^A-Za-z0-9._-]")
+_UNSAFE = re.compile(r"[^\w.-]")
+"""Letters of all alphabets are kept: names of two flights would become equal without them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +60,13 @@ def find_flights(inputs: Sequence[str], vehicle: str | None = None, output: str 
         flight = Flight(owner, date_of(name), safe_name(name), tuple(_ordered(parts)))
         other = flights.get((owner, flight.name))
         if other is not None:
-            raise ValueError(
-                f"the flight {flight.name} of the vehicle {owner} is in {other[0]} and in {folder}: results would be mixed. "
+            remedy = (
                 "Process the folders into separate outputs, or give one --vehicle each"
+                if other[0] != folder
+                else f"Rename {parts[0].name} or {other[1].files[0].name}"
+            )
+            raise ValueError(
+                f"the flight {flight.name} of the vehicle {owner} is in {other[0]} and in {folder}: results would be mixed. {remedy}"
             )
         flights[owner, flight.name] = folder, flight
     return [flight for _, flight in flights.values()]
@@ -81,6 +86,6 @@ def date_of(flight: str) -> str:
 
 
 def safe_name(text: str) -> str:
-    """A name for folders and files: letters, digits, dot, dash and underscore."""
+    """A name for folders and files: letters of any alphabet, digits, dot, dash and underscore."""
     name = _UNSAFE.sub("_", text).lstrip(".")
     return name or UNKNOWN

@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.batch.comparison import Dataset, compare_flight
+from companion.batch.conditions import find_hits
 from companion.batch.dataset import begin_run, finished, open_table
 from companion.batch.events import FlightEvents, FrameSummary
+from companion.batch.find import plan_clips
 from companion.batch.flights import find_flights
 from companion.batch.frame_rows import digest_of, nearest_plane_m
 from companion.batch.jobs import BatchOptions, FlightTask, Outcome
@@ -81,6 +84,18 @@ def test_rotated_files_of_a_flight_stay_together(tmp_path: Path) -> None:
 def test_flights_that_would_be_mixed_are_refused(tmp_path: Path) -> None:
     touch(tmp_path, "x/v/one.mcap", "y/v/one.mcap")
     with pytest.raises(ValueError, match=r"flight one of the vehicle v is in .*x/v and in .*y/v"):
+        find_flights([str(tmp_path)])
+
+
+def test_flights_with_names_of_other_alphabets_are_kept_apart(tmp_path: Path) -> None:
+    touch(tmp_path, "v/\u98de\u884c.mcap", "v/\u6d4b\u8bd5.mcap", "v/\u00e4 1.mcap", "v/two\nlines.mcap")
+    found = {str(flight) for flight in find_flights([str(tmp_path)])}
+    assert found == {"v/\u98de\u884c", "v/\u6d4b\u8bd5", "v/\u00e4_1", "v/two_lines"}
+
+
+def test_two_names_of_a_folder_that_become_one_are_named(tmp_path: Path) -> None:
+    touch(tmp_path, "v/a b.mcap", "v/a_b.mcap")
+    with pytest.raises(ValueError, match=r"Rename a_b.mcap or a b.mcap"):
         find_flights([str(tmp_path)])
 
 
@@ -342,6 +357,40 @@ def test_a_flight_is_complete_with_its_last_file_only(fleet: Path, dataset: Path
     copy = shutil.copytree(dataset, tmp_path / "copy")
     shutil.rmtree(copy / "flights" / "vehicle=alpha")
     assert {f.vehicle for f in finished(str(copy), find_flights([str(fleet)]))} == {"beta"}
+
+
+@pytest.mark.parametrize("left", [0, 100, -1])
+def test_a_flight_with_a_damaged_row_is_processed_again(left: int, fleet: Path, dataset: Path, tmp_path: Path) -> None:
+    """The whole dataset could not be used any more."""
+    copy = tmp_path / "copy"
+    shutil.copytree(dataset, copy)
+    flights = find_flights([str(fleet)])
+    row = copy / "flights" / flights[1].partition / f"{flights[1].name}.parquet"
+    row.write_bytes(row.read_bytes()[:left])
+    assert finished(str(copy), flights) == {flights[0], *flights[2:]}
+    with pytest.raises(BadData, match=r"copy/flights: a file of this table is damaged"):
+        plan_clips(str(copy), find_hits(str(copy), "blind"), tmp_path, 0.0, 0.0)
+
+
+def compare_all(a: Path, b: Path) -> None:
+    one, other = Dataset(str(a)), Dataset(str(b))
+    for name in sorted(one.names):
+        compare_flight(one, other, name)
+
+
+@pytest.mark.parametrize("table", ["frames", "events"])
+@pytest.mark.parametrize("number", [0, -1])
+def test_a_damaged_table_is_named_with_the_remedy(table: str, number: int, dataset: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(dataset, copy)
+    file = sorted((copy / table).rglob("*.parquet"))[number]
+    file.write_bytes(file.read_bytes()[:-1])
+    condition = "blind" if table == "events" else '[["planes", ">", 0]]'
+    with pytest.raises(BadData, match=rf"copy/{table}: a file of this table is damaged .* run the same"):
+        find_hits(str(copy), condition)
+    if table == "frames":
+        with pytest.raises(BadData, match="a file of this table is damaged"):
+            compare_all(copy, dataset)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "3", "\udcff"])
