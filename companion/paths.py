@@ -27,8 +27,11 @@ def folders() -> Folders:
     """Of a service that starts here: those that systemd gives, else the user's own. Raises FolderError."""
     state = os.environ.get("STATE_DIRECTORY")
     given = given_run_folder()
-    run = given or own_run_folder()
-    state_folder = Path(state) if state else Path.home() / ".local" / "state" / NAME
+    try:
+        run = given or own_run_folder()
+        state_folder = Path(state) if state else Path.home() / ".local" / "state" / NAME
+    except RuntimeError as error:
+        raise _without_home("XDG_RUNTIME_DIR and STATE_DIRECTORY") from error
     _make(run, "of the sockets", "RUNTIME_DIRECTORY" if given else "XDG_RUNTIME_DIR", mode=0o750)
     _make(state_folder, "of logs and state", "STATE_DIRECTORY", mode=0o777)
     return Folders(run, state_folder)
@@ -45,6 +48,15 @@ def _make(folder: Path, purpose: str, variable: str, mode: int) -> None:
 
 
 def cache_folder() -> Path:
-    """Of what can be made again at any time; it may not exist, and is not made here."""
+    """Of what can be made again at any time; it may not exist, and is not made here. Raises FolderError."""
     given = os.environ.get("CACHE_DIRECTORY")
-    return Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / NAME
+    try:
+        return Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / NAME
+    except RuntimeError as error:
+        raise _without_home("CACHE_DIRECTORY") from error
+
+
+def _without_home(variables: str) -> FolderError:
+    return FolderError(
+        f"this user has no home directory; set HOME, or {variables}, in the environment to folders that this user may write"
+    )

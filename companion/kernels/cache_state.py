@@ -27,7 +27,7 @@ def cache_folders() -> list[Path]:
     if named:
         return [Path(named)]
     root = Path(__file__).resolve().parents[2]
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
+    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "numba"
     return [root / "core" / "__pycache__", root / "drivers" / "__pycache__", user]
 
 

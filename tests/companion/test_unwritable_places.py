@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import pwd
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from companion.cli import main
 from companion.config.loader import Config, load_config
 from companion.doctor.autopilot_check import autopilot_findings
 from companion.kernels import jit_cache
@@ -19,8 +21,9 @@ from companion.kernels.child_process import WarmupError
 from companion.kernels.processor import processor
 from companion.kernels.run_kernels import MODES
 from companion.kernels.warmup import warm_up
-from companion.paths import FolderError, folders
+from companion.paths import FolderError, cache_folder, folders
 from companion.whole_file import whole_file, write_whole
+from osape_client.run_folder import SYSTEM_RUN, run_folder
 
 from .live import free_port
 
@@ -122,6 +125,35 @@ def test_a_home_that_cannot_be_written_is_named_with_the_remedy(
     monkeypatch.setenv("HOME", str(no_folder))
     with pytest.raises(FolderError, match=f"{no_folder}.*Not a directory.*XDG_RUNTIME_DIR"):
         folders()
+
+
+def test_a_user_without_a_home_is_answered_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As in a container with a number for a user: a traceback."""
+
+    def no_user(number: int) -> None:
+        raise KeyError(number)
+
+    for name in (
+        "HOME",
+        "XDG_RUNTIME_DIR",
+        "XDG_CACHE_HOME",
+        "RUNTIME_DIRECTORY",
+        "STATE_DIRECTORY",
+        "CACHE_DIRECTORY",
+    ):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", no_user)
+    with pytest.raises(FolderError, match="no home directory; set HOME, or XDG_RUNTIME_DIR and STATE_DIRECTORY"):
+        folders()
+    with pytest.raises(FolderError, match="no home directory; set HOME, or CACHE_DIRECTORY"):
+        cache_folder()
+    assert run_folder() == SYSTEM_RUN
+    assert main(["status", "--timeout", "0.1"]) == 1
+    assert "Traceback" not in capsys.readouterr().err
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert folders().state.is_relative_to(tmp_path)
 
 
 def test_the_variable_that_is_in_use_is_named(no_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,10 @@ def run_folder() -> Path:
     given = given_run_folder()
     if given is not None:
         return given
-    own = own_run_folder()
+    try:
+        own = own_run_folder()
+    except RuntimeError:  # no service of a user without a home directory
+        return SYSTEM_RUN
     return own if is_served(own) or not SYSTEM_RUN.is_dir() else SYSTEM_RUN
 
 
@@ -48,6 +51,7 @@ def given_run_folder() -> Path | None:
 
 
 def own_run_folder() -> Path:
-    """The user's own folder; not the cache folder itself, which exists even if no service was ever started."""
+    """The user's own folder; not the cache folder itself, which exists even if no service was ever started. Raises
+    RuntimeError for a user without a home directory."""
     session = os.environ.get("XDG_RUNTIME_DIR")
     return Path(session) / SERVICE_NAME if session else Path.home() / ".cache" / SERVICE_NAME / "run"
