@@ -24,6 +24,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, print_json, print_line
 from ..pipeline.sync import DropCause
+from .log_writer import is_being_written
 
 _GAP_MEDIANS: Final = 3.0
 """An interval longer than this multiple of the median is a gap."""
@@ -75,6 +76,7 @@ class LogInfo:
     """The content of a file."""
 
     path: Path
+    size: int = 0
     topics: dict[str, TopicInfo] = field(default_factory=dict)
     cameras: list[CameraInfo] = field(default_factory=list)
     run: pb.RunInfo | None = None
@@ -100,6 +102,7 @@ def read_log_info(path: Path) -> LogInfo:
     info = LogInfo(path)
     scan = open_scan(path)
     try:
+        info.size = scan.size
         for item in scan.items():
             if isinstance(item, Damage):
                 info.damages.append(f"byte {item.offset}: {item.cause}")
@@ -156,7 +159,7 @@ def as_json(info: LogInfo) -> dict[str, Any]:
     span = info.span_ns
     return {
         "file": str(info.path),
-        "bytes": info.path.stat().st_size,
+        "bytes": info.size,
         "ours": info.ours,
         "software": info.run.software if info.run else None,
         "source": info.run.source if info.run else None,
@@ -205,7 +208,7 @@ def print_info(info: LogInfo) -> None:
     """Prints the content as text."""
     span = info.span_ns
     duration = f", {(span[1] - span[0]) / _NS:.3f} s" if span else ""
-    print_line(f"{info.path}: {info.path.stat().st_size / 1e6:.2f} MB{duration}")
+    print_line(f"{info.path}: {info.size / 1e6:.2f} MB{duration}")
     if info.run is not None:
         print_line(f"made by {info.run.software} ({info.run.source or 'unknown source'})")
     if not info.ours:
@@ -256,6 +259,13 @@ def _print_anomalies(topic: TopicInfo, start_ns: int) -> None:
         print_line(f"{topic.topic}: {topic.steps_back} timestamps go backwards")
 
 
+def _is_written(path: Path) -> bool:
+    try:
+        return is_being_written(path)
+    except OSError:
+        return False  # it was renamed meanwhile
+
+
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion info`."""
     parser = subparsers.add_parser("info")
@@ -264,12 +274,15 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: the file is complete; 1: it is damaged."""
+    """0: the file is complete; 1: it is damaged, or still written."""
     info = read_log_info(args.input)
     if args.json:
         print_json(as_json(info))
     else:
         print_info(info)
+    if _is_written(args.input):
+        fail(f"{args.input}: a process is writing it; what it had written was read")
+        return 1
     for damage in info.damages:
         fail(
             f"{args.input}: damaged: {damage}. `companion recover {shell_word(args.input)}` recovers the readable part"

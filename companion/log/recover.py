@@ -17,7 +17,7 @@ from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
 
 from ..console import print_json, print_line
 from ..usage_error import UsageError
-from .log_writer import ACTIVE, RECOVERING, finish_file, open_locked, start_writer
+from .log_writer import ACTIVE, RECOVERING, finish_file, is_being_written, open_locked, start_writer
 
 
 @dataclass(slots=True)
@@ -36,6 +36,10 @@ def recover(path: Path, output: Path | None = None) -> RecoverResult:
     target = output or default_output(path)
     if os.path.realpath(target) == os.path.realpath(path):
         raise UsageError(f"{path}: input and output are the same file; give -o another name")
+    if path.is_file() and is_being_written(path):
+        raise ValueError(
+            f"{path}: a process is writing it, and completes it at its end; `companion replay` reads it as it is"
+        )
     if os.path.lexists(target):
         raise ValueError(f"{target} exists already; give -o another name")
     return copy_readable(path, target)

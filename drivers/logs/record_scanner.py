@@ -82,12 +82,14 @@ class NotMcap(ValueError):
 
 
 class McapScan:
-    """One pass over a file. Raises OSError, and NotMcap for another kind of file."""
+    """One pass over a file. Raises OSError, and NotMcap for another kind of file.
+
+    size: bytes of the file when it was opened."""
 
     def __init__(self, path: Path) -> None:
         self._stream: BinaryIO = path.open("rb")
         try:
-            self._size = self._stream.seek(0, io.SEEK_END)
+            self.size: Final = self._stream.seek(0, io.SEEK_END)
             self._stream.seek(0)
             begin = self._stream.read(len(MAGIC))
             if begin != MAGIC:
@@ -96,7 +98,7 @@ class McapScan:
         except BaseException:
             self._stream.close()
             raise
-        self._records_left = _FIRST_RECORDS + self._size
+        self._records_left = _FIRST_RECORDS + self.size
         self.header: Header | None = None
         self.schemas: dict[int, Schema] = dict(self.summary.schemas) if self.summary else {}
         self.channels: dict[int, Channel] = dict(self.summary.channels) if self.summary else {}
@@ -109,16 +111,19 @@ class McapScan:
     @property
     def share_read(self) -> float:
         """Progress of the pass, 0..1."""
-        return 1.0 if self._stream.closed else self._stream.tell() / max(1, self._size)
+        return 1.0 if self._stream.closed else self._stream.tell() / max(1, self.size)
 
     def items(self) -> Iterator[Item]:
         """All messages, attachments, metadata and damages, in file order."""
         at = len(MAGIC)
         ended = False
-        while at < self._size:
-            self._stream.seek(at)
-            frame = self._stream.read(_FRAME.size)
-            if ended and frame[: len(MAGIC)] == MAGIC and at + len(MAGIC) == self._size:
+        while at < self.size:
+            try:
+                frame = self._read_at(at, _FRAME.size)
+            except OSError as error:
+                yield Damage(at, f"the disk cannot be read there ({error.strerror})", fatal=True)
+                return
+            if ended and frame[: len(MAGIC)] == MAGIC and at + len(MAGIC) == self.size:
                 return
             if len(frame) < _FRAME.size:
                 break
@@ -128,9 +133,9 @@ class McapScan:
             if not _known(opcode):
                 yield Damage(at, f"no record begins with 0x{opcode:02x}", fatal=True)
                 return
-            if at + _FRAME.size + length > self._size:
-                if opcode == Opcode.CHUNK and self._size - at <= _MAX_RECORD_BYTES:
-                    yield from self._chunk(at, self._stream.read(self._size - at - _FRAME.size), whole=False)
+            if at + _FRAME.size + length > self.size:
+                if opcode == Opcode.CHUNK and self.size - at <= _MAX_RECORD_BYTES:
+                    yield from self._record(at, opcode, self.size - at - _FRAME.size, whole=False)
                 break
             ended = ended or opcode == Opcode.FOOTER
             if length > _MAX_RECORD_BYTES:
@@ -140,7 +145,7 @@ class McapScan:
             else:
                 yield from self._record(at, opcode, length)
             if self._records_left < 0:
-                most = _FIRST_RECORDS + self._size
+                most = _FIRST_RECORDS + self.size
                 yield Damage(at, f"the file has more records than the limit of {most} for its size", fatal=True)
                 return
             at += _FRAME.size + length
@@ -148,18 +153,34 @@ class McapScan:
 
     def _only_zeros(self, at: int) -> bool:
         """Whether the rest is zeros: a partial block, or space that a power failure left unwritten."""
-        self._stream.seek(at)
-        while part := self._stream.read(1 << 20):
-            if part.count(0) != len(part):
+        while at < self.size:
+            try:
+                part = self._read_at(at, 1 << 20)
+            except OSError:
                 return False
+            if part.count(0) != len(part) or not part:
+                return False
+            at += len(part)
         return True
 
-    def _record(self, at: int, opcode: int, length: int) -> Iterator[Item]:
+    def _read_at(self, at: int, length: int) -> bytes:
+        """Raises OSError for a damaged disk."""
+        self._stream.seek(at)
+        return self._stream.read(length)
+
+    def _record(self, at: int, opcode: int, length: int, whole: bool = True) -> Iterator[Item]:
+        if opcode not in _READ:
+            return
+        try:
+            payload = self._read_at(at + _FRAME.size, length)
+        except OSError as error:
+            yield Damage(at, f"record skipped: the disk cannot be read there ({error.strerror})", fatal=False)
+            return
         if opcode == Opcode.CHUNK:
-            yield from self._chunk(at, self._stream.read(length), whole=True)
-        elif opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA) or opcode in _IN_CHUNKS:
+            yield from self._chunk(at, payload, whole)
+        else:
             try:
-                item = self._parsed(at, opcode, memoryview(self._stream.read(length)))
+                item = self._parsed(at, opcode, memoryview(payload))
             except PARSE_ERRORS as error:
                 item = Damage(at, f"unreadable record: {error or type(error).__name__}", fatal=False)
             if item is not None:
@@ -228,21 +249,25 @@ class McapScan:
 
     def _read_summary(self) -> Summary | None:
         """The summary; None when the file has no readable one."""
-        tail = _FOOTER_BYTES + len(MAGIC)
-        if self._size < len(MAGIC) + tail:
+        try:
+            return self._summary_at_end()
+        except OSError:  # a damaged disk
             return None
-        self._stream.seek(-tail, io.SEEK_END)
-        end = self._stream.read(tail)
+
+    def _summary_at_end(self) -> Summary | None:
+        tail = _FOOTER_BYTES + len(MAGIC)
+        if self.size < len(MAGIC) + tail:
+            return None
+        end = self._read_at(self.size - tail, tail)
         opcode, length = _FRAME.unpack_from(end)
         if end[_FOOTER_BYTES:] != MAGIC or opcode != Opcode.FOOTER or length != _FOOTER_BYTES - _FRAME.size:
             return None
         footer = Footer.read(ReadDataStream(io.BytesIO(end[_FRAME.size :])))
-        if not len(MAGIC) <= footer.summary_start < self._size - tail:
+        if not len(MAGIC) <= footer.summary_start < self.size - tail:
             return None
-        if self._size - tail - footer.summary_start > _MAX_RECORD_BYTES:
+        if self.size - tail - footer.summary_start > _MAX_RECORD_BYTES:
             return None
-        self._stream.seek(footer.summary_start)
-        data = self._stream.read(self._size - tail - footer.summary_start)
+        data = self._read_at(footer.summary_start, self.size - tail - footer.summary_start)
         if footer.summary_crc and zlib.crc32(end[: _FRAME.size + 16], zlib.crc32(data)) != footer.summary_crc:
             return None
         try:
@@ -252,6 +277,8 @@ class McapScan:
 
 
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_READ: Final = (Opcode.CHUNK, Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, *_IN_CHUNKS)
+"""Records with content; others are for random access."""
 
 
 def _known(opcode: int) -> bool:

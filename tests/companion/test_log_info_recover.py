@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from companion.cli import main
-from companion.log.info import read_log_info
+from companion.log.info import print_info, read_log_info
 from companion.log.log_writer import LIBRARY, FileInUseError, LogWriter, open_locked, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.log.recover import recover
@@ -195,6 +195,22 @@ def test_info_reports_damage_and_foreign_files(whole, tmp_path, shared_data, cap
     assert "not a log of this software" in text
     assert len(text.splitlines()) < 60
     assert main(["info", str(tmp_path / "none.mcap")]) == 1
+
+
+def test_a_log_that_is_being_written_is_not_called_damaged(tmp_path, capsys):
+    log = LogWriter(tmp_path / "flight.mcap")
+    log.begin(run_info("live"), (INFO,), t_ns=START_NS)
+    log.sync()
+    assert main(["info", str(log.active_path)]) == 1
+    assert "a process is writing it; what it had written was read" in capsys.readouterr().err
+    assert main(["recover", str(log.active_path)]) == 1
+    assert "a process is writing it, and completes it at its end" in capsys.readouterr().err
+    assert main(["recover", str(log.active_path), "-o", str(tmp_path / "copy.mcap")]) == 1
+    assert sorted(tmp_path.iterdir()) == [log.active_path]
+    info = read_log_info(log.active_path)
+    log.finish()  # the file has another name now
+    print_info(info)
+    assert "/run" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["my flight.mcap", "-x.mcap", "a'b;c.mcap", "two\nlines.mcap", "\u98de\u884c.mcap"])

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from companion.log.log_writer import LogWriter, schema_bytes
 from companion.log.provenance import run_info
+from companion.log.recover import recover
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceNotFound, DriverError, Event
 from drivers.logs.codec import attitude_message, camera_from_message, camera_message, depth_message
@@ -96,6 +100,57 @@ def test_a_cut_log_names_the_place_and_the_remedy(whole, tmp_path):
     _, problem = read(cut)
     assert "damaged at byte" in problem
     assert f"`companion recover {cut}`" in problem
+
+
+class BadSector(io.FileIO):
+    """A file on a disk that cannot be read in one place."""
+
+    def __init__(self, path: Path, begin: int, end: int) -> None:
+        super().__init__(path)
+        self._begin, self._end = begin, end
+
+    def readinto(self, buffer: Any) -> int:
+        view, at = memoryview(buffer).cast("B"), self.tell()
+        if self._begin <= at < self._end:
+            raise OSError(5, "Input/output error")
+        return super().readinto(view[: self._begin - at] if at < self._begin < at + len(view) else view)
+
+
+@pytest.mark.parametrize("place", ["chunk", "frame", "summary"])
+def test_a_place_that_the_disk_cannot_read_costs_its_record_only(place, tmp_path, monkeypatch):
+    """The first error of the disk ended replay and recovery of the whole log."""
+    whole = tmp_path / "flight.mcap"
+    with LogWriter(whole) as log:
+        log.begin(run_info("live"), (INFO,), t_ns=START_NS)
+        for number, event in enumerate(flight(100)):
+            log.event(event)
+            if number % 100 == 99:
+                log.sync()
+    data = whole.read_bytes()
+    chunks = [i.chunk_start_offset for i in make_reader(whole.open("rb")).get_summary().chunk_indexes]
+    begin = {"chunk": chunks[2] + 100, "frame": chunks[-1] + 3, "summary": len(data) - 12}[place]
+    opened = Path.open
+
+    def open_file(path: Path, mode: str = "r", **options: Any) -> Any:
+        if path == whole and mode == "rb":
+            return io.BufferedReader(BadSector(whole, begin, begin + 4))
+        return opened(path, mode, **options)
+
+    expected, _ = read(whole)
+    monkeypatch.setattr(Path, "open", open_file)
+    result = recover(whole, tmp_path / "recovered.mcap")
+    if place == "summary":  # all messages are there
+        assert result.output is None
+        assert len(read(whole)[0]) == len(expected)
+        return
+    assert "the disk cannot be read there (Input/output error)" in result.damages[0].cause
+    found, damage = read(tmp_path / "recovered.mcap")
+    assert damage is None
+    assert 0.5 * len(expected) < len(found) < len(expected)
+    assert all(any(same(a, b) for b in expected) for a in found[::50])
+    _, damage = read(whole)
+    assert damage is not None
+    assert "companion recover" in damage
 
 
 def test_a_log_of_a_killed_run_is_read(tmp_path):
