@@ -120,6 +120,6 @@ def mark_complete(*modes: str) -> None:
     named = os.environ.get(VARIABLE)
     if named:
         with contextlib.suppress(OSError):
+            write_manifest(Path(named))  # first: it brings the kernels to the disk
             for mode in modes:
                 (Path(named) / (COMPLETE + mode)).write_text(processor(), encoding="utf-8")
-            write_manifest(Path(named))

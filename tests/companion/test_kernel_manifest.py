@@ -16,7 +16,8 @@ import pytest
 
 import companion.kernels.loading as loading
 import companion.kernels.warmup as warmup
-from companion.kernels.jit_cache import seed
+from companion.kernels.cache_state import mark_complete
+from companion.kernels.jit_cache import COMPLETE, VARIABLE, seed
 from companion.kernels.manifest import MANIFEST, copy_entries, damaged_kernels, delete_kernels, write_manifest
 from companion.kernels.source_state import KERNELS_OUTSIDE_CORE
 
@@ -55,6 +56,20 @@ def test_whole_kernels_are_not_damaged(tmp_path: Path) -> None:
     assert damaged_kernels(tmp_path) == []  # without a manifest
     write_manifest(tmp_path)
     assert damaged_kernels(tmp_path) == []
+
+
+def test_a_power_failure_leaves_no_mark_for_kernels_that_are_not_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mark may be on the disk before kernels that were written earlier: the next start would load what is left of them."""
+    made(tmp_path)
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    marks: list[list[Path]] = []
+    monkeypatch.setattr(os, "sync", lambda: marks.append(list(tmp_path.glob(f"{COMPLETE}*"))))
+    mark_complete("world")
+    assert marks == [[]]
+    assert (tmp_path / f"{COMPLETE}world").exists()
+    assert (tmp_path / MANIFEST).exists()
 
 
 @pytest.mark.parametrize("content", [b"", b"\0" * 1700, b"a.f-3.py311.1.nbc" * 99 + b"a.f-3.py311.1.nbd"])
