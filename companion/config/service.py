@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 from core.param_field import check, choice, critical, number, switch, text
 from drivers.mavlink.address import parse_address
@@ -138,6 +140,10 @@ class RecordParams:
         check("record", self)
         if self.file_mb >= self.budget_mb:
             raise ValueError(f"record: file_mb = {self.file_mb:g} must be less than budget_mb = {self.budget_mb:g}")
+
+    def place(self, state: Path) -> Path:
+        """The directory of the logs. state: that of the service's state."""
+        return Path(os.path.expanduser(self.folder)) if self.folder else state / "logs"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,7 +25,7 @@ def computer_findings(config: Config) -> Iterator[Finding]:
         yield Finding("log", True, "recording is off")
     else:
         try:
-            folder = Path(record.folder) if record.folder else folders().state / "logs"
+            folder = record.place(Path() if record.folder else folders().state)
         except FolderError as error:
             yield Finding("log", False, str(error), DiagnosticCode.LOG_NOT_WRITABLE)
         else:
@@ -46,9 +46,9 @@ def computer_findings(config: Config) -> Iterator[Finding]:
 
 def _log_finding(folder: Path, least_mb: float) -> Finding:
     existing = folder
-    while not existing.exists():
+    while not os.path.lexists(existing):
         existing = existing.parent
-    if not os.access(existing, os.W_OK):
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         text = f"{folder} cannot be written by this user; set another [record] folder"
         return Finding("log", False, text, DiagnosticCode.LOG_NOT_WRITABLE)
     free_mb = free_bytes(existing) / 1e6

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..config.loader import Config
@@ -18,8 +17,7 @@ def make_recorder(config: Config, folders: Folders) -> Recorder | None:
     """The recorder; None with `[record] record = "off"`."""
     if config.record.record == "off":
         return None
-    folder = Path(config.record.folder) if config.record.folder else folders.state / "logs"
-    return Recorder(folder, run_info("live", config), config.record, config.output)
+    return Recorder(config.record.place(folders.state), run_info("live", config), config.record, config.output)
 
 
 def make_metrics(config: Config) -> MetricsServer | None:

@@ -19,7 +19,7 @@ def record_note(config: Config, folders: Folders) -> str:
     record = config.record
     if record.record == "off":
         return 'nothing is recorded: [record] record = "off"'
-    place = Path(record.folder) if record.folder else folders.state / "logs"
+    place = record.place(folders.state)
     when = "while the vehicle is armed" if record.record == "armed" else "always"
     limits = f"[record] budget_mb = {record.budget_mb:g} deletes the oldest flights first"
     if not record.depth:

@@ -39,6 +39,8 @@ RETRY_NS: Final = 5 * NS
 REPAIR_AFTER_NS: Final = 10 * NS
 """Unfinished files of earlier runs are repaired once this flight is being recorded, or after this time without
 recording."""
+STALLED_NS: Final = 5 * NS
+"""A disk that has taken no data for this time is a fault."""
 _SMALL: Final = 512
 """Queue size of a sample or a decision, bytes."""
 _RESULT: Final = 20_000
@@ -116,6 +118,10 @@ class Recorder:
                 "the last file"
             )
             return replace(status, recording=False, fault=fault)
+        silent_ns = time.monotonic_ns() - status.alive_ns
+        if self._thread.is_alive() and silent_ns > STALLED_NS:
+            fault = f"{self._folder}: the disk has not answered for {silent_ns / NS:.0f} s; check it and its cable, or use another"
+            return replace(status, fault=fault)
         return status
 
     @property

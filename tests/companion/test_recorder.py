@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -424,6 +425,23 @@ def test_a_directory_that_comes_later_is_recorded_into_and_repaired(
     assert recorder.status.fault == ""
     (log,) = files_of(folder)
     assert log.flight == recorder.flight
+
+
+def test_a_disk_that_does_not_answer_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The status said that it is recorded, while everything was dropped."""
+    monkeypatch.setattr(recorder_module, "STALLED_NS", 1_000_000_000)
+    source = flight()
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    recorder.begin(0, source.cameras, PipelineState())
+    assert until(lambda: recorder.status.recording)
+    answers = threading.Event()
+    recorder._enqueue(lambda log: answers.wait() and None, 10)
+    assert until(lambda: f"{tmp_path}: the disk has not answered for" in recorder.status.fault)
+    answers.set()
+    assert until(lambda: recorder.status.fault == "")
+    recorder.close()
+    assert recorder.status.fault == ""
 
 
 def test_a_copy_that_cannot_be_deleted_does_not_end_the_recording(

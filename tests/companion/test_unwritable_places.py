@@ -14,7 +14,9 @@ import pytest
 
 from companion.cli import main
 from companion.config.loader import Config, load_config
+from companion.config.service import RecordParams
 from companion.doctor.autopilot_check import autopilot_findings
+from companion.doctor.computer_check import computer_findings
 from companion.kernels import jit_cache
 from companion.kernels.cache_state import cache_warning
 from companion.kernels.child_process import WarmupError
@@ -154,6 +156,25 @@ def test_a_user_without_a_home_is_answered_with_the_remedy(
     assert "Traceback" not in capsys.readouterr().err
     monkeypatch.setenv("HOME", str(tmp_path))
     assert folders().state.is_relative_to(tmp_path)
+
+
+@pytest.mark.parametrize("what", ["file", "link to nowhere"])
+def test_the_doctor_names_a_log_directory_that_cannot_be_made(what: str, tmp_path: Path) -> None:
+    """It found the place free to write."""
+    place = tmp_path / "place"
+    place.touch() if what == "file" else place.symlink_to("nowhere")
+    for folder in (place, place / "logs"):
+        config = Config(record=RecordParams(folder=str(folder)))
+        finding = next(iter(computer_findings(config)))
+        assert not finding.ok
+        assert f"{folder} cannot be written" in finding.text
+
+
+def test_a_log_directory_in_the_home_is_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before, it was a directory with the name ~."""
+    monkeypatch.setenv("HOME", "/home/me")
+    assert RecordParams(folder="~/logs").place(Path("/state")) == Path("/home/me/logs")
+    assert RecordParams().place(Path("/state")) == Path("/state/logs")
 
 
 def test_the_variable_that_is_in_use_is_named(no_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
