@@ -82,7 +82,7 @@ class CurrentLog:
         if not self._has_disk(0) and not (
             self._repairs.stop("the recording needs the disk space") and self._has_disk(0)
         ):
-            raise OSError(f"less than {params.least_free_mb:g} MB free on the disk; free disk space")
+            raise OSError(f"{self._folder}: less than {params.least_free_mb:g} MB free on its disk; free disk space")
         self._log = self._open()
         self.files += 1
         self._begun_ns = time.monotonic_ns()
