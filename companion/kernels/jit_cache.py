@@ -117,8 +117,9 @@ def _delete_left_over() -> None:
     """Deletes the temporary directories of this user's processes that were killed."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_LINKED}*"):
         owner = folder.name.removeprefix(_LINKED).partition("-")[0]
-        if owner.isdecimal() and not Path("/proc", owner).exists() and folder.stat().st_uid == os.geteuid():
-            shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(FileNotFoundError):  # another start has just deleted it
+            if owner.isdecimal() and not Path("/proc", owner).exists() and folder.stat().st_uid == os.geteuid():
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def is_linked_copy(folder: Path) -> bool:

@@ -6,6 +6,7 @@ import fcntl
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -362,6 +363,17 @@ def test_kernels_of_a_directory_that_cannot_be_written_are_used(read_only: Path,
     assert done.stdout.split() == ["21", "4.0", "1", "temporary", "2"]
     assert list(temporary.iterdir()) == []
     assert {file: file.stat().st_mtime_ns for file in read_only.rglob("*")} == before
+
+
+def test_two_starts_delete_what_a_killed_process_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second found nothing there, made no links and compiled all kernels."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    gone = tmp_path / "osape-companion-kernels-4194305-gone"
+    kept = tmp_path / "osape-companion-kernels-4194305-kept"
+    gone.symlink_to("nowhere")  # listed, and not there: the other process has deleted it
+    kept.mkdir()
+    jit_cache._delete_left_over()
+    assert not kept.exists()
 
 
 def test_without_all_kernels_a_directory_that_cannot_be_written_is_of_no_use(read_only: Path, tmp_path: Path) -> None:
