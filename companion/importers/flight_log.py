@@ -14,7 +14,7 @@ from core.frames import euler_from_rotation, quaternion_from_euler, rotation_fro
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData
 from drivers.mavlink.dataflash import read_dataflash
-from drivers.mavlink.tlog import TlogAttitude, VehicleLog, read_tlog, vehicle_log
+from drivers.mavlink.tlog import TlogAttitude, TlogPose, VehicleLog, read_tlog, vehicle_log
 from drivers.mavlink.ulog import read_ulog
 
 from .report import ImportOptions, Report
@@ -22,6 +22,8 @@ from .report import ImportOptions, Report
 SUFFIXES = (".tlog", ".ulg", ".bin")
 AROUND_US = 1_000_000
 """Samples this long before the first and after the last frame are kept."""
+MAX_DELAY_US = 60_000_000
+"""An arrival farther than this from the time of the sample is damaged."""
 GRID_US = 20_000
 MATCH_RAD = math.radians(0.5)
 """Largest rms difference of roll and pitch between frames.csv and the log for matched clocks."""
@@ -76,7 +78,17 @@ def flight_log_samples(
     if epoch_us is None:
         epoch_us = _derived_epoch(path, vehicle, frames_ns, rows, report)
     first, last = (epoch_us + t // 1000 for t in frames_ns)
-    near = [a for a in vehicle.attitudes if first - AROUND_US <= a.t_us <= last + AROUND_US]
+
+    def is_near(sample: TlogAttitude | TlogPose) -> bool:
+        return first - AROUND_US <= sample.t_us <= last + AROUND_US
+
+    samples: list[TlogAttitude | TlogPose] = [*vehicle.attitudes, *vehicle.poses]
+    samples = list(filter(is_near, samples))
+    if damaged := sum(not _has_arrival(sample) for sample in samples):
+        report.note(
+            f"{path.name}: {damaged} samples whose arrival is far from their time were left out; the log is damaged"
+        )
+    near = [a for a in vehicle.attitudes if is_near(a) and _has_arrival(a)]
     if not near:
         own = vehicle.attitudes[0].stamp_us, vehicle.attitudes[-1].stamp_us
         raise BadData(
@@ -88,13 +100,17 @@ def flight_log_samples(
         report.problem("attitude", f"{path}: {len(near) - len(attitudes)} attitudes are not finite and were left out")
     poses = []
     for p in vehicle.poses:
-        if first - AROUND_US <= p.t_us <= last + AROUND_US:
-            t_ns, arrival_ns = _stamps(p.t_us, p.stamp_us, epoch_us)
-            if all(map(math.isfinite, p.position_m + p.velocity_m_s)):
-                poses.append(PoseSample(t_ns, arrival_ns, p.position_m, p.velocity_m_s, p.reset_counter))
+        if is_near(p) and _has_arrival(p) and all(map(math.isfinite, p.position_m + p.velocity_m_s)):
+            stamps = _stamps(p.t_us, p.stamp_us, epoch_us)
+            poses.append(PoseSample(*stamps, p.position_m, p.velocity_m_s, p.reset_counter))
     if not poses:
         report.warning("position", f"{path}: no position at the time of the frames: results are not placed in ned")
     return attitudes, poses
+
+
+def _has_arrival(sample: TlogAttitude | TlogPose) -> bool:
+    """Whether the arrival of a sample is near its time."""
+    return abs(sample.stamp_us - sample.t_us) <= MAX_DELAY_US
 
 
 def _report_log(path: Path, vehicle: VehicleLog, bad: int, skipped: int, truncated: bool, report: Report) -> None:

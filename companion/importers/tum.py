@@ -84,7 +84,7 @@ def _stamp_ns(text: str) -> int | None:
     """Exact nanoseconds of decimal seconds: a float has only microseconds left at unix times."""
     try:
         value = Decimal(text)
-        return int(value * NS) if value.is_finite() and abs(value) < 1 << 32 else None
+        return int(value * NS) if value.is_finite() and -(1 << 32) < value < 1 << 32 else None
     except InvalidOperation:
         return None
 

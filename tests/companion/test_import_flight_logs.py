@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from drivers.base import DriverError, Event
 from drivers.mavlink.dataflash import read_dataflash
 from drivers.mavlink.ulog import read_ulog
 
-from .flight_logs import write_dataflash, write_ulog
+from .flight_logs import BOOT_US, write_dataflash, write_ulog
 from .recordings import EPOCH_US, events_of, tilt, write_folder, write_tlog
 from .ros2_recording import NS, START_NS, RosFlight
 
@@ -40,6 +41,27 @@ def imported(source: Path, *arguments: str) -> tuple[int, list[Event]]:
     out.unlink(missing_ok=True)
     status = main(["import", str(source), "-o", str(out), *arguments])
     return status, list(events_of(out)) if out.exists() else []
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("stamp", [1 << 61, (1 << 63) - 1])
+def test_a_damaged_arrival_costs_its_own_sample(
+    number: int, stamp: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ended the import with `Value out of range`, or gave a log that no replay could read."""
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    log = write_ulog(folder / "log.ulg", 3.0)
+    expected = [e for e in imported(folder)[1] if not isinstance(e, DepthFrame)]
+    begin = struct.pack("<HQQ", number, BOOT_US + 1_000_000 + 2000, BOOT_US + 1_000_000)
+    assert log.read_bytes().count(begin) == 1
+    log.write_bytes(log.read_bytes().replace(begin, struct.pack("<HQQ", number, stamp, BOOT_US + 1_000_000)))
+    status, events = imported(folder)
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "log.ulg: 1 samples whose arrival is far from their time were left out" in captured.out
+    found = [e for e in events if not isinstance(e, DepthFrame)]
+    assert len(found) == len(expected) - 1
+    assert set(found) < set(expected)
 
 
 @KINDS

@@ -105,7 +105,9 @@ def test_slow_or_missing_poses_are_a_warning(tmp_path: Path, capsys: pytest.Capt
     assert "the attitude comes at 4.0 Hz" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("line", "stamp"), [(4, "1999999999.5"), (5, "1.0"), (2, "1999999999.5")])
+@pytest.mark.parametrize(
+    ("line", "stamp"), [(4, "1999999999.5"), (5, "1.0"), (2, "1999999999.5"), (3, "1e99999999999999999")]
+)
 def test_one_wrong_stamp_in_a_tum_folder_removes_its_own_frame_only(
     line: int, stamp: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
