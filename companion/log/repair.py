@@ -103,7 +103,11 @@ class Repairs:
             if self._process.poll() is not None:
                 self._take_result()
         elif self._waiting:
-            self._start(self._waiting.pop(0), room_for)
+            path = self._waiting.pop(0)
+            try:
+                self._start(path, room_for)
+            except OSError as error:
+                self._add_result(f"{path.name}: {LEFT} ({error.strerror or error}; the next start tries again)")
 
     def _start(self, path: Path, room_for: Callable[[int], bool]) -> None:
         try:

@@ -713,6 +713,17 @@ def test_an_unfinished_file_without_a_byte_is_deleted(tmp_path: Path) -> None:
     assert not empty.exists()
 
 
+def test_a_repair_that_cannot_be_started_is_reported(tmp_path: Path) -> None:
+    """Without memory for another process the file was forgotten, and counted as being repaired."""
+    old = unfinished(tmp_path)
+    repairs = Repairs(tmp_path, ("/there/is/no/such/command",))
+    repairs.begin("now")
+    repairs.step(lambda size: True)
+    assert repairs.fault == f"{old.name}: left as it is (No such file or directory; the next start tries again)"
+    assert repairs.repairing == ""
+    assert old.exists()
+
+
 def test_repair_leaves_what_it_cannot_read(tmp_path: Path) -> None:
     broken = tmp_path / "20260101-000000.000.mcap.active"
     broken.write_bytes(b"no log at all")
