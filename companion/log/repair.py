@@ -20,7 +20,7 @@ from drivers.base import DriverError
 
 from ..console import print_line
 from .log_directory import delete_unfinished_copies, files_of
-from .log_writer import ACTIVE
+from .log_writer import ACTIVE, is_being_written
 from .recover import copy_readable
 
 log = logging.getLogger("companion")
@@ -112,6 +112,8 @@ class Repairs:
     def _start(self, path: Path, room_for: Callable[[int], bool]) -> None:
         try:
             size = path.stat().st_size
+            if is_being_written(path):
+                return  # by another service
         except FileNotFoundError:
             return  # the file was deleted to free disk space
         if not room_for(size):

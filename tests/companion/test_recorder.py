@@ -724,6 +724,17 @@ def test_a_repair_that_cannot_be_started_is_reported(tmp_path: Path) -> None:
     assert old.exists()
 
 
+def test_a_file_of_another_service_is_no_fault(tmp_path: Path) -> None:
+    """The second service was degraded for its whole flight."""
+    log = LogWriter(part_path(tmp_path, A, 0))
+    repairs = Repairs(tmp_path)
+    repairs.begin("now")
+    for _ in range(2):
+        repairs.step(lambda size: True)
+    assert (repairs.fault, repairs.repairing) == ("", "")
+    log.abandon()
+
+
 def test_repair_leaves_what_it_cannot_read(tmp_path: Path) -> None:
     broken = tmp_path / "20260101-000000.000.mcap.active"
     broken.write_bytes(b"no log at all")
