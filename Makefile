@@ -17,7 +17,7 @@ export PYTHONDONTWRITEBYTECODE :=
 .PHONY: help env demo check test test-computing test-processes test-versions nightly bench soak vm-test golden golden-recordings proto lint lock config-docs clean
 
 help: ## what can be made
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-17s  %s\n' "$$name" "$$what"; done
 
 env: $(STAMP) ## the environment in .venv with all tools of development, made from nothing
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 from .argument_parser import ArgumentParser
 from .command_list import COMMANDS, GROUPS
 from .console import fail
+from .kernels.jit_cache import no_place_text
 from .usage_error import UsageError
 
 _INTERRUPTED: Final = 130
@@ -29,6 +30,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         remedy = f"did you mean `companion {near[0]}`?" if near else "`companion --help` lists the commands"
         fail(f"there is no command {words[0]!r}; {remedy}")
         return 2
+    try:
+        return _run(words)
+    except BrokenPipeError:  # the reader of the output has closed it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except RuntimeError:
+        if not (text := no_place_text()):
+            raise
+        fail(text)
+        return 1
+
+
+def _run(words: Sequence[str]) -> int:
+    """Parses the words and runs the command."""
     parser = _parser(words[0] if words else "")
     try:
         args = parser.parse_args(words)
@@ -42,11 +59,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     try:
         return int(_module(args.command).run(args))
-    except BrokenPipeError:  # the reader of the output has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except KeyboardInterrupt:
-        return _INTERRUPTED
+    except BrokenPipeError:  # an OSError, but not of the command
+        raise
     except UsageError as error:
         fail(str(error))
         return 2

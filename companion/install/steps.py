@@ -162,7 +162,10 @@ def run_command(command: Sequence[str]) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=COMMAND_TIMEOUT_S)
     except subprocess.TimeoutExpired as error:
-        raise InstallError(f"{' '.join(command)} did not end within {COMMAND_TIMEOUT_S:g} s") from error
+        raise InstallError(
+            f"{' '.join(command)} did not end within {COMMAND_TIMEOUT_S:g} s: the computer is busy, or the command waits; look "
+            "at `journalctl -b` for its cause and run this command again, which continues where it ended"
+        ) from error
     if done.returncode != 0:
         text = (done.stderr.strip() or done.stdout.strip() or "no output").splitlines()[0]
         raise InstallError(f"{' '.join(command)} failed with status {done.returncode}: {text}")

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from .child_process import WarmupError
-from .jit_cache import COMPLETE, VARIABLE, base_of, is_linked_copy, unwritable_bases
+from .jit_cache import COMPLETE, VARIABLE, base_of, is_temporary_copy, unwritable_bases
 from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
 from .processor import processor
 from .run_kernels import MODES
@@ -21,8 +21,8 @@ log = logging.getLogger("companion")
 def cache_folders() -> list[Path]:
     """Returns the directories of numba's cache for these sources.
 
-    They are NUMBA_CACHE_DIR as set by jit_cache; otherwise (not writable, or numba imported before this package) the
-    directories beside the sources and in the user's cache."""
+    They are NUMBA_CACHE_DIR as set by jit_cache; otherwise (numba imported before this package) the directories beside
+    the sources and in the user's cache."""
     named = os.environ.get(VARIABLE)
     if named:
         return [Path(named)]
@@ -48,16 +48,14 @@ def cache_warning(modes: Sequence[str]) -> str:
     """Returns a warning with a remedy if kernels of these groups are missing and cannot be stored, otherwise "".
 
     Each process would compile its own kernels then."""
-    if is_linked_copy(folder := cache_folders()[0]) and (missing := incomplete_modes(folder, modes)):
-        return (
-            f"the cache of compiled kernels cannot be written and has none of {', '.join(missing)} for this processor: each "
-            f"command compiles them again, which takes minutes; set {VARIABLE} to a folder that this user may write"
-        )
-    if not (places := unwritable_bases()):
+    folder = cache_folders()[0]
+    missing = incomplete_modes(folder, modes)
+    if not is_temporary_copy(folder) or not missing:
         return ""
+    places = " or ".join(map(str, unwritable_bases())) or "their cache"
     return (
-        f"compiled kernels cannot be stored in {' or '.join(map(str, places))}: each command compiles them again, which takes "
-        f"minutes; set {VARIABLE} to a folder that this user may write"
+        f"compiled kernels cannot be stored in {places}, and those of {', '.join(missing)} are missing: each command compiles "
+        f"them again, which takes minutes; set {VARIABLE} to a folder that this user may write"
     )
 
 
@@ -67,7 +65,7 @@ def check_cache_place() -> None:
     named = os.environ.get(VARIABLE)
     if not named:
         return
-    if is_linked_copy(Path(named)) and (warning := cache_warning(MODES)):
+    if is_temporary_copy(Path(named)) and (warning := cache_warning(MODES)):
         raise WarmupError(warning)
     named = str(base_of(Path(named)))  # the value that the user has set
     try:

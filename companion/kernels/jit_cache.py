@@ -10,8 +10,8 @@ Kernels are compiled for a level of processors (`processor`); each level has its
 contain kernels of several levels, in `share/osape-companion/kernels` of its environment. A new directory starts with
 those of its level, too. They are trusted like the code of the installation.
 
-numba writes to the directory from which it reads. Kernels of a directory that cannot be written are therefore linked
-into a temporary one.
+numba writes to the directory from which it reads, and refuses to import a module with kernels where it cannot write.
+Kernels of a directory that cannot be written are therefore linked into a temporary one.
 
 numba reads its variables when it is imported: `companion/__init__.py` calls `use_own_cache` first."""
 
@@ -53,16 +53,19 @@ _CLOSURES: Final = "closures.json"
 Link = Callable[[Path, Path], None]
 _held: list[int] = []
 """Open files whose locks mark the directory as in use; the system closes them with the process."""
+_unwritable: list[Path] = []
+"""The directories that this process tried and cannot write."""
 
 
 def use_own_cache() -> Path | None:
     """Sets NUMBA_CACHE_DIR to the directory of the present state of the sources, and numba's processor to a level.
 
     The directory is below the previous value of NUMBA_CACHE_DIR, otherwise below the user's cache. If none can be
-    written, but one has all kernels of a group, it is a temporary one with links to those kernels.
+    written, it is a temporary one, with links to the kernels of a directory that has all of a group, if there is one.
 
     Returns:
-        The directory; None: it was not changed, because numba is already imported or there is no such directory."""
+        The directory; None: it was not changed, because numba is already imported or not even a temporary directory
+        can be made."""
     if "numba" in sys.modules:
         return None
     use_level()
@@ -77,10 +80,10 @@ def use_own_cache() -> Path | None:
                     seed((base, SHARED), folder, ROOT)
             prune(base, folder)
             return _set_variables(folder)
-    for base in (*bases, SHARED):
-        if _is_complete(base / key) and (linked := _linked_copy(base / key)):
-            return _set_variables(linked)
-    return None  # numba then reports the error, and `companion warmup` the remedy
+    source = next((base for base in (*bases, SHARED) if _is_complete(base / key)), None)
+    copy = _temporary_copy(key, source)
+    _unwritable[:] = bases
+    return _set_variables(copy) if copy else None  # without one numba refuses to import kernels: see `no_place_text`
 
 
 def _set_variables(folder: Path) -> Path:
@@ -97,16 +100,18 @@ def _is_complete(folder: Path) -> bool:
         return False
 
 
-def _linked_copy(folder: Path) -> Path | None:
-    """Returns a temporary directory with symbolic links to these kernels; None if it cannot be made.
+def _temporary_copy(name: str, source: Path | None) -> Path | None:
+    """Returns a temporary directory with symbolic links to the kernels of `source`; None if it cannot be made.
 
-    It is deleted at the end of this process. Child processes use it too, and write into it what they compile."""
+    source: parent of the directories with kernels; None: there are no kernels to link. The directory is deleted at the
+    end of this process. Child processes use it too, and write into it what they compile."""
     try:
         _delete_left_over()
         base = Path(tempfile.mkdtemp(prefix=f"{_LINKED}{os.getpid()}-"))
-        copy = base / folder.name
+        copy = base / name
         copy.mkdir()
-        seed((folder.parent,), copy, ROOT, _symbolic_link)
+        if source is not None:
+            seed((source,), copy, ROOT, _symbolic_link)
     except OSError:
         return None
     atexit.register(_delete_own, base, os.getpid())
@@ -122,8 +127,8 @@ def _delete_left_over() -> None:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def is_linked_copy(folder: Path) -> bool:
-    """True if a directory is a temporary one with links to the kernels of a directory that cannot be written."""
+def is_temporary_copy(folder: Path) -> bool:
+    """True if a directory is the temporary one that stands in for directories that cannot be written."""
     return base_of(folder).name.startswith(_LINKED)
 
 
@@ -134,19 +139,21 @@ def _delete_own(folder: Path, owner: int) -> None:
 
 
 def unwritable_bases() -> list[Path]:
-    """Returns the directories that `use_own_cache` tries, if none of them can be written, otherwise []."""
-    named = os.environ.get(VARIABLE)
-    bases = [base_of(Path(named))] if named else _usual_bases()
-    return [] if any(_can_write(base) for base in bases) else bases
+    """Returns the directories that `use_own_cache` tried, if none of them can be written, otherwise [].
+
+    A child process returns [], since it inherits the temporary directory."""
+    return list(_unwritable)
 
 
-def _can_write(folder: Path) -> bool:
-    """True if files can be created in a directory, or the directory itself can be created."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
+def no_place_text() -> str:
+    """Returns what to do if kernels can be stored nowhere, so that numba refuses to import them, otherwise ""."""
+    if not _unwritable or is_temporary_copy(Path(os.environ.get(VARIABLE, ""))):
+        return ""
+    places = ", ".join(map(str, _unwritable))
+    return (
+        f"compiled kernels cannot be stored in {places}, and no temporary folder can be made: set {VARIABLE} to a folder "
+        "that this user may write"
+    )
 
 
 def base_of(folder: Path) -> Path:

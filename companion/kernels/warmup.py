@@ -32,7 +32,7 @@ from .cache_state import (
     mark_complete,
 )
 from .child_process import POLL_S, Children, WarmupError, end_with_parent
-from .jit_cache import VARIABLE, base_of, is_linked_copy
+from .jit_cache import VARIABLE, base_of, is_temporary_copy
 from .processor import CPU_NAME, level_variables, levels, own_levels
 from .progress import CompiledCount, ProgressLine, Report
 from .run_kernels import MODES, run_kernels
@@ -142,7 +142,7 @@ def warm_up() -> Warmup:
 
 
 def _link_remark() -> str:
-    return ", links to a cache that cannot be written" if is_linked_copy(cache_folders()[0]) else ""
+    return ", links to a cache that cannot be written" if is_temporary_copy(cache_folders()[0]) else ""
 
 
 def _space_remedy(child: subprocess.CompletedProcess[str], folder: Path) -> str:

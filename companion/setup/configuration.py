@@ -66,6 +66,8 @@ def configuration_text(answers: Answers) -> str:
         _line("record", a.record, '"always", "armed" or "off"'),
         _line("depth_hz", 0.0, "0: every depth image; a lower rate writes less, see docs/reference/configuration.md"),
     ]  # fmt: skip
+    if a.kind == "simulated":
+        lines += ["", "[supervision]", _line("open_s", 300.0, "the camera renders its flight at the first start")]
     return "\n".join(lines) + "\n"
 
 

@@ -17,6 +17,7 @@ import pytest
 
 import companion.install.install as install
 import companion.install.interpreter as interpreters
+import companion.install.steps as steps
 from companion.cli import main
 from companion.install.steps import (
     InstallError,
@@ -183,11 +184,16 @@ def test_a_folder_of_logs_that_the_unit_does_not_open_is_reported(
     assert capsys.readouterr().err == ""
 
 
-def test_a_command_of_the_system_that_fails_is_reported() -> None:
+def test_a_command_of_the_system_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InstallError, match=r"ls /nowhere-at-all failed with status 2: .*No such file"):
         run_command(["ls", "/nowhere-at-all"])
     with pytest.raises(InstallError, match="no-such-command is not installed"):
         run_command(["no-such-command"])
+    monkeypatch.setattr(steps, "COMMAND_TIMEOUT_S", 0.05)
+    with pytest.raises(
+        InstallError, match=r"sleep 5 did not end within 0\.05 s: .*journalctl -b.* run this command again"
+    ):
+        run_command(["sleep", "5"])
 
 
 def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:

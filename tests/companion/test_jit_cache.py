@@ -30,6 +30,7 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv(VARIABLE, str(folder))
     monkeypatch.delitem(sys.modules, "numba", raising=False)
     monkeypatch.setattr(jit_cache, "_held", [])
+    monkeypatch.setattr(jit_cache, "_unwritable", [])
     return folder
 
 
@@ -274,13 +275,31 @@ def test_without_a_home_beside_the_sources(
     assert sorted(p.name for p in root.iterdir()) == ["core", "drivers"]
 
 
-def test_a_place_that_cannot_be_written_is_left_to_warmup(
+def test_a_temporary_directory_stands_in_for_one_that_cannot_be_written(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba refuses to import a kernel where it cannot write: every command ended with a traceback."""
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "cache"))
+    folder = use_own_cache()
+    assert folder is not None
+    assert folder.is_relative_to(tmp_path)
+    assert os.environ[VARIABLE] == str(folder)
+    assert jit_cache.is_temporary_copy(folder)
+    assert jit_cache.unwritable_bases() == [tmp_path / "file" / "cache"]
+    assert jit_cache.no_place_text() == ""
+
+
+def test_where_nothing_can_be_written_the_remedy_is_named(
     base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "file"))
     monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "cache"))
     assert use_own_cache() is None
-    assert os.environ[VARIABLE] == str(tmp_path / "file" / "cache")
+    assert str(tmp_path / "file" / "cache") in jit_cache.no_place_text()
+    assert f"set {VARIABLE}" in jit_cache.no_place_text()
 
 
 def test_a_start_that_was_ended_while_it_linked_is_continued(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -305,6 +324,11 @@ def test_of_the_same_state_nothing_is_computed(tmp_path: Path, monkeypatch: pyte
     assert kernels(folder) == {"inner.inner", "outer.outer"}
 
 
+NAMED = """
+import os
+import companion  # takes a temporary directory for its own sources
+os.environ[{variable!r}] = {cache!r}
+"""
 READ_ONLY = """
 import os
 import sys
@@ -322,6 +346,7 @@ def python_without_privileges(code: str, cache: Path, temporary: Path) -> subpro
     """Runs code with a cache and a folder for temporary files; modes of files hold for root too."""
     environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_DISABLE_JIT", "PYTHONPATH")}
     environment |= {VARIABLE: str(cache), "TMPDIR": str(temporary)}
+    code = NAMED.format(variable=VARIABLE, cache=str(cache)) + code
     bound = ["setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override"] if os.geteuid() == 0 else []
     return subprocess.run(
         [*bound, sys.executable, "-B", "-c", code],
@@ -376,12 +401,14 @@ def test_two_starts_delete_what_a_killed_process_left(tmp_path: Path, monkeypatc
     assert not kept.exists()
 
 
-def test_without_all_kernels_a_directory_that_cannot_be_written_is_of_no_use(read_only: Path, tmp_path: Path) -> None:
-    sources(tmp_path / "project", factor=3)
-    code = KEYED.format(root=str(tmp_path / "project"))
-    done = python_without_privileges(code, read_only, tmp_path)
-    assert "assert jit_cache.use_own_cache() is not None" in code
-    assert "AssertionError" in done.stderr
+def test_without_all_kernels_a_directory_that_cannot_be_written_is_not_used(read_only: Path, tmp_path: Path) -> None:
+    """Kernels are compiled into a temporary directory, which goes with the process."""
+    root, temporary = sources(tmp_path / "project", factor=3), tmp_path / "temporary"
+    temporary.mkdir()
+    done = python_without_privileges((KEYED + READ_ONLY).format(root=str(root)), read_only, temporary)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["31", "5.5", "0", "temporary", "2"]
+    assert list(temporary.iterdir()) == []
 
 
 def test_deleting_a_linked_kernel_deletes_the_link(tmp_path: Path) -> None:

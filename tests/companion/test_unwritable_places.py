@@ -208,13 +208,54 @@ def _with_autopilot(folder: Path) -> Config:
     return load_config(path)
 
 
-def test_kernels_that_cannot_be_stored_are_announced(no_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each command would compile them again, for minutes and without a word."""
-    monkeypatch.setenv(jit_cache.VARIABLE, str(no_folder))
-    monkeypatch.delenv(jit_cache.LOCATOR_VARIABLE, raising=False)
-    warning = cache_warning(MODES)
-    assert str(no_folder) in warning
-    assert "NUMBA_CACHE_DIR" in warning
+@pytest.mark.process
+def test_kernels_that_cannot_be_stored_do_not_prevent_a_check(no_folder: Path, tmp_path: Path) -> None:
+    """Each command that imports kernels ended with a traceback of numba."""
+    config = tmp_path / "a.toml"
+    config.write_text("")
+    done = companion_without_cache(no_folder, "check-config", str(config))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "a.toml: usable" in done.stdout
+
+
+@pytest.mark.process
+def test_without_any_writable_folder_the_remedy_is_named(no_folder: Path, tmp_path: Path) -> None:
+    code = (
+        f"import sys, tempfile\ntempfile.tempdir = {str(no_folder)!r}\n"
+        "from companion.cli import main\nsys.exit(main(sys.argv[1:]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "check-config", str(tmp_path / "a.toml")],
+        env=os.environ | {jit_cache.VARIABLE: str(no_folder)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "set NUMBA_CACHE_DIR to a folder" in line
+
+
+@pytest.mark.process
+def test_warmup_names_the_place_that_cannot_be_written(no_folder: Path) -> None:
+    done = companion_without_cache(no_folder, "warmup")
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert f"compiled kernels cannot be stored in {no_folder}" in line
+    assert "set NUMBA_CACHE_DIR" in line
+
+
+def companion_without_cache(cache: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command line of the companion, with a cache that cannot be written."""
+    return subprocess.run(
+        [sys.executable, "-m", "companion", *arguments],
+        env=os.environ | {jit_cache.VARIABLE: str(cache)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+    )
 
 
 def test_a_writable_cache_is_not_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,7 +272,7 @@ def test_a_read_only_cache_is_announced_where_kernels_are_missing(
     for mode in MODES[:-1]:
         (folder / f"{jit_cache.COMPLETE}{mode}").write_text(processor())
     assert cache_warning(MODES[:-1]) == ""
-    assert f"has none of {MODES[-1]} for this processor" in cache_warning(MODES)
+    assert f"those of {MODES[-1]} are missing" in cache_warning(MODES)
     with pytest.raises(WarmupError, match="NUMBA_CACHE_DIR"):
         warm_up()
 

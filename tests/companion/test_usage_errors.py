@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.fidelity.run import parse as fidelity_options
 from benchmarks.open_air.view_options import add_view_options
+from companion import cli
 from companion.argument_parser import ArgumentParser, negative_values_joined
 from companion.cli import _parser, main
 from companion.command_list import COMMANDS
@@ -147,6 +148,16 @@ def test_parsers_accept_a_list_that_begins_with_a_minus() -> None:
     views = ArgumentParser()
     add_view_options(views)
     assert views.parse_args(["--pitch", "-20,5"]).pitch == ["-20", "5"]
+
+
+def test_ctrl_c_while_a_command_is_loaded_prints_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading takes a second or more, in which an interrupt ended with some 40 lines."""
+
+    def interrupt(command: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_module", interrupt)
+    assert main(["info", "a.mcap"]) == 130
 
 
 @pytest.mark.parametrize("command", COMMANDS)
