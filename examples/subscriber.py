@@ -20,7 +20,12 @@ def on_message(message: Message) -> None:
     print(flush=True)
 
 
-with suppress(KeyboardInterrupt), Subscriber(*sys.argv[1:]) as subscriber:  # Ctrl-C ends it
-    while subscriber.wait(1.0) is None:
-        print(f"no message on {subscriber.address}: nothing may be taken as free; does the service run?", flush=True)
-    subscriber.subscribe(on_message)
+try:
+    with suppress(KeyboardInterrupt), Subscriber(*sys.argv[1:2]) as subscriber:  # Ctrl-C ends it
+        while subscriber.wait(1.0) is None:
+            print(
+                f"no message on {subscriber.address}: nothing may be taken as free; does the service run?", flush=True
+            )
+        subscriber.subscribe(on_message)
+except ValueError as error:  # an address that cannot be used
+    sys.exit(str(error))

@@ -238,7 +238,33 @@ def test_a_negative_radius_is_occupied(program: Path, tmp_path: Path) -> None:
     assert set(done.stdout.split()) == {str(int(Occupancy.OCCUPIED))}
 
 
-def test_the_tracks_are_those_of_python(program: Path) -> None:
+@pytest.mark.parametrize("name", ["query", "tracks"])
+def test_a_file_that_cannot_be_used_is_an_error_that_names_it(program: Path, name: str, tmp_path: Path) -> None:
+    """`tracks` ignored the name of a file and waited for the keyboard; of no data it printed no track, with status 0."""
+    example = program.with_name(name)
+    (tmp_path / "damaged").write_bytes(b"\xff" * 40)
+    (tmp_path / "empty").write_bytes(b"")
+    cases = {"missing": "cannot be opened; check the path", "damaged": "not an osape.v1."}
+    for file, text in (cases | ({"empty": "not an osape.v1."} if name == "tracks" else {})).items():
+        done = subprocess.run([example, tmp_path / file], input="", capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.startswith(f"{tmp_path / file}: {text}")
+    done = subprocess.run([example], input="", capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("usage:")
+
+
+def test_tracks_of_a_frame_that_is_not_valid_say_so(program: Path, tmp_path: Path) -> None:
+    file = tmp_path / "tracks"
+    file.write_bytes(pb.Tracks(schema_version=1, frame="ned", left_out=3).SerializeToString())
+    done = subprocess.run([program.with_name("tracks"), file], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "nothing may be taken as free: the frame of these tracks is not valid",
+        "3 detected obstacles have no track",
+    ]
+
+
+def test_the_tracks_are_those_of_python(program: Path, tmp_path: Path) -> None:
     message = pb.Tracks(
         schema_version=1, frame="ned", valid=True, id=[7], corners_m=[5.0, 1.0, 5.0, -1.0, -2.0, 0.0], margin_m=[0.125],
         sigma_m=[0.02], confidence=[0.75], state=[pb.Tracks.STATE_DETECTED], hits=[9], age_ns=[10**9], unseen_ns=[0],
@@ -256,7 +282,9 @@ def test_the_tracks_are_those_of_python(program: Path) -> None:
     expected = tracks_from_message(message)
     (x, y, _), sigma = expected.objects[0].predicted(0.5)
     tracks = program.with_name("tracks")
-    done = subprocess.run([tracks], input=message.SerializeToString(), capture_output=True, check=True)
+    file = tmp_path / "tracks"
+    file.write_bytes(message.SerializeToString())
+    done = subprocess.run([tracks, file], capture_output=True, check=True)
     assert done.stdout.decode().splitlines() == [
         "track 7 a 5.000 1.000 b 5.000 -1.000 margin 0.125 confidence 0.750 state 2",
         f"moving 3 at {x:.3f} {y:.3f} sigma {sigma:.3f}",
@@ -271,5 +299,6 @@ def test_the_tracks_are_those_of_python(program: Path) -> None:
             getattr(damaged, field)[0] = value
         with pytest.raises(ValueError, match="tracks"):
             tracks_from_message(damaged)
-        done = subprocess.run([tracks], input=damaged.SerializeToString(), capture_output=True, check=False)
+        file.write_bytes(damaged.SerializeToString())
+        done = subprocess.run([tracks, file], capture_output=True, check=False)
         assert done.returncode == 1, field

@@ -375,6 +375,20 @@ def test_the_example_reports_when_nothing_is_free(service: Service) -> None:
             run.kill()
 
 
+def test_the_example_names_an_address_that_cannot_be_used() -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / "subscriber.py"), "nowhere"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        env=environment(),
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert "use ipc://PATH or tcp://HOST:PORT" in line
+
+
 def environment() -> dict[str, str]:
     """With the modules of this checkout."""
     return os.environ | {"PYTHONPATH": str(ROOT)}

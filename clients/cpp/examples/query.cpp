@@ -7,11 +7,15 @@
 #include "osape_client/space.h"
 
 int main(int argc, char** argv) {
-  osape::v1::PrismsFrame frame;
-  std::ifstream file(argc > 1 ? argv[1] : "", std::ios::binary);
-  if (!file || !frame.ParseFromIstream(&file)) {
+  if (argc < 2) {
     std::cerr << "usage: " << argv[0] << " FILE [--allow-open]   with an osape.v1.PrismsFrame\n";
     return 2;
+  }
+  std::ifstream file(argv[1], std::ios::binary);
+  osape::v1::PrismsFrame frame;
+  if (!file || !frame.ParseFromIstream(&file)) {
+    std::cerr << argv[1] << (file.is_open() ? ": not an osape.v1.PrismsFrame\n" : ": cannot be opened; check the path\n");
+    return 1;
   }
   const bool allow_open = argc > 2 && std::string(argv[2]) == "--allow-open";
   osape_client::Point p;

@@ -1,16 +1,29 @@
-// Prints the tracked obstacles of a message (osape.v1.Tracks) from standard input, and where moving ones are 0.5 s later.
+// Prints the tracked obstacles of one message, a file with an osape.v1.Tracks, and where moving ones are 0.5 s later.
+// Usage: tracks FILE
 #include <cstdio>
-#include <iostream>
+#include <fstream>
 
 #include "osape_client/tracks.h"
 
-int main() {
-  osape::v1::Tracks message;
-  const auto tracks = message.ParseFromIstream(&std::cin) ? osape_client::tracks_of(message) : std::nullopt;
-  if (!tracks) {
-    std::fputs("not a message of tracked obstacles\n", stderr);
+int main(int argc, char** argv) {
+  if (argc < 2) {
+    std::fprintf(stderr, "usage: %s FILE   with an osape.v1.Tracks\n", argv[0]);
+    return 2;
+  }
+  std::ifstream file(argv[1], std::ios::binary);
+  if (!file) {
+    std::fprintf(stderr, "%s: cannot be opened; check the path\n", argv[1]);
     return 1;
   }
+  osape::v1::Tracks message;
+  const bool parsed = message.ParseFromIstream(&file) && message.schema_version() == 1;  // an empty file is parsed, too
+  const auto tracks = parsed ? osape_client::tracks_of(message) : std::nullopt;
+  if (!tracks) {
+    std::fprintf(stderr, "%s: not an osape.v1.Tracks of schema version 1, or damaged\n", argv[1]);
+    return 1;
+  }
+  if (!message.valid()) std::puts("nothing may be taken as free: the frame of these tracks is not valid");
+  if (message.left_out() != 0) std::printf("%u detected obstacles have no track\n", message.left_out());
   for (const auto& t : *tracks) {
     std::printf("track %llu a %.3f %.3f b %.3f %.3f margin %.3f confidence %.3f state %d\n",
                 static_cast<unsigned long long>(t.id), t.ax_m, t.ay_m, t.bx_m, t.by_m, t.margin_m, t.confidence,
