@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Final, TypeVar
 
 _Number = TypeVar("_Number", int, float)
+_BEGINS_WITH_NUMBER: Final = re.compile(r"[-+]?\.?\d")
 
 
 def _digits(number: float) -> str:
@@ -22,6 +24,15 @@ def _is_number(text: str) -> bool:
     return True
 
 
+def _hint(kind: Callable[[str], int | float], text: str) -> str:
+    """What to write in place of a text that is not a number of this kind, "" where the text is no number at all."""
+    if kind is int and _is_number(text):
+        return "; write a whole number"
+    if kind is float and _is_number(text.replace(",", ".")):
+        return "; write a decimal point"
+    return "; write one number without a unit" if _BEGINS_WITH_NUMBER.match(text) else ""
+
+
 def number_in(kind: Callable[[str], _Number], low: _Number, high: _Number) -> Callable[[str], _Number]:
     """An argument type: a number from low to high. kind: int or float."""
 
@@ -31,11 +42,7 @@ def number_in(kind: Callable[[str], _Number], low: _Number, high: _Number) -> Ca
         except ValueError:
             value = None
         if value is None or not low <= value <= high:
-            hint = (
-                "; write a decimal point"
-                if kind is float and value is None and _is_number(text.replace(",", "."))
-                else ""
-            )
+            hint = _hint(kind, text) if value is None else ""
             raise argparse.ArgumentTypeError(f"{text!r}: expected {_digits(low)}..{_digits(high)}{hint}")
         return value
 

@@ -74,10 +74,10 @@ def _error_text(error: Exception, output: Path | None) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; check the path, its permissions and the free space"
     if isinstance(error, OSError):
-        return (
-            f"{'' if output is None else f'{output}: '}{error.strerror or error} while writing; check the free space. A log "
-            "that was begun is kept as FILE.active (`companion recover` reads it)"
-        )
+        text = f"{'' if output is None else f'{output}: '}{error.strerror or error} while writing; check the free space"
+        if output is None or not (part := output.with_name(f"{output.name}.active")).exists():
+            return text
+        return f"{text}. The log that was begun is kept as {part} (`companion recover` reads it)"
     return str(error)
 
 

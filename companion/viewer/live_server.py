@@ -6,6 +6,7 @@ unless --listen names another address. The page is read-only."""
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import signal
 import sys
@@ -53,9 +54,10 @@ class LiveServer:
         try:
             self._server = _Server(self._page, self.host, self.port)
         except OSError as error:
+            by_port = error.errno in (errno.EADDRINUSE, errno.EACCES)
+            remedy = "choose another with --port" if by_port else "give --listen an address of this computer"
             raise DeviceNotFound(
-                f"the page: port {self.port} on {self.host} cannot be bound ({error.strerror}); choose another with "
-                "--port"
+                f"the page: port {self.port} on {self.host} cannot be bound ({error.strerror}); {remedy}"
             ) from error
         self.port = self._server.server_address[1]
         self._thread = threading.Thread(target=self._server.serve_forever, args=(POLL_S,), name="pages", daemon=True)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from companion.cli import main
+from companion.cli import _error_text, main
 from companion.config.loader import Config, config_from_text
 from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
@@ -324,8 +324,18 @@ def test_an_output_that_cannot_be_written(recorded, tmp_path, capsys):
 def test_a_full_disk_is_reported(recorded, tmp_path, capsys):
     (tmp_path / "out.mcap.active").symlink_to("/dev/full")
     assert main(["replay", str(recorded), "-o", str(tmp_path / "out.mcap")]) == 1
-    assert "No space left on device while writing" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "No space left on device while writing" in err
+    assert f"kept as {tmp_path / 'out.mcap.active'}" in err
     assert not (tmp_path / "out.mcap").exists()
+
+
+def test_a_part_is_named_only_if_it_was_kept(tmp_path):
+    """`companion recover` on a full disk leaves none, and was said to have kept FILE.active."""
+    error = OSError(28, "No space left on device")
+    assert _error_text(error, tmp_path / "a.mcap") == (
+        f"{tmp_path / 'a.mcap'}: No space left on device while writing; check the free space"
+    )
 
 
 def test_a_failed_replay_leaves_no_output_behind(tmp_path, recorded):

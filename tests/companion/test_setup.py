@@ -188,7 +188,7 @@ def test_wrong_flags_write_nothing(
 def test_questions_are_asked_where_flags_are_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = iter(["2", "down", "-15,5", "-15", "", "0.2", "0", "0", "0.9", "0.4"])
+    lines = iter(["2", "down", "5 deg", "-15,5", "-15", "", "0.2", "0", "0", "0.9", "0.4"])
     monkeypatch.setattr(setup, "find_cameras", lambda: [FoundCamera("oak", "A", "OAK"), FoundCamera("oak", "B", "OAK")])
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: next(lines) + "\n"))
     out = tmp_path / "c.toml"
@@ -198,6 +198,7 @@ def test_questions_are_asked_where_flags_are_missing(
     assert config.avoid.radius_m == 0.45
     err = capsys.readouterr().err
     assert "'down': expected -90..90\n" in err
+    assert "'5 deg': expected -90..90; write one number without a unit\n" in err
     assert "'-15,5': expected -90..90; write a decimal point\n" in err
 
 

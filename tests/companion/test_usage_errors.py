@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -13,6 +14,9 @@ from companion import cli
 from companion.argument_parser import ArgumentParser, negative_values_joined
 from companion.cli import _parser, main
 from companion.command_list import COMMANDS
+from companion.viewer.live_page import LivePage
+from companion.viewer.live_server import LiveServer
+from drivers.base import DeviceNotFound
 
 WRONG: dict[str, tuple[tuple[str, str], ...]] = {
     "demo": (("--seconds x", "expected 1..600"),),
@@ -25,6 +29,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--camera moon", "expected one of oak"),
         ("--autopilot carrier-pigeon", "expected serial"),
         ("--pitch nan", "expected -90..90"),
+        ("--pitch 10deg", "'10deg': expected -90..90; write one number without a unit"),
         ("--pitch -20,5", "'-20,5': expected -90..90; write a decimal point"),
         ("--pitch -200.", "expected -90..90"),
         ("--width 0", "expected 0.05..10"),
@@ -172,3 +177,8 @@ def test_the_refusal_of_a_value_names_no_function(command: str, capsys: pytest.C
         assert callable(action.type)
         with pytest.raises(argparse.ArgumentTypeError, match="expected"):
             action.type("x y")
+
+
+def test_an_address_of_another_computer_is_not_answered_with_a_port() -> None:
+    with pytest.raises(DeviceNotFound, match=r"192\.0\.2\.1 cannot be bound .*; give --listen an address of this"):
+        LiveServer(cast(LivePage, None), "192.0.2.1", 0).open()
