@@ -1,4 +1,7 @@
-"""Notifications to systemd over its socket; without a socket nothing is sent."""
+"""Notifications to systemd over its socket; without a socket nothing is sent.
+
+While systemd reads nothing, as during a reload of its units, its queue is full after some ten notifications. The main loop
+must not wait for it: a notification that cannot be sent is dropped. READY and a new status are then sent later."""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ import socket
 
 STOPPING_S = 15.0
 """Longer than the unit's TimeoutStopSec, which limits the shutdown."""
+_STOPPING_WAIT_S = 0.2
+"""Longest wait for room in systemd's queue at the shutdown, when nothing is sent later."""
 
 
 class Notifier:
@@ -18,24 +23,28 @@ class Notifier:
         address = env.get("NOTIFY_SOCKET", "")
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if self._address else None
+        if self._socket is not None:
+            self._socket.setblocking(False)
         usec = env.get("WATCHDOG_USEC", "")
         for_this_process = env.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
         self.watchdog_s: float | None = int(usec) / 1e6 if usec.isdecimal() and for_this_process else None
         self._status = ""
+        self._ready_unsent = False
 
     def ready(self) -> None:
-        """Reports that the service is ready."""
-        self._send("READY=1")
+        """Reports that the service is ready; where that fails, `feed_watchdog` repeats it."""
+        self._ready_unsent = not self._send("READY=1")
 
     def status(self, text: str) -> None:
         """One line for `systemctl status`. An unchanged line is not sent again."""
         line = text.replace("\n", " ")
-        if line != self._status:
+        if line != self._status and self._send(f"STATUS={line}"):
             self._status = line
-            self._send(f"STATUS={line}")
 
     def feed_watchdog(self) -> None:
         """Resets the watchdog."""
+        if self._ready_unsent:
+            self.ready()
         self._send("WATCHDOG=1")
 
     def extend_timeout(self, seconds: float) -> None:
@@ -46,12 +55,16 @@ class Notifier:
         """Reports the shutdown and extends the watchdog beyond it: finishing a log on a slow disk takes longer than the
         interval."""
         watchdog = f"\nWATCHDOG_USEC={round(STOPPING_S * 1e6)}" if self.watchdog_s is not None else ""
+        if self._socket is not None:
+            self._socket.settimeout(_STOPPING_WAIT_S)
         self._send("STOPPING=1" + watchdog)
 
-    def _send(self, text: str) -> None:
+    def _send(self, text: str) -> bool:
+        """Sends without waiting; returns False where it could not be sent."""
         if self._socket is None:
-            return
+            return True
         try:
             self._socket.sendto(text.encode(), self._address)
         except OSError:
-            return  # systemd is busy or has ended; its watchdog covers this case
+            return False  # systemd is busy or has ended; its watchdog covers this case
+        return True

@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -239,6 +240,40 @@ def test_notifications_to_systemd(tmp_path: Path) -> None:
         notifier.stopping()
         received = [systemd.recv(100).decode() for _ in range(5)]
     assert received == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", STOPPING]
+
+
+def test_a_systemd_that_reads_nothing_does_not_stop_the_service(tmp_path: Path) -> None:
+    """It reads nothing while it reloads its units or waits for a disk: READY and the newest status are sent later."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(1.0)
+        notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "2000000"})
+        texts = [f"text {i}" for i in range(3000)]  # more than any queue holds
+
+        def report() -> None:
+            for text in texts:
+                notifier.status(text)
+            notifier.ready()
+            notifier.stopping()
+
+        reporting = threading.Thread(target=report, daemon=True)
+        reporting.start()
+        reporting.join(60.0)
+        assert not reporting.is_alive()
+        systemd.setblocking(False)
+        received: list[str] = []
+        with suppress(BlockingIOError):
+            while True:
+                received.append(systemd.recv(100).decode())
+        assert received == [f"STATUS={text}" for text in texts[: len(received)]]
+        notifier.status(texts[-1])
+        notifier.feed_watchdog()
+        assert [systemd.recv(100).decode() for _ in range(3)] == [f"STATUS={texts[-1]}", "READY=1", "WATCHDOG=1"]
+        notifier.feed_watchdog()
+        notifier.status(texts[-1])
+        assert systemd.recv(100) == b"WATCHDOG=1"
+        with pytest.raises(BlockingIOError):
+            systemd.recv(100)
 
 
 def test_without_systemd_nothing_is_reported(tmp_path: Path) -> None:
