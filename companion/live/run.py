@@ -19,6 +19,7 @@ from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, ConfigError, load_config
 from ..console import print_line
 from ..paths import folders
+from .open_files import raise_limit
 from .record_note import RecordRate, record_note
 from .sd_notify import Notifier
 
@@ -132,6 +133,7 @@ def check_live(config: Config, source: Path) -> None:
 def run(args: argparse.Namespace) -> int:
     """0: stopped on request; 1: a part could not start or has ended."""
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
+    raise_limit()
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
     path = config_path(args.config)

@@ -129,11 +129,11 @@ class Live:
         """The flight of the first simulated camera."""
         return flight_of(load_config(self.config))
 
-    def start(self) -> None:
-        """Starts the service without waiting until it is ready."""
+    def start(self, *before: str) -> None:
+        """Starts the service without waiting until it is ready. before: a command that executes the one after it."""
         with (self.folder / "output.txt").open("a") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "companion", "run", "-c", str(self.config)],
+                [*before, sys.executable, "-m", "companion", "run", "-c", str(self.config)],
                 cwd=ROOT,
                 env=self.environment,
                 stdout=output,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -191,6 +192,29 @@ def test_a_second_service_is_refused_and_the_first_goes_on(tmp_path: Path, rende
         prisms = live.subscribe("prisms", pb.PrismsFrame)
         prisms.wait(lambda m: m.camera == "front", PATIENCE_S)
         assert live.stop(signal.SIGINT) == 0
+
+
+def test_more_subscribers_than_open_files_are_usual_do_not_end_it(tmp_path: Path, renders: Path) -> None:
+    """libzmq aborts the process when it cannot accept a connection because too many files are open."""
+    live = Live(tmp_path, AUTOPILOT + NO_LOG, renders)
+    connections: list[socket.socket] = []
+    try:
+        live.start("/bin/sh", "-c", 'ulimit -Sn 200; exec "$@"', "sh")
+        health = live.subscribe("health", pb.Health)
+        health.wait(lambda h: h.state != pb.Health.STATE_STARTING, PATIENCE_S)
+        for _ in range(400):
+            connection = socket.socket(socket.AF_UNIX)
+            connections.append(connection)
+            connection.connect(str(tmp_path / "run" / "prisms"))
+            connection.settimeout(PATIENCE_S)
+        # the greeting of ZeroMQ shows that the service has accepted it
+        assert all(connection.recv(1) == b"\xff" for connection in connections)
+        health.wait(lambda h: h.troubles, PATIENCE_S)
+        assert live.stop() == 0
+    finally:
+        for connection in connections:
+            connection.close()
+        live.close()
 
 
 def test_after_kill_9_the_next_start_repairs_the_log(tmp_path: Path, renders: Path) -> None:
