@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
-import select
+import termios
 import time
 
 import serial
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .address import Address
-from .transport import READ_BYTES, Chunk, reason
+from .transport import READ_BYTES, Chunk, reason, wait_readable
 
 _BACKLOG_S = 0.1
 """Nothing is sent while the buffer of the line holds bytes for a longer time."""
@@ -29,7 +29,7 @@ class SerialLine:
         self._address, self._rest = address, b""
         try:
             self._port = serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
-        except serial.SerialException as error:
+        except (OSError, termios.error) as error:  # SerialException is an OSError; others if it is unplugged meanwhile
             raise DeviceNotFound(f"{address}: {reason(error)}; {_serial_remedy(error, address.place)}") from error
         except ValueError as error:
             raise BadData(f"{address}: {error}; choose a rate the port knows, such as 921600 or 57600") from error
@@ -51,15 +51,14 @@ class SerialLine:
 
     def wait(self, timeout_s: float) -> None:
         try:
-            select.select([self._port.fileno()], [], [], timeout_s)
+            wait_readable(self._port.fileno(), timeout_s)
         except (OSError, serial.SerialException, TypeError) as error:
             raise DeviceLost(f"{self._address}: {reason(error)}; check its cable") from error
 
     def read(self, timeout_s: float = 0.0) -> list[Chunk]:
         try:
             # asked each time: of an empty line a read brings the same nothing as of one that was disconnected
-            ready, _, _ = select.select([self._port.fileno()], [], [], timeout_s)
-            if not ready:
+            if not wait_readable(self._port.fileno(), timeout_s):
                 return []
             data = os.read(self._port.fileno(), READ_BYTES)
             arrival_ns = time.monotonic_ns()  # after it: before, a byte might arrive between the two

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import select
 import socket
 import sys
 import termios
@@ -12,7 +11,7 @@ import time
 
 from ..base import DeviceLost, DeviceNotFound
 from .address import Address
-from .transport import READ_BYTES, Chunk, reason, resolve
+from .transport import READ_BYTES, Chunk, reason, resolve, wait_readable
 
 _BACKLOG_BYTES = 4096
 """Nothing is sent while more bytes are not confirmed: 0.2 to 0.5 s of the usual messages."""
@@ -49,7 +48,7 @@ class TcpLine:
             raise DeviceLost(f"{self._address}: {reason(error)}") from error
 
     def wait(self, timeout_s: float) -> None:
-        select.select([self._socket], [], [], timeout_s)
+        wait_readable(self._socket.fileno(), timeout_s)
 
     def read(self, timeout_s: float = 0.0) -> list[Chunk]:
         if timeout_s > 0.0:

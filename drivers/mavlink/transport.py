@@ -5,8 +5,11 @@ remedy; the owner then closes the transport and opens a new one later."""
 
 from __future__ import annotations
 
+import math
 import os
+import select
 import socket
+import termios
 from typing import Protocol
 
 from ..base import DeviceNotFound
@@ -89,9 +92,18 @@ def resolve(address: Address) -> tuple[str, int]:
     return str(host), int(port)
 
 
+def wait_readable(descriptor: int, timeout_s: float) -> bool:
+    """Waits for at most timeout_s until something can be read; returns whether that is so. Raises OSError.
+
+    It polls, because select() takes no descriptor above 1023: the connections of many subscribers take those below."""
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(math.ceil(1000.0 * timeout_s)))
+
+
 def reason(error: BaseException) -> str:
     """The system's text of the cause, without the sentence that pyserial puts around it."""
     if isinstance(error, socket.gaierror):  # its numbers are not those of the system
         return error.strerror or str(error)
-    number = getattr(error, "errno", None)
+    number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error) or type(error).__name__

@@ -9,7 +9,7 @@ import time
 
 from ..base import DeviceLost, DeviceNotFound
 from .address import Address
-from .transport import READ_BYTES, Chunk, Source, reason, resolve
+from .transport import READ_BYTES, Chunk, Source, reason, resolve, wait_readable
 from .udp_flood import FloodFilter
 
 _MOST_DATAGRAMS = 1024
@@ -36,7 +36,10 @@ class UdpLine:
         self._room = memoryview(bytearray(READ_BYTES))
         self.sends_first = address.kind == "udpout"
         place = resolve(address)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        except OSError as error:
+            raise DeviceNotFound(f"{address}: {reason(error)}; end programs that hold many files or memory") from error
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         self._more = select.poll()
@@ -58,7 +61,7 @@ class UdpLine:
         return int(self._socket.getsockname()[1])
 
     def wait(self, timeout_s: float) -> None:
-        select.select([self._socket], [], [], timeout_s)
+        wait_readable(self._socket.fileno(), timeout_s)
 
     def read(self, timeout_s: float = 0.0) -> list[Chunk]:
         if timeout_s > 0.0:

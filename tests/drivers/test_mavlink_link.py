@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
+import resource
 import socket
 import sys
 import termios
@@ -632,3 +634,58 @@ def test_a_rate_that_no_port_supports() -> None:
     with pytest.raises(BadData, match="choose a rate the port knows"):
         open_transport(Address("serial", end.device, -5))
     end.close()
+
+
+@pytest.fixture
+def many_files() -> Iterator[None]:
+    """The next file has a number beyond those that select() takes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard if hard != resource.RLIM_INFINITY else 4096, hard))
+    files = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]
+    yield
+    for file in files:
+        os.close(file)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.parametrize("kind", ["serial", "tcp", "udpin"])
+def test_a_line_is_read_while_many_files_are_open(kind: str, many_files: None) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        end, port = PtyEnd(), free_port()
+        places = {"serial": f"{end.device}:921600", "tcp": f"127.0.0.1:{server.getsockname()[1]}"}
+        transport = open_transport(parse_address(f"{kind}:{places.get(kind, f'127.0.0.1:{port}')}"))
+        try:
+            transport.wait(0.001)
+            assert transport.read(0.001) == []
+            if kind == "serial":
+                end.write(b"bytes")
+            elif kind == "tcp":
+                server.accept()[0].sendall(b"bytes")
+            else:
+                sender.sendto(b"bytes", ("127.0.0.1", port))
+            transport.wait(60.0)
+            assert b"".join(data for data, _ in transport.read()) == b"bytes"
+        finally:
+            transport.close()
+
+
+@pytest.mark.parametrize("failing", ["termios.tcflush", "os.pipe", "socket.socket"])
+def test_a_line_that_fails_while_it_is_opened_is_tried_again(failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A USB adapter can be unplugged between the steps of opening it, and files or memory can be used up."""
+    errors = {"termios.tcflush": termios.error(errno.EIO, "Input/output error")}
+    left = [3]
+
+    def works_later(*arguments: Any) -> Any:
+        if threading.current_thread().name == "mavlink open" and left[0]:
+            left[0] -= 1
+            raise errors.get(failing, OSError(errno.EMFILE, os.strerror(errno.EMFILE)))
+        return works(*arguments)
+
+    end = PtyEnd()
+    address = f"udpin:127.0.0.1:{free_port()}" if failing == "socket.socket" else f"serial:{end.device}:921600"
+    works = {"termios.tcflush": termios.tcflush, "os.pipe": os.pipe, "socket.socket": socket.socket}[failing]
+    monkeypatch.setattr(failing, works_later)
+    with linked(parse_address(address)) as (link, _):
+        assert until(lambda: left[0] == 0)
+        assert until(lambda: link.state.open)
+        assert link.failure == ""
