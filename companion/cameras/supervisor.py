@@ -5,6 +5,7 @@ the stamps do not advance. The service and the other cameras are not affected.""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import signal
@@ -34,6 +35,11 @@ _READ_S = 0.1
 _POLL_S = 0.05
 _EXIT_S = 0.5
 """Time for the exit status of a process that has closed its channel."""
+_STOP_S = 2.0
+"""The same at a stop of the service, for a process that was killed."""
+_STALLED_NS = NS // 2
+"""After a longer time between two reads this process did not run, and the camera process probably did not either: it was
+paused, or the computer had no memory or processor time. The camera gets the full time before a restart again."""
 _STABLE_RUN_S = 3.0
 """A camera that delivered frames for this long after its start is restarted without delay; otherwise the delay grows.
 """
@@ -92,6 +98,7 @@ class CameraSupervisor:
         self._thread = WatchedThread(self._run, f"camera {section.name}")
         self._process: subprocess.Popen[bytes] | None = None
         self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames)
+        self._stalled_ns = 0
 
     @property
     def status(self) -> CameraStatus:
@@ -151,24 +158,46 @@ class CameraSupervisor:
         )
         reader.close_child()
         try:
-            return self._watch(reader)
+            cause = self._watch(reader)
         except DeviceLost as error:
-            return self._last_cause or f"{error}{_exit_text(self._process)}"
+            cause = self._last_cause or f"{error}{_exit_text(self._process)}"
         except BadData as error:
-            return self._last_cause or str(error)
+            cause = self._last_cause or str(error)
         finally:
             self._process.kill()
-            self._process.wait()
+        self._await_end(self._process, cause)
+        return cause
+
+    def _await_end(self, process: subprocess.Popen[bytes], cause: str) -> None:
+        """Waits for the end of a killed process, at a stop for at most _STOP_S.
+
+        A process that waits in the kernel for a device does not end before that responds, which may never be. The other
+        cameras must not be affected: the thread is alive meanwhile."""
+        killed_ns = _now()
+        while True:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_POLL_S)
+                return
+            waited_s = (_now() - killed_ns) / NS
+            if self._stop.is_set() and waited_s > _STOP_S:
+                return
+            self._update(alive_ns=_now())
+            if waited_s > _EXIT_S and self._status.condition is not CameraCondition.LOST:
+                text = f"{cause}; its process is still held by the kernel: unplug the camera, or restart the computer"
+                self._set_condition(CameraCondition.LOST, text, last_loss=text, last_loss_ns=_now())
 
     def _watch(self, reader: FrameReader) -> str:
         """Passes frames on; returns why the process has to be restarted."""
         self._last_cause = ""
-        begun_ns = received_ns = _now()
+        begun_ns = received_ns = now_ns = _now()
         opened_ns: int | None = None
         dropped = self._status.dropped
         while not self._stop.is_set():
+            read_ns = now_ns
             frame, notifications = reader.read(_READ_S)
             now_ns = _now()
+            if now_ns - read_ns > _STALLED_NS:
+                self._stalled_ns = now_ns
             for notification in notifications:
                 received_ns = now_ns
                 if notification.kind == "opened":
@@ -209,7 +238,7 @@ class CameraSupervisor:
         """Sets the condition SILENT where due; returns why the process has to be restarted, "" if it has not."""
         p, status = self._params, self._status
         if opened_ns is None:
-            late_s = (now_ns - begun_ns) / NS
+            late_s = (now_ns - max(begun_ns, self._stalled_ns)) / NS
             return f"the camera did not open within {p.open_s:g} s" if late_s > p.open_s else ""
         last_ns = max(opened_ns, status.last_arrival_ns or 0)
         silent_s = (now_ns - last_ns) / NS
@@ -219,7 +248,8 @@ class CameraSupervisor:
             self._set_condition(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s")
         # the first frame may be late: pipelines start, models load, kernels compile
         delivered = status.last_arrival_ns is not None and status.last_arrival_ns >= opened_ns
-        if silent_s > (p.restart_s if delivered else p.open_s):
+        counted_s = min(silent_s, (now_ns - self._stalled_ns) / NS)
+        if counted_s > (p.restart_s if delivered else p.open_s):
             return f"silent for {silent_s:.1f} s"
         if status.condition is CameraCondition.FROZEN and now_ns - status.since_ns > p.restart_s * NS:
             return status.cause

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import textwrap
 import time
@@ -133,6 +134,31 @@ def test_a_process_that_cannot_be_started_is_tried_again(tmp_path: Path) -> None
         unfinished.chmod(0o755)
         unfinished.rename(program)
         assert w.until(lambda: w.is_(CameraCondition.RUNNING))
+
+
+def test_a_process_that_cannot_be_ended_does_not_stop_its_supervision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process waits in the kernel for a USB device that was reset: a signal ends it only after that. It must neither end
+    the service, and with it the other cameras, nor the time that a stop may take."""
+    kill = subprocess.Popen.kill
+    ends: list[subprocess.Popen[bytes]] = []
+    monkeypatch.setattr(subprocess.Popen, "kill", lambda process: ends.append(process))
+    with Watched(tmp_path, "hangs:3") as w:
+        assert w.until(lambda: bool(ends))
+        alive_ns = w.supervisor.status.alive_ns
+        assert w.until(lambda: "still held by the kernel" in w.supervisor.status.cause, 10.0), w.supervisor.status
+        assert w.until(lambda: w.supervisor.status.alive_ns > alive_ns)
+        assert w.is_(CameraCondition.LOST)
+        assert w.supervisor.status.starts == 1  # the device is in use by the process
+        kill(ends[0])
+        monkeypatch.undo()
+        assert w.until(lambda: w.is_(CameraCondition.RUNNING)), w.supervisor.status
+        monkeypatch.setattr(subprocess.Popen, "kill", lambda process: ends.append(process))
+        w.supervisor.close()
+        assert w.is_(CameraCondition.STOPPED)
+        kill(ends[-1])
+        ends[-1].wait()
 
 
 def test_the_cause_of_a_failure_may_be_long(monkeypatch: pytest.MonkeyPatch) -> None:

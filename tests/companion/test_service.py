@@ -166,6 +166,22 @@ def test_a_killed_camera_process_is_reported_and_started_again(flying: Flying) -
     assert 0 <= camera.last_loss_age_ns <= time.monotonic_ns() - begun_ns
 
 
+def test_after_a_stop_of_all_processes_no_camera_is_restarted(flying: Flying) -> None:
+    """As where memory is low, or a virtual machine or container is paused: a restart would make the camera blind for longer,
+    an OAK for some seconds."""
+    assert flying.live.process is not None
+    processes = [flying.live.process.pid, flying.live.camera_pids()["front"]]
+    for pid in processes:
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(2.5)  # more than restart_s
+    begun_ns = time.monotonic_ns()
+    for pid in processes:
+        os.kill(pid, signal.SIGCONT)
+        time.sleep(0.5)  # the camera's first image comes later than the supervisor looks
+    flying.well(since_ns=begun_ns)
+    assert flying.live.camera_pids()["front"] == processes[1]
+
+
 def test_a_camera_process_that_hangs_is_reported_and_replaced(flying: Flying) -> None:
     pid = flying.live.camera_pids()["front"]
     begun_ns = time.monotonic_ns()
