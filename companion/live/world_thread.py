@@ -116,8 +116,7 @@ class WorldThread:
             asked = bool(self._requests.socket.poll(_POLL_MS))
             self._take()
             now_ns = time.monotonic_ns()
-            if asked:
-                self._requests.socket.recv_multipart()  # the content of a request is not used
+            if asked and self._receive_request():
                 picture = self.world.picture(now_ns)
                 self._blocks.add(picture)
                 self._requests.publish(self._completed(snapshot_message(picture, now_ns), now_ns))
@@ -126,6 +125,15 @@ class WorldThread:
                 self._publish_changes(now_ns)
             self._observer(self.world, now_ns)
             self.alive_ns = now_ns
+
+    def _receive_request(self) -> bool:
+        """Receives a request, whose content is not used. False: there is none, since the socket has discarded a message of
+        another form."""
+        try:
+            self._requests.socket.recv_multipart(zmq.DONTWAIT)
+        except zmq.Again:
+            return False
+        return True
 
     def _take(self) -> None:
         """Merges the waiting frames."""

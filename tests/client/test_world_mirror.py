@@ -72,6 +72,21 @@ def now() -> int:
     return time.monotonic_ns()
 
 
+def test_a_request_of_another_form_does_not_stop_the_world(speaker: Speaker) -> None:
+    """A socket of REP discards it only in the call that receives it, which then waits for the next one."""
+    speaker.service.open()
+    with speaker.context.socket(zmq.DEALER) as other, speaker.context.socket(zmq.REQ) as client:
+        other.connect(speaker.addresses[1])
+        other.send(b"no delimiter")
+        begun_ns = now() + NS
+        assert until(lambda: speaker.service.alive_ns > begun_ns)
+        client.connect(speaker.addresses[1])
+        client.send(b"")
+        assert client.poll(60_000)
+        assert pb.WorldUpdate.FromString(client.recv()).snapshot
+        other.close(0)
+
+
 def followed(speaker: Speaker, mirror: WorldMirror) -> bool:
     """Publishes another observation of the walls; whether the mirror can be used then."""
     look(speaker)
