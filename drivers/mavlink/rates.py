@@ -42,7 +42,6 @@ class RateMonitor:
         self._next_ns: dict[int, int] = {}
         self._wait_ns: dict[int, int] = {}
         self._first_asked_ns: dict[int, int] = {}
-        self._streams_asked = False
         self.knows_intervals = True
         self.asked = 0
 
@@ -61,7 +60,7 @@ class RateMonitor:
 
     def acknowledged(self, command: int, result: int) -> None:
         """Handles a COMMAND_ACK. An autopilot that does not know SET_MESSAGE_INTERVAL gets REQUEST_DATA_STREAM
-        instead, once."""
+        instead."""
         if command == MAV_CMD_SET_MESSAGE_INTERVAL and result == MAV_RESULT_UNSUPPORTED:
             self.knows_intervals = False
 
@@ -70,7 +69,6 @@ class RateMonitor:
         self._next_ns.clear()
         self._wait_ns.clear()
         self._first_asked_ns.clear()
-        self._streams_asked = False
         self.knows_intervals = True
 
     def due(self, now_ns: int, system: int, component: int) -> list[Any]:
@@ -78,22 +76,20 @@ class RateMonitor:
         wanted = [w for w in self.requests if self._wanting(w, now_ns)]
         if not wanted:
             return []
-        if not self.knows_intervals:
-            return self._old_request(wanted, system, component)
-        out = []
         for w in wanted:
             wait = self._wait_ns.get(w.message_id, FIRST_WAIT_NS)
             self._next_ns[w.message_id] = now_ns + wait
             self._wait_ns[w.message_id] = min(2 * wait, LONGEST_WAIT_NS)
             self._first_asked_ns.setdefault(w.message_id, now_ns)
-            self.asked += 1
-            out.append(_interval(w, system, component))
-        return out
+        if not self.knows_intervals:
+            return self._old_request(wanted, now_ns, system, component)
+        self.asked += len(wanted)
+        return [_interval(w, system, component) for w in wanted]
 
     def _wanting(self, w: RateRequest, now_ns: int) -> bool:
         if now_ns < self._next_ns.get(w.message_id, 0):
             return False
-        if self.rate_hz(w.message_id, now_ns) >= ENOUGH * w.hz:
+        if self._flows(w, now_ns):
             self._wait_ns.pop(w.message_id, None)
             return False
         if w.instead_of is None:
@@ -104,19 +100,23 @@ class RateMonitor:
             return False
         return self.rate_hz(w.instead_of, now_ns) == 0.0
 
-    def _old_request(self, wanted: list[RateRequest], system: int, component: int) -> list[Any]:
-        if self._streams_asked:
-            return []
-        self._streams_asked = True
+    def _old_request(self, wanted: list[RateRequest], now_ns: int, system: int, component: int) -> list[Any]:
+        """Requests the streams of the wanted messages, except where another message of the stream arrives at its rate: the
+        firmware then does not have the wanted one."""
+        flowing = {STREAMS[w.message_id] for w in self.requests if self._flows(w, now_ns)}
         rates: dict[int, int] = {}
         for w in wanted:
             stream = STREAMS[w.message_id]
-            rates[stream] = max(rates.get(stream, 0), round(w.hz))
+            if stream not in flowing:
+                rates[stream] = max(rates.get(stream, 0), round(w.hz))
         self.asked += len(rates)
         return [
             dialect.MAVLink_request_data_stream_message(system, component, stream, hz, 1)
             for stream, hz in rates.items()
         ]
+
+    def _flows(self, w: RateRequest, now_ns: int) -> bool:
+        return self.rate_hz(w.message_id, now_ns) >= ENOUGH * w.hz
 
 
 def _interval(w: RateRequest, system: int, component: int) -> Any:

@@ -254,6 +254,17 @@ def test_an_ardupilot_without_intervals_is_asked_in_the_old_way_once() -> None:
     assert c.session.status(c.now_ns).attitude_hz == pytest.approx(100.0, rel=0.1)
 
 
+def test_the_old_way_is_asked_again_after_another_station_has_changed_the_rates() -> None:
+    c = talk(ARDUPILOT, knows_intervals=False)
+    c.run(10.0)
+    station = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+    c.autopilots[0].receive(dialect.MAVLink_request_data_stream_message(1, 1, 10, 4, 1).pack(station), c.now_ns)
+    c.run(9.0)
+    assert c.session.status(c.now_ns).attitude_hz == pytest.approx(100.0, rel=0.1)
+    streams = [m.req_stream_id for m in c.autopilots[0].of_kind("REQUEST_DATA_STREAM")]
+    assert (streams.count(6), streams.count(10)) == (1, 3)  # the second one is of the station
+
+
 def test_a_refused_rate_is_asked_for_ever_more_rarely() -> None:
     c = talk(ARDUPILOT, MavlinkParams(attitude_hz=400.0))
     c.run(60.0)
