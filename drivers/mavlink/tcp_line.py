@@ -15,6 +15,9 @@ from .transport import READ_BYTES, Chunk, reason, resolve, wait_readable
 
 _BACKLOG_BYTES = 4096
 """Nothing is sent while more bytes are not confirmed: 0.2 to 0.5 s of the usual messages."""
+SILENT_NS = 5_000_000_000
+"""An autopilot sends a heartbeat each second. After a longer silence the connection is opened again: when a network is up
+again, TCP itself waits about as long as it was down before it sends the rest."""
 
 
 class TcpLine:
@@ -28,7 +31,7 @@ class TcpLine:
     backlog_remedy = "check the network, and that the other end reads"
 
     def __init__(self, address: Address, timeout_s: float = 2.0) -> None:
-        self._address = address
+        self._address, self._received_ns = address, 0
         try:
             self._socket = socket.create_connection(resolve(address), timeout=timeout_s)
         except OSError as error:
@@ -56,12 +59,19 @@ class TcpLine:
         try:
             data = self._socket.recv(READ_BYTES)
         except BlockingIOError:
+            self._check_silence()
             return []
         except OSError as error:
             raise DeviceLost(f"{self._address}: {reason(error)}") from error
         if not data:
             raise DeviceLost(f"{self._address}: the other end closed the connection")
-        return [(data, time.monotonic_ns())]
+        self._received_ns = time.monotonic_ns()
+        return [(data, self._received_ns)]
+
+    def _check_silence(self) -> None:
+        """Raises DeviceLost if nothing arrives any more. Before the first bytes the autopilot may be switched off."""
+        if self._received_ns and time.monotonic_ns() - self._received_ns > SILENT_NS:
+            raise DeviceLost(f"{self._address}: nothing has arrived for {SILENT_NS / 1e9:g} s; check the network")
 
     def write(self, data: bytes) -> None:
         try:

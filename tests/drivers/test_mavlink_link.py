@@ -23,7 +23,7 @@ import serial
 
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.mavlink import udp_line
+from drivers.mavlink import tcp_line, udp_line
 from drivers.mavlink.address import Address, parse_address
 from drivers.mavlink.anomalies import LinkAnomaly
 from drivers.mavlink.clock_sync import ClockSource
@@ -232,6 +232,23 @@ def test_tcp_and_the_loss_of_it() -> None:
             connection.close()
             assert until(lambda: link.state.losses == 1)
             server.accept()[0].close()
+
+
+def test_a_connection_that_falls_silent_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a network was down, TCP itself waits about as long again before it sends the rest."""
+    monkeypatch.setattr(tcp_line, "SILENT_NS", NS // 2, raising=False)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(10.0)
+        with linked(parse_address(f"tcp:127.0.0.1:{server.getsockname()[1]}")) as (link, _):
+            first, _ = server.accept()
+            assert until(lambda: link.state.open)
+            time.sleep(1.0)  # an autopilot that is switched on later is not a loss
+            assert link.state.losses == 0
+            first.sendall(b"\xfd")
+            second, _ = server.accept()
+            assert until(lambda: link.state.losses == 1 and link.state.open)
+            first.close()
+            second.close()
 
 
 def test_distances_do_not_wait_in_the_buffer_of_a_connection() -> None:
