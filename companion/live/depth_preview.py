@@ -22,6 +22,8 @@ from ..streams.publisher import Publisher, Stream
 NS = 1_000_000_000
 ERRORS = (ArithmeticError, LookupError, OSError, TypeError, ValueError, zmq.ZMQError)
 """Errors of image or socket that end the stream but not the service."""
+MOST_WAITING = 10
+"""Greatest number of images, of all cameras, that wait for a slow subscriber: it shows the newest ones."""
 WIDTH_PX = 320
 """Largest width of a reduced image."""
 
@@ -50,7 +52,8 @@ class DepthPreviews:
     def open(self, address: str, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None) -> None:
         """Binds the socket. An empty address disables the stream. Raises as Publisher does."""
         if address:
-            self._publisher = Publisher(Stream("depth", address), context, keys, zmq.XPUB, newest_only=False)
+            stream = Stream("depth", address)
+            self._publisher = Publisher(stream, context, keys, zmq.XPUB, newest_only=False, most_waiting=MOST_WAITING)
 
     @property
     def sent(self) -> int:

@@ -31,7 +31,7 @@ class Stream:
 
 class Publisher:
     """One stream. kind: zmq.PUB, or zmq.REP for answers; newest_only: a slow subscriber receives the newest message
-    only, otherwise every message in order while at most 1000 wait. Raises DeviceNotFound where the address cannot be
+    only, otherwise every message in order while at most `most_waiting` wait. Raises DeviceNotFound where the address cannot be
     bound, ValueError where other machines could connect without keys."""
 
     def __init__(
@@ -41,6 +41,7 @@ class Publisher:
         keys: ServerKeys | None = None,
         kind: int = zmq.PUB,
         newest_only: bool = True,
+        most_waiting: int = 100,
     ) -> None:
         self.stream = stream
         self.published = 0
@@ -55,6 +56,7 @@ class Publisher:
         try:
             if newest_only:
                 self._socket.setsockopt(zmq.CONFLATE, 1)
+            self._socket.setsockopt(zmq.SNDHWM, most_waiting)
             self._socket.setsockopt(zmq.LINGER, 0)
             if keys is not None:
                 serve(self._socket, keys)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import subprocess
 import sys
 import textwrap
@@ -93,6 +94,33 @@ def test_a_blocked_subscriber_costs_nothing(tmp_path: Path, context: Context) ->
             publisher.publish(frame(k, size=50_000))
             longest = max(longest, time.monotonic() - begun)
         assert longest < 1.0
+        assert publish_until(publisher, subscriber(context, stream.address)) is not None
+    finally:
+        blocked.kill()
+        blocked.wait()
+        publisher.close()
+
+
+def memory_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_what_waits_for_a_stopped_subscriber_is_bounded(tmp_path: Path, context: Context) -> None:
+    """As for a viewer on a laptop that has left the radio range: 1000 waiting depth images took 150 MB."""
+    stream = Stream("depth", f"ipc://{tmp_path}/depth")
+    publisher = Publisher(stream, context, newest_only=False, most_waiting=10)
+    blocked = subprocess.Popen([sys.executable, "-c", SLEEPER, stream.address], stdout=subprocess.PIPE)
+    try:
+        assert blocked.stdout is not None
+        for k in range(3000):
+            publisher.publish(frame(k))
+            if select.select([blocked.stdout], [], [], 0.005)[0]:
+                break
+        blocked.send_signal(signal.SIGSTOP)
+        before = memory_bytes()
+        for k in range(1000):
+            publisher.publish(frame(k, size=150_000))
+        assert memory_bytes() - before < 30e6
         assert publish_until(publisher, subscriber(context, stream.address)) is not None
     finally:
         blocked.kill()
