@@ -97,7 +97,7 @@ class Avoidance:
         self._landed = LandedState()
         self._last = last or LastValuesFile(None)
         self._echo, self._sectors = EchoCheck(), SectorView()
-        self._texts = StatusTexts()
+        self._texts, self._was_received = StatusTexts(), False
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
@@ -173,10 +173,13 @@ class Avoidance:
 
         link: state of the link. An autopilot whose signatures are not accepted is sent only a notice of that."""
         self._link = link or self._link
+        vehicle = self._vehicle()
+        if vehicle is not None and not self._was_received:
+            self._texts.repeat()  # it may have been switched off, and the ground station with it
+        self._was_received = vehicle is not None
         text = self._texts.due(self._blind(), now_ns, self._notes(now_ns))
         if text is not None:
             self._post(text)
-        vehicle = self._vehicle()
         if vehicle is None:
             return
         self._read(vehicle, now_ns)
@@ -204,16 +207,20 @@ class Avoidance:
 
     def _notes(self, now_ns: int) -> dict[str, str]:
         """Returns topic -> fault, as text, for the ground station. All topics are included, so that the end of a
-        fault is reported."""
+        fault is reported; without a received autopilot only that of signatures, of which it is sent a notice."""
+        signing = self._link.signing_fault if self._link is not None else ""
         conflicts = self._link.conflicts if self._link is not None else {}
         vehicle = self._vehicle()
+        if vehicle is None:
+            return {"signing": signing}
         notes = dict.fromkeys(CONFLICT_CODES, "") | conflicts
         for camera, degraded in tuple(self._mount_degraded.items()):
             notes[f"mount {camera}"] = mount_note(camera, degraded)
-        notes["signing"] = self._link.signing_fault if self._link is not None else ""
-        notes["mode"] = self._mode_text(vehicle) if vehicle is not None else ""
-        notes["echo"] = self._echo_fault(vehicle, now_ns) if vehicle is not None else ""
-        return notes
+        return notes | {
+            "signing": signing,
+            "mode": self._mode_text(vehicle),
+            "echo": self._echo_fault(vehicle, now_ns),
+        }
 
     def _mode_text(self, vehicle: Vehicle) -> str:
         """Returns why the flight mode does not protect the vehicle; empty before the first heartbeat, which contains

@@ -20,8 +20,14 @@ class StatusTexts:
     def __init__(self) -> None:
         self._sent: dict[str, bool] = {}
         self._noted: dict[str, str] = {}
+        self._repeated: set[str] = set()  # cameras and topics
         self._begun_ns: int | None = None
         self._last_ns: int | None = None
+
+    def repeat(self) -> None:
+        """Sends the faults of cameras and notes once more, to an autopilot that is received again."""
+        self._repeated = {camera for camera, is_blind in self._sent.items() if is_blind}
+        self._repeated |= {topic for topic, text in self._noted.items() if text}
 
     def due(self, blind: Mapping[str, str], now_ns: int, notes: Mapping[str, str] | None = None) -> Any | None:
         """Returns the message to send now, if any.
@@ -41,7 +47,8 @@ class StatusTexts:
                 if not is_blind:
                     self._sent[camera] = False
                 continue
-            if self._sent.get(camera) != is_blind:
+            if self._sent.get(camera) != is_blind or camera in self._repeated:
+                self._repeated.discard(camera)
                 self._sent[camera], self._last_ns = is_blind, now_ns
                 text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} recovered"
                 return dialect.MAVLink_statustext_message(CRITICAL if is_blind else INFO, shortened(text).encode())
@@ -50,8 +57,9 @@ class StatusTexts:
     def _note(self, notes: Mapping[str, str], now_ns: int) -> Any | None:
         for topic, text in notes.items():
             now, before = text.split(":")[0], self._noted.get(topic, "")
-            if now == before:
+            if now == before and topic not in self._repeated:
                 continue
+            self._repeated.discard(topic)
             self._noted[topic], self._last_ns = now, now_ns
             text = f"OA: {now}" if now else f"OA: cleared: {before}"
             return dialect.MAVLink_statustext_message(WARNING if now else INFO, shortened(text).encode())

@@ -146,3 +146,36 @@ def test_px4_need_not_send_obstacles_back_before_position_mode() -> None:
     now[0] = vehicle("PX4", PX4["Position"])
     assert not faulty(3.0)
     assert faulty(4.0)
+
+
+def test_faults_are_sent_again_to_an_autopilot_that_was_switched_off() -> None:
+    """The battery is replaced while the companion runs on: the pilot must learn of a blind camera before the next flight
+    too."""
+    now: list[Vehicle | None] = [vehicle("ArduPilot", COPTER["AUTO"])]
+    texts: list[str] = []
+
+    def post(message: object) -> None:
+        if isinstance(message, dialect.MAVLink_statustext_message):
+            texts.append(message.text)
+
+    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: now[0], post)
+    avoidance.announce(INFO)
+    avoidance.sender.report = avoidance._builder.decide(avoidance._autopilot(), NS)
+    for tenth in range(150):
+        avoidance.tick(NS + tenth * NS // 10)
+    faults = ["OA: AUTO does not brake", "OA: front blind: no frame yet"]
+    assert texts == faults
+    now[0] = None
+    for tenth in range(150, 200):
+        avoidance.tick(NS + tenth * NS // 10)
+    assert texts == faults  # there is nobody to send to
+    now[0] = vehicle("ArduPilot", COPTER["AUTO"])
+    for tenth in range(200, 300):
+        avoidance.tick(NS + tenth * NS // 10)
+    assert sorted(texts[2:]) == faults
+    now[0] = None
+    avoidance.tick(32 * NS)
+    now[0] = vehicle("ArduPilot", COPTER["LOITER"])
+    for tenth in range(320, 400):
+        avoidance.tick(NS + tenth * NS // 10)
+    assert sorted(texts[4:]) == ["OA: cleared: AUTO does not brake", "OA: front blind: no frame yet"]
