@@ -36,11 +36,13 @@ from .repair import Repairs
 NS: Final = 1_000_000_000
 RETRY_NS: Final = 5 * NS
 """Delay after a failure before a new file is tried."""
+STALLED_NS: Final = 5 * NS
+"""After a longer time without a completed write the disk is reported, and a stop does not wait for it."""
+CLOSE_NS: Final = 30 * NS
+"""Longest time to write the queued items at a stop."""
 REPAIR_AFTER_NS: Final = 10 * NS
 """Unfinished files of earlier runs are repaired once this flight is being recorded, or after this time without
 recording."""
-STALLED_NS: Final = 5 * NS
-"""A disk that has taken no data for this time is a fault."""
 _SMALL: Final = 512
 """Queue size of a sample or a decision, bytes."""
 _RESULT: Final = 20_000
@@ -118,11 +120,18 @@ class Recorder:
                 "the last file"
             )
             return replace(status, recording=False, fault=fault)
-        silent_ns = time.monotonic_ns() - status.alive_ns
-        if self._thread.is_alive() and silent_ns > STALLED_NS:
-            fault = f"{self._folder}: the disk has not answered for {silent_ns / NS:.0f} s; check it and its cable, or use another"
+        stalled_ns = self._stalled_ns()
+        if stalled_ns > STALLED_NS:
+            fault = (
+                f"{self._folder}: the disk has not taken the log for {stalled_ns / NS:.0f} s: what is recorded now may be "
+                "lost; check it and its cable, or use another [record] folder"
+            )
             return replace(status, fault=fault)
         return status
+
+    def _stalled_ns(self) -> int:
+        """Time for which the thread has been writing; 0: it has ended, or was not started."""
+        return time.monotonic_ns() - self._status.alive_ns if self._thread.is_alive() else 0
 
     @property
     def may_begin(self) -> bool:
@@ -248,13 +257,15 @@ class Recorder:
         return self._queued_bytes >= _WAKE_BYTES or len(self._queue) >= _WAKE_ITEMS
 
     def close(self) -> None:
-        """Writes the queued items, finishes the file and ends. May be called twice."""
+        """Writes the queued items, finishes the file and ends; on a disk that does not respond the file stays .active. May be
+        called twice."""
         with self._ready:
             self._hand_over()
             self._stop = True
             self._ready.notify()
-        if self._thread.ident is not None:
-            self._thread.join(30.0)
+        until_ns = time.monotonic_ns() + CLOSE_NS
+        while self._thread.is_alive() and self._stalled_ns() < STALLED_NS and time.monotonic_ns() < until_ns:
+            self._thread.join(_IDLE_S)
 
     # ---- the thread ---------------------------------------------------------------------------------------------------
 
@@ -279,6 +290,7 @@ class Recorder:
             repairs.stop()
         try:
             current.finish()
+            self._status = replace(self._status, recording=False)
         except OSError as error:
             self._status = RecordStatus(
                 fault=f"the last file remains .active: {_cause(error, self._folder)}; the next start repairs it"
