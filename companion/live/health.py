@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -277,8 +278,9 @@ class ProcessUsage:
         message.uptime_ns = now_ns - self._begun_ns
         message.cpu_share = (cpu_s - self._cpu_s) / max(1e-3, (now_ns - self._last_ns) / NS)
         self._last_ns, self._cpu_s = now_ns, cpu_s
-        message.memory_bytes = _memory_bytes()
-        message.temperatures.extend(_temperatures())
+        with suppress(OSError):  # no file can be opened: the rest of the report counts
+            message.memory_bytes = _memory_bytes()
+            message.temperatures.extend(_temperatures())
         message.notes.extend(self.notes)
 
 

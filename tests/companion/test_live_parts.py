@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import resource
 import socket
 import threading
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from google.protobuf.message import Message
 from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.config.loader import Config
 from companion.live.event_queue import WAKE_ITEMS, EventQueue
-from companion.live.health import CameraView
+from companion.live.health import CameraView, ProcessUsage
 from companion.live.sd_notify import Notifier
 from companion.live.staleness import StalenessMonitor
 from companion.live.stream_output import StreamOutput
@@ -218,6 +219,19 @@ class _Publisher(Publisher):
     def publish(self, message: Message | bytes) -> None:
         assert isinstance(message, bytes)
         self.sent.append(message)
+
+
+def test_a_report_is_made_where_no_file_can_be_opened() -> None:
+    """The main loop, which publishes blind frames, must not end because a figure of the report cannot be read."""
+    usage, report = ProcessUsage(), pb.Health()
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
+    try:
+        usage.fill(report)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert report.uptime_ns > 0
+    assert (report.memory_bytes, list(report.temperatures)) == (0, [])
 
 
 # ---- systemd --------------------------------------------------------------------------------------------------------------
