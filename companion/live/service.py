@@ -246,6 +246,8 @@ class Service:
             last_first.callback(self.loop.close)
             for camera in reversed(self.cameras.values()):
                 last_first.callback(camera.close)
+            for camera in self.cameras.values():
+                last_first.callback(camera.stop)
             if self.link is not None:
                 last_first.callback(self.link.set_system_status, MAV_STATE_CRITICAL)
             if self.avoidance is not None:

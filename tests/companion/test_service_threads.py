@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from companion.cameras.supervisor import CameraSupervisor
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config
@@ -236,3 +237,21 @@ def test_a_part_that_raises_keeps_no_other_from_being_closed(tmp_path: Path) -> 
         service.close()
     assert closed == ["recorder", "line"]
     assert service._context.closed
+
+
+def test_all_cameras_are_stopped_before_one_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each may take seconds where the kernel holds its process, and the unit limits the time of all together."""
+    cameras = tuple(CameraConfig(name=name, kind="simulated") for name in ("front", "left", "right"))
+    service = Service(
+        Config(cameras=cameras, record=RecordParams(record="off")), Folders(tmp_path, tmp_path), lambda: None
+    )
+    stopping: list[int] = []
+    close = CameraSupervisor.close
+
+    def noted(camera: CameraSupervisor) -> None:
+        stopping.append(sum(c.stops for c in service.cameras.values()))
+        close(camera)
+
+    monkeypatch.setattr(CameraSupervisor, "close", noted)
+    service.close()
+    assert stopping == [3, 3, 3]
