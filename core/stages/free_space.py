@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel
 from ..params import Params
 from ..types import Ground
+from .free_begin import begin_of_range
 from .free_cells import DARK_ROWS, count_dark_blocks, look_at, looked_at, unknown_of_blocks
 from .free_holes import find_holes, join_holes
 from .free_walk import Sampled, blocking_codes, common_source_rows, rows_of_rings, walk_rings, walk_settings
@@ -86,20 +87,17 @@ def walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, out):
         join_holes(holes, u0, u1, own_holes, near_holes)
         sampled = Sampled(cells, begin, dark, in_source, dark_blocks[:dark_columns], own_holes, near_holes)
         for layer in range(len(layers) - 1):
-            first, last, end = walk_rings(
-                sampled,
-                edges_t[d],
-                edges_t[d + 1],
-                ring_m,
-                blocking[layer],
-                layer_rows[layer],
-                layers[layer],
-                layers[layer + 1],
-                w,
-            )
+            t0, t1, top, bottom = edges_t[d], edges_t[d + 1], layers[layer], layers[layer + 1]
+            codes_of, rows_of = blocking[layer], layer_rows[layer]
+            first, last, end = walk_rings(sampled, t0, t1, ring_m, codes_of, rows_of, top, bottom, w)
             out.end[d, layer] = end
             out.free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
             out.free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
+            if 0 < first < last:  # one ring alone gives no range
+                before, x = ring_m[first - 1], ring_m[first]
+                out.free_from[d, layer] = begin_of_range(
+                    sampled, t0, t1, before, x, codes_of[first], rows_of[first], top, bottom, w
+                )
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:

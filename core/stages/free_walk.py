@@ -250,6 +250,40 @@ def is_hidden(sampled, x, before, v0, v1, t0, t1, top, lower, w):
     return holds_hole(sampled.holes, v0, v1, side_index(w.blank_m * w.f_px / x))
 
 
+@inner_inline
+def part_at(x, v0, v1, in_source, t0, t1, top, bottom, w):
+    """Returns (why, lower, first, last) of the part of a layer that can be judged at distance x: why it cannot (_OBSTACLE:
+    it can), its lower end and its rows.
+
+    Args:
+        x: forward distance, m.
+        v0, v1: rows of the whole layer, see `rows_between`.
+        in_source: (first, last) row, see `common_source_rows`.
+        t0, t1: tangents of the edges of the direction.
+        top, bottom: heights of the layer.
+        w: a record of WALK_SETTINGS."""
+    lower = min(bottom, lowest_clear(0.5 * (t0 + t1), x, w))
+    if lower < bottom and x > w.blind_beyond_m:
+        return _UNKNOWN, lower, v0, v1
+    if lower - top < w.least_m:
+        return _NOT_SEEN, lower, v0, v1
+    if optical_depth(x, t0, t1, top, lower, w) > w.clear_m:
+        return _RANGE, lower, v0, v1
+    if lower < bottom:
+        v0, v1 = rows_between(x, top, lower, w)
+    if v0 < in_source[0] or v1 > in_source[1]:
+        return _VIEW, lower, v0, v1
+    return _OBSTACLE, lower, v0, v1
+
+
+@inner_inline
+def samples_of(sampled, v0, v1, w):
+    """Returns (first, end, unknown) of the samples in the blocks that hold the rows v0..v1. w: a record of
+    WALK_SETTINGS."""
+    b0, b1 = v0 // w.block_rows, v1 // w.block_rows + 1
+    return sampled.begin[b0], sampled.begin[b1], sampled.unknown[b1] - sampled.unknown[b0]
+
+
 @inner
 def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
     """Walks outward through one direction and layer; returns (first, last, end) of the free rings, (-1, -1, end) if
@@ -270,34 +304,20 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
         rows: (R, 2) int64 of `rows_of_rings`.
         top, bottom: heights of the layer.
         w: a record of WALK_SETTINGS."""
-    t, block = 0.5 * (t0 + t1), w.block_rows
-    begin, unknown, in_source = sampled.begin, sampled.unknown, sampled.in_source
     first, last, end, begun = -1, -1, _NOT_SEEN, False
     for r in range(len(ring_m)):
-        x, v0, v1 = ring_m[r], rows[r, 0], rows[r, 1]
-        lower = min(bottom, lowest_clear(t, x, w))
-        if lower < bottom and x > w.blind_beyond_m:
-            end = _UNKNOWN
-            break
-        if lower - top < w.least_m:
-            end = _VIEW if begun else _NOT_SEEN
-            if begun:
+        x = ring_m[r]
+        why, lower, v0, v1 = part_at(x, rows[r, 0], rows[r, 1], sampled.in_source, t0, t1, top, bottom, w)
+        if why != _OBSTACLE:
+            if begun or why == _UNKNOWN:
+                end = _VIEW if why == _NOT_SEEN else why
                 break
-            continue
-        if optical_depth(x, t0, t1, top, lower, w) > w.clear_m:
-            if begun:
-                end = _RANGE
-            break
-        if lower < bottom:
-            v0, v1 = rows_between(x, top, lower, w)
-        if v0 < in_source[0] or v1 > in_source[1]:
-            if begun:
-                end = _VIEW
+            if why == _RANGE:
                 break
+            end = why if why == _NOT_SEEN else end
             continue
-        b0, b1 = v0 // block, v1 // block + 1
-        from_cell, to_cell = begin[b0], begin[b1]
-        total, dark = to_cell - from_cell, unknown[b1] - unknown[b0]
+        from_cell, to_cell, dark = samples_of(sampled, v0, v1, w)
+        total = to_cell - from_cell
         known, enough, near_enough = total - dark, w.free_share * total, (1.0 - w.free_share) * total
         if not begun and known < enough and known <= near_enough:
             end = _UNKNOWN  # too few known cells to make the ring free or to end the walk

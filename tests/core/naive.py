@@ -412,21 +412,31 @@ def pair_cost(pieces, p, sigma_s, gap_m):
 def free_walk(
     codes, weight, inside, direction, d, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind, too_near, blank
 ):  # fmt: skip
-    """(first, last, end): first and last index of the rings of one direction and layer that are seen free, -1, -1: none,
-    and the name of its end. weight, inside: what a cell counts and whether it is in the source, like codes. sees_through: whether codes see through a distance;
+    """(from, to, end): the first and last distance of one direction and layer that are seen free, 0, 0: none, and the name of its end.
+    weight, inside: what a cell counts and whether it is in the source, like codes. sees_through: whether codes see through a distance;
     clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle;
     too_near: whether a part of heights z0..z1 at a distance is too near to be measured; blank: least side of a thing without texture."""
-    columns, weights = codes[direction == d], weight[direction == d]
-    rows = codes.shape[1]
+    columns, weights, rows = codes[direction == d], weight[direction == d], codes.shape[1]
     sides = [holes(codes == 0, 4 << k) for k in range(4)]
     own = np.flatnonzero(direction == d)
-    first, last, end, begun = -1, -1, "NOT_SEEN", False
 
-    def result(end):
-        return first, last, end if first >= 0 or not begun else "UNKNOWN"
+    def rows_at(x, lower):
+        a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * lower / x - 0.5)
+        return (a, b) if a >= 0 and b < rows and inside[direction == d, a : b + 1].all() else None
 
-    def is_hidden(x, a, b, lower):
-        if too_near(ring_m[last] if first >= 0 else x, z0, lower):
+    def counts(a, b, x):
+        part = slice(a // block * block, (b // block + 1) * block)
+        cells, w = columns[:, part], weights[:, part]
+        through = np.sum(w[(cells > 0) & sees_through(cells, x)])
+        near = np.sum(w[(cells > 0) & ~sees_through(cells, x)])
+        return w.sum(), through, near
+
+    def is_dark(a, b):
+        blocks = [columns[:, i : i + 4] == 0 for i in range(a // 4 * 4, min(b + 1, rows // 4 * 4), 4)]
+        return bool(blocks) and (np.mean([k.mean(axis=1) > 0.5 for k in blocks], axis=0) > 0.5).any()
+
+    def is_hidden(x, before, a, b, lower):
+        if too_near(before, z0, lower):
             part = sides[0][max(own[0] - 1, 0) : own[-1] + 2, max(a // 4 - 1, 0) : b // 4 + 2]
         else:
             cells = blank * f / x
@@ -434,42 +444,66 @@ def free_walk(
             part = sides[nearest][own[0] : own[-1] + 1, a // 4 : b // 4 + 1]
         return part.any()
 
+    def begin(r):
+        """The middle before ring r, the first one that is free, where the ring before is out of view and what covers the middle
+        sees through ring r; else ring r."""
+        x = ring_m[r]
+        if r == 0 or r == last:
+            return x
+        before = ring_m[r - 1]
+        lower = min(z1, clear_z(before))
+        if (lower < z1 and before > blind) or lower - z0 < least or not in_range(before, z0, lower):
+            return x
+        if rows_at(before, lower) is not None:
+            return x
+        middle = (float(ring_m[r - 1]) + float(x)) / 2
+        lower, at = min(z1, clear_z(middle)), rows_at(middle, min(z1, clear_z(middle)))
+        hides_low = lower < z1 and middle > blind
+        if hides_low or lower - z0 < least or at is None or not in_range(middle, z0, lower):
+            return x
+        total, through, _ = counts(*at, x)
+        if total == 0 or through < share * total or is_dark(*at) or is_hidden(middle, middle, *at, lower):
+            return x
+        lower = min(z1, clear_z(x))
+        return x if is_hidden(x, middle, *rows_at(x, lower), lower) else middle
+
+    first, last, end, begun = -1, -1, "NOT_SEEN", False
     for r, x in enumerate(ring_m):
         lower = min(z1, clear_z(x))
         if lower < z1 and x > blind:
-            return result("UNKNOWN")
+            end = "UNKNOWN"
+            break
         if lower - z0 < least:
+            end = "FIELD_OF_VIEW" if begun else "NOT_SEEN"
             if begun:
-                return result("FIELD_OF_VIEW")
-            end = "NOT_SEEN"
+                break
             continue
         if not in_range(x, z0, lower):
-            return result("MAX_RANGE" if begun else end)
-        a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * lower / x - 0.5)
-        if a < 0 or b >= rows or not inside[direction == d, a : b + 1].all():
+            end = "MAX_RANGE" if begun else end
+            break
+        at = rows_at(x, lower)
+        if at is None:
             if begun:
-                return result("FIELD_OF_VIEW")
+                end = "FIELD_OF_VIEW"
+                break
             continue
-        part = slice(a // block * block, (b // block + 1) * block)
-        cells, w = columns[:, part], weights[:, part]
-        through = np.sum(w[(cells > 0) & sees_through(cells, x)])
-        near = np.sum(w[(cells > 0) & ~sees_through(cells, x)])
-        dark = w.sum() - through - near
-        blocks = [columns[:, i : i + 4] == 0 for i in range(a // 4 * 4, min(b + 1, rows // 4 * 4), 4)]
-        hidden = np.mean([k.mean(axis=1) > 0.5 for k in blocks], axis=0) > 0.5 if blocks else np.zeros(1)
-        if w.sum() and through >= share * w.sum() and not hidden.any():
+        total, through, near = counts(*at, x)
+        if total and through >= share * total and not is_dark(*at):
             begun = True
-            if not is_hidden(x, a, b, lower):
+            if not is_hidden(x, ring_m[last] if first >= 0 else x, *at, lower):
                 first, last, end = (r if first < 0 else first), r, "MAX_RANGE"
                 continue
             end = "UNKNOWN"
             if first >= 0:
                 break
-        elif begun or near > (1 - share) * w.sum():
-            return result("OBSTACLE" if near >= dark else "UNKNOWN")
+        elif begun or near > (1 - share) * total:
+            end = "OBSTACLE" if near >= total - through - near else "UNKNOWN"
+            break
         else:
             end = "UNKNOWN"
-    return result(end)
+    if first < 0:
+        return 0.0, 0.0, "UNKNOWN" if begun else end
+    return begin(first), ring_m[last], end
 
 
 def holes(unknown, side):

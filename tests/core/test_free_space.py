@@ -109,15 +109,14 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     fs.walk_view(codes, g._replace(H=to_source), image, edges_t, behind, ring_m, layers, w, ranges)
     for d in range(3):
         for layer in range(3):
-            first, last, why = naive.free_walk(
+            from_m, to_m, why = naive.free_walk(
                 codes, weight, inside, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
                 lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): walk.lowest_clear(t, x, w),
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, w.least_m, w.blind_beyond_m,
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: min(depths(x, ts, [z0, z1])) <= w.near_m, w.blank_m,
             )  # fmt: skip
-            want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
-            assert (start[d, layer], to[d, layer]) == want
+            assert (start[d, layer], to[d, layer]) == (np.float32(from_m), to_m)
             assert FreeEnd(end[d, layer]).name == why
 
 
@@ -193,6 +192,64 @@ def test_a_wall_ends_the_free_range_less_than_a_ring_and_its_noise_before_it(dis
     ).all()
     assert (forward >= distance - 0.5 - 2 * KE * distance**2 - 0.15).all()
     assert (f.end[:, 3] == FreeEnd.OBSTACLE).all()
+
+
+def begins_at(codes: np.ndarray, layer: int = 3, min_range_m: float = 0.3, **params: float) -> np.ndarray:
+    """Forward distance at which a layer begins to be free in each direction, m. Layer 3: that around the camera."""
+    f = profile(codes, view(rows=codes.shape[1], cols=codes.shape[0]), min_range_m=min_range_m, **params)
+    edges = np.abs(np.tan(f.azimuth_edges_rad.astype(float)))
+    return f.free_from_m[:, layer] / np.sqrt(1.0 + np.maximum(edges[1:], edges[:-1]) ** 2)
+
+
+@pytest.mark.parametrize(("rows", "begin_m"), [(120, 1.75), (130, 1.625), (134, 1.5)])
+def test_a_free_range_begins_up_to_half_a_step_before_its_first_ring(rows: int, begin_m: float) -> None:
+    """A layer of 2 m fits the view from 1.67, 1.54 and 1.49 m on; the rings are at 1.5 and 1.75 m."""
+    np.testing.assert_allclose(begins_at(np.full((160, rows), 1, np.uint16)), begin_m, rtol=1e-5)
+
+
+def test_one_free_ring_alone_gives_no_range() -> None:
+    """A wall between the ring at 1.75 m and the next one at 2 m."""
+    f = profile(np.full((160, 130), code(1.9)[0]), view(rows=130, cols=160))
+    assert (f.free_to_m[:, 3] > 0.0).all()
+    np.testing.assert_allclose(begins_at(np.full((160, 130), code(1.9)[0])), 1.75, rtol=1e-5)
+    np.testing.assert_allclose(begins_at(np.full((160, 130), code(2.1)[0])), 1.625, rtol=1e-5)
+
+
+def test_a_ring_in_view_that_is_not_free_is_not_halved() -> None:
+    """A fifth of the cells at 1.5 m are unknown, and a little less at 1.625 m: something may be there."""
+    codes = np.full((160, 134), 1, np.uint16)
+    u, v = np.meshgrid(np.arange(160), np.arange(134), indexing="ij")
+    codes[((u + v // 4) % 2 == 0) & ((v < 30) | (v >= 104))] = 0
+    np.testing.assert_allclose(begins_at(codes), 1.75, rtol=1e-5)
+
+
+def test_what_is_not_seen_through_at_the_middle_before_the_first_ring_is_not_free() -> None:
+    codes = np.full((160, 130), 1, np.uint16)
+    codes[:, :16] = codes[:, -16:] = code(1.2)[0]  # a quarter of the rows at the middle, less than a fifth at the ring
+    np.testing.assert_allclose(begins_at(codes), 1.75, rtol=1e-5)
+
+
+def test_a_column_that_is_unknown_at_the_middle_before_the_first_ring_is_not_free() -> None:
+    """17 of the 32 blocks of rows at the middle, 15 of the 30 at the ring."""
+    codes = np.full((160, 130), 1, np.uint16)
+    codes[80, :64] = codes[80, 124:] = 0
+    begins = begins_at(codes)
+    assert (begins > 1.74).sum() == 1
+    np.testing.assert_allclose(begins[begins < 1.74], 1.625, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("hole", "layer", "rows"), [(24, 7, 180), (260, 8, 420)])
+def test_a_hole_at_the_middle_or_at_the_first_ring_may_hide_a_near_thing(hole: int, layer: int, rows: int) -> None:
+    """The middle, 0.375 m, is nearer than 1.5 times the minimum range, the first ring, 0.5 m, is not. The first hole lies in
+    the rows of the middle alone, the second in those of the ring alone."""
+    thin = {name: getattr(Params(), name) for name in THICK}
+    codes = np.full((160, rows), 1, np.uint16)
+    np.testing.assert_allclose(begins_at(codes, layer, **thin), 0.375, rtol=1e-5)
+    codes[78:82, hole : hole + 8] = 0
+    begins = begins_at(codes, layer, **thin)
+    assert (begins > 0.49).any()
+    np.testing.assert_allclose(begins[[0, -1]], 0.375, rtol=1e-5)
+    np.testing.assert_allclose(begins_at(codes, layer, min_range_m=0.2, **thin), 0.375, rtol=1e-5)
 
 
 def test_unknown_and_field_of_view_are_distinguished() -> None:
