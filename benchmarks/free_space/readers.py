@@ -92,11 +92,12 @@ def _wrong_rays(r: RandomFrame, space: Space, rays: CellRays, least_m: float) ->
     """(cells (N,) of wrong rays, greatest depth, description of the first wrong point). A ray is wrong where
     consecutive free points lie deeper in a solid than the slack."""
     scene, drawn = r.frame.scene, has_ground(r.frame.scene)
-    hit_m, _ = first_solids(scene, drawn, rays.origins, rays.directions, rays.begins, rays.ends, least_m)
+    ends = np.minimum(rays.ends, rays.inside_to_m)  # beyond, what enters the layer is lower than a pixel
+    hit_m, _ = first_solids(scene, drawn, rays.origins, rays.directions, rays.begins, ends, least_m)
     wrong, deepest_m, where = [], 0.0, ""
     # a ray that meets no solid, or only at its very end, cannot be wrong wherever the ground cuts it
-    for i in np.flatnonzero(hit_m < rays.ends - SLACK_M):
-        at = np.arange(rays.begins[i] + 1e-3, rays.ends[i], _STEP_M)
+    for i in np.flatnonzero(hit_m < ends - SLACK_M):
+        at = np.arange(rays.begins[i] + 1e-3, ends[i], _STEP_M)
         points = rays.origins[i] + at[:, None] * rays.directions[i]
         free = space.points(points) == Occupancy.FREE
         edge = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))

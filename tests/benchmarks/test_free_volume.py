@@ -278,6 +278,13 @@ def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(
     np.testing.assert_array_equal(free_worlds.judge_world(3, 0, Extractor(Params()))[0], points[:1])
 
 
+def test_readers_are_not_judged_by_what_is_lower_than_a_pixel() -> None:
+    """A box that enters a layer by 3 to 6 cm at 8.9 m, where a pixel is 7.9 cm high."""
+    counts = judge_readers(random_frame(23, 16702), Extractor(Params()))
+    assert counts.cells > 100
+    assert counts.wrong_cells == 0
+
+
 def answers(frame: Rendered, model: FrameModel, monkeypatch: pytest.MonkeyPatch) -> ReaderCounts:
     """Errors that the check of readers finds for this model of a frame."""
     with monkeypatch.context() as patch:
