@@ -119,11 +119,6 @@ class CameraSupervisor:
         """Starts the thread. It retries until the camera can be opened."""
         self._thread.start()
 
-    @property
-    def stops(self) -> bool:
-        """Whether the camera is being stopped."""
-        return self._stop.is_set()
-
     def stop(self) -> None:
         """Begins to stop the process and the thread, without waiting."""
         self._stop.set()

@@ -17,7 +17,7 @@ from google.protobuf.message import Message
 from core.extractor import Extractor
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
-from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY
+from drivers.mavlink.session import MAV_STATE_CRITICAL
 from osape_client.boot import boot_id
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -44,6 +44,7 @@ from .depth_preview import DepthPreviews
 from .diagnostics import AttitudeRateCheck, GroundCheck, offset_warnings, template_intrinsics, yaw_warnings
 from .event_queue import EventQueue
 from .health import (
+    HEARTBEAT_STATES,
     AutopilotView,
     CameraView,
     ProcessUsage,
@@ -67,12 +68,6 @@ if TYPE_CHECKING:
 
 NS = 1_000_000_000
 HEALTH_NS = NS
-HEARTBEAT_STATES = {
-    pb.Health.STATE_STARTING: MAV_STATE_STANDBY,
-    pb.Health.STATE_ACTIVE: MAV_STATE_ACTIVE,
-    pb.Health.STATE_DEGRADED: MAV_STATE_ACTIVE,
-    pb.Health.STATE_BLIND: MAV_STATE_CRITICAL,
-}
 
 
 class Service:

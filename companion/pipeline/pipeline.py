@@ -227,9 +227,8 @@ class Pipeline:
         last = state.last_t_exposure_ns
         if last is not None and t_ns <= last - self._restart_ns:
             first_ns = t_ns if state.back_since_ns is None else min(t_ns, state.back_since_ns)
-            if (
-                t_ns - first_ns < self._restart_ns
-            ):  # late frames, or wrong stamps: the attitude of that time is not theirs
+            # late frames, or wrong stamps: the attitude of that time is not theirs
+            if t_ns - first_ns < self._restart_ns:
                 self._states[frame.camera] = dataclasses.replace(state, back_since_ns=first_ns)
                 return DropCause.LATE_FRAME
             state, last = CameraState(mount=state.mount.restarted()), None

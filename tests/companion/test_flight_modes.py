@@ -168,7 +168,7 @@ def test_faults_are_sent_again_to_an_autopilot_that_was_switched_off() -> None:
     now[0] = None
     for tenth in range(150, 200):
         avoidance.tick(NS + tenth * NS // 10)
-    assert texts == faults  # there is nobody to send to
+    assert texts == faults  # nothing is sent while no autopilot is received
     now[0] = vehicle("ArduPilot", COPTER["AUTO"])
     for tenth in range(200, 300):
         avoidance.tick(NS + tenth * NS // 10)

@@ -76,18 +76,26 @@ SLEEPER = textwrap.dedent("""
 """)
 
 
+def idle_subscriber(publisher: Publisher) -> subprocess.Popen[bytes]:
+    """A process that has received one message and reads no further one."""
+    process = subprocess.Popen([sys.executable, "-c", SLEEPER, publisher.stream.address], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    for k in range(3000):
+        publisher.publish(frame(k))
+        if select.select([process.stdout], [], [], 0.005)[0]:
+            return process
+    process.kill()
+    process.wait()
+    raise AssertionError("the subscriber has received nothing")
+
+
 def test_a_blocked_subscriber_costs_nothing(tmp_path: Path, context: Context) -> None:
     """A subscriber process that stops reading: publishing continues, and another subscriber receives the newest
     message."""
     stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
     publisher = Publisher(stream, context)
-    blocked = subprocess.Popen([sys.executable, "-c", SLEEPER, stream.address], stdout=subprocess.PIPE)
+    blocked = idle_subscriber(publisher)
     try:
-        assert blocked.stdout is not None
-        for k in range(3000):
-            publisher.publish(frame(k))
-            if select.select([blocked.stdout], [], [], 0.005)[0]:
-                break
         longest = 0.0
         for k in range(500):
             begun = time.monotonic()
@@ -109,13 +117,8 @@ def test_what_waits_for_a_stopped_subscriber_is_bounded(tmp_path: Path, context:
     """As for a viewer on a laptop that has left the radio range: 1000 waiting depth images took 150 MB."""
     stream = Stream("depth", f"ipc://{tmp_path}/depth")
     publisher = Publisher(stream, context, newest_only=False, most_waiting=10)
-    blocked = subprocess.Popen([sys.executable, "-c", SLEEPER, stream.address], stdout=subprocess.PIPE)
+    blocked = idle_subscriber(publisher)
     try:
-        assert blocked.stdout is not None
-        for k in range(3000):
-            publisher.publish(frame(k))
-            if select.select([blocked.stdout], [], [], 0.005)[0]:
-                break
         blocked.send_signal(signal.SIGSTOP)
         before = memory_bytes()
         for k in range(1000):

@@ -249,7 +249,7 @@ def test_all_cameras_are_stopped_before_one_is_waited_for(tmp_path: Path, monkey
     close = CameraSupervisor.close
 
     def noted(camera: CameraSupervisor) -> None:
-        stopping.append(sum(c.stops for c in service.cameras.values()))
+        stopping.append(sum(c._stop.is_set() for c in service.cameras.values()))
         close(camera)
 
     monkeypatch.setattr(CameraSupervisor, "close", noted)

@@ -26,14 +26,16 @@ from core.sharing.neighbour import Neighbour
 from core.sharing.neighbour_map import NeighbourMap
 from core.sharing.obstacles import MoverKind, PlacementState
 from core.sharing.packet_codec import decoded
-from core.sharing.records import LocalFrame, SharedMover, SharedPlanes, VehicleState
+from core.sharing.records import LocalFrame, SharedPlanes, VehicleState
 from core.sharing.send_budget import Budget
 from core.types import AttitudeSample, PoseSample
 from drivers.sharing.link import ReceivedPacket
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.core.neighbours import mover
 
 THIN = Budget(bytes_per_s=1000.0, overhead_bytes=30, packet_bytes=128)
 STEP_NS = NS // 10
+CAR = replace(mover(15.0, 2.0, 2.0), centre_m=(15.0, 2.0, -1.0), half_size_m=(1.0, 0.5, 0.8))
 
 
 def street() -> SharedPlanes:
@@ -192,16 +194,7 @@ def test_a_gap_or_a_drift_of_the_own_estimate_ends_an_alignment_at_once(estimate
 
 def test_movers_are_shared_with_their_age_and_end() -> None:
     teams = pair()
-    mover = SharedMover(
-        id=4,
-        centre_m=(15.0, 2.0, -1.0),
-        half_size_m=(1.0, 0.5, 0.8),
-        velocity_m_s=(2.0, 0.0),
-        sigma_m=0.1,
-        sigma_m_s=0.1,
-        age_s=0.0,
-    )
-    teams[1].own.movers, teams[1].own.movers_ns = (mover,), 0
+    teams[1].own.movers, teams[1].own.movers_ns = (CAR,), 0
     flown(teams, 1.0, [0.0, 30.0])
     (got,) = (m for m in teams[0].obstacles(NS).movers if m.id == 4)
     assert got.centre_m[0] == pytest.approx(17.0, abs=0.2)
@@ -213,16 +206,7 @@ def test_movers_are_shared_with_their_age_and_end() -> None:
 def test_a_neighbour_stays_where_it_reports_itself_whatever_the_own_sensors_observe_there(half_size_m: float) -> None:
     """What they track with its velocity within 3 m may be something else, and smaller than the neighbour."""
     teams = pair()
-    mover = SharedMover(
-        id=4,
-        centre_m=(30.4, 1.5, -3.0),
-        half_size_m=(half_size_m, half_size_m, half_size_m),
-        velocity_m_s=(1.0, 0.0),
-        sigma_m=0.1,
-        sigma_m_s=0.1,
-        age_s=0.0,
-    )
-    teams[0].own.movers = (mover,)
+    teams[0].own.movers = (replace(mover(30.4, 1.5), half_size_m=(half_size_m, half_size_m, half_size_m)),)
     flown(teams, 1.0, [0.0, 30.0])
     assert [m.sender for m in teams[0].obstacles(9 * NS // 10).movers if m.kind is MoverKind.VEHICLE] == [2]
 
@@ -259,18 +243,9 @@ def test_a_world_that_is_not_updated_is_not_sent() -> None:
 
 def test_a_mover_that_cannot_be_sent_does_not_stop_the_others() -> None:
     teams = pair()
-    good = SharedMover(
-        id=4,
-        centre_m=(15.0, 2.0, -1.0),
-        half_size_m=(1.0, 0.5, 0.8),
-        velocity_m_s=(2.0, 0.0),
-        sigma_m=0.1,
-        sigma_m_s=0.1,
-        age_s=0.0,
-    )
-    odd = [replace(good, id=5, velocity_m_s=(40.0, 0.0)), replace(good, id=6, sigma_m=math.nan)]
-    many = [replace(good, id=10 + k, centre_m=(15.0 + 3 * k, 2.0, -1.0)) for k in range(9)]
-    teams[1].own.movers, teams[1].own.movers_ns = (*odd, good, *many), 0
+    odd = [replace(CAR, id=5, velocity_m_s=(40.0, 0.0)), replace(CAR, id=6, sigma_m=math.nan)]
+    many = [replace(CAR, id=10 + k, centre_m=(15.0 + 3 * k, 2.0, -1.0)) for k in range(9)]
+    teams[1].own.movers, teams[1].own.movers_ns = (*odd, CAR, *many), 0
     flown(teams, 1.5, [0.0, 60.0])
     found = {m.id for m in teams[0].obstacles(NS).movers}
     assert {4, *range(10, 19)} <= found

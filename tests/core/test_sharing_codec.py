@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,6 +34,8 @@ from core.sharing.records import (
     VehicleState,
 )
 from core.types import PlaneFlags
+
+from .neighbours import mover
 
 HEADER = Header(vehicle=7, stream=1_700_000_000, sent_ms=123_456, section=3)
 
@@ -182,7 +185,7 @@ def test_a_decoded_mover_contains_the_encoded_one(
         sigma_m_s=speed_sigma,
         age_s=age_s,
     )
-    (got,) = decoded(movers_packet(HEADER, (sent,), (0.0, 0.0, 0.0))).content  # type: ignore[misc]
+    (got,) = movers_of(movers_packet(HEADER, (sent,), (0.0, 0.0, 0.0)))
     for c, h, d, e in zip(centre, half, got.centre_m, got.half_size_m, strict=True):
         assert d - e <= c - h + 1e-6
         assert d + e >= c + h - 1e-6
@@ -215,23 +218,17 @@ def test_a_state_survives() -> None:
     assert got.radius_m >= sent.radius_m
 
 
-def one_mover(number: int, *, partial: bool) -> SharedMover:
-    return SharedMover(
-        id=number,
-        centre_m=(3.0, 4.0, -2.0),
-        half_size_m=(0.5, 0.5, 0.5),
-        velocity_m_s=(1.0, 0.0),
-        sigma_m=0.1,
-        sigma_m_s=0.2,
-        age_s=0.1,
-        partial=partial,
-    )
+def movers_of(data: bytes) -> tuple[SharedMover, ...]:
+    """The moving obstacles of a packet."""
+    content = decoded(data).content
+    assert isinstance(content, tuple)
+    return content
 
 
 @given(st.integers(0, 0xFFFF), st.booleans())
 def test_a_mover_that_may_be_larger_keeps_its_number(number: int, partial: bool) -> None:
-    data = movers_packet(HEADER, (one_mover(number, partial=partial),), (0.0, 0.0, 0.0))
-    (got,) = decoded(data).content  # type: ignore[misc]
+    data = movers_packet(HEADER, (replace(mover(3.0), id=number, partial=partial),), (0.0, 0.0, 0.0))
+    (got,) = movers_of(data)
     assert (got.id, got.partial) == (number % MOVER_IDS, partial)
 
 
@@ -245,8 +242,8 @@ def test_packets_of_earlier_versions_are_decoded() -> None:
         assert isinstance(got, SharedPlanes)
         assert got.box[0] == pytest.approx([1.0, 2.0, 3.0, 2.0, -3.0, 0.0])
         assert got.flags[0] == PlaneFlags.CUT_LEFT | PlaneFlags.UNKNOWN_BEHIND
-    (mover,) = decoded(bytes.fromhex("230700f1536540e2010003000000000009009600c8009cff0606060400020402")).content  # type: ignore[misc]
-    assert (mover.id, mover.partial, mover.centre_m) == (9, False, pytest.approx((3.0, 4.0, -2.0)))
+    (got_mover,) = movers_of(bytes.fromhex("230700f1536540e2010003000000000009009600c8009cff0606060400020402"))
+    assert (got_mover.id, got_mover.partial, got_mover.centre_m) == (9, False, pytest.approx((3.0, 4.0, -2.0)))
 
 
 @given(st.binary(max_size=200))

@@ -10,6 +10,8 @@ import pytest
 from core.sharing.records import CUT, SharedMover, SharedPlanes
 from core.sharing.whole_views import FRESH_S, WholeViews, partly_hidden
 
+from .neighbours import mover
+
 EYE = (0.0, 0.0, -3.0)
 HEAD = (10.0, -0.3, 10.0, 0.3, -1.8, -1.2)
 HEDGE, LOW_HEDGE, WALL_BEHIND = (
@@ -17,15 +19,7 @@ HEDGE, LOW_HEDGE, WALL_BEHIND = (
     (8.0, -4.0, 8.0, 4.0, -0.4, 0.0),
     (12.0, -4.0, 12.0, 4.0, -6.0, 0.0),
 )
-SEEN = SharedMover(
-    id=9,
-    centre_m=(10.0, 0.0, -1.5),
-    half_size_m=(0.3, 0.3, 0.3),
-    velocity_m_s=(1.0, 0.0),
-    sigma_m=0.1,
-    sigma_m_s=0.1,
-    age_s=0.1,
-)
+SEEN = replace(mover(10.0), id=9, centre_m=(10.0, 0.0, -1.5), half_size_m=(0.3, 0.3, 0.3), age_s=0.1)
 
 
 def planes(*rows: tuple[float, ...], age_s: float = 0.1, flags: int = 0) -> SharedPlanes:
