@@ -101,14 +101,14 @@ def noise_and_other_senders(k: int) -> list[bytes]:
 
 def blind_after(avoiding: AvoidingService, seconds: float) -> tuple[int, list[tuple[float, list[int]]]]:
     """Stops the camera process for this time, less than its restart takes. Returns the instant of the stop, and (seconds after it,
-    values ahead) of the messages sent later than 0.4 s after the stop, which is later than any exposure."""
+    values ahead) of the messages decided on later than 0.4 s after the stop, which is later than any exposure."""
     os.kill(avoiding.live.camera_pids()["front"], signal.SIGSTOP)  # its end is not reported
     stopped_ns = time.monotonic_ns()
     end_ns = stopped_ns + round(seconds * NS)
     assert until(lambda: time.monotonic_ns() > end_ns)
     late = [
         ((t - stopped_ns) / NS, [values[i] for i in FRONT])
-        for t, values in avoiding.messages()
+        for t, values in avoiding.decisions()
         if stopped_ns + 400_000_000 < t < end_ns
     ]
     return stopped_ns, late
@@ -151,7 +151,7 @@ def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoidi
         assert until(avoiding.has_obstacles)
         stopped_ns, late = blind_after(avoiding, 3.5)
         begin_ns, end_ns = stopped_ns + 3 * NS, stopped_ns + round(3.5 * NS)
-        # no silence; on a busy machine a message is received later, or the service answers the other address for a while
+        # no silence; on a busy machine the service answers the other address for a while
         assert until(lambda: any(begin_ns < t < end_ns for t in decisions_ns(avoiding, answers)))
         wall = late[len(late) // 2][1]
         assert all(v < 1200 for v in wall)
