@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata, Schema, Statistics
 
@@ -94,6 +95,7 @@ class McapScan:
             begin = self._stream.read(len(MAGIC))
             if begin != MAGIC:
                 raise NotMcap(_not_mcap(begin))
+            self._summary_fault = ""
             self.summary = self._read_summary()
         except BaseException:
             self._stream.close()
@@ -124,6 +126,9 @@ class McapScan:
                 yield Damage(at, f"the disk cannot be read there ({error.strerror})", fatal=True)
                 return
             if ended and frame[: len(MAGIC)] == MAGIC and at + len(MAGIC) == self.size:
+                if self._summary_fault:  # readers that use the index refuse the file
+                    text = f"the summary at its end is damaged ({self._summary_fault}), all messages were read"
+                    yield Damage(at - _FOOTER_BYTES, text, fatal=False)
                 return
             if len(frame) < _FRAME.size:
                 break
@@ -248,32 +253,39 @@ class McapScan:
             yield Damage(at, "chunk ends within a record", fatal=False)
 
     def _read_summary(self) -> Summary | None:
-        """The summary; None when the file has no readable one."""
-        try:
-            return self._summary_at_end()
-        except OSError:  # a damaged disk
-            return None
-
-    def _summary_at_end(self) -> Summary | None:
+        """The summary; None when the file has no readable one. Notes why one that is there is not readable."""
         tail = _FOOTER_BYTES + len(MAGIC)
         if self.size < len(MAGIC) + tail:
             return None
-        end = self._read_at(self.size - tail, tail)
+        try:
+            end = self._read_at(self.size - tail, tail)
+        except OSError:  # a damaged disk, which the pass reports
+            return None
         opcode, length = _FRAME.unpack_from(end)
         if end[_FOOTER_BYTES:] != MAGIC or opcode != Opcode.FOOTER or length != _FOOTER_BYTES - _FRAME.size:
             return None
         footer = Footer.read(ReadDataStream(io.BytesIO(end[_FRAME.size :])))
-        if not len(MAGIC) <= footer.summary_start < self.size - tail:
-            return None
-        if self.size - tail - footer.summary_start > _MAX_RECORD_BYTES:
-            return None
-        data = self._read_at(footer.summary_start, self.size - tail - footer.summary_start)
-        if footer.summary_crc and zlib.crc32(end[: _FRAME.size + 16], zlib.crc32(data)) != footer.summary_crc:
+        if footer.summary_start == 0:  # permitted
             return None
         try:
-            return _summary(data)
-        except PARSE_ERRORS:
-            return None
+            return self._summary_from(footer, self.size - tail, end[: _FRAME.size + 16])
+        except OSError as error:
+            self._summary_fault = f"the disk cannot be read there: {error.strerror}"
+        except PARSE_ERRORS as error:
+            self._summary_fault = str(error) or type(error).__name__
+        return None
+
+    def _summary_from(self, footer: Footer, end: int, footer_head: bytes) -> Summary:
+        """The summary from its start to `end`. footer_head: the part of the footer that its checksum contains. Raises
+        OSError, and one of PARSE_ERRORS."""
+        if not len(MAGIC) <= footer.summary_start < end:
+            raise McapError(f"it begins at byte {footer.summary_start}, outside of the file")
+        if end - footer.summary_start > _MAX_RECORD_BYTES:
+            raise McapError(f"it is longer than the limit of {_MAX_RECORD_BYTES} bytes")
+        data = self._read_at(footer.summary_start, end - footer.summary_start)
+        if footer.summary_crc and zlib.crc32(footer_head, zlib.crc32(data)) != footer.summary_crc:
+            raise McapError("wrong checksum")
+        return _summary(data)
 
 
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import struct
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 
 from companion.cli import main
 from companion.log.info import print_info, read_log_info
@@ -317,6 +318,59 @@ def test_a_whole_log_is_left_alone(whole, tmp_path, capsys):
     assert main(["recover", str(copy)]) == 0
     assert "nothing to recover" in capsys.readouterr().out
     assert [p.name for p in tmp_path.iterdir()] == ["copy.mcap"]
+
+
+def with_damaged_summary(whole: Path, path: Path) -> Path:
+    """A copy whose messages are whole, and of whose summary one byte is wrong."""
+    data = bytearray(whole.read_bytes())
+    (start,) = struct.unpack_from("<Q", data, len(data) - 28)
+    data[start + (len(data) - 28 - start) // 2] ^= 0xFF
+    path.write_bytes(data)
+    return path
+
+
+def test_a_damaged_summary_is_repaired(whole, tmp_path, capsys):
+    """Readers that use the index at the end, such as Foxglove's, refuse such a file."""
+    path = with_damaged_summary(whole, tmp_path / "x.mcap")
+    assert main(["recover", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "the summary at its end is damaged" in text
+    with (tmp_path / "x.recovered.mcap").open("rb") as stream:
+        assert sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages()) == sum(
+            1 for _ in McapScan(whole).items()
+        )
+
+
+@pytest.mark.parametrize("arguments", [["info"], ["replay"], ["export", "-f", "csv", "-o", "OUT"]])
+def test_each_command_reports_a_damaged_summary(whole, tmp_path, arguments, capsys):
+    """After it has read everything, with status 1."""
+    path = with_damaged_summary(whole, tmp_path / "x.mcap")
+    command, *options = [str(tmp_path / "out.csv") if a == "OUT" else a for a in arguments]
+    assert main([command, str(path), *options]) == 1
+    captured = capsys.readouterr()
+    assert "the summary at its end is damaged" in captured.out + captured.err
+
+
+@pytest.mark.parametrize("crc", [True, False])
+def test_a_file_without_a_summary_is_complete(tmp_path, crc, capsys):
+    """The format permits it."""
+    path = tmp_path / "x.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(
+            stream,
+            index_types=IndexType.NONE,
+            use_statistics=False,
+            use_summary_offsets=False,
+            repeat_channels=False,
+            repeat_schemas=False,
+            enable_crcs=crc,
+        )
+        writer.start()
+        channel = writer.register_channel("a", "json", 0)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    assert main(["recover", str(path)]) == 0
+    assert "is complete (1 messages)" in capsys.readouterr().out
 
 
 def test_attachments_and_metadata_are_kept(tmp_path):
