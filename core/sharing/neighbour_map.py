@@ -30,6 +30,8 @@ from .records import LocalFrame, Packet, PacketError, SharedMover, VehicleState
 
 VEHICLE_ID = 0xFFFF
 """Number of the moving obstacle that represents the neighbour itself."""
+ALIGNED_Z_M = 0.5
+"""Standard deviation of a height that is not left to the positions."""
 GROWTH_M_S2 = 2.0
 """Acceleration by which margins of moving obstacles grow."""
 
@@ -204,11 +206,12 @@ class NeighbourMap:
     ) -> dict[str, NDArray[Any]]:
         held = list(planes_held.items())
         box = boxes_of(planes_held)
-        planes, margin_m, sigma_m = placed_planes(box, np.array([p.margin_m for _, p in held]), placement)
+        error_m = np.array([p.margin_m for _, p in held], np.float64)
+        planes, margin_m, sigma_m = placed_planes(box, error_m, placement)
         keep = sigma_m <= self.params.max_sigma_m
         placed, flags = placement.boxes(box), np.array([p.flags for _, p in held], np.uint8)
         for body in bodies:
-            keep &= ~are_bodies(body, placed, flags, placement.sigma_m, placement.sigma_z_m)
+            keep &= ~are_bodies(body, placed, flags, error_m, margin_m.astype(np.float64), 2.0 * placement.sigma_z_m)
         rows = np.flatnonzero(keep)
         return {
             "sender": np.full(len(rows), vehicle, np.uint8),
@@ -236,6 +239,7 @@ class NeighbourMap:
                     sigma_m_s=held.mover.sigma_m_s,
                     margin_m=mover.margin_m,
                     margin_z_m=2.0 * placement.sigma_z_m,
+                    error_m=2.0 * held.mover.sigma_m,
                     age_s=_age_s(held.seen_ns, now_ns),
                     partial=held.mover.partial,
                 )
@@ -323,6 +327,7 @@ def _body_of(vehicle: SharedMovingObstacle, placement: Placement) -> Body:
         margin_m=vehicle.margin_m,
         velocity_m_s=vehicle.velocity_m_s,
         margin_z_m=2.0 * placement.sigma_z_m,
+        is_aligned=placement.refined and placement.sigma_z_m <= ALIGNED_Z_M,
     )
 
 

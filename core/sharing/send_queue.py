@@ -250,8 +250,9 @@ class SendQueue:
         new &= ~covered(planes.box, np.flatnonzero(new), self._boxes[ids], times > 0, self._sent_ns[ids])
         refresh_ns = np.where(times > REPEATS, round(self._budget.refresh_s * NS), THIRD_NS)
         due = new | (waited_ns >= refresh_ns)
-        for body in offer.others:
-            due &= ~are_bodies(body, planes.box, planes.flags)
+        # What is not sent no receiver knows: only where the place of the other vehicle is known well.
+        for body in (b for b in offer.others if b.is_aligned):
+            due &= ~are_bodies(body, planes.box, planes.flags, planes.margin_m)
         cut = (planes.flags & (PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT)) != 0
         # Order: never sent, sent once, changed; then near other vehicles; then complete; then waiting longest.
         rank = np.where(times < REPEATS, times, np.where(changed, REPEATS, REPEATS + 1))

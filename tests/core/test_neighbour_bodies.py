@@ -40,9 +40,37 @@ BOTH = [MoverKind.OBSTACLE, MoverKind.VEHICLE]
 def test_a_vehicle_that_has_braked_since_it_was_observed_is_no_obstacle() -> None:
     """Neither another one, nor the own vehicle, which would become an obstacle to itself."""
     body = Body(vehicle=1, centre_m=ORIGIN, radius_m=0.4, margin_m=0.0, velocity_m_s=(0.5, 0.0), is_own=True)
-    report = MovingReport(centre_m=(0.8, 0.0, 0.0), half_size_m=(0.4, 0.4, 0.2), velocity_m_s=(3.0, 0.0), sigma_m_s=0.3)
+    report = MovingReport(
+        centre_m=(0.8, 0.0, 0.0), half_size_m=(0.4, 0.4, 0.2), velocity_m_s=(3.0, 0.0), sigma_m_s=0.3, margin_m=1.0
+    )
     assert not body.may_be(report)
     assert body.may_be(replace(report, age_s=0.4))
+
+
+@pytest.mark.parametrize(
+    "child", [{"half_size_m": (0.2, 0.2, 0.5)}, {"centre_m": (0.0, 0.0, -1.9)}, {"centre_m": (1.3, 0.0, -3.0)}]
+)
+def test_what_size_and_uncertainty_do_not_explain_is_not_the_own_vehicle(
+    child: dict[str, tuple[float, float, float]],
+) -> None:
+    """No obstacle stands for the own vehicle: its radius is 0.4 m, the place of a report is certain to 1 m. A child
+    is higher, or below it, or beside it."""
+    found = NeighbourMap(1)
+    assert found.receive(state_packet(header(1), state(30.0)), NS) == ""
+    small = replace(mover(0.0, speed_m_s=0.0), half_size_m=(0.2, 0.2, 0.3))
+    for k, one in enumerate([small, replace(small, **child)]):
+        assert found.receive(movers_packet(header(2 + k), (one,), ORIGIN), NS) == ""
+        kinds = sorted(m.kind for m in found.obstacles(OWN, NS).movers)
+        assert kinds == [[MoverKind.VEHICLE], BOTH][k]
+
+
+def test_a_wide_plane_beside_the_own_vehicle_is_not_the_vehicle() -> None:
+    """A hedge of 2 m, 0.8 m high, of which the middle is 0.5 m beside it."""
+    found = NeighbourMap(1)
+    assert found.receive(state_packet(header(1), state(30.0)), NS) == ""
+    hedge = replace(small_plane(-3.4, -2.6), box=np.array([[0.5, -1.0, 0.5, 1.0, -3.4, -2.6]]))
+    assert found.receive(planes_packet(header(2), hedge, ORIGIN), NS) == ""
+    assert found.obstacles(OWN, NS).ids.tolist() == [5]
 
 
 @pytest.mark.parametrize("vague", [{"age_s": 2.0}, {"sigma_m_s": 6.0}])
@@ -129,4 +157,4 @@ def test_the_planes_of_a_person_who_stands_beside_a_neighbour_stay(
     stays = stays or bool(flags)
     assert (5 in found.obstacles(own, NS).ids) is stays
     (body,) = (b for b in found.bodies(own, NS) if b.vehicle == 2)
-    assert bool(are_bodies(body, planes.box, planes.flags)[0]) is not stays, "so it is sent, too"
+    assert bool(are_bodies(body, planes.box, planes.flags, planes.margin_m)[0]) is not stays, "so it is sent, too"

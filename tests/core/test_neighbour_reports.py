@@ -141,10 +141,10 @@ def test_the_margin_of_a_mover_contains_its_errors_and_grows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("x_m", "z_m", "hidden"), [(3.0, -3.0, True), (3.6, -3.0, False), (0.0, -6.0, True), (0.0, -7.0, False)]
+    ("x_m", "z_m", "hidden"), [(2.6, -3.0, True), (2.8, -3.0, False), (0.0, -5.9, True), (0.0, -6.1, False)]
 )
 def test_the_own_body_hides_what_is_near_it_only(x_m: float, z_m: float, hidden: bool) -> None:
-    """With metres of uncertainty the distance is limited to the radius and 3 m."""
+    """With metres of uncertainty the distance to its end is limited to the radius and 3 m."""
     vague = replace(FRAME, sigma_m=2.5, sigma_z_m=4.0)
     assert OWN.state is not None
     own = replace(OWN, state=replace(OWN.state, frame=vague))

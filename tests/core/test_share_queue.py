@@ -115,12 +115,14 @@ def test_complete_planes_go_before_cut_ones() -> None:
     assert {number for _, number in sent[:8]} == set(range(100, 108))
 
 
-def test_the_body_of_a_neighbour_is_not_sent_to_it() -> None:
-    body = Body(2, (20.7, 0.0, -5.0), 0.4, 0.2)
+@pytest.mark.parametrize("is_aligned", [True, False])
+def test_the_body_of_a_neighbour_is_not_sent_to_it(is_aligned: bool) -> None:
+    """Where its place is known well. Otherwise it may be something low beside it, which no receiver would know."""
+    body = Body(2, (20.7, 0.0, -5.0), 0.4, 0.6, is_aligned=is_aligned)
     small = walls(1)
     box = np.array([[20.4, 0.0, 21.0, 0.0, -5.3, -4.7]])
     planes = SharedPlanes(ids=small.ids, box=box, margin_m=small.margin_m, flags=small.flags, age_s=small.age_s)
-    assert flown(SendQueue(1, 5, 0, THIN), offer(planes, others=(body,)), 3.0) == []
+    assert bool(flown(SendQueue(1, 5, 0, THIN), offer(planes, others=(body,)), 3.0)) is not is_aligned
 
 
 def test_after_a_jump_of_the_position_all_is_sent_anew() -> None:
