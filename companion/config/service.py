@@ -119,7 +119,11 @@ class RecordParams:
     file_mb: float = number(512.0, 1.0, 4096.0, "MB", "a new file is begun at this size")
     file_s: float = number(600.0, 5.0, 7200.0, "s", "a new file is begun at this age")
     budget_mb: float = number(
-        16384.0, 10.0, 1e6, "MB", "greatest total size of all logs; the oldest finished flights are deleted first"
+        16384.0,
+        10.0,
+        1e6,
+        "MB",
+        "greatest total size of all logs; files from before arming, then the oldest flights, are deleted",
     )
     least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "recording stops when less is free on the disk")
     queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "greatest amount of data waiting for the disk")

@@ -46,11 +46,11 @@ Motion = AttitudeSample | PoseSample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockCallbacks:
-    """Callbacks of the recording: the estimate of the autopilot's clock with its restarts, and whether the vehicle is
-    armed."""
+    """Callbacks of the recording: the estimate of the autopilot's clock with its restarts, whether the vehicle is
+    armed; None: not known."""
 
     clock: Callable[[], tuple[ClockEstimate, int]]
-    armed: Callable[[], bool]
+    armed: Callable[[], bool | None]
 
 
 class PipelineThread:
@@ -82,7 +82,7 @@ class PipelineThread:
         self._recorder, self._record, self._clock_callbacks, self._warm_up = recorder, record, clock_callbacks, warm_up
         self._stop = threading.Event()
         self._thread = WatchedThread(self._run, "pipeline")
-        self._recording = False
+        self._recording = self._idle_file = False
         self._unrecorded: list[Callable[[Recorder], None]] = []
         self._described: tuple[CameraInfo, ...] = ()
         self._clock = ClockEstimate(ClockSource.NONE)
@@ -304,11 +304,12 @@ class PipelineThread:
 
     def _open_log(self, item: Sample) -> None:
         """Begins a log file where one is due: with the first frame, when the vehicle is armed, when the previous file
-        is full or failed, and with the first frame after a camera was added or changed, since a log describes its
-        cameras at its beginning."""
+        is full or failed, when the vehicle is no longer disarmed as at the beginning of the file, and with the first frame
+        after a camera was added or changed, since a log describes its cameras at its beginning."""
         if self._recorder is None:
             return
-        wanted = self._record == "always" or (self._record == "armed" and self._clock_callbacks.armed())
+        armed = self._clock_callbacks.armed()
+        wanted = self._record == "always" or (self._record == "armed" and armed is True)
         if not wanted:
             if self._recording:
                 self._flush_records()
@@ -319,9 +320,12 @@ class PipelineThread:
         due = self._recorder.wants_begin if self._recording else frame
         if frame and self._described != self._pipeline.cameras:
             due = True
+        if self._recording and self._idle_file and armed is not False:
+            due = True
         if due and self._recorder.may_begin:
             self._flush_records()  # earlier items belong to the previous file
-            self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state())
+            self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state(), armed is False)
+            self._idle_file = armed is False
             self._clock = ClockEstimate(ClockSource.NONE)
             self._recording, self._described = True, self._pipeline.cameras
 

@@ -190,9 +190,12 @@ class Service:
             return ClockEstimate(ClockSource.NONE), 0
         return self.session.clock.estimate, self.session.clock.restarts
 
-    def _armed(self) -> bool:
-        vehicle = self.session.vehicle if self.session is not None else None
-        return vehicle is not None and vehicle.armed
+    def _armed(self) -> bool | None:
+        """None: not known; a silent autopilot may have been armed since."""
+        session = self.session
+        if session is None or session.vehicle is None:
+            return None
+        return True if session.vehicle.armed else False if session.connected(time.monotonic_ns()) else None
 
     def open(self) -> None:
         """Opens the streams and starts all threads. Cameras and autopilot may be missing; they are retried."""

@@ -28,11 +28,12 @@ class LogRemovedError(OSError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Begin:
-    """The content at the beginning of a file."""
+    """The content at the beginning of a file. idle: the vehicle is disarmed."""
 
     t_ns: int
     cameras: tuple[CameraInfo, ...]
     state: PipelineState
+    idle: bool = False
 
 
 class CurrentLog:
@@ -83,18 +84,18 @@ class CurrentLog:
             self._repairs.stop("the recording needs the disk space") and self._has_disk(0)
         ):
             raise OSError(f"{self._folder}: less than {params.least_free_mb:g} MB free on its disk; free disk space")
-        self._log = self._open()
+        self._log = self._open(item.idle)
         self.files += 1
         self._begun_ns = time.monotonic_ns()
         self._synced_ns = 0  # the first items at once: without a complete chunk nothing of a file can be recovered
         self._log.begin(self._run, item.cameras, item.state, item.t_ns)
 
-    def _open(self) -> LogWriter:
+    def _open(self, idle: bool) -> LogWriter:
         """Another service that records into this directory may choose the same name in the same second."""
         for _ in range(_NAMES_TRIED):
             flight = self.flight or new_flight(self._folder)
             try:
-                log = LogWriter(part_path(self._folder, flight, self.files), level=self._params.zstd_level)
+                log = LogWriter(part_path(self._folder, flight, self.files, idle), level=self._params.zstd_level)
             except FileInUseError:
                 if self.flight:
                     raise

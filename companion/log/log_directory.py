@@ -1,8 +1,9 @@
 """The directory of flight logs: file names and disk budget.
 
 The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT is the wall clock's date and time, and a number
-where it is taken. A file being written ends in .active. When the budget is used, the oldest files of finished flights are
-deleted; files of a flight that is being recorded are kept, also those of another process."""
+where it is taken. A file that begins while the autopilot reports a disarmed vehicle is FLIGHT.000.idle.mcap; it ends when
+the vehicle is armed. A file being written ends in .active. When the budget is used, idle files are deleted first, then the
+oldest files of finished flights; other files of a flight that is being recorded are kept, also those of another process."""
 
 from __future__ import annotations
 
@@ -16,16 +17,17 @@ from pathlib import Path
 from .log_writer import ACTIVE, RECOVERING, is_being_written
 
 _FLIGHT = re.compile(r"(?P<label>[0-9]{8}-[0-9]{6})(?:-(?P<number>[0-9]{1,9}))?")
-_PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})\.mcap(?P<active>\.active)?$")
+_PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})(?P<idle>\.idle)?\.mcap(?P<active>\.active)?$")
 
 
 @dataclass(frozen=True, slots=True)
 class LogFile:
-    """One file of a flight."""
+    """One file of a flight. idle: recorded before the vehicle was armed."""
 
     path: Path
     flight: str
     part: int
+    idle: bool
     active: bool
     bytes: int
 
@@ -50,9 +52,9 @@ def new_flight(folder: Path) -> str:
     return label if label > newest[0] else f"{newest[0]}-{newest[1] + 1}"
 
 
-def part_path(folder: Path, flight: str, part: int) -> Path:
+def part_path(folder: Path, flight: str, part: int, idle: bool = False) -> Path:
     """The name of a finished file."""
-    return folder / f"{flight}.{part:03d}.mcap"
+    return folder / f"{flight}.{part:03d}{'.idle' if idle else ''}.mcap"
 
 
 def flight_and_part(name: str) -> tuple[str, int]:
@@ -77,7 +79,8 @@ def files_of(folder: Path) -> list[LogFile]:
             size = entry.stat().st_size
         except OSError:
             continue  # the file was renamed meanwhile, or its entry is damaged
-        found.append(LogFile(Path(entry.path), match["flight"], int(match["part"]), match["active"] is not None, size))
+        idle, active = (match[name] is not None for name in ("idle", "active"))
+        found.append(LogFile(Path(entry.path), match["flight"], int(match["part"]), idle, active, size))
     return sorted(found, key=lambda f: f.order)
 
 
@@ -107,18 +110,18 @@ def _size(path: Path) -> int:
 
 
 def make_room(folder: Path, budget_bytes: int, running: str) -> list[Path]:
-    """Deletes the oldest files of finished flights until all logs fit the budget; returns the deleted files. A file that
-    cannot be deleted is passed over."""
+    """Deletes idle files, the oldest first, and then the oldest files of finished flights, until all logs fit the budget;
+    returns the deleted files. A file that cannot be deleted is passed over."""
     files = files_of(folder)
     excess = used_bytes(folder) - budget_bytes
     gone: list[Path] = []
     if excess <= 0:
         return gone
     kept = {running, *(f.flight for f in files if f.active and _in_use(f.path))}
-    for f in files:
+    for f in sorted(files, key=lambda f: not f.idle):
         if excess <= 0:
             break
-        if f.flight in kept:
+        if f.flight in kept and (f.active or not f.idle):
             continue
         try:
             f.path.unlink(missing_ok=True)

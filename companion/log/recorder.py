@@ -147,11 +147,11 @@ class Recorder:
 
     # ---- from the pipeline ------------------------------------------------------------------------------------------
 
-    def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState) -> None:
-        """Begins a new file with this state."""
+    def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState, idle: bool = False) -> None:
+        """Begins a new file with this state. idle: the vehicle is disarmed; the budget deletes such files first."""
         with self._ready:
             self._started_once = True
-            self._accepting = self._append(Begin(t_ns, tuple(cameras), state), _SMALL)
+            self._accepting = self._append(Begin(t_ns, tuple(cameras), state, idle), _SMALL)
             self._start_wanted = not self._accepting
 
     def end(self) -> None:

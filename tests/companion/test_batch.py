@@ -72,12 +72,14 @@ def touch(folder: Path, *names: str) -> None:
 
 
 def test_rotated_files_of_a_flight_stay_together(tmp_path: Path) -> None:
-    touch(tmp_path, "a/20261101-100000.001.mcap", "a/20261101-100000.000.mcap", "a/20261101-100000.010.mcap.active")
+    touch(
+        tmp_path, "a/20261101-100000.001.mcap", "a/20261101-100000.000.idle.mcap", "a/20261101-100000.010.mcap.active"
+    )
     touch(tmp_path, "a/20261101-100000.001.mcap.active", "b/20261101-100000.000.mcap", "b/hover.mcap", "b/notes.txt")
     flights = {str(f): f for f in find_flights([str(tmp_path), str(tmp_path / "b" / "*.mcap")])}
     assert list(flights) == ["a/20261101-100000", "b/20261101-100000", "b/hover"]
     names = [file.name.removeprefix("20261101-100000.") for file in flights["a/20261101-100000"].files]
-    assert names == ["000.mcap", "001.mcap", "010.mcap.active"]
+    assert names == ["000.idle.mcap", "001.mcap", "010.mcap.active"]
     assert [f.date for f in flights.values()] == ["2026-11-01", "2026-11-01", "unknown"]
 
 

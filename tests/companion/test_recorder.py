@@ -324,8 +324,8 @@ A, B, C, D = (f"2026010{day}-000000" for day in (1, 2, 3, 4))
 """Flights, in order."""
 
 
-def fake_log(folder: Path, flight: str, part: int, size: int, age_s: int) -> Path:
-    path = part_path(folder, flight, part)
+def fake_log(folder: Path, flight: str, part: int, size: int, age_s: int, *, idle: bool = False) -> Path:
+    path = part_path(folder, flight, part, idle)
     path.write_bytes(bytes(size))
     stamp = 1_700_000_000 - age_s
     os.utime(path, (stamp, stamp))
@@ -341,6 +341,18 @@ def test_the_oldest_flights_go_first_and_the_running_one_never(tmp_path: Path) -
     assert make_room(tmp_path, 1000, C) == [newer]
     assert running.exists()
     assert (tmp_path / "notes.txt").exists()
+
+
+def test_what_was_recorded_before_arming_goes_before_any_flight(tmp_path: Path) -> None:
+    """Also that of the running flight: a vehicle that waits for hours deletes no flight."""
+    armed = fake_log(tmp_path, A, 1, 3000, 0)
+    idle = [fake_log(tmp_path, flight, 0, 3000, 0, idle=True) for flight in (B, C)]
+    open_file = LogWriter(part_path(tmp_path, C, 1, idle=True))
+    open_file.sync()
+    assert make_room(tmp_path, 6500, C) == idle[:1]
+    assert make_room(tmp_path, 3500, C) == idle[1:]
+    assert make_room(tmp_path, 0, C) == [armed]
+    assert open_file.in_place
 
 
 @pytest.mark.parametrize(

@@ -133,6 +133,7 @@ def loop_of(
     recorder: Recorder,
     publish: Callable[[PrismsResult, bytes], None],
     warm_up: Callable[[], None] = lambda: None,
+    armed: Callable[[], bool | None] = lambda: None,
 ) -> PipelineThread:
     """A pipeline of its own, without an autopilot's clock, recorded always."""
     config = Config()
@@ -143,7 +144,7 @@ def loop_of(
         publish,
         recorder,
         "always",
-        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
+        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=armed),
         warm_up,
     )
 
@@ -211,6 +212,34 @@ def recorded(folder: Path, params: RecordParams) -> Path:
     recorder.close()
     (log,) = folder.iterdir()
     return log
+
+
+def test_a_new_file_begins_when_the_vehicle_is_armed(tmp_path: Path) -> None:
+    """The file before is marked, so that it is deleted before any flight. One that began without an autopilot is not."""
+    flight = SimulatedFlight("street", width=160, height=120, duration_s=1.5, rates=Rates(depth_hz=20.0))
+    recorder, event_queue, published = recorder_in(tmp_path), EventQueue(), list[int]()
+    armed: list[bool | None] = [False]
+    loop = loop_of(event_queue, recorder, lambda r, prisms: published.append(r.sequence), armed=lambda: armed[0])
+    recorder.open()
+    loop.open()
+    event_queue.put([camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m)])
+    for event in flight.events():
+        if isinstance(event, DepthFrame):
+            event_queue.put_frame(event)
+            assert until(partial(_has, published, event.sequence + 1))
+            armed[0] = {10: True, 20: False}.get(event.sequence, armed[0])
+        else:
+            event_queue.put([event])
+    loop.close()
+    recorder.close()
+    before, after = sorted(tmp_path.iterdir())
+    assert before.name.endswith(".000.idle.mcap")
+    assert after.name.endswith(".001.mcap")
+    for log, frames in ((before, 11), (after, 20)):
+        result = replay(log, Options(check=True))
+        assert result.comparison is not None
+        assert result.comparison.passed
+        assert result.comparison.compared == frames
 
 
 def test_of_a_log_with_fewer_images_those_replay_bit_for_bit(
