@@ -1,7 +1,8 @@
 """The directory of flight logs: file names and disk budget.
 
-The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT is the wall clock's date and time, and a number
-where it is taken. A file that begins while the autopilot reports a disarmed vehicle is FLIGHT.000.idle.mcap; it ends when
+The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT is the wall clock's date and time, and from 2 on the
+number of times that this clock was behind an earlier flight and one: flights are in the order of this number, then of the
+date. A file that begins while the autopilot reports a disarmed vehicle is FLIGHT.000.idle.mcap; it ends when
 the vehicle is armed. A file being written ends in .active. When the budget is used, idle files are deleted first, then the
 oldest files of finished flights; other files of a flight that is being recorded are kept, also those of another process."""
 
@@ -32,24 +33,25 @@ class LogFile:
     bytes: int
 
     @property
-    def order(self) -> tuple[str, int, int]:
+    def order(self) -> tuple[int, str, int]:
         """Sorts files in the order of recording, by their names: copies and repairs change the times of files."""
-        label, number = _label_and_number(self.flight)
-        return label, number, self.part
+        return *_number_and_label(self.flight), self.part
 
 
-def _label_and_number(flight: str) -> tuple[str, int]:
+def _number_and_label(flight: str) -> tuple[int, str]:
     match = _FLIGHT.fullmatch(flight)
     assert match is not None
-    return match["label"], int(match["number"] or 1)
+    return int(match["number"] or 1), match["label"]
 
 
 def new_flight(folder: Path) -> str:
-    """A name for a flight that sorts after all others: the date and time of the wall clock, as a label only. A clock that is
-    behind, as one without a battery after a start, gives the label of the newest flight with the next number."""
+    """A name for a flight that sorts after all others: the date and time of the wall clock, as a label only, with the number
+    of the newest flight. A clock that is behind that flight, as one without a battery after a start, or one that was in the
+    future then, begins the next number."""
     label = time.strftime("%Y%m%d-%H%M%S", time.gmtime(time.time_ns() / 1e9))
-    newest = max((_label_and_number(f.flight) for f in files_of(folder)), default=("", 0))
-    return label if label > newest[0] else f"{newest[0]}-{newest[1] + 1}"
+    number, newest = max((_number_and_label(f.flight) for f in files_of(folder)), default=(1, ""))
+    number += label <= newest
+    return label if number == 1 else f"{label}-{number}"
 
 
 def part_path(folder: Path, flight: str, part: int, idle: bool = False) -> Path:

@@ -394,6 +394,20 @@ def test_a_flight_recorded_before_the_clock_was_set_is_not_taken_for_the_oldest(
     assert make_room(tmp_path, 12 * 3000 - 1, "") == [before]
 
 
+def test_a_flight_named_by_a_clock_in_the_future_does_not_name_the_later_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They have the date of their own clock, and stay in order."""
+    names = []
+    for seconds in (4_000_000_000, 1_800_000_000, 1_800_000_060, 1_800_000_060, 4_000_000_000):
+        monkeypatch.setattr(time, "time_ns", lambda s=seconds: s * 10**9)
+        names.append(new_flight(tmp_path))
+        fake_log(tmp_path, names[-1], 0, 3000, 0)
+    future, present, later = "20961002-070640", "20270115-080000", "20270115-080100"
+    assert names == [future, f"{present}-2", f"{later}-2", f"{later}-3", f"{future}-3"]
+    assert [f.flight for f in files_of(tmp_path)] == names
+
+
 def test_a_file_that_cannot_be_deleted_does_not_keep_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
