@@ -5,7 +5,10 @@ shows as a target that is down."""
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -24,7 +27,7 @@ LOOPBACK = "127.0.0.1"
 MAX_REPORT_AGE_NS = 3 * NS
 """Reports arrive once a second; an older report does not describe the present state."""
 CLIENT_TIMEOUT_S = 2.0
-"""Time limit for a request: requests are served one at a time."""
+"""Time limit for a whole request and its answer: requests are served one at a time."""
 POLL_S = 0.1
 """Interval at which the server checks whether it has to stop."""
 OLD_NAMES = {
@@ -112,6 +115,21 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = CLIENT_TIMEOUT_S
     server_version = "osape-companion"
     sys_version = ""
+
+    def setup(self) -> None:
+        super().setup()
+        # `timeout` is that of a single read or write: a client that sends byte by byte would hold the server
+        self._limit = threading.Timer(CLIENT_TIMEOUT_S, self._cut_off)
+        self._limit.daemon = True
+        self._limit.start()
+
+    def finish(self) -> None:
+        self._limit.cancel()
+        super().finish()
+
+    def _cut_off(self) -> None:
+        with contextlib.suppress(OSError):  # it has just ended
+            self.connection.shutdown(socket.SHUT_RDWR)
 
     def do_GET(self) -> None:
         if self.path.split("?")[0] != "/metrics":

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from companion.config.loader import config_of
+from companion.live import prometheus
 from companion.live.prometheus import LOOPBACK, MAX_REPORT_AGE_NS, OLD_NAMES, MetricsServer, metrics_text
 from companion.live.service import Service
 from companion.paths import Folders
@@ -147,6 +148,31 @@ def test_a_client_that_reports_nothing_does_not_stop_the_others(server: MetricsS
     server.update(fresh())
     with socket.create_connection((LOOPBACK, server.port)):
         assert fetched(server.port)[0] == 200
+
+
+def test_a_client_that_sends_its_request_byte_by_byte_is_cut_off(
+    server: MetricsServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each byte arrives within the time limit of the socket; all others would wait for as long as it goes on."""
+    monkeypatch.setattr(prometheus, "CLIENT_TIMEOUT_S", 0.2)
+    server.update(fresh())
+    with socket.create_connection((LOOPBACK, server.port)) as client:
+        client.settimeout(0.05)
+        client.sendall(b"GET /metrics HTTP/1.0\r\n")
+        sent = 0
+        while sent < 200:
+            try:
+                sent += 1
+                client.sendall(b"X")
+                if client.recv(1) == b"":
+                    break
+            except TimeoutError:
+                continue
+            except ConnectionError:
+                break
+        else:
+            pytest.fail(f"after {sent} bytes the server still waits for the rest")
+    assert fetched(server.port)[0] == 200
 
 
 def test_a_taken_port_is_reported_and_no_error(server: MetricsServer) -> None:
