@@ -127,7 +127,7 @@ class McapScan:
                 return
             if ended and frame[: len(MAGIC)] == MAGIC and at + len(MAGIC) == self.size:
                 if self._summary_fault:  # readers that use the index refuse the file
-                    text = f"the summary at its end is damaged ({self._summary_fault}), all messages were read"
+                    text = f"the summary at its end is damaged ({self._summary_fault})"
                     yield Damage(at - _FOOTER_BYTES, text, fatal=False)
                 return
             if len(frame) < _FRAME.size:
