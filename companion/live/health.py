@@ -256,8 +256,9 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
 def clock_uncertain_text(bound_ns: int) -> str:
     """The cause and the remedy of a large error bound of the autopilot's clock."""
     return (
-        f"the autopilot's timestamps may be wrong by {bound_ns / 1e6:.0f} ms, because TIMESYNC takes that long: frames in fast "
-        "turns are dropped, positions in fast flight are not used; use a faster link (921600 baud), or request lower rates"
+        f"the autopilot's timestamps may be wrong by {bound_ns / 1e6:.0f} ms, because TIMESYNC takes that long, or because the "
+        "clock of this computer is being corrected (NTP): frames in fast turns are dropped, positions in fast flight are not used; "
+        "use a faster link (921600 baud), or request lower rates; synchronise the clock before the flight"
     )
 
 

@@ -117,6 +117,7 @@ class ClockFilter:
         self.restarts = self.strange = self.slow = 0
         self._exchanges: deque[_Bound] = deque()
         self._doubtful: list[_Bound] = []
+        self._undoubted_ns = 0  # bound of the estimate by the answers that fit
         self._arrivals: deque[_Bound] = deque()
         self._newest_boot_ns: int | None = None
         self._accepted_ns: int | None = None
@@ -220,9 +221,14 @@ class ClockFilter:
         e = self.estimate
         if e.source is ClockSource.NONE:
             return False
-        bound_ns = UNKNOWN_DELAY_NS if e.bound_ns is None else e.bound_ns
+        bound_ns = UNKNOWN_DELAY_NS if e.source is ClockSource.ENVELOPE else self._undoubted_ns
         slack_ns = MS + round(self.params.max_drift * abs(boot_ns - e.at_boot_ns))
         return e.local_ns(boot_ns) - arrival_ns > bound_ns + slack_ns
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the newest answer contradicts the others."""
+        return bool(self._doubtful)
 
     def mixed(self, now_ns: int) -> bool:
         """Returns whether stamps that are refused keep arriving among those that are used."""
@@ -240,6 +246,7 @@ class ClockFilter:
             self._doubtful.clear()
         self._doubtful.append(new)
         if len(self._doubtful) < self.params.strange_exchanges:
+            self._estimate(new.boot_ns)
             return False
         kept = list(self._doubtful)
         self.restart()
@@ -282,15 +289,28 @@ class ClockFilter:
             return
         offset, drift = self._line(at_ns)
         offset = min(max(offset, interval[0]), interval[1])
+        self._undoubted_ns = max(interval[1] - offset, offset - interval[0])
+        low, high = self._with_doubtful(interval, at_ns)
         self.estimate = ClockEstimate(
             ClockSource.TIMESYNC,
             offset_ns=offset,
             drift=drift,
             at_boot_ns=at_ns,
-            bound_ns=max(interval[1] - offset, offset - interval[0]),
+            bound_ns=max(high - offset, offset - low),
             rtt_ns=min(_rtt(b) for b in self._exchanges),
             exchanges=len(self._exchanges),
         )
+
+    def _with_doubtful(self, interval: tuple[int, int], at_ns: int) -> tuple[int, int]:
+        """Returns the interval extended to what the contradicting answers show.
+
+        A clock that is corrected, as by NTP, runs faster or slower than `max_drift` permits: then the newest answer is right,
+        and the others are wrong now."""
+        low, high = interval
+        for b in self._doubtful:
+            slack = round(self.params.max_drift * abs(at_ns - b.boot_ns))
+            low, high = min(low, (b.high if b.low is None else b.low) - slack), max(high, b.high + slack)
+        return low, high
 
     def _line(self, at_ns: int) -> tuple[int, float]:
         """Returns (offset at at_ns, drift) of the weighted least-squares line through the middles of the exchanges.

@@ -15,7 +15,8 @@ from .dialect import dialect
 from .parser import Frame
 
 FAST_NS, SLOW_NS = NS // 10, NS // 2
-"""Interval of the requests: until the clock is synchronised and for FAST_FOR_NS after that, and later."""
+"""Interval of the requests: until the clock is synchronised, for FAST_FOR_NS after that, and while the newest answer
+contradicts the others; otherwise."""
 FAST_FOR_NS = 3 * NS
 _PENDING = 64
 _FIELDS = struct.Struct("<qq")
@@ -48,7 +49,7 @@ class TimeSync:
         elif self._synchronised_ns is None:
             self._synchronised_ns = now_ns
         settled = self._synchronised_ns is not None and now_ns - self._synchronised_ns > FAST_FOR_NS
-        self._next_ns = now_ns + (SLOW_NS if settled else FAST_NS)
+        self._next_ns = now_ns + (SLOW_NS if settled and not self._clock.doubted else FAST_NS)
         self._pending[now_ns] = None
         if self._waits_since_ns is None or now_ns - self._asked_ns > NS:  # no request was sent
             self._waits_since_ns = now_ns

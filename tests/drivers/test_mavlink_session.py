@@ -661,3 +661,23 @@ def test_a_reboot_after_two_months_is_one() -> None:
     assert c.session.status(c.now_ns).clock_restarts >= 1
     assert c.session.status(c.now_ns).clock.source is ClockSource.TIMESYNC
     assert any(isinstance(s, AttitudeSample) for s in c.samples)
+
+
+def test_a_clock_in_doubt_is_asked_more_often() -> None:
+    """As while NTP corrects the clock of this computer: until then answers came every half second."""
+    c = talk(PX4, boot_at_ns=90 * NS)
+    c.run(8.0)
+    c.sent.clear()
+    c.run(2.0)
+    assert c.kinds().count("TIMESYNC") == 4
+    clock = c.session.clock
+    sent_ns = c.now_ns
+    assert not clock.exchange(sent_ns, sent_ns - 90 * NS + 50 * MS, sent_ns + MS)
+    c.sent.clear()
+    c.run(1.0)
+    assert 1 < c.kinds().count("TIMESYNC") < 5, "the next answer fits"
+    c.lost = frozenset({111})
+    assert not clock.exchange(sent_ns, sent_ns - 90 * NS + 50 * MS, sent_ns + MS)
+    c.sent.clear()
+    c.run(2.0)
+    assert c.kinds().count("TIMESYNC") >= 16
