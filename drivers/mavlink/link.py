@@ -47,6 +47,8 @@ STUCK_NS = NS
 FEW_BYTES, MOST_WAIT_S = 4096, 0.005
 """Limits of bytes and time of one `catch_up`; an autopilot sends a tenth of it in a pause."""
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
+LONGEST_CLOSE_S = 1.0
+"""Longest wait for a transport to close at the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +260,7 @@ class MavlinkLink:
             if transport is not None:
                 with self._turn:
                     self._transport, self._left = None, []
-                    transport.close()
+                self._close(transport, error, losses)
             if not self._stop.is_set():
                 self._wait(backoff_s, error, losses)
                 backoff_s = min(2.0 * backoff_s, LONGEST_BACKOFF_S)
@@ -276,6 +278,16 @@ class MavlinkLink:
                 opening.abandon()
                 return None
         return opening.result()
+
+    def _close(self, transport: Transport, error: str, losses: int) -> None:
+        """Closes a transport, in a thread of its own: the kernel may wait long for a serial device that takes no bytes. The
+        device cannot be opened again before. error: why it is closed, as text."""
+        closing = WatchedThread(transport.close, "mavlink close")
+        closing.start()
+        while closing.is_alive() and not self._stop.is_set():
+            closing.join(0.1)
+            self._state = LinkState(False, error, "", losses, time.monotonic_ns())
+        closing.join(LONGEST_CLOSE_S)
 
     def _talk(self, transport: Transport, warning: str, losses: int) -> None:
         with self._lock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import termios
@@ -15,6 +16,8 @@ from .transport import READ_BYTES, Chunk, reason, wait_readable
 
 _BACKLOG_S = 0.1
 """Nothing is sent while the buffer of the line holds bytes for a longer time."""
+_DRAIN_S = 0.5
+"""Longest time for which `close` waits until the last messages are sent."""
 
 
 class SerialLine:
@@ -88,6 +91,12 @@ class SerialLine:
         pass  # a serial line has one other end
 
     def close(self) -> None:
+        with contextlib.suppress(OSError, serial.SerialException, TypeError, termios.error):
+            until_ns = time.monotonic_ns() + round(_DRAIN_S * 1e9)
+            while self._port.out_waiting and time.monotonic_ns() < until_ns:
+                time.sleep(0.005)
+            if self._port.out_waiting:  # the device takes no bytes: the kernel would wait for 30 s
+                self._port.reset_output_buffer()
         self._port.close()
 
 

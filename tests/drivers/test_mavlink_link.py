@@ -33,6 +33,7 @@ from drivers.mavlink.open_transport import open_transport
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import MavlinkParams
+from drivers.mavlink.transport import Chunk
 from drivers.mavlink.udp_flood import PER_SOURCE, WINDOW_NS
 from drivers.mavlink.udp_line import UdpLine
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
@@ -504,6 +505,51 @@ def test_a_line_that_breaks_while_it_catches_up_is_opened_again(monkeypatch: pyt
 
         assert until(caught_up)
         assert until(lambda: link.state.losses == 1 and link.state.open, 10.0)
+
+
+def test_a_line_that_takes_long_to_close_does_not_stop_the_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel waits for up to 30 s for a serial device that takes no bytes: the service was restarted meanwhile."""
+    port, broken, closes = free_port(), threading.Event(), threading.Event()
+
+    class Hanging(UdpLine):
+        def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+            if not broken.is_set():
+                broken.set()
+                raise DeviceLost("the device hangs")
+            return super().read(timeout_s)
+
+        def close(self) -> None:
+            closes.wait(60.0)
+            super().close()
+
+    monkeypatch.setattr("drivers.mavlink.link.open_transport", Hanging)
+    try:
+        with linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _):
+            assert until(lambda: link.state.error == "the device hangs")
+            for _ in range(3):
+                before_ns = link.state.alive_ns
+                assert until(lambda before_ns=before_ns: link.state.alive_ns > before_ns)  # type: ignore[misc]
+            assert not link.state.open
+            link.catch_up()
+            closes.set()
+            assert until(lambda: link.state.open)
+    finally:
+        closes.set()
+
+
+@pytest.mark.parametrize("drains", [True, False])
+def test_bytes_that_a_device_does_not_take_are_discarded_at_the_end(
+    drains: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise the kernel waits for them. A pty has no such buffer: its size is made up."""
+    end, discarded = PtyEnd(), []
+    line = open_transport(Address("serial", end.device, 57600))
+    left = iter([40, 20, 0]) if drains else None
+    monkeypatch.setattr(serial.Serial, "out_waiting", property(lambda port: 40 if left is None else next(left, 0)))
+    monkeypatch.setattr(serial.Serial, "reset_output_buffer", lambda port: discarded.append(port))
+    line.close()
+    end.close()
+    assert bool(discarded) != drains
 
 
 def test_what_was_posted_before_the_line_is_closed_still_goes_out() -> None:
