@@ -11,7 +11,7 @@ from core.types import CameraInfo, Intrinsics
 
 from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
-from .clear_reach import clear_reach_text, looks_ahead
+from .clear_reach import clear_reach_texts
 from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
@@ -51,11 +51,9 @@ def run(args: argparse.Namespace) -> int:
     for camera in config.cameras:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
-        info = _described(camera)
-        if config.avoid.send and camera.kind != "mcap" and looks_ahead(info):
-            text = clear_reach_text(info, config.avoid, config.extractor)
-            if text:
-                warn(text)
+    described = [_described(camera) for camera in config.cameras if camera.kind != "mcap"]
+    for text in clear_reach_texts(described, config.avoid, config.extractor) if config.avoid.send else ():
+        warn(text)
     for difference in found:
         print_line(f"  {'safety key: ' if difference.safety else ''}{difference.text()}")
     if not found:

@@ -6,6 +6,9 @@ artificial wall."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+
+import numpy as np
 
 from core.frames import rotation_frd_optical
 from core.params import Params
@@ -61,3 +64,35 @@ def clear_reach_text(info: CameraInfo, avoid: AvoidParams, params: Params) -> st
         f"camera {info.camera} sees free space up to {reach_m:.1f} m, and a clear sector must be seen free to [avoid] "
         f"max_distance_m = {avoid.max_distance_m:g} m: straight ahead of it no sector is ever clear; {remedy}"
     )
+
+
+def clear_reach_texts(infos: Sequence[CameraInfo], avoid: AvoidParams, params: Params) -> list[str]:
+    """Returns the text of clear_reach_text for the cameras of a vehicle that look ahead, except those straight ahead of which
+    another one sees far enough: two cameras may find a sector clear together.
+
+    Without the cameras it is not known whether they cover the height band; the service examines that."""
+    far = [info for info in infos if not clear_reach_text(info, avoid, params)]
+    return [
+        text
+        for info in infos
+        if looks_ahead(info)
+        and (text := clear_reach_text(info, avoid, params))
+        and not any(_in_view(other, _straight_ahead(info)) for other in far)
+    ]
+
+
+def _straight_ahead(info: CameraInfo) -> tuple[float, float, float]:
+    """Returns the horizontal direction in frd of the optical axis of a camera."""
+    forward, right, _ = (float(c) for c in rotation_frd_optical(info.mount)[:, 2])
+    length = math.hypot(forward, right)
+    return forward / length, right / length, 0.0
+
+
+def _in_view(info: CameraInfo, direction_frd: tuple[float, float, float]) -> bool:
+    """Returns whether a direction lies in the image of a camera."""
+    right, down, ahead = (float(c) for c in np.asarray(direction_frd) @ rotation_frd_optical(info.mount))
+    k = info.intrinsics
+    if ahead <= 0.0:
+        return False
+    u, v = k.fx * right / ahead + k.cx, k.fy * down / ahead + k.cy
+    return 0.0 <= u <= k.width - 1 and 0.0 <= v <= k.height - 1

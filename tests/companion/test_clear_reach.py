@@ -17,7 +17,7 @@ from companion.autopilot.manager import Avoidance
 from companion.autopilot.polar_histogram import SectorState, scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
-from companion.config.clear_reach import clear_reach_m, clear_reach_text, must_reach_m
+from companion.config.clear_reach import clear_reach_m, clear_reach_text, clear_reach_texts, must_reach_m
 from companion.diagnostic import DiagnosticCode
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -253,3 +253,36 @@ def test_check_config_warns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         )
         assert main(["check-config", str(path)]) == 0
         assert ("straight ahead of it no sector is ever clear" in capsys.readouterr().err) is expected
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "yaw_deg", "warned"),
+    [(0.0, 0.0, []), (-20.0, 15.0, []), (-40.0, 0.0, ["front"]), (0.0, 180.0, ["front"])],
+)
+def test_check_config_does_not_warn_of_a_camera_that_another_one_completes(
+    pitch_deg: float, yaw_deg: float, warned: list[str]
+) -> None:
+    avoid = AvoidParams(max_distance_m=8.0)
+    near, far = described("zed", 6.0), replace(tilted("zed", pitch_deg, yaw_deg), camera="far")
+    texts = clear_reach_texts([near, far], avoid, Params())
+    assert [text.split()[1] for text in texts] == warned
+    assert len(clear_reach_texts([near], avoid, Params())) == 1
+    if (pitch_deg, yaw_deg) == (0.0, 0.0):
+        assert not any(never_clear_texts([OpenedCamera(i, None) for i in (near, far)], avoid, Params()).values())
+
+
+def test_check_config_examines_the_cameras_of_a_file_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from companion.cli import main
+
+    path = tmp_path / "c.toml"
+    cameras = "".join(
+        f'[[camera]]\nname = "{name}"\nkind = "oak"\nmax_range_m = {max_range_m}\ndevice = "{name}"\n'
+        for name, max_range_m in (("near", 6.0), ("far", 15.0))
+    )
+    path.write_text(
+        cameras + '[autopilot]\naddress = "udpin:127.0.0.1:14540"\n[avoid]\nsend = true\nmax_distance_m = 9\n'
+    )
+    assert main(["check-config", str(path)]) == 0
+    assert "no sector is ever clear" not in capsys.readouterr().err
