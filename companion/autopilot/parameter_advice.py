@@ -144,6 +144,11 @@ def _proximity_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
         lines.append(
             f"ArduPilot turns the directions of obstacles: PRX1_YAW_CORR = {v['PRX1_YAW_CORR']:g} degrees; set it to 0"
         )
+    if v.get("PRX_IGN_GND", 0.0) != 0.0:
+        lines.append(
+            f"ArduPilot drops obstacles and the artificial wall near the ground: PRX_IGN_GND = {v['PRX_IGN_GND']:g}, and a vehicle "
+            "that leans takes those ahead for lower ones; set it to 0"
+        )
     if v.get("AVOID_ALT_MIN", 0.0) > 0.0:
         lines.append(f"ArduPilot does not brake below AVOID_ALT_MIN = {v['AVOID_ALT_MIN']:g} m; set it to 0")
     switches = [name for name in RC_OPTIONS if v.get(name) == RC_PROXIMITY_SWITCH]

@@ -81,6 +81,12 @@ def changes(facts: AutopilotFacts, config: Config) -> list[Change]:
             ("PRX1_MAX", high_bad, 0.0, "it reads far obstacles"),
             ("PRX1_ORIENT", v.get("PRX1_ORIENT", 0.0) != 0.0, 0.0, "directions are not mirrored"),
             ("PRX1_YAW_CORR", v.get("PRX1_YAW_CORR", 0.0) != 0.0, 0.0, "directions are not turned"),
+            (
+                "PRX_IGN_GND",
+                v.get("PRX_IGN_GND", 0.0) != 0.0,
+                0.0,
+                "it reads obstacles and the artificial wall near the ground",
+            ),
             ("AVOID_ALT_MIN", v.get("AVOID_ALT_MIN", 0.0) > 0.0, 0.0, "it brakes at each height"),
         ]
     return [Change(name, v[name], to, why) for name, bad, to, why in wanted if bad and name in v]

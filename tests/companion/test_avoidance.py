@@ -96,6 +96,7 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (ARDUPILOT, {"PRX1_MAX": 8.0}, "PRX1_MAX = 8 m, so that it brakes late"),
         (ARDUPILOT, {"PRX1_ORIENT": 1.0}, "PRX1_ORIENT = 1"),
         (ARDUPILOT, {"PRX1_YAW_CORR": -90.0}, "PRX1_YAW_CORR = -90"),
+        (ARDUPILOT, {"PRX_IGN_GND": 1.0}, "artificial wall near the ground: PRX_IGN_GND = 1"),
         (ARDUPILOT, {"AVOID_ALT_MIN": 2.0}, "AVOID_ALT_MIN = 2"),
         (ARDUPILOT, {"RC9_OPTION": 40.0, "RC7_OPTION": 41.0}, "turns proximity avoidance off: RC9_OPTION = 40"),
         (ARDUPILOT, {"PRX1_TYPE": 0.0}, "does not read obstacles: PRX1_TYPE = 0"),
