@@ -34,6 +34,9 @@ _COPTER = {
     20: ("GUIDED_NOGPS", Effect.NOTHING), 21: ("SMART_RTL", Effect.NOTHING), 22: ("FLOWHOLD", Effect.LEANS),
     23: ("FOLLOW", Effect.BRAKES), 24: ("ZIGZAG", Effect.BRAKES),
 }  # fmt: skip
+_COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
+"""MAV_TYPE of ArduCopter and of PX4's multicopters: quadrotor to decarotor, and helicopter. Others do not brake as described here, and
+ArduPilot's numbers of modes mean other modes there."""
 _PLANNED = ("AUTO", "GUIDED", "RTL")
 """Modes in which a path planner (OA_TYPE) works."""
 _PX4 = {
@@ -59,14 +62,15 @@ _PX4_AUTO_MAIN = 4
 def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
     """Returns (name, effect) of the mode in the newest heartbeat."""
     number = vehicle.custom_mode
+    copter = vehicle.vehicle_type in _COPTERS
     if vehicle.autopilot == PX4:
         main, sub = (number >> 16) & 0xFF, (number >> 24) & 0xFF
         known = _PX4_AUTO.get(sub) if main == _PX4_AUTO_MAIN else _PX4.get(main)
         name, effect = known or (f"mode {main}.{sub}" if number else "mode not reported", Effect.UNKNOWN)
         if effect is Effect.BRAKES and facts.version is not None and position_mode_fault(facts):
             effect = Effect.WRONG_MODE
-        return name, effect
-    if vehicle.autopilot == ARDUPILOT:
+        return name, effect if copter else Effect.UNKNOWN
+    if vehicle.autopilot == ARDUPILOT and copter:
         name, effect = _COPTER.get(number, (f"mode {number}", Effect.UNKNOWN))
         if name in _PLANNED and facts.values.get("OA_TYPE", 0.0) > 0.0:
             effect = Effect.PLANS
@@ -87,6 +91,8 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     name, effect = mode_of(vehicle, facts)
     if not vehicle.armed or effect in (Effect.BRAKES, Effect.STANDS):
         return ""
+    if vehicle.vehicle_type not in _COPTERS:
+        return f"{name} {effect}: the vehicle is no multicopter (MAV_TYPE {vehicle.vehicle_type})"
     if effect is Effect.WRONG_MODE:
         return f"{name} does not brake: {position_mode_fault(facts)}"
     where = "Position mode" if vehicle.autopilot == PX4 else "LOITER"

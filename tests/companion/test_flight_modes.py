@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,19 @@ def test_all_modes_but_those_known_to_stop_are_reported(kind: str, name: str, nu
             assert texts.startswith(name)
             assert len(f"OA: cleared: {texts.split(':')[0]}") <= MOST_CHARACTERS + 6
             assert "stops" in texts  # what to choose instead
+
+
+@pytest.mark.parametrize("vehicle_type", [0, 1, 10, 12, 20, 22])
+@pytest.mark.parametrize(("kind", "number"), [("ArduPilot", 5), ("ArduPilot", 17), ("PX4", 3 << 16)])
+def test_a_vehicle_that_is_no_multicopter_is_not_said_to_brake(kind: str, number: int, vehicle_type: int) -> None:
+    """FBWA of ArduPlane, number 5, was taken for LOITER."""
+    other = replace(vehicle(kind, number), vehicle_type=vehicle_type)
+    assert mode_of(other, AutopilotFacts(kind=kind))[1] is Effect.UNKNOWN
+    text = mode_fault(other, AutopilotFacts(kind=kind))
+    name = "Position" if kind == "PX4" else f"mode {number}"
+    assert text == f"{name} is not known to brake: the vehicle is no multicopter (MAV_TYPE {vehicle_type})"
+    assert len(f"OA: {text.split(':')[0]}") <= MOST_CHARACTERS
+    assert mode_fault(replace(other, armed=False), AutopilotFacts(kind=kind)) == ""
 
 
 @pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL"])
