@@ -26,6 +26,7 @@ class ConflictDetector:
         self._component = component_id
         self._sent: deque[bytes] = deque(maxlen=_SENT)
         self._rivals: OrderedDict[tuple[int, int], int] = OrderedDict()
+        self._own_system = 0
         self._doubles_ns: int | None = None
         self._left_out: OrderedDict[int, int] = OrderedDict()
         self._vehicles: OrderedDict[int, int] = OrderedDict()
@@ -39,11 +40,13 @@ class ConflictDetector:
         self._sent.append(frame)
 
     def received(self, message: Any, system: int, now_ns: int) -> None:
-        """Takes a received message. system: that of the vehicle, 0: not known yet."""
+        """Takes a received message. system: that of the vehicle, 0: not known yet.
+
+        Autopilots take obstacles from any system: also those of another vehicle on the line, and the map of its PX4."""
         source = (message.get_srcSystem(), message.get_srcComponent())
-        if source[1] == MAV_COMP_ID_AUTOPILOT1 or not system or source[0] != system:
+        if not system or source == (system, MAV_COMP_ID_AUTOPILOT1):
             return
-        ours = source[1] == self._component
+        ours = source == (system, self._component)
         if not ours and message.get_msgId() not in OBSTACLES:
             return
         if ours and bytes(message.get_msgbuf()) in self._sent:
@@ -51,6 +54,7 @@ class ConflictDetector:
         if ours:
             self._doubles_ns = now_ns
         else:
+            self._own_system = system
             _remember(self._rivals, source, now_ns)
 
     def left_out(self, system: int, now_ns: int) -> None:
@@ -94,9 +98,16 @@ class ConflictDetector:
                 "forward the autopilot's messages by one route"
             )
         for system, component in [s for s, at_ns in self._rivals.items() if _recent(at_ns, now_ns)]:
+            own = system == self._own_system
+            sender = f"component {component}" if own else f"system {system}"
+            remedy = (
+                "switch off one of the two"
+                if own
+                else "switch it off, or do not forward its messages to this autopilot"
+            )
             texts_by_topic["two companions"] = (
-                f"component {component} sends obstacles to the autopilot too: a clear sector of one erases an obstacle of the "
-                f"other; switch off one of the two (system {system})"
+                f"{sender} sends obstacles to the autopilot too: a clear sector of one erases an obstacle of the other; {remedy} "
+                f"(system {system}, component {component})"
             )
         if _recent(self._doubles_ns, now_ns):
             texts_by_topic["two of us"] = (

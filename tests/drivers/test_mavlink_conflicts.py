@@ -55,11 +55,27 @@ def test_a_second_companion_that_reports_obstacles_is_named(kind: str) -> None:
     assert conflicts(c) == {}
 
 
-def test_the_autopilots_own_map_and_companions_of_other_vehicles_are_none() -> None:
+def test_the_autopilots_own_map_and_other_components_are_none() -> None:
     c = talk(PX4)
     c.run(2.0)
-    hear(c, frame(obstacles(), component=1) + frame(obstacles(), system=9, component=197))
+    hear(c, frame(obstacles(), component=1))
     hear(c, frame(heartbeat(8), component=197))  # a gimbal, a camera: anybody may be there
+    hear(c, frame(heartbeat(8), system=9, component=196))  # the companion of another vehicle
+    assert conflicts(c) == {}
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize(("system", "component"), [(255, 0), (9, 196), (9, 197), (9, 1)])
+def test_obstacles_of_another_system_are_named_because_autopilots_take_them(
+    kind: str, system: int, component: int
+) -> None:
+    """255 is the default of many scripts. They were taken for those of another vehicle."""
+    c = talk(kind, MavlinkParams(system_id=1))
+    c.run(2.0)
+    hear(c, frame(obstacles(), system=system, component=component))
+    assert list(conflicts(c)) == ["two companions"]
+    assert f"system {system} sends obstacles to the autopilot too" in conflicts(c)["two companions"]
+    c.run(RECENT_NS / NS + 0.1)
     assert conflicts(c) == {}
 
 
