@@ -9,6 +9,7 @@ from typing import Any
 
 from .clock_sync import NS
 from .dialect import MAV_COMP_ID_AUTOPILOT1
+from .parser import MAVLINK1
 
 RECENT_NS = 10 * NS
 """A conflict is reported for this time after the last message that caused it."""
@@ -16,6 +17,12 @@ SEVERAL_NS = 60 * NS
 """For this time after the last heartbeat of a second vehicle it is not known which vehicle carries this computer."""
 OBSTACLES = frozenset({330, 11037})
 """OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D."""
+DISTANCE_SENSOR = 132
+HORIZONTAL = 7
+"""Greatest MAV_SENSOR_ORIENTATION of the eight around the vehicle, beginning at 0. Autopilots use such a DISTANCE_SENSOR as they use
+OBSTACLE_DISTANCE."""
+_ORIENTATION_AT = 12
+"""Place of the orientation in the payload of DISTANCE_SENSOR; zeros at its end are not transmitted."""
 _SENT, _MOST = 256, 16
 
 
@@ -47,7 +54,7 @@ class ConflictDetector:
         if not system or source == (system, MAV_COMP_ID_AUTOPILOT1):
             return
         ours = source == (system, self._component)
-        if not ours and message.get_msgId() not in OBSTACLES:
+        if not ours and not _is_obstacle(message):
             return
         if ours and bytes(message.get_msgbuf()) in self._sent:
             return
@@ -127,6 +134,16 @@ class ConflictDetector:
                 "vehicle's"
             )
         return texts_by_topic
+
+
+def _is_obstacle(message: Any) -> bool:
+    """Returns whether a message has obstacles around the vehicle."""
+    kind = int(message.get_msgId())
+    if kind != DISTANCE_SENSOR:
+        return kind in OBSTACLES
+    frame = bytes(message.get_msgbuf())
+    begin, length = (6 if frame[0] == MAVLINK1 else 10), frame[1]
+    return length <= _ORIENTATION_AT or frame[begin + _ORIENTATION_AT] <= HORIZONTAL
 
 
 def _remember(seen: OrderedDict[Any, int], key: Any, now_ns: int) -> None:

@@ -64,6 +64,18 @@ def test_the_autopilots_own_map_and_other_components_are_none() -> None:
     assert conflicts(c) == {}
 
 
+@pytest.mark.parametrize(("orientation", "named"), [(0, True), (7, True), (24, False), (25, False)])
+@pytest.mark.parametrize("mavlink_1", [False, True])
+def test_a_range_finder_that_looks_around_is_named(orientation: int, named: bool, mavlink_1: bool) -> None:
+    """Its distances replace those of the service; one that looks down has nothing to do with them."""
+    c = talk(ARDUPILOT)
+    c.run(2.0)
+    m = dialect.MAVLink_distance_sensor_message(0, 20, 1200, 500, 0, 1, orientation, 0)
+    encoder = dialect.MAVLink(None, 1, 197)
+    hear(c, bytes(m.pack(encoder, force_mavlink1=mavlink_1)))
+    assert ("two companions" in conflicts(c)) is named
+
+
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 @pytest.mark.parametrize(("system", "component"), [(255, 0), (9, 196), (9, 197), (9, 1)])
 def test_obstacles_of_another_system_are_named_because_autopilots_take_them(
