@@ -35,11 +35,13 @@ class Overhead:
         self._known = np.zeros((0, 7))  # a_x, a_y, b_x, b_y, underside z, margin, instant in s
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(3)
+        self._velocity_m_s = np.zeros(3)
+        self._followed_ns = 0
         self._turned_rad = 0.0
 
     def see(self, view: View, here: Here, now_ns: int) -> None:
         """Adds the planes of a new frame whose undersides are above the vehicle's middle."""
-        self._follow(here)
+        self._follow(here, now_ns)
         planes = view.model.planes.astype(np.float64)
         over = planes[:, 5] < 0.0
         if not view.model.valid or not over.any():
@@ -55,7 +57,7 @@ class Overhead:
         None: not known.
 
         None does not mean clear."""
-        self._follow(here)
+        self._follow(here, now_ns)
         self._known = self._known[now_ns / NS - self._known[:, 6] <= self._avoid.remember_up_s]
         known = self._known
         above = known[known[:, 4] < self._place_m[2]]
@@ -65,18 +67,21 @@ class Overhead:
             return None
         return float(np.maximum(0.0, self._place_m[2] - above[:, 4] - above[:, 5]).min())
 
-    def _follow(self, here: Here) -> None:
-        """Forgets the memory if the position is lost, and moves the memory if the position or the heading jumps."""
+    def _follow(self, here: Here, now_ns: int) -> None:
+        """Forgets the memory if the position is lost, and moves the memory if the position or the heading jumps. What the
+        vehicle has flown since is no jump."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array(here.position_ned_m or (0.0, 0.0, 0.0))
+        velocity_m_s = self._velocity_m_s if here.velocity_ned_m_s is None else np.array(here.velocity_ned_m_s)
         for ends in (slice(0, 2), slice(2, 4)):
             turned_rad = here.turned_rad - self._turned_rad
             self._known[:, ends] = rotated(self._known[:, ends], self._place_m[:2], turned_rad)
         if section != self._section:
-            step = place_m - self._place_m
+            step = place_m - self._place_m - velocity_m_s * ((now_ns - self._followed_ns) / NS)
             self._known[:, 0:4] += np.tile(step[:2], 2)
             self._known[:, 4] += step[2]
         self._section, self._place_m, self._turned_rad = section, place_m, here.turned_rad
+        self._velocity_m_s, self._followed_ns = velocity_m_s, now_ns
         if here.position_ned_m is None:
             self._known = self._known[:0]
 

@@ -73,6 +73,18 @@ def test_a_position_jump_moves_the_beam_and_without_a_position_nothing_is_sent()
     assert known.upward_m(Here(0.0, (506.0, 0.0, -25.0), 2), NS) is None
 
 
+@pytest.mark.parametrize("velocity_m_s", [(2.0, 0.0, -3.0), None])
+def test_what_was_flown_is_no_part_of_a_jump(velocity_m_s: tuple[float, float, float] | None) -> None:
+    """While the vehicle climbed at 3 m/s, each jump put the beam 0.2 m higher than it was."""
+    known, start = Overhead(UP), Here(0.0, (6.0, 0.0, -5.0), 1, velocity_ned_m_s=(2.0, 0.0, -3.0))
+    under = (0.1, -3.0, 0.1, 3.0, -4.0, -2.5)
+    known.see(View(model(under), AHEAD), start, NS)
+    assert known.upward_m(start, NS) == pytest.approx(2.5)
+    later_m = (6.0 + 0.1 * 2.0 + 40.0, 0.0, -5.0 - 0.1 * 3.0 - 20.0)
+    jumped = Here(0.0, later_m, 2, velocity_ned_m_s=velocity_m_s)
+    assert known.upward_m(jumped, NS + NS // 10) == pytest.approx(2.2)
+
+
 def test_obstacles_ahead_below_and_invalid_models_are_nothing_overhead() -> None:
     known = Overhead(UP)
     for planes in ((0.0, -3.0, 0.0, 3.0, -1.0, 1.0), (0.0, -3.0, 0.0, 3.0, 1.0, 2.0)):
