@@ -261,7 +261,8 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     """Returns how much of each part of each sector a camera covers while the vehicle is level, (72, PARTS) Look.
 
     It is determined by the rays of the image through the height band at near_m or farther; by all rays if there are
-    none.
+    none. A camera beside or before the middle of the vehicle has its rays in other sectors at near_m than far away: a part is
+    covered wholly only if it is at all ranges.
 
     Args:
         info: description of the camera.
@@ -280,16 +281,41 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     if hidden is not None:
         rows, columns = (np.clip(np.round(c), 0, size - 1).astype(int) for c, size in ((v, k.height), (u, k.width)))
         seen &= ~hidden[np.ix_(rows, columns)].ravel()
-    part = np.floor((np.arctan2(y, x) + 0.5 * STEP_RAD) / (STEP_RAD / PARTS)).astype(int) % (SECTORS * PARTS)
     share = (z_m + avoid.band_above_m) / (avoid.band_above_m + avoid.band_below_m)
     height = np.clip(share * avoid.slices, 0, avoid.slices - 1).astype(int)
-    could, can = (np.zeros((SECTORS * PARTS, avoid.slices), bool) for _ in range(2))
-    could[part[inside], height[inside]] = True
-    can[part[seen], height[seen]] = True
-    out = np.where(can.any(axis=1), np.uint8(Look.SOME), np.uint8(Look.NOTHING))
-    enough = can.sum(axis=1) >= avoid.clear_share * could.sum(axis=1)
-    out[can.any(axis=1) & enough] = Look.WHOLE
-    return out.reshape(SECTORS, PARTS)
+    place_m = (info.mount.x_m, info.mount.y_m)
+    looks = []
+    for range_m in np.geomspace(avoid.near_m, avoid.max_distance_m, 4):
+        azimuth = _azimuth_at(np.arctan2(y, x), place_m, range_m)
+        part = np.floor((azimuth + 0.5 * STEP_RAD) / (STEP_RAD / PARTS)).astype(int) % (SECTORS * PARTS)
+        could, can = (np.zeros((SECTORS * PARTS, avoid.slices), bool) for _ in range(2))
+        could[part[inside], height[inside]] = True
+        can[part[seen], height[seen]] = True
+        enough = can.sum(axis=1) >= avoid.clear_share * could.sum(axis=1)
+        look = np.where(enough, np.uint8(Look.WHOLE), np.uint8(Look.SOME))
+        looks.append(np.where(can.any(axis=1), look, np.uint8(Look.NOTHING)))
+    whole = np.minimum.reduce(looks) == Look.WHOLE
+    some = np.minimum(np.maximum.reduce(looks), np.uint8(Look.SOME))
+    return np.where(whole, np.uint8(Look.WHOLE), some).reshape(SECTORS, PARTS)
+
+
+def _azimuth_at(azimuth_rad: NDArray[np.float64], place_m: tuple[float, float], range_m: float) -> NDArray[np.float64]:
+    """Returns the directions from the vehicle's middle to the places at which horizontal rays are at a range from it.
+
+    A camera that is farther out than the range has the directions of its rays.
+
+    Args:
+        azimuth_rad: (N,) directions of the rays.
+        place_m: (x, y) of the camera.
+        range_m: see above."""
+    cx, cy = place_m
+    along = -(cx * np.cos(azimuth_rad) + cy * np.sin(azimuth_rad))
+    beyond = range_m**2 - cx**2 - cy**2
+    if beyond <= 0.0:
+        return azimuth_rad
+    length = along + np.sqrt(along**2 + beyond)
+    out: NDArray[np.float64] = np.arctan2(cy + length * np.sin(azimuth_rad), cx + length * np.cos(azimuth_rad))
+    return out
 
 
 EDGE_MARGIN_M = 0.1

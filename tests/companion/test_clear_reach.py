@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from companion.autopilot import clear_sectors as clear_sectors_module
 from companion.autopilot.clear_sectors import OpenedCamera, clear_sectors, far_view, never_clear_texts
 from companion.autopilot.manager import Avoidance
-from companion.autopilot.polar_histogram import SectorState, scan
+from companion.autopilot.polar_histogram import SectorState, covered, looked_into, scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.config.clear_reach import clear_reach_m, clear_reach_text, clear_reach_texts, must_reach_m
@@ -237,6 +237,24 @@ def test_masked_sectors_are_not_clear() -> None:
 def test_a_range_shorter_than_where_sectors_begin_names_another_remedy() -> None:
     text = clear_reach_text(described("v4l2", 2.0), AvoidParams(), Params())
     assert "raise max_range_m of the camera, or lower [avoid] near_m" in text
+
+
+@pytest.mark.parametrize("view_deg", [90.0, 95.0])
+def test_what_two_cameras_before_the_middle_cover_can_be_clear(view_deg: float) -> None:
+    """ArduPilot was sent the artificial wall in the sectors between them, for ever."""
+    f_px = 320.0 / math.tan(math.radians(0.5 * view_deg))
+    intrinsics = Intrinsics(640, 480, f_px, f_px, 319.5, 239.5)
+    avoid, views, looks = AvoidParams(max_distance_m=8.0), [], []
+    for x_m, y_m, yaw_deg in ((0.2, 0.0, 0.0), (0.0, 0.2, 90.0)):
+        mount = CameraMount(x_m=x_m, y_m=y_m, yaw_rad=math.radians(yaw_deg))
+        info = CameraInfo(f"yaw{yaw_deg:.0f}", intrinsics, mount, max_range_m=20.0, ke_per_m=0.002)
+        view = far_view(info, Params())
+        assert view is not None
+        views.append(view)
+        looks.append(looked_into(info, avoid))
+    _, whole = covered(looks)
+    assert whole.sum() >= 30
+    assert clear_sectors(views, avoid)[whole].all()
 
 
 def test_check_config_warns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from benchmarks.autopilot.edge_px4 import AVOID, CAMERA, LOOKS, Blank, Case, empty_model, flown
-from companion.autopilot.polar_histogram import looked_into, too_near_the_edge
-from core.types import CameraMount
+from companion.autopilot.polar_histogram import EDGE_MARGIN_M, MOVES_DEG, looked_into, too_near_the_edge
+from core.types import CameraInfo, CameraMount, Intrinsics
 
 from .made_up import easy_model
 
+Floats = NDArray[np.float64]
 EMPTY = empty_model(easy_model(1.0, 0.0))
 CASES = [
     Case((1, 15), 0.0, False, 37.0, 39.5, 3.0),  # the index of a bin is the one below
@@ -48,6 +50,48 @@ def test_two_cameras_have_no_edge_between_them() -> None:
     assert too_near_the_edge([], AVOID).all()
     wide = replace(AVOID, radius_m=3.0)  # wider than near_m: only a camera all around would do
     assert too_near_the_edge([LOOKS], wide).all()
+
+
+def mounted(x_m: float, y_m: float, yaw_deg: float, view_deg: float) -> CameraInfo:
+    f_px = 320.0 / math.tan(math.radians(0.5 * view_deg))
+    mount = CameraMount(x_m=x_m, y_m=y_m, yaw_rad=math.radians(yaw_deg))
+    return CameraInfo(f"yaw{yaw_deg:.0f}", Intrinsics(640, 480, f_px, f_px, 319.5, 239.5), mount)
+
+
+def seen(info: CameraInfo, x_m: Floats, y_m: Floats) -> NDArray[np.bool_]:
+    """Places in level within the horizontal view of a camera."""
+    azimuth = np.arctan2(y_m - info.mount.y_m, x_m - info.mount.x_m) - info.mount.yaw_rad
+    half = math.atan(0.5 * info.intrinsics.width / info.intrinsics.fx)
+    return np.asarray(np.abs(np.remainder(azimuth + math.pi, math.tau) - math.pi) <= half + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "least"),
+    [
+        ([mounted(0.0, 0.0, 0.0, 75.0)], 9),
+        ([mounted(0.1, 0.0, 0.0, 75.0)], 8),
+        ([mounted(0.3, 0.0, 0.0, 75.0)], 7),
+        ([mounted(0.0, 0.3, 0.0, 75.0)], 8),
+        ([mounted(0.0, 0.0, 0.0, 90.0), mounted(0.0, 0.0, 90.0, 90.0)], 30),
+        ([mounted(0.2, 0.0, 0.0, 90.0), mounted(0.0, 0.2, 90.0, 90.0)], 22),
+        ([mounted(0.2, 0.0, 0.0, 100.0), mounted(0.0, 0.2, 90.0, 100.0)], 30),
+    ],
+)
+def test_the_hull_passes_within_the_views_of_cameras_beside_the_middle(cameras: list[CameraInfo], least: int) -> None:
+    """Between two views that touch, of cameras 0.2 m before the middle, lay a strip 0.28 m wide that no camera sees, and
+    sectors by which the hull passed through it 3.7 m away were sent as clear."""
+    edge = too_near_the_edge([looked_into(camera, AVOID) for camera in cameras], AVOID)
+    assert (~edge).sum() >= least
+    half_m = AVOID.radius_m + EDGE_MARGIN_M
+    along, side = np.meshgrid(np.linspace(0.0, AVOID.max_distance_m, 121), np.linspace(-half_m, half_m, 21))
+    for middle_deg in 5.0 * np.flatnonzero(~edge):
+        for course in np.radians(middle_deg + np.linspace(*MOVES_DEG, 7)):
+            x, y = (
+                along * math.cos(course) - side * math.sin(course),
+                along * math.sin(course) + side * math.cos(course),
+            )
+            needed = np.hypot(x, y) >= AVOID.near_m
+            assert (np.logical_or.reduce([seen(camera, x, y) for camera in cameras]) | ~needed).all(), middle_deg
 
 
 @pytest.mark.parametrize(
