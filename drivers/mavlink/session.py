@@ -343,11 +343,12 @@ class MavlinkSession:
         for some in (self.counts, self._motion.counts, self._splitter_counts, self._signing.counts):
             counts.update(some)
         answered = self._timesync.answers(now_ns)
+        attitude_id = ATTITUDE_ID if self._motion.wants(ATTITUDE_ID, now_ns) else ATTITUDE_QUATERNION_ID
         return LinkStatus(
             vehicle=self.vehicle,
             clock=self.clock.estimate_at(now_ns),
             clock_restarts=self.clock.restarts,
-            attitude_hz=max(rate(ATTITUDE_ID, now_ns), rate(ATTITUDE_QUATERNION_ID, now_ns)),
+            attitude_hz=rate(attitude_id, now_ns),  # of the kind that is used
             position_hz=rate(LOCAL_POSITION_ID, now_ns),
             received=self.received,
             counts={what.value: often for what, often in counts.items() if often},

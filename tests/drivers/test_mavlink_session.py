@@ -681,3 +681,20 @@ def test_a_clock_in_doubt_is_asked_more_often() -> None:
     c.sent.clear()
     c.run(2.0)
     assert c.kinds().count("TIMESYNC") >= 16
+
+
+def test_the_stated_rate_is_that_of_the_attitudes_that_are_used() -> None:
+    """4 quaternions a second replace 50 ATTITUDE, and 50 were stated: no message said why frames were dropped."""
+    session = MavlinkSession(MavlinkParams())
+    encoder = dialect.MAVLink(None, 1, 1)
+    heartbeat = bytes(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(encoder))
+    session.receive([(heartbeat, 10 * NS)])
+    for k in range(150):
+        now_ns = 10 * NS + k * NS // 50
+        chunk = bytes(dialect.MAVLink_attitude_message(k * 20, 0, 0, 0, 0, 0, 0).pack(encoder))
+        if k % 12 == 0 and k < 100:
+            chunk += bytes(dialect.MAVLink_attitude_quaternion_message(k * 20, 1, 0, 0, 0, 0, 0, 0).pack(encoder))
+        session.receive([(chunk, now_ns)])
+        if k == 99:
+            assert session.status(now_ns).attitude_hz < 5.0
+    assert session.status(now_ns).attitude_hz == pytest.approx(50.0, abs=1.0)
