@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import SATURATED_MM, CameraInfo, DepthFrame, Intrinsics
+from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from ..optional_library import install_command
@@ -136,7 +136,8 @@ class V4l2Source:
 
 
 def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.uint16]:
-    """(H, W) uint16 millimetres of a Z16 buffer; beyond 65.5 m is no measurement. Raises BadData."""
+    """(H, W) uint16 millimetres of a Z16 buffer; beyond 65.5 m, and where the raw value is 65535, is no measurement. Raises
+    BadData."""
     width, height = settings.intrinsics.width, settings.intrinsics.height
     line = buffer.bytes_per_line or 2 * width
     if line < 2 * width or len(buffer.data) < line * (height - 1) + 2 * width:
@@ -152,9 +153,10 @@ def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.u
         rows.reshape(-1)[: len(padded)] = padded
         units = np.ascontiguousarray(rows[:, : 2 * width]).view("<u2")
     if settings.depth_unit_mm == 1.0:
-        return units.astype(np.uint16)
+        return np.where(units < FAR_MM, units, np.uint16(UNKNOWN_MM))
     mm = units * np.float64(settings.depth_unit_mm) + 0.5
-    return np.where(mm < SATURATED_MM, mm, 0.0).astype(np.uint16)
+    # the greatest value is no distance in any unit: in tenths of a millimetre it would be one of 6.55 m
+    return np.where((mm < FAR_MM) & (units != SATURATED_MM), mm, float(UNKNOWN_MM)).astype(np.uint16)
 
 
 class LinuxpyCapture:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.types import Intrinsics
+from core.types import FAR_MM, SATURATED_MM, Intrinsics, is_measured
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras.v4l2_depth import RawBuffer, V4l2Settings, V4l2Source, depth_from_buffer
 
@@ -161,6 +161,11 @@ def test_padded_lines_are_cut() -> None:
     assert np.array_equal(depth_from_buffer(buffer(data=rows.tobytes(), bytes_per_line=80), SETTINGS), pixels())
 
 
+def test_a_depth_of_65_m_is_no_statement_that_all_before_is_free() -> None:
+    units = np.full((16, 32), FAR_MM, np.uint16)
+    assert not depth_from_buffer(buffer(data=units.tobytes()), SETTINGS).any()
+
+
 def test_units_become_millimetres_and_what_does_not_fit_is_unknown() -> None:
     settings = V4l2Settings(camera="a", device="x", intrinsics=SIZE, depth_unit_mm=0.25)
     units = np.full((16, 32), 8002, np.uint16)
@@ -170,6 +175,18 @@ def test_units_become_millimetres_and_what_does_not_fit_is_unknown() -> None:
     assert mm[1, 1] == 2001
     coarse = V4l2Settings(camera="a", device="x", intrinsics=SIZE, depth_unit_mm=10.0)
     assert depth_from_buffer(buffer(data=units.tobytes()), coarse)[1, 1] == 0
+
+
+@pytest.mark.parametrize("unit_mm", [1.0, 0.1, 0.25, 0.5, 10.0])
+def test_the_greatest_value_is_no_distance_in_any_unit(unit_mm: float) -> None:
+    """Some sensors write it where nothing is measured. With units of 0.1 mm it was 6.55 m: farther than the range, so free."""
+    settings = V4l2Settings(camera="a", device="x", intrinsics=SIZE, depth_unit_mm=unit_mm)
+    units = np.full((16, 32), 5000, np.uint16)
+    units[3] = SATURATED_MM
+    mm = depth_from_buffer(buffer(data=units.tobytes()), settings)
+    assert not is_measured(mm[3]).any()
+    assert not (mm[3] == FAR_MM).any()
+    assert (mm[4] == round(5000 * unit_mm)).all()
 
 
 @pytest.mark.parametrize(("size", "line"), [(100, 64), (1024, 32)])
