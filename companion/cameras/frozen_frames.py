@@ -13,15 +13,16 @@ FROZEN_HZ = 14.0
 
 
 class FrozenFrameDetector:
-    """Examines the frames of one camera.
+    """Examines the frames of one camera, over the restarts of its process: a device that hangs keeps its image.
 
     An image counts as repeated after `frames` repetitions, or after two in the time of as many at FROZEN_HZ: at a low
     frame rate it would otherwise be older than the limit for stale frames. The noise changes every image of a live camera
-    that measures anything. Images without any measurement do not count: a covered lens, darkness or a cloudless sky
-    repeats them, and their frames are invalid."""
+    that measures enough. Images of which a share of at most `least_share` is measured do not count: a covered lens,
+    darkness or a cloudless sky repeats them. Their frames are invalid with [extractor] min_measured_share of that size."""
 
-    def __init__(self, frames: int) -> None:
+    def __init__(self, frames: int, least_share: float = 0.0) -> None:
         self._frames = frames
+        self._least_share = least_share
         self._last: DepthFrame | None = None
         self._same_images = self._unchanged_stamps = 0
         self._longest_ns = round(frames / FROZEN_HZ * NS)
@@ -30,7 +31,9 @@ class FrozenFrameDetector:
     def check(self, frame: DepthFrame) -> str:
         """Returns why the camera is frozen, as text; empty if it is not."""
         last, self._last = self._last, frame
-        same_image = last is not None and np.array_equal(frame.depth_mm, last.depth_mm) and _measures(frame.depth_mm)
+        same_image = (
+            last is not None and np.array_equal(frame.depth_mm, last.depth_mm) and self._measures(frame.depth_mm)
+        )
         same_stamp = last is not None and frame.t_exposure_ns <= last.t_exposure_ns
         self._same_images = self._same_images + 1 if same_image else 0
         self._unchanged_stamps = self._unchanged_stamps + 1 if same_stamp else 0
@@ -43,7 +46,7 @@ class FrozenFrameDetector:
             return f"its stamps have not moved for {self._unchanged_stamps} frames"
         return ""
 
-
-def _measures(depth_mm: NDArray[np.uint16]) -> bool:
-    """Whether any pixel (H, W) is measured, or far, which counts as free."""
-    return bool((is_measured(depth_mm) | (depth_mm == FAR_MM)).any())
+    def _measures(self, depth_mm: NDArray[np.uint16]) -> bool:
+        """Whether more pixels (H, W) than the least share are measured, or far, which counts as free."""
+        known = is_measured(depth_mm) | (depth_mm == FAR_MM)
+        return bool(np.count_nonzero(known) > self._least_share * depth_mm.size)

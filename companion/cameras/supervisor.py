@@ -40,6 +40,7 @@ _STOP_S = 2.0
 _STALLED_NS = NS // 2
 """After a longer time between two reads this process did not run, and the camera process probably did not either: it was
 paused, or the computer had no memory or processor time. The camera gets the full time before a restart again."""
+_NO_RESOURCES = "its process cannot be started or read"
 _STABLE_RUN_S = 3.0
 """A camera that delivered frames for this long after its start is restarted without delay; otherwise the delay grows.
 """
@@ -86,7 +87,9 @@ class CameraSupervisor:
         on_frame: Callable[[DepthFrame], None],
         params: SupervisorParams | None = None,
         command: tuple[str, ...] = (sys.executable, "-m", "companion.cameras.worker"),
+        least_share: float = 0.0,
     ) -> None:
+        """least_share: images of which no greater share is measured are not frozen, see FrozenFrameDetector."""
         self.section = section
         self._on_info, self._on_frame = on_info, on_frame
         self._params = params or SupervisorParams()
@@ -97,7 +100,7 @@ class CameraSupervisor:
         )
         self._thread = WatchedThread(self._run, f"camera {section.name}")
         self._process: subprocess.Popen[bytes] | None = None
-        self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames)
+        self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames, least_share)
         self._stalled_ns = 0
 
     @property
@@ -133,7 +136,6 @@ class CameraSupervisor:
         backoff_s = self._params.first_backoff_s
         while not self._stop.is_set():
             begun_ns = _now()
-            self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames)
             cause = self._run_process()
             if self._stop.is_set():
                 break
@@ -151,7 +153,7 @@ class CameraSupervisor:
             with closing(FrameReader(self.section.name)) as reader:
                 return self._run_with(reader)
         except OSError as error:  # no memory, process or descriptor is left: that may pass
-            return f"its process cannot be started or read ({error})"
+            return f"{_NO_RESOURCES} ({error})"
 
     def _run_with(self, reader: FrameReader) -> str:
         config = json.dumps({k: v for k, v in dataclasses.asdict(self.section).items() if v is not None})
@@ -167,6 +169,8 @@ class CameraSupervisor:
             cause = self._last_cause or f"{error}{_exit_text(self._process)}"
         except BadData as error:
             cause = self._last_cause or str(error)
+        except OSError as error:  # as below, but its process runs and has to be collected
+            cause = f"{_NO_RESOURCES} ({error})"
         finally:
             self._process.kill()
         self._await_end(self._process, cause)

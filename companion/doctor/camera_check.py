@@ -47,7 +47,8 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
         return Finding(part, False, text, DiagnosticCode.NOT_A_LIVE_CAMERA), None
     frames: list[DepthFrame] = []
     infos: list[CameraInfo] = []
-    supervisor = CameraSupervisor(section, infos.append, frames.append, config.supervision)
+    least_share = config.extractor.min_measured_share
+    supervisor = CameraSupervisor(section, infos.append, frames.append, config.supervision, least_share=least_share)
     supervisor.open()
     try:
         wait_until(lambda: len(frames) > 3 * section.fps or bool(supervisor.status.last_loss), patience_s)

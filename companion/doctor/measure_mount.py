@@ -179,7 +179,10 @@ def measured_mounts(config: Config, seconds: float, print_line: Callable[[str], 
         link.catch_up()  # the attitudes that arrived before the frame
         events.put(frame)
 
-    cameras = [CameraSupervisor(c, events.put, take_frame, config.supervision) for c in config.cameras]
+    least_share = config.extractor.min_measured_share
+    cameras = [
+        CameraSupervisor(c, events.put, take_frame, config.supervision, least_share=least_share) for c in config.cameras
+    ]
     measurements: dict[str, MountMeasurement] = {}
     try:
         link.open()

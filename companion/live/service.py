@@ -142,7 +142,13 @@ class Service:
             if self.avoidance is not None:
                 self.avoidance.announce(info, unmeasured_mask(self.config.camera(name), info))
 
-        return CameraSupervisor(self.config.camera(name), opened, self._handle_frame, self.config.supervision)
+        return CameraSupervisor(
+            self.config.camera(name),
+            opened,
+            self._handle_frame,
+            self.config.supervision,
+            least_share=self.config.extractor.min_measured_share,
+        )
 
     def _handle_frame(self, frame: DepthFrame) -> None:
         """Attitudes that arrived before the frame are queued before it."""

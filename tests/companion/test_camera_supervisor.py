@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import errno
 import json
 import os
 import signal
@@ -25,6 +27,9 @@ from companion.cameras.supervisor import CameraCondition, CameraSupervisor
 from companion.cameras.worker import info_from_json, info_to_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
+from core.extractor import Extractor
+from core.frames import R_CAMFRD_OPTICAL
+from core.params import Params
 from core.types import (
     FAR_MM,
     GREATEST_MARK_MM,
@@ -58,7 +63,7 @@ CAMERA = textwrap.dedent("""
     depth = np.full((48, 64), 3000, np.uint16)
     for k in range(1 << 30):
         after = k >= int(times)
-        if habit == "frozen" and not after or habit != "frozen":
+        if habit == "frozen" and not after or habit not in ("frozen", "stands"):
             depth = rng.integers(2000, 3000, (48, 64)).astype(np.uint16)
         if after and habit == "ends":
             writer.send("failed", cause="the cable is out")
@@ -161,6 +166,29 @@ def test_a_process_that_cannot_be_ended_does_not_stop_its_supervision(
         ends[-1].wait()
 
 
+def test_the_process_of_a_channel_that_fails_is_collected_before_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with no memory for the frames: a process that nobody waits for stays in the system's table, and with a long delay
+    until the next start for as long."""
+    read = FrameReader.read
+
+    def failing(reader: FrameReader, timeout_s: float) -> object:
+        if read(reader, timeout_s)[0] is None:
+            return None, []
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr(FrameReader, "read", failing)
+    late = dataclasses.replace(QUICK, first_backoff_s=10.0, longest_backoff_s=10.0)
+    with Watched(tmp_path, "well:0", late) as w:
+        assert w.until(lambda: "cannot be started or read" in w.supervisor.status.last_loss)
+        assert w.supervisor.status.starts == 1
+        pid = w.supervisor.pid
+        assert pid is not None
+        with pytest.raises(ChildProcessError):
+            os.waitpid(pid, os.WNOHANG)
+
+
 def test_the_cause_of_a_failure_may_be_long(monkeypatch: pytest.MonkeyPatch) -> None:
     """A library may put a whole dump into its message."""
 
@@ -250,6 +278,14 @@ def test_a_frozen_image_is_named_and_not_passed_on(tmp_path: Path) -> None:
         assert len(repeated) <= QUICK.frozen_frames
 
 
+def test_an_image_that_is_frozen_after_the_restart_too_is_not_passed_on_again(tmp_path: Path) -> None:
+    """A device that hangs keeps its image although its process is new: each restart passed it on for 0.3 s."""
+    with Watched(tmp_path, "stands:0") as w:
+        assert w.until(lambda: w.supervisor.status.starts >= 3 and w.is_(CameraCondition.FROZEN))
+        assert len(w.frames) <= QUICK.frozen_frames
+        assert all(np.array_equal(f.depth_mm, w.frames[0].depth_mm) for f in w.frames)
+
+
 def test_stamps_that_stand_still_are_named(tmp_path: Path) -> None:
     with Watched(tmp_path, "stuck:10") as w:
         assert w.until(lambda: w.is_(CameraCondition.FROZEN))
@@ -312,6 +348,26 @@ def test_images_without_any_measurement_are_not_frozen(mark: int) -> None:
     blank = blank.copy()
     blank[40] = 3000
     assert detector.check(frame_of(blank, 20)) == ""
+
+
+@pytest.mark.parametrize(("measured_px", "frozen"), [(61, False), (62, True)])
+def test_an_image_that_is_invalid_for_lack_of_measurements_is_not_frozen(measured_px: int, frozen: bool) -> None:
+    """A lamp in the dark: its depth may repeat, since nothing else is measured and its steps are coarse. Frames of which 2 %
+    or less are measured are invalid, so that an old one cannot be taken for the present; a restart every few seconds would
+    make the camera blind when light returns."""
+    detector, image = FrozenFrameDetector(4, Params().min_measured_share), np.zeros((48, 64), np.uint16)
+    image.ravel()[1000 : 1000 + measured_px] = 3000
+    image.ravel()[1000] = FAR_MM
+    assert any(detector.check(frame_of(image, k)) for k in range(20)) is frozen
+
+
+def test_what_counts_as_too_few_measurements_is_invalid_for_the_extractor() -> None:
+    info = CameraInfo("a", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
+    image = np.zeros((48, 64), np.uint16)
+    image.ravel()[1000:1061] = 3000
+    image.ravel()[1000] = FAR_MM
+    model, _ = Extractor(Params()).extract(image, info, R_CAMFRD_OPTICAL)
+    assert not model.valid
 
 
 @pytest.mark.parametrize("depth_mm", [3000, FAR_MM])
