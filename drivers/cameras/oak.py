@@ -35,6 +35,9 @@ DISPARITY_SIGMA_PX = 0.25
 """Noise of the subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
 SAME_INTRINSICS_PX = 0.5
 """Intrinsics of two frames that differ by less are the same: an error of less than a pixel in the direction of a point."""
+MOST_APART_S = 0.001
+"""Left and right image are exposed together, within this time. At 60 deg/s and a focal length of 450 px an image moves by 0.5 px
+in it: 0.4 m at 5 m. Stamps of cameras with one clock differ by 0.02 ms."""
 _POLL_S = 0.002
 _FRAMES = {
     (DEPTH,): "depth frame",
@@ -74,13 +77,7 @@ class OakSource:
         DeviceLost and BadData; a partially opened device is closed."""
         self._link = self._connect(self.settings)
         try:
-            message = self._next(self.settings.first_frame_s)
-            if message is None:
-                what = _FRAMES[self.settings.streams]
-                raise DeviceLost(
-                    f"camera {self.settings.camera}: no {what} within {self.settings.first_frame_s:g} s; check "
-                    "that the cable is USB 3 and the power supply sufficient (OAK needs up to 1.5 A)"
-                )
+            message = self._first()
             self._info = self._describe(message)
             self._waiting = self._frame(message)
         except Exception:
@@ -94,12 +91,40 @@ class OakSource:
             link.close()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The newest undelivered frame, or None after timeout_s. Raises DeviceLost and BadData."""
+        """The newest undelivered frame, or None after timeout_s, and where the images were not exposed together. Raises
+        DeviceLost and BadData."""
         if self._waiting is not None:
             frame, self._waiting = self._waiting, None
             return frame
         message = self._next(timeout_s)
-        return self._frame(message) if message is not None else None
+        return self._frame(message) if message is not None and self._apart_s(message) <= MOST_APART_S else None
+
+    def _first(self) -> Any:
+        """The first message whose images were exposed together. Raises DeviceLost, and BadData where none were."""
+        settings, apart_s = self.settings, 0.0
+        until_s = time.monotonic() + settings.first_frame_s
+        while (message := self._next(max(0.0, until_s - time.monotonic()))) is not None:
+            apart_s = self._apart_s(message)
+            if apart_s <= MOST_APART_S:
+                return message
+        if apart_s > MOST_APART_S:
+            raise BadData(
+                f"camera {settings.camera}: left and right image are exposed {1000.0 * apart_s:.1f} ms apart; in a turn every "
+                "depth would be wrong. Use a device whose cameras are synchronised, or connect their frame synchronisation"
+            )
+        raise DeviceLost(
+            f"camera {settings.camera}: no {_FRAMES[settings.streams]} within {settings.first_frame_s:g} s; check that the "
+            "cable is USB 3 and the power supply sufficient (OAK needs up to 1.5 A)"
+        )
+
+    def _apart_s(self, message: Any) -> float:
+        """Time between the exposures of the left and the right image, 0 without images, and for images of different frames,
+        which `_pair` refuses. Raises BadData."""
+        parts = {name: self._part(message, name) for name in self.settings.streams}
+        if len(parts) == 1:
+            return 0.0
+        apart_s = abs(float((parts[LEFT].getTimestamp() - parts[RIGHT].getTimestamp()).total_seconds()))
+        return apart_s if apart_s <= self.settings.same_exposure_s else 0.0
 
     def _next(self, timeout_s: float) -> Any:
         """The newest message of the queue, None after timeout_s."""
@@ -153,17 +178,22 @@ class OakSource:
             )
 
     def _part(self, message: Any, name: str) -> Any:
-        """The message of a name in a group; with one stream the message is its image. Raises BadData."""
-        if len(self.settings.streams) == 1:
-            return message
+        """The image of a name in a group; with one stream the message is its image. Raises BadData."""
         import depthai as dai
 
-        if not isinstance(message, dai.MessageGroup) or name not in message.getMessageNames():
+        if len(self.settings.streams) > 1:
+            if not isinstance(message, dai.MessageGroup) or name not in message.getMessageNames():
+                raise BadData(
+                    f"camera {self.settings.camera}: a frame without its {name} image, which the stereo matching needs. "
+                    f"{self._remedy}"
+                )
+            message = message[name]
+        if not isinstance(message, dai.ImgFrame):
             raise BadData(
-                f"camera {self.settings.camera}: a frame without its {name} image, which the stereo matching needs. "
+                f"camera {self.settings.camera}: a {name} image of type {type(message).__name__}; expected ImgFrame. "
                 f"{self._remedy}"
             )
-        return message[name]
+        return message
 
     @property
     def _remedy(self) -> str:
@@ -188,7 +218,7 @@ class OakSource:
         for name in (LEFT, RIGHT):
             message = self._part(group, name)
             apart_s = abs((message.getTimestamp() - stamp).total_seconds())
-            image = message.getFrame()
+            image = self._decoded(message, name)
             if image.dtype != np.uint8 or image.shape != shape:
                 raise BadData(
                     f"camera {self.settings.camera}: a {name} image of {image.dtype}, rows and columns {image.shape}, for "
@@ -216,16 +246,20 @@ class OakSource:
     def _size(self, message: Any) -> tuple[int, ...]:
         """(H, W) of the images of a frame. Raises BadData."""
         first = self._part(message, self.settings.streams[0])
-        return first.getFrame().shape if self.settings.host_matching else self._pixels(first).shape
+        return self._decoded(first, LEFT).shape if self.settings.host_matching else self._pixels(first).shape
 
-    def _pixels(self, message: Any) -> NDArray[np.uint16]:
+    def _decoded(self, message: Any, name: str) -> NDArray[Any]:
+        """The pixels of an image. Raises BadData."""
         try:
-            pixels = message.getCvFrame()
+            return np.asarray(message.getFrame())
         except RuntimeError as error:  # fewer bytes than the size needs, or an unknown type
             raise BadData(
-                f"camera {self.settings.camera}: a frame cannot be read ({first_line(error)}). {_RESTART}"
+                f"camera {self.settings.camera}: a {name} image cannot be read ({first_line(error)}). {self._remedy}"
             ) from error
-        if not isinstance(pixels, np.ndarray) or pixels.dtype != np.uint16 or pixels.ndim != 2:
+
+    def _pixels(self, message: Any) -> NDArray[np.uint16]:
+        pixels = self._decoded(message, DEPTH)
+        if pixels.dtype != np.uint16 or pixels.ndim != 2:
             raise BadData(
                 f"camera {self.settings.camera}: a frame of type {message.getType()}; expected RAW16, millimetres"
             )
@@ -235,7 +269,14 @@ class OakSource:
         """Of the images of a frame. Raises BadData."""
         height, width = self._size(message)
         first = self._part(message, self.settings.streams[0])
-        matrix = np.array(first.getTransformation().getIntrinsicMatrix(), np.float64)
+        transformation = first.getTransformation()
+        if tuple(transformation.getSize()) != (width, height):
+            stated = "x".join(str(side) for side in transformation.getSize())
+            raise BadData(
+                f"camera {self.settings.camera}: a frame has the intrinsics of an image of {stated}, its pixels are "
+                f"{width}x{height}. {_RESTART}"
+            )
+        matrix = np.array(transformation.getIntrinsicMatrix(), np.float64)
         try:
             return Intrinsics(
                 width, height, float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])

@@ -31,13 +31,13 @@ def now() -> timedelta:
 
 
 def depth_message(number: int, **changes: Any) -> dai.ImgFrame:
-    """A RAW16 frame as StereoDepth sends it. changes: pixels, age_s or stamp, matrix, kind."""
+    """A RAW16 frame as StereoDepth sends it. changes: pixels, age_s or stamp, matrix, kind, size of its transformation."""
     message = dai.ImgFrame()
     pixels = changes.get("pixels", np.full((HEIGHT, WIDTH), 1000 + number, np.uint16))
     message.setCvFrame(pixels, changes.get("kind", dai.ImgFrame.Type.RAW16))
     message.setTimestamp(changes.get("stamp", now() - timedelta(seconds=changes.get("age_s", 0.02))))
     message.setSequenceNum(number)
-    transformation = dai.ImgTransformation(WIDTH, HEIGHT)
+    transformation = dai.ImgTransformation(*changes.get("size", pixels.shape[::-1]))
     transformation.setIntrinsicMatrix(changes.get("matrix", MATRIX))
     message.setTransformation(transformation)
     return message

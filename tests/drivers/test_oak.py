@@ -96,6 +96,7 @@ def test_a_device_that_never_delivers_is_lost_with_a_remedy() -> None:
         ({"pixels": np.zeros((HEIGHT, WIDTH), np.uint8), "kind": dai.ImgFrame.Type.GRAY8}, "expected RAW16"),
         ({"age_s": -5.0}, r"stamped \+[45]\.\d+ s from its arrival"),
         ({"matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "has its factory calibration"),
+        ({"size": (2 * WIDTH, 2 * HEIGHT)}, "intrinsics of an image of 128x80, its pixels are 64x40"),
     ],
 )
 def test_frames_that_cannot_be_used_name_the_cause(changes: dict[str, object], cause: str) -> None:
@@ -126,9 +127,15 @@ def test_a_frame_without_its_bytes_is_refused() -> None:
     cut = depth_message(0)
     cut.setData(b"0123456789")
     link = HostLink(lambda k: cut)
-    with pytest.raises(BadData, match="a frame cannot be read"):
+    with pytest.raises(BadData, match="a depth image cannot be read"):
         OakSource(SETTINGS, link).open()
     assert not link.running()  # it was closed
+
+
+@pytest.mark.parametrize("message", [dai.Buffer(), dai.IMUData(), dai.EncodedFrame(), dai.ImgFrame()])
+def test_a_message_of_another_type_names_the_cause(message: dai.ADatatype) -> None:
+    with pytest.raises(BadData, match=r"camera front: .* Restart the device"):
+        OakSource(SETTINGS, HostLink(lambda k: message)).open()
 
 
 def test_without_a_device_the_cause_and_the_remedy_are_reported_soon() -> None:

@@ -20,6 +20,7 @@ from drivers.cameras.stereo import MatchParams
 
 from .oak_host import PERIOD_S, HostLink, HostPairLink, depth_message, group_message, image_message, now
 from .test_device_matches import F_PX, HEIGHT, WALL_MM, WIDTH, scene
+from .test_oak_pair import cut_short
 
 pytestmark = pytest.mark.process
 
@@ -87,6 +88,8 @@ def test_an_image_that_never_comes_is_a_lost_device(missing: str) -> None:
         ),
         (lambda p: p | {"right": image_message(0, RIGHT, now() - timedelta(seconds=0.2))}, "a right image is stamped"),
         (lambda p: {"left": p["left"]}, "a frame without its right image"),
+        (lambda p: p | {"left": cut_short(p["left"])}, "a left image cannot be read"),
+        (lambda p: p | {"right": cut_short(p["right"])}, "a right image cannot be read"),
     ],
 )
 def test_groups_that_cannot_be_used_name_the_cause_and_the_remedy(change: object, cause: str) -> None:
