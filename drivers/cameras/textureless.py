@@ -2,7 +2,7 @@
 
 A pixel is smooth where neither its rows nor its columns hold an edge that stands out of the sensor's noise, at several scales, and
 where the right image shows the same brightness at the same place: what is far, or larger than its disparity. Dark and
-saturated pixels are not judged: there the image holds no contrast that could show an edge."""
+saturated pixels of either image are not judged: there it holds no contrast that could show an edge."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def judged(image: Gray, limits: SmoothLimits) -> Mask:
 def smooth(left: Gray, right: Gray, edge: Mask, limits: SmoothLimits) -> Mask:
     """(H, W) whether the left image is smooth and the right one of the same brightness. Both (H, W) uint8, rectified; edge: `edges` of
     the left one."""
-    even = ~edge & judged(left, limits)
+    even = ~edge & judged(left, limits) & judged(right, limits)
     mean_left, mean_right = (cv2.boxFilter(image, cv2.CV_32F, (7, 7)) for image in (left, right))
     difference = np.asarray(mean_left - mean_right, np.float32)
     if even.any():  # both imagers need not be equally bright

@@ -61,6 +61,19 @@ def test_dark_and_saturated_pixels_are_not_evaluated(grey: float) -> None:
     assert not smooth(left, right, edges(left, LIMITS), LIMITS).any()
 
 
+@pytest.mark.parametrize("grey", [0.0, 10.0, 255.0])
+def test_what_the_right_camera_does_not_show_is_not_smooth(grey: float) -> None:
+    """Its lens is covered by mud, or faces the sun, in the greater part of the image: the difference in brightness is that of
+    most pixels there, and was taken for one of the two cameras."""
+    left, right = pair(sky())
+    rng = np.random.Generator(np.random.PCG64(3))
+    covered = np.s_[: HEIGHT * 2 // 3]
+    right[covered] = np.clip(grey + rng.standard_normal(right[covered].shape), 0, 255).astype(np.uint8)
+    found = smooth(left, right, edges(left, LIMITS), LIMITS)
+    assert not found[covered].any()
+    assert found[HEIGHT * 2 // 3 + 8 : -20, 20:-20].mean() > 0.95
+
+
 def test_texture_is_not_smooth() -> None:
     rng = np.random.Generator(np.random.PCG64(3))
     image = sky()
