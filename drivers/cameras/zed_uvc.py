@@ -21,6 +21,7 @@ from .kernel_stamps import KernelStamps
 from .row_check import RowCheck
 from .stereo import MatchParams, StereoDepth
 from .stereo_errors import bias_coefficient, noise_coefficient
+from .torn_images import TornImageCheck
 from .zed_calibration import StereoCalibration, load_zed_calibration
 
 DISPARITY_SIGMA_PX = 0.3
@@ -80,6 +81,7 @@ class ZedSource:
         self._first: NDArray[np.uint8] | None = None
         self._first_ns = 0
         self._stamps = KernelStamps(settings.camera)
+        self._torn = TornImageCheck(settings.camera)
         self._rows = RowCheck(
             settings.camera, f"{settings.calibration} belongs to another camera, or this camera was bent"
         )
@@ -123,6 +125,7 @@ class ZedSource:
                 ):
                     self._video.set(prop, value)
             self._first, self._first_ns = self._image()
+            self._torn.is_torn(self._first)  # to compare the next ones with it
             self._check(self._first)
         except (DeviceNotFound, DeviceLost, BadData):
             self.close()
@@ -135,21 +138,25 @@ class ZedSource:
             video.release()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The next frame. The device sets the rate, the driver buffers one image. Raises DeviceLost and BadData."""
+        """The next frame; None for an image that arrived in part. The device sets the rate, the driver buffers one image. Raises
+        DeviceLost and BadData."""
+        s = self._settings
         if self._first is not None:
             image, stamp_ns = self._first, self._first_ns
             self._first = None
         else:
             image, stamp_ns = self._image()
+            if s.is_device and self._torn.is_torn(image):
+                return None
             self._check(image)
         assert self._stereo is not None
         left, right = halves(image)
         depth = self._stereo.depth(left, right)
         self._sequence += 1
         return DepthFrame(
-            camera=self._settings.camera,
+            camera=s.camera,
             sequence=self._sequence,
-            t_exposure_ns=stamp_ns - round(self._settings.exposure_latency_s * 1e9),
+            t_exposure_ns=stamp_ns - round(s.exposure_latency_s * 1e9),
             t_arrival_ns=time.monotonic_ns(),
             depth_mm=depth,
         )

@@ -334,6 +334,16 @@ def test_frames_of_a_device() -> None:
     assert video.released == 1
 
 
+def test_an_image_that_arrived_in_part_is_left_out() -> None:
+    """Its last rows are those of the image before, in both eyes: they match."""
+    first, second = side_by_side(), cv2.flip(side_by_side(), 0)
+    torn = first.copy()
+    torn[:150] = second[:150]
+    source = ZedSource(SETTINGS, Video([first, torn, second]), CALIBRATION)
+    source.open()
+    assert [source.read(1.0) is not None for _ in range(3)] == [True, False, True]
+
+
 def test_an_image_that_waited_in_a_buffer_keeps_its_stamp() -> None:
     """A process that was stopped for 3 s reads a buffered image first: it does not show the present."""
     video = Video([side_by_side(), side_by_side()])

@@ -1,0 +1,58 @@
+"""Detects images of a USB video device that arrived in part: their last rows are those of an earlier image.
+
+A buffer that was not filled keeps what it held before. The kernel's driver marks it as faulty and delivers it (recent versions of Linux by
+default, others with `nodrop = 1`), and OpenCV does not read the mark. In a live image the noise changes every row that shows
+anything."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base import BadData
+
+BUFFERS = 4
+"""Images that may be in the buffers: one is requested, and a driver may have more."""
+LEAST_STEP_GREY, LEAST_SHARE, LEAST_STEPS = 3, 0.01, 100
+"""Rows that do not change count where steps of this size along the row make up this share of their pixels, and at least this
+number. Black and saturated rows do not change either; nothing can be matched on them."""
+MOST_IN_A_ROW = 10
+
+
+@dataclass(slots=True)
+class TornImageCheck:
+    """The check of one device since its opening."""
+
+    camera: str
+    _images: deque[NDArray[np.uint8]] = field(default_factory=lambda: deque(maxlen=BUFFERS))
+    _torn: int = 0
+
+    def is_torn(self, image: NDArray[np.uint8]) -> bool:
+        """Whether the last rows of an image (H, W, C), or all, are those of an earlier one. An image that equals the one before
+        is not torn: it is repeated, which the supervision of the camera judges. Raises BadData where many are torn in a row."""
+        torn = any(_ends_like(image, earlier) for earlier in self._images) and not _is(image, self._images[-1])
+        self._images.append(image)
+        self._torn = self._torn + 1 if torn else 0
+        if self._torn >= MOST_IN_A_ROW:
+            raise BadData(
+                f"camera {self.camera}: the last {self._torn} images arrived in part only; check the cable, use a USB 3 port of "
+                "its own, or lower fps"
+            )
+        return torn
+
+
+def _is(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+    return bool(np.array_equal(image, other))
+
+
+def _ends_like(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:
+    """Whether both end with the same rows, and these show something."""
+    if image.shape != earlier.shape or not _is(image[-1], earlier[-1]):
+        return False
+    changed = np.flatnonzero((image != earlier).any(axis=(1, 2)))
+    same = image[changed[-1] + 1 if len(changed) else 0 :].astype(np.int16)
+    steps = np.abs(np.diff(same, axis=1)).max(axis=2) >= LEAST_STEP_GREY
+    return int(np.count_nonzero(steps)) >= max(LEAST_STEPS, LEAST_SHARE * steps.size)

@@ -1,0 +1,74 @@
+"""Images of a USB video device that arrived in part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.base import BadData
+from drivers.cameras.torn_images import MOST_IN_A_ROW, TornImageCheck
+
+Image = NDArray[np.uint8]
+HEIGHT, WIDTH = 120, 320
+
+
+def view(number: int) -> Image:
+    """A live image of one scene: texture, and noise of its own."""
+    texture = np.random.Generator(np.random.PCG64(0)).integers(40, 200, (HEIGHT, WIDTH, 3)).astype(float)
+    noise = np.random.Generator(np.random.PCG64(number + 1)).normal(0.0, 1.0, texture.shape)
+    return np.clip(texture + noise, 0, 255).astype(np.uint8)
+
+
+def torn(new: Image, held: Image, rows: int) -> Image:
+    """What a buffer holds of which only the first rows, and a part of the next one, arrived."""
+    image = held.copy()
+    image[:rows] = new[:rows]
+    image[rows, :100] = new[rows, :100]
+    return image
+
+
+def verdicts(images: list[Image]) -> list[bool]:
+    check = TornImageCheck("front")
+    return [check.is_torn(image) for image in images]
+
+
+@pytest.mark.parametrize("rows", [0, 60, 110, 118])
+@pytest.mark.parametrize("buffers", [1, 2, 4])
+def test_an_image_that_arrived_in_part_is_found(rows: int, buffers: int) -> None:
+    """The rest of the buffer holds rows of an earlier image: what they show was there then."""
+    images = [view(k) for k in range(7)]
+    images[5] = torn(images[5], images[5 - buffers], rows)
+    assert verdicts(images) == [False] * 5 + [True, False]
+
+
+def test_the_same_rest_of_a_buffer_is_found_again_and_again() -> None:
+    first = view(0)
+    assert verdicts([first, *(torn(view(k), first, 60) for k in range(1, 5))]) == [False] + [True] * 4
+
+
+def test_an_earlier_image_that_returns_is_found_and_one_that_is_repeated_is_not() -> None:
+    """Buffers that are delivered without new content. A repeated image is known as frozen."""
+    images = [view(k) for k in range(3)]
+    assert verdicts([*images, images[1], images[1]]) == [False, False, False, True, False]
+
+
+def test_images_that_always_arrive_in_part_name_the_cause() -> None:
+    first = view(0)
+    with pytest.raises(BadData, match="camera front: the last 10 images arrived in part only; check the cable"):
+        verdicts([first, *(torn(view(k), first, 60) for k in range(1, MOST_IN_A_ROW + 1))])
+
+
+@pytest.mark.parametrize("grey", [0, 16, 255])
+def test_rows_without_contrast_may_repeat(grey: int) -> None:
+    """A dark ground of which some pixels are hot, below what can be seen; and a saturated one."""
+    images = [view(k) for k in range(4)]
+    for image in images:
+        image[50:] = grey
+        image[60::20, 20::80] = 128
+    assert not any(verdicts(images))
+    assert not any(verdicts([np.full((HEIGHT, WIDTH, 3), grey, np.uint8)] * 4))
+
+
+def test_an_image_of_another_size_is_compared_with_none() -> None:
+    assert not any(verdicts([view(0), view(1)[:60], view(2)]))
