@@ -12,6 +12,7 @@ from core.types import CameraInfo, Intrinsics
 from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
 from .clear_reach import clear_reach_texts
+from .devices import device_problems
 from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         fail(str(error))
         return 1
     found = differences(config)
-    refused = [text for _, text in template_texts(config.cameras)]
+    refused = [*(text for _, text in template_texts(config.cameras)), *device_problems(config.cameras)]
     if args.json:
         print_json({"file": str(args.file), "ok": not refused, "problems": refused, "changes": _as_json(found)})
     for text in refused:

@@ -19,6 +19,7 @@ from drivers.base import DriverError
 from ..argument_types import number_in
 from ..autopilot.parameter_writer import Change, apply
 from ..autopilot.restart_pending import TEXT as RESTART_TEXT
+from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, load_config
@@ -55,10 +56,12 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
 
 
 def config_findings(config: Config) -> Iterator[Finding]:
-    """Template intrinsics and the changed safety keys. A changed key is not a fault: some keys must fit the camera and the
+    """Template intrinsics, devices that `run` refuses, and the changed safety keys. A changed key is not a fault: some keys must fit the camera and the
     vehicle."""
     for found in template_intrinsics(config.cameras):
         yield Finding(f"camera {found.camera}", False, found.line(), found.code)
+    for text in device_problems(config.cameras):
+        yield Finding("cameras", False, text, DiagnosticCode.CAMERA_UNAVAILABLE)
     for name, lines in (("safety keys", safety_lines(config)), ("expert keys", expert_lines(config))):
         yield Finding(name, True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
 

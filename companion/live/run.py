@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, ConfigError, load_config
@@ -118,14 +119,15 @@ def add_parser(subparsers: Any) -> None:
 
 
 def check_live(config: Config, source: Path) -> None:
-    """Raises ConfigError where a camera is a recording: the service would be blind for ever."""
+    """Raises ConfigError where a camera is a recording, which the service would wait for in vain or take for the present, and
+    where one could open the device of another."""
     problems = [
         f'[[camera]] "{camera.name}": kind = "mcap" is a recording, not a camera. Set kind to oak, zed, v4l2 or simulated; '
         "`companion setup` writes such a configuration, `companion configs` lists examples. `companion replay` processes a "
         "recording"
         for camera in config.cameras
         if camera.kind == "mcap"
-    ]
+    ] + device_problems(config.cameras)
     if problems:
         raise ConfigError(str(source), problems)
 

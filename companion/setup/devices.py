@@ -41,17 +41,19 @@ def _cameras(usb: Path, video: Path) -> Iterator[FoundCamera]:
             yield FoundCamera("oak", serial, f"Luxonis OAK ({product or 'Movidius'})", serial)
         elif vendor == STEREOLABS:
             # a ZED has a video device, and some have a separate one for their sensors
-            if path := _video(video, "STEREOLABS", "ZED"):
+            if path := _video(video, serial, "STEREOLABS", "ZED"):
                 yield FoundCamera("zed", path, product or "ZED", serial)
-        elif vendor == INTEL and "realsense" in product.lower() and (path := _video(video, "RealSense")):
+        elif vendor == INTEL and "realsense" in product.lower() and (path := _video(video, serial, "RealSense")):
             yield FoundCamera("v4l2", path, product, serial)
 
 
-def _video(video: Path, *names: str) -> str:
-    """The first image stream of a maker by id; of a RealSense it is the depth."""
+def _video(video: Path, serial: str, *names: str) -> str:
+    """The image stream of a device by id, the first one: of a RealSense it is the depth. Where no name holds the serial number of the
+    device, the first of its maker."""
     entries = sorted(video.iterdir()) if video.is_dir() else []
     matching = (e for e in entries if any(n.lower() in e.name.lower() for n in names) and e.name.endswith("index0"))
-    return str(next(matching, ""))
+    found = list(matching)
+    return str(next((e for e in found if serial and f"_{serial}-" in e.name), next(iter(found), "")))
 
 
 def _text(file: Path) -> str:

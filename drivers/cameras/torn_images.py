@@ -1,8 +1,8 @@
 """Detects images of a USB video device that arrived in part: their last rows are those of an earlier image.
 
-A buffer that was not filled keeps what it held before. The kernel's driver marks it as faulty and delivers it (recent versions of Linux by
-default, others with `nodrop = 1`), and OpenCV does not read the mark. In a live image the noise changes every row that shows
-anything."""
+A buffer that was not filled keeps what it held before. The kernel's driver marks it as faulty and delivers it (recent
+versions of Linux by default, others with `nodrop = 1`), and OpenCV does not read the mark. In a live image the noise changes
+every row that shows anything."""
 
 from __future__ import annotations
 
@@ -55,4 +55,4 @@ def _ends_like(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:
     changed = np.flatnonzero((image != earlier).any(axis=(1, 2)))
     same = image[changed[-1] + 1 if len(changed) else 0 :].astype(np.int16)
     steps = np.abs(np.diff(same, axis=1)).max(axis=2) >= LEAST_STEP_GREY
-    return int(np.count_nonzero(steps)) >= max(LEAST_STEPS, LEAST_SHARE * steps.size)
+    return bool(int(np.count_nonzero(steps)) >= max(LEAST_STEPS, LEAST_SHARE * steps.size))

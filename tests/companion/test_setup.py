@@ -71,6 +71,18 @@ def test_several_oaks_have_their_ids(tmp_path: Path) -> None:
     assert [c.device for c in find_cameras(devices, tmp_path)] == ["A", "B"]
 
 
+def test_several_realsense_have_their_own_devices(tmp_path: Path) -> None:
+    """The second one had the path of the first, with the intrinsics of its own serial number."""
+    model = "Intel(R) RealSense(TM) Depth Camera 435"
+    devices = usb(tmp_path, ("8086", model, "814"), ("8086", model, "813"))
+    names = [D435.replace("435-", f"435_{serial}-") for serial in ("813", "814")]
+    nodes = video(tmp_path, *names, *(name.replace("index0", "index1") for name in names))
+    assert [(c.serial, c.device) for c in find_cameras(devices, nodes)] == [
+        ("814", str(nodes / names[1])),
+        ("813", str(nodes / names[0])),
+    ]
+
+
 def test_no_devices_at_all(tmp_path: Path) -> None:
     assert find_cameras(tmp_path / "none", tmp_path / "none") == []
     assert find_serial_ports(tmp_path / "none", tmp_path) == []

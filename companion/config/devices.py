@@ -1,0 +1,57 @@
+"""Devices of live cameras that cannot be told apart, or that are no devices."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from .camera import CameraConfig
+
+_ENUMERATED = re.compile(r"/dev/video\d+")
+"""Numbered in the order in which the devices appear: after a reset of the bus two cameras may have changed their numbers."""
+
+
+def device_problems(cameras: Sequence[CameraConfig]) -> list[str]:
+    """Causes and remedies. A camera that opens the device of another one places what that sees in its own direction."""
+    return [*_recordings(cameras), *_shared(cameras), *_unnamed(cameras), *_numbered(cameras)]
+
+
+def _recordings(cameras: Sequence[CameraConfig]) -> list[str]:
+    return [
+        f'[[camera]] "{c.name}": device = "{c.device}" is no device but a file, whose images would count as taken now; set the '
+        "path of a camera, best in /dev/v4l/by-id"
+        for c in cameras
+        if c.kind in ("zed", "v4l2") and not c.device.startswith("/dev/")
+    ]
+
+
+def _shared(cameras: Sequence[CameraConfig]) -> list[str]:
+    live = [c for c in cameras if c.kind in ("oak", "zed", "v4l2") and c.device]
+    shared = {c.device: [d.name for d in live if d.device == c.device] for c in live}
+    return [
+        f'[[camera]] {", ".join(names)}: device = "{device}" occurs {len(names)} times; give each camera its own'
+        for device, names in shared.items()
+        if len(names) > 1
+    ]
+
+
+def _unnamed(cameras: Sequence[CameraConfig]) -> list[str]:
+    oaks = [c for c in cameras if c.kind == "oak"]
+    if len(oaks) < 2:
+        return []
+    return [
+        f'[[camera]] "{c.name}": device is empty, with {len(oaks)} cameras of kind "oak" configured; it would open that of '
+        "another one while only that is connected. Set device to its id, which `companion setup` prints"
+        for c in oaks
+        if not c.device
+    ]
+
+
+def _numbered(cameras: Sequence[CameraConfig]) -> list[str]:
+    video = [c for c in cameras if c.kind in ("zed", "v4l2")]
+    return [
+        f'[[camera]] "{c.name}": device = "{c.device}" may be another camera after each start or reset, with {len(video)} video '
+        "devices configured; set a path in /dev/v4l/by-id, or in /dev/v4l/by-path for cameras without a serial number"
+        for c in video
+        if len(video) > 1 and _ENUMERATED.fullmatch(c.device)
+    ]
