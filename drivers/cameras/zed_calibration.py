@@ -19,6 +19,9 @@ RESOLUTIONS = {"2K": (2208, 1242), "FHD": (1920, 1080), "HD": (1280, 720), "VGA"
 """Name in the file -> image size of one eye."""
 
 Floats = NDArray[np.float64]
+MOST_TURNED_DEG, MOST_ASIDE = 10.0, 0.1
+"""Greatest rotation between both eyes, and greatest offset across the baseline as a share of it: real files have 1.4 degrees and
+a hundredth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -78,6 +81,12 @@ def parse_zed_calibration(text: str, source: str, width: int, height: int) -> St
         raise BadData(f"{source}: not a ZED calibration ({cause}); download it again") from error
     if not 20.0 <= baseline_mm <= 500.0:
         raise BadData(f"{source}: a baseline of {baseline_mm:g} mm; expected about 63 or 120")
+    turned_deg, aside_mm = math.degrees(float(np.linalg.norm(vector))), float(np.abs(offset_mm[1:]).max())
+    if not (turned_deg <= MOST_TURNED_DEG and aside_mm <= MOST_ASIDE * baseline_mm):  # also catches NaN
+        raise BadData(
+            f"{source}: eyes turned by {turned_deg:.1f} deg against each other and {aside_mm:g} mm above or behind each other cannot "
+            "be those of a ZED; download the file again"
+        )
     return StereoCalibration(
         width=width, height=height, left=left, right=right, R=rotation_from_vector(vector), T=offset_mm / 1000.0
     )

@@ -104,6 +104,11 @@ def test_the_rotation_vector_is_read_as_opencv_reads_it() -> None:
         (OLD.replace("Baseline=120", "Baseline=0.12"), (672, 376), "a baseline of 0.12 mm"),
         (OLD.replace("fx=350.179", "fx=nan"), (672, 376), "invalid camera parameters"),
         ("<html>", (672, 376), "not a ZED calibration"),
+        (NEW.replace("RX_VGA=-0.00325192", "RX_VGA=nan"), (672, 376), "cannot be those of a ZED"),
+        (NEW.replace("CV_VGA=0.0228216", "CV_VGA=inf"), (672, 376), "cannot be those of a ZED"),
+        (NEW.replace("CV_VGA=0.0228216", "CV_VGA=1.3"), (672, 376), "turned by 74.5 deg .* cannot be those of a ZED"),
+        (NEW.replace("TY=0.05", "TY=nan"), (672, 376), "cannot be those of a ZED"),
+        (NEW.replace("TZ=-0.3", "TZ=60"), (672, 376), "60 mm .* cannot be those of a ZED"),
     ],
 )
 def test_files_that_cannot_be_used_name_the_cause(text: str, size: tuple[int, int], cause: str) -> None:
