@@ -148,13 +148,17 @@ class Pipeline:
         return tuple(self._infos.values())
 
     def announce(self, info: CameraInfo) -> None:
-        """Adds an opened camera. A camera with a changed description starts with a new state."""
-        if self._infos.get(info.camera) == info:
+        """Adds an opened camera. A camera with a changed description starts with a new state, except for a verdict against its
+        mount where that is the same."""
+        known = self._infos.get(info.camera)
+        if known == info:
             return
+        same_mount = known is not None and known.mount == info.mount
+        mount = self._states[info.camera].mount.restarted() if same_mount else MountState()
         self._infos[info.camera] = info
         self._extractors[info.camera] = self._make_extractor(info)
         self._masks[info.camera] = self._mask(info)
-        self._states[info.camera] = CameraState()
+        self._states[info.camera] = CameraState(mount=mount)
         if self._tracks is not None:
             self._tracks.forget(info.camera)
 

@@ -121,6 +121,17 @@ def test_a_camera_described_otherwise_starts_again(depths: list[np.ndarray]) -> 
     assert pipeline.state().cameras[0][1].mount == MountState()
 
 
+def test_another_camera_on_the_same_wrong_mount_reports_nothing(depths: list[np.ndarray]) -> None:
+    """A camera was exchanged for one of the same kind, or calibrated again: its frames were valid until the check had measured
+    enough. It is on the same mount."""
+    pipeline = pipeline_of(INFO)
+    feed(pipeline, depths)
+    exchanged = dataclasses.replace(INFO, intrinsics=dataclasses.replace(INFO.intrinsics, fx=INFO.intrinsics.fx + 0.5))
+    pipeline.announce(exchanged)
+    again = results(feed(pipeline, depths, first=20))
+    assert not any(r.valid for r in again)
+
+
 def test_a_restarted_camera_with_a_wrong_mount_reports_nothing(depths: list[np.ndarray]) -> None:
     """Its stamps step back. Its frames were valid again until the check had measured enough."""
     pipeline = pipeline_of(INFO)
