@@ -18,6 +18,7 @@ from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .device_matches import confirmed_depth
+from .kernel_stamps import FIRST_NS
 from .oak_pipeline import (
     DEPTH,
     LEFT,
@@ -64,6 +65,7 @@ class OakSource:
         self._link: OakLink | None = None
         self._info: CameraInfo | None = None
         self._waiting: DepthFrame | None = None
+        self._stamped = False
 
     @property
     def info(self) -> CameraInfo:
@@ -152,11 +154,14 @@ class OakSource:
         self._check_view(message)
         first = self._part(message, self.settings.streams[0])
         exposure_ns = _middle_ns(first)
-        if not 0 < exposure_ns <= arrival_ns:
+        # a later frame may be older: the process was stopped, and the frame waited
+        oldest_ns = 0 if self._stamped else arrival_ns - FIRST_NS
+        if not max(0, oldest_ns) < exposure_ns <= arrival_ns:
             raise BadData(
                 f"camera {self.settings.camera}: a frame is stamped {(exposure_ns - arrival_ns) / 1e9:+.3f} s from "
                 "its arrival; the device's clock is not synchronised with the host's. Restart the device"
             )
+        self._stamped = True
         return DepthFrame(
             camera=self.settings.camera,
             sequence=int(first.getSequenceNum()) % (1 << 32),
