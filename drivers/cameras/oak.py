@@ -31,6 +31,7 @@ from .oak_pipeline import (
 from .row_check import RowCheck
 from .stereo import Gray, StereoMatcher
 from .stereo_errors import bias_coefficient, noise_coefficient
+from .torn_images import one_repeats
 
 DISPARITY_SIGMA_PX = 0.25
 """Noise of the subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
@@ -66,6 +67,7 @@ class OakSource:
         self._info: CameraInfo | None = None
         self._waiting: DepthFrame | None = None
         self._stamped = False
+        self._pair_before: tuple[Gray, Gray] | None = None
 
     @property
     def info(self) -> CameraInfo:
@@ -217,7 +219,7 @@ class OakSource:
 
     def _pair(self, group: Any, shape: tuple[int, ...]) -> tuple[Gray, Gray]:
         """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape, not of the
-        exposure of the frame, or not rectified."""
+        exposure of the frame, not rectified, or where one of both repeats."""
         stamp = self._part(group, self.settings.streams[0]).getTimestamp()
         pair = []
         for name in (LEFT, RIGHT):
@@ -234,6 +236,11 @@ class OakSource:
                     f"camera {self.settings.camera}: a {name} image is stamped {apart_s:.3f} s from its frame. {self._remedy}"
                 )
             pair.append(np.asarray(image, np.uint8))
+        before, self._pair_before = self._pair_before, (pair[0], pair[1])
+        if before is not None and one_repeats(self._pair_before, before):
+            raise BadData(
+                f"camera {self.settings.camera}: one of both images is that of an earlier frame, while the other one changed. {_RESTART}"
+            )
         if self._rows.due:
             self._rows.take(pair[0], pair[1])
         return pair[0], pair[1]

@@ -1,4 +1,5 @@
-"""Detects images of a USB video device that arrived in part: their last rows are those of an earlier image.
+"""Detects images with old content: those of a USB video device that arrived in part, whose last rows are of an earlier image, and
+a pair of which one image repeats.
 
 A buffer that was not filled keeps what it held before. The kernel's driver marks it as faulty and delivers it (recent
 versions of Linux by default, others with `nodrop = 1`), and OpenCV does not read the mark. In a live image the noise changes
@@ -14,12 +15,15 @@ from numpy.typing import NDArray
 
 from ..base import BadData
 
+Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 BUFFERS = 4
 """Images that may be in the buffers: one is requested, and a driver may have more."""
 LEAST_STEP_GREY, LEAST_SHARE, LEAST_STEPS = 3, 0.01, 100
 """Rows that do not change count where steps of this size along the row make up this share of their pixels, and at least this
 number. Black and saturated rows do not change either; nothing can be matched on them."""
 MOST_IN_A_ROW = 10
+_STEP_ROWS = 16
+"""Some rows are compared before all."""
 
 
 @dataclass(slots=True)
@@ -44,6 +48,15 @@ class TornImageCheck:
         return torn
 
 
+def one_repeats(pair: Pair, before: Pair) -> bool:
+    """Whether exactly one image (H, W) of a pair is that of the pair before, and shows something. If both are, the depth repeats,
+    which the supervision of the camera judges."""
+    same = [
+        _is(image[::_STEP_ROWS], old[::_STEP_ROWS]) and _is(image, old) for image, old in zip(pair, before, strict=True)
+    ]
+    return same[0] != same[1] and _shows_something(pair[0] if same[0] else pair[1])
+
+
 def _is(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
     return bool(np.array_equal(image, other))
 
@@ -53,6 +66,10 @@ def _ends_like(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:
     if image.shape != earlier.shape or not _is(image[-1], earlier[-1]):
         return False
     changed = np.flatnonzero((image != earlier).any(axis=(1, 2)))
-    same = image[changed[-1] + 1 if len(changed) else 0 :].astype(np.int16)
-    steps = np.abs(np.diff(same, axis=1)).max(axis=2) >= LEAST_STEP_GREY
-    return bool(int(np.count_nonzero(steps)) >= max(LEAST_STEPS, LEAST_SHARE * steps.size))
+    return _shows_something(image[changed[-1] + 1 if len(changed) else 0 :].max(axis=2))
+
+
+def _shows_something(rows: NDArray[np.uint8]) -> bool:
+    """Whether rows (N, W) have enough contrast that the noise would change them."""
+    steps = np.abs(np.diff(rows.astype(np.int16), axis=1)) >= LEAST_STEP_GREY
+    return bool(np.count_nonzero(steps) >= max(LEAST_STEPS, LEAST_SHARE * steps.size))

@@ -16,6 +16,7 @@ from drivers.cameras.oak_pipeline import OakSettings
 
 from .oak_host import PERIOD_S, HostLink, HostPairLink, depth_message, group_message, image_message, now
 from .test_device_matches import F_PX, WALL_MM, WIDTH, device_depth, scene
+from .test_oak import read_all
 
 pytestmark = pytest.mark.process
 
@@ -110,6 +111,29 @@ def test_single_images_that_are_exposed_apart_are_left_out() -> None:
     try:
         found = [source.read(0.2) for _ in range(12)]
         assert {f.sequence for f in found if f is not None} <= {0, 1, 2, 3, 9}
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize("held", ["left", "right"])
+def test_a_camera_that_repeats_its_image_is_refused(held: str) -> None:
+    """With new stamps, while the other one goes on: in motion the disparity would be that of two moments."""
+    rng = np.random.Generator(np.random.PCG64(2))
+    noise = [rng.integers(-1, 2, LEFT.shape) for _ in range(5)]
+
+    def make(number: int) -> dict[str, dai.ImgFrame]:
+        found = parts(number)
+        for name, image in (("left", LEFT), ("right", RIGHT)):
+            k = min(number, 3) if name == held else number
+            live = np.clip(image.astype(int) + noise[k % 5], 0, 255).astype(np.uint8)
+            found[name] = image_message(number, live, found["depth"].getTimestamp())
+        return found
+
+    source = OakSource(SETTINGS, HostPairLink(make))
+    source.open()
+    try:
+        with pytest.raises(BadData, match="one of both images is that of an earlier frame"):
+            read_all(source)
     finally:
         source.close()
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.base import BadData
-from drivers.cameras.torn_images import MOST_IN_A_ROW, TornImageCheck
+from drivers.cameras.torn_images import MOST_IN_A_ROW, TornImageCheck, one_repeats
 
 Image = NDArray[np.uint8]
 HEIGHT, WIDTH = 120, 320
@@ -72,3 +72,18 @@ def test_rows_without_contrast_may_repeat(grey: int) -> None:
 
 def test_an_image_of_another_size_is_compared_with_none() -> None:
     assert not any(verdicts([view(0), view(1)[:60], view(2)]))
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_one_camera_of_a_pair_that_repeats_its_image_is_found(first: int) -> None:
+    left, right = ([view(k)[:, :, 0] for k in range(n, n + 2)] for n in (0, 5))
+    before, live, held = (left[0], right[0]), (left[1], right[1]), (left[first], right[1 - first])
+    assert one_repeats(held, before)
+    assert not one_repeats(live, before)
+    assert not one_repeats(before, before)  # both: the depth repeats too, which the supervision judges
+
+
+def test_a_dark_camera_of_a_pair_does_not_count_as_repeating() -> None:
+    dark = np.zeros((HEIGHT, WIDTH), np.uint8)
+    assert not one_repeats((view(1)[:, :, 0], dark), (view(0)[:, :, 0], dark))
+    assert not one_repeats((view(1)[:60, :, 0], dark), (view(0)[:, :, 0], dark))
