@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +23,8 @@ LEAST_STEP_GREY, LEAST_SHARE, LEAST_STEPS = 3, 0.01, 100
 """Rows that do not change count where steps of this size along the row make up this share of their pixels, and at least this
 number. Black and saturated rows do not change either; nothing can be matched on them."""
 MOST_IN_A_ROW = 10
+_EMPTY_BGR = cv2.cvtColor(np.zeros((1, 2, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)[0, 0]
+"""Zeros of a YUYV buffer, a green, as this version of OpenCV converts them."""
 _STEP_ROWS = 16
 """Some rows are compared before all."""
 
@@ -35,9 +38,10 @@ class TornImageCheck:
     _torn: int = 0
 
     def is_torn(self, image: NDArray[np.uint8]) -> bool:
-        """Whether the last rows of an image (H, W, C), or all, are those of an earlier one. An image that equals the one before
+        """Whether the last rows of an image (H, W, C), or all, are those of an earlier one, or of an empty buffer. An image that equals the one before
         is not torn: it is repeated, which the supervision of the camera judges. Raises BadData where many are torn in a row."""
-        torn = any(_ends_like(image, earlier) for earlier in self._images) and not _is(image, self._images[-1])
+        repeated = bool(self._images) and _is(image, self._images[-1])
+        torn = not repeated and (_ends_empty(image) or any(_ends_like(image, earlier) for earlier in self._images))
         self._images.append(image)
         self._torn = self._torn + 1 if torn else 0
         if self._torn >= MOST_IN_A_ROW:
@@ -59,6 +63,11 @@ def one_repeats(pair: Pair, before: Pair) -> bool:
 
 def _is(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
     return bool(np.array_equal(image, other))
+
+
+def _ends_empty(image: NDArray[np.uint8]) -> bool:
+    """Whether the last row is that of a buffer that was never filled."""
+    return image.ndim == 3 and bool((image[-1] == _EMPTY_BGR).all())
 
 
 def _ends_like(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:

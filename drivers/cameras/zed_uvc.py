@@ -125,7 +125,8 @@ class ZedSource:
                 ):
                     self._video.set(prop, value)
             self._first, self._first_ns = self._image()
-            self._torn.is_torn(self._first)  # to compare the next ones with it
+            while s.is_device and self._torn.is_torn(self._first):
+                self._first, self._first_ns = self._image()
             self._check(self._first)
         except (DeviceNotFound, DeviceLost, BadData):
             self.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -68,6 +69,13 @@ def test_rows_without_contrast_may_repeat(grey: int) -> None:
         image[60::20, 20::80] = 128
     assert not any(verdicts(images))
     assert not any(verdicts([np.full((HEIGHT, WIDTH, 3), grey, np.uint8)] * 4))
+
+
+def test_the_first_image_is_torn_where_its_buffer_is_still_empty() -> None:
+    """Bytes that were lost in the middle shift all that follows, in both eyes alike: it matches at the wrong place."""
+    empty = cv2.cvtColor(np.zeros((HEIGHT, WIDTH, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)
+    assert verdicts([torn(view(0), empty, 110), view(1)]) == [True, False]
+    assert verdicts([empty, view(1)]) == [True, False]
 
 
 def test_an_image_of_another_size_is_compared_with_none() -> None:

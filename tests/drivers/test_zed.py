@@ -344,7 +344,9 @@ def test_an_image_that_arrived_in_part_is_left_out() -> None:
     first, second = side_by_side(), cv2.flip(side_by_side(), 0)
     torn = first.copy()
     torn[:150] = second[:150]
-    source = ZedSource(SETTINGS, Video([first, torn, second]), CALIBRATION)
+    empty = cv2.cvtColor(np.zeros((376, 1344, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)
+    empty[:200] = second[:200]
+    source = ZedSource(SETTINGS, Video([empty, first, torn, second]), CALIBRATION)
     source.open()
     assert [source.read(1.0) is not None for _ in range(3)] == [True, False, True]
 
