@@ -46,6 +46,12 @@ class FrozenFrameDetector:
             return f"its stamps have not moved for {self._unchanged_stamps} frames"
         return ""
 
+    @property
+    def repeats(self) -> bool:
+        """Whether the last image is that of the frame before. Its stamp is not that of its exposure: it must not be used with the
+        attitude of that time, whether the camera counts as frozen or not yet."""
+        return self._same_images > 0
+
     def _measures(self, depth_mm: NDArray[np.uint16]) -> bool:
         """Whether more pixels (H, W) than the least share are measured, or far, which counts as free."""
         known = is_measured(depth_mm) | (depth_mm == FAR_MM)

@@ -237,7 +237,7 @@ class CameraSupervisor:
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
         frozen = self._frozen_detector.check(frame)
         now = CameraCondition.FROZEN if frozen else CameraCondition.RUNNING
-        if not frozen:  # a frozen image does not describe the present
+        if not frozen and not self._frozen_detector.repeats:  # a repeated image does not describe the present
             self._on_frame(frame)  # before the status is updated, so that the pipeline's thread wakes up at once
         frames = self._status.frames + 1
         self._set_condition(now, frozen, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)

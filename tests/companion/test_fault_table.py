@@ -93,6 +93,8 @@ class Flown:
         )
         before, self.cause = self.cause, self._frozen_detector.check(frame)
         self.judged_ns = self.judged_ns if before or not self.cause else time.monotonic_ns()
+        if self._frozen_detector.repeats:
+            return
         for output in self._pipeline.handle(frame):
             if isinstance(output, PrismsResult):
                 self.avoidance.result(output)
