@@ -156,6 +156,8 @@ class OakSource:
         self._check_view(message)
         first = self._part(message, self.settings.streams[0])
         exposure_ns = _middle_ns(first)
+        if LEFT in self.settings.streams and not first.getExposureTime():  # the image states it, if the depth does not
+            exposure_ns -= _half_exposure_ns(self._part(message, LEFT))
         # a later frame may be older: the process was stopped, and the frame waited
         oldest_ns = 0 if self._stamped else arrival_ns - FIRST_NS
         if not max(0, oldest_ns) < exposure_ns <= arrival_ns:
@@ -318,3 +320,8 @@ def _middle_ns(message: Any) -> int:
 
     stamp: timedelta = message.getTimestamp(dai.CameraExposureOffset.MIDDLE)
     return (stamp.days * 86_400 + stamp.seconds) * 1_000_000_000 + stamp.microseconds * 1000
+
+
+def _half_exposure_ns(message: Any) -> int:
+    exposure: timedelta = message.getExposureTime()
+    return exposure // timedelta(microseconds=1) * 500
