@@ -141,7 +141,8 @@ def seen_free(
     """Returns free_m, seen and lacking of the sectors: how far each was seen free, and if that is far enough.
 
     A sector must be seen free to its plane, or to the farthest distance sent if there is none, for a share
-    `clear_share` of its rays and of the heights of the band. Rays begin at the vehicle, views at their cameras. A ray
+    `clear_share` of its rays and of the heights of the band, and at every height but the outermost ones
+    (`_inner_heights`) in at least one ray. Rays begin at the vehicle, views at their cameras. A ray
     is followed from near_m on, since no camera covers the whole band nearer than that. A point is free if any view
     shows it free. Sectors of which the views show seen_share are completed by `recall`.
 
@@ -194,8 +195,9 @@ def seen_free(
     common = each[:, least - 1]
     free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
     by_sector = _by_sector(seen)
-    enough = by_sector.sum(axis=1) >= least
-    lacking = ~by_sector.reshape(SECTORS, len(z), avoid.rays)
+    at_height = by_sector.reshape(SECTORS, len(z), avoid.rays)
+    enough = (by_sector.sum(axis=1) >= least) & np.any(at_height[:, _inner_heights(avoid)], axis=2).all(axis=1)
+    lacking = ~at_height
     return free_m, enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid)), lacking
 
 
@@ -210,6 +212,15 @@ def _sector_rays(
     band_m = avoid.band_above_m + avoid.band_below_m
     z = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * band_m
     return np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges, z, ranges
+
+
+def _inner_heights(avoid: AvoidParams) -> slice:
+    """Returns the heights of the band of which none may be unseen in all rays of a sector.
+
+    `clear_share` allows for rays that end at mismatches and for a border of the image. All that it leaves out in one
+    piece is as high as a thing. At either edge of the band at most half of it may be unseen."""
+    edge = (avoid.slices - math.ceil(avoid.clear_share * avoid.slices)) // 2
+    return slice(edge, avoid.slices - edge)
 
 
 def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:

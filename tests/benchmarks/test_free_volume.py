@@ -315,6 +315,12 @@ def test_readers_that_answer_free_in_a_solid_are_found(monkeypatch: pytest.Monke
     assert answers(view(wide), far, monkeypatch).wrong_points > 0
 
 
+@pytest.mark.parametrize("number", [2655, 2800])
+def test_no_sector_is_clear_with_a_box_beyond_the_border_of_the_image(number: int) -> None:
+    """A box reaches 0.2 m into the height band where the camera, pitched by 11 and -16 degrees, does not see it."""
+    assert free_worlds.judge_sectors(random_frame(23, number), Extractor(Params()))[0] == []
+
+
 def test_a_solid_in_a_clear_sector_is_wrong() -> None:
     s = SceneBuilder("post")
     s.box("post", 5.0, 0.0, 0.4, 0.4, 6.0, base=-3.0)

@@ -280,6 +280,39 @@ def test_a_band_seen_in_part_is_not_clear() -> None:
     assert (scan([View(part, HERE)], AVOID).state == SectorState.UNSEEN).all()
 
 
+def seen_but_at(*unseen: int) -> View:
+    """A view that is free to 13 m all around in layers as high as the slices of the band, 0.16 m, but for these layers."""
+    free_to = np.full((36, 10), 13.0, np.float32)
+    free_to[:, list(unseen)] = 0.0
+    profile = FreeProfile(
+        azimuth_edges_rad=np.linspace(-math.pi, math.pi, 37).astype(np.float32),
+        layer_edges_m=np.linspace(-0.8, 0.8, 11).astype(np.float32),
+        free_from_m=np.where(free_to > 0.0, 1.5, 0.0).astype(np.float32),
+        free_to_m=free_to,
+        end=np.full((36, 10), FreeEnd.MAX_RANGE, np.uint8),
+    )
+    return View(replace(model(wall_at(0.0, 8.0)), free=profile), HERE)
+
+
+@pytest.mark.parametrize(
+    ("unseen", "seen"),
+    [((), True), ((0,), True), ((0, 9), True), ((0, 1), False), ((8, 9), False), ((4,), False), ((4, 5), False)],
+)
+def test_only_the_outermost_height_of_the_band_may_be_unseen_over_a_whole_sector(
+    unseen: tuple[int, ...], seen: bool
+) -> None:
+    """Without two of ten heights 80 % of the rays are left."""
+    clear = scan([seen_but_at(*unseen)], AVOID).state[5:-5]
+    assert (clear == (SectorState.CLEAR if seen else SectorState.UNSEEN)).all()
+    every = scan([seen_but_at(*unseen)], replace(AVOID, clear_share=1.0)).state[5:-5]
+    assert (every == (SectorState.UNSEEN if unseen else SectorState.CLEAR)).all()
+
+
+@pytest.mark.parametrize(("unseen", "state"), [((0,), "OBSTACLE"), ((0, 1), "UNSEEN"), ((8, 9), "UNSEEN")])
+def test_the_way_to_an_obstacle_is_seen_at_the_same_heights(unseen: tuple[int, ...], state: str) -> None:
+    assert SectorState(scan([seen_but_at(*unseen)], AVOID).state[0]).name == state
+
+
 def test_two_cameras_together_see_more_and_an_obstacle_of_either_counts() -> None:
     right = LevelTransform(math.pi / 2, (0.0, 0.0, 0.0))
     first = model(free_to_m=13.0, view_deg=80.0)

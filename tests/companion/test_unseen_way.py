@@ -254,6 +254,16 @@ def test_a_bar_that_hides_a_quarter_of_the_band_hides_what_is_behind_it(wall_at_
     assert not farther_than(scan([view_of(wall_at_10_m, bar)], AVOID), 4.0)[FRONT].any()
 
 
+@pytest.mark.parametrize(("up_m", "high_m"), [(0.0, 0.2), (0.66, 0.3)])
+def test_a_bar_that_leaves_four_fifths_of_the_band_hides_what_is_behind_it(
+    wall_at_10_m: Rendered, up_m: float, high_m: float
+) -> None:
+    """At the height of the vehicle, and at the upper edge of the band."""
+    _, down = tangents()
+    bar = np.asarray(np.abs(3.0 * down + up_m) < 0.5 * high_m)
+    assert not farther_than(scan([view_of(wall_at_10_m, bar)], AVOID), 4.0)[FRONT].any()
+
+
 @pytest.mark.parametrize("bin_deg", [5, 10])
 def test_px4_does_not_fly_towards_the_column(wall_at_10_m: Rendered, bin_deg: int) -> None:
     values = values_of(scan([view_of(wall_at_10_m, without_texture(0.6, 3.0))], AVOID), PX4)
@@ -289,8 +299,8 @@ def test_a_wall_seen_in_full_stays_where_it_stands(wall_at_10_m: Rendered) -> No
             )
             view = view_of(seen, nothing)
             found = scan([view], AVOID)
-            # pitched by 15 degrees, the sides of the image cut the band of height within the outermost sectors
-            whole = FRONT[1:-1] if pitch_deg else FRONT
+            # pitched by 15 degrees, the image shows all but the outermost height of the band near the middle only
+            whole = FRONT[4:-4] if pitch_deg else FRONT
             assert (found.state[whole] == SectorState.OBSTACLE).all(), (distance_m, pitch_deg)
             assert (found.state[FRONT] != SectorState.CLEAR).all(), (distance_m, pitch_deg)
             assert found.distance_m[0] <= distance_m - AVOID.radius_m
