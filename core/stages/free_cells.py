@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inner, kernel
-from .view_geometry import Q_UNKNOWN
+from .view_geometry import Q_FAR, Q_UNKNOWN
 
 DARK_ROWS = 4
 """Rows of a block that counts as unknown if more than half of its cells are. It is not a tuning parameter."""
@@ -89,7 +89,7 @@ def unknown_of_blocks(codes):
 
 
 @inner
-def count_dark_blocks(unknown, u0, u1, dark_blocks):
+def count_dark_blocks(unknown, u0, u1, dark_blocks, dark_columns):
     """Counts blocks of DARK_ROWS rows of which more than half are unknown; returns the number of columns that have
     any.
 
@@ -97,7 +97,8 @@ def count_dark_blocks(unknown, u0, u1, dark_blocks):
         unknown: of `unknown_of_blocks`.
         u0, u1: first column and end.
         dark_blocks: (cols, rows // DARK_ROWS + 1) int16 out. Line k is the k-th of these columns; element b is the
-            number of such blocks before block b."""
+            number of such blocks before block b.
+        dark_columns: (cols,) int64 out, the columns of these lines."""
     found = 0
     for u in range(u0, u1):
         column, counts, total = unknown[u], dark_blocks[found], np.int16(0)
@@ -106,8 +107,51 @@ def count_dark_blocks(unknown, u0, u1, dark_blocks):
             total += np.int16(2 * column[b - 1] > DARK_ROWS)
             counts[b] = total
         if total > 0:
+            dark_columns[found] = u
             found += 1
     return found
+
+
+@inner
+def hides_column(sampled, v0, v1):
+    """True if a column of the direction is unknown in more than half of its blocks in the rows v0..v1, rounded outward.
+
+    sampled: Sampled of free_walk.py."""
+    dark_blocks, columns = sampled.dark_blocks, sampled.dark_columns
+    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
+    most = 0
+    for k in range(dark_blocks.shape[0]):
+        if sampled.own[0] <= columns[k] < sampled.own[1]:
+            most = max(most, dark_blocks[k, b1] - dark_blocks[k, b0])
+    return 2 * most > b1 - b0
+
+
+@inner
+def hides_in_part(sampled, v0, v1, blocking):
+    """True if a column that overlaps the direction may hide a thing in the rows v0..v1, rounded outward: more than half of
+    its blocks are unknown, or one is and less than half of its rows see through the ring.
+
+    Planes end the free range at near cells. Of a surface that is seen edge-on most pixels are removed as flying ones,
+    and no plane stands for the near ones that are left between them.
+
+    Args:
+        sampled: Sampled of free_walk.py.
+        v0, v1: rows.
+        blocking: code of `blocking_codes`."""
+    dark_blocks, rows = sampled.dark_blocks, sampled.codes.shape[1]
+    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
+    first, end = b0 * DARK_ROWS, min((v1 // DARK_ROWS + 1) * DARK_ROWS, rows)
+    for k in range(dark_blocks.shape[0]):
+        dark = dark_blocks[k, b1] - dark_blocks[k, b0]
+        if 2 * dark > b1 - b0:
+            return True
+        if dark > 0:
+            column, seen = sampled.codes[sampled.dark_columns[k]], 0
+            for v in range(first, end):
+                seen += (column[v] >= Q_FAR) & (column[v] < blocking)
+            if 2 * seen < end - first:
+                return True
+    return False
 
 
 @inner

@@ -8,7 +8,7 @@ between a pole and the wall behind it is unknown.
 The search walks outward in rings of equal forward distance. A ring is free if `free_share` of the cells that cover
 the layer there measure a greater distance. Unknown cells, cells outside of the source and ground that is too near are
 not free. No column may be unknown over most of the layer: single missing pixels hide nothing, a column of them may
-hide a pole or the end of a wall.
+hide a pole or the end of a wall. See `hides_in_part` for columns that overlap the direction in part.
 
 The range of the camera is an optical depth Z, while rings are forward distances X in level_cam. A ring is free only
 if its whole layer lies within the range."""
@@ -51,6 +51,17 @@ class FreeRanges(NamedTuple):
     end: Any
 
 
+@inner
+def overlapping_columns(u0, u1, cols, begin, end):
+    """Returns (first, end) of the columns that overlap a direction from column `begin` to `end` (float64; 0 is the middle
+    of the first column).
+
+    Those with their middle in it, u0..u1 - 1, are sampled. A thing that covers the column beside them may reach into the
+    direction by up to half a column, and none of the sampled ones shows it."""
+    first = u0 - 1 if u0 > 0 and u0 - 0.5 > begin else u0
+    return first, u1 + 1 if u1 < cols and u1 - 0.5 < end else u1
+
+
 @kernel
 def walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, out):
     """Computes the free ranges of every direction and layer of a levelled view.
@@ -72,6 +83,7 @@ def walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, out):
     looked, layer_rows = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
     unknown_blocks = unknown_of_blocks(codes)
     holes, dark_blocks = find_holes(unknown_blocks), np.empty((cols, rows // DARK_ROWS + 1), np.int16)
+    dark_columns = np.empty(cols, np.int64)
     own_holes, near_holes = np.empty(holes.shape[1], np.uint8), np.empty(holes.shape[1], np.uint8)
     looked_at(rows, looked)
     rows_of_rings(ring_m, layers, w, layer_rows)
@@ -83,9 +95,12 @@ def walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, out):
             u1 += 1
         look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
         in_source = common_source_rows(H, u0, u1, image.width_px, image.height_px, rows)
-        dark_columns = count_dark_blocks(unknown_blocks, u0, u1, dark_blocks)
-        join_holes(holes, u0, u1, own_holes, near_holes)
-        sampled = Sampled(cells, begin, dark, in_source, dark_blocks[:dark_columns], own_holes, near_holes)
+        left, right = overlapping_columns(u0, u1, cols, cu + f_u * edges_t[d], cu + f_u * edges_t[d + 1])
+        n = count_dark_blocks(unknown_blocks, left, right, dark_blocks, dark_columns)
+        join_holes(holes, left, right, own_holes, near_holes)
+        sampled = Sampled(
+            cells, begin, dark, in_source, codes, (u0, u1), dark_columns[:n], dark_blocks[:n], own_holes, near_holes
+        )
         for layer in range(len(layers) - 1):
             t0, t1, top, bottom = edges_t[d], edges_t[d + 1], layers[layer], layers[layer + 1]
             codes_of, rows_of = blocking[layer], layer_rows[layer]

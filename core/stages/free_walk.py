@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..jit import inner, inner_inline, record
 from ..params import Params
 from ..types import FreeEnd, Ground
-from .free_cells import DARK_ROWS, count_codes
+from .free_cells import count_codes, hides_column, hides_in_part
 from .free_holes import holds_hole, side_index
 from .level import source_rows_of_column
 from .view_geometry import Q_FAR, ViewGeometry
@@ -65,13 +65,19 @@ class Sampled(NamedTuple):
         begin: (B + 1,) int64 of `look_at`.
         unknown: (B + 1,) int64, `dark` of `look_at`.
         in_source: (first, last) row, see `common_source_rows`.
-        dark_blocks: (K, blocks + 1) int16 of `count_dark_blocks`, the columns that have any.
+        codes: (cols, rows) uint16 of the view.
+        own: (first, end) of the columns that have their middle in the direction.
+        dark_columns, dark_blocks: (K,) int64 and (K, blocks + 1) int16 of `count_dark_blocks`, of the columns that
+            overlap the direction.
         holes, near_holes: (blocks,) uint8, `own` and `widened` of `join_holes`."""
 
     cells: Any
     begin: Any
     unknown: Any
     in_source: Any
+    codes: Any
+    own: Any
+    dark_columns: Any
     dark_blocks: Any
     holes: Any
     near_holes: Any
@@ -220,18 +226,6 @@ def common_source_rows(H, u0, u1, src_cols, src_rows, rows):
 
 
 @inner
-def hides_column(dark_blocks, v0, v1):
-    """True if a column is unknown in more than half of its blocks in the rows v0..v1, rounded outward.
-
-    dark_blocks: see `Sampled`."""
-    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
-    most = 0
-    for u in range(dark_blocks.shape[0]):
-        most = max(most, dark_blocks[u, b1] - dark_blocks[u, b0])
-    return 2 * most > b1 - b0
-
-
-@inner
 def is_hidden(sampled, x, before, v0, v1, t0, t1, top, lower, w):
     """True if a hole of the rows v0..v1 may hide a thing between the distances `before` and x.
 
@@ -291,7 +285,8 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
 
     The walk begins at the first ring that measures a greater distance, and ends at the next one that does not. In it, rings
     with a hole are not free. The free rings are those before the first such hole, or, where that is in the first ring of
-    the walk, those behind it. So a hole never makes a ring free that would not be without it.
+    the walk, those behind it. A ring that `hides_in_part` ends the walk. So neither makes a ring free that would not be
+    without it.
 
     The layer reaches from z = top down to bottom, or to `lowest_clear` if that is higher. If the part below may hide
     an obstacle of the least height, no part of it is free. Nothing is free beyond the range.
@@ -323,8 +318,11 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
             end = _UNKNOWN  # too few known cells to make the ring free or to end the walk
             continue
         seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, blocking[r] - 1)
-        if total > 0 and seen >= enough and not hides_column(sampled.dark_blocks, v0, v1):
+        if total > 0 and seen >= enough and not hides_column(sampled, v0, v1):
             begun = True
+            if hides_in_part(sampled, v0, v1, blocking[r]):
+                end = _UNKNOWN
+                break
             if not is_hidden(sampled, x, ring_m[last] if first >= 0 else x, v0, v1, t0, t1, top, lower, w):
                 first = r if first < 0 else first
                 last, end = r, _RANGE

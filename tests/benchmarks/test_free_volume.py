@@ -315,6 +315,25 @@ def test_readers_that_answer_free_in_a_solid_are_found(monkeypatch: pytest.Monke
     assert answers(view(wide), far, monkeypatch).wrong_points > 0
 
 
+@pytest.mark.parametrize("number", [63, 240, 1256, 1325])
+def test_no_free_cell_holds_the_edge_of_a_blank_thing_in_a_column_beside_it(number: int) -> None:
+    """A roof, a pole and two boxes that cover a column of the view of which less than half lies in the cell."""
+    wrong, cells, valid, _ = free_campaign.judge(blank_frame(43, number), Extractor(Params()), False)
+    assert valid
+    assert cells > 50
+    assert wrong == []
+
+
+def test_no_free_cell_holds_the_end_of_a_roof_that_is_seen_edge_on() -> None:
+    """Its pixels were removed as flying ones: its last column is unknown but for near pixels without a plane."""
+    r = random_frame(23, 7389)
+    wrong, cells, valid, _ = free_campaign.judge(r, Extractor(Params()), False)
+    assert valid
+    assert cells > 100
+    assert wrong == []
+    assert judge_readers(r, Extractor(Params())).wrong_cells == 0
+
+
 @pytest.mark.parametrize("number", [2655, 2800])
 def test_no_sector_is_clear_with_a_box_beyond_the_border_of_the_image(number: int) -> None:
     """A box reaches 0.2 m into the height band where the camera, pitched by 11 and -16 degrees, does not see it."""

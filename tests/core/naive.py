@@ -410,15 +410,15 @@ def pair_cost(pieces, p, sigma_s, gap_m):
 
 
 def free_walk(
-    codes, weight, inside, direction, d, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind, too_near, blank
+    codes, weight, inside, direction, d, overlaps, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind, too_near, blank
 ):  # fmt: skip
     """(from, to, end): the first and last distance of one direction and layer that are seen free, 0, 0: none, and the name of its end.
-    weight, inside: what a cell counts and whether it is in the source, like codes. sees_through: whether codes see through a distance;
+    weight, inside: what a cell counts and whether it is in the source, like codes. overlaps: (cols,) whether a column lies in the direction at least in part. sees_through: whether codes see through a distance;
     clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle;
     too_near: whether a part of heights z0..z1 at a distance is too near to be measured; blank: least side of a thing without texture."""
     columns, weights, rows = codes[direction == d], weight[direction == d], codes.shape[1]
     sides = [holes(codes == 0, 4 << k) for k in range(4)]
-    own = np.flatnonzero(direction == d)
+    over = np.flatnonzero(overlaps)
 
     def rows_at(x, lower):
         a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * lower / x - 0.5)
@@ -431,17 +431,22 @@ def free_walk(
         near = np.sum(w[(cells > 0) & ~sees_through(cells, x)])
         return w.sum(), through, near
 
-    def is_dark(a, b):
+    def dark_blocks(columns, a, b):
         blocks = [columns[:, i : i + 4] == 0 for i in range(a // 4 * 4, min(b + 1, rows // 4 * 4), 4)]
-        return bool(blocks) and (np.mean([k.mean(axis=1) > 0.5 for k in blocks], axis=0) > 0.5).any()
+        return np.mean([k.mean(axis=1) > 0.5 for k in blocks], axis=0) if blocks else np.zeros(len(columns))
+
+    def hides_in_part(x, a, b):
+        dark, part = dark_blocks(codes[over], a, b), codes[over, a // 4 * 4 : (b // 4 + 1) * 4]
+        seen = np.mean((part > 0) & sees_through(part, x), axis=1)
+        return ((dark > 0.5) | ((dark > 0.0) & (seen < 0.5))).any()
 
     def is_hidden(x, before, a, b, lower):
         if too_near(before, z0, lower):
-            part = sides[0][max(own[0] - 1, 0) : own[-1] + 2, max(a // 4 - 1, 0) : b // 4 + 2]
+            part = sides[0][max(over[0] - 1, 0) : over[-1] + 2, max(a // 4 - 1, 0) : b // 4 + 2]
         else:
             cells = blank * f / x
             nearest = min(range(4), key=lambda k: abs(math.log(cells / (4 << k))))
-            part = sides[nearest][own[0] : own[-1] + 1, a // 4 : b // 4 + 1]
+            part = sides[nearest][over, a // 4 : b // 4 + 1]
         return part.any()
 
     def begin(r):
@@ -462,7 +467,13 @@ def free_walk(
         if hides_low or lower - z0 < least or at is None or not in_range(middle, z0, lower):
             return x
         total, through, _ = counts(*at, x)
-        if total == 0 or through < share * total or is_dark(*at) or is_hidden(middle, middle, *at, lower):
+        if (
+            total == 0
+            or through < share * total
+            or (dark_blocks(columns, *at) > 0.5).any()
+            or hides_in_part(x, *at)
+            or is_hidden(middle, middle, *at, lower)
+        ):
             return x
         lower = min(z1, clear_z(x))
         return x if is_hidden(x, middle, *rows_at(x, lower), lower) else middle
@@ -488,8 +499,11 @@ def free_walk(
                 break
             continue
         total, through, near = counts(*at, x)
-        if total and through >= share * total and not is_dark(*at):
+        if total and through >= share * total and not (dark_blocks(columns, *at) > 0.5).any():
             begun = True
+            if hides_in_part(x, *at):
+                end = "UNKNOWN"
+                break
             if not is_hidden(x, ring_m[last] if first >= 0 else x, *at, lower):
                 first, last, end = (r if first < 0 else first), r, "MAX_RANGE"
                 continue
