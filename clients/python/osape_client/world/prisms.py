@@ -134,8 +134,8 @@ def inside(solid: Prism, points: Floats, grow_m: float = 0.0) -> NDArray[np.bool
 
 
 def way_inside(solid: Prism, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
-    """(M,) whether ways a -> b begin or end in a closed prism or pass through its roof or its floor, a ball as near to
-    those as its radius. Where it passes through a side it touches a plane."""
+    """(M,) whether ways a -> b begin or end in a closed prism, or pass through its roof, its floor or one of its sides; a ball
+    as near to roof and floor as its radius. The planes do not cover the sides where they end short of a corner."""
     out = inside(solid, a, radius_m) | inside(solid, b, radius_m)
     with np.errstate(divide="ignore", invalid="ignore"):
         for z in (solid.top_m - radius_m, solid.bottom_m + radius_m):
@@ -145,4 +145,27 @@ def way_inside(solid: Prism, a: Floats, b: Floats, radius_m: float) -> NDArray[n
                 at = a[on] + share[on, None] * (b[on] - a[on])
                 at[:, 2] = 0.5 * (solid.top_m + solid.bottom_m)
                 out[on] |= inside(solid, at)
+    v = solid.vertices_m.astype(np.float64)
+    rest = np.flatnonzero(
+        ~out
+        & (np.maximum(a, b)[:, :2] >= v.min(axis=0)).all(axis=1)
+        & (np.minimum(a, b)[:, :2] <= v.max(axis=0)).all(axis=1)
+    )
+    if len(rest):
+        for begin, end in zip(v, np.roll(v, -1, axis=0), strict=True):
+            out[rest] |= _through_side(solid, begin, end, a[rest], b[rest], radius_m)
     return out
+
+
+def _through_side(
+    solid: Prism, begin: Floats, end: Floats, a: Floats, b: Floats, radius_m: float
+) -> NDArray[np.bool_]:
+    """(M,) whether ways a -> b cross the side of a prism between two vertices, its top and bottom grown by a radius."""
+    side, way = end - begin, b - a
+    before, after = ((p[:, 0] - begin[0]) * side[1] - (p[:, 1] - begin[1]) * side[0] for p in (a, b))
+    opposite = (before <= 0.0) != (after <= 0.0)
+    share = np.divide(before, before - after, out=np.zeros(len(a)), where=opposite)
+    at = a + share[:, None] * way
+    along = (at[:, :2] - begin) @ side
+    within = (at[:, 2] >= solid.top_m - radius_m) & (at[:, 2] <= solid.bottom_m + radius_m)
+    return np.asarray(opposite & within & (along >= 0.0) & (along <= side @ side))
