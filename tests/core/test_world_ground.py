@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from companion.streams.world_messages import world_message
@@ -244,6 +246,26 @@ def test_ways_beyond_all_measure_are_answered_and_not_free() -> None:
     assert answers[1] == Occupancy.OCCUPIED  # straight down through the ground
     assert space.segments([[-1e9, 0.0, 2.2]], [[1e9, 0.0, 2.2]], 0.1).tolist() == [Occupancy.OCCUPIED]
     assert space.segments([[-1e9, 0.0, -40.0]], [[1e9, 0.0, -40.0]], 0.1).tolist() == [Occupancy.UNKNOWN]
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 2**32 - 1))
+def test_a_way_is_occupied_where_a_ball_of_it_is(seed: int) -> None:
+    """A way may pass the corner of a column between two samples of it."""
+    rng = np.random.default_rng(seed)
+    height = rng.uniform(0.5, 4.0, (1, 256))
+    ground = np.stack([height, rng.uniform(0.0, 0.5, (1, 256))], axis=2).astype(np.float32)
+    ground[rng.random((1, 256)) < 0.3] = np.nan
+    free = np.full((1, 256), 0xFFFFFFFFFFFFFFFF, np.uint64)
+    picture = replace(World().picture(0), blocks=np.zeros((1, 3), np.int32), masks=free, ground=ground)
+    space = WorldSpace(picture)
+    a = rng.uniform(0.0, 8.0, (200, 3)) * [1.0, 1.0, 0.5]
+    b = a + rng.normal(size=(200, 3))
+    along = a[:, None] + np.linspace(0.0, 1.0, 50)[None, :, None] * (b - a)[:, None]
+    for radius_m in (0.0, 0.1, 0.5):
+        answers = space.segments(a, b, radius_m)
+        balls = space.points(along.reshape(-1, 3), radius_m).reshape(200, 50)
+        assert (answers[(balls == Occupancy.OCCUPIED).any(axis=1)] == Occupancy.OCCUPIED).all()
 
 
 # ---- rendered frames ------------------------------------------------------------------------------------------------

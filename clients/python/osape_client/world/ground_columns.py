@@ -58,11 +58,11 @@ class GroundColumns:
         if radius_m > _MOST_RADIUS_M:
             below[rows] = touching[rows] = True
         elif len(rows):
-            below[rows], touching[rows] = self._columns(p[rows], radius_m)
+            below[rows], touching[rows] = self._columns(p[rows], np.full(len(rows), radius_m))
         return below, touching
 
     def ways(self, a: Floats, b: Floats, radius_m: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """`balls`, for balls moved from a to b, (M, 3) each: sampled every STEP_M."""
+        """`balls`, for balls moved from a to b, (M, 3) each: sampled every STEP_M, by balls that cover the whole way."""
         below, touching = np.zeros(len(a), bool), np.zeros(len(a), bool)
         rows = np.flatnonzero(self._near(a, b, radius_m))
         if radius_m > _MOST_RADIUS_M or not len(rows):
@@ -84,11 +84,13 @@ class GroundColumns:
     def _sampled(
         self, a: Floats, b: Floats, count: NDArray[np.int64], radius_m: float
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """`ways` by so many samples of each."""
+        """`ways` by so many samples of each, larger balls that contain the ball at all places between two of them."""
         way = np.repeat(np.arange(len(a)), count)
         first = np.cumsum(count) - count
-        share = (np.arange(len(way)) - first[way]) / np.maximum(1, count - 1)[way]
-        found = self._columns(a[way] + share[:, None] * (b - a)[way], radius_m)
+        gaps = np.maximum(1, count - 1)
+        share = (np.arange(len(way)) - first[way]) / gaps[way]
+        grown_m = np.hypot(radius_m, 0.5 * np.linalg.norm(b - a, axis=1) / gaps)
+        found = self._columns(a[way] + share[:, None] * (b - a)[way], grown_m[way])
         below, touching = (np.bincount(way, samples, len(a)) > 0 for samples in found)
         return below, touching
 
@@ -131,10 +133,11 @@ class GroundColumns:
                 out[rows] |= there & (high[rows, 2] > self._highest[at])
         return out
 
-    def _columns(self, p: Floats, radius_m: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _columns(self, p: Floats, radius_m: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """`balls` of radii (M,)."""
         below, touching = np.zeros(len(p), bool), np.zeros(len(p), bool)
-        first = np.floor((p[:, :2] - radius_m) / CELL_M)
-        most = int(2.0 * radius_m / CELL_M) + 2
+        first = np.floor((p[:, :2] - radius_m[:, None]) / CELL_M)
+        most = int(2.0 * radius_m.max(initial=0.0) / CELL_M) + 2
         for dx in range(most):
             for dy in range(most):
                 column = first + np.array([dx, dy])

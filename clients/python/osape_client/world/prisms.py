@@ -157,9 +157,7 @@ def way_inside(solid: Prism, a: Floats, b: Floats, radius_m: float) -> NDArray[n
     return out
 
 
-def _through_side(
-    solid: Prism, begin: Floats, end: Floats, a: Floats, b: Floats, radius_m: float
-) -> NDArray[np.bool_]:
+def _through_side(solid: Prism, begin: Floats, end: Floats, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
     """(M,) whether ways a -> b cross the side of a prism between two vertices, its top and bottom grown by a radius."""
     side, way = end - begin, b - a
     before, after = ((p[:, 0] - begin[0]) * side[1] - (p[:, 1] - begin[1]) * side[0] for p in (a, b))
