@@ -7,16 +7,21 @@ Occupied space is never entered. Unknown space is avoided, or allowed at a price
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from ompl import base, geometric, util
 
 from osape_client.query.space import Occupancy, Space
 from osape_client.world.space import WorldSpace
+
+try:
+    from ompl import base, geometric, util
+except ImportError as error:
+    raise ImportError(f"path planning needs ompl ({error}): run {sys.executable} -m pip install 'ompl>=2.0'") from error
 
 Floats = NDArray[np.float64]
 PLANNERS = {"rrt": geometric.RRT, "rrt-connect": geometric.RRTConnect, "prm": geometric.PRM}

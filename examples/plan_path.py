@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from path_planner import PLANNERS, NoPath, Room, Unknown, plan
 
 from companion.bench.frames import render_sequence
 from companion.viewer.frame import ViewFrame
 from companion.viewer.log import read_frames
-from companion.viewer.png import new_figure
+from companion.viewer.png import missing_library, new_figure
 from companion.viewer.side import draw_side
 from companion.viewer.top import draw_top
 from core.extractor import Extractor
@@ -26,6 +25,11 @@ from drivers.base import DriverError
 from drivers.logs.reader import McapRecording
 from osape_client.model import CameraModel
 from osape_client.query.space import PlacedModel, Space
+
+try:
+    from path_planner import PLANNERS, NoPath, Room, Unknown, plan
+except ImportError as error:
+    sys.exit(str(error))
 
 
 def arguments() -> argparse.Namespace:
@@ -88,6 +92,9 @@ def line(ax: Any, x: np.ndarray, y: np.ndarray, radius_m: float) -> None:
 
 def main() -> int:
     args = arguments()
+    if missing := missing_library():
+        print(missing, file=sys.stderr)
+        return 1
     try:
         frame = logged(args.log, args.frame) if args.log else simulated(args.scene)
     except (DriverError, IndexError, OSError, ValueError) as error:

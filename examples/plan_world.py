@@ -14,21 +14,26 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from path_planner import PLANNERS, NoPath, Room, Unknown, plan
-from plan_path import line
 
 from companion.config.loader import Config
 from companion.live.world_thread import observation_of
 from companion.pipeline.results import PrismsResult
 from companion.replay.replay import make_pipeline, process
 from companion.replay.summary import ReplayCounts
-from companion.viewer.png import new_figure
+from companion.viewer.png import missing_library, new_figure
 from core.world.world import World
+from drivers.base import DriverError
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
 from osape_client.world.mirror import WorldMirror
 from osape_client.world.snapshot import WorldSnapshot
 from osape_client.world.space import WorldSpace
+
+try:
+    from path_planner import PLANNERS, NoPath, Room, Unknown, plan
+    from plan_path import line
+except ImportError as error:
+    sys.exit(str(error))
 
 SLACK_M = 6.0
 """The path may leave the box around what is known, start and goal by so much."""
@@ -90,6 +95,9 @@ def draw(space: WorldSpace, places: np.ndarray, path: np.ndarray, radius_m: floa
 
 def main() -> int:
     args = arguments()
+    if missing := missing_library():
+        print(missing, file=sys.stderr)
+        return 1
     if args.live:
         with WorldMirror() as mirror:
             if not mirror.update(5.0):
@@ -100,7 +108,11 @@ def main() -> int:
                 return 1
             space, places = mirror.space, np.array([args.start])
     else:
-        space, places = flown(args.log)
+        try:
+            space, places = flown(args.log)
+        except (DriverError, OSError, ValueError) as error:
+            print(error, file=sys.stderr)
+            return 1
         if not len(places):
             print("no frame of the flight has a position: there is no world", file=sys.stderr)
             return 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -111,6 +112,36 @@ def test_the_script_draws_a_path_through_the_window(pp: ModuleType, tmp_path: Pa
         [*command[:2], "--goal", "10", "6", "0"], capture_output=True, text=True, timeout=300, check=False
     )
     assert (run.returncode, "unknown" in run.stderr) == (1, True), run.stderr
+
+
+@pytest.mark.parametrize("script", ["plan_path.py", "plan_world.py"])
+@pytest.mark.parametrize(
+    ("library", "remedy"), [("ompl", "pip install 'ompl>=2.0'"), ("matplotlib", "pip install 'matplotlib>=3.8'")]
+)
+def test_a_missing_library_is_named_with_its_remedy(script: str, library: str, remedy: str, tmp_path: Path) -> None:
+    if library != "ompl":
+        pytest.importorskip("ompl", reason="the extra `planner` is not installed")
+    (tmp_path / f"{library}.py").write_text(f"raise ModuleNotFoundError(\"No module named '{library}'\")\n")
+    run = subprocess.run(
+        [sys.executable, ROOT / "examples" / script],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert run.returncode == 1
+    assert library in run.stderr
+    assert remedy in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_a_log_that_does_not_exist_is_named(pp: ModuleType, tmp_path: Path) -> None:
+    for script in ("plan_path.py", "plan_world.py"):
+        command = [sys.executable, ROOT / "examples" / script, tmp_path / "none.mcap"]
+        run = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        assert (run.returncode, "Traceback" in run.stderr) == (1, False), run.stderr
+        assert "none.mcap" in run.stderr
 
 
 @pytest.mark.parametrize("planner", ["rrt", "rrt-connect"])
