@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +19,16 @@ from .evidence import empty_steps
 from .free_grid import FreeTables, GroundPlane, empty_free, held_blocks, see_free, seen_blocks
 from .ground import ground_plane, see_ground
 from .params import WorldParams
-from .plane_index import BOX, MOMENTS, Tables, columns, empty_tables
+from .plane_index import BOX, columns, empty_tables
 from .removal import FrameView
+from .section import Section, planes_to_load, saved_section
 from .serialize import SavedSection, fitting
 from .snapshot import WorldSnapshot
-from .update import SAVED_PLANE, add_frame, observations_of, put_saved, rules_of
+from .update import add_frame, observations_of, put_saved, rules_of
 
 NS = 1_000_000_000
 FARTHEST_M = 1e6
-"""Greatest distance from the origin: beyond it float32 does not resolve centimetres, and the position estimate is
+"""Greatest distance from the origin: beyond it float32 does not resolve decimetres, and the position estimate is
 wrong."""
 
 
@@ -58,42 +58,6 @@ class Observation:
                 f"world: the place of the camera at {self.t_ns} ns is {self.place_m}: expected numbers within "
                 f"{FARTHEST_M:g} m; is the autopilot's position right?"
             )
-
-
-@dataclass(slots=True, kw_only=True)
-class Section:
-    """Planes and free space observed between two jumps of the position.
-
-    Attributes:
-        number: counts the sections of this world.
-        tables: planes.
-        free: free space.
-        begun_ns: first frame.
-        reset_counter: of the position estimate.
-        newest_ns: newest frame.
-        place_m: place of the newest frame's camera.
-        vouched: the section begins with saved planes, and the next frame belongs to it at any position.
-        estimate: that of its frames."""
-
-    number: int
-    tables: Tables
-    free: FreeTables
-    begun_ns: int
-    reset_counter: int
-    newest_ns: int
-    place_m: tuple[float, float, float]
-    vouched: bool = False
-    estimate: tuple[int, ...] = ()
-
-    @property
-    def used_slots(self) -> NDArray[Any]:
-        """The slots that were ever in use, SLOT, including empty ones."""
-        return self.tables.planes[: int(self.tables.state["used"][0])]
-
-    @property
-    def planes(self) -> int:
-        """Number of planes."""
-        return int(self.tables.state["live"][0])
 
 
 @dataclass(slots=True)
@@ -228,7 +192,7 @@ class World:
 
     def saved(self) -> tuple[SavedSection, ...]:
         """Returns all sections, the newest last, for `serialize.bytes_of`."""
-        return tuple(_saved(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
+        return tuple(saved_section(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
 
     def load(self, sections: tuple[SavedSection, ...]) -> None:
         """Begins a section with saved planes. Planes of one surface are joined, and no space becomes free.
@@ -245,7 +209,7 @@ class World:
         assert self.section is not None
         self.section.vouched, none = True, np.zeros(0, OBSERVATION)
         for k, s in enumerate(sections):
-            put_saved(self.section.tables, self.section.free, _planes_of(s), self._rules, k > 0, none)
+            put_saved(self.section.tables, self.section.free, planes_to_load(s), self._rules, k > 0, none)
 
     def numbers(self) -> dict[str, int]:
         """Returns counts for the log and the health report."""
@@ -341,51 +305,3 @@ class World:
         if math.dist(observation.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
             return "the position stepped"
         return ""
-
-
-def _saved(section: Section) -> SavedSection:
-    """Returns the planes of a section, with moments about the middle of each."""
-    planes = section.used_slots
-    planes = planes[planes["hits"] > 0]
-    rows = columns(planes, BOX).astype(np.float64)
-    # rounded to centimetres as in the file, so that the moments are about the middle that will be read
-    middle = 0.01 * np.rint(50.0 * (rows[:, 0:2] + rows[:, 2:4]))
-    ox, oy = (columns(planes, ("anchor_x_m", "anchor_y_m")).astype(np.float64) - middle).T
-    w, x, y, xx, xy, yy = (planes[name] for name in MOMENTS)
-    moved = (
-        w,
-        x + w * ox,
-        y + w * oy,
-        xx + 2 * ox * x + w * ox * ox,
-        xy + ox * y + oy * x + w * ox * oy,
-        yy + 2 * oy * y + w * oy * oy,
-    )
-    return SavedSection(
-        number=section.number,
-        reset_counter=section.reset_counter,
-        begun_ns=section.begun_ns,
-        newest_ns=section.newest_ns,
-        box=rows,
-        moments=np.column_stack(moved),
-        margin_m=planes["margin_m"].astype(np.float64),
-        flags=planes["plane_flags"].astype(np.uint8),
-        hits=planes["hits"],
-        age_s=(section.newest_ns - planes["seen_ns"]) / NS,
-    )
-
-
-def _planes_of(section: SavedSection) -> NDArray[Any]:
-    """Returns (N,) SAVED_PLANE, the oldest first, with stamps before the first frame."""
-    order = np.argsort(-section.age_s, kind="stable")
-    out = np.zeros(len(order), SAVED_PLANE)
-    for k, name in enumerate(MOMENTS):
-        out[name] = section.moments[order, k]
-    for k, name in enumerate(BOX):
-        out[name] = section.box[order, k]
-    out["margin_m"], out["hits"], out["plane_flags"] = (
-        section.margin_m[order],
-        section.hits[order],
-        section.flags[order],
-    )
-    out["seen_ns"] = np.rint(-section.age_s[order] * NS).astype(np.int64)
-    return out
