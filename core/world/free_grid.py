@@ -144,18 +144,22 @@ def _unlink(free, k):
 
 
 @inner
+def free_bits(free, k, c):
+    """Returns the bits of the free cells of column c of slot k."""
+    masks, behind = free.masks, free.state[0].epoch - free.blocks[k].epoch
+    if behind > 1:
+        return np.uint64(0)
+    return masks[k, 0, c] | masks[k, 1, c] if behind == 0 else masks[k, 0, c]
+
+
+@inner
 def any_free(free, x, y, z):
     """True if the cell of a point is free."""
-    blocks, masks, state = free.blocks, free.masks, free.state[0]
     ix, iy, iz = cell(x), cell(y), cell(z)
     k = find_block(free, ix >> 4, iy >> 4, iz >> 6)
-    if k == _NONE or state.epoch - blocks[k].epoch > 1:
+    if k == _NONE:
         return False
-    c = (ix & 15) * 16 + (iy & 15)
-    seen = masks[k, 0, c]
-    if state.epoch == blocks[k].epoch:
-        seen |= masks[k, 1, c]
-    return (seen >> np.uint64(iz & 63)) & np.uint64(1) != 0
+    return (free_bits(free, k, (ix & 15) * 16 + (iy & 15)) >> np.uint64(iz & 63)) & np.uint64(1) != 0
 
 
 @inner
@@ -306,32 +310,6 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
                         second = block_for(free, bx, by, low + 1)
                         first = _NONE if second == first else first
                     masks[second, 0, c] |= span[1]
-
-
-@inner
-def stand_in(free, ax, ay, bx, by, top, bottom):
-    """Clears the free bits of the cells that a plane crosses."""
-    masks = free.masks
-    if bx < ax:
-        ax, ay, bx, by = bx, by, ax, ay
-    slope = (by - ay) / (bx - ax) if bx - ax > _EDGE_M else 0.0
-    low, high = cell(top - _EDGE_M), cell(bottom + _EDGE_M)
-    for ix in range(cell(ax - _EDGE_M), cell(bx + _EDGE_M) + 1):
-        if slope == 0.0:
-            y0, y1 = ay, by
-        else:
-            y0 = ay + slope * (min(max(ix * CELL_M - _EDGE_M, ax), bx) - ax)
-            y1 = ay + slope * (min(max((ix + 1) * CELL_M + _EDGE_M, ax), bx) - ax)
-        for iy in range(cell(min(y0, y1) - _EDGE_M), cell(max(y0, y1) + _EDGE_M) + 1):
-            for iz in range(low >> 6, (high >> 6) + 1):
-                k = find_block(free, ix >> 4, iy >> 4, iz)
-                if k != _NONE:
-                    gone = ~bits(low - iz * TALL, high + 1 - iz * TALL)
-                    c = (ix & 15) * 16 + (iy & 15)
-                    if (masks[k, 0, c] | masks[k, 1, c]) & ~gone != 0:
-                        masks[k, 0, c] &= gone
-                        masks[k, 1, c] &= gone
-                        free.blocks[k].touched = free.state[0].frame
 
 
 def held_blocks(free: FreeTables) -> NDArray[np.int32]:

@@ -22,7 +22,7 @@ from .association import (
     score_planes,
 )
 from .evidence import set_hits
-from .free_grid import stand_in
+from .free_removal import remove_free
 from .join_cost import REFUSED, WORLD_RULES, Box, Joined, Moments, moved_moments, shifted, stands_for, stays_open
 from .params import WorldParams
 from .plane_index import BOX, MOMENTS, NONE, gather, new_slot
@@ -189,13 +189,14 @@ def join_neighbours(tables, free, i, frame, near):
 
 
 @kernel
-def add_frame(tables, free, observations, settings, t_ns, view):
+def add_frame(tables, free, observations, arrived, settings, t_ns, view):
     """Adds the observations and the free profile of one frame.
 
     Args:
         tables: Tables.
         free: FreeTables.
         observations: (N,) OBSERVATION.
+        arrived: (N,) bool, those that stand in what was free before, see free_removal.py.
         settings: (1,) WORLD_RULES.
         t_ns: exposure of the frame.
         view: FrameView."""
@@ -203,9 +204,7 @@ def add_frame(tables, free, observations, settings, t_ns, view):
     near, touched = np.empty(_NEAR, np.int32), np.full(observations.shape[0], NONE, np.int32)
     frame = Frame(observations, touched, rules, view.x_m, view.y_m)
     add_observations(tables, free, frame, t_ns, near)
-    for j in range(observations.shape[0]):
-        b = box_of(observations[j])
-        stand_in(free, b.ax, b.ay, b.bx, b.by, b.top, b.bottom)
+    remove_free(free, observations, arrived, view.x_m, view.y_m)
     for j in range(observations.shape[0]):
         join_neighbours(tables, free, touched[j], frame, near)
     x, y, layers = view.x_m, view.y_m, view.layers_m

@@ -17,6 +17,7 @@ from ..types import FrameModel
 from .association import OBSERVATION
 from .evidence import empty_steps
 from .free_grid import FreeTables, GroundPlane, empty_free, held_blocks, see_free, seen_blocks
+from .free_removal import arrived_in_free
 from .ground import ground_plane, see_ground
 from .params import WorldParams
 from .plane_index import BOX, columns, empty_tables
@@ -112,6 +113,7 @@ class World:
         free.state["epoch"] = max(int(free.state["epoch"][0]), observation.t_ns // self._epoch_ns)
         observations = observations_of(observation.model, observation.place_m, self.params)
         self.counts.bad_planes += len(observation.model.planes) - len(observations)
+        arrived = arrived_in_free(free, observations)
         profile, (x, y, _) = observation.model.free, observation.place_m
         edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
         plane = ground_plane(observation.model, observation.place_m[2])
@@ -123,7 +125,7 @@ class World:
             near_m = far_m = np.zeros_like(near_m)
         ke, end = observation.model.ke_per_m, profile.end
         view = FrameView(float(x), float(y), float(ke), edges, layers, near_m, far_m, end, plane)
-        add_frame(tables, free, observations, self._rules, observation.t_ns, view)
+        add_frame(tables, free, observations, arrived, self._rules, observation.t_ns, view)
         section.newest_ns = max(section.newest_ns, observation.t_ns)
         section.place_m = observation.place_m
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from core.jit import kernel
 from core.types import FreeProfile
-from core.world.free_grid import CELL_M, any_free, bits, empty_free, see_free, seen_blocks, stand_in
+from core.world.free_grid import CELL_M, any_free, bits, empty_free, see_free, seen_blocks
+from core.world.free_removal import stand_in
 from osape_client.query.space import balls_free
 
 pytestmark = pytest.mark.nojit
@@ -150,7 +151,7 @@ def asked(free, points, out):
 @kernel
 def block_all(free, rows):
     for k in range(rows.shape[0]):
-        stand_in(free, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5])
+        stand_in(free, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], True)
 
 
 @settings(max_examples=10)

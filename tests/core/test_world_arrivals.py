@@ -1,0 +1,94 @@
+"""An obstacle that comes into space that was seen free takes the free space behind it away: it may be inside of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.jit import kernel
+from core.world.free_grid import CELL_M, empty_free
+from core.world.free_removal import clear_behind
+from core.world.world import World
+from osape_client.query.space import Occupancy
+from osape_client.world.space import WorldSpace
+
+from .test_world_free import cells, look, profile
+from .worlds import NS, house, seen, wall
+
+STEP = NS // 15
+TRUCK = np.array(
+    [wall(5, -1, 5, 1, -3, 3), wall(5, 1, 11, 1, -3, 3), wall(11, 1, 11, -1, -3, 3), wall(11, -1, 5, -1, -3, 3)]
+)
+
+
+def test_of_a_truck_that_stops_in_free_space_nothing_is_free_though_one_side_is_in_view() -> None:
+    world, nothing = World(), np.zeros((0, 6))
+    for k in range(5):
+        world.add(seen(nothing, (0.0, 0.0), 0.0, k * STEP))
+    inside = [[6.0, 0.0, 0.0], [8.0, 0.0, 0.0], [10.0, 0.5, 0.0]]
+    assert (WorldSpace(world.picture(5 * STEP)).points(inside, 0.2) == Occupancy.FREE).all()
+    for k in range(5, 8):
+        world.add(seen(TRUCK, (0.0, 0.0), 0.0, k * STEP))
+    space = WorldSpace(world.picture(8 * STEP))
+    assert (space.points(inside) == Occupancy.UNKNOWN).all()
+    assert space.segments([[8.0, 4.0, 0.0]], [[8.0, -4.0, 0.0]], 0.3).tolist() == [Occupancy.UNKNOWN]
+    assert space.points([[8.0, 4.0, 0.0], [4.0, 0.0, 0.0]]).tolist() == [Occupancy.FREE] * 2  # beside and before it
+    for k in range(8, 60):  # it is gone again
+        world.add(seen(nothing, (0.0, 0.0), 0.0, k * STEP))
+    assert (WorldSpace(world.picture(60 * STEP)).points(inside, 0.2) == Occupancy.FREE).all()
+
+
+def test_while_the_position_drifts_nothing_behind_a_wall_is_free() -> None:
+    """By 0.1 m in each frame, as if the wall came nearer through what was free."""
+    world, front = World(), np.array([wall(15.0, -12.0, 15.0, 12.0)])
+    for k in range(60):
+        world.add(seen(front - [0.1 * k, 0.0, 0.1 * k, 0.0, 0.0, 0.0], (0.0, 0.0), 0.0, k * STEP))
+    behind = [[x, y, 0.0] for x in (9.7, 11.0, 13.0, 14.5) for y in (-4.0, 0.0, 4.0)]
+    assert Occupancy.FREE not in WorldSpace(world.picture(60 * STEP)).points(behind)
+
+
+def test_behind_a_house_that_always_stood_there_what_was_seen_free_stays_free() -> None:
+    world = World()
+    for k in range(240):
+        a = math.tau * k / 120
+        world.add(seen(house(0.0, 0.0), (10 * math.cos(a), 10 * math.sin(a)), a + math.pi, k * NS // 10))
+    ring = [[6.5 * math.cos(a), 6.5 * math.sin(a), 0.0] for a in np.linspace(0.0, math.tau, 36)]
+    assert (WorldSpace(world.picture(24 * NS)).points(ring) == Occupancy.FREE).all()
+
+
+@kernel
+def clear_one(free, x, y, row):
+    clear_behind(free, x, y, row[0], row[1], row[2], row[3], row[4], row[5])
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 2**32 - 1))
+def test_cells_behind_a_plane_by_a_ray_to_each(seed: int) -> None:
+    rng, free = np.random.default_rng(seed), empty_free(256)
+    p = profile(rng)
+    look(free, p, 0.0, 0.0)
+    before = cells(free)
+    z = float(p.layer_edges_m[0])
+    row = np.concatenate([rng.uniform(-6, 6, 4), z + rng.uniform(0, 2, 1), z + rng.uniform(2, 4, 1)])
+    x, y = rng.uniform(-1.0, 1.0, 2)
+    clear_one(free, x, y, row)
+    after = cells(free)
+    assert after <= before
+    a, b, camera = row[0:2], row[2:4], np.array([x, y])
+    for ix, iy, iz in before:
+        middle = (np.array([ix, iy]) + 0.5) * CELL_M
+        # where the ray to the middle meets the line of the plane
+        way, along = middle - camera, b - a
+        turn = way[0] * along[1] - way[1] * along[0]
+        share = ((a - camera)[0] * along[1] - (a - camera)[1] * along[0]) / turn
+        place = ((a - camera)[0] * way[1] - (a - camera)[1] * way[0]) / turn
+        hidden = 0.0 < share < 1.0 and 0.0 <= place <= 1.0
+        level = (iz + 1) * CELL_M > row[4] and iz * CELL_M < row[5]
+        if hidden and level:
+            assert (ix, iy, iz) not in after
+        out_of_level = iz * CELL_M > row[5] + 0.01 or (iz + 1) * CELL_M < row[4] - 0.01
+        if out_of_level or share > 1.0 + 1e-6 or share < -1e-6:  # above, below, or not behind the plane
+            assert (ix, iy, iz) in after
