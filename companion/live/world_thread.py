@@ -38,7 +38,9 @@ _WAITING = 8
 """Largest number of waiting frames."""
 _POLL_MS = 20
 _SEQUENCE_STEP_NS = NS // 1000
-"""Shorter than the time between two messages."""
+"""Shorter than the time between two messages, and between two sections."""
+_SECTIONS = 1 << 31
+"""Numbers of sections, of 32 bits, of which half are left to count on."""
 NO_POSITION_NS = NS // 2
 """Longest time without a valid frame in ned after which the world is invalid: nothing newer is known."""
 
@@ -55,7 +57,9 @@ class WorldThread:
         observer: Callable[[World, int], None] = lambda world, now_ns: None,
     ) -> None:
         """observer: called in each cycle of the thread with the world and the time; it must not change the world."""
-        self.world, self._observer = World(params), observer
+        # not the numbers of an earlier service, in whose coordinates a planner may still hold its path
+        self.world = World(params, first_section=1 + time.monotonic_ns() // _SEQUENCE_STEP_NS % _SECTIONS)
+        self._observer = observer
         self._changes, self._requests, self._boot = changes, requests, boot
         self._waiting: deque[PrismsResult] = deque()
         self._lock = threading.Lock()

@@ -21,7 +21,7 @@ class Section:
     """Planes and free space observed between two jumps of the position.
 
     Attributes:
-        number: counts the sections of this world.
+        number: counts up through the sections of this world.
         tables: planes.
         free: free space.
         begun_ns: first frame.

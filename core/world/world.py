@@ -87,8 +87,9 @@ class WorldCounts:
 class World:
     """Merges frames into one world. The same frames in the same order give the same world, bit for bit."""
 
-    def __init__(self, params: WorldParams | None = None) -> None:
-        self.params = params or WorldParams()
+    def __init__(self, params: WorldParams | None = None, first_section: int = 1) -> None:
+        """first_section: number of the first section, 1 or more."""
+        self.params, self._first_section = params or WorldParams(), first_section
         self._rules = rules_of(self.params)
         self.section: Section | None = None
         self.past: deque[Section] = deque()
@@ -283,7 +284,7 @@ class World:
         self.counts.sections += 1
         self.counts.why[why] = self.counts.why.get(why, 0) + 1
         self.section = Section(
-            number=self.counts.sections,
+            number=self._first_section + self.counts.sections - 1,
             tables=empty_tables(self.params.most_planes, self.params.longest_m, self.params.free_evidence_step_m),
             free=empty_free(self.params.most_free_blocks),
             begun_ns=t_ns,

@@ -138,7 +138,8 @@ class WorldMirror:
 
     @property
     def section(self) -> int:
-        """Number that changes when the position jumped: coordinates from before are not valid any more."""
+        """Number that changes when the position jumped, or may have while the service was restarted: coordinates from before
+        are not valid any more."""
         return 0 if self._newest is None else int(self._newest.section)
 
     @property
