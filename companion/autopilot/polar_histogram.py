@@ -142,7 +142,7 @@ def seen_free(
 
     A sector must be seen free to its plane, or to the farthest distance sent if there is none, for a share
     `clear_share` of its rays and of the heights of the band, and at every height but the outermost ones
-    (`_inner_heights`) in at least one ray. Rays begin at the vehicle, views at their cameras. A ray
+    (`inner_heights`) in at least one ray. Rays begin at the vehicle, views at their cameras. A ray
     is followed from near_m on, since no camera covers the whole band nearer than that. A point is free if any view
     shows it free. Sectors of which the views show seen_share are completed by `recall`.
 
@@ -196,7 +196,7 @@ def seen_free(
     free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
     by_sector = _by_sector(seen)
     at_height = by_sector.reshape(SECTORS, len(z), avoid.rays)
-    enough = (by_sector.sum(axis=1) >= least) & np.any(at_height[:, _inner_heights(avoid)], axis=2).all(axis=1)
+    enough = (by_sector.sum(axis=1) >= least) & np.any(at_height[:, inner_heights(avoid)], axis=2).all(axis=1)
     lacking = ~at_height
     return free_m, enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid)), lacking
 
@@ -214,7 +214,7 @@ def _sector_rays(
     return np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges, z, ranges
 
 
-def _inner_heights(avoid: AvoidParams) -> slice:
+def inner_heights(avoid: AvoidParams) -> slice:
     """Returns the heights of the band of which none may be unseen in all rays of a sector.
 
     `clear_share` allows for rays that end at mismatches and for a border of the image. All that it leaves out in one

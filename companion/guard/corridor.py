@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..autopilot.polar_histogram import inner_heights
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
 
@@ -107,3 +108,20 @@ def common_free_m(rays_m: Floats, clear_share: float) -> float:
     """Returns the distance to which clear_share of the rays are seen free, at least 0."""
     farthest_first = np.sort(rays_m)[::-1]
     return max(0.0, float(farthest_first[math.ceil(clear_share * len(rays_m)) - 1]))
+
+
+def seen_at_heights_m(rays_m: Floats, inner: slice) -> float:
+    """Returns the distance to which each of these heights is seen free in at least one ray, at least 0.
+
+    All that clear_share leaves out may be one thing without texture, as a bar across the path.
+
+    Args:
+        rays_m: (heights * ACROSS,).
+        inner: heights, see `inner_heights`."""
+    return max(0.0, float(rays_m.reshape(-1, ACROSS)[inner].max(axis=1).min()))
+
+
+def corridor_free_m(rays_m: Floats, avoid: AvoidParams) -> float:
+    """Returns the distance to which a corridor is seen free, by the rules for sectors: clear_share of the rays, and all
+    heights but the outermost ones. rays_m: (slices * ACROSS,)."""
+    return min(common_free_m(rays_m, avoid.clear_share), seen_at_heights_m(rays_m, inner_heights(avoid)))

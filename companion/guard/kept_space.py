@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..autopilot.polar_histogram import inner_heights
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
-from .corridor import ACROSS, common_free_m, half_width_m
+from .corridor import ACROSS, common_free_m, half_width_m, seen_at_heights_m
 from .path_sight import PathSight
 
 Floats = NDArray[np.float64]
@@ -40,9 +41,11 @@ class Grid:
 
     Attributes:
         heights: number of heights, each with ACROSS rays.
+        inner: heights of which each must be seen free.
         within: greatest displacement at which the rays of an eroded sight count."""
 
     heights: int
+    inner: slice
     within: Tolerance
 
 
@@ -61,7 +64,8 @@ def grid_of(avoid: AvoidParams, guard: GuardParams) -> Grid:
     one distance apart."""
     spacing_m = 2.0 * half_width_m(avoid, guard) / (ACROSS - 1)
     slice_m = (avoid.band_above_m + avoid.band_below_m) / avoid.slices
-    return Grid(avoid.slices, Tolerance(min(guard.side_m, 0.5 * spacing_m), 0.5 * slice_m))
+    within = Tolerance(min(guard.side_m, 0.5 * spacing_m), 0.5 * slice_m)
+    return Grid(avoid.slices, inner_heights(avoid), within)
 
 
 def reach_m(sight: PathSight, newest: PathSight, within: Tolerance, ahead: bool = False) -> float:
@@ -96,8 +100,8 @@ def _one_estimate(a: PathSight, b: PathSight) -> bool:
 
 
 def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: float, since_ns: int) -> float:
-    """Returns the distance to which clear_share of the rays are free, each by the newest sight or an earlier one; 0
-    without rays. since_ns: oldest exposure of an earlier frame that counts; the caller has applied it to `older`."""
+    """Returns the distance to which clear_share of the rays and each inner height are free, by the newest sight or an
+    earlier one; 0 without rays. since_ns: oldest exposure of an earlier frame that counts; the caller has applied it to `older`."""
     now_m = newest.sight.rays_free_m
     if now_m is None:
         return 0.0
@@ -114,7 +118,11 @@ def kept_free_m(newest: Kept, older: Sequence[Kept], grid: Grid, clear_share: fl
                 eroded(kept.sight.rays_free_m, grid.heights), reach_m(kept.sight, newest.sight, grid.within)
             )
             together_m = np.maximum(together_m, counted_m - kept.way_m)
-    return min(common_free_m(together_m, clear_share), common_free_m(now_m, NEWEST_SHARE * clear_share))
+    return min(
+        common_free_m(together_m, clear_share),
+        seen_at_heights_m(together_m, grid.inner),
+        common_free_m(now_m, NEWEST_SHARE * clear_share),
+    )
 
 
 def eroded(rays_m: Floats, heights: int) -> Floats:

@@ -22,7 +22,7 @@ from ..autopilot.view_free import View
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
 from .braking import braking_of
-from .corridor import Bools, Floats, Path, common_free_m, half_width_m, samples_of
+from .corridor import Bools, Floats, Path, corridor_free_m, half_width_m, samples_of
 from .kept_views import KeptDecision, KeptRays, measured_free
 from .turn import AHEAD_S, fan, turns
 
@@ -131,7 +131,7 @@ def path_sight(
         course_rad, slope = s.here.heading_rad + math.atan2(path.sin, path.cos), path.slope
         try:
             rays_m = rays_free_m(s, path, avoid, guard)
-            free_m = common_free_m(rays_m, avoid.clear_share)
+            free_m = corridor_free_m(rays_m, avoid)
             kept_rays = _kept_rays(before, path, avoid, guard)
             ahead_m = braking_of(guard, avoid).needed_m(speed_m_s or 0.0, guard.limit_ahead_s)
             if not turns(turn_rad_s, speed_m_s or 0.0, ahead_m, guard.side_m):
@@ -139,7 +139,7 @@ def path_sight(
             beside = _turned(path, turn_rad_s, speed_m_s or 0.0, avoid, guard)
             if turn_rad_s != 0.0:
                 follows_m = rays_free_m(s, path.beside(turn_rad_s * AHEAD_S), avoid, guard)
-                ahead_free_m = common_free_m(follows_m, avoid.clear_share)
+                ahead_free_m = corridor_free_m(follows_m, avoid)
             for corridor in (path, *beside):
                 in_it, weak_in_it = nearest_obstacles(s, corridor, avoid, guard)
                 firm, weak = min(firm, in_it, key=_distance_m), min(weak, weak_in_it, key=_distance_m)

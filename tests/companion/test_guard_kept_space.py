@@ -8,23 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from companion.guard.assessment import Action
-from companion.guard.corridor import common_free_m
+from companion.guard.corridor import ACROSS, common_free_m, corridor_free_m
 from companion.guard.kept_space import eroded
 from companion.guard.path_sight import PathSight
 
-from .test_guard_path import BRAKING, SIGHT, action, later, model, plane, seen
+from .test_guard_path import AVOID, BRAKING, SIGHT, action, later, model, plane, seen
 
 RAYS = 50
 FAR_M, HOLE_M = 20.0, 6.0
 
 
-def rays(hole: slice = slice(0, 0), far_m: float = FAR_M, at_m: float = HOLE_M) -> dict[str, Any]:
+def rays(hole: slice | NDArray[np.bool_] = slice(0, 0), far_m: float = FAR_M, at_m: float = HOLE_M) -> dict[str, Any]:
     """Free as far as far_m, but for the rays of a hole of the depth image."""
     out = np.full(RAYS, far_m)
     out[hole] = at_m
-    return {"rays_free_m": out, "free_m": common_free_m(out, 0.8)}
+    return {"rays_free_m": out, "free_m": corridor_free_m(out, AVOID)}
 
 
 def test_the_free_distance_is_that_of_most_rays() -> None:
@@ -54,6 +55,16 @@ def test_a_hole_that_stays_stops() -> None:
     assert action(replace(SIGHT, **rays()), *sights) is Action.STOP
 
 
+def test_heights_that_no_frame_has_seen_stop() -> None:
+    """A fifth of the rays, all of two heights in the middle: a bar without texture across the path."""
+    middle = (np.arange(RAYS) // ACROSS >= 4) & (np.arange(RAYS) // ACROSS < 6)
+    sights = [later(80 * k, **rays(middle)) for k in range(6)]
+    assert action(*sights) is Action.STOP
+    assert action(later(0, **rays()), *sights[1:3]) is Action.PASS  # a frame before has seen them
+    edges = (np.arange(RAYS) // ACROSS == 0) | (np.arange(RAYS) // ACROSS == 9)
+    assert action(*[later(80 * k, **rays(edges)) for k in range(6)]) is Action.PASS
+
+
 def test_what_rays_saw_free_shrinks_by_the_way_flown() -> None:
     far_m = BRAKING.needed_m(5.0) + 0.5
     first, second = rays(HOLES[0], far_m), rays(HOLES[1], far_m)
@@ -69,7 +80,8 @@ def test_rays_of_another_course_do_not_count(change: dict[str, object]) -> None:
 @pytest.mark.parametrize(("drift_deg", "stops"), [(0.1, False), (0.9, True), (2.9, True)])
 def test_a_course_that_drifts_does_not_keep_a_corridor_free_that_was_never_seen(drift_deg: float, stops: bool) -> None:
     """Each sight lies within 3 degrees of the one before. Only the first saw the left half of its corridor, and all the others the right."""
-    halves = slice(0, RAYS // 2), slice(RAYS // 2, RAYS)
+    left = np.arange(RAYS) % ACROSS < ACROSS // 2
+    halves = left, ~left
     sights = [
         later(
             60 * k, **rays(halves[k > 0]), course_rad=math.radians(k * drift_deg), position_ned_m=SIGHT.position_ned_m

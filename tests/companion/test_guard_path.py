@@ -236,11 +236,11 @@ def test_a_remembered_obstacle_counts() -> None:
 
 
 def test_a_remembered_obstacle_counts_where_a_part_of_the_corridor_is_not_seen() -> None:
-    """A camera that leans back does not show the lowest fifth of the corridor, in which the obstacle may stand."""
+    """A camera that leans back does not show the lowest tenth of the corridor, in which the obstacle may stand."""
     distance_m = np.full(72, np.inf)
     distance_m[0] = 4.0
     recalled = Remembered(distance_m, np.full(72, np.inf))
-    lowest_m = AVOID.band_below_m - 0.2 * (AVOID.band_above_m + AVOID.band_below_m)
+    lowest_m = AVOID.band_below_m - 0.1 * (AVOID.band_above_m + AVOID.band_below_m)
     whole = model(free_to_m=20.0)
     free_to_m = np.array(whole.free.free_to_m[:, :2])
     free_to_m[:, 1] = 0.0
@@ -252,8 +252,26 @@ def test_a_remembered_obstacle_counts_where_a_part_of_the_corridor_is_not_seen()
         end=whole.free.end[:, :2],
     )
     sight = seen(replace(whole, free=profile), recalled=recalled)
-    assert sight.free_m > 15.0, "four fifths of the rays are free"
+    assert sight.free_m > 15.0, "nine tenths of the rays are free"
     assert sight.remembered_m == pytest.approx(4.4)
+
+
+def test_heights_that_are_not_measured_end_the_path() -> None:
+    """A bar without texture at the height of the vehicle: a fifth of the rays, all of two heights."""
+    whole = model(free_to_m=12.0)
+    free_to_m = np.repeat(whole.free.free_to_m[:, :1], 3, axis=1)
+    free_to_m[:, 1] = 6.0
+    step_m = (AVOID.band_above_m + AVOID.band_below_m) / AVOID.slices
+    middle_m = 0.5 * (AVOID.band_below_m - AVOID.band_above_m)
+    profile = replace(
+        whole.free,
+        layer_edges_m=np.array([-3.0, middle_m - step_m, middle_m + step_m, 3.0], np.float32),
+        free_from_m=np.repeat(whole.free.free_from_m[:, :1], 3, axis=1),
+        free_to_m=free_to_m,
+        end=np.repeat(whole.free.end[:, :1], 3, axis=1),
+    )
+    sight = seen(replace(whole, free=profile))
+    assert sight.free_m == pytest.approx(6.0, abs=0.5)
 
 
 def test_a_remembered_obstacle_counts_behind_another_one_that_is_seen_through() -> None:
