@@ -9,7 +9,7 @@ import numpy as np
 
 from ..jit import inner
 from ..types import FreeEnd
-from .free_cells import count_codes, hides_column, hides_in_part
+from .free_cells import HIDES_NOTHING, count_codes, hiding_columns
 from .free_walk import is_hidden, part_at, rows_between, samples_of
 from .view_geometry import Q_FAR
 
@@ -43,9 +43,9 @@ def begin_of_range(sampled, t0, t1, before, x, blocking, rows, top, bottom, w):
         return np.float64(x)
     from_cell, to_cell, _ = samples_of(sampled, v0, v1, w)
     seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, blocking - 1)
-    if to_cell <= from_cell or seen < w.free_share * (to_cell - from_cell) or hides_column(sampled, v0, v1):
+    if to_cell <= from_cell or seen < w.free_share * (to_cell - from_cell):
         return np.float64(x)
-    if hides_in_part(sampled, v0, v1, blocking):
+    if hiding_columns(sampled, v0, v1, blocking) != HIDES_NOTHING:
         return np.float64(x)
     hidden = is_hidden(sampled, middle, middle, v0, v1, t0, t1, top, lower, w)
     _, lower, v0, v1 = part_at(x, rows[0], rows[1], in_source, t0, t1, top, bottom, w)

@@ -12,6 +12,8 @@ from .view_geometry import Q_FAR, Q_UNKNOWN
 
 DARK_ROWS = 4
 """Rows of a block that counts as unknown if more than half of its cells are. It is not a tuning parameter."""
+HIDES_NOTHING, HIDES_PART, HIDES_ALL = 0, 1, 2
+"""See `hiding_columns`."""
 _COUNTED = 32768
 """Cells that are counted with 16-bit numbers before the sum is widened."""
 
@@ -113,48 +115,6 @@ def count_dark_blocks(unknown, u0, u1, dark_blocks, dark_columns):
 
 
 @inner
-def hides_column(sampled, v0, v1):
-    """True if a column of the direction is unknown in more than half of its blocks in the rows v0..v1, rounded outward.
-
-    sampled: Sampled of free_walk.py."""
-    dark_blocks, columns = sampled.dark_blocks, sampled.dark_columns
-    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
-    most = 0
-    for k in range(dark_blocks.shape[0]):
-        if sampled.own[0] <= columns[k] < sampled.own[1]:
-            most = max(most, dark_blocks[k, b1] - dark_blocks[k, b0])
-    return 2 * most > b1 - b0
-
-
-@inner
-def hides_in_part(sampled, v0, v1, blocking):
-    """True if a column that overlaps the direction may hide a thing in the rows v0..v1, rounded outward: more than half of
-    its blocks are unknown, or one is and less than half of its rows see through the ring.
-
-    Planes end the free range at near cells. Of a surface that is seen edge-on most pixels are removed as flying ones,
-    and no plane stands for the near ones that are left between them.
-
-    Args:
-        sampled: Sampled of free_walk.py.
-        v0, v1: rows.
-        blocking: code of `blocking_codes`."""
-    dark_blocks, rows = sampled.dark_blocks, sampled.codes.shape[1]
-    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
-    first, end = b0 * DARK_ROWS, min((v1 // DARK_ROWS + 1) * DARK_ROWS, rows)
-    for k in range(dark_blocks.shape[0]):
-        dark = dark_blocks[k, b1] - dark_blocks[k, b0]
-        if 2 * dark > b1 - b0:
-            return True
-        if dark > 0:
-            column, seen = sampled.codes[sampled.dark_columns[k]], 0
-            for v in range(first, end):
-                seen += (column[v] >= Q_FAR) & (column[v] < blocking)
-            if 2 * seen < end - first:
-                return True
-    return False
-
-
-@inner
 def count_codes(cells, first, end, least, most):
     """Returns how many of cells[first..end - 1] have a code of least..most.
 
@@ -166,3 +126,33 @@ def count_codes(cells, first, end, least, most):
             part = np.uint16(part + np.uint16((cells[i] >= least) & (cells[i] <= most)))
         count += np.int64(part)
     return count
+
+
+@inner
+def hiding_columns(sampled, v0, v1, blocking):
+    """Returns what columns may hide in the rows v0..v1, rounded outward: HIDES_ALL if one of the direction is unknown in more
+    than half of its blocks; HIDES_PART if one that overlaps the direction is, or is unknown in a block and sees through
+    the ring in less than half of its rows; else HIDES_NOTHING.
+
+    Planes end the free range at near cells. Of a surface that is seen edge-on most pixels are removed as flying ones,
+    and no plane stands for the near ones that are left between them.
+
+    Args:
+        sampled: Sampled of free_walk.py.
+        v0, v1: rows.
+        blocking: code of `blocking_codes`."""
+    dark_blocks, columns, rows = sampled.dark_blocks, sampled.dark_columns, sampled.codes.shape[1]
+    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
+    first, end = b0 * DARK_ROWS, min((v1 // DARK_ROWS + 1) * DARK_ROWS, rows)
+    found = HIDES_NOTHING
+    for k in range(dark_blocks.shape[0]):
+        dark = dark_blocks[k, b1] - dark_blocks[k, b0]
+        if 2 * dark > b1 - b0:
+            if sampled.own[0] <= columns[k] < sampled.own[1]:
+                return HIDES_ALL
+            found = HIDES_PART
+        elif dark > 0 and found == HIDES_NOTHING:
+            seen = count_codes(sampled.codes[columns[k]], first, end, Q_FAR, blocking - 1)
+            if 2 * seen < end - first:
+                found = HIDES_PART
+    return found

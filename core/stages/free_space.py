@@ -8,7 +8,7 @@ between a pole and the wall behind it is unknown.
 The search walks outward in rings of equal forward distance. A ring is free if `free_share` of the cells that cover
 the layer there measure a greater distance. Unknown cells, cells outside of the source and ground that is too near are
 not free. No column may be unknown over most of the layer: single missing pixels hide nothing, a column of them may
-hide a pole or the end of a wall. See `hides_in_part` for columns that overlap the direction in part.
+hide a pole or the end of a wall. See `hiding_columns` for columns that overlap the direction in part.
 
 The range of the camera is an optical depth Z, while rings are forward distances X in level_cam. A ring is free only
 if its whole layer lies within the range."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..jit import inner, inner_inline, record
 from ..params import Params
 from ..types import FreeEnd, Ground
-from .free_cells import count_codes, hides_column, hides_in_part
+from .free_cells import HIDES_ALL, HIDES_NOTHING, HIDES_PART, count_codes, hiding_columns
 from .free_holes import holds_hole, side_index
 from .level import source_rows_of_column
 from .view_geometry import Q_FAR, ViewGeometry
@@ -285,7 +285,7 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
 
     The walk begins at the first ring that measures a greater distance, and ends at the next one that does not. In it, rings
     with a hole are not free. The free rings are those before the first such hole, or, where that is in the first ring of
-    the walk, those behind it. A ring that `hides_in_part` ends the walk. So neither makes a ring free that would not be
+    the walk, those behind it. A ring whose columns hide a part ends the walk. So neither makes a ring free that would not be
     without it.
 
     The layer reaches from z = top down to bottom, or to `lowest_clear` if that is higher. If the part below may hide
@@ -318,9 +318,11 @@ def walk_rings(sampled, t0, t1, ring_m, blocking, rows, top, bottom, w):
             end = _UNKNOWN  # too few known cells to make the ring free or to end the walk
             continue
         seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, blocking[r] - 1)
-        if total > 0 and seen >= enough and not hides_column(sampled, v0, v1):
+        free = total > 0 and seen >= enough
+        hides = hiding_columns(sampled, v0, v1, blocking[r]) if free else HIDES_NOTHING
+        if free and hides != HIDES_ALL:
             begun = True
-            if hides_in_part(sampled, v0, v1, blocking[r]):
+            if hides == HIDES_PART:
                 end = _UNKNOWN
                 break
             if not is_hidden(sampled, x, ring_m[last] if first >= 0 else x, v0, v1, t0, t1, top, lower, w):
