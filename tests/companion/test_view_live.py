@@ -115,6 +115,7 @@ def test_depth_planes_and_health_are_shown(page: Page, tmp_path: Path) -> None:
 
 PLACED = """(async () => {
   const model = await import("viewer/model"), { world } = app.frames.ned, frame = app.data.frames[app.at];
+  if (!frame.pos) return Infinity;  // a frame without a position, drawn at the last known one
   const ned = app.planes, apart = [];
   world.updateMatrixWorld();
   const m = world.matrixWorld.elements, p = world.children[0].geometry.attributes.position.array;
