@@ -35,6 +35,7 @@ pytestmark = pytest.mark.process
 
 NS = 1_000_000_000
 FRAME_NS = NS // 8
+MOST_PAUSE_S = 0.3
 LINES = pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (ARDUPILOT, "pty")])
 OTHERS = pytest.mark.parametrize(("kind", "line"), [(PX4, "pty"), (ARDUPILOT, "udp")])
 
@@ -59,6 +60,7 @@ class Vehicle:
         self.autopilot.obstacles = px4() if kind == PX4 else ardupilot()
         self.autopilot.parameters = {"CP_DIST": MARGIN_M} if kind == PX4 else {"AVOID_MARGIN": MARGIN_M}
         self.x_m, self.speed_m_s, self.fastest_m_s, self.farthest_m = x_m, 0.0, 0.0, x_m
+        self.longest_pause_s = 0.0  # between two frames of its camera
         self._at_ns = time.monotonic_ns()
 
     def state(self, now_ns: int) -> VehicleState:
@@ -150,10 +152,14 @@ def fly(
     until_m: float = 99.0,
     dies_at_m: float = 99.0,
 ) -> Vehicle:
-    """Until it stands for half a second beyond some place, or is at until_m."""
-    with flying(kind, line, x_m) as (vehicle, companion, running):
-        fly_on(scene, vehicle, companion, running, stands_beyond_m, until_m, dies_at_m)
-        return vehicle
+    """Until it stands for half a second beyond some place, or is at until_m. A flight in which a busy machine held up the camera
+    is repeated: the vehicle then flies on by what it knows."""
+    for _ in range(3):
+        with flying(kind, line, x_m) as (vehicle, companion, running):
+            fly_on(scene, vehicle, companion, running, stands_beyond_m, until_m, dies_at_m)
+        if vehicle.longest_pause_s < MOST_PAUSE_S:
+            break
+    return vehicle
 
 
 def fly_on(
@@ -167,9 +173,12 @@ def fly_on(
 ) -> None:
     """A machine that is busy makes it stand blind before; a minute is enough for that, too."""
     end_ns = time.monotonic_ns() + 60 * NS
-    stands_since_ns = None
+    stands_since_ns, before_ns = None, None
     while time.monotonic_ns() < end_ns:
         t_ns = time.monotonic_ns()
+        if before_ns is not None:
+            vehicle.longest_pause_s = max(vehicle.longest_pause_s, (t_ns - before_ns) / NS)
+        before_ns = t_ns
         state: VehicleState = running.change(lambda a, t_ns=t_ns: vehicle.state(t_ns))
         companion.avoidance.tick(t_ns)
         if state.position_ned_m[0] < dies_at_m:
