@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
@@ -37,6 +38,9 @@ PAGES = 16
 CLIENT_TIMEOUT_S = 20.0
 """Time limit for a connection without requests."""
 POLL_S = 0.1
+CLOSE_S = 2.0
+"""Longest wait at the end for requests that are being answered: a thread within OpenCV when the interpreter ends aborts the
+process."""
 NICE = 10
 TICK_S = 0.1
 
@@ -69,6 +73,7 @@ class LiveServer:
             self._server.shutdown()
             self._thread.join(5.0)
             self._server.server_close()
+            self._server.finish(CLOSE_S)
             self._server = None
 
 
@@ -113,6 +118,13 @@ class _Server(ThreadingTCPServer):
         """Ignores connections that the client has reset; prints the traceback of other exceptions."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
+
+    def finish(self, longest_s: float) -> None:
+        """Waits until no request is being answered. Later ones are refused."""
+        end_s = time.monotonic() + longest_s
+        for _ in range(PAGES):
+            if not self._places.acquire(timeout=max(0.0, end_s - time.monotonic())):
+                return
 
     def reply(self, host: str, path: str) -> tuple[int, str, bytes]:
         """(status, type, body) of a request. host: its Host header."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, cast
@@ -63,3 +64,23 @@ def test_another_error_shows_its_trace(monkeypatch: pytest.MonkeyPatch, capfd: p
         client.recv(100)
     server.close()
     assert "a defect" in capfd.readouterr().err
+
+
+def test_the_end_waits_for_a_request_that_is_being_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thread within OpenCV when the interpreter ends aborts the process."""
+    begun, ended = threading.Event(), threading.Event()
+
+    def slow(page: object, path: str) -> tuple[int, str, bytes]:
+        begun.set()
+        time.sleep(0.3)
+        ended.set()
+        return 200, "text/plain", b""
+
+    monkeypatch.setattr(view_live, "answer", slow)
+    server = LiveServer(cast(Any, Room()), "127.0.0.1", 0)
+    server.open()
+    with socket.create_connection(("127.0.0.1", server.port), 5.0) as client:
+        client.sendall(b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
+        assert begun.wait(5.0)
+        server.close()
+        assert ended.is_set()
