@@ -1,4 +1,4 @@
-"""Devices of live cameras that cannot be told apart, or that are no devices."""
+"""Checks of the devices of live cameras: that none can be exchanged for another one, and none is a file."""
 
 from __future__ import annotations
 

@@ -197,11 +197,7 @@ class Service:
         return self.session.clock.estimate, self.session.clock.restarts
 
     def _armed(self) -> bool | None:
-        """None: not known; a silent autopilot may have been armed since."""
-        session = self.session
-        if session is None or session.vehicle is None:
-            return None
-        return True if session.vehicle.armed else False if session.connected(time.monotonic_ns()) else None
+        return None if self.session is None else self.session.armed(time.monotonic_ns())
 
     def open(self) -> None:
         """Opens the streams and starts all threads. Cameras and autopilot may be missing; they are retried."""

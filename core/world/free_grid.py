@@ -18,11 +18,11 @@ CELL_M = 0.5
 """Width and height of a cell; docs/research/world-notes.md compares other sizes."""
 SIDE, TALL = 16, 64
 """Columns along each side of a block, and cells of a column. A block covers 8 x 8 x 32 m and has 4 KiB."""
-_HALF_M = CELL_M * 0.7072
+HALF_M = CELL_M * 0.7072
 """Radius of the circle around a cell seen from above."""
-_EDGE_M = 1e-3
+EDGE_M = 1e-3
 """Tolerance greater than the rounding of float32: a plane is in a cell that it nearly touches."""
-_NONE = -1
+NO_BLOCK = -1
 BLOCK = record(
     ("ix", np.int32),  # indices of the block
     ("iy", np.int32),
@@ -60,7 +60,7 @@ tolerance_m, noise_per_m."""
 
 def empty_free(most: int) -> FreeTables:
     """Returns empty tables for this number of blocks."""
-    heads = np.full(1 << max(6, math.ceil(math.log2(most))), _NONE, np.int32)
+    heads = np.full(1 << max(6, math.ceil(math.log2(most))), NO_BLOCK, np.int32)
     masks = np.zeros((most, 2, SIDE * SIDE), np.uint64)
     ground = np.full((most, SIDE * SIDE, 2), np.nan, np.float32)
     return FreeTables(np.zeros(most, BLOCK), masks, heads, ground, np.zeros(1, FREE_STATE))
@@ -85,7 +85,7 @@ def find_block(free, ix, iy, iz):
     blocks, heads = free.blocks, free.heads
     k = heads[_list_of(ix, iy, iz, heads.shape[0])]
     for _ in range(blocks.shape[0]):
-        if k == _NONE or (blocks[k].ix == ix and blocks[k].iy == iy and blocks[k].iz == iz):
+        if k == NO_BLOCK or (blocks[k].ix == ix and blocks[k].iy == iy and blocks[k].iz == iz):
             break
         k = blocks[k].next
     return k
@@ -98,7 +98,7 @@ def block_for(free, ix, iy, iz):
     If all slots are used, the block that was not changed for the longest time is replaced."""
     blocks, masks, heads, ground, state = free.blocks, free.masks, free.heads, free.ground, free.state[0]
     k = find_block(free, ix, iy, iz)
-    if k == _NONE:
+    if k == NO_BLOCK:
         if state.blocks < blocks.shape[0]:
             k = state.blocks
             state.blocks += 1
@@ -157,7 +157,7 @@ def any_free(free, x, y, z):
     """True if the cell of a point is free."""
     ix, iy, iz = cell(x), cell(y), cell(z)
     k = find_block(free, ix >> 4, iy >> 4, iz >> 6)
-    if k == _NONE:
+    if k == NO_BLOCK:
         return False
     return (free_bits(free, k, (ix & 15) * 16 + (iy & 15)) >> np.uint64(iz & 63)) & np.uint64(1) != 0
 
@@ -191,8 +191,8 @@ def direction_of(edges, azimuth):
 def lowest_free(x, y, r, plane):
     """Returns the z down to which a column at (x, y) from the camera, at range r, can be free above a GroundPlane."""
     z, slope_x, slope_y, tolerance, noise = plane
-    highest = z + slope_x * x + slope_y * y - math.sqrt(slope_x**2 + slope_y**2) * _HALF_M
-    return highest - max(tolerance, noise * (r + _HALF_M))
+    highest = z + slope_x * x + slope_y * y - math.sqrt(slope_x**2 + slope_y**2) * HALF_M
+    return highest - max(tolerance, noise * (r + HALF_M))
 
 
 @inner
@@ -212,9 +212,9 @@ def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
         span: (2,) uint64 out."""
     span[0] = span[1] = np.uint64(0)
     r = math.sqrt(x * x + y * y)
-    if r <= 2.0 * _HALF_M:
+    if r <= 2.0 * HALF_M:
         return
-    half = math.asin(_HALF_M / r)
+    half = math.asin(HALF_M / r)
     turn = math.atan2(y, x) - half - edges[0]
     azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
     if azimuth + 2.0 * half >= edges[edges.shape[0] - 1]:
@@ -226,7 +226,7 @@ def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
         ok = k < layers.shape[0] - 1
         if ok:
             for d in range(d0, d1 + 1):
-                if near_m[d, k] > r - _HALF_M or far_m[d, k] < r + _HALF_M:
+                if near_m[d, k] > r - HALF_M or far_m[d, k] < r + HALF_M:
                     ok = False
                     break
         if ok and begin < 0:
@@ -244,7 +244,7 @@ def ground_cell(free, k, c):
     """Returns the cell of the ground of column c of slot k, relative to the block's first cell; -1 if it is not
     known."""
     z = free.ground[k, c, 0]
-    return -1 if math.isnan(z) else min(max(cell(z - _EDGE_M) - free.blocks[k].iz * TALL, 0), TALL - 1)
+    return -1 if math.isnan(z) else min(max(cell(z - EDGE_M) - free.blocks[k].iz * TALL, 0), TALL - 1)
 
 
 @inner
@@ -256,7 +256,7 @@ def beside_ground(free, bx, by, low, c, found, span):
     below = False
     for part in range(-1, 2):
         k = find_block(free, bx, by, low + part)
-        at = ground_cell(free, k, c) if k != _NONE else -1
+        at = ground_cell(free, k, c) if k != NO_BLOCK else -1
         if at >= 0 and found and part >= 0 and (span[part] >> np.uint64(at)) & np.uint64(1) != 0:
             free.ground[k, c, 0] = free.ground[k, c, 1] = np.nan
             free.blocks[k].touched = free.state[0].frame
@@ -292,7 +292,7 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
     low = int(math.floor(layers[0] / CELL_M)) >> 6
     for bx in range(cell(x - reach) >> 4, (cell(x + reach) >> 4) + 1):
         for by in range(cell(y - reach) >> 4, (cell(y + reach) >> 4) + 1):
-            first, second = _NONE, _NONE
+            first, second = NO_BLOCK, NO_BLOCK
             for c in range(SIDE * SIDE):
                 cx, cy = (bx * SIDE + (c >> 4) + 0.5) * CELL_M - x, (by * SIDE + (c & 15) + 0.5) * CELL_M - y
                 if cx * cx + cy * cy > reach * reach:
@@ -301,14 +301,14 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
                 if span[0] | span[1] != 0:
                     beside_ground(free, bx, by, low, c, math.isfinite(plane[0]), span)
                 if span[0] != 0:
-                    if first == _NONE:
+                    if first == NO_BLOCK:
                         first = block_for(free, bx, by, low)
-                        second = _NONE if first == second else second  # it was replaced
+                        second = NO_BLOCK if first == second else second  # it was replaced
                     masks[first, 0, c] |= span[0]
                 if span[1] != 0:
-                    if second == _NONE:
+                    if second == NO_BLOCK:
                         second = block_for(free, bx, by, low + 1)
-                        first = _NONE if second == first else first
+                        first = NO_BLOCK if second == first else first
                     masks[second, 0, c] |= span[1]
 
 

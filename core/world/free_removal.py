@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel
-from .free_grid import _EDGE_M, _HALF_M, _NONE, CELL_M, TALL, bits, cell, find_block, free_bits
+from .free_grid import CELL_M, EDGE_M, HALF_M, NO_BLOCK, TALL, bits, cell, find_block, free_bits
 
 _BODY_M = 20.0
 """Greatest depth of what arrives: the length of the longest vehicles on a road. It is not a tuning parameter."""
@@ -22,7 +22,7 @@ def in_column(free, ix, iy, low, high, clear):
     masks, c, found = free.masks, (ix & 15) * 16 + (iy & 15), False
     for iz in range(low >> 6, (high >> 6) + 1):
         k = find_block(free, ix >> 4, iy >> 4, iz)
-        if k == _NONE:
+        if k == NO_BLOCK:
             continue
         here = bits(low - iz * TALL, high + 1 - iz * TALL)
         found = found or free_bits(free, k, c) & here != 0
@@ -38,15 +38,15 @@ def stand_in(free, ax, ay, bx, by, top, bottom, clear):
     """True if any cell that a plane crosses is free. clear: none of them is free any more."""
     if bx < ax:
         ax, ay, bx, by = bx, by, ax, ay
-    slope, found = (by - ay) / (bx - ax) if bx - ax > _EDGE_M else 0.0, False
-    low, high = cell(top - _EDGE_M), cell(bottom + _EDGE_M)
-    for ix in range(cell(ax - _EDGE_M), cell(bx + _EDGE_M) + 1):
+    slope, found = (by - ay) / (bx - ax) if bx - ax > EDGE_M else 0.0, False
+    low, high = cell(top - EDGE_M), cell(bottom + EDGE_M)
+    for ix in range(cell(ax - EDGE_M), cell(bx + EDGE_M) + 1):
         if slope == 0.0:
             y0, y1 = ay, by
         else:
-            y0 = ay + slope * (min(max(ix * CELL_M - _EDGE_M, ax), bx) - ax)
-            y1 = ay + slope * (min(max((ix + 1) * CELL_M + _EDGE_M, ax), bx) - ax)
-        for iy in range(cell(min(y0, y1) - _EDGE_M), cell(max(y0, y1) + _EDGE_M) + 1):
+            y0 = ay + slope * (min(max(ix * CELL_M - EDGE_M, ax), bx) - ax)
+            y1 = ay + slope * (min(max((ix + 1) * CELL_M + EDGE_M, ax), bx) - ax)
+        for iy in range(cell(min(y0, y1) - EDGE_M), cell(max(y0, y1) + EDGE_M) + 1):
             found = in_column(free, ix, iy, low, high, clear) or found
     return found
 
@@ -55,10 +55,10 @@ def stand_in(free, ax, ay, bx, by, top, bottom, clear):
 def clear_behind(free, x, y, ax, ay, bx, by, top, bottom):
     """Clears the free cells up to _BODY_M behind a plane, as seen from (x, y), at its heights."""
     ax, ay, bx, by = ax - x, ay - y, bx - x, by - y
-    ra, rb = max(math.sqrt(ax * ax + ay * ay), _EDGE_M), max(math.sqrt(bx * bx + by * by), _EDGE_M)
+    ra, rb = max(math.sqrt(ax * ax + ay * ay), EDGE_M), max(math.sqrt(bx * bx + by * by), EDGE_M)
     reach = max(ra, rb) + _BODY_M
     wide = 1.0 if ax * by - ay * bx >= 0.0 else -1.0
-    low, high = cell(top - _EDGE_M), cell(bottom + _EDGE_M)
+    low, high = cell(top - EDGE_M), cell(bottom + EDGE_M)
     first_x, last_x = x + min(ax, bx) - _BODY_M, x + max(ax, bx) + _BODY_M
     first_y, last_y = y + min(ay, by) - _BODY_M, y + max(ay, by) + _BODY_M
     for ix in range(cell(first_x), cell(last_x) + 1):
@@ -67,7 +67,7 @@ def clear_behind(free, x, y, ax, ay, bx, by, top, bottom):
             if cx * cx + cy * cy > reach * reach or (cx * ax + cy * ay <= 0.0 and cx * bx + cy * by <= 0.0):
                 continue
             beside_a, beside_b = wide * (ax * cy - ay * cx) / ra, wide * (cx * by - cy * bx) / rb
-            if beside_a < -_HALF_M or beside_b < -_HALF_M:
+            if beside_a < -HALF_M or beside_b < -HALF_M:
                 continue
             beyond = wide * ((cx - ax) * (by - ay) - (cy - ay) * (bx - ax))
             if beyond >= 0.0:

@@ -13,10 +13,10 @@ import numpy as np
 from ..jit import inner, kernel
 from ..types import FrameModel
 from .free_grid import (
-    _EDGE_M,
-    _HALF_M,
-    _NONE,
     CELL_M,
+    EDGE_M,
+    HALF_M,
+    NO_BLOCK,
     SIDE,
     TALL,
     GroundPlane,
@@ -40,10 +40,10 @@ def ground_plane(model: FrameModel, place_z_m: float) -> GroundPlane:
 def clear_below(free, ix, iy, z):
     """Clears the free bits of a column at z and below, including the next block."""
     masks = free.masks
-    first, c = cell(z - _EDGE_M), (ix & 15) * SIDE + (iy & 15)
+    first, c = cell(z - EDGE_M), (ix & 15) * SIDE + (iy & 15)
     for iz in range(first >> 6, (first >> 6) + 2):
         k = find_block(free, ix >> 4, iy >> 4, iz)
-        if k == _NONE:
+        if k == NO_BLOCK:
             continue
         gone = bits(first - iz * TALL, TALL)
         if (masks[k, 0, c] | masks[k, 1, c]) & gone != 0:
@@ -57,10 +57,10 @@ def put_ground(free, ix, iy, z, noise):
     """Stores the ground of a column, unless the stored one agrees with it and has less noise; returns the z that is
     stored."""
     ground, c = free.ground, (ix & 15) * SIDE + (iy & 15)
-    at = cell(z - _EDGE_M) >> 6
+    at = cell(z - EDGE_M) >> 6
     for iz in range(at - 1, at + 2):  # noise may move it across the border of two blocks
         k = find_block(free, ix >> 4, iy >> 4, iz)
-        if k == _NONE or math.isnan(ground[k, c, 0]):
+        if k == NO_BLOCK or math.isnan(ground[k, c, 0]):
             continue
         apart, slack = abs(ground[k, c, 0] - z), ground[k, c, 1] + noise
         if apart <= slack and ground[k, c, 1] < noise:
@@ -78,15 +78,15 @@ def measured_at(x, y, edges, seen_from, seen_to):
     """True if the ground was measured in all directions that a column at (x, y) from the camera extends into, at its
     range."""
     r = math.sqrt(x * x + y * y)
-    if r <= 2.0 * _HALF_M:
+    if r <= 2.0 * HALF_M:
         return False
-    half = math.asin(_HALF_M / r)
+    half = math.asin(HALF_M / r)
     turn = math.atan2(y, x) - half - edges[0]
     azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
     if azimuth + 2.0 * half >= edges[edges.shape[0] - 1]:
         return False
     for d in range(direction_of(edges, azimuth), direction_of(edges, azimuth + 2.0 * half) + 1):
-        if seen_from[d] > r - _HALF_M or seen_to[d] < r + _HALF_M:
+        if seen_from[d] > r - HALF_M or seen_to[d] < r + HALF_M:
             return False
     return True
 
@@ -105,7 +105,7 @@ def see_ground(free, x, y, edges, seen_from, seen_to, plane):
     reach = 0.0
     for d in range(len(seen_to)):
         reach = max(reach, seen_to[d])
-    lift = math.sqrt(slope_x**2 + slope_y**2) * _HALF_M
+    lift = math.sqrt(slope_x**2 + slope_y**2) * HALF_M
     for ix in range(cell(x - reach), cell(x + reach) + 1):
         for iy in range(cell(y - reach), cell(y + reach) + 1):
             cx, cy = (ix + 0.5) * CELL_M - x, (iy + 0.5) * CELL_M - y
@@ -113,4 +113,4 @@ def see_ground(free, x, y, edges, seen_from, seen_to, plane):
             if r2 > reach * reach or not measured_at(cx, cy, edges, seen_from, seen_to):
                 continue
             highest = z + slope_x * cx + slope_y * cy - lift
-            clear_below(free, ix, iy, put_ground(free, ix, iy, highest, noise * (math.sqrt(r2) + _HALF_M)))
+            clear_below(free, ix, iy, put_ground(free, ix, iy, highest, noise * (math.sqrt(r2) + HALF_M)))

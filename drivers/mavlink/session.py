@@ -279,6 +279,12 @@ class MavlinkSession:
         easily."""
         return self.vehicle is not None and now_ns - self._received_ns < SILENT_NS
 
+    def armed(self, now_ns: int) -> bool | None:
+        """Whether the vehicle is armed; None: not known. A silent autopilot may have been armed since."""
+        if self.vehicle is None or (not self.vehicle.armed and not self.connected(now_ns)):
+            return None
+        return self.vehicle.armed
+
     def fell_silent(self, now_ns: int) -> bool:
         """True if the autopilot was armed at its last message and is not received any more. It may still receive."""
         return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)

@@ -172,8 +172,8 @@ def test_a_process_that_cannot_be_ended_does_not_stop_its_supervision(
 def test_the_process_of_a_channel_that_fails_is_collected_before_the_next_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As with no memory for the frames: a process that nobody waits for stays in the system's table, and with a long delay
-    until the next start for as long."""
+    """Such as when there is no memory for the frames. A process that is not waited for remains a zombie, here until the next
+    start, which may be delayed for long."""
     read = FrameReader.read
 
     def failing(reader: FrameReader, timeout_s: float) -> object:

@@ -14,6 +14,7 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -507,6 +508,10 @@ def test_a_line_that_breaks_while_it_catches_up_is_opened_again(monkeypatch: pyt
         assert until(lambda: link.state.losses == 1 and link.state.open, 10.0)
 
 
+def _is_alive_since(link: MavlinkLink, t_ns: int) -> bool:
+    return link.state.alive_ns > t_ns
+
+
 def test_a_line_that_takes_long_to_close_does_not_stop_the_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel waits for up to 30 s for a serial device that takes no bytes: the service was restarted meanwhile."""
     port, broken, closes = free_port(), threading.Event(), threading.Event()
@@ -527,8 +532,7 @@ def test_a_line_that_takes_long_to_close_does_not_stop_the_thread(monkeypatch: p
         with linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _):
             assert until(lambda: link.state.error == "the device hangs")
             for _ in range(3):
-                before_ns = link.state.alive_ns
-                assert until(lambda before_ns=before_ns: link.state.alive_ns > before_ns)  # type: ignore[misc]
+                assert until(partial(_is_alive_since, link, link.state.alive_ns))
             assert not link.state.open
             link.catch_up()
             closes.set()
