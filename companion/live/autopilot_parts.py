@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from core.types import AttitudeSample, PoseSample
 from drivers.mavlink.address import parse_address
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.signing import Signing
@@ -42,6 +44,16 @@ class AutopilotParts:
     link: MavlinkLink | None = None
     avoidance: Avoidance | None = None
     guard: Guard | None = None
+
+    def clock(self) -> tuple[ClockEstimate, int]:
+        """The estimate of the autopilot's clock, and its restarts."""
+        if self.session is None:
+            return ClockEstimate(ClockSource.NONE), 0
+        return self.session.clock.estimate, self.session.clock.restarts
+
+    def armed(self) -> bool | None:
+        """Whether the vehicle is armed; None: not known."""
+        return None if self.session is None else self.session.armed(time.monotonic_ns())
 
 
 def make_autopilot(

@@ -65,12 +65,12 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
     while not stop.is_set():
         # fixed rate independent of the duration of a tick: blind cameras are reported at [service] blind_hz
         next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MAX_LATE_S)
-        (stop if ready else service.loop.begun).wait(
+        (stop if ready else service.parts.loop.begun).wait(
             max(0.0, next_tick_s - time.monotonic())
         )  # returns at once when set
-        service.loop.wait_idle(IDLE_WAIT_S)
+        service.parts.loop.wait_idle(IDLE_WAIT_S)
         service.tick()
-        if ended := service.failures() or ("" if service.loop.running else "the pipeline has ended"):
+        if ended := service.failures() or ("" if service.parts.loop.running else "the pipeline has ended"):
             # the autopilot must not wait for the watchdog: end at once so that systemd restarts the service
             log.critical("%s; the service ends so that systemd restarts it", ended)
             return 1
@@ -86,8 +86,8 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
                 notifier.extend_timeout(60.0)  # kernels are being loaded or compiled
             if not stalled:
                 notifier.feed_watchdog()
-            if service.recorder is not None and (
-                note := record_rate.note(service.recorder.status, time.monotonic_ns())
+            if service.parts.recorder is not None and (
+                note := record_rate.note(service.parts.recorder.status, time.monotonic_ns())
             ):
                 log.info(note)
         now = [d.line() for d in service.diagnostics]

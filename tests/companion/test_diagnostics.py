@@ -187,16 +187,16 @@ def test_the_health_report_holds_code_and_text(tmp_path: Path, monkeypatch: pyte
     camera |= dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), TEMPLATE_V4L2_PX, strict=True))
     config: Config = config_of({"camera": [camera], "record": {"record": "off"}, "avoid": {"clear_share": 0.5}}, "x")
     service = Service(config, Folders(tmp_path, tmp_path), lambda: None)
-    monkeypatch.setattr(type(service.loop), "started", True)
+    monkeypatch.setattr(type(service.parts.loop), "started", True)
     published: list[pb.Health] = []
     service._output.publishers["health"] = cast(
         Any, SimpleNamespace(published=0, publish=published.append, close=lambda: None)
     )
     try:
         service.tick()
-        service._ground.started("front")
-        feed(service._ground, GROUND_FRAMES, frame(0.95, seen=False))
-        service._next_health_ns = 0
+        service.health._ground.started("front")
+        feed(service.health._ground, GROUND_FRAMES, frame(0.95, seen=False))
+        service.health._next_ns = 0
         service.tick()
     finally:
         service.close()

@@ -18,7 +18,7 @@ from companion.config.guard import GuardParams
 from companion.guard.guard import REPEAT_NS, Guard
 from companion.guard.memory_file import GuardMemoryFile
 from companion.guard.states import Announcement, GuardMemory, GuardState
-from companion.live.part_checks import failures, stalled_part
+from companion.live.parts import Parts
 from companion.pipeline.transform import LevelTransform
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
@@ -162,6 +162,12 @@ def test_a_fast_vehicle_does_not_stand_on_the_ground(speed_m_s: float, protected
     assert (flight.state is not GuardState.INACTIVE) == protected
 
 
+def parts_of(guard: Guard) -> Parts:
+    """The parts of a service whose guard alone can fail."""
+    unused: Any = None
+    return Parts(cameras={}, loop=LOOP, event_queue=unused, previews=unused, signing=unused, guard=guard)
+
+
 def guard_with(vehicle: Callable[[], Vehicle | None]) -> Guard:
     return Guard(GuardParams(enabled=True), AvoidParams(), 196, vehicle, lambda: LINK, lambda _: None, None)
 
@@ -175,12 +181,12 @@ def test_a_guard_that_has_ended_ends_the_service() -> None:
         raise ValueError("test")
 
     guard = guard_with(vehicle)
-    assert stalled_part(LOOP, None, None, guard, {}, START_NS, NS) == "", "not started"
+    assert parts_of(guard).stalled(START_NS, NS) == "", "not started"
     guard.open()
     assert reached.wait(10.0)
     guard.close()
-    assert failures(LOOP, None, None, guard, {}) == "the guard has ended: ValueError: test"
-    assert stalled_part(LOOP, None, None, guard, {}, guard.alive_ns, NS) == "the guard"
+    assert parts_of(guard).failures() == "the guard has ended: ValueError: test"
+    assert parts_of(guard).stalled(guard.alive_ns, NS) == "the guard"
 
 
 def test_a_guard_that_does_not_respond_is_a_stalled_part() -> None:
@@ -195,9 +201,9 @@ def test_a_guard_that_does_not_respond_is_a_stalled_part() -> None:
     guard.open()
     try:
         assert reached.wait(10.0)
-        assert stalled_part(LOOP, None, None, guard, {}, guard.alive_ns + NS, NS) == ""
-        assert stalled_part(LOOP, None, None, guard, {}, guard.alive_ns + NS + 1, NS) == "the guard"
-        assert failures(LOOP, None, None, guard, {}) == ""
+        assert parts_of(guard).stalled(guard.alive_ns + NS, NS) == ""
+        assert parts_of(guard).stalled(guard.alive_ns + NS + 1, NS) == "the guard"
+        assert parts_of(guard).failures() == ""
     finally:
         release.set()
         guard.close()

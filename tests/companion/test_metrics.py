@@ -196,7 +196,7 @@ def test_the_service_publishes_its_own_boot_id(tmp_path: Path) -> None:
     running = service(tmp_path, port)
     try:
         running.open()
-        assert running.loop.begun.wait(10.0)
+        assert running.parts.loop.begun.wait(10.0)
         running.tick()
         status, text = fetched(port)
         assert status == 200
@@ -214,7 +214,7 @@ def test_the_service_goes_on_where_the_port_is_taken(tmp_path: Path) -> None:
         running = service(tmp_path, taken.getsockname()[1])
         try:
             running.open()
-            assert running.loop.begun.wait(10.0)
+            assert running.parts.loop.begun.wait(10.0)
             running.tick()
             assert any("choose another [service] metrics_port" in t for t in running.diagnostic_texts)
         finally:
@@ -223,5 +223,5 @@ def test_the_service_goes_on_where_the_port_is_taken(tmp_path: Path) -> None:
 
 def test_without_a_port_there_is_none(tmp_path: Path) -> None:
     running = service(tmp_path, 0)
-    assert running.metrics is None
+    assert running.parts.metrics is None
     running.close()

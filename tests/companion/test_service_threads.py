@@ -46,7 +46,7 @@ def service_in(folder: Path) -> Service:
         service=ServiceParams(metrics_port=free_port()),
     )
     service = Service(config, Folders(folder, folder), lambda: None)
-    camera = service.cameras["front"]
+    camera = service.parts.cameras["front"]
 
     def no_process() -> str:
         camera._stop.wait()
@@ -103,29 +103,29 @@ class Autopilot:
 
 
 def of_pipeline(service: Service) -> None:
-    service.event_queue.take = broken  # type: ignore[assignment,method-assign]
+    service.parts.event_queue.take = broken  # type: ignore[assignment,method-assign]
 
 
 def of_line(service: Service) -> None:
-    assert service.session is not None
-    service.session.receive = broken  # type: ignore[assignment,method-assign]
+    assert service.parts.session is not None
+    service.parts.session.receive = broken  # type: ignore[assignment,method-assign]
 
 
 def of_sender(service: Service) -> None:
-    assert service.avoidance is not None
-    ask = service.avoidance.sender._ask
+    assert service.parts.avoidance is not None
+    ask = service.parts.avoidance.sender._ask
 
     def once() -> object:
         if threading.current_thread().name == "obstacles":
             raise RuntimeError("injected")
         return ask()
 
-    service.avoidance.sender._ask = once  # type: ignore[assignment]
+    service.parts.avoidance.sender._ask = once  # type: ignore[assignment]
 
 
 def of_camera(service: Service) -> None:
-    service.cameras["front"]._set_condition = broken  # type: ignore[method-assign]
-    service.cameras["front"]._run_process = broken  # type: ignore[assignment,method-assign]
+    service.parts.cameras["front"]._set_condition = broken  # type: ignore[method-assign]
+    service.parts.cameras["front"]._run_process = broken  # type: ignore[assignment,method-assign]
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
 
         def reported() -> bool:
             autopilot.send_heartbeat()
-            return service.avoidance is not None and service.avoidance.report is not None
+            return service.parts.avoidance is not None and service.parts.avoidance.report is not None
 
         assert until(reported)
         inject(service)
@@ -168,24 +168,24 @@ def test_the_service_ends_when_the_supervision_of_a_camera_does(
 
 
 def of_recorder(service: Service) -> None:
-    assert service.recorder is not None
-    service.recorder._next_items = broken  # type: ignore[method-assign]
+    assert service.parts.recorder is not None
+    service.parts.recorder._next_items = broken  # type: ignore[method-assign]
 
 
 def of_world(service: Service) -> None:
-    assert service.world is not None
-    service.world._take = broken  # type: ignore[method-assign]
+    assert service.parts.world is not None
+    service.parts.world._take = broken  # type: ignore[method-assign]
 
 
 def of_metrics(service: Service) -> None:
-    assert service.metrics is not None
-    assert service.metrics._server is not None
-    service.metrics._server.service_actions = broken  # type: ignore[method-assign]
+    assert service.parts.metrics is not None
+    assert service.parts.metrics._server is not None
+    service.parts.metrics._server.service_actions = broken  # type: ignore[method-assign]
 
 
 def of_signing(service: Service) -> None:
-    clock = type(service.signing._clock)(Path(service._folders.state) / "signing")
-    service.signing._clock = clock
+    clock = type(service.parts.signing._clock)(Path(service._folders.state) / "signing")
+    service.parts.signing._clock = clock
     clock._reserve = broken  # type: ignore[method-assign]
     clock._wanted.set()
 
@@ -208,7 +208,7 @@ def test_the_flight_goes_on_and_what_ended_is_named(
         assert until(lambda: any(name in fault for fault in service.diagnostic_texts)), service.diagnostic_texts
         time.sleep(0.2)
         assert status == []
-        assert service.loop.running
+        assert service.parts.loop.running
 
 
 def test_an_error_in_a_viewers_image_ends_its_stream_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,12 +227,12 @@ def test_a_part_that_raises_keeps_no_other_from_being_closed(tmp_path: Path) -> 
     with served(service):
         pass
     closed: list[str] = []
-    service.cameras["front"].close = broken  # type: ignore[method-assign]
-    service.loop.close = broken  # type: ignore[method-assign]
-    assert service.recorder is not None
-    assert service.link is not None
-    service.recorder.close = lambda: closed.append("recorder")  # type: ignore[method-assign]
-    service.link.close = lambda: closed.append("line")  # type: ignore[method-assign]
+    service.parts.cameras["front"].close = broken  # type: ignore[method-assign]
+    service.parts.loop.close = broken  # type: ignore[method-assign]
+    assert service.parts.recorder is not None
+    assert service.parts.link is not None
+    service.parts.recorder.close = lambda: closed.append("recorder")  # type: ignore[method-assign]
+    service.parts.link.close = lambda: closed.append("line")  # type: ignore[method-assign]
     with pytest.raises(RuntimeError, match="injected"):
         service.close()
     assert closed == ["recorder", "line"]
@@ -249,7 +249,7 @@ def test_all_cameras_are_stopped_before_one_is_waited_for(tmp_path: Path, monkey
     close = CameraSupervisor.close
 
     def noted(camera: CameraSupervisor) -> None:
-        stopping.append(sum(c._stop.is_set() for c in service.cameras.values()))
+        stopping.append(sum(c._stop.is_set() for c in service.parts.cameras.values()))
         close(camera)
 
     monkeypatch.setattr(CameraSupervisor, "close", noted)

@@ -73,7 +73,7 @@ def test_a_long_start_is_not_a_stalled_part(tmp_path: Path) -> None:
     try:
         service.open()
         assert service.stalled_part() == ""
-        assert service.loop.begun.wait(60.0)
+        assert service.parts.loop.begun.wait(60.0)
         assert service.stalled_part() == ""
     finally:
         service.close()
@@ -85,13 +85,13 @@ def test_with_nothing_configured_the_missing_sections_are_reported(tmp_path: Pat
     service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: None)
     try:
         service.open()
-        assert service.loop.begun.wait(60.0)
+        assert service.parts.loop.begun.wait(60.0)
         service.tick()
         assert service.diagnostic_texts == [
             "no camera is configured: add a [[camera]] to the configuration",
             "no autopilot is configured: set [autopilot] address",
         ]
-        assert service.state == pb.Health.STATE_BLIND
+        assert service.health.state == pb.Health.STATE_BLIND
     finally:
         service.close()
 
@@ -103,19 +103,19 @@ def test_dropped_samples_are_reported(tmp_path: Path) -> None:
     service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: None)
     flood = [AttitudeSample(k, k, (1.0, 0.0, 0.0, 0.0)) for k in range(1, MAX_ITEMS + 101)]
     try:
-        service.event_queue.put(flood)
+        service.parts.event_queue.put(flood)
         service.tick()
         assert [d.code for d in service.diagnostics] == [
             DiagnosticCode.STARTING
         ]  # nothing sees yet, nothing is lacking
         service.open()
-        assert service.loop.begun.wait(60.0)
+        assert service.parts.loop.begun.wait(60.0)
         service.tick()
         assert not any("samples" in t for t in service.diagnostic_texts)
-        before = service.event_queue.lost
-        service.event_queue.put(flood)
+        before = service.parts.event_queue.lost
+        service.parts.event_queue.put(flood)
         service.tick()
-        lost = service.event_queue.lost - before
+        lost = service.parts.event_queue.lost - before
         assert lost >= 100
         assert f"{lost} attitude and position samples were lost" in " ".join(service.diagnostic_texts)
     finally:

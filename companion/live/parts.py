@@ -1,0 +1,102 @@
+"""The parts of the running service, and which of them have ended or do not respond."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.signing import Signing
+
+from ..cameras.supervisor import CameraStatus, CameraSupervisor
+from ..diagnostic import Diagnostic, DiagnosticCode
+from ..log.recorder import Recorder
+from ..streams.curve_auth import AllowList
+from .depth_preview import DepthPreviews
+from .event_queue import EventQueue
+from .pipeline_thread import PipelineThread
+
+if TYPE_CHECKING:
+    from ..autopilot.manager import Avoidance
+    from ..guard.guard import Guard
+    from ..share.setup import ShareService
+    from .prometheus import MetricsServer
+    from .world_thread import WorldThread
+
+NS = 1_000_000_000
+LINK_OPEN_NS = 2 * NS
+"""Opening a link or a camera process may take this much longer than the liveness timeout."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Parts:
+    """The parts of the service. None: not configured; world, allow: not opened yet.
+
+    Required are the pipeline, the link, the obstacle output, the guard and the supervision of each camera: without one of
+    them the service ends. The others report their faults."""
+
+    cameras: dict[str, CameraSupervisor]
+    loop: PipelineThread
+    event_queue: EventQueue
+    previews: DepthPreviews
+    signing: Signing
+    session: MavlinkSession | None = None
+    link: MavlinkLink | None = None
+    avoidance: Avoidance | None = None
+    guard: Guard | None = None
+    share: ShareService | None = None
+    recorder: Recorder | None = None
+    metrics: MetricsServer | None = None
+    world: WorldThread | None = None
+    allow: AllowList | None = None
+
+    def camera_statuses(self) -> dict[str, CameraStatus]:
+        """The status of each camera, by name."""
+        return {name: camera.status for name, camera in self.cameras.items()}
+
+    def failures(self) -> str:
+        """The required threads that an exception has ended, as text; empty: none."""
+        failures = {"the pipeline": self.loop.failure}
+        if self.link is not None:
+            failures["the link to the autopilot"] = self.link.failure
+        if self.avoidance is not None:
+            failures["the obstacle sender"] = self.avoidance.sender.failure
+        if self.guard is not None:
+            failures["the guard"] = self.guard.failure
+        failures |= {f"the supervision of camera {name}": camera.failure for name, camera in self.cameras.items()}
+        return "; ".join(f"{part} has ended: {failure}" for part, failure in failures.items() if failure)
+
+    def stalled(self, now_ns: int, timeout_ns: int) -> str:
+        """The first required thread that has ended or has not responded for `timeout_ns`, as text; empty: none.
+
+        The recorder is not checked here: a slow disk is reported but does not end the service."""
+        if not self.loop.running:
+            return "the pipeline has ended and"
+        if self.loop.started and now_ns - self.loop.alive_ns > timeout_ns:
+            return "the pipeline"
+        if self.link is not None and now_ns - self.link.state.alive_ns > timeout_ns + LINK_OPEN_NS:
+            return "the link to the autopilot"
+        if self.avoidance is not None and self.avoidance.stalled(timeout_ns):
+            return "the obstacle sender"
+        if self.guard is not None and self.guard.stalled(now_ns, timeout_ns):
+            return "the guard"
+        for name, camera in self.cameras.items():
+            if camera.status.alive_ns and now_ns - camera.status.alive_ns > timeout_ns + LINK_OPEN_NS:
+                return f"the supervision of camera {name}"
+        return ""
+
+    def ended_optional(self) -> list[Diagnostic]:
+        """Diagnostics of the optional parts that have ended. Recording and the merged world report their own."""
+        texts: dict[DiagnosticCode, str] = {}
+        if self.metrics is not None:
+            texts[DiagnosticCode.METRICS_FAULT] = self.metrics.fault
+        texts[DiagnosticCode.DEPTH_PREVIEW_FAULT] = self.previews.fault
+        if self.signing.failure:
+            texts[DiagnosticCode.SIGNATURE_CLOCK_FAULT] = (
+                f"timestamps of signatures are not saved ({self.signing.failure})"
+            )
+        if self.allow and not self.allow.running:
+            text = "the check of subscribers' keys has ended; new subscribers are refused. Restart the service"
+            texts[DiagnosticCode.KEY_CHECK_FAULT] = text
+        return [Diagnostic(code, "", text) for code, text in texts.items() if text]
