@@ -16,7 +16,7 @@ import companion
 import drivers
 from companion.cli import _parser
 from companion.command_list import COMMANDS
-from companion.config.loader import SECTIONS, fields_of
+from companion.config.sections import SECTIONS, fields_of
 from companion.diagnostic import DiagnosticCode
 from companion.pipeline.latency import LatencyStage
 from companion.pipeline.sync import DropCause

@@ -8,7 +8,8 @@ from typing import Any
 
 from core.param_field import is_safety_key
 
-from .loader import SECTIONS, Config, fields_of, values_of
+from .loader import Config, values_of
+from .sections import SECTIONS, fields_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 from core.param_field import is_safety_key
 
-from .loader import SECTIONS, expected, fields_of
+from .sections import SECTIONS, expected, fields_of
 
 BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tables -->"
 TITLES = {

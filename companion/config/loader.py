@@ -6,21 +6,15 @@ The sections are the fields of plain dataclasses whose metadata hold range, unit
 
 from __future__ import annotations
 
-import difflib
-import functools
 import json
 import logging
-import re
 import tomllib
-import types
-import typing
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, Field, asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model
-from pydantic import Field as Bounds
+from pydantic import ValidationError
 
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
@@ -30,43 +24,21 @@ from core.world.params import WorldParams
 
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
-from .expert import expert_fields, public_fields
+from .file_model import file_model
 from .guard import GuardParams
+from .mistakes import TOO_DEEP, TOO_LONG, mistake_text
 from .retired import refused_values, without_retired
+from .sections import SECTIONS, fields_of
 from .service import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
 from .share import AUTOPILOT_LINE, ShareConfig
 from .sync import SyncParams
 
 log = logging.getLogger(__name__)
 
-SECTIONS: dict[str, type] = {
-    "extractor": Params,
-    "expert": Params,
-    "open_sky": OpenSkyParams,
-    "sync": SyncParams,
-    "mount_check": MountCheckParams,
-    "camera": CameraConfig,
-    "output": OutputConfig,
-    "autopilot": AutopilotConfig,
-    "avoid": AvoidParams,
-    "guard": GuardParams,
-    "publish": PublishConfig,
-    "world": WorldParams,
-    "tracking": TrackingParams,
-    "share": ShareConfig,
-    "record": RecordParams,
-    "supervision": SupervisorParams,
-    "service": ServiceParams,
-}
-"""TOML section -> the dataclass it fills; `camera` may stand several times, `extractor` and `expert` fill one together."""
 _COMBINED = ("extractor", "expert", "camera")
 """Sections that are not one field of `Config` each."""
 MAX_BLIND_DELAY_S = 0.4
 """After the newest exposure, so late at most: no setting may make it later."""
-TOO_DEEP = "nested deeper than can be read"
-TOO_LONG = "a number has thousands of digits; correct it"
-SHOWN_CHARACTERS = 200
-"""Of a wrong value in a message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,10 +132,6 @@ def _why_unmarked(camera: CameraConfig) -> str:
     return f'"{camera.name}" of kind "{camera.kind}" delivers matched depth, so mark_smooth has no effect'
 
 
-WITHOUT_NUL = r"^[^\x00]*$"
-"""A path or a name with a NUL character cannot be given to the operating system."""
-
-
 class ConfigError(Exception):
     """A configuration that cannot be used: `problems` holds one line for each mistake. remedy: for all of them."""
 
@@ -235,9 +203,9 @@ def config_from_text(text: str, source: str = "the configuration in the log") ->
 def config_of(content: Mapping[str, Any], source: str) -> Config:
     """The configuration of nested tables as TOML and JSON give them. Raises ConfigError with all mistakes."""
     try:
-        valid = _file_model(frozenset(content) & frozenset(SECTIONS)).model_validate(dict(content)).model_dump()
+        valid = file_model(frozenset(content) & frozenset(SECTIONS)).model_validate(dict(content)).model_dump()
     except ValidationError as error:
-        raise ConfigError(source, [_words(e, content) for e in error.errors(include_url=False)]) from error
+        raise ConfigError(source, [mistake_text(e, content) for e in error.errors(include_url=False)]) from error
     try:
         single = {name: kind(**valid.get(name, {})) for name, kind in SECTIONS.items() if name not in _COMBINED}
         extractor = Params(**valid.get("extractor", {}), **valid.get("expert", {}))
@@ -247,136 +215,6 @@ def config_of(content: Mapping[str, Any], source: str) -> Config:
         raise ConfigError(source, [str(error)]) from error
 
 
-def expected(f: Field[Any]) -> str:
-    """What a key may hold, as text."""
-    meta, kind = f.metadata, _plain_type(f)
-    if "choices" in meta:
-        return "one of " + ", ".join(f'"{c}"' for c in meta["choices"])
-    if "min" in meta:
-        unit = f" {meta['unit']}" if meta["unit"] else ""
-        whole = "a whole number " if kind is int else ""
-        low, high = (str(v) if isinstance(v, int) else f"{v:g}" for v in (meta["min"], meta["max"]))
-        return f"{whole}{low}..{high}{unit}"
-    return {bool: "true or false", str: "a text in quotes"}.get(kind, "a number")
-
-
-def fields_of(section: str) -> tuple[Field[Any], ...]:
-    """The keys of a section, in order."""
-    if section in ("extractor", "expert"):
-        return public_fields() if section == "extractor" else expert_fields()
-    return fields(SECTIONS[section])
-
-
 def values_of(config: Config, section: str) -> Any:
     """The object with the values of a section, other than `camera`."""
     return config.extractor if section == "expert" else getattr(config, section)
-
-
-def _plain_type(f: Field[Any]) -> Any:
-    """int of `int`, float of `float | None`."""
-    owner = next(c for c in SECTIONS.values() if any(g is f for g in fields(c)))
-    hint = _hints(owner)[f.name]
-    if typing.get_origin(hint) in (Union, types.UnionType):
-        return next(a for a in typing.get_args(hint) if a is not types.NoneType)
-    return hint
-
-
-@functools.cache
-def _hints(owner: type) -> dict[str, Any]:
-    """Types of a dataclass's fields: kept, since each key asks for all of them, and a start must be quick."""
-    return typing.get_type_hints(owner)
-
-
-def _section_model(section: str) -> type[BaseModel]:
-    """A pydantic model with the keys, types and ranges of a section's dataclass."""
-    columns: dict[str, Any] = {}
-    for f in fields_of(section):
-        kind: Any = _plain_type(f)
-        default = ... if f.default is MISSING else f.default
-        limits: dict[str, Any] = {"pattern": WITHOUT_NUL} if kind is str else {}
-        if "min" in f.metadata:
-            limits = {"ge": f.metadata["min"], "le": f.metadata["max"]}
-        if "choices" in f.metadata:
-            limits = {"pattern": f"^(?:{'|'.join(map(re.escape, f.metadata['choices']))})$"}
-        if "pattern" in f.metadata:
-            limits = {"pattern": f.metadata["pattern"]}
-        if f.default is None:
-            kind = kind | None
-        columns[f.name] = (kind, Bounds(default, **limits))
-    config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-    model: type[BaseModel] = create_model(section, __config__=config, **columns)
-    return model
-
-
-@functools.cache
-def _file_model(sections: frozenset[str]) -> type[BaseModel]:
-    """A pydantic model of a file with these sections: building those that it lacks would only delay a start."""
-    # in the order of SECTIONS: mistakes are listed in the same order on every run
-    columns: dict[str, Any] = {name: (_section_model(name), ...) for name in SECTIONS if name in sections}
-    if "camera" in sections:
-        columns["camera"] = (types.GenericAlias(list, (columns["camera"][0],)), ...)
-    model: type[BaseModel] = create_model("file", __config__=ConfigDict(extra="forbid"), **columns)
-    return model
-
-
-def _words(error: Any, content: Mapping[str, Any]) -> str:
-    """One mistake as text: where it is, what is there, what is allowed, what to do."""
-    path: tuple[Any, ...] = error["loc"]
-    section = str(path[0])
-    where = _place(path)
-    if error["type"] == "extra_forbidden":
-        return _unknown(path, where)
-    if error["type"] == "missing":
-        return f"{where} is missing: {_doc(section, path[-1])}"
-    if section not in SECTIONS or len(path) < (3 if section == "camera" else 2):
-        form = "[[camera]] with double brackets" if section == "camera" else f"a section [{section}]"
-        return f"{where}: expected {form}"
-    key = next(f for f in fields_of(section) if f.name == path[-1])
-    if isinstance(error["input"], str) and "\0" in error["input"]:
-        return f"{where} = {_shown(error['input'])}: a NUL character cannot be in a text; remove it"
-    form = "a number without quotes and unit, " if isinstance(error["input"], str) and "min" in key.metadata else ""
-    return f"{where} = {_shown(error['input'])}: expected {form}{expected(key)} ({key.metadata['doc']})"
-
-
-def _shown(value: Any) -> str:
-    """A wrong value as it would stand in JSON, shortened."""
-    try:
-        text = json.dumps(value, default=str, ensure_ascii=False)
-    except RecursionError:
-        return f"(a value {TOO_DEEP})"
-    except ValueError:
-        return "(a number of thousands of digits)"
-    return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}..."
-
-
-def _place(path: tuple[Any, ...]) -> str:
-    if path[0] == "camera" and len(path) > 1 and isinstance(path[1], int):
-        return " ".join([f"[[camera]] number {path[1] + 1}:", *map(str, path[2:])])
-    return f"[{path[0]}] {path[1]}" if len(path) > 1 else f"[{path[0]}]"
-
-
-def _unknown(path: tuple[Any, ...], where: str) -> str:
-    key, section = str(path[-1]), str(path[0])
-    if len(path) == 1:
-        known = list(SECTIONS)
-        homes = [name for name in SECTIONS if any(f.name == key for f in fields_of(name))]
-        if homes:
-            return f"{key}: belongs under [{homes[0]}]; put it below that line"
-        what = "section"
-    else:
-        known, what = [f.name for f in fields_of(section)], "key"
-        if section == "extractor":
-            experts = [f.name for f in expert_fields()]
-            if key in experts:
-                return f"{where}: it is given below [expert] as well; keep that line only"
-            if not difflib.get_close_matches(key, known, n=1, cutoff=0.7):
-                near = difflib.get_close_matches(key, experts, n=1, cutoff=0.7)
-                if near:
-                    return f"{where}: no such key; did you mean {near[0]} below [expert]?"
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    remedy = f"did you mean {near[0]}?" if near else f"there are: {', '.join(known)}"
-    return f"{where}: no such {what}; {remedy}"
-
-
-def _doc(section: str, key: Any) -> str:
-    return str(next(f.metadata["doc"] for f in fields_of(section) if f.name == key))

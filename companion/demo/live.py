@@ -23,7 +23,8 @@ import zmq
 from drivers.base import DriverError
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..config.loader import SECTIONS, Config, fields_of, values_of
+from ..config.loader import Config, values_of
+from ..config.sections import SECTIONS, fields_of
 from ..live.status import newest_health
 from ..log.log_directory import files_of
 from .listener import ReceiveStats

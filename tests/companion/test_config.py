@@ -14,17 +14,9 @@ from hypothesis import strategies as st
 
 from companion.config.camera import CameraConfig
 from companion.config.docs import tables, with_tables
-from companion.config.loader import (
-    SECTIONS,
-    Config,
-    ConfigError,
-    config_from_text,
-    config_of,
-    config_text,
-    fields_of,
-    load_config,
-)
+from companion.config.loader import Config, ConfigError, config_from_text, config_of, config_text, load_config
 from companion.config.retired import RENAMED, without_retired
+from companion.config.sections import SECTIONS, fields_of
 from companion.config.sync import SyncParams
 from core.params import Params
 from core.types import CameraInfo, CameraMount, Intrinsics

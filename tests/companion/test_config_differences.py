@@ -9,7 +9,8 @@ import pytest
 from companion.config.camera import CameraConfig
 from companion.config.differences import differences, expert_lines
 from companion.config.docs import tables
-from companion.config.loader import SECTIONS, Config, ConfigError, config_from_text, config_of, fields_of
+from companion.config.loader import Config, ConfigError, config_from_text, config_of
+from companion.config.sections import SECTIONS, fields_of
 from companion.doctor.doctor import config_findings
 from companion.log.provenance import run_info
 from core.param_field import is_safety_key

@@ -11,7 +11,8 @@ import pytest
 
 from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.cli import main
-from companion.config.loader import ConfigError, config_of, fields_of, load_config
+from companion.config.loader import ConfigError, config_of, load_config
+from companion.config.sections import fields_of
 from companion.live.staleness import StalenessMonitor
 from drivers.simulation.flights import FLIGHTS
 

@@ -1,0 +1,79 @@
+"""The mistakes of a configuration as text: where, what is there, what is allowed, what to do."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from .expert import expert_fields
+from .sections import SECTIONS, expected, fields_of
+
+TOO_DEEP = "nested deeper than can be read"
+TOO_LONG = "a number has thousands of digits; correct it"
+SHOWN_CHARACTERS = 200
+"""Of a wrong value in a message."""
+
+
+def mistake_text(error: Any, content: Mapping[str, Any]) -> str:
+    """One mistake as text: where it is, what is there, what is allowed, what to do."""
+    path: tuple[Any, ...] = error["loc"]
+    section = str(path[0])
+    where = _place(path)
+    if error["type"] == "extra_forbidden":
+        return _unknown(path, where)
+    if error["type"] == "missing":
+        return f"{where} is missing: {_doc(section, path[-1])}"
+    if section not in SECTIONS or len(path) < (3 if section == "camera" else 2):
+        form = "[[camera]] with double brackets" if section == "camera" else f"a section [{section}]"
+        return f"{where}: expected {form}"
+    key = next(f for f in fields_of(section) if f.name == path[-1])
+    if isinstance(error["input"], str) and "\0" in error["input"]:
+        return f"{where} = {_shown(error['input'])}: a NUL character cannot be in a text; remove it"
+    form = "a number without quotes and unit, " if isinstance(error["input"], str) and "min" in key.metadata else ""
+    return f"{where} = {_shown(error['input'])}: expected {form}{expected(key)} ({key.metadata['doc']})"
+
+
+def _shown(value: Any) -> str:
+    """A wrong value as it would stand in JSON, shortened."""
+    try:
+        text = json.dumps(value, default=str, ensure_ascii=False)
+    except RecursionError:
+        return f"(a value {TOO_DEEP})"
+    except ValueError:
+        return "(a number of thousands of digits)"
+    return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}..."
+
+
+def _place(path: tuple[Any, ...]) -> str:
+    if path[0] == "camera" and len(path) > 1 and isinstance(path[1], int):
+        return " ".join([f"[[camera]] number {path[1] + 1}:", *map(str, path[2:])])
+    return f"[{path[0]}] {path[1]}" if len(path) > 1 else f"[{path[0]}]"
+
+
+def _unknown(path: tuple[Any, ...], where: str) -> str:
+    key, section = str(path[-1]), str(path[0])
+    if len(path) == 1:
+        known = list(SECTIONS)
+        homes = [name for name in SECTIONS if any(f.name == key for f in fields_of(name))]
+        if homes:
+            return f"{key}: belongs under [{homes[0]}]; put it below that line"
+        what = "section"
+    else:
+        known, what = [f.name for f in fields_of(section)], "key"
+        if section == "extractor":
+            experts = [f.name for f in expert_fields()]
+            if key in experts:
+                return f"{where}: it is given below [expert] as well; keep that line only"
+            if not difflib.get_close_matches(key, known, n=1, cutoff=0.7):
+                near = difflib.get_close_matches(key, experts, n=1, cutoff=0.7)
+                if near:
+                    return f"{where}: no such key; did you mean {near[0]} below [expert]?"
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    remedy = f"did you mean {near[0]}?" if near else f"there are: {', '.join(known)}"
+    return f"{where}: no such {what}; {remedy}"
+
+
+def _doc(section: str, key: Any) -> str:
+    return str(next(f.metadata["doc"] for f in fields_of(section) if f.name == key))
