@@ -1,7 +1,4 @@
-"""The pipeline thread: takes items from the event queue, runs the pipeline, publishes and records the results.
-
-Calls of the recorder are collected while a frame is processed and made after its prisms are published, in the original
-order, so that recording does not delay publication."""
+"""The pipeline thread: takes items from the event queue, runs the pipeline, publishes the results, and records both."""
 
 from __future__ import annotations
 
@@ -10,30 +7,27 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import groupby
 from typing import cast
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
-from drivers.base import Event
-from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..log.recorder import Recorder
-from ..pipeline.encode import prisms_bytes, state_message, wire_bytes
+from ..pipeline.encode import prisms_bytes, wire_bytes
 from ..pipeline.events import Item, LogMessage, RawFrame, Sample, SupersededFrame
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import FrameDecision, Output, PrismsResult
 from ..pipeline.track_messages import tracks_message
 from ..pipeline.tracking import TracksResult
-from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset
-from ..self_check.mount_yaw import MountYaw, MountYawMonitor
+from ..self_check.mount_yaw import MountYaw
 from .event_queue import EventQueue
-from .health import clock_message, latency_message
+from .health import latency_message
+from .log_feed import LogFeed
+from .motion_checks import MotionChecks
 from .staleness import StalenessMonitor
 
 TAKE_S = 0.1
@@ -45,47 +39,37 @@ Motion = AttitudeSample | PoseSample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClockCallbacks:
-    """Callbacks of the recording: the estimate of the autopilot's clock with its restarts, whether the vehicle is
-    armed; None: not known."""
+class Receivers:
+    """Receivers of what the thread makes, called by it.
 
-    clock: Callable[[], tuple[ClockEstimate, int]]
-    armed: Callable[[], bool | None]
+    Attributes:
+        result: gets each result and its encoded message.
+        tracks: gets the tracked obstacles, after the frame's results.
+        frame: gets each depth frame after its results."""
+
+    result: Callable[[PrismsResult, bytes], None]
+    tracks: Callable[[TracksResult, bytes], None] = lambda result, data: None
+    frame: Callable[[DepthFrame], None] = lambda frame: None
 
 
 class PipelineThread:
-    """Runs until closed. publish: called with each result and its encoded message; show: with each depth frame after
-    its results; both from this thread. `lock` guards the attributes that other threads read."""
+    """Runs until closed. `lock` guards the attributes that other threads read."""
 
     def __init__(
         self,
         pipeline: Pipeline,
         event_queue: EventQueue,
         staleness: StalenessMonitor,
-        publish: Callable[[PrismsResult, bytes], None],
-        recorder: Recorder | None,
-        record: str,
-        clock_callbacks: ClockCallbacks,
+        receivers: Receivers,
+        log: LogFeed,
+        checks: MotionChecks,
         warm_up: Callable[[], None],
-        show: Callable[[DepthFrame], None] = lambda frame: None,
-        offset_monitor: ExposureOffsetMonitor | None = None,
-        yaw_monitor: MountYawMonitor | None = None,
-        publish_tracks: Callable[[TracksResult, bytes], None] = lambda result, data: None,
     ) -> None:
-        """offset_monitor, yaw_monitor: measure the cameras' exposure time offsets and mount yaws; they do not change
-        results. publish_tracks: called with the tracked obstacles, after the frame's results are published."""
-        self._publish_tracks = publish_tracks
-        self._yaw_monitor = yaw_monitor
-        self._offset_monitor = offset_monitor
-        self._pipeline, self._event_queue, self._staleness, self._publish = pipeline, event_queue, staleness, publish
-        self._show = show
-        self._recorder, self._record, self._clock_callbacks, self._warm_up = recorder, record, clock_callbacks, warm_up
+        """warm_up: loads the kernels; called at the beginning."""
+        self._pipeline, self._event_queue, self._staleness = pipeline, event_queue, staleness
+        self._receivers, self._log, self._checks, self._warm_up = receivers, log, checks, warm_up
         self._stop = threading.Event()
         self._thread = WatchedThread(self._run, "pipeline")
-        self._recording = self._idle_file = False
-        self._unrecorded: list[Callable[[Recorder], None]] = []
-        self._described: tuple[CameraInfo, ...] = ()
-        self._clock = ClockEstimate(ClockSource.NONE)
         self.lock = threading.Lock()
         self.latencies = Latencies()
         self.used: Counter[str] = Counter()
@@ -140,7 +124,7 @@ class PipelineThread:
         if self._thread.ident is not None:
             # loading of kernels cannot be interrupted, and no frame is being processed
             self._thread.join(5.0 if self.started else 0.5)
-            self._flush_records()
+            self._log.flush()
 
     def _run(self) -> None:
         self._warm_up()
@@ -151,11 +135,11 @@ class PipelineThread:
         while not self._stop.is_set():
             taken = self._event_queue.take(TAKE_S)
             self._idle.clear()
-            with self._recorder.deferred() if self._recorder is not None else nullcontext():
+            with self._log.deferred():
                 try:
                     self._handle_all(taken)
                 finally:  # also records a frame that the pipeline could not process
-                    self._flush_records()
+                    self._log.flush()
             collect_garbage()
             self._idle.set()
             self.alive_ns = time.monotonic_ns()
@@ -165,10 +149,7 @@ class PipelineThread:
         for item in taken:
             if isinstance(item, CameraInfo):
                 self._pipeline.announce(item)
-                if self._offset_monitor is not None:
-                    self._offset_monitor.announce(item)
-                if self._yaw_monitor is not None:
-                    self._yaw_monitor.announce(item)
+                self._checks.announce(item)
         for kind, alike in groupby(taken, _kind):
             if kind is RawFrame:
                 self._record_raw_frames(cast(list[RawFrame], list(alike)))
@@ -180,28 +161,24 @@ class PipelineThread:
                         self._handle(item)
 
     def _record_raw_frames(self, frames: list[RawFrame]) -> None:
-        """Records MAVLink messages."""
-        self._open_log(frames[0])
-        self._record_later(lambda log: log.frames(frames))
+        self._log.open_file(frames[0])
+        self._log.mavlink(frames)
 
     def _handle_motion(self, samples: list[Motion]) -> None:
         """Handles attitudes and positions."""
-        self._open_log(samples[0])
-        self._log_clock(samples[0].t_arrival_ns)
-        self._record_later(lambda log: log.events(samples))
+        self._log.open_file(samples[0])
+        self._log.clock(samples[0].t_arrival_ns)
+        self._log.motion(samples)
         for sample in samples:
             self._pipeline.handle(sample)
-            if self._offset_monitor is not None:
-                self._offset_monitor.event(sample)
-            if self._yaw_monitor is not None:
-                self._yaw_monitor.event(sample)
+            self._checks.event(sample)
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
 
     def _handle(self, item: Sample) -> None:
-        self._open_log(item)
+        self._log.open_file(item)
         if isinstance(item, LogMessage):
-            self._record_later(lambda log: log.message(item.key, item.message, item.t_arrival_ns))
+            self._log.message(item)
             return
         if isinstance(item, SupersededFrame):
             decision = self._pipeline.superseded(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
@@ -210,8 +187,8 @@ class PipelineThread:
         if isinstance(item, RawFrame):
             self._record_raw_frames([item])
             return
-        self._log_clock(item.t_arrival_ns)
-        self._record_event(item)
+        self._log.clock(item.t_arrival_ns)
+        self._log.event(item)
         begun_ns, begun_cpu_ns = time.monotonic_ns(), time.thread_time_ns()
         outputs = self._pipeline.handle(item)
         done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
@@ -221,22 +198,17 @@ class PipelineThread:
             self._publish_output(output)
         if isinstance(item, DepthFrame):
             self._add_latencies(item, begun_ns, done_ns, cpu_ns)
-            self._show(item)
+            self._receivers.frame(item)
         for output in outputs:
             self._track(output)
         if isinstance(item, DepthFrame):
-            self._measure_offset(item)
+            self._check_motion(item)
 
-    def _measure_offset(self, frame: DepthFrame) -> None:
+    def _check_motion(self, frame: DepthFrame) -> None:
         """Runs the self-checks, after the frame's results are published."""
-        if self._offset_monitor is not None:
-            self._offset_monitor.event(frame)
-            with self.lock:
-                self.exposure_offsets = self._offset_monitor.offsets()
-        if self._yaw_monitor is not None:
-            self._yaw_monitor.event(frame)
-            with self.lock:
-                self.mount_yaws = self._yaw_monitor.yaws()
+        self._checks.event(frame)
+        with self.lock:
+            self.exposure_offsets, self.mount_yaws = self._checks.offsets(), self._checks.yaws()
 
     def _publish_output(self, output: Output) -> None:
         prisms: bytes | None = None
@@ -244,10 +216,10 @@ class PipelineThread:
             with self.lock:
                 self._staleness.result(output)
             prisms = prisms_bytes(output)
-            self._publish(output, prisms)
+            self._receivers.result(output, prisms)
         else:
             self._count(output)
-        self._record_later(lambda log: log.output(output, prisms))
+        self._log.output(output, prisms)
 
     def _track(self, output: Output) -> None:
         """Updates, publishes and records the tracked obstacles, where they are enabled."""
@@ -255,8 +227,8 @@ class PipelineThread:
         if tracks is None:
             return
         data = wire_bytes(tracks_message(tracks))
-        self._publish_tracks(tracks, data)
-        self._record_later(lambda log: log.tracks(tracks, data))
+        self._receivers.tracks(tracks, data)
+        self._log.tracks(tracks, data)
 
     def _count(self, decision: FrameDecision) -> None:
         with self.lock:
@@ -275,68 +247,6 @@ class PipelineThread:
             add(LatencyStage.EXTRACT_CPU, cpu_ns)
             add(LatencyStage.PUBLISH, published_ns - done_ns)
             add(LatencyStage.EXPOSURE_TO_PUBLISH, published_ns - frame.t_exposure_ns)
-
-    # ---- recording ----------------------------------------------------------------------------------------------------
-
-    def _record_event(self, event: Event) -> None:
-        """Records a sample or a frame. Where depth images are left out, each recorded one has the state before it, so
-        that a replay gives the same result."""
-        recorder = self._recorder
-        if isinstance(event, DepthFrame) and recorder is not None:
-            if not recorder.keeps_depth(event.camera, event.t_exposure_ns):
-                return
-            if recorder.skips_depth:
-                state = self._pipeline.camera_state(event.camera)
-                self._record_later(lambda log: log.message("state", state_message(state), event.t_arrival_ns))
-        self._record_later(lambda log: log.event(event))
-
-    def _record_later(self, call: Callable[[Recorder], None]) -> None:
-        """Adds a call of the recorder that is made after the prisms are published."""
-        if self._recorder is not None:
-            self._unrecorded.append(call)
-
-    def _flush_records(self) -> None:
-        """Makes these calls in their original order."""
-        calls, self._unrecorded = self._unrecorded, []
-        for call in calls:
-            assert self._recorder is not None
-            call(self._recorder)
-
-    def _open_log(self, item: Sample) -> None:
-        """Begins a log file where one is due: with the first frame, when the vehicle is armed, when the previous file
-        is full or failed, when the vehicle is no longer disarmed as at the beginning of the file, and with the first frame
-        after a camera was added or changed, since a log describes its cameras at its beginning."""
-        if self._recorder is None:
-            return
-        armed = self._clock_callbacks.armed()
-        wanted = self._record == "always" or (self._record == "armed" and armed is True)
-        if not wanted:
-            if self._recording:
-                self._flush_records()
-                self._recorder.end()
-            self._recording = False
-            return
-        frame = isinstance(item, DepthFrame | SupersededFrame)
-        due = self._recorder.wants_begin if self._recording else frame
-        if frame and self._described != self._pipeline.cameras:
-            due = True
-        if self._recording and self._idle_file and armed is not False:
-            due = True
-        if due and self._recorder.may_begin:
-            self._flush_records()  # earlier items belong to the previous file
-            self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state(), armed is False)
-            self._idle_file = armed is False
-            self._clock = ClockEstimate(ClockSource.NONE)
-            self._recording, self._described = True, self._pipeline.cameras
-
-    def _log_clock(self, t_ns: int) -> None:
-        """Records the estimate of the autopilot's clock after a change."""
-        if self._recorder is None:
-            return
-        clock, restarts = self._clock_callbacks.clock()
-        if clock is not self._clock and clock != self._clock:
-            self._clock = clock
-            self._record_later(lambda log: log.message("clock", clock_message(clock, restarts), t_ns))
 
 
 def collect_garbage() -> None:

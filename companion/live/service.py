@@ -31,16 +31,16 @@ from ..pipeline.events import RawFrame
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import PrismsResult
 from ..pipeline.tracking import TracksResult
-from ..self_check.exposure_monitor import ExposureOffsetMonitor
-from ..self_check.mount_yaw import MountYawMonitor
 from ..streams.curve_auth import AllowList, load_keys
 from .autopilot_parts import AutopilotParts, LinkCallbacks, make_autopilot
 from .depth_preview import DepthPreviews
 from .event_queue import EventQueue
 from .health_reporter import HealthReporter
+from .log_feed import ClockCallbacks, LogFeed
+from .motion_checks import MotionChecks
 from .part_factory import make_metrics, make_recorder
 from .parts import Parts
-from .pipeline_thread import ClockCallbacks, PipelineThread
+from .pipeline_thread import PipelineThread, Receivers
 from .staleness import StalenessMonitor
 from .stream_output import StreamOutput
 
@@ -116,19 +116,15 @@ class Service:
             mount_check=config.mount_check,
             tracking=config.tracking,
         )
+        callbacks = ClockCallbacks(clock=autopilot.clock, armed=autopilot.armed)
         return PipelineThread(
             pipeline,
             event_queue,
             self._staleness,
-            self._publish,
-            recorder,
-            config.record.record,
-            ClockCallbacks(clock=autopilot.clock, armed=autopilot.armed),
+            Receivers(result=self._publish, tracks=self._publish_tracks, frame=previews.show),
+            LogFeed(recorder, config.record.record, callbacks, pipeline),
+            MotionChecks(mask),
             warm_up,
-            previews.show,
-            ExposureOffsetMonitor(mask),
-            MountYawMonitor(mask),
-            self._publish_tracks,
         )
 
     def _supervisor(self, name: str, event_queue: EventQueue) -> CameraSupervisor:

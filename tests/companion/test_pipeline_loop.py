@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 
 from companion.live.event_queue import EventQueue
-from companion.live.pipeline_thread import COLLECT_AT, COLLECT_OLDER_AT, ClockCallbacks, PipelineThread, collect_garbage
+from companion.live.log_feed import ClockCallbacks, LogFeed
+from companion.live.motion_checks import MotionChecks
+from companion.live.pipeline_thread import COLLECT_AT, COLLECT_OLDER_AT, PipelineThread, Receivers, collect_garbage
 from companion.live.staleness import StalenessMonitor
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
@@ -30,6 +32,26 @@ from .live import until
 pytestmark = pytest.mark.process
 
 KEPT_A_FRAME = COLLECT_AT // 3
+
+
+def loop_of(
+    pipeline: Pipeline,
+    event_queue: EventQueue,
+    publish: Callable[[PrismsResult, bytes], None],
+    recorder: Recorder | None,
+    record: str,
+) -> PipelineThread:
+    """A loop without an autopilot's clock, of a disarmed vehicle."""
+    callbacks = ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False)
+    return PipelineThread(
+        pipeline,
+        event_queue,
+        StalenessMonitor(("front",), 0.3),
+        Receivers(result=publish),
+        LogFeed(recorder, record, callbacks, pipeline),
+        MotionChecks(),
+        lambda: None,
+    )
 
 
 class Node:
@@ -57,16 +79,7 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
             collected.append(in_frame.is_set())
 
     event_queue = EventQueue()
-    loop = PipelineThread(
-        Pipeline((), lambda info: Extractor()),
-        event_queue,
-        StalenessMonitor(("front",), 0.3),
-        publish,
-        None,
-        "off",
-        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
-        lambda: None,
-    )
+    loop = loop_of(Pipeline((), lambda info: Extractor()), event_queue, publish, None, "off")
     gc.callbacks.append(seen)
     try:
         loop.open()
@@ -133,15 +146,8 @@ class Breaks(Pipeline):
 def two_frames(folder: Path, calls: list[str], fault: Callable[[], None]) -> PipelineThread:
     """A loop that handles two frames; `fault` is called in the second. calls: the results and records, in order."""
     recorder, event_queue = CallRecorder(folder, calls), EventQueue()
-    loop = PipelineThread(
-        Breaks(fault),
-        event_queue,
-        StalenessMonitor(("front",), 0.3),
-        lambda result, prisms: calls.append(f"sent {result.sequence}"),
-        recorder,
-        "always",
-        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
-        lambda: None,
+    loop = loop_of(
+        Breaks(fault), event_queue, lambda result, prisms: calls.append(f"sent {result.sequence}"), recorder, "always"
     )
     event_queue.put([camera_info(160, 120)])
     loop.open()

@@ -18,7 +18,9 @@ from companion.cli import main
 from companion.config.loader import Config
 from companion.config.service import RecordParams
 from companion.live.event_queue import EventQueue
-from companion.live.pipeline_thread import ClockCallbacks, PipelineThread
+from companion.live.log_feed import ClockCallbacks, LogFeed
+from companion.live.motion_checks import MotionChecks
+from companion.live.pipeline_thread import PipelineThread, Receivers
 from companion.live.staleness import StalenessMonitor
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
@@ -137,14 +139,15 @@ def loop_of(
 ) -> PipelineThread:
     """A pipeline of its own, without an autopilot's clock, recorded always."""
     config = Config()
+    pipeline = Pipeline((), lambda info: Extractor(config.extractor), config.sync)
+    callbacks = ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=armed)
     return PipelineThread(
-        Pipeline((), lambda info: Extractor(config.extractor), config.sync),
+        pipeline,
         event_queue,
         StalenessMonitor(("front", "right"), 0.3),
-        publish,
-        recorder,
-        "always",
-        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=armed),
+        Receivers(result=publish),
+        LogFeed(recorder, "always", callbacks, pipeline),
+        MotionChecks(),
         warm_up,
     )
 
