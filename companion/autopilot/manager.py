@@ -23,18 +23,18 @@ from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.results import PrismsResult
+from .autopilot_values import AutopilotValues
 from .clear_sectors import ClearCheck
 from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
-from .firmware_version import AUTOPILOT_VERSION, VersionReader
+from .firmware_version import AUTOPILOT_VERSION
 from .flight_modes import mode_fault
-from .landed import EXTENDED_SYS_STATE, LandedState
-from .last_values import LastValues, LastValuesFile
+from .landed import EXTENDED_SYS_STATE
+from .last_values import LastValuesFile
 from .obstacle_distance import clear_cm
 from .obstacle_report import ObstacleReport, ObstacleReportBuilder
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
-from .parameters import WANTED, ParameterReader
 from .sector_view import SectorView
 from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
@@ -92,10 +92,7 @@ class Avoidance:
         self._latencies = Latencies((LatencyStage.EXPOSURE_TO_AUTOPILOT,))
         self._exposed_ns: dict[str, int] = {}
         self._before_ns: dict[str, int] = {}
-        self.parameters = ParameterReader()
-        self.version = VersionReader()
-        self._landed = LandedState()
-        self._last = last or LastValuesFile(None)
+        self.values = AutopilotValues(last or LastValuesFile(None))
         self._echo, self._sectors = EchoCheck(), SectorView()
         self._texts, self._was_received = StatusTexts(), False
         self._mount_degraded: dict[str, bool] = {}
@@ -119,7 +116,7 @@ class Avoidance:
         vehicle = self._vehicle()
         if vehicle is not None and vehicle.armed and not self._end_ns:
             self._end_ns = time.monotonic_ns()
-            self._post(dialect.MAVLink_statustext_message(CRITICAL, shutdown_text(self._facts(vehicle)).encode()))
+            self._post(dialect.MAVLink_statustext_message(CRITICAL, shutdown_text(self.values.facts(vehicle)).encode()))
 
     def close(self) -> None:
         """Stops. An armed vehicle is sent the artificial wall for stop_hold_s first. May be called twice."""
@@ -127,7 +124,7 @@ class Avoidance:
         while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
             time.sleep(0.05)
         self._end_ns = 0
-        self._last.close()
+        self.values.close()
         self.sender.close()
 
     def _flies_on(self) -> bool:
@@ -160,9 +157,7 @@ class Avoidance:
 
     def message(self, message: Any, arrival_ns: int) -> None:
         """Takes a message of the autopilot, of those in READS."""
-        self.parameters.take(message, arrival_ns)
-        self.version.take(message)
-        self._landed.take(message, arrival_ns)
+        self.values.take(message, arrival_ns)
         self._echo.take(message, arrival_ns)
         self._sectors.take(message, arrival_ns)
 
@@ -182,28 +177,12 @@ class Avoidance:
             self._post(text)
         if vehicle is None:
             return
-        self._read(vehicle, now_ns)
+        for request in self.values.due(vehicle, now_ns):
+            self._post(request)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
             self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
             for message_id in (ECHOES[vehicle.autopilot], EXTENDED_SYS_STATE):
                 self._post(_interval_request(vehicle.system_id, message_id))
-
-    def _read(self, vehicle: Vehicle, now_ns: int) -> None:
-        """Requests parameters and version, and keeps what was read."""
-        if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: then the values read before count
-            self.parameters.begin(vehicle.autopilot, vehicle.system_id)
-            self.version.begin(vehicle.autopilot, vehicle.system_id)
-        for request in (*self.parameters.due(now_ns, vehicle.system_id), *self.version.due(now_ns, vehicle.system_id)):
-            self._post(request)
-        if vehicle.autopilot == self.parameters.kind:
-            read = self.parameters.values()
-            self._last.keep(LastValues(vehicle.autopilot, vehicle.system_id, self.version.version, read))
-
-    def _facts(self, vehicle: Vehicle) -> AutopilotFacts:
-        """Returns what was read from the autopilot. Until the version is read again, it is that of the last start."""
-        version = self.version.version or self._last.of(vehicle.autopilot, vehicle.system_id).version
-        kind, values, silent = vehicle.autopilot, self.parameters.values(), self.parameters.silent()
-        return AutopilotFacts(kind=kind, values=values, silent=silent, version=version)
 
     def _notes(self, now_ns: int) -> dict[str, str]:
         """Returns topic -> fault, as text, for the ground station. All topics are included, so that the end of a
@@ -225,13 +204,13 @@ class Avoidance:
     def _mode_text(self, vehicle: Vehicle) -> str:
         """Returns why the flight mode does not protect the vehicle; empty before the first heartbeat, which contains
         the mode."""
-        return mode_fault(vehicle, self._facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
+        return mode_fault(vehicle, self.values.facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
 
     def _echo_fault(self, vehicle: Vehicle, now_ns: int) -> str:
         if not echoes(vehicle):
             return ""
         signing = self._link.signing_fault if self._link is not None else ""
-        cause = likely_cause(vehicle, self._facts(vehicle), signing)
+        cause = likely_cause(vehicle, self.values.facts(vehicle), signing)
         return self._echo.fault(vehicle.autopilot, now_ns, cause)
 
     def _blind(self) -> dict[str, str]:
@@ -247,24 +226,24 @@ class Avoidance:
         vehicle, never_clear = self._vehicle(), self._clear_check.diagnostics()
         if vehicle is None:
             return never_clear
-        facts, report = self._facts(vehicle), self.report
+        facts, report = self.values.facts(vehicle), self.report
         advised = advice(facts, self._avoid) + delay_advice(facts, self.latency())
         texts = [
             (DiagnosticCode.OBSTACLES_NOT_ACCEPTED, self._echo_fault(vehicle, now_ns)),
             (DiagnosticCode.AVOIDANCE_FAULT, report.fault if report is not None else ""),
             *((DiagnosticCode.PARAMETER_ADVICE, text) for text in advised),
-            *((DiagnosticCode.PARAMETER_CONTRADICTION, text) for text in self.parameters.contradictions(now_ns)),
+            *((DiagnosticCode.PARAMETER_CONTRADICTION, text) for text in self.values.parameters.contradictions(now_ns)),
             (DiagnosticCode.FLIGHT_MODE_UNPROTECTED, self._mode_text(vehicle)),
         ]
         if report is not None and report.policy == "stop" and "AVOID_MARGIN" in facts.silent:
-            margin_m = self._parameter(vehicle, "AVOID_MARGIN") or self._avoid.avoid_margin_m
+            margin_m = self.values.parameter(vehicle, "AVOID_MARGIN") or self._avoid.avoid_margin_m
             text = (
                 f"AVOID_MARGIN was not read: the artificial wall is placed for {margin_m:g} m; set [avoid] avoid_margin_m to the "
                 "autopilot's value"
             )
             texts.append((DiagnosticCode.AVOID_MARGIN_UNKNOWN, text))
-        if report is not None and report.policy == "brake" and self.parameters.value("CP_DIST") is None:
-            cp_dist_m = self._parameter(vehicle, "CP_DIST")
+        if report is not None and report.policy == "brake" and self.values.parameters.value("CP_DIST") is None:
+            cp_dist_m = self.values.parameter(vehicle, "CP_DIST")
             if cp_dist_m is not None:
                 text = f"CP_DIST was not read yet: the artificial wall is placed for {cp_dist_m:g} m of the last start"
                 texts.append((DiagnosticCode.PARAMETER_ADVICE, text))
@@ -294,21 +273,7 @@ class Avoidance:
         vehicle = self._vehicle() or self._silent()
         if vehicle is None:
             return AutopilotNow()
-        margin_m, cp_dist_m = (self._parameter(vehicle, name) for name in ("AVOID_MARGIN", "CP_DIST"))
-        on_ground = self._landed.on_ground(vehicle, time.monotonic_ns())
-        margin_is_read = self.parameters.value("AVOID_MARGIN") is not None
-        return AutopilotNow(
-            kind=vehicle.autopilot,
-            margin_m=margin_m,
-            cp_dist_m=cp_dist_m,
-            on_ground=on_ground,
-            margin_is_read=margin_is_read,
-        )
-
-    def _parameter(self, vehicle: Vehicle, name: str) -> float | None:
-        """Returns a parameter as it is read now, else as it was read before this start; None: never."""
-        read = self.parameters.value(name)
-        return self._last.of(vehicle.autopilot, vehicle.system_id).parameters.get(name) if read is None else read
+        return self.values.state(vehicle, time.monotonic_ns())
 
     def _send(self, message: Any) -> None:
         report = self.sender.report  # may go out as many messages

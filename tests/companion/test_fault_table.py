@@ -142,7 +142,7 @@ def connected(kind: str, way: str) -> Iterator[Flown]:
         try:
             assert flown.comes_to_see()
             # the policy depends on a parameter, which counts after a second
-            assert until(lambda: flown.fly(0.2) is None and flown.avoidance.parameters.values())
+            assert until(lambda: flown.fly(0.2) is None and flown.avoidance.values.parameters.values())
             yield flown
         finally:
             flown.avoidance.close()

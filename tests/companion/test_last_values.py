@@ -36,7 +36,9 @@ def receive_margin(part: Avoidance, value: float) -> None:
     """The autopilot sends AVOID_MARGIN for two seconds."""
     part.tick(NS)
     for k in range(20):
-        part.parameters.take(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", value, 9, 1, 0), NS + k * NS // 10)
+        part.values.parameters.take(
+            dialect.MAVLink_param_value_message(b"AVOID_MARGIN", value, 9, 1, 0), NS + k * NS // 10
+        )
     part.tick(3 * NS)
 
 
@@ -52,7 +54,7 @@ def test_the_first_wall_after_a_restart_is_not_nearer_than_the_margin(tmp_path: 
     receive_margin(first, 3.0)
     before_m = nearest_wall_m(first)
     assert before_m > 3.0
-    first._last.close()
+    first.values.close()
     assert nearest_wall_m(avoidance(tmp_path)) == before_m
     assert nearest_wall_m(avoidance(tmp_path, system_id=2)) < 3.0, "another vehicle has a margin of its own"
 
@@ -60,11 +62,11 @@ def test_the_first_wall_after_a_restart_is_not_nearer_than_the_margin(tmp_path: 
 def test_what_is_read_now_outranks_what_was_kept(tmp_path: Path) -> None:
     first = avoidance(tmp_path)
     receive_margin(first, 5.0)
-    first._last.close()
+    first.values.close()
     second = avoidance(tmp_path)
     receive_margin(second, 3.0)
     assert 3.0 < nearest_wall_m(second) < 5.0
-    second._last.close()
+    second.values.close()
     assert LastValuesFile(tmp_path).of("ArduPilot", 1).parameters == {"AVOID_MARGIN": 3.0}
 
 
@@ -143,7 +145,7 @@ def test_a_value_without_use_ends_the_one_before_although_nothing_else_is_known(
 def test_a_kept_margin_does_not_identify_the_autopilot(tmp_path: Path) -> None:
     first = avoidance(tmp_path)
     receive_margin(first, 2.0)
-    first._last.close()
+    first.values.close()
     assert nearest_wall_m(avoidance(tmp_path, kind="ArduPilot or PX4")) > 3.0, "outside the configured cp_dist_m"
 
 
@@ -155,5 +157,5 @@ def test_a_kept_cp_dist_is_used_and_reported_until_it_is_read(tmp_path: Path) ->
     assert part.sender.report.policy == "brake"
     assert [d.text for d in part.diagnostics(NS) if "CP_DIST" in d.text and "last start" in d.text]
     for k in range(20):
-        part.parameters.take(dialect.MAVLink_param_value_message(b"CP_DIST", 3.0, 9, 1, 0), NS + k * NS // 10)
+        part.values.parameters.take(dialect.MAVLink_param_value_message(b"CP_DIST", 3.0, 9, 1, 0), NS + k * NS // 10)
     assert not [d.text for d in part.diagnostics(4 * NS) if "last start" in d.text]
