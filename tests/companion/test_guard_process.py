@@ -183,8 +183,10 @@ def test_killed_while_stopping_and_while_holding_it_goes_on(tmp_path: Path, rend
         before = len(g.commands(DO_SET_MODE))
         g.do(lambda: setattr(g.flight, "velocity_m_s", np.zeros(2)))
         g.do(lambda: setattr(g.flight, "position_m", np.array([17.0, 0.0])))
+        g.do(lambda: setattr(g.flight, "waypoints_m", np.zeros((0, 2))))  # it stands: starts take their time
         g.do(lambda: setattr(g.flight, "stubborn", False))
         g.live.start()
+        g.go()
         assert g.comes_to("holding"), g.live.output()
         assert g.flight.mode == COPTER_BRAKE
         assert len(g.commands(DO_SET_MODE)) > before
