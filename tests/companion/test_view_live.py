@@ -290,6 +290,32 @@ LABELS = """(() => {
 """The height of each label on the screen, pixels."""
 
 
+def test_frames_of_a_view_before_a_restart_are_removed(page: Page, following: Following, browser: Browser) -> None:
+    """Another `companion view` counts time from its own start, and may know other cameras: an old frame would get a wrong age."""
+    with browser.page(following.address) as other:
+        other.wait(VALID)
+        before = "app.play(false); app.data.frames.forEach((frame) => { frame.t += 1000; });"
+        cameras = "app.data.cameras.unshift({ ...app.data.cameras[0], name: 'gone' }); app.data.frames.forEach((frame) => { frame.c = 1; });"
+        other.ask(f"{before} {cameras} app.camera = 1; app.chosen = 'front'; live.name = 'another'")
+        other.wait("live.name !== 'another'")
+        other.wait(VALID)
+        assert other.ask("Math.max(...app.data.frames.map((frame) => frame.t))") < 1000
+        assert other.ask("app.data.cameras.map((camera) => camera.name)") == ["front"]
+        assert other.ask("app.camera") == 0
+        assert float(other.ask("document.body.dataset.shown")) >= 0
+
+
+def test_nothing_is_drawn_between_two_views(page: Page, following: Following, browser: Browser) -> None:
+    with browser.page(following.address) as other:
+        other.wait(VALID)
+        other.ask("app.append = () => {}; app.forget()")
+        assert other.ask("document.body.dataset.state") != "valid"
+        assert other.ask("app.frames.walls") is None
+        assert other.ask("document.getElementById('age').textContent") == ""
+        other.key(" ")
+        assert other.ask("document.getElementById('count').textContent") == ""
+
+
 def test_labels_can_be_read_on_a_phone(page: Page, following: Following, browser: Browser) -> None:
     with browser.page(following.address) as other:
         other.wait(VALID)

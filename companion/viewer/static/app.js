@@ -34,6 +34,7 @@ class App {
   constructor(data, live = null) {
     Object.assign(this, { data, live, at: 0, camera: live ? 0 : -1, playing: Boolean(live) });
     this.view = "behind";
+    this.chosen = data.cameras[this.camera]?.name; // of a live page: what it follows, also if the order of the cameras changes
     THREE.ColorManagement.enabled = false; // the colours of the scale are final
     this.renderer = new THREE.WebGLRenderer({ canvas: $("canvas"), antialias: true, preserveDrawingBuffer: true });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
@@ -150,7 +151,7 @@ class App {
   append(frame) {
     const { frames } = this.data;
     frames.push(frame);
-    if (frames.length > KEPT) {
+    if (frames.length > KEPT || frames[0].gone) {
       this.depth.forget(frames.shift());
       this.at -= 1;
     }
@@ -176,16 +177,22 @@ class App {
     this.ask();
   }
 
-  /** Removes all frames: another service has started. */
+  /** Removes all frames: another companion view has started, whose times and cameras have nothing in common with them. Until
+   *  its first frame nothing is drawn. The camera that was chosen is followed again where it still exists. */
   forget() {
-    this.data.frames.splice(0, this.data.frames.length - 1);
+    const { data } = this, frame = data.frames[this.at];
+    data.cameras.splice(0, data.cameras.length, data.cameras[frame.c]);
+    data.frames.splice(0, data.frames.length, { ...frame, c: 0, gone: true, standing: "BLIND", cause: "", facts: [], depth: null,
+      attitude: null, pos: null, R: null, ground: null, tracks: null });
+    this.camera = 0;
     this.depth.images.clear();
-    this.show(0);
+    this.play(true);
   }
 
   /** Adds or changes a camera. */
   meet() {
-    const { cameras } = this.data;
+    const { cameras } = this.data, known = cameras.findIndex((camera) => camera?.name === this.chosen);
+    if (this.live && known >= 0) this.camera = known;
     const option = (camera, k) => new Option(camera.name, String(k), false, k === this.camera);
     $("camera").replaceChildren(...cameras.flatMap((camera, k) => (camera ? [option(camera, k)] : [])));
     $("camera").parentElement.hidden = cameras.length < 2;
@@ -242,6 +249,7 @@ class App {
     $("camera").parentElement.hidden = data.cameras.length < 2;
     $("camera").addEventListener("change", () => {
       this.camera = Number($("camera").value);
+      this.chosen = data.cameras[this.camera]?.name;
       if (this.live) this.play(true);
       else if (this.camera >= 0 && data.frames[this.at].c !== this.camera) this.step(1);
     });

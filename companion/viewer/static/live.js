@@ -133,7 +133,7 @@ export class Live {
   /** The banner and the large word; ten times a second, whether or not anything came. */
   tell() {
     const now = performance.now(), { app } = this;
-    const shown = app?.data.frames[app.at], newest_s = shown && this.news.cameras[shown.c]?.shown_s;
+    const drawn = app?.data.frames[app.at], shown = drawn?.gone ? undefined : drawn, newest_s = shown && this.news.cameras[shown.c]?.shown_s;
     const since_s = (now - this.made) / 1000, last = shown && app.data.frames.findLast((f) => f.c === shown.c);
     const shown_s = typeof newest_s === "number" ? newest_s + since_s + (last.t - shown.t) : null;
     const v = this.broken ? { state: "cut", word: "BROKEN", text: `BROKEN: this page has failed (${this.broken.message}). What is shown is old; reload the page.` }
@@ -152,7 +152,7 @@ export class Live {
     const report_s = this.news?.service.age_s;
     $("service").classList.toggle("old", v.state === "cut" || (typeof report_s === "number" && report_s + since_s > OLD_REPORT_S));
     Object.assign(document.body.dataset, { state: v.state, shown: shown_s === null ? "" : shown_s.toFixed(3) });
-    if (app) $("count").textContent = app.playing ? "live" : `−${span(Math.max(0, last.t - shown.t))}`;
+    if (app) $("count").textContent = app.playing ? "live" : shown ? `−${span(Math.max(0, last.t - shown.t))}` : "";
   }
 
   #service(service) {
