@@ -165,3 +165,46 @@ def test_obstacles_and_trail_are_saved_as_gltf(browser: Browser, page: Path) -> 
     first = struct.unpack_from("<3f", data, view["byteOffset"])
     assert first == pytest.approx((-1.0, 0.6, -4.0))  # right, up, backward
     assert accessor["min"] == pytest.approx([-1.0, -0.8, -4.0])
+
+
+def press_space(page: Page) -> None:
+    for kind in ("keyDown", "keyUp"):
+        page.call("Input.dispatchKeyEvent", type=kind, key=" ", code="Space", text=" ", windowsVirtualKeyCode=32)
+
+
+def press(page: Page, element: str) -> None:
+    """A click with the pointer on the middle of an element."""
+    left, top, right, bottom = page.ask(BOX % element)
+    for kind in ("mousePressed", "mouseReleased"):
+        page.call(
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=(left + right) / 2,
+            y=(top + bottom) / 2,
+            button="left",
+            clickCount=1,
+        )
+
+
+def test_space_presses_the_control_that_has_the_focus_of_the_keyboard(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        shown.ask("document.getElementById('trail').focus()")
+        press_space(shown)
+        assert shown.ask("document.getElementById('trail').checked") is False
+        shown.ask("document.getElementById('view-top').focus()")
+        press_space(shown)
+        assert shown.ask("app.view") == "top"
+        assert shown.ask("app.playing") is False
+
+
+@pytest.mark.parametrize("control", ["#view-side", "#trail", "label:has(#trail)"])
+def test_space_plays_after_a_press_of_the_pointer(browser: Browser, page: Path, control: str) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        shown.ask(
+            f"document.querySelector('{control}').scrollIntoView(); window.plays = 0; app.play = () => {{ plays += 1; }}"
+        )
+        press(shown, control)
+        press_space(shown)
+        assert shown.ask("window.plays") == 1
+        assert shown.ask("app.view") == ("side" if control == "#view-side" else "behind")
+        assert shown.ask("document.getElementById('trail').checked") is (control == "#view-side")

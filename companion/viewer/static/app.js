@@ -21,6 +21,7 @@ const VIEWS = {
 };
 const SWITCHES = ["ground", "free", "unknown", "trail", "inferred", "labels", "numbers", "normals", "points", "tracks", "merged", "team"];
 const CHOICES = ["what", "by", "layers", "world"];
+const PRESSED = "button, summary, input[type=checkbox]"; // what space presses while it has the focus of the keyboard
 const AHEAD = { behind: 4, top: 8, side: 7, eye: 0.6 };
 
 async function unpack(text) {
@@ -255,6 +256,7 @@ class App {
     });
     this.#tools();
     addEventListener("keydown", (e) => this.#key(e));
+    addEventListener("click", (e) => e.detail && e.target.matches?.(PRESSED) && e.target.blur()); // space is then the page's again
     $("canvas").addEventListener("pointermove", (e) => this.#hover(e));
     $("canvas").addEventListener("pointerleave", () => { $("tip").hidden = true; });
     $("depth").addEventListener("pointermove", (e) => this.#tip(e, this.depth.words(e)));
@@ -330,6 +332,7 @@ class App {
 
   #key(e) {
     if (e.target.matches?.("select, input:not([type=checkbox]):not([type=range])") || e.ctrlKey || e.metaKey || e.altKey) return;
+    if (e.key === " " && e.target.matches?.(PRESSED)) return;
     const acts = { ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), Home: () => this.show(0),
       End: () => (this.live ? this.play(true) : this.show(this.data.frames.length - 1)), " ": () => this.play(!this.playing),
       1: () => this.look("behind"), 2: () => this.look("top"), 3: () => this.look("side"), 4: () => this.look("eye"), b: () => this.jumpBlind(), m: () => this.toggleMeasure() };
