@@ -13,7 +13,8 @@ BETWEEN_HEARTBEATS_NS = 1_000_000_000
 
 
 def autopilot_data(health: pb.Health | None, t_ns: int) -> dict[str, Any] | None:
-    """For the page; None without a report or a heartbeat. t_ns: for the ages, on the clock of the report.
+    """For the page; None without a report or a heartbeat. t_ns: for the ages, on the clock of the report, which may be that of
+    another computer.
 
     sent, echoed: None, or {cm: by direction, null: unknown, first, step: degrees, clear: cm from which on nothing is seen,
     body: from the heading, age_s}."""

@@ -202,5 +202,5 @@ def service_status(subscriber: LiveSubscriber, now_ns: int) -> dict[str, Any]:
         "lines": [] if h is None else status_lines(h),
         "diagnostics": [] if h is None else [message_json(d) for d in h.diagnostics],
         "missing": missing,
-        "autopilot": autopilot_data(h, now_ns),
+        "autopilot": None if h is None else autopilot_data(h, h.t_ns + now_ns - subscriber.health_ns),
     }

@@ -21,13 +21,13 @@ from google.protobuf.message import Message
 from companion.cli import main
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
-from companion.viewer.subscriber import Camera, LiveSubscriber, Streams
+from companion.viewer.subscriber import NS, Camera, LiveSubscriber, Streams
 from core.types import CameraInfo
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_message
 from osape_client.proto import osape_v1_pb2 as pb
 
-from .live import until
+from .live import PATIENCE_S, until
 from .scripted_service import WALL, YAW_RAD, ScriptedService
 from .view_scenes import INFO
 
@@ -101,6 +101,27 @@ def test_a_frame_is_drawn_where_it_stands_and_its_age_is_reported(scripted: Scri
     assert 0.06 <= camera["age_s"] <= camera["shown_s"] + 1e-6
     assert answer["service"]["state"] == "active"
     assert "camera front: running, 30.0 Hz" in "\n".join(answer["service"]["lines"])
+
+
+@pytest.mark.parametrize("ahead_ns", [0, 10**15, -(10**15)])
+def test_ages_of_the_autopilot_are_those_on_its_own_computer(
+    scripted: ScriptedService, page: LivePage, ahead_ns: int
+) -> None:
+    """The monotonic clocks of two computers have nothing in common."""
+    t_ns = 2 * 10**15 + ahead_ns
+    report = pb.Health(schema_version=1, state=pb.Health.STATE_ACTIVE, t_ns=t_ns)
+    report.autopilot.autopilot, report.autopilot.heartbeat_age_ns = "PX4", 2 * NS
+    report.autopilot.obstacles_sent.cm.extend([500] * 72)
+    report.autopilot.obstacles_sent.t_ns = t_ns - NS // 4
+
+    def received() -> bool:
+        scripted.publish_health(report)
+        return page.subscriber.health is not None
+
+    assert until(received)
+    pilot = update(page)["service"]["autopilot"]
+    assert 1.0 <= pilot["age_s"] < PATIENCE_S
+    assert 0.25 <= pilot["sent"]["age_s"] < PATIENCE_S
 
 
 def test_depth_is_paired_with_its_own_frame(scripted: ScriptedService, page: LivePage) -> None:

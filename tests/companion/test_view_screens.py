@@ -113,6 +113,41 @@ def test_the_sectors_are_those_of_the_autopilot(browser: Browser, page: Path) ->
         assert shown.ask(pixel % 240) == [0x59, 0x63, 0x6E]  # behind: unknown
 
 
+WORDS = "import('viewer/pilot').then(({ ringWords }) => ringWords(%s, %s))"
+FORWARD = "[...document.getElementById('dial').getContext('2d').getImageData(130, 20, 1, 1).data].slice(0, 3)"
+NONE_SENT = [0x27, 0x2F, 0x38]
+
+
+def test_old_sectors_are_not_shown(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        old = json.dumps(PILOT | {"sent": ring(0) | {"age_s": 12.2}})
+        shown.ask(f"import('viewer/pilot').then(({{ showPilot }}) => showPilot({old}, app.data.frames[0]))")
+        assert shown.ask("document.getElementById('sentwords').textContent") == "none for 12 s"
+        assert shown.ask(FORWARD) == NONE_SENT
+        assert shown.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
+
+
+def test_sectors_that_count_from_north_need_the_heading(browser: Browser, page: Path) -> None:
+    """Heading east: what lies in the north is on the left. A frame without an attitude has no heading."""
+    north = json.dumps(PILOT | {"sent": ring(0) | {"body": False}})
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        draw = "import('viewer/pilot').then(({ showPilot }) => showPilot(%s, { attitude: %s, heading: %s }))"
+        shown.ask(draw % (north, "[0, 0, 90]", "Math.PI / 2"))
+        left = FORWARD.replace("130, 20", "20, 130")
+        red, green, blue = shown.ask(left)
+        assert red > 200 > green > blue - 50
+        assert shown.ask(FORWARD) == [0x59, 0x63, 0x6E]
+        shown.ask(draw % (north, "null", "0"))
+        assert shown.ask(FORWARD) == shown.ask(left) == NONE_SENT
+        assert "heading is not known" in shown.ask("document.getElementById('sentwords').textContent")
+
+
+def test_sectors_that_are_all_unknown_are_not_called_clear_of_obstacles(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        unknown = json.dumps(ring(0) | {"cm": [None] * 72})
+        assert shown.ask(WORDS % (unknown, "0")) == "all 72 unknown"
+
+
 def test_the_next_blind_moment_is_one_press_away(browser: Browser, page: Path) -> None:
     with opened_at(browser, page, SIZES["phone"]) as shown:
         for expected in (1, 4, 1):

@@ -96,9 +96,8 @@ class App {
     this.#follow(place);
     this.#words(frame, options);
     $("slider").value = String(this.at);
-    if (this.live || this.data.frames.some((f) => f.autopilot)) {
-      showPilot(this.live ? this.live.news.service.autopilot : frame.autopilot, frame.heading);
-    }
+    if (this.live) showPilot(this.live.news.service.autopilot, this.data.frames.at(-1));
+    else if (this.data.frames.some((f) => f.autopilot)) showPilot(frame.autopilot, frame);
     this.frames.draw(frame, options, place, null, 0);
     this.ask();
     const image = await this.depth.image(frame);

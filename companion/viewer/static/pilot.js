@@ -19,17 +19,27 @@ export function pilotWords(pilot) {
   return { text: `${pilot.kind} · ${pilot.mode || "mode unknown"} · ${pilot.armed ? "ARMED" : "disarmed"}${old}`, armed: pilot.armed };
 }
 
-/** What a ring of sectors says in words. */
-export function ringWords(ring) {
+/** Why a ring of sectors is not drawn; "": it is. heading: of the vehicle, null: not known. */
+export function ringGap(ring, heading) {
   if (!ring) return "none";
+  if (ring.age_s > OLD_S) return `none for ${Math.round(ring.age_s)} s`;
+  return ring.body || heading !== null ? "" : "not drawn: it counts from north, and the heading is not known";
+}
+
+/** What a ring of sectors says in words. */
+export function ringWords(ring, heading) {
+  const gap = ringGap(ring, heading);
+  if (gap) return gap;
   const obstacles = ring.cm.filter((cm) => cm !== null && !(ring.clear && cm >= ring.clear));
   const unknown = ring.cm.filter((cm) => cm === null).length;
+  if (unknown === ring.cm.length) return `all ${unknown} unknown`;
   const nearest = obstacles.length ? `nearest ${(Math.min(...obstacles) / 100).toFixed(1)} m` : "no obstacle";
   return `${nearest}; ${unknown} of ${ring.cm.length} unknown`;
 }
 
-/** Draws the state. heading: of the vehicle, rad; for rings that count from north. */
-export function showPilot(pilot, heading) {
+/** Draws the state. frame: of the same time, for rings that count from north. */
+export function showPilot(pilot, frame) {
+  const heading = frame.attitude ? frame.heading : null;
   const words = pilotWords(pilot);
   $("pilot").textContent = words.text;
   $("pilot").classList.toggle("armed", words.armed);
@@ -43,11 +53,12 @@ export function showPilot(pilot, heading) {
   pen.beginPath();
   for (const [x, y] of [[0, -0.09], [0.06, 0.07], [0, 0.03], [-0.06, 0.07]]) pen.lineTo(w / 2 + x * w, h / 2 + y * w);
   pen.fill();
-  $("sentwords").textContent = ringWords(pilot.sent);
-  $("echowords").textContent = ringWords(pilot.echoed);
+  $("sentwords").textContent = ringWords(pilot.sent, heading);
+  $("echowords").textContent = ringWords(pilot.echoed, heading);
 }
 
-function ring(pen, x, y, inner, outer, values, heading) {
+function ring(pen, x, y, inner, outer, told, heading) {
+  const values = ringGap(told, heading) ? null : told;
   const n = values ? values.cm.length : 1, step = values ? (values.step * Math.PI) / 180 : 2 * Math.PI;
   const first = values ? (values.first * Math.PI) / 180 - (values.body ? 0 : heading) : 0;
   for (let k = 0; k < n; k++) {
