@@ -103,12 +103,12 @@ def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float
         first = len(triangles.points)
         for p, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m)):
             triangles.points.add(x=p[0], y=p[1], z=z)
-        triangles.colors.extend([distance_colour(_distance(a, b, camera_xy))] * 4)
+        triangles.colors.extend([distance_colour(segment_distance_m(a, b, camera_xy))] * 4)
         triangles.indices.extend([first + i for i in (0, 1, 2, 0, 2, 3)])
 
 
-def _distance(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:
-    """Horizontal distance from a point to a segment, m."""
+def segment_distance_m(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:
+    """Horizontal distance from the point p to the segment a -> b, m."""
     along_x, along_y = b[0] - a[0], b[1] - a[1]
     to_x, to_y = p[0] - a[0], p[1] - a[1]
     length2 = along_x * along_x + along_y * along_y

@@ -4,7 +4,6 @@ The stamp of each message is the wall time of the exposure."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from core.types import Prism
 
-from ..log.foxglove_scene import distance_colour
+from ..log.foxglove_scene import distance_colour, segment_distance_m
 from ..pipeline.results import PrismsResult
 from .frames import FrameTransform, frame_id, ros_points
 from .message_types import NS, RosMessages
@@ -178,7 +177,7 @@ def _prism_triangles(
     prisms: Sequence[Prism], camera_xy_m: tuple[float, float]
 ) -> tuple[NDArray[np.float64], list[tuple[float, float, float, float]]]:
     """(points (6 E, 3), colour of each) of the E edges of side profiles, two triangles per edge, in the frame of the
-    prisms."""
+    prisms. An edge has the colour of the distance of its nearest point."""
     corners: list[tuple[float, float, float]] = []
     colours: list[tuple[float, float, float, float]] = []
     for prism in prisms:
@@ -188,8 +187,7 @@ def _prism_triangles(
             a_top, b_top = (*a, prism.top_m), (*b, prism.top_m)
             a_low, b_low = (*a, prism.bottom_m), (*b, prism.bottom_m)
             corners.extend([a_top, b_top, b_low, a_top, b_low, a_low])
-            middle_m = math.hypot((a[0] + b[0]) / 2 - camera_xy_m[0], (a[1] + b[1]) / 2 - camera_xy_m[1])
-            c = distance_colour(middle_m)
+            c = distance_colour(segment_distance_m(a, b, camera_xy_m))
             colours.extend([(c.r, c.g, c.b, c.a)] * 6)
     return np.array(corners, dtype=np.float64).reshape(-1, 3), colours
 

@@ -137,6 +137,13 @@ def test_prisms_are_triangles_and_planes_outlines(ros: RosMessages) -> None:
     assert {(p.x, round(p.y, 6), round(p.z, 6)) for p in planes.points} == corners
 
 
+def test_a_long_wall_beside_the_camera_has_the_colour_of_its_near_end(ros: RosMessages) -> None:
+    """From 2 m to 30 m ahead: its middle is far away, its end is not."""
+    message = read(ros, Drawing(ros).markers(result([[2.0, 0.0, 30.0, 0.0, -0.6, 0.8]]), STAMP_NS), MARKER_ARRAY)
+    prisms = next(m for m in message.markers if m.ns == "front/prisms")
+    assert {(c.r, c.g, c.b) for c in prisms.colors} == {(1.0, 0.0, 0.0)}  # red: 2 m and nearer
+
+
 def test_a_frame_without_obstacles_deletes_the_drawing_before(ros: RosMessages) -> None:
     back = read(ros, Drawing(ros).markers(result([]), STAMP_NS), MARKER_ARRAY)
     assert [(m.ns, m.action) for m in back.markers] == [("front/prisms", 2), ("front/planes", 2)]
