@@ -71,6 +71,7 @@ def _stamp(ax: Any, text: str) -> None:
         weight="bold",
         color="white",
         bbox=box,
+        parse_math=False,  # causes in logs may contain $
     )
 
 

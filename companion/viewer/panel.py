@@ -37,6 +37,7 @@ def nothing_to_draw(ax: Any, text: str, *, blind: bool = False) -> None:
         va="center",
         fontsize=13,
         color="#b71c1c" if blind else "#404040",
+        parse_math=False,  # causes in logs may contain $
     )
 
 

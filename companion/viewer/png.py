@@ -85,8 +85,9 @@ def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
         what = "Do not treat any direction of this frame as free."
         if frame.model is not None:
             what += f"   measured {frame.model.stats.measured_share:.0%} of the image"
-    figure.text(0.015, 1 - band / 2, shorten(label, 120), color="white", fontsize=17, weight="bold", va="center")
-    figure.text(0.015, 1 - band - 0.02, who, fontsize=12, weight="bold", va="center", color="#202020")
+    plain: dict[str, Any] = {"weight": "bold", "va": "center", "parse_math": False}  # names in logs may contain $
+    figure.text(0.015, 1 - band / 2, shorten(label, 120), color="white", fontsize=17, **plain)
+    figure.text(0.015, 1 - band - 0.02, who, color="#202020", fontsize=12, **plain)
     figure.text(0.015, 1 - band - 0.043, what, fontsize=11, va="center", color="#202020")
 
 

@@ -16,7 +16,7 @@ from companion.viewer.frame import ViewFrame
 from companion.viewer.png import BANNER_PX, HEIGHT_PX, WIDTH_PX, ViewError, image_place, save_frame
 from core.types import PlaneFlags, StripTable
 
-from .view_scenes import INTRINSICS, blind, frame, model, tilted
+from .view_scenes import INFO, INTRINSICS, blind, frame, model, tilted
 
 Image = NDArray[np.int32]
 
@@ -158,6 +158,13 @@ def test_blind_frame_shows_no_free_space_and_no_planes(pictures: dict[str, Image
 )
 def test_every_kind_of_frame_can_be_drawn(f: ViewFrame, tmp_path: Path) -> None:
     assert np.std(drawn(f, tmp_path)) > 10
+
+
+def test_names_and_causes_with_a_dollar_are_text(tmp_path: Path) -> None:
+    """matplotlib takes what stands between two of them for a formula, and fails at one that it cannot read."""
+    formula = "$x_{$"
+    for f in (frame(info=replace(INFO, camera=formula)), frame(model=None, dropped=formula)):
+        assert np.std(drawn(f, tmp_path)) > 10
 
 
 def test_missing_matplotlib_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
