@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 PAGES = 16
 """Largest number of parallel requests."""
+CONNECTIONS = 128
+"""Largest number of connections, each with a thread and a file descriptor. Others are closed at once: without descriptors
+the server would try to accept them without pause."""
 CLIENT_TIMEOUT_S = 20.0
 """Time limit for a connection without requests."""
 POLL_S = 0.1
@@ -112,7 +115,20 @@ class _Server(ThreadingTCPServer):
     def __init__(self, page: LivePage, host: str, port: int) -> None:
         self._page, self._names = page, names_of(host)
         self._places = threading.BoundedSemaphore(PAGES)
+        self._connections: set[Any] = set()
         super().__init__((host, port), _Handler)
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Whether a connection is served."""
+        if len(self._connections) >= CONNECTIONS:
+            return False
+        self._connections.add(request)
+        return True
+
+    def shutdown_request(self, request: Any) -> None:
+        """Called at the end of each connection."""
+        self._connections.discard(request)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignores connections that the client has reset; prints the traceback of other exceptions."""

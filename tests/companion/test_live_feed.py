@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
 import time
 from base64 import b64decode
 from collections import OrderedDict
@@ -19,6 +20,7 @@ import pytest
 from google.protobuf.message import Message
 
 from companion.cli import main
+from companion.viewer import live_server
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
 from companion.viewer.subscriber import NS, Camera, LiveSubscriber, Streams
@@ -326,6 +328,29 @@ def test_the_address_it_listens_on_is_its_own_name(page: LivePage) -> None:
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8760", "127.0.0.1.evil.example:8760"])
 def test_a_foreign_name_that_leads_here_is_refused(server: LiveServer, host: str) -> None:
     assert get(server, "/news?after=0", host)[0] == 403
+
+
+def test_connections_are_limited_and_their_places_come_back(
+    server: LiveServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each has a thread and a file descriptor, and one that sends a byte now and then stays open."""
+    monkeypatch.setattr(live_server, "CONNECTIONS", 8)
+    address = "127.0.0.1", server.port
+    held = [socket.create_connection(address, PATIENCE_S) for _ in range(8)]
+    for connection in held:
+        connection.sendall(b"G")
+    with socket.create_connection(address, PATIENCE_S) as one_more:
+        assert one_more.recv(1) == b""
+    for connection in held:
+        connection.close()
+
+    def served() -> bool:
+        try:
+            return get(server, "/news?after=0")[0] == 200
+        except ConnectionError:
+            return False
+
+    assert until(served)
 
 
 def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> None:
