@@ -188,6 +188,23 @@ def test_unknown_space_and_all_layers_can_be_shown(browser: Browser, page: Path)
         assert shown.ask(sheets) == [12]  # and in the layer above
 
 
+def test_a_frame_without_attitude_is_drawn_with_the_last_known_heading(browser: Browser, tmp_path: Path) -> None:
+    """Otherwise the vehicle points north at such a frame, and the view, which turns with it, is turned away from the scene."""
+    builder = PageBuilder("test.mcap", 2)
+    lost = replace(frame(), model=None, R_ned_frd=None, position_ned_m=None, dropped="no attitude")
+    for k, made in enumerate((tilted(), lost)):
+        builder.add(replace(made, t_ns=2_500_000_000 + k * 100_000_000, sequence=k))
+    page = tmp_path / "flight.html"
+    page.write_text(builder.page(), encoding="utf-8")
+    with opened_at(browser, page, SIZES["desktop"], "frame=0&world=ned") as shown:
+        place = "app.place(app.data.frames[app.at])"
+        before = shown.ask(place), shown.ask("app.orbit.azimuth")
+        shown.ask("app.show(1)")
+        assert (shown.ask(place), shown.ask("app.orbit.azimuth")) == before
+        assert before[0]["yaw"] == pytest.approx(0.7, abs=1e-4)
+        assert "last known heading" in shown.ask("document.getElementById('facts').textContent")
+
+
 def test_obstacles_and_trail_are_saved_as_gltf(browser: Browser, page: Path) -> None:
     with opened_at(browser, page, SIZES["desktop"], "frame=5") as shown:
         content = json.loads(shown.ask("app.gltf()"))

@@ -76,9 +76,10 @@ class App {
   }
 
   place(frame) {
-    let last = [0, 0, 0];
-    for (let k = this.at; k >= 0; k--) if (this.data.frames[k].pos) { last = this.data.frames[k].pos; break; }
-    return model.worldFromLevel(frame, this.options.world, last);
+    const { frames } = this.data, last = (key) => {
+      for (let k = this.at; k >= 0; k--) if (frames[k][key]) return frames[k];
+    };
+    return model.worldFromLevel(frame, this.options.world, last("pos")?.pos, last("attitude")?.heading);
   }
 
   /** Turns the eye to one of VIEWS, about a point ahead of the vehicle. */
@@ -122,7 +123,8 @@ class App {
     else this.#banner(frame);
     $("count").textContent = this.live ? $("count").textContent : `${this.at + 1} / ${data.frames.length}`;
     const rows = [["camera", camera.name], ["frame", frame.sequence], ["time", `${frame.t.toFixed(2)} s`],
-      ["attitude", frame.attitude ? `roll ${frame.attitude[0]}°, pitch ${frame.attitude[1]}°, yaw ${frame.attitude[2]}°` : "none"],
+      ["attitude", frame.attitude ? `roll ${frame.attitude[0]}°, pitch ${frame.attitude[1]}°, yaw ${frame.attitude[2]}°`
+      : options.world === "ned" ? "unknown: drawn with the last known heading" : "none"],
       ["position", frame.pos ? `${frame.pos.map((v) => v.toFixed(2)).join(", ")} m (north, east, down)`
         : options.world === "ned" ? "unknown: drawn at the last known one" : "none"], ...frame.facts];
     $("facts").replaceChildren(...rows.map(([name, value]) => {

@@ -23,10 +23,10 @@ export function indexRange(index, camera) {
 }
 
 /** p_world = Rz(yaw) p_level + t of a frame: {yaw, t}. world "level": the vehicle is the origin, its heading is x.
- *  world "ned" of a frame without position: drawn at `fallback`. */
-export function worldFromLevel(frame, world, fallback = [0, 0, 0]) {
+ *  world "ned" of a frame without position or attitude: drawn at `position`, with `heading`. */
+export function worldFromLevel(frame, world, position = [0, 0, 0], heading = 0) {
   if (world !== "ned") return { yaw: 0, t: [0, 0, 0] };
-  return { yaw: frame.heading, t: frame.pos || fallback };
+  return { yaw: frame.attitude ? frame.heading : heading, t: frame.pos || position };
 }
 
 /** A point of `level` in the world. */
