@@ -105,13 +105,17 @@ def _set_pose(message: pb.PoseUsed, pose: PoseAt) -> None:
 
 
 def prisms_from_message(message: pb.PrismsFrame) -> PrismsResult:
-    """Decodes the result of one frame. The message has no arrival time: t_arrival_ns is 0."""
+    """Decodes the result of one frame. The message has no arrival time: t_arrival_ns is 0. Raises ValueError for a
+    message whose parts do not fit together."""
     if message.schema_version != SCHEMA_VERSION:
         raise ValueError(
             f"prisms of schema version {message.schema_version}; this version reads {SCHEMA_VERSION}: update the "
             "older side"
         )
     model = model_from_message(message)
+    if message.valid and (model is None or not message.HasField("attitude")):
+        missing = "stats" if model is None else "attitude"
+        raise ValueError(f"a valid frame without {missing}; is the message damaged?")
     drop = DropCause.NONE
     if model is None:
         dropped = cause_from_number(message.cause, DropCause)

@@ -240,6 +240,22 @@ def test_numbers_that_do_not_fit_are_blind(scripted: ScriptedService, page: Live
     assert answer["cameras"][0]["blind"]
 
 
+@pytest.mark.parametrize("part", ["stats", "attitude"])
+def test_a_valid_frame_without_a_part_is_blind(scripted: ScriptedService, page: LivePage, part: str) -> None:
+    """Without `stats` it has no model: an empty picture would be called valid."""
+    shown(scripted, page)
+    broken = scripted.message()
+    broken.ClearField(part)
+
+    def reported_blind() -> bool:
+        scripted.publish(broken)
+        answer = update(page)
+        return bool(answer["frames"]) and f"a valid frame without {part}" in answer["frames"][0]["cause"]
+
+    assert until(reported_blind)
+    assert f"a valid frame without {part}" in update(page)["cameras"][0]["blind"]
+
+
 def test_a_pose_that_is_not_finite_makes_one_camera_blind(scripted: ScriptedService, page: LivePage) -> None:
     """The answer contains all cameras."""
     shown(scripted, page)

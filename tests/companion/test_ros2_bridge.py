@@ -266,6 +266,19 @@ def test_a_message_with_impossible_planes_is_reported(setup: Setup) -> None:
     assert setup.subscriber.running
 
 
+def test_a_valid_frame_without_its_model_is_reported(setup: Setup) -> None:
+    setup.until_received("/osape/front/points", POINT_CLOUD)
+
+    def reported() -> bool:
+        message = setup.scripted.message()
+        message.ClearField("stats")
+        setup.scripted.publish(message)
+        return setup.bridge.counts.undecodable > 0 or not setup.subscriber.running
+
+    assert until(reported)
+    assert setup.subscriber.running
+
+
 def test_without_a_router_it_is_named_and_a_later_one_is_found(setup: Setup) -> None:
     setup.router.close()
     assert until(lambda: "rmw_zenohd" in setup.node.connect())
