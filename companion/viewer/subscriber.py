@@ -227,7 +227,7 @@ class LiveSubscriber:
                 self.undecodable = f"{len(data)} bytes that cannot be decoded as {kind.DESCRIPTOR.name} ({error})"
                 continue
             if isinstance(message, pb.Health):
-                self._health(message, now_ns)
+                self._health(message, arrival_ns)
             elif isinstance(message, pb.PrismsFrame):
                 self._prisms(message, now_ns, arrival_ns)
             elif isinstance(message, pb.DepthPreview):
@@ -244,8 +244,8 @@ class LiveSubscriber:
                 known = self.cameras.get(getattr(message, "camera", ""))
                 on_message(message, None if known is None else known.info)
 
-    def _health(self, message: pb.Health, now_ns: int) -> None:
-        self.health, self.health_ns = message, now_ns
+    def _health(self, message: pb.Health, arrival_ns: int) -> None:
+        self.health, self.health_ns = message, arrival_ns
         for camera_health in message.cameras:
             camera = self.cameras.setdefault(camera_health.camera, Camera())
             if camera_health.HasField("info"):

@@ -126,6 +126,25 @@ def test_ages_of_the_autopilot_are_those_on_its_own_computer(
     assert 0.25 <= pilot["sent"]["age_s"] < PATIENCE_S
 
 
+class Waiting:
+    """A socket with one report, which may have arrived a minute ago: this process was stopped since then."""
+
+    def __init__(self) -> None:
+        self._messages = [(pb.Health(schema_version=1).SerializeToString(), time.monotonic_ns() - 60 * NS)]
+
+    def take(self) -> tuple[bytes, int] | None:
+        return self._messages.pop() if self._messages else None
+
+
+def test_a_report_that_waited_is_not_current(page: LivePage) -> None:
+    subscriber = page.subscriber
+    with subscriber.changed:
+        subscriber._take(Waiting(), pb.Health, time.monotonic_ns())  # type: ignore[arg-type]
+    service = update(page)["service"]
+    assert service["age_s"] >= 60.0
+    assert "no health report" in service["missing"][0]
+
+
 def test_depth_is_paired_with_its_own_frame(scripted: ScriptedService, page: LivePage) -> None:
     frame = shown(scripted, page, depth=True)["frames"][0]
     png = cv2.imdecode(np.frombuffer(b64decode(frame["depth"]), np.uint8), cv2.IMREAD_UNCHANGED)
