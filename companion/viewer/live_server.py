@@ -40,6 +40,9 @@ CONNECTIONS = 128
 the server would try to accept them without pause."""
 CLIENT_TIMEOUT_S = 20.0
 """Time limit for a connection without requests."""
+FOREIGN = ("cross-site", "same-site")
+"""Values of Sec-Fetch-Site of requests by pages of other servers. They cannot read an answer, but each takes a place, and
+keeps the depth images subscribed."""
 POLL_S = 0.1
 CLOSE_S = 2.0
 """Longest wait at the end for requests that are being answered: a thread within OpenCV when the interpreter ends aborts the
@@ -142,10 +145,12 @@ class _Server(ThreadingTCPServer):
             if not self._places.acquire(timeout=max(0.0, end_s - time.monotonic())):
                 return
 
-    def reply(self, host: str, path: str) -> tuple[int, str, bytes]:
-        """(status, type, body) of a request. host: its Host header."""
+    def reply(self, host: str, path: str, site: str = "") -> tuple[int, str, bytes]:
+        """(status, type, body) of a request. host: its Host header; site: its Sec-Fetch-Site header."""
         if self._names and (host.rpartition(":")[0] or host) not in self._names:
             return 403, "text/plain", b"this server answers to its own name only\n"
+        if site in FOREIGN and path != "/":  # a link to the page may be anywhere
+            return 403, "text/plain", b"this server answers to its own page only\n"
         if not self._places.acquire(blocking=False):
             return 503, "text/plain", b"too many pages are open\n"
         try:
@@ -165,7 +170,8 @@ class _Handler(BaseHTTPRequestHandler):
     sys_version = ""
 
     def do_GET(self) -> None:
-        status, kind, body = self.server.reply(self.headers.get("Host", ""), self.path)
+        headers = self.headers
+        status, kind, body = self.server.reply(headers.get("Host", ""), self.path, headers.get("Sec-Fetch-Site", ""))
         try:
             self.send_response(status)
             for name, value in {

@@ -322,10 +322,12 @@ def server(page: LivePage) -> Iterator[LiveServer]:
     server.close()
 
 
-def get(server: LiveServer, path: str, host: str | None = None) -> tuple[int, str, bytes]:
+def get(
+    server: LiveServer, path: str, host: str | None = None, headers: dict[str, str] | None = None
+) -> tuple[int, str, bytes]:
     connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60.0)
     try:
-        connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{server.port}"})
+        connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{server.port}"} | (headers or {}))
         reply = connection.getresponse()
         return reply.status, reply.getheader("Content-Type", ""), reply.read()
     finally:
@@ -363,6 +365,16 @@ def test_the_address_it_listens_on_is_its_own_name(page: LivePage) -> None:
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8760", "127.0.0.1.evil.example:8760"])
 def test_a_foreign_name_that_leads_here_is_refused(server: LiveServer, host: str) -> None:
     assert get(server, "/news?after=0", host)[0] == 403
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_a_page_of_another_server_gets_no_answer(server: LiveServer, site: str) -> None:
+    """It could not read the answer, but take the places of pages, and keep the depth images subscribed."""
+    header = {"Sec-Fetch-Site": site}
+    assert get(server, "/news?after=0", headers=header)[0] == 403
+    assert get(server, "/", headers=header)[0] == 200
+    for own in ("same-origin", "none"):
+        assert get(server, "/news?after=0", headers={"Sec-Fetch-Site": own})[0] == 200
 
 
 def test_connections_are_limited_and_their_places_come_back(
