@@ -33,6 +33,9 @@ from .subscriber import NS, WATCHED_S, LiveSubscriber
 
 STATUS_TOPIC = "/status"
 REPEAT_NS = NS
+BACKLOG = 64
+"""Largest number of messages that wait for a slow viewer, the oldest are dropped: with the 1024 of foxglove-sdk it would
+receive images of a minute ago as new ones, and 600 MB of them would wait in this process."""
 
 
 class FoxgloveServer:
@@ -58,7 +61,11 @@ class FoxgloveServer:
         self._context = self._sdk.Context()
         try:
             self._server = self._sdk.start_server(
-                name="osape-companion", host=self._host, port=self.port, context=self._context
+                name="osape-companion",
+                host=self._host,
+                port=self.port,
+                context=self._context,
+                message_backlog_size=BACKLOG,
             )
         except RuntimeError as error:
             raise DeviceNotFound(

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -184,6 +185,37 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(
         return "no message from the service" in viewer.newest("/status", Log).message
 
     assert until(silent)
+    viewer.close()
+
+
+def test_a_slow_viewer_receives_the_newest_images(scripted: ScriptedService, server: FoxgloveServer) -> None:
+    """It must not see what was a minute ago, and the images must not fill the memory of this process."""
+    viewer, topic, sent = Viewer(server.port), "/camera/front/depth", 300
+    image = np.full((480, 640), 4000, "<u2").tobytes()
+
+    def show(number: int) -> None:
+        t_ns = number * 1_000_000_000
+        preview = pb.DepthPreview(camera="front", t_exposure_ns=t_ns, width_px=640, height_px=480, depth_mm=image)
+        server.on_message(preview, None)
+
+    def subscribed() -> bool:
+        show(0)
+        viewer.listen()
+        return topic in viewer.received
+
+    assert until(subscribed)
+    viewer.received.clear()
+    for number in range(1, sent + 1):  # meanwhile it reads nothing
+        show(number)
+
+    def newest() -> int:
+        viewer.listen()
+        return int(viewer.newest(topic, RawImage).timestamp.seconds) if topic in viewer.received else 0
+
+    assert until(lambda: newest() == sent)
+    assert (
+        len(viewer.received[topic]) < sent // 2
+    )  # those that were waiting, and a few in the buffers of the connection
     viewer.close()
 
 
