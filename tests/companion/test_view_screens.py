@@ -95,6 +95,17 @@ def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path, size
         assert shown.ask("document.getElementById('pilot').textContent") == "PX4 · Position · ARMED"
 
 
+@pytest.mark.parametrize("size", [(568, 320), (640, 360), (320, 568)])
+def test_nothing_covers_the_state_on_a_small_phone(browser: Browser, page: Path, size: tuple[int, int]) -> None:
+    with opened_at(browser, page, size, "frame=1") as shown:
+        banner, stage = shown.ask(BOX % "#banner"), shown.ask(BOX % "#stage")
+        assert shown.ask("document.getElementById('banner').textContent").startswith("BLIND")
+        assert stage[3] - stage[1] > 0.25 * size[1]
+        for name in ("#canvas", "#views", "#legend", "#pilot", "aside", "footer"):
+            left, top, right, bottom = shown.ask(BOX % name)
+            assert right == left or (top >= banner[3] and bottom <= size[1]), f"{name} covers the state, or is cut off"
+
+
 def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> None:
     with opened_at(browser, page, SIZES["phone"]) as shown:
         before = shown.ask(BOX % "#stage")
