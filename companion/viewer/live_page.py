@@ -152,6 +152,8 @@ def camera_status(
     elif now_ns - camera.received_ns > subscriber.stale_s * NS:
         quiet_s = (now_ns - camera.received_ns) / NS
         blind, age = silence_text(subscriber, now_ns) or f"no message for {quiet_s:.1f} s", age_s
+        if is_removed(subscriber, name, now_ns):
+            blind += "; the service has no such camera any more: restart this command to leave it out"
     elif not m.valid:
         blind, age = m.cause_text or "no cause reported", age_s
         code = cause_code(m.cause)
@@ -166,6 +168,13 @@ def camera_status(
     if blind and not code:
         code = NO_CURRENT_MESSAGE
     return {"name": name, "blind": blind, "code": code, "age_s": age, "shown_s": shown_s, "info": info}
+
+
+def is_removed(subscriber: LiveSubscriber, name: str, now_ns: int) -> bool:
+    """Whether a current health report does not contain the camera: the service was restarted with other ones."""
+    h = subscriber.health
+    current = h is not None and now_ns - subscriber.health_ns <= HEALTH_OLD_NS
+    return h is not None and current and name not in {camera.camera for camera in h.cameras}
 
 
 def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
