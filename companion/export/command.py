@@ -91,7 +91,8 @@ def _write_gltf(out: Path, chosen: _Chosen, infos: dict[str, Any]) -> Path:
     model = placed_model(view_frame(result, infos[result.camera], None))
     assert model is not None
     name = f"{result.camera} frame {result.sequence}"
-    write_whole(out, glb(model.prisms, np.array(chosen.positions).reshape(-1, 3), name))
+    positions = [] if result.pose is None else chosen.positions  # otherwise the obstacles stand around another origin
+    write_whole(out, glb(model.prisms, np.array(positions).reshape(-1, 3), name))
     return out
 
 

@@ -15,10 +15,10 @@ import pytest
 from companion.cli import main
 from companion.export.gltf import glb, to_gltf
 from companion.pipeline.encode import prisms_from_message
-from core.types import Prism
+from core.types import PoseSample, Prism
 from drivers.logs.reader import McapRecording
 
-from .made_up import write_flight
+from .made_up import MS, START_NS, flight, write_flight
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +123,19 @@ def test_gltf_of_a_log(log: Path, results: list[Any], tmp_path: Path, capsys: py
     assert content["meshes"][0]["name"] == f"obstacles of front frame {best.sequence}"
     assert main(["export", str(log), "-f", "gltf", "-o", str(out), "--frame", "9999"]) == 1
     assert "frame 9999" in capsys.readouterr().err
+
+
+def test_gltf_of_a_frame_without_position_has_no_trajectory(tmp_path: Path) -> None:
+    """Its obstacles stand around the vehicle as the origin, which is not that of the trajectory."""
+    recorded, log, out = tmp_path / "in.mcap", tmp_path / "prisms.mcap", tmp_path / "a.glb"
+    late = [e for e in flight(10) if not isinstance(e, PoseSample) or e.t_ns > START_NS + 500 * MS]
+    assert main(["replay", str(write_flight(recorded, late)), "-o", str(log)]) == 0
+    with McapRecording(log) as source:
+        results = [prisms_from_message(m.message) for m in source.messages("prisms")]  # type: ignore[arg-type]
+    placed = {r.pose is not None: r.sequence for r in results if r.valid}
+    for position, meshes in ((True, 2), (False, 1)):
+        assert main(["export", str(log), "-f", "gltf", "-o", str(out), "--frame", str(placed[position])]) == 0
+        assert len(read_glb(out.read_bytes())[0]["meshes"]) == meshes
 
 
 def test_wrong_outputs_and_logs(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
