@@ -188,6 +188,7 @@ class App {
       attitude: null, pos: null, R: null, ground: null, tracks: null });
     this.camera = 0;
     this.depth.images.clear();
+    this.meet();
     this.play(true);
   }
 
