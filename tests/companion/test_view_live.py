@@ -305,6 +305,20 @@ def test_frames_of_a_view_before_a_restart_are_removed(page: Page, following: Fo
         assert float(other.ask("document.body.dataset.shown")) >= 0
 
 
+def test_the_heading_of_now_is_that_of_the_camera_that_has_one(
+    page: Page, following: Following, browser: Browser
+) -> None:
+    """Frames of a blind camera between those of another one have none."""
+    with browser.page(following.address) as other:
+        other.wait(VALID)
+        other.ask("app.append = () => {}")
+        last = "app.data.frames.at(-1)"
+        for later_s, known in ((0.3, True), (1.2, False)):
+            other.ask(f"app.data.frames.push({{ ...app.data.frames[0], attitude: null, t: {last}.t + {later_s} }})")
+            assert other.ask("app.attitude().attitude !== null") is known
+            other.ask("app.data.frames.pop()")
+
+
 def test_nothing_is_drawn_between_two_views(page: Page, following: Following, browser: Browser) -> None:
     with browser.page(following.address) as other:
         other.wait(VALID)

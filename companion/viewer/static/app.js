@@ -82,6 +82,12 @@ class App {
     return model.worldFromLevel(frame, this.options.world, last("pos")?.pos, last("attitude")?.heading);
   }
 
+  /** The frame whose attitude is that of now: the newest with one, of any camera, unless it is older than the newest by a second. */
+  attitude() {
+    const { frames } = this.data, newest = frames.at(-1), known = frames.findLast((frame) => frame.attitude);
+    return known && newest.t - known.t < 1 ? known : newest;
+  }
+
   /** Turns the eye to one of VIEWS, about a point ahead of the vehicle. */
   look(name) {
     this.view = name;
@@ -97,7 +103,7 @@ class App {
     this.#follow(place);
     this.#words(frame, options);
     $("slider").value = String(this.at);
-    if (this.live) showPilot(this.live.news.service.autopilot, this.data.frames.at(-1));
+    if (this.live) showPilot(this.live.news.service.autopilot, this.attitude());
     else if (this.data.frames.some((f) => f.autopilot)) showPilot(frame.autopilot, frame);
     this.frames.draw(frame, options, place, null, 0);
     this.ask();

@@ -102,7 +102,7 @@ export class Live {
     this.#team(news.team);
     this.tell();
     this.#service(news.service);
-    if (this.app) showPilot(news.service.autopilot, this.app.data.frames.at(-1));
+    if (this.app) showPilot(news.service.autopilot, this.app.attitude());
     $("merged").parentElement.hidden = !news.world.received;
     $("worldwords").textContent = !news.world.received ? "" : news.world.cause ? `merged world: not usable, ${news.world.cause}`
       : `merged world: ${news.world.total} planes`;
