@@ -25,6 +25,7 @@ from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.results import PrismsResult
 from .autopilot_values import AutopilotValues
 from .clear_sectors import ClearCheck
+from .clock_note import ClockNote
 from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
@@ -95,6 +96,7 @@ class Avoidance:
         self.values = AutopilotValues(last or LastValuesFile(None))
         self._echo, self._sectors = EchoCheck(), SectorView()
         self._texts, self._was_received = StatusTexts(), False
+        self._clock_note = ClockNote()
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
@@ -197,6 +199,7 @@ class Avoidance:
             notes[f"mount {camera}"] = mount_note(camera, degraded)
         return notes | {
             "signing": signing,
+            "clock": self._clock_note.text(self._link, now_ns),
             "mode": self._mode_text(vehicle),
             "echo": self._echo_fault(vehicle, now_ns),
         }

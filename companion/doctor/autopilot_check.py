@@ -13,6 +13,7 @@ from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import LinkStatus
 
+from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.firmware_version import VersionReader
 from ..autopilot.parameter_advice import AutopilotFacts, advice
@@ -24,7 +25,7 @@ from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
 from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low
-from ..live.health import LARGE_BOUND_NS, clock_uncertain_text
+from ..live.health import clock_uncertain_text
 from ..paths import FolderError, folders
 from .finding import Finding
 from .wait import wait_until

@@ -16,6 +16,7 @@ from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_ST
 from drivers.mavlink.session_types import LinkStatus
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.flight_modes import mode_name
 from ..cameras.supervisor import CameraStatus
@@ -28,8 +29,6 @@ from ..self_check.exposure_offset import ExposureOffset
 NS = 1_000_000_000
 THERMAL = Path("/sys/class/thermal")
 ATTITUDE_OLD_NS = NS // 2
-LARGE_BOUND_NS = 10_000_000
-"""Error bound of the autopilot's clock that is reported: 1 degree in a turn of 100 degrees a second."""
 
 STATES = {
     pb.Health.STATE_STARTING: "starting",
