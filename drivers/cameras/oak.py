@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
+from .clock_correction import SPAN_NS, ClockCorrection
 from .device_matches import confirmed_depth
 from .kernel_stamps import FIRST_NS
 from .oak_pipeline import (
@@ -40,6 +41,9 @@ SAME_INTRINSICS_PX = 0.5
 MOST_APART_S = 0.001
 """Left and right image are exposed together, within this time. At 60 deg/s and a focal length of 450 px an image moves by 0.5 px
 in it: 0.4 m at 5 m. Stamps of cameras with one clock differ by 0.02 ms."""
+MOST_CORRECTED_NS = 10_000_000
+"""Greatest correction of the host's clock within SPAN_NS: stamps may be wrong by it, 1 degree in a turn of 100 degrees a second.
+The kernel itself corrects the rate of a clock by up to 5 ms in that time."""
 _POLL_S = 0.002
 _FRAMES = {
     (DEPTH,): "depth frame",
@@ -56,8 +60,14 @@ _UNTESTED = (
 class OakSource:
     """A DepthSource. `connect` creates the pipeline; tests pass one that runs on the host."""
 
-    def __init__(self, settings: OakSettings, connect: Callable[[OakSettings], OakLink] | None = None) -> None:
+    def __init__(
+        self,
+        settings: OakSettings,
+        connect: Callable[[OakSettings], OakLink] | None = None,
+        correction: ClockCorrection | None = None,
+    ) -> None:
         self.settings = settings
+        self._correction = correction or ClockCorrection()
         self._rows = RowCheck(
             settings.camera, "the stereo calibration of the device is wrong, as after a crash: calibrate it again"
         )
@@ -79,6 +89,7 @@ class OakSource:
     def open(self) -> None:
         """Boots the device and waits for its first frame, which contains the intrinsics. Raises DeviceNotFound,
         DeviceLost and BadData; a partially opened device is closed."""
+        self._correction.take(time.monotonic_ns())
         self._link = self._connect(self.settings)
         try:
             message = self._first()
@@ -101,6 +112,7 @@ class OakSource:
             frame, self._waiting = self._waiting, None
             return frame
         message = self._next(timeout_s)
+        self._check_clock()
         return self._frame(message) if message is not None and self._apart_s(message) <= MOST_APART_S else None
 
     def _first(self) -> Any:
@@ -173,6 +185,16 @@ class OakSource:
             t_arrival_ns=arrival_ns,
             depth_mm=self._depth(message),
         )
+
+    def _check_clock(self) -> None:
+        """Raises BadData where the host's clock was corrected so much that the device's stamps are wrong."""
+        corrected_ns = self._correction.take(time.monotonic_ns())
+        if corrected_ns > MOST_CORRECTED_NS:
+            raise BadData(
+                f"camera {self.settings.camera}: the clock of this computer was corrected by {corrected_ns / 1e6:.0f} ms within "
+                f"{SPAN_NS / 1e9:.0f} s (NTP), the device compares its clock with it every 5 s, so its stamps are wrong; "
+                "synchronise the clock before the flight, and limit corrections in flight (chrony: maxslewrate 100)"
+            )
 
     def _check_view(self, message: Any) -> None:
         """Raises BadData where size or intrinsics are not those of the first frame, which the service uses for all."""
