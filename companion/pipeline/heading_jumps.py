@@ -40,6 +40,20 @@ Jumps = tuple[tuple[int, float], ...]
 jumped by an unknown angle."""
 
 
+@dataclass(frozen=True, slots=True)
+class HeadingState:
+    """What the detection of later jumps depends on, see HeadingJumps. newest: attitude; sum_rad: of the unexplained turns since
+    the newest jump; sums: that sum every _MARK_NS, with its stamp."""
+
+    number: int = 0
+    turned_rad: float = 0.0
+    gap_ns: int = 0
+    newest: AttitudeSample | None = None
+    jumps: Jumps = ()
+    sum_rad: float = 0.0
+    sums: tuple[tuple[int, float], ...] = ()
+
+
 @dataclass(slots=True)
 class HeadingJumps:
     """The jumps so far. `take` gets each attitude, in order of arrival.
@@ -57,6 +71,29 @@ class HeadingJumps:
     _jumps: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=_MOST))  # stamp, jump
     _sum_rad: float = 0.0  # of the unexplained turns since the newest jump
     _sums: deque[tuple[int, float]] = field(default_factory=deque)  # that sum every _MARK_NS, with its stamp
+
+    def state(self) -> HeadingState:
+        """Returns what later jumps depend on."""
+        return HeadingState(
+            self.number,
+            self.turned_rad,
+            self.gap_ns,
+            self._newest,
+            tuple(self._jumps),
+            self._sum_rad,
+            tuple(self._sums),
+        )
+
+    def resume(self, state: HeadingState) -> None:
+        """Continues from a state."""
+        self.number, self.turned_rad, self.gap_ns, self._newest = (
+            state.number,
+            state.turned_rad,
+            state.gap_ns,
+            state.newest,
+        )
+        self._jumps = deque(state.jumps, maxlen=_MOST)
+        self._sum_rad, self._sums = state.sum_rad, deque(state.sums)
 
     def take(self, sample: AttitudeSample) -> None:
         """Handles an attitude. One that is not newer than the newest changes nothing, unless the stamps restart."""
@@ -94,6 +131,11 @@ class HeadingJumps:
         while after.t_ns - self._sums[0][0] > WINDOW_NS:
             self._sums.popleft()
         return any(abs(self._sum_rad - sum_rad) > DRIFT_RAD for _, sum_rad in self._sums)
+
+    @property
+    def jump_ns(self) -> int:
+        """Stamp of the first attitude after the newest jump, known or possible; 0: there is none."""
+        return self._jumps[-1][0] if self._jumps else 0
 
     def newest_ns(self, t_ns: int) -> int:
         """Returns the stamp of the first attitude after the newest jump, known or possible, of those up to t_ns; 0: there

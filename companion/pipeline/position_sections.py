@@ -51,6 +51,19 @@ class Section:
 NO_SECTION: Final = Section(0, 0, 0)
 
 
+@dataclass(frozen=True, slots=True)
+class PositionState:
+    """What later sections depend on, see PositionSections. newest: position; begun: the newest sections; sum_m: of the
+    unexplained steps of the section; sums: that sum every _MARK_NS, with its stamp."""
+
+    number: int = 0
+    since_ns: int = 0
+    newest: PoseSample | None = None
+    begun: tuple[Section, ...] = ()
+    sum_m: Vector = (0.0, 0.0, 0.0)
+    sums: tuple[tuple[int, Vector], ...] = ()
+
+
 @dataclass(slots=True)
 class PositionSections:
     """Number and beginning of the present section.
@@ -66,6 +79,18 @@ class PositionSections:
     _sum_m: Vector = (0.0, 0.0, 0.0)  # of the unexplained steps of the section
     _sums: deque[tuple[int, Vector]] = field(default_factory=deque)  # that sum every _MARK_NS, with its stamp
 
+    def state(self) -> PositionState:
+        """Returns what later sections depend on."""
+        return PositionState(
+            self.number, self.since_ns, self._newest, tuple(self._begun), self._sum_m, tuple(self._sums)
+        )
+
+    def resume(self, state: PositionState) -> None:
+        """Continues from a state."""
+        self.number, self.since_ns, self._newest = state.number, state.since_ns, state.newest
+        self._begun = deque(state.begun, maxlen=_MOST)
+        self._sum_m, self._sums = state.sum_m, deque(state.sums)
+
     def take(self, sample: PoseSample) -> None:
         """Handles a position. One that is not newer than the newest changes nothing, unless the stamps restart."""
         newest = self._newest
@@ -78,6 +103,11 @@ class PositionSections:
             self._begin(sample, jumped=True)
         elif self._drifted(newest, sample):
             self._begin(sample, jumped=False)
+
+    @property
+    def begins_ns(self) -> int:
+        """Stamp of the first position of the present section; 0: there is none."""
+        return self._begun[-1].begins_ns if self._begun else 0
 
     def at(self, t_ns: int) -> Section:
         """Returns the section of a position with this stamp."""

@@ -116,9 +116,9 @@ class SampleBuffer(Generic[S]):
         """The newest stored stamp."""
         return self._stamps[-1] if self._stamps else None
 
-    def add(self, sample: S) -> None:
+    def add(self, sample: S, since_ns: int = 0) -> None:
         """Adds a sample. A stamp far before the newest one means that the sender restarted: all stored samples are
-        discarded. Of two samples with the same stamp the first is kept."""
+        discarded. Of two samples with the same stamp the first is kept. A late one with a stamp before since_ns is not."""
         if self._stamps and sample.t_ns <= self._stamps[-1] - self._restart_ns:
             self.counts["restarts"] += 1
             self._stamps.clear()
@@ -127,7 +127,7 @@ class SampleBuffer(Generic[S]):
         if i < len(self._stamps):
             anomaly = "duplicates" if self._stamps[i] == sample.t_ns else "out_of_order"
             self.counts[anomaly] += 1
-            if anomaly == "duplicates":
+            if anomaly == "duplicates" or sample.t_ns < since_ns:
                 return
         self._stamps.insert(i, sample.t_ns)
         self._samples.insert(i, sample)
@@ -164,13 +164,14 @@ class Synchroniser:
         self.sections = PositionSections()
 
     def add(self, sample: AttitudeSample | PoseSample) -> None:
-        """Adds a sample and detects jumps of the estimate."""
+        """Adds a sample and detects jumps of the estimate. One that arrives after a jump and was measured before the first
+        sample with it is not used: on which side of the jump it lies is not known."""
         if isinstance(sample, AttitudeSample):
-            self.attitudes.add(sample)
             self.headings.take(sample)
+            self.attitudes.add(sample, self.headings.jump_ns)
         else:
-            self.poses.add(sample)
             self.sections.take(sample)
+            self.poses.add(sample, self.sections.begins_ns)
 
     def attitude_at(self, t_ns: int) -> AttitudeAt | DropCause:
         """The attitude at t_ns, or why there is none: exact; interpolated between two samples that are close enough,
