@@ -62,7 +62,7 @@ class MountMeasurement:
     def add(self, event: Event) -> None:
         """Adds an attitude or a frame, in order of arrival; positions are not used."""
         if isinstance(event, AttitudeSample):
-            self._synchroniser.attitudes.add(event)
+            self._synchroniser.add(event)
         elif isinstance(event, DepthFrame):
             self._frame(event)
 
@@ -77,9 +77,9 @@ class MountMeasurement:
         cues = cues_of(find_surfaces(depth_mm, self.info, R_level_optical, self.info.ke_per_m))
         if cues.ground:
             self.heights_m.append(cues.distance_m)
-            self.headings_rad.append(heading_rad)
+            self.headings_rad.append(heading_rad - attitude.turned_rad)
         R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
-        self.state = checked(self.state, frame.t_exposure_ns, cues, R_ned_frd, heading_rad, PARAMS)
+        self.state = checked(self.state, frame.t_exposure_ns, cues, R_ned_frd, heading_rad, PARAMS, attitude.jump_ns)
 
     @property
     def turned_rad(self) -> float:

@@ -26,6 +26,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .causes import cause_from_number, cause_message
 from .decode_model import model_from_message
 from .encode_model import set_model
+from .jump_messages import heading_from_message, heading_message, position_from_message, position_message
 from .mount_messages import mount_state_from_message, mount_state_message
 from .pipeline import CameraState, PipelineState
 from .results import FrameDecision, PrismsResult
@@ -217,6 +218,8 @@ def state_message(state: PipelineState) -> pb.StateSnapshot:
         attitudes=[attitude_message(sample) for sample in state.attitudes],
         poses=[pose_message(sample) for sample in state.poses],
         trackers=tracker_messages(state.trackers),
+        headings=None if state.headings is None else heading_message(state.headings),
+        sections=None if state.sections is None else position_message(state.sections),
     )
 
 
@@ -247,4 +250,6 @@ def state_from_message(message: pb.StateSnapshot) -> PipelineState:
         tuple(attitude_from_message(sample) for sample in message.attitudes),
         tuple(pose_from_message(sample) for sample in message.poses),
         trackers_from_message(message),
+        heading_from_message(message.headings) if message.HasField("headings") else None,
+        position_from_message(message.sections) if message.HasField("sections") else None,
     )

@@ -35,6 +35,7 @@ def mount_state_message(state: MountState) -> pb.MountState:
         residual_east_rad=state.residual_rad[1],
         mean=state.filter.mean,
         covariance=state.filter.covariance,
+        heading_jump_ns=state.heading_jump_ns,
     )
 
 
@@ -55,6 +56,7 @@ def mount_state_from_message(message: pb.MountState) -> MountState:
         confirmations=message.confirmations,
         residual_rad=(message.residual_north_rad, message.residual_east_rad),
         filter=FilterState(tuple(message.mean), tuple(message.covariance)),
+        heading_jump_ns=message.heading_jump_ns,
     )
 
 

@@ -34,6 +34,8 @@ from drivers.base import Event
 
 from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
+from .heading_jumps import HeadingState
+from .position_sections import PositionState
 from .results import FrameDecision, Output, PrismsResult
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
 from .tracking import CameraTracks, NamedStates, TracksResult
@@ -75,12 +77,16 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True)
 class PipelineState:
-    """The complete state that later frames depend on; a pipeline started with it continues identically."""
+    """The complete state that later frames depend on; a pipeline started with it continues identically.
+
+    headings, sections: jumps of the estimate; None: they are detected in the samples."""
 
     cameras: tuple[tuple[str, CameraState], ...] = ()
     attitudes: tuple[AttitudeSample, ...] = ()
     poses: tuple[PoseSample, ...] = ()
     trackers: NamedStates = ()
+    headings: HeadingState | None = None
+    sections: PositionState | None = None
 
 
 class Pipeline:
@@ -125,6 +131,10 @@ class Pipeline:
             self._sync.add(attitude)
         for pose in state.poses:
             self._sync.add(pose)
+        if state.headings is not None:
+            self._sync.headings.resume(state.headings)
+        if state.sections is not None:
+            self._sync.sections.resume(state.sections)
         if self._tracks is not None:
             self._tracks.resume(state.trackers)
 
@@ -132,7 +142,8 @@ class Pipeline:
         """A snapshot of the state to start another pipeline with."""
         trackers = () if self._tracks is None else self._tracks.states()
         samples = self._sync.attitudes.samples, self._sync.poses.samples
-        return PipelineState(tuple(self._states.items()), *samples, trackers)
+        jumps = self._sync.headings.state(), self._sync.sections.state()
+        return PipelineState(tuple(self._states.items()), *samples, trackers, *jumps)
 
     def camera_state(self, camera: str) -> PipelineState:
         """The part of `state` that belongs to one camera."""
@@ -309,6 +320,7 @@ class Pipeline:
             rotation_from_quaternion(attitude.q_ned_frd_wxyz),
             camera_rad,
             self._mount_check,
+            attitude.jump_ns,
         )
 
     def _mount_supports_open(self, camera: str, mount: MountState, attitude: AttitudeAt, camera_rad: float) -> bool:
@@ -321,7 +333,7 @@ class Pipeline:
         if not self._extractors[camera].open_sky.mount_measured or not self._mount_check.enabled:
             return False
         R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
-        return confirmed_by_ground(mount, R_ned_frd, camera_rad, self._mount_check)
+        return confirmed_by_ground(mount, R_ned_frd, camera_rad, self._mount_check, attitude.jump_ns)
 
     def _drop(self, frame: DepthFrame, cause: DropCause) -> tuple[Output, ...]:
         decision = FrameDecision(

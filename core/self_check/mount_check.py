@@ -81,7 +81,9 @@ class MountState:
         ground: the newest measurement found such a surface.
         confirmations: consecutive measurements that estimate an error.
         residual_rad: mean residual of the slope, north and east.
-        filter: state of the filter."""
+        filter: state of the filter.
+        heading_jump_ns: first stamp after the newest jump of the heading by which north and east of the terrain are those of
+            the autopilot's estimate; 0: there was none."""
 
     t_ns: int | None = None
     measurements: int = 0
@@ -93,6 +95,7 @@ class MountState:
     confirmations: int = 0
     residual_rad: tuple[float, float] = (0.0, 0.0)
     filter: FilterState = field(default_factory=FilterState)
+    heading_jump_ns: int = 0
 
     @property
     def error_rad(self) -> tuple[float, float]:
@@ -131,7 +134,13 @@ def due(state: MountState, t_ns: int, params: MountCheckParams) -> bool:
 
 
 def checked(
-    state: MountState, t_ns: int, cues: MountCues, R_ned_frd: Floats, heading_rad: float, params: MountCheckParams
+    state: MountState,
+    t_ns: int,
+    cues: MountCues,
+    R_ned_frd: Floats,
+    heading_rad: float,
+    params: MountCheckParams,
+    heading_jump_ns: int = 0,
 ) -> MountState:
     """Returns the state after a measurement at t_ns.
 
@@ -141,8 +150,13 @@ def checked(
         cues: cues of the frame, in level_cam.
         R_ned_frd: (3, 3) attitude.
         heading_rad: heading of the x axis of level_cam.
-        params: parameters."""
+        params: parameters.
+        heading_jump_ns: first stamp after the newest jump of the heading, known or possible, that is in the attitude; 0: there
+            was none. A jump is no turn of the vehicle: it would give the slope of the terrain to the mount."""
     mount = MountFilter(state.filter)
+    if heading_jump_ns != state.heading_jump_ns:
+        mount.forget_terrain()
+        state = replace(state, heading_jump_ns=heading_jump_ns)
     dt_s = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     restless_rad = max(0.0, math.hypot(*state.residual_rad) - MAX_RESIDUAL_RAD)
     mount.predict(dt_s, math.radians(params.terrain_deg_per_sqrt_s) + RESTLESS_PER_SQRT_S * restless_rad)
@@ -161,18 +175,35 @@ def checked(
     wanted = _verdict(state.verdict, mount, cues, rows, confirmations, params)
     verdict, pending, streak = settled(state, wanted)
     return MountState(
-        t_ns, state.measurements + 1, verdict, pending, streak, size, True, confirmations, residual, mount.state()
+        t_ns,
+        state.measurements + 1,
+        verdict,
+        pending,
+        streak,
+        size,
+        True,
+        confirmations,
+        residual,
+        mount.state(),
+        heading_jump_ns,
     )
 
 
-def confirmed_by_ground(state: MountState, R_ned_frd: Floats, heading_rad: float, params: MountCheckParams) -> bool:
+def confirmed_by_ground(
+    state: MountState,
+    R_ned_frd: Floats,
+    heading_rad: float,
+    params: MountCheckParams,
+    heading_jump_ns: int = 0,
+) -> bool:
     """True if the ground in the direction of a heading appears level, within degraded_deg by CONFIRMED_SDS standard
     deviations of the least certain direction.
 
     One heading gives the sum of the mount's error and the terrain's slope. A slope that cancels an error hides it, so
     this does not verify the mount. But then the ground is as far from level as from the axes of the mount, so that
-    what is judged relative to the ground is correct. heading_rad: heading of the x axis of level_cam."""
-    if state.verdict is not MountVerdict.UNKNOWN:
+    what is judged relative to the ground is correct. heading_rad: heading of the x axis of level_cam. heading_jump_ns: see
+    `checked`; ground that was measured before a jump confirms nothing."""
+    if state.verdict is not MountVerdict.UNKNOWN or heading_jump_ns != state.heading_jump_ns:
         return False
     rows = slope_rows(rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd, heading_rad)
     mount = MountFilter(state.filter)

@@ -28,6 +28,9 @@ DELTA_WALK_RAD = math.radians(0.02)
 """Per square root of a second. A mount is fixed, but may come loose."""
 SLOPE_SD_RAD = math.radians(0.5)
 """Noise of one measured slope: the ground is not quite plane, and the attitude has an error."""
+FORGOTTEN_SD_RAD = math.pi
+"""Standard deviation of a forgotten terrain. That of a new terrain is less: each time, the mount would be estimated from the
+expectation that terrain is level."""
 WALLS_SD_RAD = math.radians(2.0)
 """Noise of the terrain's slope as the walls show it."""
 GATE = 9.0
@@ -77,6 +80,13 @@ class MountFilter:
             limit = (DELTA_SD_RAD, DELTA_SD_RAD, YAW_SD_RAD, TERRAIN_SD_RAD, TERRAIN_SD_RAD)[i]
             passed = min(dt, MAX_DT_S) if i < 3 else dt
             self.P[i, i] += min(rate * rate * passed, max(0.0, limit * limit - self.P[i, i]))
+
+    def forget_terrain(self) -> None:
+        """Forgets the terrain's slope: after a jump of the heading, north and east are other directions, and the vehicle has not
+        turned. What is known of the mount stays."""
+        self.mean[3:] = 0.0
+        self.P[3:, :] = self.P[:, 3:] = 0.0
+        self.P[3, 3] = self.P[4, 4] = FORGOTTEN_SD_RAD**2
 
     def slope(self, rows: Floats, slope: tuple[float, float], sd_rad: float = 0.0) -> bool:
         """Adds the apparent slope of the ground; returns True if the terrain or the mount has changed.

@@ -10,8 +10,10 @@ import pytest
 
 from companion.config.camera import CameraConfig
 from companion.doctor.measure_mount import MountMeasurement, finding_of
+from companion.pipeline.quaternion import product
 from companion.pipeline.sync import SyncParams
-from core.types import CameraInfo, CameraMount
+from core.frames import quaternion_from_euler
+from core.types import AttitudeSample, CameraInfo, CameraMount
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
@@ -84,6 +86,24 @@ def test_frames_without_an_attitude_are_refused() -> None:
     assert frame is not None
     measurement.add(frame)
     assert "attitude" in finding_of(measurement).text
+
+
+@pytest.mark.parametrize("jump_deg", [0.0, 120.0])
+def test_a_jump_of_the_heading_is_no_turn(jump_deg: float) -> None:
+    """The vehicle is held still above ground that is inclined by 5 degrees in ned, and the autopilot aligns its heading."""
+    info = dataclasses.replace(camera_info(160, 120), mount=TRUE)
+    measurement = MountMeasurement(info, SyncParams(), CameraConfig(name="front", kind="simulated"))
+    slope = quaternion_from_euler(0.0, math.radians(5.0), 0.0)
+    flight = list(SimulatedFlight(by_hand(0.0, pitch_deg=0.0), cameras=(info,), seed=3).events())
+    for event in flight:
+        if isinstance(event, AttitudeSample):
+            late = event.t_ns > (flight[0].t_arrival_ns + flight[-1].t_arrival_ns) // 2
+            jump = quaternion_from_euler(0.0, 0.0, math.radians(jump_deg) if late else 0.0)
+            event = dataclasses.replace(event, q_ned_frd_wxyz=product(jump, product(slope, event.q_ned_frd_wxyz)))
+        measurement.add(event)
+    finding = finding_of(measurement)
+    assert not finding.lines
+    assert "turned by only" in finding.text
 
 
 def test_it_is_done_when_roll_and_pitch_are_known_well() -> None:

@@ -83,6 +83,15 @@ def test_frames_with_a_wrong_mount_report_nothing(depths: list[np.ndarray]) -> N
     assert again.model.cause is last.model.cause
 
 
+def test_the_check_gets_the_jumps_of_the_heading(depths: list[np.ndarray]) -> None:
+    """Between two of these frames there is a gap of the attitude, in which the heading may have jumped."""
+    found = results(feed(pipeline_of(INFO), depths))
+    stamps = [(r.mount.heading_jump_ns, r.attitude.jump_ns) for r in found if r.mount and r.attitude]
+    assert len(stamps) == len(depths)
+    assert all(mount_ns == jump_ns for mount_ns, jump_ns in stamps)
+    assert len({mount_ns for mount_ns, _ in stamps}) == len(depths)
+
+
 def test_the_check_can_be_switched_off(depths: list[np.ndarray]) -> None:
     off = MountCheckParams(enabled=False)
     assert all(r.valid for r in results(feed(pipeline_of(INFO, check=off), depths)))

@@ -33,9 +33,12 @@ def run(
     headings_deg: np.ndarray,
     walls: Walls = Walls.UNDECIDED,
     noise_deg: float = 0.1,
+    jumps_deg: np.ndarray | None = None,
+    stamps_ns: np.ndarray | None = None,
 ) -> list[MountState]:
     """States of a level vehicle that measures the slope ten times a second at these headings; mount: roll, pitch error, true
-    minus configured; terrain: slope north, east."""
+    minus configured; terrain: slope north, east. jumps_deg: error of the autopilot's heading in each measurement; stamps_ns: of
+    the newest jump of the heading in each."""
     rng = np.random.default_rng(1)
     state, states = MountState(), []
     delta = np.radians([*mount_deg, 0.0])
@@ -44,9 +47,60 @@ def run(
         level = rotation_from_euler(0.0, 0.0, -heading) @ R
         s = slope_rows(level, heading) @ np.array([*delta, *np.radians(terrain_deg)])
         s += np.radians(rng.normal(0.0, noise_deg, 2))
-        state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0, walls=walls), R, heading, P)
+        cues = MountCues(True, *s.tolist(), 2.0, walls=walls)
+        told = heading + (0.0 if jumps_deg is None else math.radians(jumps_deg[i]))
+        R_told = rotation_from_euler(0.0, 0.0, told)
+        jump_ns = 0 if stamps_ns is None else int(stamps_ns[i])
+        state = checked(state, i * NS // 10, cues, R_told, told, P, jump_ns)
         states.append(state)
     return states
+
+
+JUMPED = np.arange(400) >= 100
+"""After ten seconds the heading jumps; the vehicle does not turn."""
+STILL = np.zeros(400)
+
+
+@pytest.mark.parametrize("jump_deg", [30.0, 60.0, 90.0, 180.0])
+@pytest.mark.parametrize("slope_deg", [2.0, 3.0, 5.0, 8.0])
+def test_a_jump_of_the_heading_makes_no_mount_error_of_the_terrain(slope_deg: float, jump_deg: float) -> None:
+    states = run((0.0, 0.0), (slope_deg, 0.0), STILL, jumps_deg=jump_deg * JUMPED, stamps_ns=NS * JUMPED)
+    assert {s.verdict for s in states} <= {MountVerdict.UNKNOWN, MountVerdict.UNVERIFIED_SLOPE}
+    assert min(np.degrees(states[-1].error_sd_rad)) > 5.0
+
+
+@pytest.mark.parametrize("jump_deg", [45.0, 90.0, 180.0])
+def test_a_jump_of_the_heading_verifies_no_mount(jump_deg: float) -> None:
+    """The terrain compensates the error of the mount. Only a turn of the vehicle shows it."""
+    states = run((0.0, 5.0), (-5.0, 0.0), STILL, jumps_deg=jump_deg * JUMPED, stamps_ns=NS * JUMPED)
+    assert {s.verdict for s in states} == {MountVerdict.UNKNOWN}
+    headings = np.concatenate((STILL, np.linspace(0.0, 180.0, 200), np.full(300, 180.0)))
+    jumped = np.arange(len(headings)) >= 100
+    turned = run((0.0, 5.0), (-5.0, 0.0), headings, jumps_deg=jump_deg * jumped, stamps_ns=NS * jumped)[-1]
+    assert turned.verdict is MountVerdict.ERROR
+    assert np.degrees(turned.error_rad) == pytest.approx((0.0, 5.0), abs=0.7)
+
+
+def test_gaps_of_the_attitude_are_no_evidence_of_the_mount() -> None:
+    """In each the heading may have jumped. The same terrain after many of them says nothing new."""
+    states = run((0.0, 0.0), (5.0, 0.0), np.zeros(1000), stamps_ns=1 + np.arange(1000))
+    assert {s.verdict for s in states} <= {MountVerdict.UNKNOWN, MountVerdict.UNVERIFIED_SLOPE}
+    assert min(np.degrees(states[-1].error_sd_rad)) > 4.0
+
+
+def test_what_a_turn_has_shown_of_the_mount_outlives_a_jump() -> None:
+    headings = np.concatenate((np.linspace(0.0, 120.0, 150), np.full(150, 120.0)))
+    jumped = np.arange(300) >= 200
+    for mount_deg, verdict in (((0.0, 0.0), MountVerdict.VERIFIED), ((0.0, 5.0), MountVerdict.ERROR)):
+        states = run(mount_deg, (3.0, 0.0), headings, jumps_deg=70.0 * jumped, stamps_ns=NS * jumped)
+        assert {s.verdict for s in states[190:]} == {verdict}
+
+
+def test_ground_of_before_a_jump_confirms_no_mount() -> None:
+    params = MountCheckParams(degraded_deg=3.0)
+    level = run((0.0, 0.0), (0.0, 0.0), np.zeros(50))[-1]
+    assert confirmed_by_ground(level, np.eye(3), 0.0, params)
+    assert not confirmed_by_ground(level, np.eye(3), 0.0, params, NS)
 
 
 def test_a_mount_error_is_measured_by_turning() -> None:

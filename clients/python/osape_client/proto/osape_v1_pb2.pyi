@@ -485,7 +485,7 @@ class CameraState(_message.Message):
     def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ..., mount: _Optional[_Union[MountState, _Mapping]] = ..., still_ke_per_m: _Optional[float] = ..., samples_mm: _Optional[bytes] = ..., samples_age: _Optional[int] = ..., edge_ramps: _Optional[float] = ..., edge_steps: _Optional[float] = ..., back_since_ns: _Optional[int] = ...) -> None: ...
 
 class MountState(_message.Message):
-    __slots__ = ("t_ns", "measurements", "verdict", "pending", "streak", "slope_rad", "mean", "covariance", "ground", "confirmations", "residual_north_rad", "residual_east_rad")
+    __slots__ = ("t_ns", "measurements", "verdict", "pending", "streak", "slope_rad", "mean", "covariance", "ground", "confirmations", "residual_north_rad", "residual_east_rad", "heading_jump_ns")
     class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         VERDICT_UNKNOWN: _ClassVar[MountState.Verdict]
@@ -510,6 +510,7 @@ class MountState(_message.Message):
     CONFIRMATIONS_FIELD_NUMBER: _ClassVar[int]
     RESIDUAL_NORTH_RAD_FIELD_NUMBER: _ClassVar[int]
     RESIDUAL_EAST_RAD_FIELD_NUMBER: _ClassVar[int]
+    HEADING_JUMP_NS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     measurements: int
     verdict: MountState.Verdict
@@ -522,7 +523,8 @@ class MountState(_message.Message):
     confirmations: int
     residual_north_rad: float
     residual_east_rad: float
-    def __init__(self, t_ns: _Optional[int] = ..., measurements: _Optional[int] = ..., verdict: _Optional[_Union[MountState.Verdict, str]] = ..., pending: _Optional[_Union[MountState.Verdict, str]] = ..., streak: _Optional[int] = ..., slope_rad: _Optional[float] = ..., mean: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., ground: bool = ..., confirmations: _Optional[int] = ..., residual_north_rad: _Optional[float] = ..., residual_east_rad: _Optional[float] = ...) -> None: ...
+    heading_jump_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., measurements: _Optional[int] = ..., verdict: _Optional[_Union[MountState.Verdict, str]] = ..., pending: _Optional[_Union[MountState.Verdict, str]] = ..., streak: _Optional[int] = ..., slope_rad: _Optional[float] = ..., mean: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., ground: bool = ..., confirmations: _Optional[int] = ..., residual_north_rad: _Optional[float] = ..., residual_east_rad: _Optional[float] = ..., heading_jump_ns: _Optional[int] = ...) -> None: ...
 
 class MountHealth(_message.Message):
     __slots__ = ("verdict", "roll_error_deg", "pitch_error_deg", "roll_sd_deg", "pitch_sd_deg", "roll_deg", "pitch_deg", "yaw_deg", "slope_deg", "yaw_error_deg", "yaw_sd_deg")
@@ -551,16 +553,77 @@ class MountHealth(_message.Message):
     def __init__(self, verdict: _Optional[_Union[MountState.Verdict, str]] = ..., roll_error_deg: _Optional[float] = ..., pitch_error_deg: _Optional[float] = ..., roll_sd_deg: _Optional[float] = ..., pitch_sd_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., slope_deg: _Optional[float] = ..., yaw_error_deg: _Optional[float] = ..., yaw_sd_deg: _Optional[float] = ...) -> None: ...
 
 class StateSnapshot(_message.Message):
-    __slots__ = ("cameras", "attitudes", "poses", "trackers")
+    __slots__ = ("cameras", "attitudes", "poses", "trackers", "headings", "sections")
     CAMERAS_FIELD_NUMBER: _ClassVar[int]
     ATTITUDES_FIELD_NUMBER: _ClassVar[int]
     POSES_FIELD_NUMBER: _ClassVar[int]
     TRACKERS_FIELD_NUMBER: _ClassVar[int]
+    HEADINGS_FIELD_NUMBER: _ClassVar[int]
+    SECTIONS_FIELD_NUMBER: _ClassVar[int]
     cameras: _containers.RepeatedCompositeFieldContainer[CameraState]
     attitudes: _containers.RepeatedCompositeFieldContainer[AttitudeSample]
     poses: _containers.RepeatedCompositeFieldContainer[PoseSample]
     trackers: _containers.RepeatedCompositeFieldContainer[TrackerState]
-    def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ..., trackers: _Optional[_Iterable[_Union[TrackerState, _Mapping]]] = ...) -> None: ...
+    headings: HeadingState
+    sections: PositionState
+    def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ..., trackers: _Optional[_Iterable[_Union[TrackerState, _Mapping]]] = ..., headings: _Optional[_Union[HeadingState, _Mapping]] = ..., sections: _Optional[_Union[PositionState, _Mapping]] = ...) -> None: ...
+
+class HeadingState(_message.Message):
+    __slots__ = ("number", "turned_rad", "gap_ns", "newest", "jumps", "sum_rad", "sums")
+    class Angle(_message.Message):
+        __slots__ = ("t_ns", "angle_rad")
+        T_NS_FIELD_NUMBER: _ClassVar[int]
+        ANGLE_RAD_FIELD_NUMBER: _ClassVar[int]
+        t_ns: int
+        angle_rad: float
+        def __init__(self, t_ns: _Optional[int] = ..., angle_rad: _Optional[float] = ...) -> None: ...
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    TURNED_RAD_FIELD_NUMBER: _ClassVar[int]
+    GAP_NS_FIELD_NUMBER: _ClassVar[int]
+    NEWEST_FIELD_NUMBER: _ClassVar[int]
+    JUMPS_FIELD_NUMBER: _ClassVar[int]
+    SUM_RAD_FIELD_NUMBER: _ClassVar[int]
+    SUMS_FIELD_NUMBER: _ClassVar[int]
+    number: int
+    turned_rad: float
+    gap_ns: int
+    newest: AttitudeSample
+    jumps: _containers.RepeatedCompositeFieldContainer[HeadingState.Angle]
+    sum_rad: float
+    sums: _containers.RepeatedCompositeFieldContainer[HeadingState.Angle]
+    def __init__(self, number: _Optional[int] = ..., turned_rad: _Optional[float] = ..., gap_ns: _Optional[int] = ..., newest: _Optional[_Union[AttitudeSample, _Mapping]] = ..., jumps: _Optional[_Iterable[_Union[HeadingState.Angle, _Mapping]]] = ..., sum_rad: _Optional[float] = ..., sums: _Optional[_Iterable[_Union[HeadingState.Angle, _Mapping]]] = ...) -> None: ...
+
+class PositionState(_message.Message):
+    __slots__ = ("number", "since_ns", "newest", "begun", "sum_m", "sums")
+    class Section(_message.Message):
+        __slots__ = ("number", "begins_ns", "jump_ns")
+        NUMBER_FIELD_NUMBER: _ClassVar[int]
+        BEGINS_NS_FIELD_NUMBER: _ClassVar[int]
+        JUMP_NS_FIELD_NUMBER: _ClassVar[int]
+        number: int
+        begins_ns: int
+        jump_ns: int
+        def __init__(self, number: _Optional[int] = ..., begins_ns: _Optional[int] = ..., jump_ns: _Optional[int] = ...) -> None: ...
+    class Sum(_message.Message):
+        __slots__ = ("t_ns", "sum_m")
+        T_NS_FIELD_NUMBER: _ClassVar[int]
+        SUM_M_FIELD_NUMBER: _ClassVar[int]
+        t_ns: int
+        sum_m: Vector3
+        def __init__(self, t_ns: _Optional[int] = ..., sum_m: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    SINCE_NS_FIELD_NUMBER: _ClassVar[int]
+    NEWEST_FIELD_NUMBER: _ClassVar[int]
+    BEGUN_FIELD_NUMBER: _ClassVar[int]
+    SUM_M_FIELD_NUMBER: _ClassVar[int]
+    SUMS_FIELD_NUMBER: _ClassVar[int]
+    number: int
+    since_ns: int
+    newest: PoseSample
+    begun: _containers.RepeatedCompositeFieldContainer[PositionState.Section]
+    sum_m: Vector3
+    sums: _containers.RepeatedCompositeFieldContainer[PositionState.Sum]
+    def __init__(self, number: _Optional[int] = ..., since_ns: _Optional[int] = ..., newest: _Optional[_Union[PoseSample, _Mapping]] = ..., begun: _Optional[_Iterable[_Union[PositionState.Section, _Mapping]]] = ..., sum_m: _Optional[_Union[Vector3, _Mapping]] = ..., sums: _Optional[_Iterable[_Union[PositionState.Sum, _Mapping]]] = ...) -> None: ...
 
 class TrackerState(_message.Message):
     __slots__ = ("camera", "format", "next_id", "next_object_id", "last_ns", "positioned", "reset_counter", "origin_m", "velocity_x_m_s", "velocity_y_m_s", "slots", "tracks", "cells", "objects", "history", "views", "position_jump_ns", "heading_jump_ns")
