@@ -21,6 +21,7 @@ from drivers.base import Event
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import Mask, apply_mask
+from ..pipeline.heading_jumps import HeadingJumps
 from .exposure_monitor import AttitudeHistory
 
 Floats = NDArray[np.float64]
@@ -100,6 +101,7 @@ class MountYawMonitor:
         self._cameras: dict[str, _Camera] = {}
         self._attitudes = AttitudeHistory()
         self._velocities = _Velocities()
+        self._headings = HeadingJumps()
 
     def announce(self, info: CameraInfo) -> None:
         """Adds an opened camera. A camera with a changed description starts again."""
@@ -110,8 +112,13 @@ class MountYawMonitor:
     def event(self, event: Event) -> None:
         """Adds an attitude, a velocity or a frame."""
         if isinstance(event, AttitudeSample):
-            if not self._attitudes.add(event):
+            before = self._headings.number
+            self._headings.take(event)
+            restarted = not self._attitudes.add(event)
+            if restarted:
                 self._velocities.clear()
+            # after a jump of the heading its error is another one, and that of before says nothing of the mount
+            if restarted or self._headings.number != before:
                 self._cameras = {name: _Camera(c.info, c.mask) for name, c in self._cameras.items()}
         elif isinstance(event, PoseSample):
             self._velocities.add(event)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from companion.pipeline.mount_messages import mount_text
+from companion.pipeline.quaternion import product
 from companion.self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
-from core.types import CameraMount
+from core.frames import quaternion_from_euler
+from core.types import AttitudeSample, CameraMount
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
@@ -22,12 +25,14 @@ DEG = math.pi / 180.0
 SWAY = (0.01, 0.015, 0.005)
 
 
-def straight(scene: str, course_deg: float = 0.0, heading_deg: float = 0.0, speed_m_s: float = 2.0) -> FlightPlan:
-    """5 s along a course, with the nose elsewhere where heading_deg differs from it."""
+def straight(
+    scene: str, course_deg: float = 0.0, heading_deg: float = 0.0, speed_m_s: float = 2.0, seconds: float = 6.0
+) -> FlightPlan:
+    """Flight along a course, with the nose elsewhere where heading_deg differs from it."""
     c, s = math.cos(course_deg * DEG), math.sin(course_deg * DEG)
     rows = [
         [t, c * (speed_m_s * t - 6.0), s * (speed_m_s * t - 6.0), -2.0, 0.0, -0.08, heading_deg * DEG]
-        for t in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+        for t in np.arange(0.0, seconds + 1.0)
     ]
     return FlightPlan(name=scene, scene=make_scene(scene, 3), path=FlightPath(rows, sway_rad=SWAY), sensor=TYPICAL)
 
@@ -76,6 +81,35 @@ def test_a_side_camera_is_measured_as_well() -> None:
     yaw = measured(straight("street"), 5.0, CameraMount(yaw_rad=90.0 * DEG, pitch_rad=-15.0 * DEG))
     assert yaw.error_rad is not None
     assert yaw.error_rad / DEG == pytest.approx(5.0, abs=2.0)
+
+
+@pytest.mark.parametrize("jumps", [True, False])
+def test_a_heading_that_was_corrected_is_no_yaw_of_the_mount(jumps: bool) -> None:
+    """The autopilot notices by GPS that its heading is 20 degrees wrong, and resets it. What was measured before does not
+    describe the mount."""
+    info = camera_info(320, 240)
+    wrong = quaternion_from_euler(0.0, 0.0, -20.0 * DEG)
+    flight = SimulatedFlight(straight("street", speed_m_s=1.5, seconds=9.0), cameras=(info,), seed=1)
+    events = list(flight.events())
+    reset_ns = events[0].t_arrival_ns + round(7.5 * 1e9)
+    monitor = MountYawMonitor()
+    monitor.announce(info)
+    before: MountYaw | None = None
+    for event in events:
+        if isinstance(event, AttitudeSample):
+            if event.t_ns < reset_ns or not jumps:
+                event = dataclasses.replace(event, q_ned_frd_wxyz=product(wrong, event.q_ned_frd_wxyz))
+            elif before is None:
+                (before,) = monitor.yaws()
+        monitor.event(event)
+    (after,) = monitor.yaws()
+    if jumps:
+        assert before is not None
+        assert before.warns
+        assert not after.warns
+        assert not after.warning
+    else:
+        assert after.error_rad == pytest.approx(20.0 * DEG, abs=3.0 * DEG)
 
 
 def test_small_and_uncertain_errors_give_no_warning() -> None:
