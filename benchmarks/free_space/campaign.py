@@ -104,7 +104,7 @@ def run_worlds(first: int, worlds: int, seed: int, counts: Counts) -> None:
         counts.wrong_world_cells += len(wrong)
         if len(wrong):
             print(
-                f"world {number}: {len(wrong)} of {cells} free cells in a solid, the first at {wrong[0].round(2)}",
+                f"world {number}: {len(wrong)} of {cells} free cells in a solid or never seen, the first at {wrong[0].round(2)}",
                 flush=True,
             )
 

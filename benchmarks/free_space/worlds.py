@@ -2,7 +2,9 @@
 
 A world is built from a short flight past a random scene with changing pitch and roll. A free cell is wrong where its
 centre lies in a solid, above or below the ground that was found, deeper than max(0.3 m, 3 sigma of its distance) from
-the solid's sides. A clear sector is wrong where a solid lies in it between its nearest and farthest distance, less the
+the solid's sides, or where no camera of the flight can have seen it: in each frame a solid stands before its centre by more
+than that, and by a pixel to each side. Most walls and poles are thinner than twice the slack, so that nothing is deep in
+them: what was not seen behind them shows that they were called free. A clear sector is wrong where a solid lies in it between its nearest and farthest distance, less the
 same slack."""
 
 from __future__ import annotations
@@ -82,6 +84,29 @@ def _free_cells(world: World, now_ns: int) -> Floats:
     return middles[world_space(picture).points(middles) == Occupancy.FREE]
 
 
+def out_of_sight(flown: list[Flown], points: Floats, slack_m: Floats, least_m: float) -> NDArray[np.bool_]:
+    """(N,) whether in each valid frame a solid stands more than slack_m (N,) before points (N, 3) of ned, on the ray to the
+    point and on those a pixel beside, above and below it."""
+    hidden = np.ones(len(points), np.bool_)
+    for f in flown:
+        if not f.model.valid:
+            continue
+        k, place = f.frame.info.intrinsics, np.tile(f.frame.position_ned_m, (len(points), 1))
+        range_m = np.linalg.norm(points - place, axis=1)
+        ahead = (points - place) / range_m[:, None]
+        beside = np.cross([0.0, 0.0, 1.0], ahead)
+        beside /= np.maximum(np.linalg.norm(beside, axis=1), 1e-9)[:, None]
+        above = np.cross(ahead, beside)
+        for across, up in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+            to = ahead + across / k.fx * beside + up / k.fy * above
+            to /= np.linalg.norm(to, axis=1)[:, None]
+            solid_m, _ = first_solids(
+                f.frame.scene, has_ground(f.frame.scene), place, to, np.zeros(len(points)), range_m, least_m
+            )
+            hidden &= solid_m < range_m - slack_m
+    return hidden
+
+
 def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, int, int]:
     """((N, 3) centres in ned of wrong free cells, number of free cells, valid frames)."""
     flown, ke = flight(seed, number, extractor)
@@ -96,8 +121,9 @@ def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, i
         return points, 0, valid
     range_m = np.max([np.hypot(*(points - f.frame.position_ned_m)[:, :2].T) for f in flown], axis=0)
     slack = np.fmax(SLACK_M, SLACK_SIGMAS * ke * np.minimum(range_m, flown[0].frame.info.max_range_m) ** 2)
-    deep = deep_in_solid(flown[0].frame, points, slack, extractor.params.min_obstacle_height_m)
-    return points[deep], len(points), valid
+    least_m = extractor.params.min_obstacle_height_m
+    wrong = deep_in_solid(flown[0].frame, points, slack, least_m) | out_of_sight(flown, points, slack, least_m)
+    return points[wrong], len(points), valid
 
 
 def judge_sectors(r: RandomFrame, extractor: Extractor) -> tuple[list[int], int]:

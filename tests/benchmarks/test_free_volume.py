@@ -15,8 +15,8 @@ from benchmarks.free_space.biased_frames import biased_frame
 from benchmarks.free_space.blank_frames import blank_frame
 from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import ROOM_M, has_room, random_frame
-from benchmarks.free_space.readers import ReaderCounts, judge_readers
-from benchmarks.free_space.volume import above_ground, first_solids, wrong_cells
+from benchmarks.free_space.readers import ReaderCounts, deep_in_solid, judge_readers
+from benchmarks.free_space.volume import SLACK_M, above_ground, first_solids, wrong_cells
 from core.extractor import Extractor
 from core.params import Params
 from core.stages.free_walk import lowest_clear, walk_settings
@@ -273,9 +273,32 @@ def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(
     wrong, cells, valid = free_worlds.judge_world(3, 0, Extractor(Params()))
     np.testing.assert_array_equal(wrong, points[:1])  # the third lies within the slack of its side
     assert (cells, valid) == (4, 1)
+    # behind the box nothing was seen, above it all
+    beyond = np.array([[7.5, 0.0, -1.0], [7.5, 0.0, -3.5]])
+    monkeypatch.setattr(free_worlds, "_free_cells", lambda *_: beyond)
+    np.testing.assert_array_equal(free_worlds.judge_world(3, 0, Extractor(Params()))[0], beyond[:1])
+    monkeypatch.setattr(free_worlds, "_free_cells", lambda *_: points)
     # what the world answers counts, also below what a frame took for ground
     flown[0] = free_worlds.Flown(frame, claiming(4.0, ground=Ground(seen=True, height_m=0.8)))
     np.testing.assert_array_equal(free_worlds.judge_world(3, 0, Extractor(Params()))[0], points[:1])
+
+
+def test_free_cells_that_no_frame_can_have_seen_are_wrong() -> None:
+    """A wall of 0.25 m is thinner than the slack: nothing is deep in it. With left and right exchanged in all models, no cell of
+    25 random worlds was found."""
+    points = np.array([[4.9, 0.0, -1.0], [5.2, 0.0, -1.0], [6.0, 0.0, -1.0], [6.0, 3.5, -1.0], [6.0, 0.0, -4.5]])
+    s = SceneBuilder("wall")
+    s.wall("wall", (5.0, -2.0), (5.0, 2.0), 3.0)
+    scene, slack = s.build(), np.full(len(points), SLACK_M)
+    first = render(scene, INFO, position_ned_m=(0.0, 0.0, -2.0))
+    assert not deep_in_solid(first, points, slack, 0.6).any()
+    flown = [free_worlds.Flown(first, claiming(4.0))]
+    assert free_worlds.out_of_sight(flown, points, slack, 0.6).tolist() == [False, False, True, False, False]
+    beside = render(scene, INFO, position_ned_m=(5.5, 6.0, -2.0), yaw_rad=-1.5)
+    assert not free_worlds.out_of_sight([*flown, free_worlds.Flown(beside, claiming(4.0))], points, slack, 0.6).any()
+    # an invalid frame has seen nothing
+    blind = free_worlds.Flown(beside, replace(claiming(4.0), valid=False))
+    assert free_worlds.out_of_sight([*flown, blind], points, slack, 0.6).sum() == 1
 
 
 def test_readers_are_not_judged_by_what_is_lower_than_a_pixel() -> None:
