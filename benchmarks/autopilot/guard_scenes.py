@@ -18,7 +18,7 @@ OBSTACLES = ("wall", "pole", "tree", "wire")
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
     """waypoints_m: (N, 2) north and east, from (0, 0). autopilot: PX4 or ArduPilot. guided: velocity setpoints along the first
-    leg instead of a mission. blocked: an obstacle stands in the way."""
+    leg instead of a mission; the second leg is not flown. blocked: an obstacle stands in the way that is flown."""
 
     number: int
     scene: Scene
@@ -32,7 +32,7 @@ class Mission:
 
 
 def random_mission(number: int) -> Mission:
-    """The mission of a number, always the same: one or two legs, an obstacle in the way of seven in ten, others beside it."""
+    """The mission of a number, always the same: two legs, an obstacle in the way of seven in ten, others beside it."""
     rng = np.random.default_rng([26, number])
     length_m, turn = rng.uniform(15.0, 35.0), rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 2.0)
     first = np.array([length_m, 0.0])
@@ -42,9 +42,9 @@ def random_mission(number: int) -> Mission:
     b = SceneBuilder(f"mission {number}")
     b.ground()
     kinds = []
-    blocked = bool(rng.random() < 0.7)
+    blocked, at_second = bool(rng.random() < 0.7), False
     if blocked:
-        on_second = rng.random() < 0.35
+        at_second = on_second = bool(rng.random() < 0.35)
         a, e = (first, second) if on_second else (np.zeros(2), first)
         along = float(rng.uniform(6.0, max(6.5, math.dist(a, e) - 1.0)))
         aside = float(rng.uniform(-0.3, 0.3))
@@ -58,15 +58,17 @@ def random_mission(number: int) -> Mission:
         kind = str(rng.choice(OBSTACLES[1:3]))
         add_obstacle(b, kind, a, e, float(rng.uniform(3.0, math.dist(a, e))), aside, height_m, rng)
         kinds.append(kind)
+    speed_m_s, autopilot = float(rng.uniform(1.0, 8.0)), str(rng.choice(["PX4", "ArduPilot"]))
+    guided = bool(rng.random() < 0.2)
     return Mission(
         number=number,
         scene=b.build(),
         waypoints_m=waypoints,
         height_m=height_m,
-        speed_m_s=float(rng.uniform(1.0, 8.0)),
-        autopilot=str(rng.choice(["PX4", "ArduPilot"])),
-        guided=bool(rng.random() < 0.2),
-        blocked=blocked,
+        speed_m_s=speed_m_s,
+        autopilot=autopilot,
+        guided=guided,
+        blocked=blocked and not (guided and at_second),
         kinds=tuple(kinds),
     )
 
