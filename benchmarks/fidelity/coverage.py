@@ -38,13 +38,21 @@ Counts = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """points, covered: (bins,) true obstacle points by their range, and those that are covered."""
+    """points, covered: (bins,) true obstacle points by their range, and those that are covered; frames, invalid: all frames, and
+    those without a valid model, whose points are not among them."""
 
     points: Counts
     covered: Counts
+    frames: int = 1
+    invalid: int = 0
 
     def __add__(self, other: Coverage) -> Coverage:
-        return Coverage(self.points + other.points, self.covered + other.covered)
+        return Coverage(
+            self.points + other.points,
+            self.covered + other.covered,
+            self.frames + other.frames,
+            self.invalid + other.invalid,
+        )
 
     def shares(self) -> Floats:
         """(bins,) share that is covered; nan without points."""
@@ -86,14 +94,18 @@ def coverage(frame: Rendered, rays: Rays, model: FrameModel) -> Coverage:
 
 
 def of_cases(todo: Iterable[Case], extractor: Extractor) -> Coverage:
-    """The sum over cases with a valid model; the last of their frames counts, as in the fidelity run."""
-    total = Coverage(np.zeros(len(BINS_M) - 1, np.int64), np.zeros(len(BINS_M) - 1, np.int64))
+    """The sum over cases; the last of their frames counts, as in the fidelity run. Those without a valid model are counted as
+    such."""
+    nothing = np.zeros(len(BINS_M) - 1, np.int64)
+    total = Coverage(nothing, nothing, frames=0)
     for case in todo:
         frames = frames_of(case, FRAMES)
         model = model_of(frames, extractor)
         if model.valid:
             rays = true_rays(case, frames[-1], extractor.params.min_obstacle_height_m)
             total += coverage(frames[-1], rays, model)
+        else:
+            total += Coverage(nothing, nothing, invalid=1)
     return total
 
 
@@ -107,12 +119,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenes, seeds = args.scenes.split(","), TUNING_SEEDS[: args.seeds]
     names = "".join(f"{f'{a:g}-{b:g} m':>10}" for a, b in itertools.pairwise(BINS_M))
     print(
-        f"{'noise':<12}{'ke':>8}{names}  % of the true obstacle points covered; {len(scenes)} scenes, tilts {FEW_TILTS_DEG}"
+        f"{'noise':<12}{'ke':>8}{names}{'invalid':>10}  % of the true obstacle points covered; {len(scenes)} scenes, tilts {FEW_TILTS_DEG}"
     )
     for name, faults in NOISES.items():
         for ke in GOAL_KE:
             got = of_cases(spread(scenes, seeds, FEW_TILTS_DEG, kes=[ke], faults=[faults]), extractor)
-            print(f"{name:<12}{ke:>8g}" + "".join(f"{100 * share:>10.2f}" for share in got.shares()))
+            print(
+                f"{name:<12}{ke:>8g}"
+                + "".join(f"{100 * share:>10.2f}" for share in got.shares())
+                + f"{got.invalid:>10}"
+            )
     return 0
 
 
