@@ -127,6 +127,7 @@ COLUMNS = (
     "end north, east, up m",
     "least distance m",
     "frames with open %",
+    "wrong free cells",
     "wrong open cells",
     "wrong clear sectors",
 )
@@ -146,6 +147,7 @@ def row(name: str, autopilot: str, f: Flown) -> str:
         f"{f.north_m:.1f}, {f.east_m:.1f}, {f.height_m:.1f}",
         f"{f.clearance_m:.2f}" if math.isfinite(f.clearance_m) else "",
         f"{100.0 * f.open_frames / max(1, f.frames):.0f}",
+        str(f.wrong_free),
         str(f.wrong_open),
         str(f.wrong_clear),
     )

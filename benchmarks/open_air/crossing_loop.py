@@ -64,7 +64,8 @@ class Course:
 class Flown:
     """One flight. distance_m: of the way; north_m, east_m, height_m: place at the end; stops: times that the speed fell below
     STOPPED_M_S; first_stop_m: way flown to the first, nan: none; clearance_m: least distance of the hull from a solid at its height;
-    open_frames: frames with any open range; wrong_open: cells that are open and hold a solid; wrong_clear: sectors sent clear with a
+    open_frames: frames with any open range; wrong_free: free cells that hold a solid; wrong_open: open ones that are not among them;
+    wrong_clear: sectors sent clear with a
     solid in them."""
 
     distance_m: float = 0.0
@@ -78,6 +79,7 @@ class Flown:
     open_frames: int = 0
     frames: int = 0
     first_stop_m: float = math.nan
+    wrong_free: int = 0
     wrong_open: int = 0
     wrong_clear: int = 0
 
@@ -255,17 +257,19 @@ class CrossingLoop:
         self._later.append((t_ns + LATE_NS, arrive))
 
     def _count(self, result: PrismsResult, R_ned_optical: NDArray[np.float64], at: NDArray[np.float64]) -> None:
-        """Counts a result, and the cells that are open in it and hold a solid."""
+        """Counts a result, and the cells that are free or open in it and hold a solid."""
         self.flown.frames += 1
         if not (result.valid and result.model is not None and result.transform is not None):
             return
-        if not result.model.free.has_open:
-            return
-        self.flown.open_frames += 1
         model = transform_model(replace(result.model, prisms=()), result.transform.inverse())
         R_level = rotation_level_cam_optical(R_ned_optical)
         empty = np.zeros((0, 0), np.uint16)
         frame = Rendered(self.scene.scene, self._info, empty, R_ned_optical, R_level, at, _NO_TRUTH)
-        known = {(w.direction, w.layer) for w in wrong_cells(frame, model, model.ke_per_m, self._extractor.params)[0]}
-        opened = wrong_cells(frame, as_free(model), model.ke_per_m, self._extractor.params)[0]
+        params = self._extractor.params
+        known = {(w.direction, w.layer) for w in wrong_cells(frame, model, model.ke_per_m, params)[0]}
+        self.flown.wrong_free += len(known)
+        if not result.model.free.has_open:
+            return
+        self.flown.open_frames += 1
+        opened = wrong_cells(frame, as_free(model), model.ke_per_m, params)[0]
         self.flown.wrong_open += sum((w.direction, w.layer) not in known for w in opened)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,13 @@ from benchmarks.open_air.crossing_loop import Course, CrossingLoop, Flown, body_
 from benchmarks.open_air.vehicles import AUTOPILOTS, vehicle_of
 from companion.autopilot.obstacle_distance import obstacle_distance_message
 from companion.config.avoidance import AvoidParams
-from core.frames import quaternion_from_euler, rotation_from_quaternion
+from companion.pipeline.results import DropCause, PrismsResult
+from companion.pipeline.transform import LevelTransform
+from core.frames import R_CAMFRD_OPTICAL, quaternion_from_euler, rotation_from_quaternion
 from core.open_sky_params import OpenSkyParams
+from core.params import Params
+from core.stages.model import blind_model
+from core.types import FreeEnd, FreeProfile, InvalidCause
 
 NS = 1_000_000_000
 
@@ -96,6 +102,36 @@ def test_distances_around_and_sectors_with_a_solid() -> None:
     assert loop.flown.wrong_clear == 1
 
 
+def test_free_cells_with_a_solid_are_counted_also_without_open_ones() -> None:
+    """They were left out: those that were wrongly free hid those that were wrongly open in the same cells."""
+    loop = CrossingLoop(scene_of("near_container"), "PX4", Course())
+    shape = (12, 1)
+    free = FreeProfile(
+        azimuth_edges_rad=np.linspace(-0.3, 0.3, 13).astype(np.float32),
+        layer_edges_m=np.array([-0.5, 0.5], np.float32),
+        free_from_m=np.ones(shape, np.float32),
+        free_to_m=np.full(shape, 8.0, np.float32),
+        end=np.full(shape, int(FreeEnd.MAX_RANGE), np.uint8),
+    )
+    model = replace(blind_model(loop._info, InvalidCause.NONE, Params()), valid=True, free=free, ke_per_m=0.0015)
+    result = PrismsResult(
+        camera="front",
+        sequence=0,
+        t_exposure_ns=NS,
+        t_arrival_ns=NS,
+        frame="ned",
+        drop=DropCause.NONE,
+        model=model,
+        transform=LevelTransform(0.0, (0.0, 0.0, 0.0)),
+    )
+    loop._count(result, R_CAMFRD_OPTICAL, np.array([0.0, 0.0, -2.0]))
+    assert (loop.flown.frames, loop.flown.open_frames) == (1, 0)
+    assert loop.flown.wrong_free == 12
+    assert row("turn_container", "PX4", loop.flown).endswith("| 0 | 12 | 0 | 0 |")
+    loop._count(replace(result, model=replace(model, valid=False)), R_CAMFRD_OPTICAL, np.array([0.0, 0.0, -2.0]))
+    assert (loop.flown.frames, loop.flown.wrong_free) == (2, 12)
+
+
 def test_the_scenes_have_what_they_are_named_after() -> None:
     for flight in FLIGHTS.values():
         scene = scene_of(flight.thing)
@@ -107,7 +143,7 @@ def test_the_scenes_have_what_they_are_named_after() -> None:
 
 
 def test_a_row_leaves_out_what_did_not_happen() -> None:
-    assert row("field", "PX4", Flown(distance_m=60.0)).endswith("| 0 |  | 0.0, 0.0, 0.0 |  | 0 | 0 | 0 |")
+    assert row("field", "PX4", Flown(distance_m=60.0)).endswith("| 0 |  | 0.0, 0.0, 0.0 |  | 0 | 0 | 0 | 0 |")
     assert "inf" not in row("field", "PX4", Flown())
     assert math.isnan(Flown().first_stop_m)
 
@@ -123,6 +159,7 @@ def test_an_open_field_is_crossed_by_open_space_alone(autopilot: str, mode: str,
     flown = loop.run(2.5)
     assert (flown.distance_m > 2.0) is moves
     assert flown.stops == 0
+    assert flown.wrong_free == 0
     assert flown.wrong_open == 0
     assert flown.wrong_clear == 0
     assert (flown.open_frames > 15) is moves
@@ -136,5 +173,6 @@ def test_a_climb_through_the_range_of_the_ground_stops_nothing() -> None:
     flown = loop.run(4.5)
     assert flown.height_m == pytest.approx(6.5)
     assert flown.stops == 0
+    assert flown.wrong_free == 0
     assert flown.wrong_open == 0
     assert flown.open_frames > 0.8 * flown.frames
