@@ -15,7 +15,7 @@ from benchmarks.world.cost import PLANES, SIZES, WAYS, Asked, Cost, asked, costs
 from benchmarks.world.flights import CONDITION, ESTIMATES, HZ, TRUE, flights, judged, renderings
 from benchmarks.world.message_bytes import OCTOMAP_M, OCTOMAP_STEP, Bytes, measured
 from benchmarks.world.plots import draw_growing, draw_steps
-from benchmarks.world.truth import Step, Verdict, merged, verdict
+from benchmarks.world.truth import BEHIND_M, Step, Verdict, merged, verdict
 from companion.bench.timing import one_core
 from core.world.serialize import ON_DISK
 from osape_client.world.decode import PLANE_RECORD
@@ -73,9 +73,10 @@ def page(
             "world is held against the truth where the newest frame has it. *Closed*: share of the inside that is occupied. "
             "*Missed*: obstacle rays that pass more than max(0.5 m, 2 sigma) behind what is there, of those that end at "
             "something the flight saw (*all*: of all). *Phantom*: rays stopped more than 1 m before anything. *Distance*: of "
-            "what was seen to the nearest plane. *False free*: of points on surfaces, those called free. *Air*: of places "
-            "half way to a surface, those known to be free. Worst of the seeds for closed, missed, phantom and false free; "
-            "medians for the others.\n",
+            "what was seen to the nearest plane. *False free*: of points on surfaces, those called free. *Unseen free*: of "
+            f"places {', '.join(f'{m:g}' for m in BEHIND_M[:-1])} and {BEHIND_M[-1]:g} m behind surfaces that no frame can have "
+            "seen, those called free. *Air*: of places half way to a surface, those known to be free. Worst of the seeds for "
+            "closed, missed, phantom, false free and unseen free; medians for the others.\n",
             truth_table(found),
             "Far from a flight's end its drift shows: a wall seen a hundred metres of flight ago stands a metre off, and is "
             "*missed* where it stands too far behind. Drift needs another remedy than merging (jumps are detected, "
@@ -110,8 +111,8 @@ def page(
 def truth_table(found: Sequence[Verdict]) -> str:
     """A row for each flight and estimate."""
     rows = [
-        "| flight | estimate | closed | missed | all | phantom | distance, m | p95, m | false free | air | planes | of all frames |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| flight | estimate | closed | missed | all | phantom | distance, m | p95, m | false free | unseen free | air | planes | of all frames |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name in dict.fromkeys(v.flight for v in found):
         for estimate in ESTIMATES:
@@ -120,13 +121,22 @@ def truth_table(found: Sequence[Verdict]) -> str:
                 f: float(np.median([getattr(v, f) for v in mine]))
                 for f in ("mean_m", "p95_m", "air", "planes", "frame_planes")
             }
-            worst = {f: max(getattr(v, f) for v in mine) for f in ("missed", "missed_all", "phantom", "false_free")}
+            worst = {
+                f: _greatest([getattr(v, f) for v in mine])
+                for f in ("missed", "missed_all", "phantom", "false_free", "unseen_free")
+            }
             rows.append(
-                f"| {name} | {estimate.name} | {_p(min(v.closed for v in mine), 0)} | {_p(worst['missed'])} | "
+                f"| {name} | {estimate.name} | {_p(-_greatest([-v.closed for v in mine]), 0)} | {_p(worst['missed'])} | "
                 f"{_p(worst['missed_all'])} | {_p(worst['phantom'])} | {median['mean_m']:.3f} | {median['p95_m']:.2f} | "
-                f"{_p(worst['false_free'], 2)} | {_p(median['air'], 0)} | {median['planes']:.0f} | {median['frame_planes']:.0f} |"
+                f"{_p(worst['false_free'], 2)} | {_p(worst['unseen_free'], 2)} | {_p(median['air'], 0)} | {median['planes']:.0f} | "
+                f"{median['frame_planes']:.0f} |"
             )
     return "\n".join(rows) + "\n"
+
+
+def _greatest(values: Sequence[float]) -> float:
+    """The greatest of the known values; nan: none is known."""
+    return max((v for v in values if not math.isnan(v)), default=math.nan)
 
 
 def cost_table(cost: Sequence[Cost]) -> str:

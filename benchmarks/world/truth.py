@@ -32,6 +32,10 @@ _THIN = 3
 """Step of the evaluated pixels in rows and columns."""
 _INSIDE_STEP_M = 0.25
 _HEIGHTS_M = (1.0, 2.0)
+BEHIND_M = (0.8, 1.5, 3.0)
+"""Places so far behind a true point: what a world calls free there, something in view must have shown to be free."""
+_UNSEEN_M = 0.3
+"""A place counts as seen up to this far behind what a frame shows, and a pixel beside it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,8 +44,8 @@ class Verdict:
 
     closed: of the inside of what was flown around, called occupied. missed: obstacle rays that pass more than max(0.5 m,
     2 sigma) behind the truth, of those whose point the flight saw; missed_all: of all. phantom: rays stopped where nothing
-    is. mean_m, p95_m: from seen true points to the nearest plane. false_free: seen true points called free; air: points
-    half way to the truth called free. planes, frame_planes: of the world in the end, of all frames together. sections: 1 unless it
+    is. mean_m, p95_m: from seen true points to the nearest plane. false_free: seen true points called free; unseen_free: places
+    BEHIND_M behind true points that no frame can have seen, called free; air: points half way to the truth called free. planes, frame_planes: of the world in the end, of all frames together. sections: 1 unless it
     jumped."""
 
     flight: str
@@ -54,6 +58,7 @@ class Verdict:
     mean_m: float
     p95_m: float
     false_free: float
+    unseen_free: float
     air: float
     planes: int
     frame_planes: int
@@ -140,6 +145,7 @@ def verdict(
         mean_m=float(off.mean()) if len(off) else NAN,
         p95_m=float(np.percentile(off, 95)) if len(off) else NAN,
         false_free=_share(total["false_free"], total["seen"]),
+        unseen_free=_share(total["unseen_free"], total["unseen"]),
         air=_share(total["air_free"], total["air"]),
         planes=len(planes),
         frame_planes=m.steps[-1].frame_planes,
@@ -160,7 +166,8 @@ def _view(
     was_seen = seen_by(ned, flown_by)
     off = distances(view.truth.points_level_cam_m[some][asked][was_seen], level) if len(level) else np.zeros(0)
     surface = space.points(ned[was_seen] + drift)
-    air = half_way(view, rays)
+    air, behind = half_way(view, rays), behind_truth(view, rays)
+    unseen = behind[~could_see(behind, flown_by)]
     return {
         "obstacle": int(rays.obstacle.sum()),
         "missed": int((v.missed & rays.obstacle).sum()),
@@ -170,6 +177,8 @@ def _view(
         "rays": int((rays.obstacle | rays.open).sum()),
         "off": off,
         "false_free": int((surface == Occupancy.FREE).sum()),
+        "unseen": len(unseen),
+        "unseen_free": int((space.points(unseen + drift) == Occupancy.FREE).sum()),
         "air": len(air),
         "air_free": int((space.points(air + drift) == Occupancy.FREE).sum()),
     }
@@ -234,3 +243,30 @@ def half_way(view: Rendered, rays: Rays) -> Floats:
     points = view.truth.points_level_cam_m[some][rays.obstacle[some]]
     ned = to_ned(view, 0.5 * points)
     return ned[ned[:, 2] < -1.0]
+
+
+def behind_truth(view: Rendered, rays: Rays) -> Floats:
+    """(P, 3) ned: BEHIND_M behind what each ray meets, well above the ground."""
+    some = np.s_[:: 3 * _THIN, :: 3 * _THIN]
+    points = view.truth.points_level_cam_m[some][rays.obstacle[some]]
+    range_m = np.linalg.norm(points, axis=1)[:, None]
+    ned = np.concatenate([to_ned(view, points * (1.0 + far_m / range_m)) for far_m in BEHIND_M])
+    return ned[ned[:, 2] < -1.0]
+
+
+def could_see(points: Floats, frames: Sequence[Rendered]) -> Mask:
+    """(P,) whether any frame had each point (ned) in its image with nothing more than _UNSEEN_M before it."""
+    seen = np.zeros(len(points), np.bool_)
+    for r in frames:
+        k = r.info.intrinsics
+        optical = (points - r.position_ned_m) @ r.R_ned_optical
+        ahead = np.flatnonzero(~seen & (optical[:, 2] > 0.1))
+        z = optical[ahead, 2]
+        u = np.rint(k.fx * optical[ahead, 0] / z + k.cx).astype(int)
+        v = np.rint(k.fy * optical[ahead, 1] / z + k.cy).astype(int)
+        on = (u >= -1) & (u <= k.width) & (v >= -1) & (v <= k.height)
+        ahead, z, u, v = ahead[on], z[on], u[on], v[on]
+        for across, down in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+            at = np.clip(v + down, 0, k.height - 1), np.clip(u + across, 0, k.width - 1)
+            seen[ahead] |= r.truth.depth_m[at] > z - _UNSEEN_M
+    return seen

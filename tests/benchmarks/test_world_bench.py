@@ -16,6 +16,7 @@ from benchmarks.world.flights import (
     ESTIMATES,
     NOISY,
     TRUE,
+    Flight,
     flights,
     flown,
     frame,
@@ -24,7 +25,7 @@ from benchmarks.world.flights import (
 )
 from benchmarks.world.message_bytes import Bytes, grid_bytes
 from benchmarks.world.section import bytes_table, cost_table, truth_table
-from benchmarks.world.truth import Verdict, in_level, merged, seen_by, to_ned, verdict
+from benchmarks.world.truth import Verdict, could_see, in_level, merged, seen_by, to_ned, verdict
 from drivers.simulation.scenes import SceneBuilder
 
 WALL = SceneBuilder("wall")
@@ -57,6 +58,33 @@ def test_seen_is_what_stood_in_sight() -> None:
     assert seen_by(points, [ASIDE], least=1).tolist() == [False, False, True, False]
     assert not seen_by(points, [AHEAD, ASIDE], least=2).any()
     assert seen_by(points, [AHEAD, AHEAD], least=2)[0]
+
+
+def test_a_place_is_unseen_where_no_frame_can_have_seen_it() -> None:
+    points = np.array([[5.0, 0.0, -2.0], [6.0, 0.0, -2.0], [7.0, 0.0, -2.0], [7.0, 0.0, -5.0], [-1.0, 0.0, -2.0]])
+    assert could_see(points, [AHEAD]).tolist() == [True, True, False, True, False]
+    beyond = frame(SCENE, (12.0, 0.0, -2.0, math.pi, 0.0), EXACT, 0, 0)
+    assert could_see(points, [AHEAD, beyond]).tolist() == [True, True, True, True, False]
+
+
+def test_a_world_that_calls_everything_free_is_found() -> None:
+    """Its free cells behind a wall, which nothing has seen, are counted: points on the wall are occupied by its planes."""
+    flight = Flight(
+        name="wall",
+        scene=SCENE,
+        way=tuple((0.2 * k, 0.0, -2.0, 0.0, 0.0) for k in range(6)),
+        judged=((0.5, 0.4, -2.2, 0.0, 0.0),),
+    )
+    rendered, views = renderings(flight, EXACT, 0), judged(flight, 0)
+    m = merged(flight, TRUE, 0, rendered)
+    assert verdict(flight, TRUE, m, rendered, views).unseen_free == 0.0
+    with pytest.MonkeyPatch.context() as patch:
+        picture = m.world.picture(m.newest_ns)
+        everywhere = np.full_like(picture.masks, np.iinfo(np.uint64).max)
+        patch.setattr(m.world, "picture", lambda _: replace(picture, masks=everywhere))
+        found = verdict(flight, TRUE, m, rendered, views)
+    assert found.false_free == 0.0
+    assert found.unseen_free > 0.5
 
 
 def test_every_flight_is_evaluated_from_new_places_and_has_obstacles_in_view() -> None:
@@ -116,6 +144,7 @@ def test_what_is_flown_around_becomes_solid_and_nothing_of_it_is_missed(name: st
     assert found.missed < 0.01
     assert found.phantom < 0.02
     assert found.false_free == 0.0
+    assert found.unseen_free == 0.0
     assert found.mean_m < 0.12
     assert found.planes < 20 < found.frame_planes
 
@@ -123,14 +152,15 @@ def test_what_is_flown_around_becomes_solid_and_nothing_of_it_is_missed(name: st
 def test_tables_show_the_worst_value_and_missing_ones() -> None:
     one = {
         "flight": "alley", "frames": 9, "closed": math.nan, "missed": 0.01, "missed_all": 0.02, "phantom": 0.0, "mean_m": 0.1,
-        "p95_m": 0.2, "false_free": 0.0, "air": 0.5, "planes": 7, "frame_planes": 30, "sections": 1,
+        "p95_m": 0.2, "false_free": 0.0, "unseen_free": math.nan, "air": 0.5, "planes": 7, "frame_planes": 30, "sections": 1,
     }  # fmt: skip
     rows = [Verdict(**one, estimate=e.name) for e in ESTIMATES] + [
-        Verdict(**(one | {"missed": 0.5}), estimate=e.name) for e in ESTIMATES
+        Verdict(**(one | {"missed": 0.5, "unseen_free": 0.25}), estimate=e.name) for e in ESTIMATES
     ]
     table = truth_table(rows)
     assert len(table.strip().splitlines()) == 2 + len(ESTIMATES)
     assert "| alley | true pose | - | 50.0 % | 2.0 % |" in table
+    assert "| 0.00 % | 25.00 % | 50 % |" in table  # a figure that one seed does not have
     cost = [
         Cost(planes=n, add_ms=0.2 * k, p99_ms=1.0, changes_ms=0.1, memory_bytes=160.0)
         for k, n in ((1, 1000), (2, 10000))
