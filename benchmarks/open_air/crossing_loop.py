@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.free_space.volume import first_solids, wrong_cells
-from benchmarks.open_air.open_claims import as_free, marked
+from benchmarks.open_air.open_claims import as_free, marked, true_ke_per_m
 from benchmarks.open_air.vehicles import MARGIN_M, vehicle_of
 from benchmarks.open_air.views import profile_of
 from companion.autopilot.failsafe import AutopilotNow
@@ -265,11 +265,11 @@ class CrossingLoop:
         R_level = rotation_level_cam_optical(R_ned_optical)
         empty = np.zeros((0, 0), np.uint16)
         frame = Rendered(self.scene.scene, self._info, empty, R_ned_optical, R_level, at, _NO_TRUTH)
-        params = self._extractor.params
-        known = {(w.direction, w.layer) for w in wrong_cells(frame, model, model.ke_per_m, params)[0]}
+        params, ke = self._extractor.params, true_ke_per_m(frame, model)
+        known = {(w.direction, w.layer) for w in wrong_cells(frame, model, ke, params)[0]}
         self.flown.wrong_free += len(known)
         if not result.model.free.has_open:
             return
         self.flown.open_frames += 1
-        opened = wrong_cells(frame, as_free(model), model.ke_per_m, params)[0]
+        opened = wrong_cells(frame, as_free(model), ke, params)[0]
         self.flown.wrong_open += sum((w.direction, w.layer) not in known for w in opened)
