@@ -20,6 +20,8 @@ _FRAMES, _PIXELS = 6, 24
 """Steps of the frames and pixels whose points are compared."""
 SAME_M = 0.1
 """Planes that differ by more have changed since they were sent."""
+ASTRAY_M = 0.5
+"""A plane is where the sender has one, apart from what its planes move by while they grow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +34,9 @@ class Pair:
         place_m: error at the middle of the common points; nan: not aligned.
         yaw_deg: error of its yaw.
         told_m: 2 sigma of its place, which the margins contain.
-        of_margin: greatest distance of an end of a plane from its true place, over the margin of the plane."""
+        of_margin: greatest distance by which the alignment displaces an end of a plane, over the margin of the plane.
+        astray: share of the published planes with a sample farther than their margin and ASTRAY_M from all planes of the
+            sender's own world, at their exact place."""
 
     overlap: float
     aligned: bool
@@ -40,6 +44,7 @@ class Pair:
     yaw_deg: float = math.nan
     told_m: float = math.nan
     of_margin: float = math.nan
+    astray: float = math.nan
 
 
 def pairs_of(parts: Sequence[Part], outcomes: Sequence[Outcome]) -> list[Pair]:
@@ -70,6 +75,7 @@ def _pair(parts: Sequence[Part], outcomes: Sequence[Outcome], receiver: int, sen
     rows = np.flatnonzero((shared.sender == sender + 1) & (shared.aligned == 1))
     if status is None or not len(rows):
         return Pair(overlap=overlap, aligned=False)
+    published = rows
     slots = {int(slot): k for k, slot in enumerate(outcomes[sender].own_ids)}
     rows = np.array([row for row in rows if int(shared.ids[row]) in slots], np.intp)
     own = outcomes[sender].own[[slots[int(shared.ids[row])] for row in rows]]
@@ -86,7 +92,26 @@ def _pair(parts: Sequence[Part], outcomes: Sequence[Outcome], receiver: int, sen
         yaw_deg=abs(math.degrees(math.atan2(R[1, 0], R[0, 0]))),
         told_m=2.0 * status.sigma_m,
         of_margin=float((moved_m / np.tile(shared.margin_m[rows], 2)).max()),
+        astray=astray(
+            shared.planes[published].astype(np.float64),
+            shared.margin_m[published].astype(np.float64),
+            carried(outcomes[sender].own, parts[sender].error, parts[receiver].error),
+        ),
     )
+
+
+def astray(planes: Floats, margins_m: Floats, own: Floats) -> float:
+    """Share of planes (N, 6) with margins (N,) that have a sample farther than the margin and ASTRAY_M, horizontally, from all
+    planes (M, 6) of their owner in the same frame."""
+    share = np.linspace(0.0, 1.0, 5)[:, None]
+    along, found = own[:, 2:4] - own[:, 0:2], 0
+    for plane, margin_m in zip(planes, margins_m, strict=True):
+        points = plane[0:2] + share * (plane[2:4] - plane[0:2])
+        off = points[:, None] - own[None, :, 0:2]
+        t = np.clip((off * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-9), 0.0, 1.0)
+        gap = off - t[:, :, None] * along
+        found += bool(np.hypot(gap[:, :, 0], gap[:, :, 1]).min(axis=1).max() > margin_m + ASTRAY_M)
+    return found / max(1, len(planes))
 
 
 def _ends(box: Floats) -> Floats:
