@@ -9,7 +9,7 @@ seeds, skies and levels of sensor noise each pair occurs once in a scene (a Lati
 combinations. Open space is presumed where the driver marks smooth pixels, so that wrong open cells are counted too.
 
 Returns 1 where a goal is missed: false stops at most 1 % of the truly free directions, no cell called free or open that holds a
-solid."""
+solid, a valid model of at least one view."""
 
 from __future__ import annotations
 
@@ -102,6 +102,8 @@ def missed_goals(rows: dict[str, JointFigures]) -> list[str]:
     """A sentence for each goal that a row misses."""
     found = []
     for name, figures in rows.items():
+        if figures.invalid == figures.views:
+            found.append(f"{name}: no view has a valid model, nothing was judged")
         share = figures.row()["false_stops"]
         if share > FALSE_STOPS_PERCENT:
             found.append(f"{name}: {share:.2f} % false stops, goal {FALSE_STOPS_PERCENT:g} %")

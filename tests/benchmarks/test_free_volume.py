@@ -429,3 +429,11 @@ def test_a_short_campaign_finds_nothing_and_a_planted_claim_fails_it(
     out = capsys.readouterr().out.splitlines()
     assert json.loads(out[-1])["wrong"] > 0
     assert out[0].startswith("random ")
+
+    def claiming_nothing(self, *arguments, **more):  # type: ignore[no-untyped-def]
+        model, state = whole(self, *arguments, **more)
+        return replace(model, free=replace(model.free, free_to_m=0.0 * model.free.free_to_m)), state
+
+    monkeypatch.setattr(free_campaign.Extractor, "extract", claiming_nothing)
+    assert free_campaign.main(["--frames", "20", "--seed", "7"]) == 1
+    assert "frames: nothing was called free" in capsys.readouterr().out

@@ -103,6 +103,7 @@ def test_a_goal_is_missed_by_more_than_one_percent_or_by_one_cell() -> None:
         "a: 1 cells called free hold a solid",
         "b: 2 cells called open hold a solid",
     ]
+    assert missed_goals({"a": row(invalid=1)}) == ["a: no view has a valid model, nothing was judged"]
 
 
 def test_the_command_states_both_sources(
