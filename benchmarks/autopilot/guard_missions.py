@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmarks.autopilot.guard_loop import NS, GuardLoop
 from benchmarks.autopilot.guard_scenes import Mission, clearance_m, random_mission, way_to_obstacle_m
+from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.guard.states import GuardState
 from drivers.simulation.firmware_models.auto_flight import (
@@ -157,11 +158,17 @@ def _judge(loop: GuardLoop) -> bool:
     return false
 
 
+def braking_distance_m(speed_m_s: float, guard: GuardParams, avoid: AvoidParams) -> float:
+    """From the vehicle's middle, as docs/explanation/guard.md states it; not that of the guard, which would excuse its own stops."""
+    way_m = speed_m_s * guard.reaction_s + speed_m_s**2 / (2.0 * guard.deceleration_m_s2)
+    return way_m + guard.margin_m + avoid.radius_m
+
+
 def _justified(loop: GuardLoop) -> bool:
     """Whether a solid stands in the path within the braking distance of the speed that is to come, and 10 % more for what the camera measures too near."""
     verdict = loop.guard.verdict
     speed_m_s = max(loop.flight.speed_m_s, verdict.predicted_m_s if verdict is not None else 0.0)
-    needed_m = 1.1 * loop.braking.needed_m(speed_m_s) + 0.5
+    needed_m = 1.1 * braking_distance_m(speed_m_s, loop.params, loop.avoid) + 0.5
     half_m = loop.avoid.radius_m + loop.params.side_m + SIDE_SPARE_M
     return way_to_obstacle_m(loop.scene, loop.place_m, loop.direction, half_m, needed_m) <= needed_m
 
