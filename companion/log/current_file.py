@@ -13,7 +13,7 @@ from core.types import CameraInfo
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.service import RecordParams
-from ..pipeline.pipeline import PipelineState
+from ..pipeline.state import PipelineState
 from .log_directory import free_bytes, make_room, new_flight, part_path, used_bytes
 from .log_writer import FileInUseError, LogWriter
 from .repair import Repairs

@@ -25,8 +25,8 @@ from drivers.logs.topics import ENCODING, TOPICS, camera_name_fits
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import decision_message, prisms_bytes, state_message, wire_bytes
-from ..pipeline.pipeline import PipelineState
 from ..pipeline.results import FrameDecision, Output
+from ..pipeline.state import PipelineState
 from ..pipeline.tracking import TracksResult
 from .foxglove_scene import scene_message, transform_messages
 from .mcap_writer import ZSTD_LEVEL, McapWriter, Part

@@ -25,8 +25,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.camera import OutputConfig
 from ..config.service import RecordParams
 from ..pipeline.events import RawFrame
-from ..pipeline.pipeline import PipelineState
 from ..pipeline.results import Output
+from ..pipeline.state import PipelineState
 from ..pipeline.tracking import TracksResult
 from .current_file import Begin, CurrentLog, LogRemovedError
 from .depth_rate import DepthRate

@@ -28,8 +28,8 @@ from .decode_model import model_from_message
 from .encode_model import set_model
 from .jump_messages import heading_from_message, heading_message, position_from_message, position_message
 from .mount_messages import mount_state_from_message, mount_state_message
-from .pipeline import CameraState, PipelineState
 from .results import FrameDecision, PrismsResult
+from .state import CameraState, PipelineState
 from .sync import AttitudeAt, DropCause, PoseAt, Source
 from .track_messages import tracker_messages, trackers_from_message
 from .transform import LevelTransform

@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -34,11 +33,10 @@ from drivers.base import Event
 
 from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
-from .heading_jumps import HeadingState
-from .position_sections import PositionState
 from .results import FrameDecision, Output, PrismsResult
+from .state import CameraState, PipelineState
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
-from .tracking import CameraTracks, NamedStates, TracksResult
+from .tracking import CameraTracks, TracksResult
 from .transform import seed_ground_height, transform_from_level_cam, transform_model
 
 UNPUBLISHED_DROPS = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
@@ -59,34 +57,6 @@ class FrameExtractor(Protocol):
         *,
         keep_strips: bool = ...,
     ) -> tuple[FrameModel, ExtractorState]: ...
-
-
-@dataclass(frozen=True, slots=True)
-class CameraState:
-    """State of one camera that its next frame depends on.
-
-    Attributes:
-        last_t_exposure_ns: of the newest frame; None: none yet.
-        back_since_ns: first exposure of the frames in a row that lie far before it; None: the last frame does not."""
-
-    extractor: ExtractorState = field(default_factory=ExtractorState)
-    last_t_exposure_ns: int | None = None
-    mount: MountState = field(default_factory=MountState)
-    back_since_ns: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PipelineState:
-    """The complete state that later frames depend on; a pipeline started with it continues identically.
-
-    headings, sections: jumps of the estimate; None: they are detected in the samples."""
-
-    cameras: tuple[tuple[str, CameraState], ...] = ()
-    attitudes: tuple[AttitudeSample, ...] = ()
-    poses: tuple[PoseSample, ...] = ()
-    trackers: NamedStates = ()
-    headings: HeadingState | None = None
-    sections: PositionState | None = None
 
 
 class Pipeline:

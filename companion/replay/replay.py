@@ -26,8 +26,9 @@ from ..kernels.warmup import ensure_compiled
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
 from ..pipeline.encode import prisms_message, state_from_message, wire_bytes
-from ..pipeline.pipeline import Pipeline, PipelineState
+from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import Output, PrismsResult
+from ..pipeline.state import PipelineState
 from ..pipeline.track_messages import tracks_message
 from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor

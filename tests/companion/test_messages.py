@@ -12,9 +12,10 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from companion.log.foxglove_scene import distance_colour, scene_message, transform_messages
 from companion.pipeline import encode as m
 from companion.pipeline.causes import CAUSES
-from companion.pipeline.pipeline import CameraState, Pipeline, PipelineState
+from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.quaternion import product
 from companion.pipeline.results import FrameDecision, PrismsResult
+from companion.pipeline.state import CameraState, PipelineState
 from companion.pipeline.sync import AttitudeAt, DropCause, PoseAt, Source
 from core.frames import rotation_frd_optical, rotation_from_quaternion
 from core.types import ExtractorState, FrameStats, InvalidCause

@@ -14,8 +14,9 @@ from companion.live.health import CameraView, camera_message
 from companion.live.status import status_lines
 from companion.pipeline.encode import prisms_from_message, prisms_message, state_from_message, state_message
 from companion.pipeline.mount_messages import mount_diagnostic, mount_health, mount_text
-from companion.pipeline.pipeline import Pipeline, PipelineState
+from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import Output, PrismsResult
+from companion.pipeline.state import PipelineState
 from companion.self_check.mount_watch import MountWatch
 from core.extractor import Extractor
 from core.frames import rotation_from_euler

@@ -10,7 +10,7 @@ import numpy as np
 from companion.cli import main
 from companion.log.log_writer import LogWriter
 from companion.log.provenance import run_info
-from companion.pipeline.pipeline import CameraState, PipelineState
+from companion.pipeline.state import CameraState, PipelineState
 from core.self_check.mount_check import MountState, MountVerdict
 from core.types import TEXTURELESS_MM, CameraInfo, DepthFrame, Intrinsics
 from drivers.logs.reader import McapRecording

@@ -31,7 +31,8 @@ from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
 from companion.log.repair import Repairs, repair
 from companion.pipeline.events import RawFrame
-from companion.pipeline.pipeline import Pipeline, PipelineState
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.state import PipelineState
 from companion.replay.replay import Options, make_pipeline, replay
 from core.params import Params
 from core.stages.model import blind_model
@@ -552,7 +553,7 @@ SAMPLES = textwrap.dedent("""
     import sys, time
     from pathlib import Path
     from tests.companion.test_recorder import SMALL, AttitudeSample, ExtractorState, Recorder, flight, run_info
-    from companion.pipeline.pipeline import PipelineState
+    from companion.pipeline.state import PipelineState
     recorder = Recorder(Path(sys.argv[1]), run_info("live"), SMALL)
     recorder.open()
     recorder.begin(1, flight().cameras, PipelineState())

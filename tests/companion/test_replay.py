@@ -18,7 +18,7 @@ from companion.config.loader import Config, config_from_text
 from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.encode import prisms_message, state_from_message, wire_bytes
-from companion.pipeline.pipeline import PipelineState
+from companion.pipeline.state import PipelineState
 from companion.replay.compare import Comparison, first_difference
 from companion.replay.replay import Options, make_pipeline, replay
 from companion.replay.replay_report import replay_problems

@@ -10,9 +10,10 @@ import pytest
 
 from companion.config.loader import Config
 from companion.pipeline.encode import state_from_message, state_message, wire_bytes
-from companion.pipeline.pipeline import Pipeline, PipelineState
+from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.quaternion import product
 from companion.pipeline.results import PrismsResult
+from companion.pipeline.state import PipelineState
 from companion.pipeline.track_messages import tracks_message
 from companion.pipeline.tracking import TracksResult
 from companion.replay.replay import make_pipeline
