@@ -155,7 +155,8 @@ def test_each_file_of_a_rotated_flight_replays_by_itself(tmp_path: Path) -> None
     for log in logs:
         result = replay(log.path, Options(check=True))
         assert result.comparison is not None
-        assert result.comparison.passed, log.path
+        assert result.comparison.different == 0, (log.path, result.comparison.first)
+        assert result.comparison.compared > 0 or log is logs[-1]  # the last one may begin after the last frame
         frames += result.comparison.compared
     assert frames >= 55
 
