@@ -38,7 +38,8 @@ _THIN = 3
 
 @dataclass(frozen=True, slots=True)
 class Missed:
-    """Share of obstacle rays that pass behind the planes, and behind the planes with their margins; number of rays."""
+    """Share of obstacle rays that pass behind the planes, and behind the planes with their margins in front and at both
+    ends; number of rays."""
 
     share: float
     with_margins: float
@@ -202,13 +203,23 @@ def _delays(outcomes: Sequence[Outcome], since_ns: int) -> tuple[Floats, float]:
 def _missed(views: Sequence[Rendered], planes: Floats, margin_m: Floats, flown_by: Sequence[Rendered]) -> Missed:
     """The obstacle rays that pass behind the truth, of those whose point the flights have seen."""
     missed = with_margins = seen = 0
+    longer = lengthened(planes, margin_m)
     for view in views:
         rays = rays_under(view, EXACT, Params())
-        v = judge(view, rays, in_level(planes, view), margin_m)
+        v = judge(view, rays, in_level(planes, view))
+        widest = judge(view, rays, in_level(longer, view), margin_m)
         some = np.s_[::_THIN, ::_THIN]
         asked = rays.obstacle[some]
         was_seen = seen_by(to_ned(view, view.truth.points_level_cam_m[some][asked]), flown_by)
         seen += int(was_seen.sum())
         missed += int(v.missed[some][asked][was_seen].sum())
-        with_margins += int(v.missed_margin[some][asked][was_seen].sum())
+        with_margins += int(widest.missed_margin[some][asked][was_seen].sum())
     return Missed(missed / max(1, seen), with_margins / max(1, seen), seen)
+
+
+def lengthened(planes: Floats, margin_m: Floats) -> Floats:
+    """Planes (N, 6) that are longer by their margins (N,) at both ends. A frame that is placed wrongly moves them to the side,
+    too."""
+    along = planes[:, 2:4] - planes[:, 0:2]
+    along *= (margin_m / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9))[:, None]
+    return np.column_stack([planes[:, 0:2] - along, planes[:, 2:4] + along, planes[:, 4:6]])
