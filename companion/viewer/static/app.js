@@ -6,6 +6,7 @@ import { FrameScene } from "viewer/scene";
 import { KEPT, Live } from "viewer/live";
 import { DepthPanel } from "viewer/depth";
 import { gltf, save } from "viewer/exports";
+import { showBanner, showFacts } from "viewer/facts";
 import { drawLegend } from "viewer/legend";
 import { Measure, pick } from "viewer/measure";
 import { showPilot } from "viewer/pilot";
@@ -124,28 +125,11 @@ class App {
   }
 
   #words(frame, options) {
-    const { data } = this, camera = data.cameras[frame.c];
+    const { data } = this;
     if (this.live) this.live.tell();
-    else this.#banner(frame);
+    else showBanner(frame);
     $("count").textContent = this.live ? $("count").textContent : `${this.at + 1} / ${data.frames.length}`;
-    const rows = [["camera", camera.name], ["frame", frame.sequence], ["time", `${frame.t.toFixed(2)} s`],
-      ["attitude", frame.attitude ? `roll ${frame.attitude[0]}°, pitch ${frame.attitude[1]}°, yaw ${frame.attitude[2]}°`
-      : options.world === "ned" ? "unknown: drawn with the last known heading" : "none"],
-      ["position", frame.pos ? `${frame.pos.map((v) => v.toFixed(2)).join(", ")} m (north, east, down)`
-        : options.world === "ned" ? "unknown: drawn at the last known one" : "none"], ...frame.facts];
-    $("facts").replaceChildren(...rows.map(([name, value]) => {
-      const row = document.createElement("tr");
-      for (const [tag, text] of [["th", name], ["td", value]]) row.appendChild(document.createElement(tag)).textContent = text;
-      return row;
-    }));
-  }
-
-  #banner(frame) {
-    $("banner").className = { BLIND: "blind", VALID: "valid" }[frame.standing] || "empty";
-    $("banner").textContent = frame.standing === "BLIND"
-      ? `BLIND: ${frame.cause}. Do not treat any direction as free.` : frame.standing === "VALID" ? "VALID"
-        : "NO PRISMS in this log: run `companion replay` first";
-    $("stage").classList.toggle("blind", frame.standing === "BLIND");
+    showFacts(frame, data.cameras[frame.c].name, options.world === "ned");
   }
 
   step(direction) {
