@@ -686,7 +686,7 @@ class Params:
         5, 1, 50, "", "number of points in each direction at which the mouth of a concavity is checked for openings"
     )
     covered_px: float = number(
-        2.0, 0.0, 10.0, "px", "what extends beside a plane by at most this counts as hidden by it"
+        0.5, 0.0, 10.0, "px", "what extends beside a plane by at most this counts as hidden by it"
     )
     covered_depth_m: float = number(1.0, 0.0, 5.0, "m", "greatest distance behind a plane at which it hides others")
 

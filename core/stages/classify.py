@@ -11,6 +11,7 @@ Kernels compute disparity as 1000/mm in float32 where they need it: the division
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,20 @@ from numpy.typing import NDArray
 from ..jit import inline_ieee, inner, inner_ieee, kernel
 from ..params import Params
 from ..types import FAR_MM, SATURATED_MM, CameraInfo
+
+
+class Limits(NamedTuple):
+    """Limits of `classify`.
+
+    Attributes:
+        least, greatest: uint16, least and greatest depth in mm that counts as measured.
+        relative, absolute: float32, the step of 1/Z that makes a pixel a flying one: absolute + relative / Z."""
+
+    least: Any
+    greatest: Any
+    relative: Any
+    absolute: Any
+
 
 _FAR, _SATURATED = np.uint16(FAR_MM), np.uint16(SATURATED_MM)
 _LEAST_M, _MOST_M = np.float32(0.0005), np.float32(65.533)
@@ -110,13 +125,71 @@ def read_ahead(depth_mm, v, least, greatest, inverse):
             line[u] = np.float32(0.0)
 
 
+@inner_ieee
+def inverse_at(depth_mm, v, u, limits):
+    """Returns 1/Z of a pixel in 1/m as `inverse_of_row`; 0 outside of the image."""
+    if v < 0 or v >= depth_mm.shape[0] or u < 0 or u >= depth_mm.shape[1]:
+        return np.float32(0.0)
+    z = depth_mm[v, u]
+    if z < limits.least or z == _SATURATED:
+        return np.float32(0.0)
+    return np.float32(-1.0) if z > limits.greatest else np.float32(1000.0) / np.float32(z)
+
+
+@inner_ieee
+def flies_off_line(depth_mm, v, u, dv, du, limits):
+    """True if a pixel is flying between its neighbours (dv, du) to either side, and on neither side in line with
+    two."""
+    zero = np.float32(0.0)
+    d = inverse_at(depth_mm, v, u, limits)
+    a, b = inverse_at(depth_mm, v - dv, u - du, limits), inverse_at(depth_mm, v + dv, u + du, limits)
+    step = limits.absolute + limits.relative * d
+    if not (min(a, b) > zero and d - min(a, b) > step and max(a, b) - d > step):
+        return False
+    c = inverse_at(depth_mm, v - 2 * dv, u - 2 * du, limits)
+    if c > zero and abs(c - a - a + d) <= step:
+        return False
+    c = inverse_at(depth_mm, v + 2 * dv, u + 2 * du, limits)
+    return not (c > zero and abs(c - b - b + d) <= step)
+
+
+@inner
+def keep_slanted(depth_mm, v, flies, limits, marks):
+    """Restores the marks of flying pixels that lie on a surface, and returns their number.
+
+    On a plane 1/Z is linear along rows and columns. A surface seen edge-on changes by more than a step from pixel to
+    pixel, so that most of its pixels lie strictly between their neighbours. They are kept if 1/Z of the pixel and of two
+    next to it on one side lie on a line. Beside a flying pixel the two are on one of the surfaces, and the pixel is more
+    than a step away.
+
+    Args:
+        depth_mm: (H, W) uint16.
+        v: row.
+        flies: (W rounded up to 8,) uint8, 1: flying; zero beyond W.
+        limits: Limits.
+        marks: (W,) uint16 of the row, in and out."""
+    kept = np.int32(0)
+    words = flies.view(np.uint64)
+    for w in range(words.shape[0]):
+        if words[w] == 0:
+            continue
+        for u in range(8 * w, 8 * w + 8):
+            if flies[u] == 0:
+                continue
+            if flies_off_line(depth_mm, v, u, 0, 1, limits) or flies_off_line(depth_mm, v, u, 1, 0, limits):
+                continue
+            marks[u] = depth_mm[v, u]
+            kept += np.int32(1)
+    return kept
+
+
 @kernel
 def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
     """Marks every pixel and returns the number of measured, far and flying pixels.
 
     A flying pixel lies strictly between its left and right neighbours, or between its upper and lower neighbours, and
     differs from both by more than a step. It becomes unknown. A pixel in front of both neighbours may be a thin
-    object and is kept.
+    object and is kept, and so is one on the surface of its neighbours (`keep_slanted`).
 
     The inner loop has no branch, so that the compiler can vectorise it. Three rows of 1/Z are kept at a time.
 
@@ -132,6 +205,8 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
     inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
     read_ahead(depth_mm, 0, least, greatest, inverse)
+    flies = np.zeros((cols + 7) // 8 * 8, np.uint8)
+    limits = Limits(least, greatest, relative, absolute)
     measured, far, flying = np.int64(0), np.int64(0), np.int64(0)
     for v in range(rows):
         read_ahead(depth_mm, v + 1, least, greatest, inverse)
@@ -153,9 +228,12 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
             if (d == zero) | fly:
                 mark = np.uint16(0)
             marks[u] = mark
+            flies[u] = np.uint8(fly)
             row_measured = np.int32(row_measured + np.int32(d > zero))
             row_far = np.int32(row_far + np.int32(d < zero))
             row_flying = np.int32(row_flying + np.int32(fly))
+        if row_flying > 0:
+            row_flying -= keep_slanted(depth_mm, v, flies, limits, marks)
         measured += row_measured
         far += row_far
         flying += row_flying

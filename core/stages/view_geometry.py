@@ -21,6 +21,9 @@ Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
 _MOST_LSB_PER_PX, _MAX_CODE = 64.0, 60000.0
 """Greatest resolution of quantised disparity per pixel, and the greatest code. The resolution is lower where half of
 the least range would exceed that code."""
+_LEAST_RANGE_M = 0.1
+"""A lesser least range does not lower the resolution further: with one of a millimetre, a wall at 9.4 m would stand at
+10 m. What is nearer than half of this is placed there."""
 _MIN_CELLS = 2
 """Least number of columns and rows: the distance between two rows must be defined."""
 _BORDER_POINTS = 32
@@ -29,7 +32,7 @@ _BORDER_POINTS = 32
 
 def disparity_lsb_per_px(info: CameraInfo, f_px: float) -> float:
     """Returns the steps of quantised disparity per pixel of disparity in a view of focal length f_px."""
-    return min(_MOST_LSB_PER_PX, _MAX_CODE * 0.5 * info.min_range_m / f_px)
+    return min(_MOST_LSB_PER_PX, _MAX_CODE * 0.5 * max(info.min_range_m, _LEAST_RANGE_M) / f_px)
 
 
 SOURCE = record(

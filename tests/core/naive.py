@@ -43,6 +43,27 @@ def is_flying(inverse: np.ndarray, v: int, u: int, step: float) -> bool:
     return False
 
 
+def is_slanted(inverse: np.ndarray, v: int, u: int, step: float) -> bool:
+    """Whether each axis along which a pixel is flying has two measured pixels on one side that are in line with it, within
+    `step` (1/m)."""
+    rows, cols = inverse.shape
+    d = inverse[v, u]
+    for dv, du in ((0, 1), (1, 0)):
+        if not (dv <= v < rows - dv and du <= u < cols - du):
+            continue
+        a, b = inverse[v - dv, u - du], inverse[v + dv, u + du]
+        if not (a > 0 and b > 0 and min(a, b) + step < d < max(a, b) - step):
+            continue
+        in_line = False
+        for sign, beside in ((-1, a), (1, b)):
+            at = v + 2 * sign * dv, u + 2 * sign * du
+            inside = 0 <= at[0] < rows and 0 <= at[1] < cols
+            in_line |= bool(inside and inverse[at] > 0 and abs(inverse[at] - 2 * beside + d) <= step)
+        if not in_line:
+            return False
+    return True
+
+
 def alone(inverse: np.ndarray, v: int, u: int, step: float) -> bool | None:
     """Whether a pixel is farther than `step` (1/m) from each measured neighbour; None where it has fewer than three."""
     rows, cols = inverse.shape

@@ -42,7 +42,8 @@ def test_classify_against_its_definition(seed: int, spread: int) -> None:
     raw = naive.inverse_image(depth, INFO.min_range_m, INFO.max_range_m, ke)
     flying = np.zeros(depth.shape, bool)
     for v, u in zip(*np.nonzero(raw > 0), strict=True):
-        flying[v, u] = naive.is_flying(raw, v, u, absolute + relative * raw[v, u])
+        step = absolute + relative * raw[v, u]
+        flying[v, u] = naive.is_flying(raw, v, u, step) and not naive.is_slanted(raw, v, u, step)
     np.testing.assert_array_equal(out, np.where(flying | (raw == 0), 0, np.where(raw < 0, FAR_MM, depth)))
     assert counts == (np.sum(raw > 0), np.sum(raw < 0), np.sum(flying))
 
@@ -57,6 +58,31 @@ def test_a_flying_pixel_goes_and_a_thin_object_stays() -> None:
     assert flying == 1
     assert out[10, 20] == 0
     assert (out[:, 30] == 4000).all()
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_surface_seen_edge_on_stays(turned: bool, order: int) -> None:
+    """Its 1/Z changes by the same amount from pixel to pixel, here by 10 to 30 %, between a near and a far surface."""
+    side = 1000.0 / np.linspace(0.1, 0.3, 9)
+    line = np.concatenate([np.full(11, 15000.0), side, np.full(20, 3300.0)])
+    depth = np.tile(np.rint(line).astype(np.uint16), (30, 1))[:, ::order]
+    depth = np.ascontiguousarray(depth.T if turned else depth)
+    out, (_, _, flying) = run(depth, 0.0015, 0.08, 5 * 0.0015)
+    assert flying == 0
+    assert (out == depth).all()
+
+
+@pytest.mark.nojit
+def test_two_pixels_are_no_surface() -> None:
+    """Of a flying pixel beside another one, whose distances have nothing to do with each other, nothing is kept."""
+    depth = np.full((30, 40), 8000, np.uint16)
+    depth[:, :20] = 2000
+    depth[5:25, 20], depth[5:25, 21] = 2700, 5600
+    out, (_, _, flying) = run(depth, 0.0015, 0.08, 5 * 0.0015)
+    assert flying == 40
+    assert (out[5:25, 20:22] == 0).all()
 
 
 @pytest.mark.nojit

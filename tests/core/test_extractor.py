@@ -190,3 +190,12 @@ def test_pooled_columns_keep_a_pole(step: int) -> None:
     r = seen(s)
     model = extract(r.depth_mm, VIEW, r.R_level_optical, column_step=step)
     assert first_hit(model, math.atan2(0.5, 6.0), 0.0) == pytest.approx(6.0, abs=0.3)
+
+
+@pytest.mark.parametrize("min_range_m", [0.001, 0.01, 0.3])
+def test_a_camera_that_measures_very_near_measures_far_walls_as_well(min_range_m: float) -> None:
+    info = camera_info(640, 480, ke_per_m=0.0005, min_range_m=min_range_m)
+    model = extract(flat_wall(info, 9.37), info, level())
+    assert model.valid
+    assert len(model.planes) == 1
+    assert model.planes[0, [0, 2]] == pytest.approx(9.37, abs=0.05)
