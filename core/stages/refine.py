@@ -38,8 +38,8 @@ def extend_to_corners(count, planes, settings, openings):
     """Moves the facing ends of neighbours to the intersection of their lines, if that is within reach of both ends.
 
     An end is moved by at most reach_m along its plane, and only if the ends are less than reach_t apart. It is
-    shortened only where the other plane blocks the same rays, within meet_slack_m of height and at most
-    safe_distance_m behind. It is not extended over an opening, which is tested at pocket_points x pocket_points
+    shortened only where the other plane extends as far and blocks the same rays, within meet_slack_m of height and at
+    most safe_distance_m behind. It is not extended over an opening, which is tested at pocket_points x pocket_points
     points.
 
     Args:
@@ -63,9 +63,9 @@ def extend_to_corners(count, planes, settings, openings):
                 continue
             x = distance_at(p, t)
             far = max(_step_m(p, p.t1, t), _step_m(q, q.t0, t))
-            # an end is shortened only where the other plane has all of its height
-            cuts_p = t < p.t1 and not _blocks_same_rays(q, p, t, p.t1, slack_m)
-            cuts_q = t > q.t0 and not _blocks_same_rays(p, q, t, q.t0, slack_m)
+            # an end is shortened only where the other plane reaches as far and has all of its height
+            cuts_p = t < p.t1 and (q.t1 < p.t1 or not _blocks_same_rays(q, p, t, p.t1, slack_m))
+            cuts_q = t > q.t0 and (p.t0 > q.t0 or not _blocks_same_rays(p, q, t, q.t0, slack_m))
             cuts_p = cuts_p or (t < p.t1 and distance_at(q, p.t1) - distance_at(p, p.t1) > safe_m)
             cuts_q = cuts_q or (t > q.t0 and distance_at(p, q.t0) - distance_at(q, q.t0) > safe_m)
             if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:

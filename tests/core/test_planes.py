@@ -226,6 +226,18 @@ def test_an_end_is_cut_back_only_where_the_other_takes_over_its_height() -> None
         assert (ends(planes[0])[3] == pytest.approx(2.2)) == kept
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_an_end_is_not_cut_back_where_the_other_plane_ends_before_it(side: int) -> None:
+    """A long wall and a short piece of it that crosses it: cut at the crossing, the wall would have a slit between the end of
+    the piece and the next wall."""
+    for end, kept in ((0.9, True), (1.2, False)):
+        a, b = (2.65, -1.0 * side, 2.65, 1.1 * side, -1, 1), (2.69, 0.7 * side, 2.62, end * side, -1, 1)
+        planes = plane_table(*((a, b) if side > 0 else (b[2:4] + b[:2] + b[4:], a[2:4] + a[:2] + a[4:])))
+        refine.extend_to_corners(2, planes, plain(reach_m=0.5, reach_t=40 / F), CLOSED)
+        outer = ends(planes[0])[3] if side > 0 else ends(planes[1])[1]
+        assert (outer == pytest.approx(1.1 * side)) == kept
+
+
 def test_an_end_is_cut_back_only_where_the_same_rays_are_stopped() -> None:
     """The flat top of a box, seen from above, in two sheets of the same heights: the nearer one lies lower in the view."""
     for low, kept in ((0.5, True), (-0.5, False)):
