@@ -18,8 +18,13 @@ from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
 from .template_intrinsics import template_texts
 
-_TYPICAL = {"zed": (15.0, 0.0071, 0.0037), "oak": (15.0, 0.0076, 0.0045), "v4l2": (10.0, 0.005, 0.01)}
-"""Greatest range, noise and bias that the drivers set for common models: ZED 2, OAK-D, RealSense D435."""
+_TYPICAL = {
+    "zed": (15.0, 0.0071, 0.0037),
+    "oak": (15.0, 0.0076, 0.0045),
+    "v4l2": (10.0, 0.005, 0.01),
+    "simulated": (20.0, 0.0015, 0.0),
+}
+"""Greatest range, noise and bias that the drivers set for common models: ZED 2, OAK-D, RealSense D435; simulated camera."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -65,7 +70,10 @@ def run(args: argparse.Namespace) -> int:
 def _range_line(camera: CameraConfig) -> str:
     """The range up to which obstacles are found, of a camera whose greatest range is configured."""
     info = _described(camera)
-    how = "" if camera.ke_per_m is not None else " (typical of its driver)"
+    how = ""
+    if camera.ke_per_m is None:
+        recorded = camera.kind == "mcap"
+        how = " (assumed; the value in the recording counts)" if recorded else " (typical of its driver)"
     return (
         f"{camera.name}: obstacles are found up to {obstacle_range_m(info):.1f} m of max_range_m = {info.max_range_m:g}, "
         f"with ke_per_m = {info.ke_per_m:g}{how}"
