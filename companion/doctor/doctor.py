@@ -36,6 +36,9 @@ from .measure_mount import measured_mounts
 from .service_check import running_service
 from .share_check import share_findings
 
+MOUNT_SECONDS = 60.0
+"""Longest measurement of the mount, without --seconds."""
+
 
 def examine(config: Config, patience_s: float) -> Iterator[Finding]:
     """All checks, one after the other. patience_s: time limit for each camera and for the autopilot."""
@@ -98,7 +101,9 @@ def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
     if running_service(config, args.patience) is not None:
         raise DriverError("the service holds the cameras and the link; stop it first (systemctl stop osape-companion)")
     found = []
-    for finding in measured_mounts(config, args.seconds, (lambda text: None) if args.json else print_line):
+    for finding in measured_mounts(
+        config, args.seconds or MOUNT_SECONDS, (lambda text: None) if args.json else print_line
+    ):
         found.append(finding)
         if not args.json:
             print_line(f"{'ok ' if finding.ok else ' ! '} camera {finding.camera}: {finding.text}")
@@ -136,9 +141,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--seconds",
         type=number_in(float, 1.0, 3600.0),
-        default=60.0,
         metavar="S",
-        help="with --mount: longest measurement (default: 60 s)",
+        help=f"with --mount: longest measurement (default: {MOUNT_SECONDS:g} s)",
     )
     parser.add_argument("--yes", action="store_true", help="with --apply: write without asking")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -150,6 +154,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--yes needs --apply")
     if args.json and args.apply and not args.yes:
         raise UsageError("--apply asks for a typed yes; with --json add --yes")
+    if args.seconds is not None and not args.mount:
+        raise UsageError("--seconds needs --mount")
     if args.mount and args.apply:
         raise UsageError("--mount and --apply exclude each other; use one after the other")
     config = load_config(config_path(args.config))

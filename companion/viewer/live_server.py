@@ -32,7 +32,7 @@ from .subscriber import LiveSubscriber, Streams
 if TYPE_CHECKING:
     from .foxglove_server import FoxgloveServer
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK, PORT = "127.0.0.1", 8760
 PAGES = 16
 """Largest number of parallel requests."""
 CONNECTIONS = 128
@@ -198,10 +198,10 @@ def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
     return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
 
 
-def _foxglove(subscriber: LiveSubscriber, args: argparse.Namespace) -> FoxgloveServer:
+def _foxglove(subscriber: LiveSubscriber, listen: str, port: int) -> FoxgloveServer:
     from .foxglove_server import FoxgloveServer  # an optional package: imported only where requested
 
-    return FoxgloveServer(subscriber, args.listen, args.foxglove)
+    return FoxgloveServer(subscriber, listen, port)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -210,9 +210,10 @@ def run(args: argparse.Namespace) -> int:
     publish = usual if args.config is None else load_config(args.config).publish
     if args.no_depth:
         publish = replace(publish, depth="")
+    listen = LOOPBACK if args.listen is None else args.listen
     subscriber = LiveSubscriber(streams_of(publish, args.keys))
-    server = LiveServer(LivePage(subscriber, "Live"), args.listen, args.port)
-    foxglove = None if args.foxglove is None else _foxglove(subscriber, args)
+    server = LiveServer(LivePage(subscriber, "Live"), listen, PORT if args.port is None else args.port)
+    foxglove = None if args.foxglove is None else _foxglove(subscriber, listen, args.foxglove)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -223,12 +224,12 @@ def run(args: argparse.Namespace) -> int:
         server.open()
         if foxglove is not None:
             foxglove.open()
-        if not is_loopback(args.listen):
+        if not is_loopback(listen):
             warn(
                 f"everyone who can connect to port {server.port} of this computer can see the camera images and the "
                 "vehicle's position, unencrypted; for remote access use `ssh -L`"
             )
-        shown = LOOPBACK if args.listen == "0.0.0.0" else args.listen
+        shown = LOOPBACK if listen == "0.0.0.0" else listen
         print_line(f"page: http://{shown}:{server.port}/ (stop with Ctrl-C)")
         if foxglove is not None:
             print_line(f"Foxglove: ws://{shown}:{foxglove.port}")

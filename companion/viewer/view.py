@@ -30,6 +30,9 @@ PAGE_NAME: Final = "flight.html"
 PAGE_FRAMES: Final = 600
 """Largest number of frames in a page; more are thinned out evenly."""
 
+_LIVE_ONLY: Final = ("config", "keys", "port", "listen", "foxglove", "no_depth")
+_LOG_ONLY: Final = ("every", "frame", "no_png", "no_page", "rerun")
+
 Progress = Callable[[float], None]
 
 
@@ -252,13 +255,11 @@ def add_parser(subparsers: Any) -> None:
     live.add_argument(
         "--port",
         type=number_in(int, 0, 65535),
-        default=8760,
         metavar="N",
         help="port of the page (default: 8760); 0: any free port",
     )
     live.add_argument(
         "--listen",
-        default="127.0.0.1",
         metavar="HOST",
         help="address to serve at (default: 127.0.0.1, this computer only); 0.0.0.0: the whole network, without encryption",
     )
@@ -275,16 +276,27 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
+def _given(args: argparse.Namespace, names: Sequence[str]) -> str:
+    """The first of these options that is on the command line; "" if none is."""
+    values = {name: getattr(args, name) for name in names}
+    given = (name for name, value in values.items() if value is not None and value is not False and value != [])
+    return next((f"--{name.replace('_', '-')}" for name in given), "")
+
+
 def run(args: argparse.Namespace) -> int:
     """0: success; 1: the log could not be read to its end. Raises UsageError."""
     if args.live:
         if args.input is not None or args.output is not None:
             raise UsageError("--live follows the running service: leave FILE.mcap and -o away")
+        if option := _given(args, _LOG_ONLY):
+            raise UsageError(f"--live draws no log: leave out {option}")
         from .live_server import run as run_live  # imports a web server: only where requested
 
         return run_live(args)
     if args.input is None or args.output is None:
         raise UsageError("give FILE.mcap and -o DIR, or --live")
+    if option := _given(args, _LIVE_ONLY):
+        raise UsageError(f"{option} needs --live: it has no effect on the drawings of a log")
     options = ViewOptions(
         every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page, rerun=args.rerun
     )
