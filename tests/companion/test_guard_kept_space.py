@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.guard.assessment import Action
+from companion.guard.assessment import LATE_NS, Action
 from companion.guard.corridor import ACROSS, common_free_m, corridor_free_m
 from companion.guard.kept_space import eroded
 from companion.guard.path_sight import PathSight
 
-from .test_guard_path import AVOID, BRAKING, SIGHT, action, later, model, plane, seen
+from .test_guard_path import AVOID, BRAKING, MS, SIGHT, action, later, model, plane, seen
 
 RAYS = 50
 FAR_M, HOLE_M = 20.0, 6.0
@@ -167,19 +167,24 @@ def test_the_course_that_follows_counts_by_the_frame_before_along_the_same_cours
 # ---- a vehicle that gets slower -------------------------------------------------------------------------------------
 
 
-def slowing(from_m_s: float, to_m_s: float, **changes: object) -> Action:
+def slowing(from_m_s: float, to_m_s: float, after_ms: int = 0, **changes: object) -> Action:
     """Its camera has left the course, as in a turn before the next leg."""
     before = later(0, speed_m_s=from_m_s)
     lost = [
         later(ms, speed_m_s=from_m_s + (to_m_s - from_m_s) * ms / 400, free_m=0.0, **changes) for ms in (200, 300, 400)
     ]
-    return action(before, *lost)
+    return action(before, *lost, after_ms=after_ms)
 
 
 def test_a_vehicle_that_brakes_is_not_stopped_for_unseen_space_when_it_is_slow_at_once() -> None:
     assert slowing(1.6, 0.9) is not Action.STOP
     assert slowing(0.9, 0.9) is Action.STOP
     assert slowing(3.0, 2.3) is Action.STOP, "it does not become slow in time"
+
+
+def test_a_vehicle_whose_velocity_is_late_does_not_count_as_braking() -> None:
+    assert slowing(1.6, 0.9, after_ms=LATE_NS // MS) is not Action.STOP
+    assert slowing(1.6, 0.9, after_ms=LATE_NS // MS + 50) is Action.STOP
 
 
 def test_a_vehicle_that_brakes_is_stopped_before_an_obstacle() -> None:

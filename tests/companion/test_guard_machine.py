@@ -256,6 +256,34 @@ def test_a_stop_without_effect_is_not_repeated_where_the_path_is_free() -> None:
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
 
 
+def test_a_stop_without_effect_ends_only_where_the_path_is_free_without_interruption() -> None:
+    f = stopping()
+    f.step(20)
+    f.verdict = FREE
+    f.step(15)
+    f.verdict = BLOCKED
+    f.step(20)
+    f.verdict = FREE
+    assert f.step(15) == []
+    assert f.state is GuardState.STOPPING
+
+
+def test_a_stop_without_effect_does_not_end_before_a_heartbeat_shows_it() -> None:
+    """A command that was sent may still take effect. Its mode would count as the pilot's."""
+    f = stopping()
+    f.heartbeat_ns, f.verdict = f.now_ns, FREE
+    assert f.step(30) == []
+    assert f.state is GuardState.STOPPING
+
+
+def test_a_late_effect_of_an_earlier_command_is_a_stop_of_the_guard() -> None:
+    f = stopping()
+    assert StopCommand(7, StopMethod.COPTER_LOITER) in f.step(30)
+    f.mode = COPTER_BRAKE
+    assert texts(f.step()) == []
+    assert f.state is GuardState.STOPPING
+
+
 def test_a_stop_is_repeated_where_the_path_is_not_seen() -> None:
     f = stopping()
     f.verdict = replace(FREE, sees=False)
@@ -431,6 +459,14 @@ def test_doubt_suspends_the_attempts() -> None:
     assert commands(f.step()) != []
 
 
+def test_doubt_suspends_the_attempts_in_the_stop_mode() -> None:
+    f = stopping()
+    f.mode, f.doubt = COPTER_BRAKE, "two autopilots"
+    assert commands(f.step(200)) == []
+    f.doubt = ""
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
 def test_a_lost_link_keeps_the_state() -> None:
     f = holding()
     f.connected = False
@@ -442,6 +478,16 @@ def test_a_lost_link_keeps_the_state() -> None:
     f.connected = False
     f.step(10)
     f.connected = True
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_a_vehicle_known_from_the_last_run_keeps_the_state_until_its_heartbeat() -> None:
+    """Its mode is not known before: it is not one that the pilot has chosen."""
+    f = stopping()
+    f.mode, f.heartbeat_ns = 0, 0
+    assert f.step(10) == []
+    assert f.state is GuardState.STOPPING
+    f.mode, f.heartbeat_ns = AUTO, None
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
 
 
@@ -492,6 +538,21 @@ def test_blindness_stops_once() -> None:
     assert texts(out) == ["guard: released, mode changed", "guard: off, path still not seen"]
     f.verdict = FREE
     f.step(REARM_NS // STEP_NS + 1)
+    f.verdict = BLIND
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_a_blind_stop_counts_for_one_flight_only() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+    f.armed = False
+    f.step()
+    f.armed = True
+    assert commands(f.step(10)) == []  # nothing was seen in this flight
+    f.verdict = FREE
+    f.step()
     f.verdict = BLIND
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
 

@@ -11,12 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.autopilot.obstacle_memory import Here, Remembered, nothing_remembered
+from companion.autopilot.polar_histogram import Recall
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.guard.assessment import STALE_NS, Action, PathAssessor
 from companion.guard.braking import Braking, braking_of
+from companion.guard.corridor import Path, samples_of
 from companion.guard.path_sight import PathSight, path_sight
 from companion.guard.turn import AHEAD_S, turns
 from companion.pipeline.transform import LevelTransform
@@ -44,6 +46,7 @@ def seen(
     recalled: Remembered | None = None,
     weak_px: float = 0.0,
     turn_deg_s: float = 0.0,
+    recall: Recall | None = None,
 ) -> PathSight:
     views = () if found is None else (View(found, LevelTransform(0.0, (0.0, 0.0, 0.0))),)
     s = Surroundings(
@@ -51,7 +54,7 @@ def seen(
         views=views,
         weak_px=(weak_px,) * len(views),
         exposed_ns=T_NS - 50 * MS if views else None,
-        recall=None,
+        recall=recall,
         recalled=recalled or nothing_remembered(),
         blind={} if views else {"front": "no frame yet"},
         here=replace(HERE, heading_rad=heading),
@@ -218,6 +221,23 @@ def test_beside_the_course_of_a_vehicle_that_begins_a_leg_obstacles_count() -> N
     assert math.isinf(seen(at(5.0, 30.0), **slow, turn_deg_s=10.0).obstacle_m)
 
 
+def test_an_obstacle_is_nearer_by_the_margin_of_its_plane() -> None:
+    found = model(plane(8.0, -1.0, 1.0), free_to_m=20.0, margin=0.5)
+    assert seen(found).obstacle_m == pytest.approx(7.5)
+
+
+def test_free_space_of_before_completes_only_what_is_mostly_seen_now() -> None:
+    """Beyond 3 m no ray is seen now."""
+    assert seen(model(free_to_m=3.0), recall=lambda x, y, z: np.ones(len(x), bool)).free_m < 3.5
+
+
+def test_what_cannot_be_computed_is_not_seen() -> None:
+    """Remembered obstacles of a wrong shape, which are used after the free space was computed."""
+    sight = seen(model(free_to_m=20.0), recalled=Remembered(np.zeros(3), np.zeros(3)))
+    assert "cannot be computed" in sight.cause
+    assert (sight.free_m, sight.rays_free_m, sight.kept_rays) == (0.0, None, ())
+
+
 def test_a_remembered_obstacle_counts() -> None:
     distance_m = np.full(72, np.inf)
     distance_m[2] = 4.0
@@ -233,6 +253,15 @@ def test_a_remembered_obstacle_counts() -> None:
     )
     # where a camera looks, what it shows now counts
     assert math.isinf(seen(model(free_to_m=20.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).remembered_m)
+
+
+@pytest.mark.parametrize(("turn_deg_s", "hit"), [(30.0, True), (0.0, False), (-30.0, False)])
+def test_in_a_turn_a_remembered_obstacle_beside_the_tangent_counts(turn_deg_s: float, hit: bool) -> None:
+    distance_m = np.full(72, np.inf)
+    distance_m[5] = 6.0
+    recalled = Remembered(distance_m, np.full(72, np.inf))
+    sight = seen(model(free_to_m=20.0), velocity=(3.0, 0.0, 0.0), recalled=recalled, turn_deg_s=turn_deg_s)
+    assert math.isfinite(sight.remembered_m) is hit
 
 
 def test_a_remembered_obstacle_counts_where_a_part_of_the_corridor_is_not_seen() -> None:
@@ -272,6 +301,32 @@ def test_heights_that_are_not_measured_end_the_path() -> None:
     )
     sight = seen(replace(whole, free=profile))
     assert sight.free_m == pytest.approx(6.0, abs=0.5)
+
+
+def test_a_sloping_path_must_be_seen_free_at_its_heights() -> None:
+    """What lies more than 1 m below the vehicle is free for 3 m only."""
+    whole = model(free_to_m=20.0)
+    free_to_m = np.array(whole.free.free_to_m[:, :2])
+    free_to_m[:, 1] = 3.0
+    profile = replace(
+        whole.free,
+        layer_edges_m=np.array([-30.0, 1.0, 30.0], np.float32),
+        free_from_m=whole.free.free_from_m[:, :2],
+        free_to_m=free_to_m,
+        end=whole.free.end[:, :2],
+    )
+    found = replace(whole, free=profile)
+    assert seen(found, velocity=(5.0, 0.0, -2.5)).free_m > 15.0
+    assert seen(found, velocity=(5.0, 0.0, 2.5)).free_m < 3.5
+
+
+def test_a_ray_ends_at_its_first_gap() -> None:
+    samples = samples_of(Path(1.0, 0.0, 0.0), AVOID, GUARD)
+    found = np.ones((len(samples.z), *samples.x.shape), bool)
+    found[:, :, 9] = False
+    assert samples.rays_m(found) == pytest.approx(samples.along_m[8])
+    found[:, :, 0] = False
+    assert samples.rays_m(found) == pytest.approx(0.0)
 
 
 def test_a_remembered_obstacle_counts_behind_another_one_that_is_seen_through() -> None:
@@ -350,6 +405,12 @@ def test_stops_where_the_braking_distance_does_not_fit() -> None:
     assert action(replace(SIGHT, free_m=20.0)) is Action.PASS
 
 
+def test_an_obstacle_is_nearer_by_the_way_flown_since_the_decision() -> None:
+    sight = replace(SIGHT, obstacle_m=BRAKING.needed_m(5.0) + 0.5)
+    assert action(sight) is Action.SLOW
+    assert action(sight, after_ms=150) is Action.STOP
+
+
 def test_a_vehicle_that_accelerates_is_limited_before() -> None:
     slower = replace(
         SIGHT, t_ns=T_NS - 300 * MS, exposed_ns=T_NS - 350 * MS, speed_m_s=4.0, position_ned_m=(-1.3, 0.0, -3.0)
@@ -421,6 +482,15 @@ def test_the_noise_of_a_velocity_is_no_turn() -> None:
     assert action(later(0, speed_m_s=6.0, ahead_free_m=2.0, ahead_rad=noise)) is Action.STOP, "it leaves the path"
 
 
+def test_the_place_where_a_turn_leaves_the_path_comes_nearer_by_the_way_flown() -> None:
+    noise = math.radians(5.7) * AHEAD_S
+    beside_m = GUARD.side_m / math.tan(noise)
+    assert BRAKING.needed_m(3.3) == pytest.approx(beside_m - 0.3, abs=0.1)
+    turning = later(0, speed_m_s=3.3, ahead_free_m=2.0, ahead_rad=noise)
+    assert action(turning) is not Action.STOP
+    assert action(turning, after_ms=200) is Action.STOP
+
+
 def test_free_space_of_before_shrinks_by_the_way_flown() -> None:
     needed_m = BRAKING.needed_m(5.0)
     before = replace(SIGHT, free_m=needed_m + 0.5)
@@ -428,8 +498,22 @@ def test_free_space_of_before_shrinks_by_the_way_flown() -> None:
     assert action(before, later(160, free_m=0.0)) is Action.STOP
 
 
+def test_without_a_position_the_way_flown_is_that_of_the_greater_speed() -> None:
+    before = replace(SIGHT, position_ned_m=None, free_m=BRAKING.needed_m(2.0) + 1.0)
+    now = later(250, speed_m_s=2.0, free_m=0.0, position_ned_m=None)
+    assert action(before, now) is Action.STOP
+    assert action(replace(before, speed_m_s=2.0), now) is not Action.STOP
+
+
 def test_free_space_on_another_course_does_not_count() -> None:
     assert action(SIGHT, later(80, free_m=3.0, course_rad=0.2)) is Action.STOP
+
+
+def test_a_slow_vehicle_does_not_use_free_space_of_another_course() -> None:
+    slow = replace(SIGHT, speed_m_s=1.0, course_rad=math.radians(2.0))
+    now = later(80, speed_m_s=1.0, free_m=0.0, position_ned_m=(0.08, 0.0, -3.0))
+    assert action(slow, now) is not Action.STOP
+    assert action(replace(slow, course_rad=math.radians(4.0)), now) is Action.STOP
 
 
 def test_an_obstacle_counts_at_once_unless_few_pixels_show_it() -> None:

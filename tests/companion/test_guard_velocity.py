@@ -163,6 +163,20 @@ def test_the_way_since_a_late_velocity_is_that_of_the_speed_it_may_have() -> Non
     assert late.room_m == pytest.approx(SIGHT.free_m - 0.3 * (2.0 + GAIN_M_S2 * 1.0))
 
 
+def test_the_way_between_two_sights_with_a_late_velocity_is_that_of_the_speed_it_may_have() -> None:
+    """The position is as late as the velocity."""
+    assessor, late_ns = PathAssessor(GUARD, BRAKING, AVOID), LATE_NS + 400 * MS
+    fastest_m_s = 1.0 + GAIN_M_S2 * 0.4
+    free_m = BRAKING.needed_m(fastest_m_s) + 0.7 * 0.25 * fastest_m_s
+    before = replace(SIGHT, speed_m_s=1.0, velocity_ns=T_NS + 250 * MS - late_ns, free_m=free_m)
+    assessor.take(before)
+    assessor.take(replace(before, t_ns=T_NS + 250 * MS, exposed_ns=T_NS + 200 * MS, free_m=0.0))
+    found = assessor.verdict(T_NS + 250 * MS)
+    assert found is not None
+    assert found.room_m == pytest.approx(free_m - 0.25 * fastest_m_s)
+    assert found.action is Action.STOP
+
+
 def test_a_velocity_gap_is_no_evidence_about_a_limit() -> None:
     """The vehicle does not follow its limit, and half of its velocities are missing."""
     f = Flight(machine=GuardMachine(GUARD), verdict=NARROW)
