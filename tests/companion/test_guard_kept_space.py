@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from companion.guard.assessment import LATE_NS, Action
 from companion.guard.corridor import ACROSS, common_free_m, corridor_free_m
-from companion.guard.kept_space import eroded
+from companion.guard.kept_space import NEWEST_SHARE, Kept, eroded, grid_of, kept_free_m
+from companion.guard.kept_views import KeptRays
 from companion.guard.path_sight import PathSight
 
-from .test_guard_path import AVOID, BRAKING, MS, SIGHT, action, later, model, plane, seen
+from .test_guard_path import AVOID, BRAKING, GUARD, MS, SIGHT, action, later, model, plane, seen
 
 RAYS = 50
 FAR_M, HOLE_M = 20.0, 6.0
@@ -107,6 +108,23 @@ def test_what_was_seen_on_another_slope_does_not_count() -> None:
     assert action(later(0, **rays()), higher) is Action.STOP
 
 
+@pytest.mark.parametrize(
+    ("east_m", "down_m", "counts"),
+    [(0.1, 0.0, True), (0.25, 0.0, False), (0.0, -0.05, True), (0.0, -0.15, False)],
+)
+def test_rays_count_within_half_of_the_distance_between_two(east_m: float, down_m: float, counts: bool) -> None:
+    """Otherwise two sights, displaced to opposite sides, make space free that neither has measured."""
+    now = later(80, **rays(HOLES[1]), position_ned_m=(0.4, east_m, -3.0 + down_m))
+    assert (action(later(0, **rays(HOLES[0])), now) is not Action.STOP) is counts
+
+
+def test_rays_count_along_a_sloping_path_of_a_vehicle_that_follows_it() -> None:
+    before = later(0, **rays(HOLES[0]), slope=-0.3)
+    after = later(80, **rays(HOLES[1]), slope=-0.3, position_ned_m=(0.4, 0.0, -3.12))
+    assert action(before, after) is not Action.STOP
+    assert action(before, replace(after, position_ned_m=(0.4, 0.0, -2.88))) is Action.STOP
+
+
 def test_the_slope_of_a_sight_is_that_of_the_path() -> None:
     assert seen(model(plane(12.0, -2.0, 2.0), free_to_m=12.0), velocity=(4.0, 0.0, -1.0)).slope == -0.25
 
@@ -142,6 +160,26 @@ def test_the_newest_sight_must_see_half_by_itself() -> None:
     most = slice(0, 35)
     assert action(later(0, **rays(slice(35, 50))), later(80, **rays(most))) is Action.STOP
     assert action(later(0, **rays(slice(35, 50))), later(80, **rays(slice(0, 25)))) is not Action.STOP
+
+
+def together_m(seen_now: int, exposed_ns: int = 100, way_m: float = 0.0, kept_m: float = FAR_M) -> float:
+    """Of a sight that shows only the first rays, after a frame that showed all for kept_m. The oldest exposure that counts is 100 ns."""
+    now_m = np.zeros(RAYS)
+    now_m[:seen_now] = FAR_M
+    kept = KeptRays(exposed_ns, np.full(RAYS, kept_m))
+    sight = replace(SIGHT, rays_free_m=now_m, kept_rays=(kept,))
+    return kept_free_m(Kept(sight, way_m), (), grid_of(AVOID, GUARD), AVOID.clear_share, 100)
+
+
+def test_of_the_rays_the_newest_sight_must_see_half_of_those_needed() -> None:
+    half = math.ceil(NEWEST_SHARE * AVOID.clear_share * RAYS)
+    assert together_m(half) == FAR_M
+    assert together_m(half - 1) == 0.0
+
+
+def test_rays_of_earlier_frames_end_with_their_exposure_and_shrink_by_the_way_flown() -> None:
+    assert together_m(25, exposed_ns=99) == 0.0
+    assert together_m(25, way_m=3.0, kept_m=15.0) == pytest.approx(12.0)
 
 
 # ---- the course that follows ----------------------------------------------------------------------------------------

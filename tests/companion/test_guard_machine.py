@@ -15,6 +15,7 @@ from companion.guard.attempt import FAILED_AFTER, MODE_NS, SETTLE_NS
 from companion.guard.machine import GAP_NS, REARM_NS, GuardMachine
 from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
 from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
+from companion.guard.speed_limit import IN_PROGRESS
 from companion.guard.states import (
     Announcement,
     GuardInput,
@@ -234,6 +235,16 @@ def test_loiter_needs_evidence_that_brake_had_no_effect() -> None:
     assert set(out) == {StopCommand(7, StopMethod.COPTER_BRAKE)}
     f.heartbeat_ns = None  # heartbeats are received again and show the old mode
     assert StopCommand(7, StopMethod.COPTER_LOITER) in f.step(30)
+
+
+def test_an_attempt_in_progress_is_no_refusal() -> None:
+    f = stopping()
+    f.heartbeat_ns = f.now_ns
+    out = []
+    for _ in range(40):
+        f.machine.acknowledged(DO_SET_MODE, IN_PROGRESS)
+        out += commands(f.step())
+    assert set(out) == {StopCommand(7, StopMethod.COPTER_BRAKE)}
 
 
 def test_no_loiter_while_the_autopilot_is_in_brake() -> None:

@@ -167,6 +167,7 @@ def at(range_m: float, bearing_deg: float) -> FrameModel:
         (6.0, 20.0, 0.0, False),
         (6.0, 20.0, -30.0, False),
         (6.0, 20.0, 1.0, False),
+        (9.0, 5.5, 1.8, True),  # it leaves the corridor within the distance at which the speed is limited
         (3.0, 45.0, 30.0, False),
         (5.0, 60.0, 30.0, False),  # on the inner side of the arc
         (9.0, 45.0, 30.0, True),
@@ -395,6 +396,13 @@ def test_speed_and_distance_are_inverse(speed_m_s: float, ahead_s: float) -> Non
     braking = Braking(reaction_s=0.8, deceleration_m_s2=2.0, margin_m=1.9)
     assert braking.speed_m_s(braking.needed_m(speed_m_s, ahead_s), ahead_s) == pytest.approx(speed_m_s, abs=1e-6)
     assert braking.speed_m_s(1.9) == 0.0
+
+
+def test_the_braking_distance_leaves_the_margin_before_the_hull() -> None:
+    assert BRAKING.needed_m(0.0) == pytest.approx(GUARD.margin_m + AVOID.radius_m)
+    assert BRAKING.needed_m(4.0) == pytest.approx(
+        4.0 * GUARD.reaction_s + 8.0 / GUARD.deceleration_m_s2 + GUARD.margin_m + AVOID.radius_m
+    )
 
 
 def test_stops_where_the_braking_distance_does_not_fit() -> None:

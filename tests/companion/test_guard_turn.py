@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.vehicle_motion import GRAVITY_M_S2, VehicleMotion
 from companion.guard.lean import LeanAcceleration
-from companion.guard.turn import CourseRate, fan, turns
+from companion.guard.turn import WIDEST_RAD, CourseRate, fan, turns
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample
 
@@ -93,6 +93,8 @@ def test_the_corridors_of_the_fan_leave_no_gap(turn_deg_s: float, speed_m_s: flo
     directions = fan(math.radians(turn_deg_s), speed_m_s, 20.0, 0.7)
     steps = np.diff([0.0, *(angle for angle, _ in directions)])
     assert (steps * 20.0 <= 2.0 * 0.7 + 1e-9).all()
+    widest = min(WIDEST_RAD, 0.5 * math.radians(turn_deg_s) / speed_m_s * 20.0)
+    assert directions[-1][0] * 20.0 + 0.7 >= widest * 20.0
 
 
 def test_a_missing_or_frozen_velocity_holds_the_last_rate() -> None:
@@ -163,6 +165,17 @@ def test_a_gust_that_pushes_the_vehicle_aside_is_no_turn() -> None:
         drift, against = (0.3 * (1.0 - math.exp(-t)), -1.0) if t >= 0.0 else (0.0, 0.0)
         rates.append(course_rate.take(decision(n / HZ, (3.0, drift), (0.4, against))))
     assert rates == [0.0] * len(rates)
+
+
+def test_a_fast_change_of_the_course_is_a_turn_whatever_the_lean_is() -> None:
+    """It is pushed to the right at 1 m/s2 and leans to the left."""
+    course_rate, rates = CourseRate(), []
+    for n in range(4 * HZ):
+        t = n / HZ - 3.0
+        drift, against = (t, -1.0) if t >= 0.0 else (0.0, 0.0)
+        rates.append(course_rate.take(decision(n / HZ, (3.0, drift), (0.0, against))))
+    assert rates[: 3 * HZ] == [0.0] * 3 * HZ
+    assert min(rates[3 * HZ + 7 :]) > 0.0
 
 
 def test_without_a_lean_each_change_of_the_course_counts() -> None:
