@@ -8,7 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, Recovery, policy_of
+from companion.autopilot.failsafe import (
+    AutopilotNow,
+    BlindPolicy,
+    ObstacleView,
+    Policy,
+    Recovery,
+    braking_reach,
+    policy_of,
+)
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan
@@ -236,6 +244,21 @@ def test_a_blind_camera_whose_sectors_another_one_sees_does_not_stop_px4() -> No
     assert values[0] == clear_cm(AVOID)
 
 
+def test_a_blind_camera_whose_sectors_another_one_sees_in_part_stops_px4() -> None:
+    values = BlindPolicy(AVOID).values(sight(front_seen(), blind=EDGES, seeing=FRONT), BRAKE, NS)
+    assert values is not None
+    assert (values == 302).all()
+
+
+def test_without_a_velocity_all_obstacles_at_and_beside_the_edge_of_the_view_are_sent_to_px4() -> None:
+    """A value stands for the sectors beside it, too."""
+    clear = replace(scan([], AVOID), state=np.full(SECTORS, SectorState.CLEAR, np.uint8))
+    edge = replace(sight(clear, seeing=FRONT), edge=SECTOR == 5)
+    always_cm = braking_reach(edge, AVOID, BRAKE).always_cm
+    assert (always_cm[4:7] == 100.0 * AVOID.max_distance_m).all()
+    assert (np.delete(always_cm, (4, 5, 6)) < 400.0).all()
+
+
 def test_with_contradictory_heartbeats_the_wall_stands_all_around() -> None:
     """Before a wall in front alone PX4 v1.16 slides sideways."""
     both = policy_of(AVOID, AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0))
@@ -244,6 +267,24 @@ def test_with_contradictory_heartbeats_the_wall_stands_all_around() -> None:
         assert values is not None
         assert (values >= 301).all()
         assert (values <= 302).all()
+
+
+def test_with_contradictory_heartbeats_a_blind_camera_beside_the_edge_of_another_one_puts_the_wall_all_around() -> None:
+    both = policy_of(AVOID, AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0))
+    values = BlindPolicy(AVOID).values(sight(front_seen(), blind=EDGES, seeing=FRONT), both, NS)
+    assert values is not None
+    assert values[0] == clear_cm(AVOID)
+    assert (values[~FRONT] < 303).all()
+
+
+def test_with_contradictory_heartbeats_no_sector_is_clear_into_which_the_hull_does_not_fit() -> None:
+    both = policy_of(AVOID, AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0))
+    edge = replace(sight(front_seen(), seeing=FRONT), edge=SECTOR == 2)
+    for policy, value in ((both, UNKNOWN), (STOP, clear_cm(AVOID))):  # ArduPilot takes unknown for clear
+        values = BlindPolicy(AVOID).values(edge, policy, NS)
+        assert values is not None
+        assert values[2] == value
+        assert values[0] == clear_cm(AVOID)
 
 
 # ---- recovery ---------------------------------------------------------------------------------------------------------

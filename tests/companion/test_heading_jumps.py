@@ -89,6 +89,26 @@ def test_in_a_gap_and_at_a_restart_the_heading_may_have_jumped() -> None:
     assert jumps.number == 2
 
 
+def test_after_a_restart_the_jumps_before_it_do_not_count() -> None:
+    """Their stamps are later than all of the new clock."""
+    jumps = HeadingJumps()
+    for sample in (at(5000, 0.0), at(5010, JUMP), at(100, JUMP), at(110, JUMP)):
+        jumps.take(sample)
+    assert jumps.since_rad(100 * MS) == 0.0
+    assert jumps.jump_ns == 100 * MS
+    assert jumps.up_to(6000 * MS) == ((100 * MS, 0.0),)
+
+
+@pytest.mark.parametrize(
+    ("every_ms", "jump_deg", "number"), [(20, 9.0, 0), (20, 11.0, 1), (50, 19.0, 0), (50, 21.0, 1)]
+)
+def test_without_rates_a_turn_faster_than_6_rad_s_is_a_jump(every_ms: int, jump_deg: float, number: int) -> None:
+    jumps = HeadingJumps()
+    for sample in (at(0, 0.0, None), at(every_ms, math.radians(jump_deg), None)):
+        jumps.take(sample)
+    assert jumps.number == number
+
+
 @pytest.mark.parametrize(("every_ms", "jump_deg"), [(20, 3.1), (50, 3.7), (100, 4.5), (200, 8.8), (250, 12.0)])
 def test_a_small_jump_is_detected_between_rare_attitudes(every_ms: int, jump_deg: float) -> None:
     """At 10 Hz 14 degrees were not, in a gap of 0.4 s 45 degrees: a wall was then free in the merged world."""
@@ -112,7 +132,7 @@ def test_a_turn_that_begins_and_ends_is_not_a_jump(every_ms: int) -> None:
         assert jumps.number == 0
 
 
-@pytest.mark.parametrize(("rad_s", "number"), [(0.05, 0), (0.07, 3)])
+@pytest.mark.parametrize(("rad_s", "number"), [(0.05, 0), (0.07, 3), (-0.05, 0), (-0.07, 3)])
 def test_small_turns_that_the_rates_do_not_explain_add_up(rad_s: float, number: int) -> None:
     """10 degrees in 3 s begin a section. By which angle the heading is wrong is not known."""
     jumps = HeadingJumps()

@@ -188,6 +188,16 @@ def test_small_steps_are_told_from_a_jump() -> None:
     assert sections.at(3033 * MS).jump_ns == 3033 * MS
 
 
+def test_a_section_that_small_steps_begin_keeps_the_jump_before_it() -> None:
+    sections = PositionSections()
+    sections.take(sample(0, (-9.0, 0.0, 0.0)))
+    for k in range(1, 12):
+        sections.take(sample(33 * k, (0.4 * k, 0.0, 0.0)))
+    newest = sections.at(33 * 11 * MS)
+    assert newest.number > 2
+    assert newest.jump_ns == 33 * MS
+
+
 @pytest.mark.parametrize(("gap_ms", "step_m"), [(900, -4.0), (500, -2.8), (200, -1.4)])
 def test_the_merged_world_begins_a_section_after_a_jump_that_a_gap_hides(gap_ms: int, step_m: float) -> None:
     """The step is within the limit for the time of the gap; the position after it shows that the vehicle stands."""

@@ -95,6 +95,19 @@ def test_without_a_position_of_all_the_turn_between_exposures_is_taken_out(known
     assert all(p.frame == "level" and p.pose is None for p in parts)
 
 
+def test_level_is_along_the_heading_of_the_newest_exposure_also_after_jumps_of_the_heading() -> None:
+    found = results(dict.fromkeys(("front", "right")))
+    plain = keeper(found).model(sees)
+    jumped = {}
+    for camera, result in found.items():
+        assert result.attitude is not None
+        jumped[camera] = replace(result, attitude=replace(result.attitude, turned_rad=0.7))
+    after = keeper(jumped).model(sees)
+    assert after.frame == "level"
+    for camera in ("front", "right"):
+        np.testing.assert_allclose(planes_of(after, camera), planes_of(plain, camera), atol=1e-5)
+
+
 def test_the_place_of_a_camera_moves_with_what_it_saw() -> None:
     """Ranges are counted from there: a point at a range and direction must stay where it is."""
     found = results({"front": pose(START_NS), "right": None})

@@ -250,6 +250,16 @@ def test_a_jump_of_the_estimate_is_never_interpolated_across():
     assert (before.reset_counter, after.reset_counter) == (0, 1)
 
 
+def test_positions_are_not_interpolated_across_a_wide_gap():
+    """Nor is their velocity: the vehicle may have flown elsewhere between them."""
+    sync = synchroniser(position(0, 0.0), position(510, 1.02))
+    assert isinstance(sync.pose_at(255 * MS), str)
+    uncertain = [PoseSample(t_ms * MS, t_ms * MS, (0.0, 0.0, -5.0), stamp_error_ns=MS) for t_ms in (0, 510)]
+    assert isinstance(synchroniser(*uncertain).pose_at(0), str)
+    near = replace(uncertain[1], t_ns=400 * MS)
+    assert isinstance(synchroniser(uncertain[0], near).pose_at(0), PoseAt)
+
+
 def test_bounds_are_checked():
     with pytest.raises(ValueError, match=r"sync: max_gap_s = 3\.0: expected 0\.005\.\.1\.0 s"):
         SyncParams(max_gap_s=3.0)
@@ -267,6 +277,21 @@ def test_rates_that_nothing_flies_with_carry_no_attitude(rate):
     at = two.attitude_at(30 * MS)  # the turn between the two is none
     assert at.source is Source.EXTRAPOLATED
     assert angle_between(at.q_ned_frd_wxyz, q) < 1e-9
+
+
+def test_a_turn_between_two_attitudes_that_nothing_flies_carries_no_attitude():
+    roll = from_rotation_vector((1.0, 0.0, 0.0))
+    sync = synchroniser(still(100, None), replace(still(110, None), q_ned_frd_wxyz=roll))
+    assert sync.attitude_at(115 * MS) is DropCause.NO_RATES
+
+
+def test_rates_across_a_jump_of_the_heading_carry_no_attitude():
+    sync = Synchroniser(SyncParams())
+    for sample in (still(100, None), replace(still(150, None), q_ned_frd_wxyz=from_rotation_vector((0.0, 0.0, 0.7)))):
+        sync.add(sample)
+    assert sync.headings.number == 1
+    for t_ms in (95, 155):  # beside each of the two
+        assert sync.attitude_at(t_ms * MS) is DropCause.NO_RATES
 
 
 @pytest.mark.parametrize("far_m", [1.01 * MAX_DISTANCE_M, -1e8, 1e39, 1e300])
