@@ -79,6 +79,28 @@ def test_what_is_not_sent_yet_ends_the_memory_of_free_space_at_its_place() -> No
     assert free_above()
 
 
+def test_what_was_seen_free_does_not_count_where_a_camera_looks_now() -> None:
+    shown: list[Surroundings] = []
+    chain = Chain(CLEAR)
+    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3, observer=shown.append)
+    chain.builder.announce(CAMERA)
+    chain.position = (0.0, 0.0, -2.0)
+    for _ in range(10):
+        one_frame(chain, CLEAR)
+    assert shown[-1].recall is not None
+    places = np.array([2.6, 2.6]), np.zeros(2), np.array([-1.6, 0.0])  # above the image, and in it
+    assert shown[-1].recall(*places).tolist() == [True, False]
+
+
+def test_a_part_of_a_wide_plane_confirms_it() -> None:
+    """A bar of 1.2 m, of which the frame before showed the left end alone."""
+    chain = seeing()
+    for y_m in (-0.6, 0.6):
+        found = model((3.0, -0.7, 3.0, y_m, -0.1, 0.1), free_to_m=13.0, view_deg=72.0)
+        one_frame(chain, replace(found, support_px=np.array([8], np.int32)))
+    assert chain.ahead() == pytest.approx(270, abs=3)
+
+
 @pytest.mark.parametrize("distance_m", [1.5, 3.0, 5.5])
 def test_the_second_frame_sends_it(distance_m: float) -> None:
     chain = seeing()

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, policy_of
 from companion.autopilot.obstacle_distance import (
     UNKNOWN,
+    BrakingReach,
     clear_cm,
     encoded,
     for_coarse_bins,
@@ -465,6 +466,16 @@ def test_clear_beside_unknown_is_not_clear_in_the_coarse_bins() -> None:
     values[11], values[12] = 500, UNKNOWN
     out = for_coarse_bins(values, clear_cm(AVOID), only_near(600))
     assert (out[10], out[12]) == (500, 500)  # a near obstacle outranks what was not seen
+
+
+def test_beside_unknown_an_obstacle_that_must_be_braked_for_is_sent_at_the_wall() -> None:
+    """PX4 moves into a sector by a farther value."""
+    values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
+    values[11], values[12] = 500, UNKNOWN
+    reach = BrakingReach(np.full(SECTORS, 100.0), np.full(SECTORS, 600.0), wall_cm=302)
+    assert for_coarse_bins(values, clear_cm(AVOID), reach)[12] == 302
+    values[11] = 200
+    assert for_coarse_bins(values, clear_cm(AVOID), reach)[12] == 200
 
 
 def test_golden_vectors() -> None:

@@ -70,6 +70,8 @@ def test_cells_behind_a_plane_by_a_ray_to_each(seed: int) -> None:
     rng, free = np.random.default_rng(seed), empty_free(256)
     p = profile(rng)
     look(free, p, 0.0, 0.0)
+    free.state[0]["epoch"] += 1
+    look(free, p, 0.0, 0.0)  # the cells are free in two epochs
     before = cells(free)
     z = float(p.layer_edges_m[0])
     row = np.concatenate([rng.uniform(-6, 6, 4), z + rng.uniform(0, 2, 1), z + rng.uniform(2, 4, 1)])

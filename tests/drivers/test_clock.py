@@ -70,6 +70,20 @@ def test_it_is_synchronised_within_two_seconds_at_ten_exchanges_a_second() -> No
     assert clock.estimate.bound_ns < 5 * MS
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_the_drift_is_never_greater_than_that_of_any_crystal(seed: int) -> None:
+    clock, link = ClockFilter(), Link(jitter_ns=50 * MS, seed=seed)
+    for k in range(20):
+        run(link, clock, 0.5, hz=2.0, start_ns=k * NS // 2)
+        assert abs(clock.estimate.drift) <= clock.params.max_drift
+
+
+def test_after_a_long_time_a_step_back_is_a_reboot_and_no_wrap() -> None:
+    clock, days_ns = ClockFilter(), 30 * 86_400 * NS
+    clock.arrival(days_ns, days_ns + NS)
+    assert clock.boot_ns(5_000) == 5 * NS
+
+
 def test_under_jitter_and_drift_the_error_is_well_below_a_millisecond() -> None:
     errors = np.abs(run(Link(), ClockFilter(), 120.0))
     assert np.median(errors) < 0.3 * MS
@@ -173,6 +187,16 @@ def test_a_message_a_second_late_is_no_reboot() -> None:
     for k in range(20):
         assert not clock.arrival(link.boot(3 * NS + k * 10 * MS), 5 * NS + k * 10 * MS)
         assert clock.arrival(link.boot(5 * NS + k * 10 * MS), 5 * NS + k * 10 * MS + MS)
+    assert clock.restarts == 0
+
+
+def test_late_messages_of_before_do_not_make_one_late_message_a_reboot() -> None:
+    clock, link = ClockFilter(), Link()
+    run(link, clock, 5.0)
+    for k in range(10):
+        assert not clock.arrival(link.boot(3 * NS + k * 10 * MS), 5 * NS + k * 10 * MS)
+        assert clock.arrival(link.boot(5 * NS + k * 10 * MS), 5 * NS + k * 10 * MS + MS)
+    assert not clock.arrival(link.boot(3 * NS), 7 * NS)
     assert clock.restarts == 0
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -308,6 +308,20 @@ def test_requests_of_the_autopilot_and_answers_of_others_leave_our_clock_alone()
     assert status.counts["other_vehicle"] >= 4
 
 
+def test_of_another_component_of_the_vehicle_no_state_attitude_or_time_is_used() -> None:
+    """A gimbal or a camera has the system id of the vehicle."""
+    alone = talk(PX4, boot_at_ns=0, answers_timesync=False)
+    alone.run(3.0)
+    c = talk(PX4, boot_at_ns=0, answers_timesync=False)
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, component_id=100, boot_at_ns=0)))
+    c.run(3.0)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.autopilot == PX4
+    assert c.session.clock.estimate.source is ClockSource.ENVELOPE
+    assert c.samples
+    assert [s.t_ns for s in c.samples] == [s.t_ns for s in alone.samples]
+
+
 def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
     c = talk(PX4, boot_at_ns=0)
     c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
@@ -318,6 +332,32 @@ def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
     c.run(5.0)
     assert c.session.vehicle.system_id == 7
     assert c.session.status(c.now_ns).clock.source is ClockSource.TIMESYNC
+
+
+def test_the_clock_of_another_vehicle_is_estimated_anew() -> None:
+    """Its boot time is half a second less: not enough for a reboot."""
+    c = talk(PX4, boot_at_ns=0)
+    c.run(2.0)
+    c.autopilots[0] = SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=7, boot_at_ns=NS // 2))
+    c.run(0.5)
+    c.autopilots[0].silent = True
+    c.run(3.5)
+    c.autopilots[0].silent = False
+    c.run(1.2)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.system_id == 7
+    assert c.session.status(c.now_ns).clock_restarts == 1
+
+
+def test_whether_a_silent_vehicle_is_armed_is_known_only_if_it_was() -> None:
+    c = talk(PX4)
+    c.run(2.0)
+    vehicle = c.session.vehicle
+    assert vehicle is not None
+    for armed, silent in ((False, None), (True, True)):
+        c.session.vehicle = replace(vehicle, armed=armed)
+        assert c.session.armed(c.now_ns) is armed
+        assert c.session.armed(c.now_ns + 4 * NS) is silent
 
 
 def test_a_configured_vehicle_is_the_only_one_received() -> None:
