@@ -80,14 +80,22 @@ def test_cells_behind_a_plane_by_a_ray_to_each(seed: int) -> None:
     after = cells(free)
     assert after <= before
     a, b, camera = row[0:2], row[2:4], np.array([x, y])
-    for ix, iy, iz in before:
-        middle = (np.array([ix, iy]) + 0.5) * CELL_M
-        # where the ray to the middle meets the line of the plane
-        way, along = middle - camera, b - a
+
+    def meeting(way: np.ndarray) -> tuple[float, float]:
+        """Where a ray meets the line of the plane: share of the ray, place on the plane."""
+        along = b - a
         turn = way[0] * along[1] - way[1] * along[0]
         share = ((a - camera)[0] * along[1] - (a - camera)[1] * along[0]) / turn
-        place = ((a - camera)[0] * way[1] - (a - camera)[1] * way[0]) / turn
+        return share, ((a - camera)[0] * way[1] - (a - camera)[1] * way[0]) / turn
+
+    for ix, iy, iz in before:
+        middle = (np.array([ix, iy]) + 0.5) * CELL_M
+        share, place = meeting(middle - camera)
         hidden = 0.0 < share < 1.0 and 0.0 <= place <= 1.0
+        if 0.0 < share < 1.0:  # a cell of which only a corner is hidden is not free either
+            for corner in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
+                of_ray, of_plane = meeting((np.array([ix, iy]) + corner) * CELL_M - camera)
+                hidden = hidden or (0.0 < of_ray < 1.0 and 0.0 <= of_plane <= 1.0)
         level = (iz + 1) * CELL_M > row[4] and iz * CELL_M < row[5]
         if hidden and level:
             assert (ix, iy, iz) not in after

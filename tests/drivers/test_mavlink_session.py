@@ -343,9 +343,8 @@ def test_the_clock_of_another_vehicle_is_estimated_anew() -> None:
     c.autopilots[0].silent = True
     c.run(3.5)
     c.autopilots[0].silent = False
-    c.run(1.2)
-    assert c.session.vehicle is not None
-    assert c.session.vehicle.system_id == 7
+    while c.session.vehicle is not None and c.session.vehicle.system_id != 7:
+        c.run(0.001)
     assert c.session.status(c.now_ns).clock_restarts == 1
 
 
@@ -358,6 +357,20 @@ def test_whether_a_silent_vehicle_is_armed_is_known_only_if_it_was() -> None:
         c.session.vehicle = replace(vehicle, armed=armed)
         assert c.session.armed(c.now_ns) is armed
         assert c.session.armed(c.now_ns + 4 * NS) is silent
+        assert not c.session.fell_silent(c.now_ns)
+        assert c.session.fell_silent(c.now_ns + 4 * NS) is armed
+
+
+def test_to_a_vehicle_that_fell_silent_in_flight_obstacles_are_still_sent() -> None:
+    """Its messages are lost. It may still receive."""
+    c = talk(PX4)
+    c.run(2.0)
+    vehicle = c.session.vehicle
+    assert vehicle is not None
+    for armed in (False, True):
+        c.session.vehicle = replace(vehicle, armed=armed)
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [100] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+        assert len(c.session.due(c.now_ns + 4 * NS)) == armed
 
 
 def test_a_configured_vehicle_is_the_only_one_received() -> None:
