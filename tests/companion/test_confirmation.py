@@ -92,6 +92,15 @@ def test_what_was_seen_free_does_not_count_where_a_camera_looks_now() -> None:
     assert shown[-1].recall(*places).tolist() == [True, False]
 
 
+@pytest.mark.parametrize(("ke_per_m", "confirmed"), [(0.0, False), (0.005, True)])
+def test_the_place_of_a_far_plane_is_as_uncertain_as_its_noise(ke_per_m: float, confirmed: bool) -> None:
+    chain = seeing()
+    for x_m in (5.0, 5.7):
+        found = model((x_m, -0.1, x_m, 0.1, -2.0, 2.0), free_to_m=13.0, view_deg=72.0)
+        one_frame(chain, replace(found, support_px=np.array([8], np.int32), ke_per_m=ke_per_m))
+    assert (chain.ahead() < 600) is confirmed
+
+
 def test_a_part_of_a_wide_plane_confirms_it() -> None:
     """A bar of 1.2 m, of which the frame before showed the left end alone."""
     chain = seeing()

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.jit import kernel
+from core.world.association import OBSERVATION
 from core.world.free_grid import CELL_M, empty_free
-from core.world.free_removal import clear_behind
+from core.world.free_removal import arrived_in_free, clear_behind, remove_free
 from core.world.world import World
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
@@ -62,6 +63,31 @@ def test_behind_a_house_that_always_stood_there_what_was_seen_free_stays_free() 
 @kernel
 def clear_one(free, x, y, row):
     clear_behind(free, x, y, row[0], row[1], row[2], row[3], row[4], row[5])
+
+
+@kernel
+def remove(free, observations, arrived):
+    remove_free(free, observations, arrived, 0.0, 0.0)
+
+
+def test_a_cell_in_which_an_obstacle_stands_is_not_free_whether_it_has_arrived_or_not() -> None:
+    rng = np.random.default_rng(0)
+    p = profile(rng)
+    for arrived in (False, True):
+        free = empty_free(256)
+        look(free, p, 0.0, 0.0)
+        before = cells(free)
+        ix, iy, iz = max(before, key=lambda cell: cell[0])
+        row = np.zeros(1, OBSERVATION)
+        row["ax_m"] = row["bx_m"] = (ix + 0.9) * CELL_M  # behind the middle of the cell
+        row["ay_m"], row["by_m"] = (iy + 0.1) * CELL_M, (iy + 0.9) * CELL_M
+        row["top_m"], row["bottom_m"] = (iz + 0.1) * CELL_M, (iz + 0.9) * CELL_M
+        assert arrived_in_free(free, np.repeat(row, 2)).tolist() == [True, True]
+        assert cells(free) == before
+        remove(free, row, np.array([arrived]))
+        after = cells(free)
+        assert (ix, iy, iz) not in after
+        assert after < before
 
 
 @settings(max_examples=10)
