@@ -98,12 +98,13 @@ def test_cells_behind_a_plane_by_a_ray_to_each(seed: int) -> None:
     look(free, p, 0.0, 0.0)
     free.state[0]["epoch"] += 1
     look(free, p, 0.0, 0.0)  # the cells are free in two epochs
-    before = cells(free)
+    before = cells(free, 1)
+    assert before
     z = float(p.layer_edges_m[0])
     row = np.concatenate([rng.uniform(-6, 6, 4), z + rng.uniform(0, 2, 1), z + rng.uniform(2, 4, 1)])
     x, y = rng.uniform(-1.0, 1.0, 2)
     clear_one(free, x, y, row)
-    after = cells(free)
+    after = cells(free, 1)
     assert after <= before
     a, b, camera = row[0:2], row[2:4], np.array([x, y])
 
