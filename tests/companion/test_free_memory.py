@@ -86,6 +86,40 @@ def test_an_older_frame_of_another_camera_does_not_free_the_place_of_an_obstacle
 WALL = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
 
 
+def test_older_frames_never_free_the_place_of_an_obstacle() -> None:
+    """However many: two newer ones would."""
+    memory = FreeMemory(AVOID)
+    found = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
+    memory.see("left", 11 * NS, replace(looking(0.0), model=found), START)
+    for before_ns in (3 * NS // 10, 2 * NS // 10, NS // 10):
+        memory.see("front", 11 * NS - before_ns, looking(0.0), START)
+    assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=11 * NS)
+
+
+def test_beside_an_obstacle_the_next_cell_is_not_free() -> None:
+    """A ray passes between two cells that touch at a corner."""
+    north = replace(START, heading_rad=0.0)
+    memory = remembering(north)
+    found = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.0, view_deg=72.0)
+    near_m = 5.0 - 0.4 * AVOID.step_m
+    assert free(memory, north, near_m, 0.0, -0.7)
+    memory.see("front", 11 * NS, replace(looking(0.0), model=found), north)
+    assert not free(memory, north, near_m, 0.0, -0.7, t_ns=11 * NS)
+
+
+def test_only_the_memory_of_the_named_cameras_counts() -> None:
+    place = np.array([5.0]), np.array([0.0]), np.array([-0.7])
+    memory = remembering()
+    assert memory.free((), START, 10 * NS, *place, cameras=("front",)).all()
+    assert not memory.free((), START, 10 * NS, *place, cameras=("left",)).any()
+
+
+def test_a_view_of_which_the_place_is_not_known_adds_no_free_space() -> None:
+    memory = FreeMemory(AVOID)
+    memory.see("front", 10 * NS, looking(0.0), START, placed=False)
+    assert not free(memory, START, 5.0, 0.0, -0.7)
+
+
 def test_an_obstacle_in_a_frame_soon_after_the_last_one_counts() -> None:
     """Frames of a camera with 30 Hz: not all of them are searched for free space."""
     memory = remembering()

@@ -468,6 +468,16 @@ def test_clear_beside_unknown_is_not_clear_in_the_coarse_bins() -> None:
     assert (out[10], out[12]) == (500, 500)  # a near obstacle outranks what was not seen
 
 
+def test_a_sector_is_free_as_far_as_most_of_its_rays() -> None:
+    """The lowest of three layers is free for 4 m only."""
+    whole = model(free_to_m=13.0)
+    free_to_m = np.array(whole.free.free_to_m)
+    free_to_m[:, 2] = 4.0
+    edges = np.array([-3.0, -0.3, 0.3, 3.0], np.float32)
+    found = replace(whole, free=replace(whole.free, free_to_m=free_to_m, layer_edges_m=edges))
+    assert scan([View(found, HERE)], AVOID).free_m.max() < 4.5
+
+
 def test_beside_unknown_an_obstacle_that_must_be_braked_for_is_sent_at_the_wall() -> None:
     """PX4 moves into a sector by a farther value."""
     values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
