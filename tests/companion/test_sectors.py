@@ -478,6 +478,13 @@ def test_a_sector_is_free_as_far_as_most_of_its_rays() -> None:
     assert scan([View(found, HERE)], AVOID).free_m.max() < 4.5
 
 
+@pytest.mark.parametrize(("height_m", "clear"), [(0.75, False), (1.5, True)])
+def test_no_sector_is_clear_while_the_ground_below_is_in_the_band(height_m: float, clear: bool) -> None:
+    """Most of the heights of the band are free."""
+    found = replace(model(free_to_m=13.0), ground=Ground(seen=True, height_m=height_m))
+    assert (scan([View(found, HERE)], AVOID).state == SectorState.CLEAR).all() == clear
+
+
 def test_beside_unknown_an_obstacle_that_must_be_braked_for_is_sent_at_the_wall() -> None:
     """PX4 moves into a sector by a farther value."""
     values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
