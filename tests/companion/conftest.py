@@ -10,6 +10,8 @@ import pytest
 
 from companion.kernels.run_kernels import MODES
 from companion.kernels.warmup import ensure_compiled
+from companion.viewer.live_page import LivePage
+from companion.viewer.subscriber import LiveSubscriber
 
 from .scripted_service import ScriptedService
 
@@ -29,3 +31,12 @@ def scripted(tmp_path: Path) -> Iterator[ScriptedService]:
     scripted = ScriptedService(tmp_path)
     yield scripted
     scripted.close()
+
+
+@pytest.fixture
+def page(scripted: ScriptedService) -> Iterator[LivePage]:
+    """The live page of that service."""
+    subscriber = LiveSubscriber(scripted.streams)
+    subscriber.open()
+    yield LivePage(subscriber, "test")
+    subscriber.close()

@@ -7,7 +7,6 @@ import json
 import time
 from base64 import b64decode
 from collections import OrderedDict
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,14 +27,6 @@ from .scripted_service import WALL, YAW_RAD, ScriptedService
 from .view_scenes import INFO
 
 pytestmark = pytest.mark.process
-
-
-@pytest.fixture
-def page(scripted: ScriptedService) -> Iterator[LivePage]:
-    subscriber = LiveSubscriber(scripted.streams)
-    subscriber.open()
-    yield LivePage(subscriber, "test")
-    subscriber.close()
 
 
 def update(page: LivePage, name: str = "", after: int = 0) -> dict[str, Any]:

@@ -13,21 +13,11 @@ from companion.cli import main
 from companion.viewer import live_server
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
-from companion.viewer.subscriber import LiveSubscriber
 from drivers.base import DeviceNotFound
 
 from .live import PATIENCE_S, until
-from .scripted_service import ScriptedService
 
 pytestmark = pytest.mark.process
-
-
-@pytest.fixture
-def page(scripted: ScriptedService) -> Iterator[LivePage]:
-    subscriber = LiveSubscriber(scripted.streams)
-    subscriber.open()
-    yield LivePage(subscriber, "test")
-    subscriber.close()
 
 
 @pytest.fixture
