@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from benchmarks.fidelity.free_truth import in_free
 from benchmarks.fidelity.metrics import MISSED_M
@@ -58,6 +59,9 @@ class Frame:
     false_free: float
 
 
+Rates = tuple[float, float, float]
+
+
 class MountFlight:
     """A camera in a scene with a wrongly configured mount. true: the mount used for rendering."""
 
@@ -88,13 +92,14 @@ class MountFlight:
 
     def fly(self, poses: Sequence[Pose], judge: bool = True) -> list[Frame]:
         """A frame at each pose. judge: compare what is free with the truth."""
-        return [self._frame(i, pose, judge) for i, pose in enumerate(poses)]
+        rates = [body_rates_rad_s(poses[max(0, i - 1) : i + 2], self._frame_hz) for i in range(len(poses))]
+        return [self._frame(i, pose, rates[i], judge) for i, pose in enumerate(poses)]
 
-    def _frame(self, i: int, pose: Pose, judge: bool) -> Frame:
+    def _frame(self, i: int, pose: Pose, rates_rad_s: Rates, judge: bool) -> Frame:
         t_ns = START_NS + round(i / self._frame_hz * NS)
         q = quaternion_from_euler(*pose.euler_rad)
         for dt_ns in (-NS // 100, NS // 100):
-            self.pipeline.handle(AttitudeSample(t_ns + dt_ns, t_ns + dt_ns, q, (0.0, 0.0, 0.0)))
+            self.pipeline.handle(AttitudeSample(t_ns + dt_ns, t_ns + dt_ns, q, rates_rad_s))
         truth = self._truth(pose)
         depth = measure(truth.depth_m, self.info, self._sensor, self._seed, i)
         frame = DepthFrame(camera="front", sequence=i, t_exposure_ns=t_ns, t_arrival_ns=t_ns + NS // 50, depth_mm=depth)
@@ -131,6 +136,16 @@ class MountFlight:
         points = truth.points_level_cam_m[obstacle] @ rotation_from_euler(0.0, 0.0, heading).T
         slack = np.fmax(MISSED_M, 2.0 * sigma[obstacle])
         return float(in_free(result.model.free, points, slack).mean())
+
+
+def body_rates_rad_s(poses: Sequence[Pose], hz: float) -> Rates:
+    """Mean body rates (frd) from the first to the last of successive poses, hz of them a second. Turns that the rates do not
+    explain would count as jumps of the heading."""
+    if len(poses) < 2:
+        return 0.0, 0.0, 0.0
+    first, last = (Rotation.from_matrix(rotation_from_euler(*p.euler_rad)) for p in (poses[0], poses[-1]))
+    x, y, z = (first.inv() * last).as_rotvec() * hz / (len(poses) - 1)
+    return float(x), float(y), float(z)
 
 
 def hover(position_m: tuple[float, float, float], yaw_rad: float, frames: int) -> list[Pose]:

@@ -186,7 +186,9 @@ def test_killed_while_stopping_and_while_holding_it_goes_on(tmp_path: Path, rend
         g.do(lambda: setattr(g.flight, "waypoints_m", np.zeros((0, 2))))  # it stands: starts take their time
         g.do(lambda: setattr(g.flight, "stubborn", False))
         g.live.start()
-        g.go()
+        assert g.comes_to("holding", "watching", "limited"), g.live.output()
+        if g.state() != "holding":  # a slow start: the stop is over, and the vehicle goes on
+            g.go()
         assert g.comes_to("holding"), g.live.output()
         assert g.flight.mode == COPTER_BRAKE
         assert len(g.commands(DO_SET_MODE)) > before
