@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,17 @@ from core.stages.free_walk import lowest_clear, walk_settings
 from core.stages.ground import NO_GROUND
 from core.stages.model import blind_model
 from core.stages.view_geometry import source_of, view_geometry
-from core.types import FAR_MM, UNKNOWN_MM, FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause, is_measured
+from core.types import (
+    FAR_MM,
+    UNKNOWN_MM,
+    ExtractorState,
+    FrameModel,
+    FreeEnd,
+    FreeProfile,
+    Ground,
+    InvalidCause,
+    is_measured,
+)
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.source import Rendered, camera_info, render
 
@@ -430,7 +441,7 @@ def test_a_short_campaign_finds_nothing_and_a_planted_claim_fails_it(
     assert json.loads(out[-1])["wrong"] > 0
     assert out[0].startswith("random ")
 
-    def claiming_nothing(self, *arguments, **more):  # type: ignore[no-untyped-def]
+    def claiming_nothing(self: Extractor, *arguments: Any, **more: Any) -> tuple[FrameModel, ExtractorState]:
         model, state = whole(self, *arguments, **more)
         return replace(model, free=replace(model.free, free_to_m=0.0 * model.free.free_to_m)), state
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def test_a_stop_is_judged_by_the_stated_braking_distance_and_not_by_that_of_the_
     for wall_m, justified in ((0.9 * needed_m, True), (1.8 * needed_m, False)):
         s = SceneBuilder("wall")
         s.wall("wall", (wall_m, -5.0), (wall_m, 5.0), 6.0)
-        loop = SimpleNamespace(
+        loop: Any = SimpleNamespace(
             guard=SimpleNamespace(verdict=None),
             flight=SimpleNamespace(speed_m_s=speed_m_s),
             params=guard,
@@ -54,4 +55,4 @@ def test_a_stop_is_judged_by_the_stated_braking_distance_and_not_by_that_of_the_
             place_m=np.array([0.0, 0.0, -2.0]),
             direction=np.array([1.0, 0.0]),
         )
-        assert guard_missions._justified(loop) is justified  # type: ignore[arg-type]
+        assert guard_missions._justified(loop) is justified

@@ -55,8 +55,8 @@ def test_few_pixels_on_one_frame_are_neither_sent_nor_remembered(autopilot: obje
         chain.fly(0.1)
 
 
-def test_what_is_not_sent_yet_ends_the_memory_of_free_space_at_its_place() -> None:
-    """A thin obstacle may be found in a single frame only before it leaves the image."""
+def remembers_free() -> tuple[Chain, list[Surroundings]]:
+    """A chain that has seen ten free frames, and the surroundings of each decision."""
     shown: list[Surroundings] = []
     chain = Chain(CLEAR)
     chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3, observer=shown.append)
@@ -64,6 +64,12 @@ def test_what_is_not_sent_yet_ends_the_memory_of_free_space_at_its_place() -> No
     chain.position = (0.0, 0.0, -2.0)
     for _ in range(10):
         one_frame(chain, CLEAR)
+    return chain, shown
+
+
+def test_what_is_not_sent_yet_ends_the_memory_of_free_space_at_its_place() -> None:
+    """A thin obstacle may be found in a single frame only before it leaves the image."""
+    chain, shown = remembers_free()
 
     def free_above() -> bool:
         """At the pole's place, above the image."""
@@ -80,13 +86,7 @@ def test_what_is_not_sent_yet_ends_the_memory_of_free_space_at_its_place() -> No
 
 
 def test_what_was_seen_free_does_not_count_where_a_camera_looks_now() -> None:
-    shown: list[Surroundings] = []
-    chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3, observer=shown.append)
-    chain.builder.announce(CAMERA)
-    chain.position = (0.0, 0.0, -2.0)
-    for _ in range(10):
-        one_frame(chain, CLEAR)
+    _, shown = remembers_free()
     assert shown[-1].recall is not None
     places = np.array([2.6, 2.6]), np.zeros(2), np.array([-1.6, 0.0])  # above the image, and in it
     assert shown[-1].recall(*places).tolist() == [True, False]

@@ -7,7 +7,7 @@ import json
 import struct
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from companion.export.gltf import glb, to_gltf
 from companion.pipeline.encode import prisms_from_message
 from core.types import PoseSample, Prism
 from drivers.logs.reader import McapRecording
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .made_up import MS, START_NS, flight, write_flight
 
@@ -31,7 +32,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def results(log: Path) -> list[Any]:
     with McapRecording(log) as source:
-        return [prisms_from_message(m.message) for m in source.messages("prisms")]  # type: ignore[arg-type]
+        return [prisms_from_message(cast(pb.PrismsFrame, m.message)) for m in source.messages("prisms")]
 
 
 def test_npz_holds_what_the_log_holds(log: Path, results: list[Any], tmp_path: Path) -> None:
@@ -131,7 +132,7 @@ def test_gltf_of_a_frame_without_position_has_no_trajectory(tmp_path: Path) -> N
     late = [e for e in flight(10) if not isinstance(e, PoseSample) or e.t_ns > START_NS + 500 * MS]
     assert main(["replay", str(write_flight(recorded, late)), "-o", str(log)]) == 0
     with McapRecording(log) as source:
-        results = [prisms_from_message(m.message) for m in source.messages("prisms")]  # type: ignore[arg-type]
+        results = [prisms_from_message(cast(pb.PrismsFrame, m.message)) for m in source.messages("prisms")]
     placed = {r.pose is not None: r.sequence for r in results if r.valid}
     for position, meshes in ((True, 2), (False, 1)):
         assert main(["export", str(log), "-f", "gltf", "-o", str(out), "--frame", str(placed[position])]) == 0

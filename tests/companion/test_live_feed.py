@@ -9,7 +9,7 @@ from base64 import b64decode
 from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -124,7 +124,7 @@ class Waiting:
 def test_a_report_that_waited_is_not_current(page: LivePage) -> None:
     subscriber = page.subscriber
     with subscriber.changed:
-        subscriber._take(Waiting(), pb.Health, time.monotonic_ns())  # type: ignore[arg-type]
+        subscriber._take(cast(Any, Waiting()), pb.Health, time.monotonic_ns())
     service = update(page)["service"]
     assert service["age_s"] >= 60.0
     assert "no health report" in service["missing"][0]

@@ -48,10 +48,10 @@ def run(
         s = slope_rows(level, heading) @ np.array([*delta, *np.radians(terrain_deg)])
         s += np.radians(rng.normal(0.0, noise_deg, 2))
         cues = MountCues(True, *s.tolist(), 2.0, walls=walls)
-        told = heading + (0.0 if jumps_deg is None else math.radians(jumps_deg[i]))
-        R_told = rotation_from_euler(0.0, 0.0, told)
+        estimated = heading + (0.0 if jumps_deg is None else math.radians(jumps_deg[i]))
+        R_estimated = rotation_from_euler(0.0, 0.0, estimated)
         jump_ns = 0 if stamps_ns is None else int(stamps_ns[i])
-        state = checked(state, i * NS // 10, cues, R_told, told, P, jump_ns)
+        state = checked(state, i * NS // 10, cues, R_estimated, estimated, P, jump_ns)
         states.append(state)
     return states
 

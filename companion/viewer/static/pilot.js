@@ -57,8 +57,9 @@ export function showPilot(pilot, frame) {
   $("echowords").textContent = ringWords(pilot.echoed, heading);
 }
 
-function ring(pen, x, y, inner, outer, told, heading) {
-  const values = ringGap(told, heading) ? null : told;
+/** Draws one ring about (x, y); grey where it is not current. sectors: null: none. heading: rad, null: not known. */
+function ring(pen, x, y, inner, outer, sectors, heading) {
+  const values = ringGap(sectors, heading) ? null : sectors;
   const n = values ? values.cm.length : 1, step = values ? (values.step * Math.PI) / 180 : 2 * Math.PI;
   const first = values ? (values.first * Math.PI) / 180 - (values.body ? 0 : heading) : 0;
   for (let k = 0; k < n; k++) {
