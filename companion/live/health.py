@@ -272,11 +272,9 @@ def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], s
 
 
 class ProcessUsage:
-    """Processor time, memory and temperatures of the service. `notes`: remarks on the configuration, shown in the
-    report."""
+    """Processor time, memory and temperatures of the service."""
 
     def __init__(self) -> None:
-        self.notes: list[str] = []
         self._begun_ns = self._last_ns = time.monotonic_ns()
         self._cpu_s = _cpu_s()
 
@@ -289,7 +287,6 @@ class ProcessUsage:
         with suppress(OSError):  # no file can be opened: the rest of the report counts
             message.memory_bytes = _memory_bytes()
             message.temperatures.extend(_temperatures())
-        message.notes.extend(self.notes)
 
 
 def new_report(boot: str, number: int) -> pb.Health:

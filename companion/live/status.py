@@ -87,7 +87,6 @@ def status_lines(h: pb.Health) -> list[str]:
     lines = [f"{STATES.get(h.state, 'unknown').upper()}, service running for {_span(h.uptime_ns)}"]
     diagnostics = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older services send texts only
     lines += [f"  ! {line}" for line in diagnostics] or ["  OK"]
-    lines += [f"  note: {note}" for note in h.notes]
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
         age = f"frame age {c.age_ns / MS:.0f} ms" if c.HasField("age_ns") else "no valid frame yet"

@@ -173,24 +173,6 @@ def decision_message(decision: FrameDecision) -> pb.FrameDecision:
     )
 
 
-def decision_from_message(message: pb.FrameDecision) -> FrameDecision:
-    """Decodes a decision on a frame."""
-    cause = cause_from_number(message.cause, DropCause)
-    if not isinstance(cause, DropCause):
-        raise ValueError(f"cause {message.cause} is not valid for a decision")
-    return FrameDecision(
-        camera=message.camera,
-        sequence=message.sequence,
-        t_exposure_ns=message.t_exposure_ns,
-        t_arrival_ns=message.t_arrival_ns,
-        cause=cause,
-        attitude=Source(message.attitude),
-        attitude_cutoff_ns=message.attitude_cutoff_ns if message.HasField("attitude_cutoff_ns") else None,
-        pose=Source(message.pose),
-        pose_text=message.pose_text,
-    )
-
-
 def _known(value: float) -> float | None:
     """The value; None for nan, so that the field is absent."""
     return None if math.isnan(value) else value

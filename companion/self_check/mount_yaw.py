@@ -26,7 +26,6 @@ from .exposure_monitor import AttitudeHistory
 
 Floats = NDArray[np.float64]
 NS = 1_000_000_000
-CODE = "mount_yaw_error"
 WARN_RAD = math.radians(3.0)
 MAX_SIGMA_RAD = math.radians(1.5)
 """Largest standard deviation of a reported yaw."""

@@ -80,7 +80,7 @@ class StereoDepth:
     """Depth of raw pairs of one calibration. Not for two threads at once."""
 
     def __init__(self, calibration: StereoCalibration, params: MatchParams | None = None) -> None:
-        c, self._params = calibration, params or MatchParams()
+        c = calibration
         size = (c.width, c.height)
         # T as a column: newer OpenCV rejects a flat array
         R1, R2, P1, P2, _, _, _ = cv2.stereoRectify(
@@ -95,7 +95,7 @@ class StereoDepth:
         self.intrinsics = Intrinsics(
             c.width, c.height, float(P1[0, 0]), float(P1[1, 1]), float(P1[0, 2]), float(P1[1, 2])
         )
-        self._matcher = StereoMatcher(self._params)
+        self._matcher = StereoMatcher(params)
 
     def rectified(self, left: Gray, right: Gray) -> tuple[Gray, Gray]:
         """Both images with rows along the epipolar lines."""
@@ -107,10 +107,6 @@ class StereoDepth:
     def depth(self, left: Gray, right: Gray) -> NDArray[np.uint16]:
         """(H, W) uint16 mm of a raw pair of gray images, in the rectified left one."""
         return self._matcher.depth(*self.rectified(left, right), self.intrinsics.fx * self.baseline_m)
-
-    def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
-        """(H, W) float32 px of a rectified pair; negative: no accepted match."""
-        return self._matcher.disparity(left, right)
 
 
 class StereoMatcher:

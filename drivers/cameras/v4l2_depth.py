@@ -70,7 +70,6 @@ class V4l2Source:
         self._connect = connect or LinuxpyCapture
         self._capture: Capture | None = None
         self._stamps = KernelStamps(settings.camera)
-        self.faulty = 0
 
     @property
     def info(self) -> CameraInfo:
@@ -116,9 +115,7 @@ class V4l2Source:
                     f"camera {self._settings.camera}: {self._settings.device} was lost ({reason}); check cable and "
                     "power"
                 ) from error
-            if buffer.faulty:
-                self.faulty += 1
-            else:
+            if not buffer.faulty:
                 newest = buffer
         return self._frame(newest) if newest is not None else None
 

@@ -107,14 +107,12 @@ class ClockFilter:
 
     Attributes:
         estimate: the present estimate.
-        restarts: number of reboots and steps.
-        strange: number of answers that contradicted the others.
-        slow: number of answers that arrived too late."""
+        restarts: number of reboots and steps."""
 
     def __init__(self, params: ClockParams | None = None) -> None:
         self.params = params or ClockParams()
         self.estimate = ClockEstimate(ClockSource.NONE)
-        self.restarts = self.strange = self.slow = 0
+        self.restarts = 0
         self._exchanges: deque[_Bound] = deque()
         self._doubtful: list[_Bound] = []
         self._undoubted_ns = 0  # bound of the estimate by the answers that fit
@@ -196,7 +194,6 @@ class ClockFilter:
             tc1_ns: time of the autopilot's clock.
             now_ns: local time of the arrival."""
         if not 0 <= now_ns - ts1_ns <= self.params.max_rtt_s * NS:
-            self.slow += 1
             return False
         new = _Bound(tc1_ns, ts1_ns - tc1_ns, now_ns - tc1_ns)
         if self._exchanges and not self._fits(new):
@@ -241,7 +238,6 @@ class ClockFilter:
     def _doubt(self, new: _Bound) -> bool:
         """Handles an answer that contradicts the others: one is ignored, several in a row that agree are a step of
         the clock."""
-        self.strange += 1
         if self._doubtful and not _common([*self._doubtful, new], new.boot_ns, self.params.max_drift):
             self._doubtful.clear()
         self._doubtful.append(new)

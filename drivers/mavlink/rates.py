@@ -43,7 +43,6 @@ class RateMonitor:
         self._wait_ns: dict[int, int] = {}
         self._first_asked_ns: dict[int, int] = {}
         self.knows_intervals = True
-        self.asked = 0
 
     def received(self, message_id: int, now_ns: int) -> None:
         """Records the arrival of a message."""
@@ -83,7 +82,6 @@ class RateMonitor:
             self._first_asked_ns.setdefault(w.message_id, now_ns)
         if not self.knows_intervals:
             return self._old_request(wanted, now_ns, system, component)
-        self.asked += len(wanted)
         return [_interval(w, system, component) for w in wanted]
 
     def _wanting(self, w: RateRequest, now_ns: int) -> bool:
@@ -109,7 +107,6 @@ class RateMonitor:
             stream = STREAMS[w.message_id]
             if stream not in flowing:
                 rates[stream] = max(rates.get(stream, 0), round(w.hz))
-        self.asked += len(rates)
         return [
             dialect.MAVLink_request_data_stream_message(system, component, stream, hz, 1)
             for stream, hz in rates.items()

@@ -13,6 +13,8 @@ from ..base import DeviceLost, DeviceNotFound
 from .address import Address
 from .transport import READ_BYTES, Chunk, reason, resolve, wait_readable
 
+_CONNECT_S = 2.0
+"""Longest wait for a connection."""
 _BACKLOG_BYTES = 4096
 """Nothing is sent while more bytes are not confirmed: 0.2 to 0.5 s of the usual messages."""
 SILENT_NS = 5_000_000_000
@@ -30,10 +32,10 @@ class TcpLine:
     backlog_bytes = _BACKLOG_BYTES
     backlog_remedy = "check the network, and that the other end reads"
 
-    def __init__(self, address: Address, timeout_s: float = 2.0) -> None:
+    def __init__(self, address: Address) -> None:
         self._address, self._received_ns = address, 0
         try:
-            self._socket = socket.create_connection(resolve(address), timeout=timeout_s)
+            self._socket = socket.create_connection(resolve(address), timeout=_CONNECT_S)
         except OSError as error:
             raise DeviceNotFound(
                 f"{address}: {reason(error)}; check the address, and that the other end listens there"

@@ -28,7 +28,7 @@ AWAITED_NS = NS // 10
 
 
 class TimeSync:
-    """Sends requests and matches answers. unpaired: answers to no request; others: answers not from the autopilot."""
+    """Sends requests and matches answers. unpaired: number of answers to no request."""
 
     def __init__(self, clock: ClockFilter) -> None:
         self._clock = clock
@@ -38,7 +38,7 @@ class TimeSync:
         self._waits_since_ns: int | None = None
         self._used_ns: int | None = None
         self._asked_ns = 0
-        self.asked = self.answered = self.unpaired = self.others = 0
+        self.unpaired = 0
 
     def due(self, now_ns: int) -> list[Any]:
         """Returns the request to send now, if any. Its ts1 is now_ns: it must be sent at once."""
@@ -58,22 +58,17 @@ class TimeSync:
         self._asked_ns = now_ns
         if len(self._pending) > _PENDING:
             self._pending.popitem(last=False)
-        self.asked += 1
         return [dialect.MAVLink_timesync_message(tc1=0, ts1=now_ns)]
 
     def take(self, frame: Frame, arrival_ns: int, *, from_autopilot: bool) -> None:
         """Handles a received TIMESYNC."""
         tc1, ts1 = frame.fields(_FIELDS)
-        if tc1 == 0:
-            return
-        if not from_autopilot:
-            self.others += 1
+        if tc1 == 0 or not from_autopilot:
             return
         if ts1 not in self._pending:
             self.unpaired += 1
             return
         del self._pending[ts1]
-        self.answered += 1
         self._waits_since_ns = arrival_ns
         if self._clock.exchange(ts1, tc1, arrival_ns):
             self._used_ns = arrival_ns

@@ -48,14 +48,12 @@ class Tlog:
 
     Attributes:
         bad_frames: number of frames with a wrong checksum.
-        unknown_messages: number of messages unknown to the dialect.
         skipped_bytes: bytes of noise between frames.
         truncated: the file ends within a record."""
 
     path: Path
     records: list[TlogRecord]
     bad_frames: int
-    unknown_messages: int
     skipped_bytes: int
     truncated: bool
 
@@ -125,15 +123,14 @@ def read_tlog(path: Path) -> Tlog:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
     decoder = dialect.MAVLink(None)
     records: list[TlogRecord] = []
-    bad = unknown = skipped = at = 0
+    bad = skipped = at = 0
     truncated = False
     while at < len(data):
         end = _record_end(data, at)
         if end is not None and end <= len(data):
             message = _decode(decoder, data[at + 8 : end])
             if message is not None and message.get_type().startswith("UNKNOWN_"):
-                unknown += 1  # no checksum can be computed for it; only its framing is known
-                if _starts_record(data, end):
+                if _starts_record(data, end):  # no checksum can be computed for it; only its framing is known
                     at = end
                     continue
             elif message is not None:
@@ -155,7 +152,7 @@ def read_tlog(path: Path) -> Tlog:
         raise BadData(
             f"{path}: no MAVLink message in it; expected a .tlog (8 bytes of time, a MAVLink frame, repeated)"
         )
-    return Tlog(path, records, bad, unknown, skipped, truncated)
+    return Tlog(path, records, bad, skipped, truncated)
 
 
 def _record_end(data: bytes, at: int) -> int | None:

@@ -153,7 +153,7 @@ def test_the_schema_holds_every_field_of_statistics_and_state():
 
 
 @pytest.mark.parametrize("cutoff", [None, 0, START_NS])
-def test_decisions_return_unchanged(cutoff):
+def test_a_decision_has_its_fields(cutoff):
     decision = FrameDecision(
         camera="front",
         sequence=9,
@@ -161,9 +161,16 @@ def test_decisions_return_unchanged(cutoff):
         t_arrival_ns=START_NS + 1,
         cause=DropCause.GAP_TOO_WIDE,
         attitude_cutoff_ns=cutoff,
+        pose=Source.EXACT,
         pose_text="no position had arrived",
     )
-    assert m.decision_from_message(wired(m.decision_message(decision))) == decision
+    message = wired(m.decision_message(decision))
+    assert (message.camera, message.sequence) == ("front", 9)
+    assert (message.t_exposure_ns, message.t_arrival_ns) == (START_NS, START_NS + 1)
+    assert (message.used, message.cause) == (False, pb.CAUSE_GAP_TOO_WIDE)
+    assert (message.attitude, message.pose) == (pb.AttitudeUsed.SOURCE_NONE, pb.AttitudeUsed.SOURCE_EXACT)
+    assert (message.attitude_cutoff_ns if message.HasField("attitude_cutoff_ns") else None) == cutoff
+    assert message.pose_text == "no position had arrived"
 
 
 def test_a_state_returns_unchanged():

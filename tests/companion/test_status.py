@@ -75,17 +75,12 @@ def test_restarts_of_a_camera_are_counted_and_dated() -> None:
     assert any(line.endswith("process restarted once, last cause: the cable is out") for line in status_lines(h))
 
 
-def test_a_note_is_reported_and_is_no_fault() -> None:
+def test_no_fault_is_ok() -> None:
     h = report()
     h.ClearField("troubles")
     h.ClearField("diagnostics")
     h.state = pb.Health.STATE_ACTIVE
-    h.notes.append("the processor runs at half its clock: too hot")
-    assert status_lines(h)[:3] == [
-        "ACTIVE, service running for 65 s",
-        "  OK",
-        "  note: the processor runs at half its clock: too hot",
-    ]
+    assert status_lines(h)[:2] == ["ACTIVE, service running for 65 s", "  OK"]
 
 
 def test_a_report_as_text() -> None:

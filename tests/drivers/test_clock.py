@@ -112,8 +112,8 @@ def test_the_truth_lies_inside_the_bound(drift: float, least: int, jitter: int, 
         if e.source is ClockSource.TIMESYNC:
             assert e.bound_ns is not None
             assert abs(link.error_ns(clock, e.at_boot_ns)) <= e.bound_ns + 1000  # tc1 comes in whole microseconds
+        assert not clock.doubted
     assert clock.estimate.source is ClockSource.TIMESYNC
-    assert clock.strange == 0
 
 
 def test_a_one_sided_delay_is_inside_the_bound_too() -> None:
@@ -314,7 +314,6 @@ def test_a_single_contradiction_changes_the_bound_alone_until_an_answer_fits() -
     run(link, clock, 5.0)
     before = clock.estimate
     assert not clock.exchange(5 * NS, link.boot(5 * NS) + 300 * MS, 5 * NS + MS)
-    assert clock.strange == 1
     assert clock.doubted
     assert before.bound_ns is not None
     assert clock.estimate.bound_ns == pytest.approx(300 * MS, abs=3 * MS)
@@ -368,7 +367,6 @@ def test_a_late_answer_and_one_from_the_future_are_not_used() -> None:
     clock = ClockFilter()
     assert not clock.exchange(0, 0, 600 * MS)
     assert not clock.exchange(100, 0, 50)
-    assert clock.slow == 2
     assert clock.estimate.source is ClockSource.NONE
 
 

@@ -15,7 +15,7 @@ from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras import row_check
 from drivers.cameras.row_check import MatchedCorners, matched_corners
-from drivers.cameras.stereo import MatchParams, StereoDepth, depth_mm
+from drivers.cameras.stereo import MatchParams, StereoDepth, StereoMatcher, depth_mm
 from drivers.cameras.zed_calibration import (
     EyeCalibration,
     StereoCalibration,
@@ -135,7 +135,7 @@ def test_the_depth_of_a_drawn_wall_through_distortion_and_rotation(z_m: float) -
     """Median error below 0.12 px of disparity, nine tenths below a quarter; most pixels measured."""
     c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
     stereo = StereoDepth(c)
-    disparity = stereo.disparity(*stereo.rectified(*pair(c, z_m)))
+    disparity = StereoMatcher().disparity(*stereo.rectified(*pair(c, z_m)))
     k = stereo.intrinsics
     u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
     rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1)
@@ -237,24 +237,11 @@ def test_what_only_one_image_shows_has_no_depth() -> None:
     left[:, 220:320] = board
     right[:, 220 - near_px : 320 - near_px] = board
     params = MatchParams(disparities=64, edge_px=0)
-    identity = StereoCalibration(
-        width=width,
-        height=height,
-        left=eye(width, height),
-        right=eye(width, height),
-        R=np.eye(3),
-        T=np.array([-0.1, 0, 0]),
-    )
-    disparity = StereoDepth(identity, params).disparity(left, right)
+    disparity = StereoMatcher(params).disparity(left, right)
     assert np.median(disparity[20:-20, 240:300]) == pytest.approx(near_px, abs=0.5)
     assert np.median(disparity[20:-20, 360:440]) == pytest.approx(far_px, abs=0.5)
     hidden = disparity[20:-20, 192:216]  # left of the board by the difference of both disparities
     assert np.mean(hidden < 0) > 0.8
-
-
-def eye(width: int, height: int) -> EyeCalibration:
-    matrix = np.array([[300.0, 0.0, width / 2], [0.0, 300.0, height / 2], [0.0, 0.0, 1.0]])
-    return EyeCalibration(matrix=matrix, distortion=np.zeros(5))
 
 
 def test_no_match_and_what_is_beyond_the_range_of_millimetres_is_unknown() -> None:
@@ -267,15 +254,11 @@ def test_a_real_pair_gives_plausible_depths(shared_data: Path) -> None:
     image = cv2.imread(str(shared_data / "zed" / "zed2i_side_by_side_3840x1080.jpg"))
     small = cv2.resize(image, (1920, 540), interpolation=cv2.INTER_AREA)
     left, right = halves(small)
-    c = StereoCalibration(
-        width=960, height=540, left=eye(960, 540), right=eye(960, 540), R=np.eye(3), T=np.array([-0.12, 0.0, 0.0])
-    )
-    stereo = StereoDepth(c, MatchParams(disparities=128))
     found = matched_corners(left, right)
     assert found.corners > 100
     assert found.rows_px < 0.6
     assert found.fault == ""
-    depth = depth_mm(stereo.disparity(left, right), 534.04 * 0.11998737) / 1000.0
+    depth = depth_mm(StereoMatcher(MatchParams(disparities=128)).disparity(left, right), 534.04 * 0.11998737) / 1000.0
     seen = depth[depth > 0]
     # walls and table top are blank to within the noise: only their borders are measured
     assert 0.15 * depth.size < len(seen) < 0.25 * depth.size
