@@ -19,8 +19,3 @@ class WatchedThread(threading.Thread):
         except BaseException as error:
             self.failure = f"{type(error).__name__}: {error}"
             raise
-
-    @property
-    def ended(self) -> bool:
-        """Whether it was started and has ended."""
-        return self.ident is not None and not self.is_alive()

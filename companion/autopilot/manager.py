@@ -267,10 +267,6 @@ class Avoidance:
         """The newest decision."""
         return self.sender.report
 
-    def stalled(self, limit_ns: int) -> bool:
-        """True if the sender has ended, or has not completed a cycle for limit_ns."""
-        return not self.sender.running or time.monotonic_ns() - self.sender.alive_ns > limit_ns
-
     def _autopilot(self) -> AutopilotNow:
         self._before_ns = self._exposed_ns.copy()  # the next decision uses these or newer ones
         vehicle = self._vehicle() or self._silent()

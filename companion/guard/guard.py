@@ -157,10 +157,6 @@ class Guard:
         """The exception that ended the thread, as text; empty: none."""
         return self._thread.failure
 
-    def stalled(self, now_ns: int, limit_ns: int) -> bool:
-        """True if the thread was started and has ended, or has not begun a step for limit_ns."""
-        return self._thread.ident is not None and (self._thread.ended or now_ns - self.alive_ns > limit_ns)
-
     def step(self, now_ns: int) -> None:
         """Does one step: reads messages, decides and sends."""
         vehicle = self._vehicle()

@@ -186,12 +186,12 @@ def recording_message(status: RecordStatus) -> pb.RecordingHealth:
 
 
 def diagnostics_of(
-    cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, stalled: str
+    cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, thread_fault: str
 ) -> list[Diagnostic]:
-    """The diagnostics of cameras, link and recorder, the most severe first. stalled: the part that does not respond;
-    empty: none."""
+    """The diagnostics of cameras, link and recorder, the most severe first. thread_fault: the required threads that have
+    ended, or the one that does not respond, as text; empty: none."""
     views = list(cameras)
-    found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", f"{stalled} hangs")] if stalled else []
+    found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", thread_fault)] if thread_fault else []
     if not views:
         text = "no camera is configured: add a [[camera]] to the configuration"
         found.append(Diagnostic(DiagnosticCode.NO_CAMERA_CONFIGURED, "", text))

@@ -23,6 +23,7 @@ from .health import (
     autopilot_message,
     camera_message,
     diagnostics_of,
+    latency_message,
     new_report,
     recording_message,
     state_of,
@@ -112,7 +113,8 @@ class HealthReporter:
         """All diagnostics, the most severe first."""
         parts, hang_s = self._parts, self._config.service.hang_s
         recording = parts.recorder.status if parts.recorder is not None else None
-        found = diagnostics_of(views, autopilot, recording, parts.stalled(now_ns, round(hang_s * NS)))
+        thread_fault = parts.failures() or parts.stalled(now_ns, round(hang_s * NS))
+        found = diagnostics_of(views, autopilot, recording, thread_fault)
         found += parts.ended_optional()
         with parts.loop.lock:
             found += self._mounts.diagnostics((view.status.camera, view.status.info) for view in views)
@@ -151,7 +153,10 @@ class HealthReporter:
                 parts.avoidance.fill(report.autopilot, report.t_ns)
         if parts.recorder is not None:
             report.recording.CopyFrom(recording_message(parts.recorder.status))
-        parts.loop.fill(report, parts.avoidance.latency if parts.avoidance is not None else lambda: None)
+        parts.loop.fill(report)
+        to_autopilot = parts.avoidance.latency() if parts.avoidance is not None else None
+        if to_autopilot is not None:
+            report.latencies.append(latency_message(*to_autopilot))
         if parts.share is not None:
             parts.share.fill(report)
         report.samples_lost = parts.event_queue.lost

@@ -56,7 +56,8 @@ class Parts:
         return {name: camera.status for name, camera in self.cameras.items()}
 
     def failures(self) -> str:
-        """The required threads that an exception has ended, as text; empty: none."""
+        """The required threads that an exception has ended, as text; empty: none. The service then ends and systemd restarts
+        it (docs/reference/service.md)."""
         failures = {"the pipeline": self.loop.failure}
         if self.link is not None:
             failures["the link to the autopilot"] = self.link.failure
@@ -68,23 +69,24 @@ class Parts:
         return "; ".join(f"{part} has ended: {failure}" for part, failure in failures.items() if failure)
 
     def stalled(self, now_ns: int, timeout_ns: int) -> str:
-        """The first required thread that has ended or has not responded for `timeout_ns`, as text; empty: none.
+        """The first required thread that has not responded for `timeout_ns`, as text; empty: none. Threads that an exception
+        has ended are named at once by `failures`.
 
         The recorder is not checked here: a slow disk is reported but does not end the service."""
-        if not self.loop.running:
-            return "the pipeline has ended and"
-        if self.loop.started and now_ns - self.loop.alive_ns > timeout_ns:
-            return "the pipeline"
-        if self.link is not None and now_ns - self.link.state.alive_ns > timeout_ns + LINK_OPEN_NS:
-            return "the link to the autopilot"
-        if self.avoidance is not None and self.avoidance.stalled(timeout_ns):
-            return "the obstacle sender"
-        if self.guard is not None and self.guard.stalled(now_ns, timeout_ns):
-            return "the guard"
+        alive_ns: dict[str, int] = {}
+        if self.loop.started.is_set():
+            alive_ns["the pipeline"] = self.loop.alive_ns
+        if self.link is not None:
+            alive_ns["the link to the autopilot"] = self.link.state.alive_ns + LINK_OPEN_NS
+        if self.avoidance is not None:
+            alive_ns["the obstacle sender"] = self.avoidance.sender.alive_ns
+        if self.guard is not None:
+            alive_ns["the guard"] = self.guard.alive_ns
         for name, camera in self.cameras.items():
-            if camera.status.alive_ns and now_ns - camera.status.alive_ns > timeout_ns + LINK_OPEN_NS:
-                return f"the supervision of camera {name}"
-        return ""
+            if camera.status.alive_ns:
+                alive_ns[f"the supervision of camera {name}"] = camera.status.alive_ns + LINK_OPEN_NS
+        silent = (part for part, part_ns in alive_ns.items() if now_ns - part_ns > timeout_ns)
+        return next((f"{part} does not respond" for part in silent), "")
 
     def ended_optional(self) -> list[Diagnostic]:
         """Diagnostics of the optional parts that have ended. Recording and the merged world report their own."""

@@ -16,7 +16,7 @@ from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import prisms_bytes, wire_bytes
-from ..pipeline.events import Item, LogMessage, RawFrame, Sample, SupersededFrame
+from ..pipeline.events import Item, LogMessage, RawFrame, SupersededFrame
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import FrameDecision, Output, PrismsResult
@@ -53,7 +53,10 @@ class Receivers:
 
 
 class PipelineThread:
-    """Runs until closed. `lock` guards the attributes that other threads read."""
+    """Runs until closed. `lock` guards the attributes that other threads read.
+
+    Attributes:
+        started: set when the kernels are loaded and the loop runs."""
 
     def __init__(
         self,
@@ -78,23 +81,13 @@ class PipelineThread:
         self.exposure_offsets: tuple[ExposureOffset, ...] = ()
         self.mount_yaws: tuple[MountYaw, ...] = ()
         self.alive_ns = time.monotonic_ns()
-        self.begun = threading.Event()
+        self.started = threading.Event()
         self._idle = threading.Event()
         self._idle.set()
 
     def open(self) -> None:
-        """Starts the thread. `started` is true when the kernels are loaded and the loop runs."""
+        """Starts the thread."""
         self._thread.start()
-
-    @property
-    def started(self) -> bool:
-        """Whether the kernels are loaded and the loop runs. `begun` is the event to wait for."""
-        return self.begun.is_set()
-
-    @property
-    def running(self) -> bool:
-        """Whether the thread runs."""
-        return self._thread.is_alive()
 
     @property
     def failure(self) -> str:
@@ -105,15 +98,10 @@ class PipelineThread:
         """Waits up to `longest_s` until no frame is being processed; returns whether that is the case."""
         return self._idle.wait(longest_s)
 
-    def fill(
-        self, report: pb.Health, latency_to_autopilot: Callable[[], tuple[LatencyStage, float, float, float] | None]
-    ) -> None:
-        """Fills latencies and frame counts of a health report. latency_to_autopilot: called with `lock` held."""
+    def fill(self, report: pb.Health) -> None:
+        """Fills latencies and frame counts of a health report."""
         with self.lock:
-            latencies = self.latencies.percentiles()
-            if (last := latency_to_autopilot()) is not None:
-                latencies.append(last)
-            report.latencies.extend(latency_message(*percentiles) for percentiles in latencies)
+            report.latencies.extend(latency_message(*percentiles) for percentiles in self.latencies.percentiles())
             report.frames_used = sum(self.used.values())
             for cause, count in self.dropped.items():
                 report.frames_dropped[cause] = count
@@ -123,7 +111,7 @@ class PipelineThread:
         self._stop.set()
         if self._thread.ident is not None:
             # loading of kernels cannot be interrupted, and no frame is being processed
-            self._thread.join(5.0 if self.started else 0.5)
+            self._thread.join(5.0 if self.started.is_set() else 0.5)
             self._log.flush()
 
     def _run(self) -> None:
@@ -131,7 +119,7 @@ class PipelineThread:
         if self._stop.is_set():
             return
         self.alive_ns = time.monotonic_ns()  # loading the kernels may have taken minutes
-        self.begun.set()
+        self.started.set()
         while not self._stop.is_set():
             taken = self._event_queue.take(TAKE_S)
             self._idle.clear()
@@ -157,8 +145,18 @@ class PipelineThread:
                 self._handle_motion(cast(list[Motion], list(alike)))
             else:
                 for item in alike:
-                    if not isinstance(item, CameraInfo):
-                        self._handle(item)
+                    self._handle(item)
+
+    def _handle(self, item: Item) -> None:
+        if isinstance(item, DepthFrame):
+            self._handle_frame(item)
+        elif isinstance(item, SupersededFrame):
+            self._log.open_file(item)
+            decision = self._pipeline.superseded(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+            self._publish_output(decision)
+        elif isinstance(item, LogMessage):
+            self._log.open_file(item)
+            self._log.message(item)
 
     def _record_raw_frames(self, frames: list[RawFrame]) -> None:
         self._log.open_file(frames[0])
@@ -175,37 +173,20 @@ class PipelineThread:
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
 
-    def _handle(self, item: Sample) -> None:
-        self._log.open_file(item)
-        if isinstance(item, LogMessage):
-            self._log.message(item)
-            return
-        if isinstance(item, SupersededFrame):
-            decision = self._pipeline.superseded(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
-            self._publish_output(decision)
-            return
-        if isinstance(item, RawFrame):
-            self._record_raw_frames([item])
-            return
-        self._log.clock(item.t_arrival_ns)
-        self._log.event(item)
+    def _handle_frame(self, frame: DepthFrame) -> None:
+        """Handles a frame. Its results are published before anything else is done with it."""
+        self._log.open_file(frame)
+        self._log.clock(frame.t_arrival_ns)
+        self._log.event(frame)
         begun_ns, begun_cpu_ns = time.monotonic_ns(), time.thread_time_ns()
-        outputs = self._pipeline.handle(item)
+        outputs = self._pipeline.handle(frame)
         done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
-        with self.lock:
-            self.newest_attitude_ns = self._pipeline.newest_attitude_ns
         for output in outputs:
             self._publish_output(output)
-        if isinstance(item, DepthFrame):
-            self._add_latencies(item, begun_ns, done_ns, cpu_ns)
-            self._receivers.frame(item)
+        self._add_latencies(frame, begun_ns, done_ns, cpu_ns)
+        self._receivers.frame(frame)
         for output in outputs:
             self._track(output)
-        if isinstance(item, DepthFrame):
-            self._check_motion(item)
-
-    def _check_motion(self, frame: DepthFrame) -> None:
-        """Runs the self-checks, after the frame's results are published."""
         self._checks.event(frame)
         with self.lock:
             self.exposure_offsets, self.mount_yaws = self._checks.offsets(), self._checks.yaws()

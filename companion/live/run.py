@@ -65,12 +65,11 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
     while not stop.is_set():
         # fixed rate independent of the duration of a tick: blind cameras are reported at [service] blind_hz
         next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MAX_LATE_S)
-        (stop if ready else service.parts.loop.begun).wait(
-            max(0.0, next_tick_s - time.monotonic())
-        )  # returns at once when set
+        # the wait for the start ends at once when the pipeline runs
+        (stop if ready else service.parts.loop.started).wait(max(0.0, next_tick_s - time.monotonic()))
         service.parts.loop.wait_idle(IDLE_WAIT_S)
         service.tick()
-        if ended := service.failures() or ("" if service.parts.loop.running else "the pipeline has ended"):
+        if ended := service.parts.failures():
             # the autopilot must not wait for the watchdog: end at once so that systemd restarts the service
             log.critical("%s; the service ends so that systemd restarts it", ended)
             return 1

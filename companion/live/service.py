@@ -229,12 +229,7 @@ class Service:
     @property
     def started(self) -> bool:
         """Whether the kernels are loaded and the pipeline runs."""
-        return self.parts.loop.started
-
-    def failures(self) -> str:
-        """The required threads that an exception has ended, as text; empty: none. The service then ends and systemd restarts
-        it (docs/reference/service.md)."""
-        return self.parts.failures()
+        return self.parts.loop.started.is_set()
 
     def stalled_part(self) -> str:
         """The first required thread that does not respond within `[service] hang_s`, as text; empty: none."""

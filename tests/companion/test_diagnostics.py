@@ -182,12 +182,12 @@ def test_ground_once_seen_ends_the_check_until_the_camera_starts_again() -> None
     assert [d.code for d in check.check()] == ["ground_never_seen"]
 
 
-def test_the_health_report_holds_code_and_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_health_report_holds_code_and_text(tmp_path: Path) -> None:
     camera = {"name": "front", "kind": "v4l2", "device": "/dev/null"}
     camera |= dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), TEMPLATE_V4L2_PX, strict=True))
     config: Config = config_of({"camera": [camera], "record": {"record": "off"}, "avoid": {"clear_share": 0.5}}, "x")
     service = Service(config, Folders(tmp_path, tmp_path), lambda: None)
-    monkeypatch.setattr(type(service.parts.loop), "started", True)
+    service.parts.loop.started.set()
     published: list[pb.Health] = []
     service._output.publishers["health"] = cast(
         Any, SimpleNamespace(published=0, publish=published.append, close=lambda: None)
@@ -200,7 +200,7 @@ def test_the_health_report_holds_code_and_text(tmp_path: Path, monkeypatch: pyte
         service.tick()
     finally:
         service.close()
-    others = ["thread_stalled", "camera_unavailable", "no_autopilot_configured"]  # the pipeline thread does not run
+    others = ["camera_unavailable", "no_autopilot_configured"]
     assert [d.code for d in published[0].diagnostics] == [*others, "template_intrinsics"]
     assert [d.code for d in published[1].diagnostics] == [*others, "template_intrinsics", "ground_never_seen"]
     assert [d.text for d in published[1].diagnostics] == list(published[1].troubles)

@@ -30,7 +30,7 @@ from .test_sectors import model
 NS = 1_000_000_000
 START_NS = 100 * NS
 STEP_NS = NS // 20
-LOOP: Any = SimpleNamespace(failure="", running=True, started=False, alive_ns=0)
+LOOP: Any = SimpleNamespace(failure="", started=threading.Event(), alive_ns=0)
 
 
 class Flight:
@@ -186,7 +186,7 @@ def test_a_guard_that_has_ended_ends_the_service() -> None:
     assert reached.wait(10.0)
     guard.close()
     assert parts_of(guard).failures() == "the guard has ended: ValueError: test"
-    assert parts_of(guard).stalled(guard.alive_ns, NS) == "the guard"
+    assert parts_of(guard).stalled(guard.alive_ns, NS) == "", "it has ended"
 
 
 def test_a_guard_that_does_not_respond_is_a_stalled_part() -> None:
@@ -202,7 +202,7 @@ def test_a_guard_that_does_not_respond_is_a_stalled_part() -> None:
     try:
         assert reached.wait(10.0)
         assert parts_of(guard).stalled(guard.alive_ns + NS, NS) == ""
-        assert parts_of(guard).stalled(guard.alive_ns + NS + 1, NS) == "the guard"
+        assert parts_of(guard).stalled(guard.alive_ns + NS + 1, NS) == "the guard does not respond"
         assert parts_of(guard).failures() == ""
     finally:
         release.set()

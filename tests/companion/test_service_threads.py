@@ -151,6 +151,8 @@ def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
         inject(service)
         assert until(lambda: status == [1])
         assert name in caplog.text
+        service.tick()
+        assert service.diagnostics[0].line() == f"thread_stalled: {name}"
         autopilot.received_cm()
         service.close()
         assert 330 in autopilot.received_cm(), "the blind policy's wall is what it hears last"
@@ -208,7 +210,7 @@ def test_the_flight_goes_on_and_what_ended_is_named(
         assert until(lambda: any(name in fault for fault in service.diagnostic_texts)), service.diagnostic_texts
         time.sleep(0.2)
         assert status == []
-        assert service.parts.loop.running
+        assert service.parts.loop.failure == ""
 
 
 def test_an_error_in_a_viewers_image_ends_its_stream_only(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -196,10 +196,10 @@ def test_diagnostics_name_the_worst_first() -> None:
         [camera("a", "silent: no frame for 0.6 s")],
         None,
         RecordStatus(fault="recording stopped: full"),
-        "the pipeline",
+        "the pipeline does not respond",
     )
     assert [(d.code, d.camera, d.text) for d in found] == [
-        ("thread_stalled", "", "the pipeline hangs"),
+        ("thread_stalled", "", "the pipeline does not respond"),
         ("camera_unavailable", "a", "camera a is blind: silent: no frame for 0.6 s"),
         ("no_autopilot_configured", "", "no autopilot is configured: set [autopilot] address"),
         ("recording_fault", "", "recording stopped: full"),
