@@ -51,24 +51,24 @@ LONGEST_CLOSE_S = 1.0
 """Longest wait for a transport to close at the end."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LinkState:
     """State of a link.
 
     Attributes:
+        alive_ns: time of the last cycle of the thread.
         open: the link is open.
         error: why it is not, as text.
         warning: that it is slow or does not send, as text.
-        losses: how often it was lost.
-        alive_ns: time of the last cycle of the thread.
-        flood: that datagrams are dropped, as text."""
+        flood: that datagrams are dropped, as text.
+        losses: how often it was lost."""
 
-    open: bool
-    error: str
-    warning: str
-    losses: int
     alive_ns: int
+    open: bool = False
+    error: str = ""
+    warning: str = ""
     flood: str = ""
+    losses: int = 0
 
 
 class PollScheduler:
@@ -161,7 +161,7 @@ class MavlinkLink:
         self._stop = threading.Event()
         self._wake_event = threading.Event()
         self.budget: LinkBudget | None = None
-        self._state = LinkState(False, "not opened yet", "", 0, time.monotonic_ns())
+        self._state = LinkState(alive_ns=time.monotonic_ns(), error="not opened yet")
         self._thread = WatchedThread(self._run, "mavlink")
 
     def open(self) -> None:
@@ -237,59 +237,65 @@ class MavlinkLink:
             status = self._session.status(time.monotonic_ns())
         return replace(status, counts=status.counts | {LinkAnomaly.FLOOD_DROPPED.value: dropped}) if dropped else status
 
+    def _update_state(self, **changes: Any) -> None:
+        """Changes the state, and reports that the thread is alive."""
+        self._state = replace(self._state, alive_ns=time.monotonic_ns(), **changes)
+
     def _run(self) -> None:
-        backoff_s, losses, error = FIRST_BACKOFF_S, 0, ""
+        backoff_s = FIRST_BACKOFF_S
+        self._update_state(error="opening")
         while not self._stop.is_set():
             transport: Transport | None = None
             try:
-                transport = self._opened(error, losses)
+                transport = self._opened()
                 if transport is None:
                     break
-                self.budget = self._session.budget(transport.bytes_per_s)
-                warning = self.budget.warning() if self.budget is not None else ""
-                self._state = LinkState(True, "", warning, losses, time.monotonic_ns())
                 opened_ns = time.monotonic_ns()
-                self._talk(transport, warning, losses)
+                self._talk(transport)
+                self._update_state(open=False)
             except DriverError as failure:
-                error = str(failure)
+                self._update_state(open=False, error=str(failure), warning="", flood="")
                 if transport is not None:
-                    losses += 1
+                    self._update_state(losses=self._state.losses + 1)
                     if time.monotonic_ns() - opened_ns > LONGEST_BACKOFF_S * NS:
                         backoff_s = FIRST_BACKOFF_S
             # not after another exception: `close` then needs the line for the last message
             if transport is not None:
                 with self._turn:
                     self._transport, self._left = None, []
-                self._close(transport, error, losses)
+                self._close(transport)
             if not self._stop.is_set():
-                self._wait(backoff_s, error, losses)
+                self._wait(backoff_s)
                 backoff_s = min(2.0 * backoff_s, LONGEST_BACKOFF_S)
 
-    def _opened(self, error: str, losses: int) -> Transport | None:
+    def _opened(self) -> Transport | None:
         """Opens the transport. Raises DriverError. None: the link was closed meanwhile.
 
         The name of a host may take many seconds to resolve. It is opened in a thread of its own, so that this one is seen
-        to be alive. error: why the last attempt failed, as text."""
+        to be alive."""
         opening = Opening(self._address)
         opening.start()
         while not opening.done.wait(0.1):
-            self._state = LinkState(False, error or "opening", "", losses, time.monotonic_ns())
+            self._update_state()
             if self._stop.is_set():
                 opening.abandon()
                 return None
         return opening.result()
 
-    def _close(self, transport: Transport, error: str, losses: int) -> None:
+    def _close(self, transport: Transport) -> None:
         """Closes a transport, in a thread of its own: the kernel may wait long for a serial device that takes no bytes. The
-        device cannot be opened again before. error: why it is closed, as text."""
+        device cannot be opened again before."""
         closing = WatchedThread(transport.close, "mavlink close")
         closing.start()
         while closing.is_alive() and not self._stop.is_set():
             closing.join(0.1)
-            self._state = LinkState(False, error, "", losses, time.monotonic_ns())
+            self._update_state()
         closing.join(LONGEST_CLOSE_S)
 
-    def _talk(self, transport: Transport, warning: str, losses: int) -> None:
+    def _talk(self, transport: Transport) -> None:
+        self.budget = self._session.budget(transport.bytes_per_s)
+        warning = self.budget.warning() if self.budget is not None else ""
+        self._update_state(open=True, error="", warning=warning)
         with self._lock:
             self._session.new_line()
         with self._turn:
@@ -305,7 +311,7 @@ class MavlinkLink:
             now_ns = time.monotonic_ns()
             flood = transport.flood.text(now_ns) if transport.flood is not None else ""
             stuck = self._stuck_text(transport, now_ns)
-            self._state = LinkState(True, "", stuck or warning, losses, now_ns, flood)
+            self._update_state(warning=stuck or warning, flood=flood)
         self._send_posted(transport)
 
     def _send_posted(self, transport: Transport) -> None:
@@ -359,11 +365,11 @@ class MavlinkLink:
             f"{(now_ns - since_ns) / NS:.0f} s; {transport.backlog_remedy}"
         )
 
-    def _wait(self, seconds: float, error: str, losses: int) -> None:
-        """Waits between two attempts to open the link, and reports that the thread is alive."""
+    def _wait(self, seconds: float) -> None:
+        """Waits between two attempts to open the link."""
         until_ns = time.monotonic_ns() + round(seconds * NS)
         while time.monotonic_ns() < until_ns and not self._stop.wait(0.1):
-            self._state = LinkState(False, error, "", losses, time.monotonic_ns())
+            self._update_state()
 
 
 def _bytes(chunks: list[Chunk]) -> int:
