@@ -25,7 +25,7 @@ from ..argument_types import checked_by, number_in
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
 
-EVERYWHERE = ("0.0.0.0", "::", "")
+EVERYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "::1"}
 
 
 def flight_of(config: Config) -> EndlessFlight:
@@ -62,7 +62,7 @@ def other_end(address: str) -> UdpEnd | PtyEnd:
             f'a simulated autopilot cannot be at the other end of "{address}": let the service listen, [autopilot] '
             'address = "udpin:127.0.0.1:14540", or give --address udpout:HOST:PORT, --address pty or pty:LINK'
         )
-    return UdpEnd("127.0.0.1" if line.place in EVERYWHERE else line.place, line.number)
+    return UdpEnd(EVERYWHERE.get(line.place, line.place.strip("[]")), line.number)
 
 
 def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.param_field import check, choice, critical, number, switch, text
-from drivers.mavlink.address import parse_address
+from drivers.mavlink.address import is_host, parse_address
 
 
 def _is_endpoint(address: str) -> bool:
@@ -15,7 +15,7 @@ def _is_endpoint(address: str) -> bool:
     kind, _, place = address.partition("://")
     host, _, port = place.rpartition(":")
     if kind == "tcp":
-        return bool(host) and port.isdecimal() and 0 < int(port) < 65536
+        return is_host(host) and port.isdecimal() and 0 < int(port) < 65536
     return kind == "ipc" and bool(place)
 
 
@@ -33,7 +33,8 @@ class AutopilotConfig:
     """The line to the autopilot and what is asked of it."""
 
     address: str = text(
-        "", "serial:/dev/serial/by-id/NAME:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT; empty: none"
+        "",
+        "serial:/dev/serial/by-id/NAME:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT (IPv6 in brackets); empty: none",
     )
     system_id: int = number(0, 0, 255, "", "system id of the vehicle; 0: taken from its heartbeat")
     component_id: int = number(196, 1, 255, "", "component id of the service; 196 is obstacle avoidance")
@@ -66,7 +67,8 @@ class PublishConfig:
     """Where the streams are. {run} stands for the service's run folder."""
 
     prisms: str = text(
-        "ipc://{run}/prisms", "address of the obstacle stream: ipc://PATH, or tcp://HOST:PORT; empty: none"
+        "ipc://{run}/prisms",
+        "address of the obstacle stream: ipc://PATH, or tcp://HOST:PORT (IPv6 in brackets); empty: none",
     )
     health: str = text("ipc://{run}/health", "address of the health reports")
     surround: str = text(
@@ -103,7 +105,9 @@ class PublishConfig:
         for name in (*STREAMS, *WORLD_STREAMS, "neighbours", "depth"):
             address = getattr(self, name)
             if address and not _is_endpoint(address):
-                raise ValueError(f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT')
+                raise ValueError(
+                    f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT, an IPv6 HOST in brackets'
+                )
             if address and address in places:
                 other = places[address]
                 raise ValueError(f'[publish] {other} and {name} have the same address "{address}"; give each its own')

@@ -13,6 +13,7 @@ from core.codes import text_of, texts_of
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_from_message
 from drivers.mavlink.anomalies import LinkAnomaly
+from osape_client.ipv6 import allow_ipv6
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.run_folder import run_folder
 
@@ -60,6 +61,7 @@ def newest_health(address: str, timeout_s: float) -> pb.Health:
     try:
         subscriber.setsockopt(zmq.SUBSCRIBE, b"")
         subscriber.setsockopt(zmq.LINGER, 0)
+        allow_ipv6(subscriber, address)
         subscriber.connect(address)
         if not subscriber.poll(round(timeout_s * 1000)):
             raise DeviceNotFound(

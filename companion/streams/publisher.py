@@ -16,6 +16,7 @@ import zmq
 from google.protobuf.message import Message
 
 from drivers.base import DeviceNotFound
+from osape_client.ipv6 import allow_ipv6
 
 from ..pipeline.encode import wire_bytes
 from .curve_auth import ServerKeys, beyond_loopback, serve
@@ -60,6 +61,7 @@ class Publisher:
             self._socket.setsockopt(zmq.LINGER, 0)
             if keys is not None:
                 serve(self._socket, keys)
+            allow_ipv6(self._socket, stream.address)
             self._socket.bind(stream.address)
             _close_to_others(stream)
         except zmq.ZMQError as error:

@@ -8,12 +8,15 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import re
 import signal
+import socket
 import sys
 import threading
 import time
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler
+from ipaddress import ip_address
 from pathlib import Path
 from socketserver import ThreadingTCPServer
 from typing import TYPE_CHECKING, Any
@@ -55,7 +58,7 @@ class LiveServer:
     """The web server. `open` raises DeviceNotFound where the port cannot be bound."""
 
     def __init__(self, page: LivePage, host: str, port: int) -> None:
-        self._page, self.host, self.port = page, host, port
+        self._page, self.host, self.port = page, host.strip("[]"), port
         self._server: _Server | None = None
         self._thread: threading.Thread | None = None
 
@@ -86,12 +89,28 @@ class LiveServer:
 def names_of(host: str) -> frozenset[str]:
     """Allowed values of the Host header. On the loopback address these are its own names, so that a web page cannot
     read the data through a host name that resolves to this computer; on other addresses any (empty)."""
-    return frozenset({LOOPBACK, "localhost", "[::1]", host}) if is_loopback(host) else frozenset()
+    return frozenset({LOOPBACK, "localhost", "[::1]", in_url(host)}) if is_loopback(host) else frozenset()
 
 
 def is_loopback(host: str) -> bool:
     """Whether only this computer can connect."""
-    return host == "localhost" or host.startswith("127.")
+    if host == "localhost" or host.startswith("127."):
+        return True
+    try:
+        return ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def in_url(host: str) -> str:
+    """A host as in an address of a browser: IPv6 in brackets, and the loopback address for all addresses."""
+    host = host.strip("[]")
+    return {"0.0.0.0": LOOPBACK, "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
+
+
+def _name_of(header: str) -> str:
+    """A Host header without its port."""
+    return re.sub(r":\d*$", "", header)
 
 
 def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
@@ -117,6 +136,7 @@ class _Server(ThreadingTCPServer):
 
     def __init__(self, page: LivePage, host: str, port: int) -> None:
         self._page, self._names = page, names_of(host)
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._places = threading.BoundedSemaphore(PAGES)
         self._connections: set[Any] = set()
         super().__init__((host, port), _Handler)
@@ -147,7 +167,7 @@ class _Server(ThreadingTCPServer):
 
     def reply(self, host: str, path: str, site: str = "") -> tuple[int, str, bytes]:
         """(status, type, body) of a request. host: its Host header; site: its Sec-Fetch-Site header."""
-        if self._names and (host.rpartition(":")[0] or host) not in self._names:
+        if self._names and _name_of(host) not in self._names:
             return 403, "text/plain", b"this server answers to its own name only\n"
         if site in FOREIGN and path != "/":  # a link to the page may be anywhere
             return 403, "text/plain", b"this server answers to its own page only\n"
@@ -229,7 +249,7 @@ def run(args: argparse.Namespace) -> int:
                 f"everyone who can connect to port {server.port} of this computer can see the camera images and the "
                 "vehicle's position, unencrypted; for remote access use `ssh -L`"
             )
-        shown = LOOPBACK if listen == "0.0.0.0" else listen
+        shown = in_url(listen)
         print_line(f"page: http://{shown}:{server.port}/ (stop with Ctrl-C)")
         if foxglove is not None:
             print_line(f"Foxglove: ws://{shown}:{foxglove.port}")

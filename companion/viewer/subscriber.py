@@ -20,6 +20,7 @@ from google.protobuf.message import DecodeError, Message
 from core.types import CameraInfo
 from drivers.logs.codec import camera_from_message
 from osape_client.curve_keys import use_client_keys
+from osape_client.ipv6 import allow_ipv6
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import TimedSocket, age_ns
 from osape_client.subscriber import TIMEOUT_S
@@ -142,6 +143,7 @@ class LiveSubscriber:
                 self._depth = socket
             else:
                 socket.setsockopt(zmq.SUBSCRIBE, b"")
+            allow_ipv6(socket, address)
             socket.connect(address)
         self._thread.start()
         self.world.open()

@@ -261,7 +261,7 @@ def add_parser(subparsers: Any) -> None:
     live.add_argument(
         "--listen",
         metavar="HOST",
-        help="address to serve at (default: 127.0.0.1, this computer only); 0.0.0.0: the whole network, without encryption",
+        help="address to serve at, IPv4 or IPv6 (default: 127.0.0.1, this computer only); 0.0.0.0 or ::: the whole network, without encryption",
     )
     live.add_argument(
         "--foxglove",

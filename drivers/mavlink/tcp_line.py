@@ -34,9 +34,13 @@ class TcpLine:
 
     def __init__(self, address: Address) -> None:
         self._address, self._received_ns = address, 0
+        family, place = resolve(address)
+        self._socket = socket.socket(family, socket.SOCK_STREAM)
         try:
-            self._socket = socket.create_connection(resolve(address), timeout=_CONNECT_S)
+            self._socket.settimeout(_CONNECT_S)
+            self._socket.connect(place)
         except OSError as error:
+            self._socket.close()
             raise DeviceNotFound(
                 f"{address}: {reason(error)}; check the address, and that the other end listens there"
             ) from error

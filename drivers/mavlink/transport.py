@@ -10,18 +10,18 @@ import os
 import select
 import socket
 import termios
-from typing import Protocol
+from typing import Protocol, cast
 
 from ..base import DeviceNotFound
-from .address import Address
+from .address import Address, SocketAddress
 from .udp_flood import FloodFilter
 
 READ_BYTES = 65_536
 """Greatest number of bytes of one read."""
 Chunk = tuple[bytes, int]
 """Bytes and their arrival time, monotonic ns: after the last of them has arrived."""
-Source = tuple[str, int] | None
-"""Host and port of the sender; None: the transport has one other end."""
+Source = SocketAddress | None
+"""Address of the sender; None: the transport has one other end."""
 
 
 class Transport(Protocol):
@@ -82,14 +82,15 @@ class Transport(Protocol):
     def close(self) -> None: ...
 
 
-def resolve(address: Address) -> tuple[str, int]:
-    """Returns host and port. Raises DeviceNotFound. A name server may take 20 s."""
+def resolve(address: Address) -> tuple[socket.AddressFamily, SocketAddress]:
+    """Returns family and address; IPv6 only where it was given as an address. Raises DeviceNotFound. A name server may
+    take 20 s."""
+    family = socket.AF_INET6 if address.place.startswith("[") else socket.AF_INET
     try:
-        found = socket.getaddrinfo(address.place, address.number, socket.AF_INET, socket.SOCK_DGRAM)
+        found = socket.getaddrinfo(address.place.strip("[]"), address.number, family, socket.SOCK_DGRAM)
     except OSError as error:
         raise DeviceNotFound(f"{address}: {reason(error)}; use an address such as 127.0.0.1") from error
-    host, port = found[0][4][:2]
-    return str(host), int(port)
+    return family, cast(SocketAddress, found[0][4])
 
 
 def wait_readable(descriptor: int, timeout_s: float) -> bool:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
+from .address import SocketAddress
+
 NS = 1_000_000_000
 WINDOW_NS = NS // 2
 PER_SOURCE, ALL_SOURCES = 64, 256
@@ -25,8 +27,8 @@ class FloodFilter:
     One thread at a time; `text` may be called from another one."""
 
     def __init__(self) -> None:
-        self._trusted: OrderedDict[tuple[str, int], int] = OrderedDict()
-        self._passed: dict[tuple[str, int], int] = {}
+        self._trusted: OrderedDict[SocketAddress, int] = OrderedDict()
+        self._passed: dict[SocketAddress, int] = {}
         self._all = 0
         self._begun_ns = 0
         self._dropped_now = 0
@@ -34,14 +36,14 @@ class FloodFilter:
         self._text, self._text_ns = "", 0
         self.dropped = 0
 
-    def trust(self, source: tuple[str, int], now_ns: int) -> None:
+    def trust(self, source: SocketAddress, now_ns: int) -> None:
         """Records that the autopilot has sent from this address."""
         self._trusted[source] = now_ns
         self._trusted.move_to_end(source)
         if len(self._trusted) > MOST_TRUSTED:
             self._trusted.popitem(last=False)
 
-    def passes(self, source: tuple[str, int], now_ns: int) -> bool:
+    def passes(self, source: SocketAddress, now_ns: int) -> bool:
         """True if a datagram from this address must be parsed. All pass while no address is trusted."""
         if source in self._trusted or not any(now_ns - t_ns < TRUST_NS for t_ns in self._trusted.values()):
             return True

@@ -35,20 +35,20 @@ class UdpLine:
         self.flood = FloodFilter()
         self._room = memoryview(bytearray(READ_BYTES))
         self.sends_first = address.kind == "udpout"
-        place = resolve(address)
+        family, place = resolve(address)
         try:
-            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
         except OSError as error:
             raise DeviceNotFound(f"{address}: {reason(error)}; end programs that hold many files or memory") from error
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         self._more = select.poll()
         self._more.register(self._socket, select.POLLIN)
-        self._peer: tuple[str, int] | None = place if self.sends_first else None
+        self._peer: Source = place if self.sends_first else None
         self.sources: list[Source] = []
         self._chosen = self.sends_first
         try:
-            self._socket.bind(("0.0.0.0", 0) if self.sends_first else place)
+            self._socket.bind(("", 0) if self.sends_first else place)
         except OSError as error:
             self._socket.close()
             raise DeviceNotFound(

@@ -105,6 +105,7 @@ def test_all_mistakes_at_once() -> None:
                 "tcp://127.0.0.1",
                 "tcp://127.0.0.1:0",
                 "tcp://h:65536",
+                "tcp://::1:5601",
                 "x",
             )
         ),

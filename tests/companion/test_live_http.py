@@ -12,7 +12,7 @@ import pytest
 from companion.cli import main
 from companion.viewer import live_server
 from companion.viewer.live_page import LivePage
-from companion.viewer.live_server import LiveServer
+from companion.viewer.live_server import LiveServer, in_url, is_loopback
 from drivers.base import DeviceNotFound
 
 from .live import PATIENCE_S, until
@@ -66,6 +66,37 @@ def test_the_address_it_listens_on_is_its_own_name(page: LivePage) -> None:
         connection.close()
     finally:
         server.close()
+
+
+@pytest.mark.parametrize("host", ["::1", "[::1]"])
+def test_it_listens_on_an_ipv6_address(page: LivePage, host: str) -> None:
+    server = LiveServer(page, host, 0)
+    server.open()
+    try:
+        for name, status in (("[::1]", 200), ("evil.example", 403)):
+            connection = http.client.HTTPConnection("::1", server.port, timeout=60.0)
+            connection.request("GET", "/news?after=0", headers={"Host": f"{name}:{server.port}"})
+            assert connection.getresponse().status == status
+            connection.close()
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "shown", "loopback"),
+    [
+        ("127.0.0.1", "127.0.0.1", True),
+        ("127.1", "127.1", True),
+        ("0.0.0.0", "127.0.0.1", False),
+        ("::1", "[::1]", True),
+        ("[::1]", "[::1]", True),
+        ("::", "[::1]", False),
+        ("fe80::1", "[fe80::1]", False),
+        ("drone.local", "drone.local", False),
+    ],
+)
+def test_the_printed_address_and_whether_others_can_connect(host: str, shown: str, loopback: bool) -> None:
+    assert (in_url(host), is_loopback(host)) == (shown, loopback)
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8760", "127.0.0.1.evil.example:8760"])

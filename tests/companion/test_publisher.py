@@ -15,10 +15,12 @@ from pathlib import Path
 import pytest
 import zmq
 
+from companion.live.status import address_in_use
 from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, make_keys
 from companion.streams.publisher import Publisher, Stream
 from drivers.base import BadData, DeviceNotFound
 from osape_client.boot import boot_id
+from osape_client.newest_socket import NewestSocket
 from osape_client.proto import osape_v1_pb2 as pb
 
 pytestmark = pytest.mark.process
@@ -175,6 +177,22 @@ def test_a_folder_that_is_missing_and_a_port_that_is_taken(tmp_path: Path, conte
     first.close()
 
 
+def test_a_stream_on_an_ipv6_address(context: Context) -> None:
+    publisher = Publisher(Stream("prisms", "tcp://[::1]:*"), context)
+    address = publisher.socket.getsockopt_string(zmq.LAST_ENDPOINT)
+    assert address_in_use(address)
+    subscriber = NewestSocket(address, None)
+    found = None
+    for k in range(6000):
+        publisher.publish(frame(k))
+        found = subscriber.take(10)
+        if found is not None:
+            break
+    subscriber.close()
+    publisher.close()
+    assert found is not None
+
+
 @pytest.mark.parametrize(
     ("address", "beyond"),
     [
@@ -182,6 +200,7 @@ def test_a_folder_that_is_missing_and_a_port_that_is_taken(tmp_path: Path, conte
         ("tcp://127.0.0.1:5601", False),
         ("tcp://localhost:1", False),
         ("tcp://[::1]:5", False),
+        ("tcp://[::]:5", True),
         ("tcp://*:5601", True),
         ("tcp://0.0.0.0:5601", True),
         ("tcp://eth0:5601", True),

@@ -124,6 +124,16 @@ def test_it_is_refused_beside_the_service(tmp_path: Path) -> None:
         assert {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_BATCH}
 
 
+def test_the_other_end_of_a_line_on_ipv6() -> None:
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as service:
+        service.bind(("::1", 0))
+        service.settimeout(60.0)
+        end = other_end(f"udpin:[::]:{service.getsockname()[1]}")
+        end.write(b"heartbeat")
+        assert service.recv(100) == b"heartbeat"
+        end.close()
+
+
 def test_without_a_flight_or_a_line_it_names_the_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ValueError, match=r"no camera of kind = .simulated"):
         flight_of(Config(cameras=(CameraConfig(name="front", kind="oak"),)))

@@ -591,13 +591,17 @@ def test_what_we_post_reaches_the_autopilot() -> None:
         ),
         ("udpin:0.0.0.0:14540", Address("udpin", "0.0.0.0", 14540)),
         ("tcp:host:5760", Address("tcp", "host", 5760)),
+        ("udpout:[fe80::1%eth0]:14550", Address("udpout", "[fe80::1%eth0]", 14550)),
     ],
 )
 def test_addresses(text: str, address: Address) -> None:
     assert parse_address(text) == address
 
 
-@pytest.mark.parametrize("text", ["", "ttyACM0", "udp:1.2.3.4:14550", "udpin:0.0.0.0", "tcp:host:0", "serial:ttyS0"])
+@pytest.mark.parametrize(
+    "text",
+    ["", "ttyACM0", "udp:1.2.3.4:14550", "udpin:0.0.0.0", "tcp:host:0", "tcp:::1:5760", "tcp:[::1]", "serial:ttyS0"],
+)
 def test_a_wrong_address_names_the_forms_there_are(text: str) -> None:
     with pytest.raises(ValueError, match="expected serial:/dev/serial/by-id"):
         parse_address(text)
@@ -614,6 +618,27 @@ def test_failures_to_open_name_cause_and_remedy(tmp_path: Path) -> None:
             open_transport(Address("udpin", "127.0.0.1", held.port))
     finally:
         held.close()
+
+
+def test_udp_and_tcp_over_ipv6() -> None:
+    listening = UdpLine(parse_address(f"udpin:[::1]:{free_port()}"))
+    sending = UdpLine(parse_address(f"udpout:[::1]:{listening.port}"))
+    try:
+        sending.write(b"heartbeat")
+        ((data, _),) = listening.read(5.0)
+        listening.answer(0)
+        listening.write(b"answer")
+        assert (data, sending.read(5.0)[0][0]) == (b"heartbeat", b"answer")
+    finally:
+        listening.close()
+        sending.close()
+    with socket.create_server(("::1", 0), family=socket.AF_INET6) as server:
+        line = open_transport(parse_address(f"tcp:[::1]:{server.getsockname()[1]}"))
+        end, _ = server.accept()
+        line.write(b"heartbeat")
+        assert end.recv(100) == b"heartbeat"
+        end.close()
+        line.close()
 
 
 def test_a_port_that_another_program_holds() -> None:

@@ -66,6 +66,10 @@ Subscriber::Subscriber(const std::string& address, double timeout_s)
   zmq_setsockopt(socket_->socket, ZMQ_SUBSCRIBE, "", 0);
   zmq_setsockopt(socket_->socket, ZMQ_CONFLATE, &newest_only, sizeof newest_only);
   zmq_setsockopt(socket_->socket, ZMQ_LINGER, &linger_ms, sizeof linger_ms);
+  if (address.rfind("tcp://[", 0) == 0) {  // ZeroMQ refuses IPv6 unless asked
+    const int ipv6 = 1;
+    zmq_setsockopt(socket_->socket, ZMQ_IPV6, &ipv6, sizeof ipv6);
+  }
   if (zmq_connect(socket_->socket, address.c_str()) != 0) {
     throw std::runtime_error(address + ": " + zmq_strerror(zmq_errno()));
   }

@@ -7,6 +7,7 @@ from pathlib import Path
 import zmq
 
 from .curve_keys import use_client_keys
+from .ipv6 import allow_ipv6
 from .receive_time import TimedSocket
 
 
@@ -22,6 +23,7 @@ class NewestSocket:
         socket.setsockopt(zmq.LINGER, 0)
         if keys is not None:
             use_client_keys(socket, keys)
+        allow_ipv6(socket, address)
         try:
             socket.connect(address)
         except zmq.ZMQError as error:

@@ -37,7 +37,7 @@ struct ReceiveStats {
 // Keeps the newest message only. ZeroMQ reconnects by itself when the service is restarted. Not thread-safe.
 class Subscriber {
  public:
-  // address: ipc:///run/osape-companion/prisms or tcp://HOST:PORT. Throws std::runtime_error for an address that ZeroMQ refuses.
+  // address: ipc:///run/osape-companion/prisms or tcp://HOST:PORT, IPv6 as tcp://[::1]:PORT. Throws std::runtime_error for an address that ZeroMQ refuses.
   explicit Subscriber(const std::string& address, double timeout_s = kTimeoutS);
   ~Subscriber();
   Subscriber(const Subscriber&) = delete;

@@ -24,6 +24,7 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from ..curve_keys import use_client_keys
+from ..ipv6 import allow_ipv6
 from ..proto import osape_v1_pb2 as pb
 from ..receive_time import TimedSocket, age_ns
 from ..run_folder import run_folder
@@ -215,6 +216,7 @@ class WorldMirror:
             socket.setsockopt(zmq.SUBSCRIBE, b"")
         if self._keys is not None:
             use_client_keys(socket, self._keys)
+        allow_ipv6(socket, address)
         socket.connect(address)
         return TimedSocket(socket)
 
