@@ -91,11 +91,13 @@ def _parameter_findings(
     firmware = f"{autopilot} v{facts.version}" if facts.version else f"{autopilot}, version not reported"
     yield Finding("firmware", True, firmware)
     text = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "no parameter was received"
-    yield Finding("parameters", bool(values), text, "" if values else DiagnosticCode.PARAMETERS_UNKNOWN)
+    unused = not config.avoid.send  # without obstacle output nothing depends on them
+    known = bool(values) or unused
+    yield Finding("parameters", known, text, "" if known else DiagnosticCode.PARAMETERS_UNKNOWN)
     if proximity.restart_pending(facts):
-        yield Finding("parameters", False, RESTART_TEXT, DiagnosticCode.PARAMETER_ADVICE)
+        yield Finding("parameters", unused, RESTART_TEXT, DiagnosticCode.PARAMETER_ADVICE)
     for line in advice(facts, config.avoid):
-        yield Finding("parameters", not config.avoid.send, line, DiagnosticCode.PARAMETER_ADVICE)
+        yield Finding("parameters", unused, line, DiagnosticCode.PARAMETER_ADVICE)
     if config.guard.enabled:
         around = look_all_around([c.mount.yaw_rad for c in config.cameras])
         for line in heading_advice(facts, config.guard):

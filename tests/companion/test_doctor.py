@@ -93,6 +93,18 @@ def test_no_fault_is_found(live: Live, line: AutopilotLink, capsys: pytest.Captu
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
 
 
+def test_without_obstacle_output_missing_parameters_are_no_fault(
+    live: Live, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with `companion simulate-autopilot`, which answers no request for a parameter."""
+    live.config.write_text(live.config.read_text().replace("send = true", "send = false"))
+    with flown(live, PX4) as line:
+        line.change(lambda a: a.parameters.clear())
+        status, findings = examined(live, capsys)
+    assert "CP_DIST" in findings["parameters"]["text"] or "no parameter" in findings["parameters"]["text"]
+    assert status == 0, findings
+
+
 def test_what_keeps_it_from_braking_is_reported(
     live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]
 ) -> None:
