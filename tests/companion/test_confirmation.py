@@ -399,6 +399,13 @@ def test_a_sector_that_a_blind_camera_covers_is_not_kept() -> None:
     assert (state[~blind] == SectorState.CLEAR).all()
 
 
+@pytest.mark.parametrize(("later_ms", "state"), [(40, SectorState.CLEAR), (60, SectorState.UNSEEN)])
+def test_what_was_seen_is_kept_by_its_exposure_not_by_its_arrival(later_ms: int, state: SectorState) -> None:
+    """Frames that were delayed arrive one after the other. The sector was seen 140 or 160 ms before this exposure."""
+    exposed_ns = np.full(SECTORS, 6 * NS // 10 + later_ms * NS // 1000)
+    assert (taken({"exposed_ns": exposed_ns}).state == state).all()
+
+
 @pytest.mark.parametrize(("frames", "state"), [(2, SectorState.UNSEEN), (3, SectorState.CLEAR)])
 def test_a_sector_is_kept_only_after_three_frames(frames: int, state: SectorState) -> None:
     assert (taken({}, frames=frames).state == state).all()

@@ -248,11 +248,13 @@ def test_info_of_a_log_without_messages(tmp_path, capsys):
 # ---- recover ----------------------------------------------------------------------------------------------------
 
 
-def payloads(path: Path) -> list[tuple[str, int, bytes]]:
+def payloads(path: Path) -> list[tuple[str, int, int, int, bytes]]:
+    """Topic, log time, publish time, number and content of each message. A frame's number is only in its record."""
     found = []
     for item in McapScan(path).items():
         if isinstance(item, Logged):
-            found.append((item.channel.topic, item.message.log_time, item.message.data))
+            m = item.message
+            found.append((item.channel.topic, m.log_time, m.publish_time, m.sequence, m.data))
     return found
 
 

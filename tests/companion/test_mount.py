@@ -16,7 +16,7 @@ from companion.pipeline.encode import prisms_from_message, prisms_message, state
 from companion.pipeline.mount_messages import mount_diagnostic, mount_health, mount_text
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import Output, PrismsResult
-from companion.pipeline.state import PipelineState
+from companion.pipeline.state import CameraState, PipelineState
 from companion.self_check.mount_watch import MountWatch
 from core.extractor import Extractor
 from core.frames import rotation_from_euler
@@ -140,6 +140,15 @@ def test_another_camera_on_the_same_wrong_mount_reports_nothing(depths: list[np.
     pipeline.announce(exchanged)
     again = results(feed(pipeline, depths, first=20))
     assert not any(r.valid for r in again)
+
+
+@pytest.mark.parametrize("verdict", list(MountVerdict))
+def test_a_camera_described_otherwise_on_the_same_mount_is_verified_again(verdict: MountVerdict) -> None:
+    """The verdict rests on images of the former camera. One against the mount is kept."""
+    before = known(0.0, 5.0, verdict)
+    pipeline = pipeline_of(INFO, PipelineState(cameras=(("front", CameraState(mount=before)),)))
+    pipeline.announce(dataclasses.replace(INFO, ke_per_m=2.0 * INFO.ke_per_m))
+    assert pipeline.state().cameras[0][1].mount == before.restarted()
 
 
 def test_a_restarted_camera_with_a_wrong_mount_reports_nothing(depths: list[np.ndarray]) -> None:

@@ -123,6 +123,44 @@ def test_a_few_frames_with_stamps_of_the_past_are_left_out_and_reset_nothing(bac
     assert line.counts["camera_restarts"] == 0
 
 
+def test_frames_that_follow_a_late_one_do_not_count_as_a_step_back_in_a_row():
+    line = pipeline()
+    outputs([attitude(START_NS + k * 100 * MS) for k in range(-50, 30)], line)
+    for number, ms in enumerate((0, -4000, -100, -2900)):
+        found = outputs([frame(number, START_NS + ms * MS)], line)
+        assert (found[0].cause is DropCause.LATE_FRAME) is (number > 0)
+    assert line.counts["camera_restarts"] == 0
+
+
+def test_a_camera_whose_stamps_step_back_twice_is_blind_for_the_last_step_only():
+    """It restarts while frames of its first start are still late."""
+    line = pipeline()
+    outputs([attitude(START_NS), frame(0, START_NS), frame(1, START_NS - 2000 * MS)], line)
+    for k in range(11):
+        at_ns = START_NS - 4500 * MS + k * 100 * MS
+        found = outputs([attitude(at_ns), frame(k, at_ns)], line)
+    assert found[0].used
+    assert line.counts["camera_restarts"] == 1
+
+
+def test_a_camera_described_otherwise_gets_an_extractor_of_its_description():
+    made = []
+
+    def make_extractor(info: CameraInfo) -> EasyExtractor:
+        made.append(info)
+        return EasyExtractor(info)
+
+    line = Pipeline((INFO,), make_extractor)
+    outputs([attitude(START_NS), frame(0, START_NS)], line)
+    changed = dataclasses.replace(INFO, max_range_m=INFO.max_range_m / 2.0)
+    line.announce(INFO)
+    assert made == [INFO]
+    line.announce(changed)
+    assert made == [INFO, changed]
+    assert line.cameras == (changed,)
+    assert dict(line.state().cameras)["front"].extractor == ExtractorState()
+
+
 def test_an_unknown_camera_is_refused():
     with pytest.raises(ValueError, match=r"camera 'rear', which was not announced; announced: front"):
         outputs([frame(0, START_NS, camera="rear")])
