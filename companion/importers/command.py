@@ -28,6 +28,7 @@ from ..pipeline.sync import NS
 from ..usage_error import UsageError
 from ..whole_file import write_whole
 from .depth_summary import DepthSummary, DepthTally
+from .flight_log import FLIGHT_LOGS
 from .folder import open_folder
 from .frame_list import FrameListSource
 from .report import ImportOptions, Report, RosTopics
@@ -129,10 +130,6 @@ TOPICS: Final = {
     "pose": "topic of the position (default: that of the attitude)",
 }
 """Options --NAME-topic with their help."""
-
-
-FLIGHT_LOGS: Final = (".tlog", ".ulg", ".bin")
-"""Suffixes of logs with attitudes only."""
 
 
 class _Counted:
@@ -265,9 +262,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(_json(done))
     else:
         _print_summary(done)
-    for note in done.notes if args.json else ():
-        warn(note)
-    for warning in () if args.json else done.warnings:
+    for warning in done.warnings:
         warn(warning)
     for problem in done.problems:
         fail(problem)

@@ -19,7 +19,8 @@ from drivers.mavlink.ulog import read_ulog
 
 from .report import ImportOptions, Report
 
-SUFFIXES = (".tlog", ".ulg", ".bin")
+FLIGHT_LOGS = (".tlog", ".ulg", ".bin")
+"""Suffixes of logs without images: of MAVLink, PX4 and ArduPilot."""
 AROUND_US = 1_000_000
 """Samples this long before the first and after the last frame are kept."""
 MAX_DELAY_US = 60_000_000
@@ -45,7 +46,7 @@ def find_flight_log(folder: Path, options: ImportOptions) -> Path | None:
     """The log to take the attitude from: the given one, or the only one in the folder. Raises BadData for several."""
     if options.tlog is not None or not options.use_tlog:
         return options.tlog
-    found = sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES)
+    found = sorted(f for f in folder.iterdir() if f.suffix.lower() in FLIGHT_LOGS)
     if len(found) > 1:
         names = ", ".join(f.name for f in found)
         raise BadData(f"{folder}: several logs ({names}); choose one with --tlog FILE or use none with --no-tlog")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, Event
@@ -76,10 +77,7 @@ class FrameListSource:
         )
 
     def _shifted(self, s: AttitudeSample | PoseSample) -> AttitudeSample | PoseSample:
-        t_ns, arrival_ns = s.t_ns + self.shift_ns, s.t_arrival_ns + self.shift_ns
-        if isinstance(s, AttitudeSample):
-            return AttitudeSample(t_ns, arrival_ns, s.q_ned_frd_wxyz, s.rates_frd_rad_s)
-        return PoseSample(t_ns, arrival_ns, s.position_ned_m, s.velocity_ned_m_s, s.reset_counter)
+        return replace(s, t_ns=s.t_ns + self.shift_ns, t_arrival_ns=s.t_arrival_ns + self.shift_ns)
 
     def _shift(self) -> int:
         """Shift in whole seconds that makes all timestamps 0 or later, as a log requires."""

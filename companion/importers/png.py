@@ -51,15 +51,13 @@ def decoded(data: NDArray[np.uint8], flags: int) -> Any:
         return None
 
 
-def millimetres(raw: NDArray[np.uint16], unit_mm: float) -> NDArray[np.uint16]:
-    """Millimetres of uint16 steps as uint16. Values that cannot be represented become unknown, including the two
-    largest, which mean "far" and "saturated" in this software."""
-    if unit_mm == 1.0:
-        depth = raw.copy()
-        depth[raw >= FAR_MM] = UNKNOWN_MM
-        return depth
-    scaled = np.rint(raw.astype(np.float64) * unit_mm)
-    return np.where(scaled < FAR_MM, scaled, UNKNOWN_MM).astype(np.uint16)
+def millimetres(raw: NDArray[Any], unit_mm: float) -> NDArray[np.uint16]:
+    """Millimetres of depths in steps of unit_mm, same shape, uint16. What is not finite, not positive or cannot be
+    represented becomes unknown, also the two largest numbers, which mean "far" and "saturated" in this software."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        scaled = np.rint(raw.astype(np.float64) * unit_mm)
+        valid = (scaled > 0.0) & (scaled < FAR_MM)  # false for NaN
+    return np.where(valid, scaled, UNKNOWN_MM).astype(np.uint16)
 
 
 def _checked(path: Path, data: bytes) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from statistics import median_low
-from typing import Any
+from typing import Any, TypeVar
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
 from drivers.base import BadData, Event
@@ -26,6 +26,7 @@ from .ros2_frames import DEPTH_TYPES, TransformTree, mount_of, rectified_camera,
 from .ros2_motion import Motion
 from .ros2_px4 import PX4_TYPES, VEHICLE_LOCAL_POSITION, px4_stamp_ns
 
+_Sample = TypeVar("_Sample", AttitudeSample, PoseSample)
 CLOCKS_APART_NS = 5 * NS
 """Log times farther than this from the stamps belong to another clock (simulated time, a recorder without a clock)."""
 
@@ -308,17 +309,13 @@ class Ros2Source:
                 f"no transform connects {unconnected} and {topics.base_frame}: {attitude} is assumed to be the "
                 "attitude of the vehicle; otherwise record /tf_static, or choose with --base-frame"
             )
-        attitudes, poses = (
-            self._motion.attitudes(attitude, to_child),
-            self._motion.poses(pose, to_child) if pose else [],
-        )
-        kept = [self._attitude(a) for a in attitudes], [self._pose(p) for p in poses]
-        lost = sum(a is None for a in kept[0])
-        if lost:
+        attitudes = self._motion.attitudes(attitude, to_child)
+        kept = self._with_arrival(attitudes)
+        if lost := len(attitudes) - len(kept):
             self._report.problem(
                 "stamp", f"{self._path}: {lost} attitudes have a stamp far from their log time; left out"
             )
-        return [a for a in kept[0] if a is not None], [p for p in kept[1] if p is not None]
+        return kept, self._with_arrival(self._motion.poses(pose, to_child) if pose else [])
 
     def _report_px4_positions(self, pose: str | None) -> None:
         """Reports positions of PX4 that were left out, and a topic of positions without a validity flag."""
@@ -345,13 +342,10 @@ class Ros2Source:
             raise BadData(f"{self._path}: no attitude in it; {self._motion.hint()}")
         return wanted or there[0]
 
-    def _attitude(self, a: AttitudeSample) -> AttitudeSample | None:
-        arrival_ns = self._arrival_ns(a.t_arrival_ns, a.t_ns)
-        return None if arrival_ns is None else replace(a, t_arrival_ns=arrival_ns)
-
-    def _pose(self, p: PoseSample) -> PoseSample | None:
-        arrival_ns = self._arrival_ns(p.t_arrival_ns, p.t_ns)
-        return None if arrival_ns is None else replace(p, t_arrival_ns=arrival_ns)
+    def _with_arrival(self, samples: list[_Sample]) -> list[_Sample]:
+        """The samples with their arrival on the stamps' clock in place of the log time; without those of implausible stamps."""
+        arrivals_ns = (self._arrival_ns(s.t_arrival_ns, s.t_ns) for s in samples)
+        return [replace(s, t_arrival_ns=t) for s, t in zip(samples, arrivals_ns, strict=True) if t is not None]
 
 
 def _joined(topics: list[str]) -> str:

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import FAR_MM, UNKNOWN_MM
+from core.types import UNKNOWN_MM
 from drivers.base import BadData
 
-from .png import SIGNATURE, decoded
+from .png import SIGNATURE, decoded, millimetres
 from .ros2_decode import COMPRESSED
 from .ros2_frames import depth_from_image
 from .rvl import decode_rvl
@@ -40,16 +40,13 @@ def _compressed_depth(message: Any) -> NDArray[np.uint16]:
     data, transport = bytes(message.data), str(message.format)
     raw = _rvl(data) if "rvl" in transport.lower() else _png(data)
     if not transport.startswith("32FC1"):
-        depth = np.array(raw, np.uint16)
-        depth[raw >= FAR_MM] = UNKNOWN_MM
-        return depth
+        return millimetres(raw, 1.0)
     if data.startswith(SIGNATURE):
         raise BadData("a compressed 32FC1 image without the parameters of its inverse depth")
     _, a, b = _CONFIG.unpack_from(data)
     with np.errstate(divide="ignore", invalid="ignore"):
-        millimetres = np.rint(1000.0 * a / (raw.astype(np.float64) - b))
-        valid = (raw > 0) & (millimetres > 0) & (millimetres < FAR_MM)
-    return np.where(valid, millimetres, UNKNOWN_MM).astype(np.uint16)
+        depth_mm = 1000.0 * a / (raw.astype(np.float64) - b)
+    return millimetres(np.where(raw > 0, depth_mm, UNKNOWN_MM), 1.0)
 
 
 def _rvl(data: bytes) -> NDArray[np.uint16]:

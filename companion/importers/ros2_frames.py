@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import R_CAMFRD_OPTICAL, Rotation, euler_from_rotation, quaternion_from_euler, rotation_from_quaternion
-from core.types import FAR_MM, UNKNOWN_MM, CameraMount
+from core.types import CameraMount
 from drivers.base import BadData
+
+from .png import millimetres
 
 R_NED_ENU: Rotation = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 R_FRD_FLU: Rotation = np.diag([1.0, -1.0, -1.0])
@@ -55,8 +57,12 @@ def rigid(translation: Any, rotation: Any) -> Rigid | None:
 def rotation_from_message(q: Any) -> Rotation | None:
     """(3, 3) rotation of a geometry_msgs quaternion; None when it is not a unit quaternion (all zero means "not
     given")."""
-    norm = math.hypot(q.w, q.x, q.y, q.z)
-    return rotation_from_quaternion((q.w, q.x, q.y, q.z)) if 0.9 < norm < 1.1 else None
+    return rotation_of_unit((q.w, q.x, q.y, q.z))
+
+
+def rotation_of_unit(q_wxyz: tuple[float, float, float, float]) -> Rotation | None:
+    """(3, 3) rotation; None when the numbers are not finite or not a unit quaternion."""
+    return rotation_from_quaternion(q_wxyz) if 0.9 < math.hypot(*q_wxyz) < 1.1 else None
 
 
 def to_ned(world_frame: str) -> Rotation:
@@ -117,14 +123,7 @@ def depth_from_image(message: Any) -> NDArray[np.uint16]:
     order = ">" if message.is_bigendian else "<"
     rows = np.frombuffer(data, np.uint8, step * height).reshape(height, step)[:, : width * size]
     pixels = np.ascontiguousarray(rows).view(f"{order}u2" if size == 2 else f"{order}f4")
-    if size == 2:
-        depth = pixels.astype(np.uint16)
-        depth[depth >= FAR_MM] = UNKNOWN_MM
-        return depth
-    with np.errstate(invalid="ignore", over="ignore"):
-        millimetres = np.rint(pixels.astype(np.float64) * 1000.0)
-        valid = (millimetres > 0) & (millimetres < FAR_MM)  # false for NaN
-    return np.where(valid, millimetres, UNKNOWN_MM).astype(np.uint16)
+    return millimetres(pixels, 1.0 if size == 2 else 1000.0)
 
 
 class TransformTree:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from core.frames import rotation_from_quaternion
+from .ros2_frames import rotation_of_unit
 
 VEHICLE_ATTITUDE: Final = "px4_msgs/VehicleAttitude"
 VEHICLE_ODOMETRY: Final = "px4_msgs/VehicleOdometry"
@@ -46,7 +46,7 @@ def px4_stamp_ns(message: Any) -> int:
 def px4_rotation(message: Any) -> Floats | None:
     """(3, 3) R_ned_frd; None when the quaternion is not one (PX4 writes NaN for "not known")."""
     w, x, y, z = (float(v) for v in message.q)
-    return rotation_from_quaternion((w, x, y, z)) if 0.9 < math.hypot(w, x, y, z) < 1.1 else None
+    return rotation_of_unit((w, x, y, z))
 
 
 @dataclass(frozen=True, slots=True)

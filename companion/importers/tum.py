@@ -6,13 +6,14 @@ attitude is that of its axes (frd). Without intrinsics.json the benchmark's defa
 
 from __future__ import annotations
 
+from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion
+from core.frames import R_CAMFRD_OPTICAL
 from core.types import AttitudeSample, CameraInfo, Intrinsics, PoseSample
 from drivers.base import BadData
 
@@ -22,7 +23,7 @@ from .frames_csv import FrameRow, in_order
 from .images import PngImages
 from .intrinsics_json import DepthCoding, read_intrinsics
 from .report import ImportOptions, Report, attitude_rate_problem, uncovered
-from .ros2_frames import R_NED_ENU, quaternion_wxyz, triple
+from .ros2_frames import R_NED_ENU, quaternion_wxyz, rotation_of_unit, triple
 
 DEPTH_LIST: Final = "depth.txt"
 GROUND_TRUTH: Final = "groundtruth.txt"
@@ -107,18 +108,13 @@ def _samples(path: Path, report: Report) -> Samples:
     poses: list[PoseSample] = []
     for line, words in _lines(path):
         t_ns = _stamp_ns(words[0])
-        try:
+        R_world_optical = None
+        with suppress(ValueError):
             x, y, z, qx, qy, qz, qw = (float(word) for word in words[1:8])
-        except ValueError:
-            t_ns = None
-        if (
-            t_ns is None
-            or not np.isfinite([x, y, z, qx, qy, qz, qw]).all()
-            or not 0.9 < np.hypot(np.hypot(qx, qy), np.hypot(qz, qw)) < 1.1
-        ):
+            R_world_optical = rotation_of_unit((qw, qx, qy, qz))
+        if t_ns is None or R_world_optical is None or not np.isfinite([x, y, z]).all():
             report.problem("pose", f"{path} line {line}: expected stamp tx ty tz qx qy qz qw; line left out")
             continue
-        R_world_optical = rotation_from_quaternion((qw, qx, qy, qz))
         attitudes.append(AttitudeSample(t_ns, t_ns, quaternion_wxyz(R_NED_ENU @ R_world_optical @ R_CAMFRD_OPTICAL.T)))
         poses.append(PoseSample(t_ns, t_ns, triple(R_NED_ENU @ np.array([x, y, z]))))
     return attitudes, poses

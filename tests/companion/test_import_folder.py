@@ -181,6 +181,10 @@ def test_a_pause_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "warning: " in (summary := capsys.readouterr().err)
     assert "lines 3-4: a pause of 0.80 s (median: 0.100 s)" in summary
     assert len(frames_of(out)) == 13
+    assert imported(folder, "--json")[0] == 0
+    captured = capsys.readouterr()
+    assert captured.err == summary  # the warnings, and no notes, as without --json
+    assert json.loads(captured.out)["warnings"] == summary.removeprefix("companion: warning: ").splitlines()
 
 
 def test_a_frames_number_leads_to_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
