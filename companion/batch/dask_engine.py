@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from typing import Any
 
 from drivers.base import DeviceLost, DeviceNotFound
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from .engines import ATTEMPTS, Done, lost_text, unexpected_text
 from .jobs import Failure, FlightTask, Process
@@ -21,13 +20,8 @@ class DaskEngine:
 
     def __init__(self, address: str, process: Process) -> None:
         self._address, self._process = address, process
-        try:
-            self._distributed: Any = importlib.import_module("distributed")
-        except ImportError as error:
-            raise DeviceNotFound(
-                f"--engine dask needs dask and distributed: run {install_command('dask>=2024.8')} and "
-                f"{install_command('distributed>=2024.8')}"
-            ) from error
+        need = "--engine dask needs dask and distributed"
+        self._distributed = optional_module("distributed", need, "dask>=2024.8", "distributed>=2024.8")
 
     def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:
         """Yields each task once, when it has ended. Raises DeviceNotFound where the scheduler does not answer, DeviceLost

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from drivers.base import DeviceNotFound
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from .schema import SCHEMA_VERSION, TABLES
 
@@ -18,10 +16,7 @@ ROWS: Final = 4096
 
 def arrow_module(name: str = "pyarrow") -> Any:
     """A module of pyarrow. Raises DeviceNotFound where it is not installed."""
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise DeviceNotFound(f"tables need pyarrow: run {install_command('pyarrow>=16')}") from error
+    return optional_module(name, "tables need pyarrow", "pyarrow>=16")
 
 
 def arrow_schema(table: str) -> Any:

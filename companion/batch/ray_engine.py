@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from drivers.base import DeviceNotFound
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from .engines import ATTEMPTS, Done, lost_text, unexpected_text
 from .jobs import Failure, FlightTask, Process
@@ -22,10 +21,7 @@ class RayEngine:
 
     def __init__(self, address: str, process: Process) -> None:
         self._address, self._process = address, process
-        try:
-            self._ray: Any = importlib.import_module("ray")
-        except ImportError as error:
-            raise DeviceNotFound(f"--engine ray needs ray: run {install_command('ray>=2.30')}") from error
+        self._ray = optional_module("ray", "--engine ray needs ray", "ray>=2.30")
 
     def run(self, tasks: Sequence[FlightTask]) -> Iterator[Done]:
         """Yields each task once, when it has ended. Raises DeviceNotFound where the cluster does not answer."""

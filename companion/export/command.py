@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import csv
-import importlib
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from drivers.base import BadData, DeviceNotFound
+from drivers.base import BadData
 from drivers.logs.reader import McapRecording
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from ..argument_types import number_in
 from ..console import fail, print_json, print_line
@@ -133,12 +132,10 @@ def _numbers(values: Any) -> list[str]:
 
 def _parquet_writer() -> Any:
     """Raises DeviceNotFound without pyarrow."""
-    try:
-        arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise DeviceNotFound(
-            f"Parquet needs pyarrow: run {install_command('pyarrow>=16')}, or export csv or npz"
-        ) from error
+    need = "Parquet needs pyarrow", "pyarrow>=16"
+    arrow, parquet = (
+        optional_module(name, *need, otherwise=", or export csv or npz") for name in ("pyarrow", "pyarrow.parquet")
+    )
 
     def write(path: Path, table: Table) -> None:
         arrays = {k: v.tolist() if v.dtype.kind == "U" else v for k, v in table.items()}

@@ -5,17 +5,16 @@ read in the order of their names."""
 
 from __future__ import annotations
 
-import importlib
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from drivers.base import BadData, DeviceNotFound
+from drivers.base import BadData
 from drivers.logs.reader import open_scan
 from drivers.logs.record_scanner import Damage, Logged
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from .report import Report
 from .ros2_decode import DECODE_ERRORS, Ros2Decoder, complete, type_of
@@ -101,14 +100,11 @@ class RosBag:
 
     def __init__(self, paths: list[Path]) -> None:
         self._paths = paths
-        try:
-            self._highlevel = importlib.import_module("rosbags.highlevel")
-            self._typesys = importlib.import_module("rosbags.typesys")
-        except ImportError as error:
-            raise DeviceNotFound(
-                f"{paths[0]}: ROS 2 bags need rosbags: run {install_command('rosbags>=0.10')}, or convert the bag to MCAP "
-                "(ros2 bag convert)"
-            ) from error
+        need = f"{paths[0]}: ROS 2 bags need rosbags", "rosbags>=0.10"
+        self._highlevel, self._typesys = (
+            optional_module(name, *need, otherwise=", or convert the bag to MCAP (ros2 bag convert)")
+            for name in ("rosbags.highlevel", "rosbags.typesys")
+        )
 
     def items(self) -> Iterator[RosItem]:
         """All messages in the order of their log times."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
-from drivers.base import DeviceNotFound
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from .wire import TopicType
 
@@ -17,10 +15,7 @@ class RosMessages:
     """Creates and serialises messages. Raises DeviceNotFound where rosbags is not installed."""
 
     def __init__(self) -> None:
-        try:
-            typesys = importlib.import_module("rosbags.typesys")
-        except ImportError as error:
-            raise DeviceNotFound(f"ROS messages need rosbags: run {install_command('rosbags>=0.10')}") from error
+        typesys = optional_module("rosbags.typesys", "ROS messages need rosbags", "rosbags>=0.10")
         self._store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
     def make(self, name: str, /, **fields: Any) -> Any:

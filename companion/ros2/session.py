@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import threading
 import time
 from dataclasses import dataclass
 from typing import Any, Final
 
-from drivers.base import DeviceNotFound
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from .message_types import RosMessages
 from .wire import NodeName, gid, topic_key
@@ -33,13 +31,8 @@ class RosNode:
     threads. Raises DeviceNotFound where the extra is not installed."""
 
     def __init__(self, messages: RosMessages, router: str, domain: int, namespace: str, name: str) -> None:
-        try:
-            self._zenoh = importlib.import_module("zenoh")
-            self._ext = importlib.import_module("zenoh.ext")
-        except ImportError as error:
-            raise DeviceNotFound(
-                f"the ROS 2 bridge needs eclipse-zenoh: run {install_command('eclipse-zenoh>=1.5')}"
-            ) from error
+        need = "the ROS 2 bridge needs eclipse-zenoh", "eclipse-zenoh>=1.5"
+        self._zenoh, self._ext = optional_module("zenoh", *need), optional_module("zenoh.ext", *need)
         self._messages, self._router, self._domain = messages, router, domain
         self._namespace, self._name = namespace, name
         self._lock = threading.Lock()

@@ -9,7 +9,6 @@ second, since a viewer does not show that messages have stopped."""
 
 from __future__ import annotations
 
-import importlib
 import time
 from typing import Any
 
@@ -21,7 +20,7 @@ from core.types import CameraInfo, DepthFrame
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import depth_message, stamp
 from drivers.logs.topics import ENCODING, TOPICS
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.foxglove_scene import scene_message, transform_messages
@@ -52,12 +51,7 @@ class FoxgloveServer:
 
     def open(self) -> None:
         """Starts the server; messages of the subscriber are forwarded from then on."""
-        try:
-            self._sdk = importlib.import_module("foxglove")
-        except ImportError as error:
-            raise DeviceNotFound(
-                f"the Foxglove server needs foxglove-sdk: run {install_command('foxglove-sdk>=0.30')}"
-            ) from error
+        self._sdk = optional_module("foxglove", "the Foxglove server needs foxglove-sdk", "foxglove-sdk>=0.30")
         self._context = self._sdk.Context()
         try:
             self._server = self._sdk.start_server(

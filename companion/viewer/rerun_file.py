@@ -5,17 +5,15 @@ entities are below `ned` (x north, y east, z down). Without a position the origi
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical
 from core.types import CameraInfo, is_measured
-from drivers.base import DeviceNotFound
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 from .colors import palette, range_index
 from .frame import FrameStatus, ViewFrame
@@ -33,13 +31,7 @@ class RerunWriter:
     """Call `add` with each frame in order, then `close`. Raises DeviceNotFound without rerun-sdk, and OSError."""
 
     def __init__(self, path: Path, title: str) -> None:
-        try:
-            self._rr: Any = importlib.import_module("rerun")
-        except ImportError as error:
-            raise DeviceNotFound(
-                f"a Rerun recording needs rerun-sdk: run {install_command('rerun-sdk>=0.28')}"
-            ) from error
-        rr = self._rr
+        self._rr = rr = optional_module("rerun", "a Rerun recording needs rerun-sdk", "rerun-sdk>=0.28")
         path.unlink(missing_ok=True)
         self._stream = rr.RecordingStream("osape-companion", recording_id=title)
         self._stream.save(str(path))

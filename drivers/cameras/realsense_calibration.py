@@ -4,13 +4,12 @@ The service itself reads images through the kernel and needs no such library: th
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from typing import Any
 
 from core.types import Intrinsics
 from drivers.base import DeviceNotFound
-from drivers.optional_library import install_command
+from drivers.optional_library import optional_module
 
 LIBRARY = "pyrealsense2"
 
@@ -29,13 +28,12 @@ class DepthCalibration:
 def read_calibration(width_px: int, height_px: int, serial: str = "") -> DepthCalibration:
     """The calibration of the depth stream of this size. serial: of the device, empty: the only one. Raises DeviceNotFound
     without the library, the device or a stream of this size."""
-    try:
-        rs: Any = importlib.import_module(LIBRARY)
-    except ImportError as error:
-        raise DeviceNotFound(
-            f"the intrinsics of a RealSense are read with {LIBRARY}: run {install_command('pyrealsense2>=2.54')}, or enter "
-            "the values that `rs-enumerate-devices -c` prints"
-        ) from error
+    rs = optional_module(
+        LIBRARY,
+        f"the intrinsics of a RealSense are read with {LIBRARY}",
+        "pyrealsense2>=2.54",
+        otherwise=", or enter the values that `rs-enumerate-devices -c` prints",
+    )
     sensor, found_serial = _depth_sensor(rs, serial)
     sizes = []
     for profile in sensor.get_stream_profiles():

@@ -4,7 +4,6 @@ Stamps count from the start of the autopilot; where the log has a GPS time they 
 
 from __future__ import annotations
 
-import importlib
 import math
 import struct
 from pathlib import Path
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..base import BadData, DeviceNotFound
 from ..library_output import collected_output
-from ..optional_library import install_command
+from ..optional_library import optional_module
 from .tlog import TlogAttitude, TlogPose, VehicleLog
 
 ATTITUDE: Final = "vehicle_attitude"
@@ -28,11 +27,8 @@ _PARSE_ERRORS: Final = (struct.error, ValueError, TypeError, LookupError, Attrib
 def read_ulog(path: Path) -> VehicleLog:
     """Reads a PX4 log. Raises DeviceNotFound (no file, pyulog missing) and BadData (not a PX4 log, no attitude in
     it)."""
-    try:
-        pyulog = importlib.import_module("pyulog")
-        core = importlib.import_module("pyulog.core")
-    except ImportError as error:
-        raise DeviceNotFound(f"{path}: PX4 logs need pyulog: run {install_command('pyulog>=1.1')}") from error
+    need = f"{path}: PX4 logs need pyulog", "pyulog>=1.1"
+    pyulog, core = optional_module("pyulog", *need), optional_module("pyulog.core", *need)
     try:
         with collected_output():
             log = pyulog.ULog(str(path), [ATTITUDE, POSITION, *GPS])

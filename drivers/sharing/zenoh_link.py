@@ -5,7 +5,6 @@ A sample on `osape/TEAM/VEHICLE` is a CRC-32 and one packet. Congested links dro
 
 from __future__ import annotations
 
-import importlib
 import json
 import threading
 import time
@@ -15,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from ..base import BadData, DeviceNotFound, DriverError
-from ..optional_library import install_command
+from ..base import BadData, DriverError
+from ..optional_library import optional_module
 from ..watched_thread import WatchedThread
 from .link import Deliver, ReceivedPacket
 
@@ -158,12 +157,7 @@ class ZenohLink:
 
 
 def _library() -> Any:
-    try:
-        return importlib.import_module("zenoh")
-    except ImportError as error:
-        raise DeviceNotFound(
-            f"zenoh: the library is not installed; install it with {install_command(REQUIREMENT)}"
-        ) from error
+    return optional_module("zenoh", "zenoh: the library is not installed", REQUIREMENT)
 
 
 def _config(zenoh: Any, path: Path) -> Any:
