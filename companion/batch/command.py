@@ -17,7 +17,7 @@ from ..config.loader import config_text, load_config
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
 from ..log.provenance import software
-from ..usage_error import UsageError
+from ..usage_error import UsageError, given_option
 from .dataset import begin_run, delete_unfinished, finished
 from .engines import Done, Engine, EngineName
 from .flights import Flight, find_flights
@@ -29,7 +29,7 @@ from .storage import is_url
 
 _LISTED: Final = 10
 LOCK_FILE: Final = ".lock"
-_OF_A_RUN: Final = ("config", "address", "workers", "vehicle", "near", "planes", "logs")
+_OF_A_RUN: Final = ("config", "engine", "address", "workers", "vehicle", "near", "planes", "logs")
 """Options without an effect on a comparison."""
 _NEAR_M: Final = 2.0
 
@@ -173,7 +173,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--engine",
         choices=[str(name) for name in EngineName],
-        default=str(EngineName.LOCAL),
         help="where the flights are processed: on this computer or on a cluster (default: local)",
     )
     parser.add_argument("--address", metavar="ADDRESS", help="address of the Dask scheduler or of the Ray cluster")
@@ -213,9 +212,10 @@ def run(args: argparse.Namespace) -> int:
         config=config, near_m=_NEAR_M if args.near is None else args.near, planes=args.planes, logs=args.logs
     )
     output = args.output if is_url(args.output) else os.path.realpath(args.output)
-    engine = make_engine(EngineName(args.engine), args.address, args.workers, run_task)
+    engine_name = EngineName(args.engine or EngineName.LOCAL)
+    engine = make_engine(engine_name, args.address, args.workers, run_task)
     flights = find_flights(args.inputs, args.vehicle, output)
-    if args.engine == EngineName.LOCAL:
+    if engine_name is EngineName.LOCAL:
         ensure_compiled("extractor", "tracking")
     report = batch(flights, output, options, engine)
     if args.json:
@@ -232,9 +232,8 @@ def run(args: argparse.Namespace) -> int:
 def _compare(args: argparse.Namespace) -> int:
     if args.inputs:
         raise UsageError(f"--compare: takes two results and no logs; leave out {args.inputs[0]}")
-    given = [f"--{name}" for name in _OF_A_RUN if getattr(args, name) not in (None, False)]
-    if given or args.engine != EngineName.LOCAL:
-        raise UsageError(f"--compare: processes no logs; leave out {(given or ['--engine'])[0]}")
+    if option := given_option(args, _OF_A_RUN):
+        raise UsageError(f"--compare: processes no logs; leave out {option}")
     if is_url(args.output):
         raise UsageError(f"{args.output}: the report of a comparison is written into a local folder; name one with -o")
     arrow_module()

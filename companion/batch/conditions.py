@@ -54,18 +54,23 @@ class Hit:
     end_ns: int
 
 
-def find_hits(dataset: str, condition: str, table: str = "frames") -> list[Hit]:
+def find_hits(dataset: str, condition: str, table: str | None = None) -> list[Hit]:
     """The rows of a dataset that fulfil a condition, in order. condition: a name in NAMED, a filter as a JSON list
-    [[COLUMN, OPERATOR, VALUE], ...] for the table, or the path of a Parquet file with rows of the tables.
+    [[COLUMN, OPERATOR, VALUE], ...], or the path of a Parquet file with rows of the tables. table: of a filter, one of
+    SEARCHED; None: the first.
 
     Raises ValueError for another condition, DeviceNotFound without the table, BadData for a damaged file of it."""
-    if condition.endswith(".parquet"):
+    is_file, named = condition.endswith(".parquet"), NAMED.get(condition)
+    if table is not None and (is_file or named is not None):
+        raise UsageError(
+            f"--table is for a filter [[COLUMN, OPERATOR, VALUE], ...], and {condition} is none; leave it out"
+        )
+    if is_file:
         return _hits(condition, _rows_of_file(Path(condition)))
-    if condition in NAMED:
-        named = NAMED[condition]
+    if named is not None:
         table, filters = named.table, list(named.filters)
     else:
-        filters = parsed_filters(condition)
+        table, filters = table or SEARCHED[0], parsed_filters(condition)
     source = open_table(dataset, table)
     for column, _, _ in filters:
         if column not in source.schema.names:

@@ -113,9 +113,7 @@ def add_parser(subparsers: Any) -> None:
         help="a named condition (below), a filter [[COLUMN, OPERATOR, VALUE], ...], or a Parquet file of rows",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the clips")
-    parser.add_argument(
-        "--table", choices=SEARCHED, default="frames", help="table that a filter is applied to (default: frames)"
-    )
+    parser.add_argument("--table", choices=SEARCHED, help=f"table that a filter is applied to (default: {SEARCHED[0]})")
     seconds = number_in(float, 0.0, 600.0)
     parser.add_argument(
         "--before", type=seconds, default=2.0, metavar="S", help="seconds before each time (default: 2)"

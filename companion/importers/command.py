@@ -1,4 +1,4 @@
-"""`companion import`: converts a recording into a log, in order of arrival.
+"""`companion import`: the command line and the report.
 
 Problems with parts of a recording are reported with place and remedy, and the command ends with status 1; the readable
 part is in the log."""
@@ -6,122 +6,21 @@ part is in the log."""
 from __future__ import annotations
 
 import argparse
-import csv
-import io
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, Final
 
-from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
-from drivers.base import BadData, DeviceNotFound, Event
 from drivers.shell_word import shell_word
 
 from ..argument_types import number_in
 from ..config.loader import Config, ConfigError, config_of, load_config
 from ..console import fail, print_json, print_line, warn
-from ..log.log_writer import refuse_output, write_recording
-from ..log.provenance import run_info
-from ..pipeline.sync import NS
-from ..usage_error import UsageError
-from ..whole_file import write_whole
-from .depth_summary import DepthSummary, DepthTally
-from .flight_log import FLIGHT_LOGS
-from .folder import open_folder
-from .frame_list import FrameListSource
-from .report import ImportOptions, Report, RosTopics
-from .ros2 import Ros2Source
+from ..usage_error import UsageError, given_option
+from .recording import Imported, import_recording
+from .report import BASE_FRAME, LATENCY_S, ImportOptions, RosTopics
 from .ros2_files import is_bag
-from .tum import is_tum, open_tum
-
-REMEDY_NO_SOURCE = (
-    "expected a directory with intrinsics.json, frames.csv and depth PNGs, a TUM RGB-D directory, or a ROS 2 recording "
-    "(.mcap, .db3, or the bag's directory)"
-)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Imported:
-    """The result of an import. frames: kept frames; frames_named: frames in the recording."""
-
-    output: Path
-    frames: int
-    frames_named: int
-    attitudes: int
-    poses: int
-    duration_s: float
-    depth: DepthSummary
-    file_list: Path | None
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
-    problems: tuple[str, ...]
-
-
-def import_recording(path: Path, output: Path, options: ImportOptions, config: Config | None = None) -> Imported:
-    """Writes the recording as a log. Raises DriverError when nothing can be used, OSError and ValueError when the log
-    cannot be written; problems with parts are in the result."""
-    refuse_output(output, path, *([options.tlog] if options.tlog is not None else []))
-    report = Report()
-    try:
-        source = open_recording(path, options, report)
-    except BadData as error:  # the problems found before may be its cause
-        raise BadData("\n".join([str(error), *report.all_problems()])) from error
-    counted = _Counted(source)
-    try:
-        write_recording(counted, output, run_info("import", config or Config()))
-    except BadData as error:
-        report.problem("recording", str(error))
-    finally:
-        source.close()
-    if not counted.kinds[DepthFrame]:
-        report.problem("recording", f"{path}: no frame could be used")
-    return Imported(
-        output=output,
-        depth=counted.depth.summary(),
-        file_list=write_file_list(output, source.files),
-        warnings=tuple(report.all_warnings()),
-        frames=counted.kinds[DepthFrame],
-        frames_named=source.frame_count,
-        attitudes=counted.kinds[AttitudeSample],
-        poses=counted.kinds[PoseSample],
-        duration_s=counted.duration_s,
-        notes=tuple(report.notes),
-        problems=tuple(report.all_problems()),
-    )
-
-
-def write_file_list(output: Path, files: dict[int, str]) -> Path | None:
-    """Writes OUT.files.csv, which leads from a frame's number to its file; None where frames are not files."""
-    if not files:
-        return None
-    path = output.with_suffix(".files.csv")
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([("sequence", "file"), *sorted(files.items())])
-    write_whole(path, text.getvalue())
-    return path
-
-
-def open_recording(path: Path, options: ImportOptions, report: Report) -> FrameListSource | Ros2Source:
-    """The reader of a directory or file. Raises DriverError."""
-    if path.is_dir():
-        if is_tum(path):
-            return open_tum(path, options, report)
-        return Ros2Source(path, options, report) if is_bag(path) else open_folder(path, options, report)
-    if not path.exists():
-        raise DeviceNotFound(f"{path}: does not exist; {REMEDY_NO_SOURCE}")
-    if path.suffix.lower() == ".bag":
-        raise BadData(
-            f"{path}: a ROS 1 bag; convert it first (rosbags-convert of the package rosbags, or the mcap tool)"
-        )
-    if path.suffix.lower() in FLIGHT_LOGS:
-        raise BadData(
-            f"{path}: a log of the flight without images; give the folder of the depth images, and this file beside them or with "
-            "--tlog"
-        )
-    return Ros2Source(path, options, report)
-
+from .tum import GROUND_TRUTH, is_tum
 
 TOPICS: Final = {
     "depth": "topic of the depth images",
@@ -130,37 +29,9 @@ TOPICS: Final = {
     "pose": "topic of the position (default: that of the attitude)",
 }
 """Options --NAME-topic with their help."""
-
-
-class _Counted:
-    """Passes the events of a source on and counts them."""
-
-    def __init__(self, source: FrameListSource | Ros2Source) -> None:
-        self._source = source
-        self.kinds: Counter[type[Event]] = Counter()
-        self.depth = DepthTally()
-        self._exposures: list[int] = []
-
-    @property
-    def cameras(self) -> tuple[CameraInfo, ...]:
-        return self._source.cameras
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the first to the last exposure."""
-        return (max(self._exposures) - min(self._exposures)) / NS if self._exposures else 0.0
-
-    def events(self) -> Iterator[Event]:
-        """The events of the source."""
-        for event in self._source.events():
-            self.kinds[type(event)] += 1
-            if isinstance(event, DepthFrame):
-                self._exposures.append(event.t_exposure_ns)
-                self.depth.add(event.depth_mm)
-            yield event
-
-    def close(self) -> None:
-        self._source.close()
+_ROS_ONLY: Final = (*(f"{name}_topic" for name in TOPICS), "base_frame")
+_IMAGES_ONLY: Final = ("frame_latency_ms", "no_tlog")
+_FLIGHT_LOG: Final = ("tlog", "no_tlog", "tlog_epoch", "system_id")
 
 
 def add_parser(subparsers: Any) -> None:
@@ -219,9 +90,8 @@ def add_parser(subparsers: Any) -> None:
     folder.add_argument(
         "--frame-latency-ms",
         type=number_in(float, 0.0, 5000.0),
-        default=50.0,
         metavar="MS",
-        help="of a directory: delay from exposure to arrival (default: 50 ms)",
+        help=f"of a directory: delay from exposure to arrival (default: {1000.0 * LATENCY_S:g} ms)",
     )
     log = folder.add_mutually_exclusive_group()
     log.add_argument(
@@ -250,12 +120,15 @@ def add_parser(subparsers: Any) -> None:
     for name, what in TOPICS.items():
         ros.add_argument(f"--{name}-topic", metavar="TOPIC", help=what)
     ros.add_argument(
-        "--base-frame", default="base_link", metavar="FRAME", help="frame of the vehicle's body (default: base_link)"
+        "--base-frame",
+        metavar="FRAME",
+        help=f"frame of the vehicle's body (default: {BASE_FRAME})",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: everything was converted; 1: a part or everything is missing; the readable part is kept."""
+    """0: everything was converted; 1: a part or everything is missing; the readable part is kept. Raises UsageError."""
+    _refuse_unused(args)
     config = load_config(args.config) if args.config is not None else Config()
     done = import_recording(args.source, args.output, _options(args, config), config)
     if args.json:
@@ -269,6 +142,24 @@ def run(args: argparse.Namespace) -> int:
     if done.problems:
         fail(f"{done.output}: {done.frames} of {done.frames_named} frames kept")
     return 1 if done.problems else 0
+
+
+def _refuse_unused(args: argparse.Namespace) -> None:
+    """Raises UsageError for an option without an effect on this kind of recording."""
+    path: Path = args.source
+    if not path.exists():
+        return  # which is reported instead
+    tum = path.is_dir() and is_tum(path)
+    if path.is_dir() and (tum or not is_bag(path)):
+        wrong, kind = _ROS_ONLY, "a ROS 2 recording"
+    else:
+        wrong, kind = _IMAGES_ONLY, "a directory of images"
+    if option := given_option(args, wrong):
+        raise UsageError(f"{option} is for {kind}, and {path} is none; leave it out")
+    if tum and (option := given_option(args, _FLIGHT_LOG)):
+        raise UsageError(
+            f"{option} is for the log of an autopilot; the attitude of {path} is in {GROUND_TRUTH}; leave it out"
+        )
 
 
 def _options(args: argparse.Namespace, config: Config) -> ImportOptions:
@@ -287,7 +178,7 @@ def _options(args: argparse.Namespace, config: Config) -> ImportOptions:
         raise UsageError(str(error)) from error
     return ImportOptions(
         camera=camera,
-        frame_latency_s=args.frame_latency_ms / 1000.0,
+        frame_latency_s=LATENCY_S if args.frame_latency_ms is None else args.frame_latency_ms / 1000.0,
         tlog=args.tlog,
         use_tlog=not args.no_tlog,
         tlog_epoch_us=args.tlog_epoch,
@@ -297,7 +188,7 @@ def _options(args: argparse.Namespace, config: Config) -> ImportOptions:
             camera_info=args.info_topic,
             attitude=args.attitude_topic,
             pose=args.pose_topic,
-            base_frame=args.base_frame,
+            base_frame=args.base_frame or BASE_FRAME,
         ),
         sync=config.sync,
     )

@@ -13,6 +13,8 @@ from ..config.camera import CameraConfig
 from ..config.sync import SyncParams
 from ..pipeline.sync import NS
 
+LATENCY_S = 0.05
+BASE_FRAME = "base_link"
 SHOWN = 8
 """Number of problems per kind that are printed; the rest is counted."""
 
@@ -25,7 +27,7 @@ class RosTopics:
     camera_info: str | None = None
     attitude: str | None = None
     pose: str | None = None
-    base_frame: str = "base_link"
+    base_frame: str = BASE_FRAME
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +37,7 @@ class ImportOptions:
     """
 
     camera: CameraConfig = field(default_factory=lambda: CameraConfig(name="front"))
-    frame_latency_s: float = 0.05
+    frame_latency_s: float = LATENCY_S
     tlog: Path | None = None
     use_tlog: bool = True
     tlog_epoch_us: int | None = None

@@ -20,6 +20,7 @@ from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import examine, print_findings
 from ..install.steps import install_paths, start_command
+from ..usage_error import UsageError
 from ..whole_file import write_whole
 from .configuration import SIZES, Answers, configuration_text
 from .devices import FoundCamera, find_cameras, find_serial_ports
@@ -160,6 +161,7 @@ class Questions:
 def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     """The answers from flags, devices and questions."""
     camera = _camera(args.camera, ask)
+    calibration_file = _calibration_file(args.calibration, camera.kind)
     pitch, yaw, width, height = args.pitch, args.yaw, args.width, args.height
     if pitch is None:
         pitch = ask.number("camera mount, pitch in degrees (a camera that looks down is negative)", 0.0, PITCH_DEG)
@@ -185,7 +187,7 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
         send=args.send,
         record=args.record or ("off" if camera.kind == "simulated" else "always"),
         calibration=_calibration(camera),
-        calibration_file=_calibration_file(args.calibration, camera.kind),
+        calibration_file=calibration_file,
     )
 
 
@@ -243,7 +245,7 @@ def _calibration_file(name: str, kind: str) -> str:
     """The absolute path of a ZED's calibration, which the service reads from another folder; "" without one. Raises ValueError
     for a file that does not exist or of another camera, BadData for one that is no calibration."""
     if name and kind != "zed":
-        raise ValueError(f"--calibration is for a zed, and the camera is of kind {kind}; leave it out")
+        raise UsageError(f"--calibration is for a zed, and the camera is of kind {kind}; leave it out")
     if name and not Path(name).is_file():
         raise ValueError(
             f"--calibration {name}: no such file; download the camera's SN<serial>.conf from the manufacturer's site"

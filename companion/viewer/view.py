@@ -16,7 +16,7 @@ from ..argument_types import number_in
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
-from ..usage_error import UsageError
+from ..usage_error import UsageError, given_option
 from ..whole_file import write_whole
 from .foxglove_layout import LAYOUT_NAME, write_layout
 from .frame import FrameStatus, select_frames
@@ -276,27 +276,22 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def _given(args: argparse.Namespace, names: Sequence[str]) -> str:
-    """The first of these options that is on the command line; "" if none is."""
-    values = {name: getattr(args, name) for name in names}
-    given = (name for name, value in values.items() if value is not None and value is not False and value != [])
-    return next((f"--{name.replace('_', '-')}" for name in given), "")
-
-
 def run(args: argparse.Namespace) -> int:
     """0: success; 1: the log could not be read to its end. Raises UsageError."""
     if args.live:
         if args.input is not None or args.output is not None:
             raise UsageError("--live follows the running service: leave FILE.mcap and -o away")
-        if option := _given(args, _LOG_ONLY):
+        if option := given_option(args, _LOG_ONLY):
             raise UsageError(f"--live draws no log: leave out {option}")
         from .live_server import run as run_live  # imports a web server: only where requested
 
         return run_live(args)
     if args.input is None or args.output is None:
         raise UsageError("give FILE.mcap and -o DIR, or --live")
-    if option := _given(args, _LIVE_ONLY):
+    if option := given_option(args, _LIVE_ONLY):
         raise UsageError(f"{option} needs --live: it has no effect on the drawings of a log")
+    if args.no_png and (option := given_option(args, ("every", "frame"))):
+        raise UsageError(f"{option} chooses pictures, and --no-png draws none; leave one of them out")
     options = ViewOptions(
         every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page, rerun=args.rerun
     )

@@ -146,6 +146,16 @@ def test_a_png_of_an_impossible_size_is_damaged(size: tuple[int, int]) -> None:
         depth_of(COMPRESSED, message)
 
 
+def test_options_for_the_log_of_an_autopilot_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The attitude of a TUM folder is in its own list of poses: they had no effect."""
+    folder = write_tum(tmp_path / "rgbd_dataset_freiburg1_xyz")
+    for option in ("--tlog-epoch 0", "--system-id 1", "--no-tlog", f"--tlog {folder / 'depth.txt'}"):
+        status, out = imported(folder, *option.split())
+        assert status == 2
+        assert f"{option.split()[0]} is for the log of an autopilot" in capsys.readouterr().err
+        assert not out.exists()
+
+
 def test_a_tum_folder_without_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_tum(tmp_path / "rgbd")
     (folder / "groundtruth.txt").unlink()

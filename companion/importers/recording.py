@@ -1,0 +1,144 @@
+"""Converts a recording into a log, in order of arrival."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.base import BadData, DeviceNotFound, Event
+
+from ..config.loader import Config
+from ..log.log_writer import refuse_output, write_recording
+from ..log.provenance import run_info
+from ..pipeline.sync import NS
+from ..whole_file import write_whole
+from .depth_summary import DepthSummary, DepthTally
+from .flight_log import FLIGHT_LOGS
+from .folder import open_folder
+from .frame_list import FrameListSource
+from .report import ImportOptions, Report
+from .ros2 import Ros2Source
+from .ros2_files import is_bag
+from .tum import is_tum, open_tum
+
+REMEDY_NO_SOURCE = (
+    "expected a directory with intrinsics.json, frames.csv and depth PNGs, a TUM RGB-D directory, or a ROS 2 recording "
+    "(.mcap, .db3, or the bag's directory)"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """The result of an import. frames: kept frames; frames_named: frames in the recording."""
+
+    output: Path
+    frames: int
+    frames_named: int
+    attitudes: int
+    poses: int
+    duration_s: float
+    depth: DepthSummary
+    file_list: Path | None
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    problems: tuple[str, ...]
+
+
+def import_recording(path: Path, output: Path, options: ImportOptions, config: Config | None = None) -> Imported:
+    """Writes the recording as a log. Raises DriverError when nothing can be used, OSError and ValueError when the log
+    cannot be written; problems with parts are in the result."""
+    refuse_output(output, path, *([options.tlog] if options.tlog is not None else []))
+    report = Report()
+    try:
+        source = open_recording(path, options, report)
+    except BadData as error:  # the problems found before may be its cause
+        raise BadData("\n".join([str(error), *report.all_problems()])) from error
+    counted = _Counted(source)
+    try:
+        write_recording(counted, output, run_info("import", config or Config()))
+    except BadData as error:
+        report.problem("recording", str(error))
+    finally:
+        source.close()
+    if not counted.kinds[DepthFrame]:
+        report.problem("recording", f"{path}: no frame could be used")
+    return Imported(
+        output=output,
+        depth=counted.depth.summary(),
+        file_list=write_file_list(output, source.files),
+        warnings=tuple(report.all_warnings()),
+        frames=counted.kinds[DepthFrame],
+        frames_named=source.frame_count,
+        attitudes=counted.kinds[AttitudeSample],
+        poses=counted.kinds[PoseSample],
+        duration_s=counted.duration_s,
+        notes=tuple(report.notes),
+        problems=tuple(report.all_problems()),
+    )
+
+
+def write_file_list(output: Path, files: dict[int, str]) -> Path | None:
+    """Writes OUT.files.csv, which leads from a frame's number to its file; None where frames are not files."""
+    if not files:
+        return None
+    path = output.with_suffix(".files.csv")
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([("sequence", "file"), *sorted(files.items())])
+    write_whole(path, text.getvalue())
+    return path
+
+
+def open_recording(path: Path, options: ImportOptions, report: Report) -> FrameListSource | Ros2Source:
+    """The reader of a directory or file. Raises DriverError."""
+    if path.is_dir():
+        if is_tum(path):
+            return open_tum(path, options, report)
+        return Ros2Source(path, options, report) if is_bag(path) else open_folder(path, options, report)
+    if not path.exists():
+        raise DeviceNotFound(f"{path}: does not exist; {REMEDY_NO_SOURCE}")
+    if path.suffix.lower() == ".bag":
+        raise BadData(
+            f"{path}: a ROS 1 bag; convert it first (rosbags-convert of the package rosbags, or the mcap tool)"
+        )
+    if path.suffix.lower() in FLIGHT_LOGS:
+        raise BadData(
+            f"{path}: a log of the flight without images; give the folder of the depth images, and this file beside them or with "
+            "--tlog"
+        )
+    return Ros2Source(path, options, report)
+
+
+class _Counted:
+    """Passes the events of a source on and counts them."""
+
+    def __init__(self, source: FrameListSource | Ros2Source) -> None:
+        self._source = source
+        self.kinds: Counter[type[Event]] = Counter()
+        self.depth = DepthTally()
+        self._exposures: list[int] = []
+
+    @property
+    def cameras(self) -> tuple[CameraInfo, ...]:
+        return self._source.cameras
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last exposure."""
+        return (max(self._exposures) - min(self._exposures)) / NS if self._exposures else 0.0
+
+    def events(self) -> Iterator[Event]:
+        """The events of the source."""
+        for event in self._source.events():
+            self.kinds[type(event)] += 1
+            if isinstance(event, DepthFrame):
+                self._exposures.append(event.t_exposure_ns)
+                self.depth.add(event.depth_mm)
+            yield event
+
+    def close(self) -> None:
+        self._source.close()
