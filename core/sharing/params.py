@@ -18,8 +18,10 @@ class SharingParams:
     max_delay_s: float = number(
         2.0, 0.1, 30.0, "s", "packets delayed by more than this against the fastest are refused"
     )
-    most_planes: int = number(4096, 64, 65536, "", "planes held of one neighbour; beyond it the oldest are dropped")
-    most_neighbours: int = number(16, 1, 254, "", "vehicles listened to; further ones are refused, and counted")
+    most_planes: int = number(4096, 64, 65536, "", "greatest number of planes of one neighbour; the oldest are dropped")
+    most_neighbours: int = number(
+        16, 1, 254, "", "greatest number of vehicles whose packets are accepted; further ones are refused and counted"
+    )
     position_sigma_m: float = number(
         1.5, 0.05, 50.0, "m", "assumed error of the position of a local origin on Earth, horizontally"
     )

@@ -57,7 +57,9 @@ class TrackingParams:
     free_evidence_behind_m: float = critical(
         0.3, 0.0, 5.0, "m", "observed free space must reach this far behind an obstacle and its margin"
     )
-    free_evidence_sigmas: float = critical(2.0, 0.0, 10.0, "sigma", "and this multiple of the noise of its distance")
+    free_evidence_sigmas: float = critical(
+        2.0, 0.0, 10.0, "sigma", "noise of its distance that is added to free_evidence_behind_m"
+    )
 
     # Moving obstacles
     mover_min_speed_m_s: float = number(0.5, 0.1, 10.0, "m/s", "slower obstacles are static")

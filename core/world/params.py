@@ -16,17 +16,23 @@ class WorldParams:
     passable_width_m: float = critical(
         2.0, 0.2, 20.0, "m", "gap between facing ends below which planes may be one [Ws]; never across seen free space"
     )
-    join_m: float = number(0.3, 0.05, 2.0, "m", "ends lie no farther than this from a joined plane, noise apart")
-    join_sigmas: float = number(2.0, 0.0, 6.0, "sigma", "and this much noise of the farther one")
-    join_noise_cap_m: float = number(0.5, 0.0, 2.0, "m", "noise allows at most this much more")
-    join_corner_m: float = number(0.5, 0.1, 3.0, "m", "a joined plane takes in no empty corner of this side")
-    short_m: float = number(1.0, 0.0, 5.0, "m", "shorter planes have no angle of their own: a half turn of facing")
-    longest_m: float = number(100.0, 5.0, 400.0, "m", "no joined plane is longer")
+    join_m: float = number(0.3, 0.05, 2.0, "m", "greatest distance of the ends from a joined plane, without noise")
+    join_sigmas: float = number(2.0, 0.0, 6.0, "sigma", "noise of the farther plane that is added to join_m")
+    join_noise_cap_m: float = number(0.5, 0.0, 2.0, "m", "upper bound of that noise")
+    join_corner_m: float = number(
+        0.5, 0.1, 3.0, "m", "a joined plane contains no empty square of this side at a corner"
+    )
+    short_m: float = number(1.0, 0.0, 5.0, "m", "planes shorter than this join at any angle below 90 degrees")
+    longest_m: float = number(100.0, 5.0, 400.0, "m", "greatest length of a joined plane")
 
     # Weight of an observation
     pose_sigma_m: float = critical(0.1, 0.0, 5.0, "m", "error of the position and attitude, common to one frame")
     memory_frames: float = critical(
-        40.0, 1.0, 10000.0, "", "earlier observations count at most as so many new ones, so that drift is followed"
+        40.0,
+        1.0,
+        10000.0,
+        "",
+        "earlier observations of a plane count at most as this many new ones, so that drift is followed",
     )
 
     # What goes again
@@ -35,7 +41,7 @@ class WorldParams:
         1,
         1000,
         "",
-        "free evidence at which a step of a plane is removed: observations through it less those onto it",
+        "free evidence at which a step of a plane is removed: observations through it minus those onto it",
     )
     free_evidence_limit_extra: int = critical(
         15, 0, 1000, "", "the limit grows by one for every four earlier observations of the step, by at most this"
@@ -45,7 +51,7 @@ class WorldParams:
         0.5, 0.0, 5.0, "m", "observed free space must reach this far behind a plane and its margin to be free evidence"
     )
     free_evidence_sigmas: float = critical(
-        3.0, 0.0, 10.0, "sigma", "and this multiple of the noise of the plane's distance"
+        3.0, 0.0, 10.0, "sigma", "noise of the plane's distance that is added to free_evidence_behind_m"
     )
     free_evidence_share: float = critical(
         0.5, 0.05, 1.0, "", "least share of a plane's height that must be observed free"
@@ -60,21 +66,35 @@ class WorldParams:
         1.0,
         3600.0,
         "s",
-        "free space not seen again for this long is unknown, at the latest (half of it: at the soonest)",
+        "free space that is not seen again becomes unknown after half of this time to all of it",
     )
     most_free_blocks: int = number(
-        4096, 64, 262144, "", "blocks of 8 x 8 x 32 m of free space held; those not seen longest go"
+        4096,
+        64,
+        262144,
+        "",
+        "greatest number of blocks of 8 x 8 x 32 m of free space; those not seen for the longest time are removed",
     )
 
     # Bounds, jumps
-    most_planes: int = critical(65536, 64, 4194304, "", "planes held; those not seen longest go, and are counted")
-    jump_m: float = critical(1.0, 0.05, 100.0, "m", "a position that steps by more than this,")
-    jump_speed_m_s: float = critical(30.0, 1.0, 500.0, "m/s", "and this speed, has jumped: a new section begins")
-    jump_gap_s: float = critical(5.0, 0.1, 3600.0, "s", "without a position for longer, a new section begins")
-    restart_s: float = number(
-        1.0, 0.1, 60.0, "s", "stamps that step back by more, for as long, mean a restart: a new section begins"
+    most_planes: int = critical(
+        65536, 64, 4194304, "", "greatest number of planes; those not seen for the longest time are removed and counted"
     )
-    most_sections: int = number(4, 0, 64, "", "sections of before a jump that are kept apart; the oldest go, counted")
+    jump_m: float = critical(
+        1.0, 0.05, 100.0, "m", "a step of the position above jump_m + jump_speed_m_s * time begins a new section"
+    )
+    jump_speed_m_s: float = critical(30.0, 1.0, 500.0, "m/s", "speed in that limit")
+    jump_gap_s: float = critical(5.0, 0.1, 3600.0, "s", "a longer time without a position begins a new section")
+    restart_s: float = number(
+        1.0,
+        0.1,
+        60.0,
+        "s",
+        "timestamps that step back by more than this, for as long, mean a restart: a new section begins",
+    )
+    most_sections: int = number(
+        4, 0, 64, "", "greatest number of earlier sections that are kept; the oldest are removed and counted"
+    )
 
     def __post_init__(self) -> None:
         check("world", self)
