@@ -84,6 +84,12 @@ def test_frames_with_a_wrong_mount_report_nothing(depths: list[np.ndarray]) -> N
     assert again.model.cause is last.model.cause
 
 
+def test_the_frame_whose_measurement_shows_the_error_is_invalid_itself(depths: list[np.ndarray]) -> None:
+    found = results(feed(pipeline_of(INFO), depths))
+    assert [r.valid for r in found] == [r.mount is not None and not r.mount.verdict.invalid for r in found]
+    assert {r.valid for r in found} == {False, True}
+
+
 def test_the_check_gets_the_jumps_of_the_heading(depths: list[np.ndarray]) -> None:
     """Between two of these frames there is a gap of the attitude, in which the heading may have jumped."""
     found = results(feed(pipeline_of(INFO), depths))

@@ -20,6 +20,7 @@ from companion.pipeline.state import CameraState, PipelineState
 from companion.viewer.colors import UNKNOWN_INDEX, depth_index
 from companion.viewer.rerun_file import measured_mm as viewer_mm
 from core.extractor import Extractor
+from core.frames import quaternion_from_euler
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.self_check.mount_check import MountState, MountVerdict, checked
@@ -231,3 +232,27 @@ def test_a_measured_mount_is_not_believed_without_ground_or_against_the_check() 
     state = dict(straight_flight(0.3).cameras)["front"]
     degraded = replace(state, mount=replace(state.mount, verdict=MountVerdict.DEGRADED))
     assert not model_of(PipelineState((("front", degraded),)), open_sky=MEASURED).free.has_open
+    off = MountCheckParams(enabled=False)
+    assert not model_of(straight_flight(0.3), open_sky=MEASURED, check=off).free.has_open
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+def test_level_ground_of_before_a_jump_of_the_heading_confirms_no_mount(jumps: bool) -> None:
+    """The check measured the ground 10 ms ago, and is not due: its state does not contain the jump."""
+    before_ns = T_NS - 20 * MS
+    flown, turned = straight_flight(0.3), quaternion_from_euler(0.0, 0.0, 0.5 if jumps else 0.0)
+    attitudes = tuple(
+        replace(LEVEL, t_ns=t_ns, t_arrival_ns=t_ns, q_ned_frd_wxyz=q)
+        for t_ns, q in ((before_ns, LEVEL.q_ned_frd_wxyz), (T_NS - MS, turned), (T_NS + MS, turned))
+    )
+    line = Pipeline((INFO,), lambda _: Extractor(Params(), MEASURED), state=flown)
+    for sample in attitudes:
+        line.handle(sample)
+    result = line.handle(
+        DepthFrame(camera="front", sequence=1, t_exposure_ns=T_NS, t_arrival_ns=T_NS + 20 * MS, depth_mm=field())
+    )[1]
+    assert isinstance(result, PrismsResult)
+    assert result.attitude is not None
+    assert (result.attitude.jump_ns > 0) is jumps
+    assert result.model is not None
+    assert result.model.free.has_open is not jumps

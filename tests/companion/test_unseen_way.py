@@ -168,6 +168,26 @@ def test_px4_is_sent_an_obstacle_at_the_edge_beside_an_unseen_sector(
     assert (int(sent[at]), int(sent[inner])) == (sent_cm, UNKNOWN)
 
 
+@pytest.mark.parametrize(
+    ("distance_m", "speed_m_s", "below_cm"), [(7.0, 1.0, UNKNOWN), (7.0, 4.0, 302), (2.8, 1.0, 280)]
+)
+def test_px4_may_not_move_by_an_obstacle_into_the_unseen_sector_above_it(
+    distance_m: float, speed_m_s: float, below_cm: int
+) -> None:
+    """PX4 takes the bin below the stick's direction. Obstacles are measured in sectors 3 and 5, and sector 4 is unseen."""
+    state, plane_m = np.full(SECTORS, SectorState.CLEAR, np.uint8), np.full(SECTORS, np.inf)
+    state[[3, 5]], plane_m[[3, 5]], state[4] = SectorState.OBSTACLE, distance_m, SectorState.UNSEEN
+    lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
+    found = SectorScan(state, plane_m, np.full(SECTORS, AVOID.max_distance_m), np.zeros(SECTORS), lacking)
+    everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
+    sight = ObstacleView(
+        found, nothing_remembered(), nowhere, everywhere, everywhere, 0, nowhere, velocity_m_s=(speed_m_s, 0.0)
+    )
+    values = BlindPolicy(AVOID).values(sight, BRAKE, 0)
+    assert values is not None
+    assert values[3:6].tolist() == [below_cm, UNKNOWN, round(100.0 * distance_m)]
+
+
 def test_px4_is_sent_an_obstacle_that_has_left_the_view_and_that_it_must_brake_for() -> None:
     """PX4 would pass it nearer than CP_DIST."""
 

@@ -15,6 +15,7 @@ from core.self_check.mount_check import (
     confirmed_by_ground,
     due,
     rotation_vector,
+    settled,
 )
 from core.self_check.mount_cues import NO_CUES, MountCues, Walls
 from core.self_check.mount_filter import FilterState, MountFilter, slope_rows
@@ -144,6 +145,62 @@ def test_a_change_of_terrain_is_no_mount_error() -> None:
         state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0), R, heading, P)
         assert state.verdict not in (MountVerdict.DEGRADED, MountVerdict.ERROR), i
     assert not state.verdict.invalid
+
+
+@pytest.mark.parametrize("sway_deg", [30.0, 60.0])
+def test_rolling_terrain_is_no_mount_error(sway_deg: float) -> None:
+    """Its slope of 8 degrees turns once in 13 s while the vehicle weaves: for a while a wrong mount explains it as well."""
+    phase = np.arange(600) / 20.0
+    state = MountState()
+    for i, heading in enumerate(np.radians(sway_deg) * np.sin(phase)):
+        R = rotation_from_euler(0.0, 0.0, heading)
+        s = slope_rows(np.eye(3), heading)[:, 3:] @ (np.radians(8.0) * np.array([np.sin(phase[i]), np.cos(phase[i])]))
+        state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0), R, heading, P)
+        assert state.verdict is not MountVerdict.ERROR, i
+
+
+def estimated(mount_deg: float, verdict: MountVerdict, confirmations: int = 0) -> MountState:
+    """The state in which the pitch error of the mount is known to 0.1 degrees, on terrain that is not known."""
+    sds = np.radians([0.1, 0.1, 3.0, 10.0, 10.0])
+    known = FilterState(
+        (0.0, math.radians(mount_deg), 0.0, 0.0, 0.0), tuple(np.diag(sds**2)[np.triu_indices(5)].tolist())
+    )
+    return MountState(t_ns=0, measurements=50, verdict=verdict, confirmations=confirmations, filter=known)
+
+
+def after(state: MountState, slope_deg: float, frames: int = 10) -> list[MountState]:
+    """The states of a vehicle that does not turn and measures this slope ahead."""
+    states = []
+    for i in range(1, frames + 1):
+        cues = MountCues(True, math.radians(slope_deg), 0.0, 2.0)
+        state = checked(state, i * NS // 10, cues, np.eye(3), 0.0, P)
+        states.append(state)
+    return states
+
+
+@pytest.mark.parametrize(("mount_deg", "kept"), [(2.7, True), (2.2, False)])
+def test_a_reported_error_is_kept_down_to_four_fifths_of_the_threshold(mount_deg: float, kept: bool) -> None:
+    """From one confirmation on: frames do not become valid and invalid again with the noise of the estimate."""
+    states = after(estimated(mount_deg, MountVerdict.ERROR), mount_deg)
+    assert all(s.verdict is MountVerdict.ERROR for s in states[:2])
+    assert (states[-1].verdict is MountVerdict.ERROR) is kept
+    assert all(s.verdict is not MountVerdict.ERROR for s in after(estimated(2.7, MountVerdict.DEGRADED, 99), 2.7))
+
+
+@pytest.mark.parametrize("mount_deg", [-6.0, 6.0])
+def test_a_slope_is_not_the_terrains_where_the_mount_is_wrong_to_either_side(mount_deg: float) -> None:
+    """Ground that appears inclined by 5 degrees: the terrain compensates the error, or exceeds it."""
+    states = after(estimated(mount_deg, MountVerdict.UNKNOWN), 5.0)
+    assert all(s.verdict.invalid for s in states[2:])
+
+
+def test_a_verdict_changes_only_after_measurements_in_a_row_that_agree() -> None:
+    valid, steep, wrong = MountVerdict.VERIFIED, MountVerdict.UNVERIFIED_SLOPE, MountVerdict.ERROR
+    twice = MountState(verdict=valid, pending=MountVerdict.DEGRADED, streak=2)
+    assert settled(twice, steep) == (valid, steep, 1)
+    assert settled(MountState(verdict=valid, pending=steep, streak=2), wrong) == (wrong, wrong, 0), "both invalidate"
+    assert settled(MountState(verdict=steep, pending=MountVerdict.UNKNOWN, streak=2), valid) == (valid, valid, 0)
+    assert settled(MountState(verdict=steep, pending=wrong, streak=2), valid) == (steep, valid, 1)
 
 
 def test_a_mount_that_moves_in_flight_is_found_again() -> None:
