@@ -161,9 +161,8 @@ class ObstacleMemory:
         y = np.stack([c * xy[:, 1] - s * xy[:, 0], xy[:, 1], c * xy[:, 1] + s * xy[:, 0]])
         free_ns = np.full((len(half), *x.shape), NEVER)
         for view in views:
-            if view.model.valid:
-                free = points_free(view, x, y, half, measured=True)
-                free_ns[free] = np.maximum(free_ns[free], view.t_ns)
+            free = points_free(view, x, y, half, measured=True)  # of an invalid model none is
+            free_ns[free] = np.maximum(free_ns[free], view.t_ns)
         return np.asarray(free_ns.min(axis=(0, 1)))
 
 

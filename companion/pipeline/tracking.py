@@ -95,7 +95,7 @@ def tracking_frame(result: PrismsResult) -> tuple[TrackingFrame | None, float]:
     """(The frame for the tracker, the angle from its axes to those of the result, rad); None for a dropped frame."""
     if result.model is None or result.transform is None or result.attitude is None:
         return None, 0.0
-    if result.frame == "ned" and result.pose is not None:
+    if result.pose is not None:
         frame = TrackingFrame(
             model=result.model,
             camera_m=result.transform.translation_m,

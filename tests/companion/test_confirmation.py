@@ -406,6 +406,27 @@ def test_what_was_seen_is_kept_by_its_exposure_not_by_its_arrival(later_ms: int,
     assert (taken({"exposed_ns": exposed_ns}).state == state).all()
 
 
+def states_at(*times_ms: int, blind_until_ms: int = 0) -> SectorState:
+    """State after frames at these times, of which the last does not see the sectors and the others do. A blind camera covers
+    them, too, until the given time."""
+    kept, state = SeenSectors(AVOID), SectorState.UNSEEN
+    for t_ms in times_ms:
+        t_ns, blind = t_ms * NS // 1000, np.full(SECTORS, t_ms <= blind_until_ms)
+        found = scan_of(SectorState.UNSEEN if t_ms == times_ms[-1] else SectorState.CLEAR)
+        state = SectorState(int(kept.take(found, SectorSight(np.full(SECTORS, t_ns), blind, 0.0, 0.0, t_ns)).state[0]))
+    return state
+
+
+def test_frames_before_a_missing_one_do_not_count_in_a_row() -> None:
+    assert states_at(100, 200, 300, 400, 500) == SectorState.CLEAR
+    assert states_at(100, 200, 400, 500) == SectorState.UNSEEN
+
+
+def test_frames_that_saw_a_sector_beside_a_blind_camera_do_not_count_in_a_row() -> None:
+    assert states_at(100, 200, 300, 400) == SectorState.CLEAR
+    assert states_at(100, 200, 300, 400, blind_until_ms=100) == SectorState.UNSEEN
+
+
 @pytest.mark.parametrize(("frames", "state"), [(2, SectorState.UNSEEN), (3, SectorState.CLEAR)])
 def test_a_sector_is_kept_only_after_three_frames(frames: int, state: SectorState) -> None:
     assert (taken({}, frames=frames).state == state).all()

@@ -13,7 +13,13 @@ from companion.diagnostic import DiagnosticCode
 from companion.live.health import CameraView, camera_message
 from companion.live.status import status_lines
 from companion.pipeline.encode import prisms_from_message, prisms_message, state_from_message, state_message
-from companion.pipeline.mount_messages import mount_diagnostic, mount_health, mount_text
+from companion.pipeline.mount_messages import (
+    mount_diagnostic,
+    mount_health,
+    mount_state_from_message,
+    mount_state_message,
+    mount_text,
+)
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import Output, PrismsResult
 from companion.pipeline.state import CameraState, PipelineState
@@ -120,6 +126,25 @@ def test_a_pipeline_goes_on_from_a_snapshot_bit_for_bit(depths: list[np.ndarray]
     ]
     assert second.state().cameras[0][1].mount == whole.state().cameras[0][1].mount
     assert not got[-1].valid
+
+
+def test_the_message_of_the_check_holds_all_of_its_state() -> None:
+    mean, covariance = tuple(0.1 * k for k in range(5)), tuple(0.01 * k for k in range(15))
+    state = MountState(
+        t_ns=5,
+        measurements=6,
+        verdict=MountVerdict.DEGRADED,
+        pending=MountVerdict.ERROR,
+        streak=2,
+        slope_rad=0.25,
+        ground=True,
+        confirmations=34,
+        residual_rad=(0.5, -0.125),
+        filter=FilterState(mean, covariance),
+        heading_jump_ns=7,
+    )
+    assert all(getattr(state, f.name) != getattr(MountState(), f.name) for f in dataclasses.fields(MountState))
+    assert mount_state_from_message(mount_state_message(state)) == state
 
 
 def test_a_snapshot_of_before_the_check_starts_it_again() -> None:

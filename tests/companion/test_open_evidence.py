@@ -240,10 +240,11 @@ def test_a_measured_mount_is_not_believed_without_ground_or_against_the_check() 
 def test_level_ground_of_before_a_jump_of_the_heading_confirms_no_mount(jumps: bool) -> None:
     """The check measured the ground 10 ms ago, and is not due: its state does not contain the jump."""
     before_ns = T_NS - 20 * MS
-    flown, turned = straight_flight(0.3), quaternion_from_euler(0.0, 0.0, 0.5 if jumps else 0.0)
+    flown, other = straight_flight(0.3), quaternion_from_euler(0.0, 0.0, 0.5)
+    north = LEVEL.q_ned_frd_wxyz
     attitudes = tuple(
         replace(LEVEL, t_ns=t_ns, t_arrival_ns=t_ns, q_ned_frd_wxyz=q)
-        for t_ns, q in ((before_ns, LEVEL.q_ned_frd_wxyz), (T_NS - MS, turned), (T_NS + MS, turned))
+        for t_ns, q in ((before_ns, other if jumps else north), (T_NS - MS, north), (T_NS + MS, north))
     )
     line = Pipeline((INFO,), lambda _: Extractor(Params(), MEASURED), state=flown)
     for sample in attitudes:

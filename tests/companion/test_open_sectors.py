@@ -71,10 +71,11 @@ def test_open_space_does_not_remove_a_remembered_obstacle() -> None:
     near = AVOID.remember_m - 0.5
     with_wall = View(open_ahead(wall_at(0.0, near), free_to_m=near - 0.2, open_to_m=near - 0.2), HERE, open_counts=True)
     memory.recall(scan([with_wall], AVOID), [with_wall], here, 0)
-    opened = View(open_ahead(free_to_m=0.0), HERE, open_counts=True)
-    kept = memory.recall(scan([opened], AVOID), [opened], here, NS // 10)
-    assert np.isfinite(kept.distance_m[0])
-    for t_ns in (NS // 5, 3 * NS // 10):
+    for t_ns in (NS // 10, 2 * NS // 10, 3 * NS // 10):
+        opened = View(open_ahead(free_to_m=0.0), HERE, open_counts=True, t_ns=t_ns)
+        kept = memory.recall(scan([opened], AVOID), [opened], here, t_ns)
+        assert np.isfinite(kept.distance_m[0])
+    for t_ns in (4 * NS // 10, 5 * NS // 10):
         free = View(open_ahead(free_to_m=13.0), HERE, open_counts=True, t_ns=t_ns)
         gone = memory.recall(scan([free], AVOID), [free], here, t_ns)
     assert not np.isfinite(gone.distance_m[0])

@@ -20,11 +20,12 @@ from companion.log.provenance import run_info
 from companion.pipeline.encode import state_from_message, state_message, wire_bytes
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.track_messages import tracks_message
-from companion.pipeline.tracking import TracksResult
+from companion.pipeline.tracking import TracksResult, tracking_frame
 from companion.replay.replay import Options, make_pipeline, replay
 from companion.replay.replay_report import replay_problems
+from core.frames import level_cam_at, quaternion_from_euler
 from core.tracking.params import TrackingParams
-from core.types import CameraInfo, DepthFrame, Intrinsics
+from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, Intrinsics
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
 from osape_client import TracksSubscriber, TrackState, tracks_from_message
@@ -98,6 +99,24 @@ def test_without_a_position_tracks_lie_on_the_planes_of_the_frame(events):
             for plane in long:
                 middle = 0.5 * (plane[:2] + plane[2:4])
                 assert min(distance(row, middle) for row in seen) < 0.6
+
+
+@pytest.mark.parametrize("config", [ON, LEVEL], ids=["ned", "level"])
+def test_the_tracker_gets_the_place_of_the_camera_north_and_east_of_the_vehicle(events, config):
+    """Without a position from the vehicle itself."""
+    mount = CameraMount(yaw_rad=0.3, x_m=0.4, y_m=-0.2, z_m=0.1)
+    pipeline = make_pipeline(config, (dataclasses.replace(SMALL, mount=mount),))
+    turn = quaternion_from_euler(0.1, -0.05, 1.2)
+    events = [dataclasses.replace(e, q_ned_frd_wxyz=turn) if isinstance(e, AttitudeSample) else e for e in events[:60]]
+    results = [o for e in events for o in pipeline.handle(e) if isinstance(o, PrismsResult) and o.attitude is not None]
+    assert results
+    for r in results:
+        found, _ = tracking_frame(r)
+        origin = r.pose.position_ned_m if r.pose is not None else (0.0, 0.0, 0.0)
+        lever_ned_m = level_cam_at(turn, mount)[3]
+        assert found is not None
+        assert found.positioned is (config is ON)
+        np.testing.assert_allclose(found.camera_m, np.add(origin, lever_ned_m), atol=1e-6)
 
 
 def distance(row: np.ndarray, at: np.ndarray) -> float:

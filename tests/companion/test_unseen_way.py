@@ -202,6 +202,27 @@ def test_px4_is_sent_an_obstacle_that_has_left_the_view_and_that_it_must_brake_f
     assert sent(2.8, (0.5, 0.0), NOT_KNOWN) == UNKNOWN
 
 
+def test_an_obstacle_counts_without_its_way_only_where_nothing_needs_to_be_seen_free() -> None:
+    """Sectors need not be seen free nearer than near_m from the vehicle's middle; distances are from the hull."""
+    hull_m = AVOID.near_m - AVOID.radius_m
+    assert braked_for(math.inf, None, NOT_KNOWN, hull_m - 0.02) == round(100.0 * (hull_m - 0.02))
+    assert braked_for(math.inf, None, NOT_KNOWN, hull_m + 0.02) == UNKNOWN
+
+
+@pytest.mark.parametrize("free_m", [2.0, 8.0])
+def test_the_wall_for_ardupilot_is_not_beyond_what_was_seen_free_from_the_hull(free_m: float) -> None:
+    """Free space is measured from the vehicle's middle."""
+    state = np.full(SECTORS, SectorState.CLEAR, np.uint8)
+    state[4] = SectorState.UNSEEN
+    lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
+    found = SectorScan(state, np.full(SECTORS, np.inf), np.full(SECTORS, free_m), np.zeros(SECTORS), lacking)
+    everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
+    sight = ObstacleView(found, nothing_remembered(), nowhere, everywhere, everywhere, 0)
+    values = BlindPolicy(AVOID).values(sight, STOP, 0)
+    assert values is not None
+    assert values[4] == math.floor(100.0 * max(STOP.wall_m, free_m - AVOID.radius_m) + 1e-6)
+
+
 @given(st.floats(0.0, 30.0), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(0.0, 6.0))
 def test_px4_may_never_move_into_an_unseen_sector(
     plane_m: float, forward_m_s: float, right_m_s: float, remembered_m: float
