@@ -12,7 +12,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 
@@ -27,7 +26,7 @@ from ..log.foxglove_scene import scene_message, transform_messages
 from ..log.log_writer import schema_bytes
 from ..pipeline.results import PrismsResult
 from ..pipeline.sync import DropCause
-from .live_page import camera_status, decoded
+from .live_page import camera_status, decoded, preview_depth_mm
 from .subscriber import NS, WATCHED_S, LiveSubscriber
 
 STATUS_TOPIC = "/status"
@@ -110,14 +109,14 @@ class FoxgloveServer:
             self._send(tf, transform, t_ns)
 
     def _depth(self, p: pb.DepthPreview) -> None:
-        if len(p.depth_mm) == 2 * p.width_px * p.height_px > 0:
-            depth_mm = np.frombuffer(p.depth_mm, "<u2").reshape(p.height_px, p.width_px)
+        depth_mm = preview_depth_mm(p)
+        if depth_mm is not None:
             frame = DepthFrame(
                 camera=p.camera,
                 sequence=p.sequence,
                 t_exposure_ns=p.t_exposure_ns,
                 t_arrival_ns=p.t_exposure_ns,
-                depth_mm=depth_mm.astype(np.uint16),
+                depth_mm=depth_mm,
             )
             self._send(TOPICS["depth"].of(p.camera), depth_message(frame), p.t_exposure_ns)
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from osape_client.boot import boot_id
 from osape_client.decode import cause_code
@@ -118,11 +119,18 @@ def frame_of(shown: Shown, begun_ns: int) -> dict[str, Any]:
         not_finite = "its message is inconsistent (a number that is not finite)"
         data = frame_data(replace(blind, dropped=not_finite), 0, frame.t_ns, 0)
     data["t"] = (shown.exposed_ns - begun_ns) / NS
-    p = shown.preview
-    if p is not None and len(p.depth_mm) == 2 * p.width_px * p.height_px > 0:
-        depth_mm = np.frombuffer(p.depth_mm, "<u2").reshape(p.height_px, p.width_px)
+    depth_mm = None if shown.preview is None else preview_depth_mm(shown.preview)
+    if depth_mm is not None:
         data["depth"] = packed_png(depth_index(depth_mm, shown.info, frame.ke_per_m), 1)
     return data
+
+
+def preview_depth_mm(preview: pb.DepthPreview) -> NDArray[np.uint16] | None:
+    """(H, W) uint16 millimetres; None where its bytes are not those of an image of this size."""
+    size = preview.height_px, preview.width_px
+    if not len(preview.depth_mm) == 2 * size[0] * size[1] > 0:
+        return None
+    return np.frombuffer(preview.depth_mm, "<u2").astype(np.uint16).reshape(size)
 
 
 def _finite(data: dict[str, Any]) -> bool:

@@ -9,7 +9,6 @@ import argparse
 import errno
 import os
 import re
-import signal
 import socket
 import sys
 import threading
@@ -28,6 +27,7 @@ from osape_client.run_folder import run_folder
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
+from ..stop_signal import stop_event
 from .first_frame import load_drawing
 from .live_page import LivePage
 from .subscriber import LiveSubscriber, Streams
@@ -118,8 +118,8 @@ def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
     asked = urlsplit(path)
     if asked.path == "/":
         return 200, "text/html; charset=utf-8", page.page().encode()
-    if asked.path != "/news":
-        return 404, "text/plain", b"there is the page (/) and its news\n"
+    if asked.path != "/update":
+        return 404, "text/plain", b"there are the page (/) and its updates (/update)\n"
     query = parse_qs(asked.query)
     numbers = [query.get(key, ["0"])[0] for key in ("after", "world", "team")]
     if not all(number.isascii() and number.isdigit() and len(number) < 16 for number in numbers):
@@ -234,9 +234,7 @@ def run(args: argparse.Namespace) -> int:
     subscriber = LiveSubscriber(streams_of(publish, args.keys))
     server = LiveServer(LivePage(subscriber, "Live"), listen, PORT if args.port is None else args.port)
     foxglove = None if args.foxglove is None else _foxglove(subscriber, listen, args.foxglove)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_event()
     load_drawing()
     os.nice(NICE)  # the service has precedence over viewers
     try:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-import math
 import re
 from importlib import resources
 from typing import Any, Final
@@ -83,7 +82,7 @@ def _fill(data: dict[str, Any], policy: str) -> str:
         name = match.group(1)
         text = made[name] if name in made else (files / name).read_text("utf-8")
         if "</script" in text:
-            raise ValueError(f"viewer/{name} contains the end of a script element")
+            raise ValueError(f"viewer/static/{name} contains the end of a script element")
         return text
 
     return _PLACE.sub(put, (files / "template.html").read_text("utf-8"))
@@ -117,10 +116,10 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
         "c": camera,
         "sequence": frame.sequence,
         "t": round((frame.t_ns - t_start_ns) / 1e9, 4),
-        "standing": frame.status.name,
+        "status": frame.status.name,
         "cause": frame.cause,
         "attitude": None if frame.attitude_deg is None else [round(a, 1) for a in frame.attitude_deg],
-        "heading": 0.0 if frame.attitude_deg is None else round(math.radians(frame.attitude_deg[2]), 5),
+        "heading": round(frame.heading_rad, 5),
         "pos": None if frame.position_ned_m is None else [round(p, 3) for p in frame.position_ned_m],
         "cam": [round(float(v), 3) for v in t],
         "R": None if R is None else np.round(rotation_from_euler(0.0, 0.0, yaw) @ R, 5).ravel().tolist(),

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
+from core.frames import rotation_level_ned
 from core.types import FrameModel
 
 from ..pipeline.transform import LevelTransform, transform_model
@@ -17,11 +14,9 @@ def ned_from_level_cam(frame: ViewFrame) -> LevelTransform:
     if frame.R_ned_frd is None:
         return LevelTransform(0.0, (0.0, 0.0, 0.0))
     yaw_rad, t_level = frame.level_from_level_cam
-    heading_rad = math.atan2(float(frame.R_ned_frd[1, 0]), float(frame.R_ned_frd[0, 0]))
-    c, s = math.cos(heading_rad), math.sin(heading_rad)
-    x, y, z = (float(v) for v in t_level)
-    at = np.array([c * x - s * y, s * x + c * y, z]) + (frame.position_ned_m or (0.0, 0.0, 0.0))
-    return LevelTransform(yaw_rad + heading_rad, (float(at[0]), float(at[1]), float(at[2])))
+    R_ned_level = rotation_level_ned(frame.heading_rad).T
+    north_m, east_m, down_m = (R_ned_level @ t_level + (frame.position_ned_m or (0.0, 0.0, 0.0))).tolist()
+    return LevelTransform(yaw_rad + frame.heading_rad, (north_m, east_m, down_m))
 
 
 def placed_model(frame: ViewFrame) -> FrameModel | None:

@@ -4,11 +4,11 @@ matplotlib belongs to the extra `view` and is imported with the first picture.""
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
-from drivers.optional_library import install_command
+from drivers.base import DeviceNotFound
+from drivers.optional_library import optional_module
 
 from ..whole_file import whole_file
 from .depth import draw_depth
@@ -22,41 +22,47 @@ BANNER_PX = 46
 BANNER_COLOR = {FrameStatus.VALID: "#2e7d32", FrameStatus.BLIND: "#c62828", FrameStatus.NO_PRISMS: "#b26a00"}
 
 
-class ViewError(ValueError):
-    """The pictures cannot be drawn; the message states the cause and the remedy."""
+def _agg(otherwise: str) -> Any:
+    """The module of matplotlib that draws without a window. Raises DeviceNotFound; otherwise: another remedy than to
+    install it."""
+    name = "matplotlib.backends.backend_agg"
+    return optional_module(name, "pictures need matplotlib", "matplotlib>=3.8", otherwise=otherwise)
 
 
 def missing_library() -> str:
     """Why no pictures can be drawn, and the remedy; empty: they can."""
     try:
-        importlib.import_module("matplotlib.backends.backend_agg")
-    except ImportError:
-        return f"pictures need matplotlib, which is not installed: run {install_command('matplotlib>=3.8')}"
+        _agg("")
+    except DeviceNotFound as error:
+        return str(error)
     return ""
 
 
-def new_figure() -> Any:
-    """An empty matplotlib figure of WIDTH_PX x HEIGHT_PX without a window. Raises ViewError without matplotlib."""
-    if missing := missing_library():
-        raise ViewError(f"{missing} (--no-png draws the page only)")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def new_figure(width_px: int, height_px: int, otherwise: str, **options: Any) -> Any:
+    """An empty matplotlib figure without a window. options: of Figure. Raises DeviceNotFound as `_agg`."""
+    agg = _agg(otherwise)
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=(width_px / DPI, height_px / DPI), dpi=DPI, facecolor="white", **options)
+    agg.FigureCanvasAgg(figure)
     return figure
 
 
+def save_figure(figure: Any, path: Path) -> None:
+    """Writes a figure as PNG. Raises OSError."""
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=DPI, metadata={"Software": "osape-companion"})
+
+
 def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
-    """Writes the picture of one frame. Raises ViewError, OSError."""
-    figure = new_figure()
+    """Writes the picture of one frame. Raises DeviceNotFound without matplotlib, OSError."""
+    figure = new_figure(WIDTH_PX, HEIGHT_PX, ", or draw the page only with --no-png")
     _header(figure, frame, t_start_ns)
     image, scale = image_place(frame)
     draw_depth(figure.add_axes(image), figure.add_axes(scale), frame)
     draw_side(figure.add_axes((0.045, 0.118, 0.455, 0.215)), frame)
     draw_top(figure.add_axes((0.555, 0.118, 0.435, 0.747)), frame)
-    with whole_file(path) as part:
-        figure.savefig(part, dpi=DPI, metadata={"Software": "osape-companion"})
+    save_figure(figure, path)
 
 
 def image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]:

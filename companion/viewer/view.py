@@ -84,7 +84,7 @@ def make_views(
     """Draws a log into a directory, created if missing: frame_CAMERA_SEQUENCE.png, flight.html, a layout for Foxglove and,
     where requested, a recording for Rerun.
 
-    A damaged log is drawn as far as it can be read. Raises DriverError, ViewError, ValueError (a requested frame is not
+    A damaged log is drawn as far as it can be read. Raises DriverError, ValueError (a requested frame is not
     in the log, or the log has none), OSError."""
     options = options or ViewOptions()
     with McapRecording(path) as source:
@@ -126,9 +126,13 @@ def _summaries(source: McapRecording, on_progress: Progress) -> tuple[list[_Fram
 
 def _counted(summaries: list[_FrameSummary], damage: str) -> Views:
     count = {status: sum(g.status is status for g in summaries) for status in FrameStatus}
-    views = Views(frames=len(summaries), damage=damage)
-    views.valid, views.blind = count[FrameStatus.VALID], count[FrameStatus.BLIND]
-    views.without_prisms = count[FrameStatus.NO_PRISMS]
+    views = Views(
+        frames=len(summaries),
+        valid=count[FrameStatus.VALID],
+        blind=count[FrameStatus.BLIND],
+        without_prisms=count[FrameStatus.NO_PRISMS],
+        damage=damage,
+    )
     if summaries and views.without_prisms == len(summaries):
         views.notes.append(
             "no prisms in this log: run `companion replay` first; the pictures show the depth images only"

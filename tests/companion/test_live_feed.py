@@ -80,7 +80,7 @@ def test_without_a_service_the_missing_part_is_reported(tmp_path: Path) -> None:
 def test_a_frame_is_drawn_where_it_stands_and_its_age_is_reported(scripted: ScriptedService, page: LivePage) -> None:
     answer = shown(scripted, page)
     (frame,), (camera,) = answer["frames"], answer["cameras"]
-    assert frame["standing"] == "VALID"
+    assert frame["status"] == "VALID"
     assert np.allclose(np.array(frame["planes"]) / 100.0, WALL, atol=0.011)
     assert frame["heading"] == pytest.approx(YAW_RAD, abs=1e-4)
     assert (camera["blind"], camera["code"]) == ("", "")
@@ -161,7 +161,7 @@ def test_a_blind_camera_is_shown_at_once_and_only_once(scripted: ScriptedService
     scripted.blind("lost: its process has ended")
     began_s = time.monotonic()
     answer = update(page, before["name"], before["number"])
-    while not answer["frames"] or answer["frames"][0]["standing"] != "BLIND":
+    while not answer["frames"] or answer["frames"][0]["status"] != "BLIND":
         assert time.monotonic() - began_s < 2.0
         answer = update(page, answer["name"], answer["number"])
     (frame,) = answer["frames"]
@@ -199,7 +199,7 @@ def test_of_two_cameras_each_is_reported_for_itself(scripted: ScriptedService, p
     text = {camera["name"]: camera["blind"] for camera in answer["cameras"]}
     assert text == {"front": "", "rear": "silent: no notification of its process"}
     names = list(text)
-    status = {names[frame["c"]]: frame["standing"] for frame in answer["frames"]}
+    status = {names[frame["c"]]: frame["status"] for frame in answer["frames"]}
     assert status == {"front": "VALID", "rear": "BLIND"}
 
 
@@ -252,7 +252,7 @@ def test_numbers_that_do_not_fit_are_blind(scripted: ScriptedService, page: Live
 
     assert until(reported_blind)
     answer = update(page)
-    assert answer["frames"][0]["standing"] == "BLIND"
+    assert answer["frames"][0]["status"] == "BLIND"
     assert answer["frames"][0]["planes"] == []
     assert answer["cameras"][0]["blind"]
 

@@ -44,14 +44,14 @@ def test_http_gives_page_and_news_and_nothing_else(server: LiveServer) -> None:
     status, kind, page = get(server, "/")
     assert (status, kind) == (200, "text/html; charset=utf-8")
     assert b"connect-src 'self'" in page
-    status, kind, body = get(server, "/news?name=&after=0")
+    status, kind, body = get(server, "/update?name=&after=0")
     assert (status, kind) == (200, "application/json")
     assert json.loads(body)["frames"] == []
     assert get(server, "/../etc/passwd")[0] == 404
     for after in ("x", "-1", "9" * 40, "٣"):
-        assert get(server, "/news?after=" + "".join(f"%{b:02x}" for b in after.encode()))[0] == 400
+        assert get(server, "/update?after=" + "".join(f"%{b:02x}" for b in after.encode()))[0] == 400
     connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60.0)
-    connection.request("POST", "/news", body=b"x")
+    connection.request("POST", "/update", body=b"x")
     assert connection.getresponse().status == 501
     connection.close()
 
@@ -61,7 +61,7 @@ def test_the_address_it_listens_on_is_its_own_name(page: LivePage) -> None:
     server.open()
     try:
         connection = http.client.HTTPConnection("127.0.0.2", server.port, timeout=60.0)
-        connection.request("GET", "/news?after=0")
+        connection.request("GET", "/update?after=0")
         assert connection.getresponse().status == 200
         connection.close()
     finally:
@@ -101,17 +101,17 @@ def test_the_printed_address_and_whether_others_can_connect(host: str, shown: st
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8760", "127.0.0.1.evil.example:8760"])
 def test_a_foreign_name_that_leads_here_is_refused(server: LiveServer, host: str) -> None:
-    assert get(server, "/news?after=0", host)[0] == 403
+    assert get(server, "/update?after=0", host)[0] == 403
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
 def test_a_page_of_another_server_gets_no_answer(server: LiveServer, site: str) -> None:
     """It could not read the answer, but take the places of pages, and keep the depth images subscribed."""
     header = {"Sec-Fetch-Site": site}
-    assert get(server, "/news?after=0", headers=header)[0] == 403
+    assert get(server, "/update?after=0", headers=header)[0] == 403
     assert get(server, "/", headers=header)[0] == 200
     for own in ("same-origin", "none"):
-        assert get(server, "/news?after=0", headers={"Sec-Fetch-Site": own})[0] == 200
+        assert get(server, "/update?after=0", headers={"Sec-Fetch-Site": own})[0] == 200
 
 
 def test_connections_are_limited_and_their_places_come_back(
@@ -130,7 +130,7 @@ def test_connections_are_limited_and_their_places_come_back(
 
     def served() -> bool:
         try:
-            return get(server, "/news?after=0")[0] == 200
+            return get(server, "/update?after=0")[0] == 200
         except ConnectionError:
             return False
 

@@ -186,7 +186,7 @@ def test_the_calibration_is_named_by_its_absolute_path(tmp_path: Path, monkeypat
             1,
             "README.md: not a ZED calibration (",
         ),
-        (["--camera", "oak", "--autopilot", "none", "--calibration", "SN1.conf"], 1, "--calibration is for a zed"),
+        (["--camera", "oak", "--autopilot", "none", "--calibration", "SN1.conf"], 2, "--calibration is for a zed"),
     ],
 )
 def test_wrong_flags_write_nothing(

@@ -135,7 +135,7 @@ def test_byte_of_a_distance_stands_for_it_within_one_step(distance: float) -> No
     assert index_range_m(index, INFO) == pytest.approx(distance, rel=0.009)
 
 
-def test_standing_of_frames() -> None:
+def test_status_of_frames() -> None:
     assert frame().status is FrameStatus.VALID
     assert frame(model=None).status is FrameStatus.NO_PRISMS
     assert frame(model=None, dropped="no attitude").status is FrameStatus.BLIND

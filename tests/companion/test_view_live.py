@@ -226,7 +226,7 @@ def test_the_verdict_of_what_was_received(page: Page) -> None:
     for state, change in cases:
         well = {"answer_ms": 50, "since_s": 0.1, "shown_s": 0.2, "following": True, "trouble": ""}
         cameras = change.pop("cameras", [{"name": "a", "blind": "", "age_s": 0.1}])
-        seen = well | change | {"news": {"cameras": cameras, "service": {"missing": []}}}
+        seen = well | change | {"update": {"cameras": cameras, "service": {"missing": []}}}
         page_state = page.ask(f"import('viewer/live').then(m => m.verdict({json.dumps(seen)}, 0.4))")
         assert page_state["state"] == state, (seen, page_state)
         assert ("Do not treat any direction as free" in page_state["text"]) == (state in ("cut", "blind", "stale"))

@@ -119,7 +119,7 @@ def test_default_choice_draws_a_handful_and_the_page(log: Path, tmp_path: Path) 
     data = page_data(tmp_path / "made" / "here")
     assert len(data["frames"]) == 57
     assert data["note"] == ""
-    assert sum(f["standing"] == "BLIND" for f in data["frames"]) == 17
+    assert sum(f["status"] == "BLIND" for f in data["frames"]) == 17
 
 
 def test_frames_can_be_asked_for(log: Path, tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ def test_log_without_prisms_names_the_remedy_and_shows_the_depth(depth_only: Pat
     assert views.without_prisms == views.frames == 57
     assert "run `companion replay` first" in views.notes[0]
     data = page_data(tmp_path)
-    assert data["frames"][0]["standing"] == "NO_PRISMS"
+    assert data["frames"][0]["status"] == "NO_PRISMS"
     assert data["frames"][0]["depth"]
 
 

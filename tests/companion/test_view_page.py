@@ -46,7 +46,7 @@ def test_page_holds_every_frame_with_its_planes_and_prisms() -> None:
     data = data_of(page_of(frame(), blind(), tilted(), note="a part of it"))
     assert data["title"] == "test.mcap"
     assert data["note"] == "a part of it"
-    assert [f["standing"] for f in data["frames"]] == ["VALID", "BLIND", "VALID"]
+    assert [f["status"] for f in data["frames"]] == ["VALID", "BLIND", "VALID"]
     assert [c["name"] for c in data["cameras"]] == ["front", "left"]
     assert [f["c"] for f in data["frames"]] == [0, 0, 1]
     first = data["frames"][0]

@@ -104,7 +104,7 @@ class App {
     this.#follow(place);
     this.#words(frame, options);
     $("slider").value = String(this.at);
-    if (this.live) showPilot(this.live.news.service.autopilot, this.attitude());
+    if (this.live) showPilot(this.live.update.service.autopilot, this.attitude());
     else if (this.data.frames.some((f) => f.autopilot)) showPilot(frame.autopilot, frame);
     this.frames.draw(frame, options, place, null, 0);
     this.ask();
@@ -174,7 +174,7 @@ class App {
   forget() {
     const { data } = this, frame = data.frames[this.at];
     data.cameras.splice(0, data.cameras.length, data.cameras[frame.c]);
-    data.frames.splice(0, data.frames.length, { ...frame, c: 0, gone: true, standing: "BLIND", cause: "", facts: [], depth: null,
+    data.frames.splice(0, data.frames.length, { ...frame, c: 0, gone: true, status: "BLIND", cause: "", facts: [], depth: null,
       attitude: null, pos: null, R: null, ground: null, tracks: null });
     this.camera = 0;
     this.depth.images.clear();

@@ -51,14 +51,13 @@ export class DepthPanel {
     source.getContext("2d").putImageData(small, 0, 0);
     pen.imageSmoothingEnabled = false;
     pen.drawImage(source, 0, 0, canvas.width, canvas.height);
-    if (frame.R && frame.standing === "VALID") this.#outlines(pen, canvas.width / camera.width, frame, camera);
+    if (frame.R && frame.status === "VALID") this.#outlines(pen, canvas.width / camera.width, frame, camera);
   }
 
   #outlines(pen, scale, frame, camera) {
     const walls = model.planeWalls(frame).sort((a, b) => b.distance - a.distance), thin = walls.length > 60 ? 0.6 : 1;
     for (const wall of walls) {
-      const corners = [[wall.ax, wall.ay, wall.top], [wall.bx, wall.by, wall.top], [wall.bx, wall.by, wall.bottom],
-        [wall.ax, wall.ay, wall.bottom]].map((p) => model.projectPixel(p, camera, frame));
+      const corners = model.corners(wall).map((p) => model.projectPixel(p, camera, frame));
       if (corners.includes(null)) continue;
       pen.beginPath();
       corners.forEach(([u, v]) => pen.lineTo((u + 0.5) * scale, (v + 0.5) * scale));

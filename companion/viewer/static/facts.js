@@ -4,11 +4,11 @@ const $ = (id) => document.getElementById(id);
 
 /** Shows whether the frame is valid. */
 export function showBanner(frame) {
-  $("banner").className = { BLIND: "blind", VALID: "valid" }[frame.standing] || "empty";
-  $("banner").textContent = frame.standing === "BLIND"
-    ? `BLIND: ${frame.cause}. Do not treat any direction as free.` : frame.standing === "VALID" ? "VALID"
+  $("banner").className = { BLIND: "blind", VALID: "valid" }[frame.status] || "empty";
+  $("banner").textContent = frame.status === "BLIND"
+    ? `BLIND: ${frame.cause}. Do not treat any direction as free.` : frame.status === "VALID" ? "VALID"
       : "NO PRISMS in this log: run `companion replay` first";
-  $("stage").classList.toggle("blind", frame.standing === "BLIND");
+  $("stage").classList.toggle("blind", frame.status === "BLIND");
 }
 
 /** Fills the table. camera: name; ned: whether the frame is drawn in the world. */

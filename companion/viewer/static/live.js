@@ -17,19 +17,19 @@ export function span(seconds) {
 }
 
 /** The state that the page shows: {state, word, text, age}. state: valid, blind, stale, cut, waiting or paused; word: large across
- *  the page, "" for none. seen: {answer_ms: since an answer came, null before the first; since_s: of its ages at most; news: it;
+ *  the page, "" for none. seen: {answer_ms: since an answer came, null before the first; since_s: of its ages at most; update: that answer;
  *  shown_s: how old the frame is that is drawn, null without; following: whether it is meant to be the newest}. */
 export function verdict(seen, stale_s) {
-  const { news, since_s } = seen, none = "Do not treat any direction as free.";
+  const { update, since_s } = seen, none = "Do not treat any direction as free.";
   if (seen.answer_ms === null) return { state: "waiting", word: "", text: seen.trouble ? `companion view does not answer: ${seen.trouble}` : "Waiting for the first answer of companion view…" };
   if (seen.answer_ms > CUT_MS) {
     return { state: "cut", word: "CUT OFF", text: `CUT OFF: companion view has not answered for ${span(seen.answer_ms / 1000)}`
       + ` (${seen.trouble || "no answer"}). What is shown is old. ${none}` };
   }
-  if (!news.cameras.length) return { state: "blind", word: "BLIND", text: `BLIND: ${news.service.missing[0] || "no camera is known"}. ${none}` };
-  const ages = news.cameras.map((c) => (c.age_s === null ? Infinity : c.age_s + since_s));
-  const blind = news.cameras.map((c) => c.blind || (c.age_s === null ? "no frame yet" : ""));
-  const said = news.cameras.map((c, k) => blind[k] && (news.cameras.length > 1 ? `${c.name}: ${blind[k]}` : blind[k])).filter(Boolean);
+  if (!update.cameras.length) return { state: "blind", word: "BLIND", text: `BLIND: ${update.service.missing[0] || "no camera is known"}. ${none}` };
+  const ages = update.cameras.map((c) => (c.age_s === null ? Infinity : c.age_s + since_s));
+  const blind = update.cameras.map((c) => c.blind || (c.age_s === null ? "no frame yet" : ""));
+  const said = update.cameras.map((c, k) => blind[k] && (update.cameras.length > 1 ? `${c.name}: ${blind[k]}` : blind[k])).filter(Boolean);
   const age = Math.max(...ages);
   if (said.length) return { state: "blind", word: "BLIND", text: `BLIND: ${said.join("; ")}. ${none}`, blind };
   if (age > stale_s) {
@@ -47,7 +47,7 @@ export function verdict(seen, stale_s) {
 export class Live {
   /** open: makes the app, called with the first frame. */
   constructor(data, open) {
-    Object.assign(this, { data, open, app: null, name: "", after: 0, world: 0, team: 0, news: null, answered: null, made: 0, trouble: "", broken: null });
+    Object.assign(this, { data, open, app: null, name: "", after: 0, world: 0, team: 0, update: null, answered: null, made: 0, trouble: "", broken: null });
     $("service").hidden = false;
     $("title").textContent = data.title;
     $("speed").hidden = true;
@@ -60,19 +60,19 @@ export class Live {
   async #ask() {
     for (;;) {
       const asked = performance.now();
-      let news = null;
+      let update = null;
       try {
-        const reply = await fetch(`news?name=${encodeURIComponent(this.name)}&after=${this.after}&world=${this.world}&team=${this.team}`,
+        const reply = await fetch(`update?name=${encodeURIComponent(this.name)}&after=${this.after}&world=${this.world}&team=${this.team}`,
           { cache: "no-store", signal: AbortSignal.timeout(PATIENCE_MS) });
         if (!reply.ok) throw new Error(`${reply.status} ${(await reply.text()).trim()}`);
-        news = await reply.json();
+        update = await reply.json();
       } catch (error) {
         this.trouble = error?.name === "TimeoutError" ? "it does not answer" : String(error?.message ?? error);
         await wait(AGAIN_MS);
         continue;
       }
       try {
-        this.#take(news, asked);
+        this.#take(update, asked);
       } catch (error) {
         this.broken ??= error;
         throw error;
@@ -81,31 +81,31 @@ export class Live {
   }
 
   /** asked: when the request was sent; the answer was made at least held_ms later, so no age is shown too small. */
-  #take(news, asked) {
-    if (news.name !== this.name) { // another server, which numbers its answers anew
-      this.name = news.name;
+  #take(update, asked) {
+    if (update.name !== this.name) { // another server, which numbers its answers anew
+      this.name = update.name;
       this.app?.forget();
     }
-    Object.assign(this, { news, after: news.number, answered: performance.now(), made: asked + news.held_ms, trouble: "" });
-    news.cameras.forEach((c, k) => { if (c.info) this.#meet(c.info, k); });
-    for (const frame of news.frames) {
+    Object.assign(this, { update, after: update.number, answered: performance.now(), made: asked + update.held_ms, trouble: "" });
+    update.cameras.forEach((c, k) => { if (c.info) this.#meet(c.info, k); });
+    for (const frame of update.frames) {
       if (this.app) this.app.append(frame);
       else {
         this.data.frames.push(frame);
         this.app = this.open(this);
       }
     }
-    if (news.world.planes && this.app) {
-      this.world = news.world.number;
-      this.app.merged(news.world.planes);
+    if (update.world.planes && this.app) {
+      this.world = update.world.number;
+      this.app.merged(update.world.planes);
     }
-    this.#team(news.team);
+    this.#team(update.team);
     this.tell();
-    this.#service(news.service);
-    if (this.app) showPilot(news.service.autopilot, this.app.attitude());
-    $("merged").parentElement.hidden = !news.world.received;
-    $("worldwords").textContent = !news.world.received ? "" : news.world.cause ? `merged world: not usable, ${news.world.cause}`
-      : `merged world: ${news.world.total} planes`;
+    this.#service(update.service);
+    if (this.app) showPilot(update.service.autopilot, this.app.attitude());
+    $("merged").parentElement.hidden = !update.world.received;
+    $("worldwords").textContent = !update.world.received ? "" : update.world.cause ? `merged world: not usable, ${update.world.cause}`
+      : `merged world: ${update.world.total} planes`;
   }
 
   /** Obstacles of other vehicles: the picture, and who contributed what. */
@@ -133,23 +133,23 @@ export class Live {
   /** The banner and the large word; ten times a second, whether or not anything came. */
   tell() {
     const now = performance.now(), { app } = this;
-    const drawn = app?.data.frames[app.at], shown = drawn?.gone ? undefined : drawn, newest_s = shown && this.news.cameras[shown.c]?.shown_s;
+    const drawn = app?.data.frames[app.at], shown = drawn?.gone ? undefined : drawn, newest_s = shown && this.update.cameras[shown.c]?.shown_s;
     const since_s = (now - this.made) / 1000, last = shown && app.data.frames.findLast((f) => f.c === shown.c);
     const shown_s = typeof newest_s === "number" ? newest_s + since_s + (last.t - shown.t) : null;
     const v = this.broken ? { state: "cut", word: "BROKEN", text: `BROKEN: this page has failed (${this.broken.message}). What is shown is old; reload the page.` }
-      : verdict({ news: this.news, since_s, trouble: this.trouble, answer_ms: this.answered === null ? null : now - this.answered,
+      : verdict({ update: this.update, since_s, trouble: this.trouble, answer_ms: this.answered === null ? null : now - this.answered,
         shown_s, following: !app || app.playing }, this.data.live.stale_s);
     const mine = v.state === "blind" && shown && v.blind ? v.blind[shown.c] : v.word;
     $("banner").className = { valid: "valid", waiting: "empty", paused: "empty" }[v.state] || "blind";
     $("banner").textContent = v.text;
     const chip = document.createElement("span");
     chip.id = "age";
-    chip.textContent = shown_s === null || (shown.standing === "BLIND" && !shown.depth) ? "" : v.state === "valid" ? `${span(shown_s)} old` : `shown is ${span(shown_s)} old`;
+    chip.textContent = shown_s === null || (shown.status === "BLIND" && !shown.depth) ? "" : v.state === "valid" ? `${span(shown_s)} old` : `shown is ${span(shown_s)} old`;
     $("banner").append(chip);
     $("stage").classList.toggle("blind", Boolean(mine));
     $("stage").dataset.word = v.word;
     $("depth").classList.toggle("old", v.state === "cut" || v.state === "stale" || shown_s > OLD_S);
-    const report_s = this.news?.service.age_s;
+    const report_s = this.update?.service.age_s;
     $("service").classList.toggle("old", v.state === "cut" || (typeof report_s === "number" && report_s + since_s > OLD_REPORT_S));
     Object.assign(document.body.dataset, { state: v.state, shown: shown_s === null ? "" : shown_s.toFixed(3) });
     if (app) $("count").textContent = app.playing ? "live" : shown ? `−${span(Math.max(0, last.t - shown.t))}` : "";

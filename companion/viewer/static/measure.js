@@ -1,6 +1,7 @@
 // Measuring between two points that are picked on walls or on the ground.
 
 import * as THREE from "three";
+import { geometryOf } from "viewer/geometry";
 
 /** {total, level, height} in metres of two points of the drawing (right, up, backward). */
 export function distances(a, b) {
@@ -42,9 +43,7 @@ export class Measure {
     dot.renderOrder = 9;
     this.group.add(dot);
     if (this.points.length < 2) return "measure: click the second point";
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute(this.points.flat(), 3));
-    const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xff4081, depthTest: false }));
+    const line = new THREE.Line(geometryOf(this.points), new THREE.LineBasicMaterial({ color: 0xff4081, depthTest: false }));
     line.renderOrder = 9;
     this.group.add(line);
     return distanceWords(distances(...this.points));

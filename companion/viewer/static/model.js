@@ -60,14 +60,24 @@ export function freeNormal(ax, ay, bx, by) {
   return [-dy / n, dx / n];
 }
 
+/** Plane k of a flat list of whole centimetres, six of each plane, in metres: {ax, ay, bx, by, top, bottom}. */
+export function planeAt(planes, k) {
+  const [ax, ay, bx, by, top, bottom] = planes.slice(6 * k, 6 * k + 6).map((cm) => cm / 100);
+  return { ax, ay, bx, by, top, bottom };
+}
+
+/** The corners [x, y, z] of a plane or wall: above a, above b, below b, below a. */
+export function corners({ ax, ay, bx, by, top, bottom }) {
+  return [[ax, ay, top], [bx, by, top], [bx, by, bottom], [ax, ay, bottom]];
+}
+
 /** The planes of a frame as walls {ax, ay, bx, by, top, bottom, margin, flags, cluster, support, distance}. */
 export function planeWalls(frame) {
   const walls = [];
   for (let k = 0; k < frame.flags.length; k++) {
-    const [ax, ay, bx, by, top, bottom] = frame.planes.slice(6 * k, 6 * k + 6).map((cm) => cm / 100);
-    walls.push({ ax, ay, bx, by, top, bottom, margin: frame.margin[k] / 100, flags: frame.flags[k],
-      cluster: frame.cluster[k], support: frame.support[k], plane: k,
-      distance: segmentDistance(ax, ay, bx, by, frame.cam) });
+    const plane = planeAt(frame.planes, k);
+    walls.push({ ...plane, margin: frame.margin[k] / 100, flags: frame.flags[k], cluster: frame.cluster[k],
+      support: frame.support[k], plane: k, distance: segmentDistance(plane.ax, plane.ay, plane.bx, plane.by, frame.cam) });
   }
   return walls;
 }

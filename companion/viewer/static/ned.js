@@ -2,6 +2,7 @@
 // and moved to the position of the frame.
 
 import * as THREE from "three";
+import { geometryOf } from "viewer/geometry";
 import * as model from "viewer/model";
 
 const WORLD = 0xe0c080, TEAM = [0xe573c7, 0x4dd0e1, 0xffb74d, 0xaed581, 0x9fa8da, 0xff8a65];
@@ -72,27 +73,16 @@ function empty(group) {
 
 /** Planes in whole centimetres of ned, six numbers each, as lists of four corners in the drawing. */
 function quads(planes) {
-  const found = [];
-  for (let k = 0; k < planes.length; k += 6) {
-    const [ax, ay, bx, by, top, bottom] = planes.slice(k, k + 6).map((cm) => cm / 100);
-    found.push([[ax, ay, top], [bx, by, top], [bx, by, bottom], [ax, ay, bottom]].map(model.toDrawing));
-  }
-  return found;
+  return Array.from({ length: planes.length / 6 }, (_, k) => model.corners(model.planeAt(planes, k)).map(model.toDrawing));
 }
 
 /** Faces and edges of quads. */
 function walls(corners, color, faceOpacity, edgeOpacity) {
-  const faces = new THREE.Mesh(geometry(corners.flatMap(([a, b, c, d]) => [a, b, c, a, c, d])),
+  const faces = new THREE.Mesh(geometryOf(corners.flatMap(([a, b, c, d]) => [a, b, c, a, c, d])),
     new THREE.MeshBasicMaterial({ color, transparent: true, depthWrite: false, opacity: faceOpacity, side: THREE.DoubleSide }));
   return [faces, lines(corners.flatMap(([a, b, c, d]) => [a, b, b, c, c, d, d, a]), color, edgeOpacity)];
 }
 
 function lines(points, color, opacity) {
-  return new THREE.LineSegments(geometry(points), new THREE.LineBasicMaterial({ color, transparent: true, depthWrite: false, opacity }));
-}
-
-function geometry(points) {
-  const made = new THREE.BufferGeometry();
-  made.setAttribute("position", new THREE.Float32BufferAttribute(points.flat(), 3));
-  return made;
+  return new THREE.LineSegments(geometryOf(points), new THREE.LineBasicMaterial({ color, transparent: true, depthWrite: false, opacity }));
 }

@@ -2,6 +2,7 @@
 // that the shader programs, which both use, are not compiled again. Text textures are cached.
 
 import * as THREE from "three";
+import { geometryOf } from "viewer/geometry";
 import * as model from "viewer/model";
 import { Labels } from "viewer/labels";
 import { NedGroup } from "viewer/ned";
@@ -52,7 +53,7 @@ export class FrameScene {
     this.#vehicle(frame, camera);
     if (show.ground) this.#ground(frame, place);
     if (show.trail) this.#trail(frame, show, place);
-    if (frame.standing === "BLIND") return;
+    if (frame.status === "BLIND") return;
     if (show.points && index && frame.R) this.#points(frame, camera, index, w);
     if (show.unknown) this.#space(frame, "unknown", false, camera);
     if (show.free) {
@@ -66,10 +67,8 @@ export class FrameScene {
 
   #lines(points, color, dash) {
     if (!points.length) return;
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute(points.flat(), 3));
-    const look = { transparent: true, ...(typeof color === "number" ? { color } : { vertexColors: true }) };
-    if (typeof color !== "number") geometry.setAttribute("color", new THREE.Float32BufferAttribute(color.flat(), 3));
+    const plain = typeof color === "number", geometry = geometryOf(points, plain ? null : color);
+    const look = { transparent: true, ...(plain ? { color } : { vertexColors: true }) };
     const material = dash ? new THREE.LineDashedMaterial({ ...look, dashSize: dash, gapSize: dash * 0.7 })
       : new THREE.LineBasicMaterial(look);
     const lines = this.#add(new THREE.LineSegments(geometry, material));
@@ -83,8 +82,7 @@ export class FrameScene {
     const faces = [], colors = [], solid = [[], []], dashed = [[], []], normals = [];
     for (const wall of walls) {
       const color = model.wallColor(wall, show.by, camera, this.data.palette);
-      const [a, b, c, d] = [[wall.ax, wall.ay, wall.top], [wall.bx, wall.by, wall.top],
-        [wall.bx, wall.by, wall.bottom], [wall.ax, wall.ay, wall.bottom]].map(this.at);
+      const [a, b, c, d] = model.corners(wall).map(this.at);
       const [nx, ny] = model.freeNormal(wall.ax, wall.ay, wall.bx, wall.by);
       const shade = 0.72 + 0.28 * Math.abs(nx);
       faces.push(a, b, c, a, c, d);
@@ -99,10 +97,7 @@ export class FrameScene {
     this.shown = walls;
     this.faces = { points: faces.flat(), colors: colors.flat() };
     if (walls.length) {
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces.flat(), 3));
-      geometry.setAttribute("color", new THREE.Float32BufferAttribute(colors.flat(), 3));
-      this.walls = this.#add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({
+      this.walls = this.#add(new THREE.Mesh(geometryOf(faces, colors), new THREE.MeshBasicMaterial({
         vertexColors: true, transparent: true, opacity: 0.62, side: THREE.DoubleSide, depthWrite: false })));
     }
     this.#lines(...solid);
@@ -141,9 +136,7 @@ export class FrameScene {
       }
     }
     if (!faces.length) return;
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces.flat(), 3));
-    this.#add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({
+    this.#add(new THREE.Mesh(geometryOf(faces), new THREE.MeshBasicMaterial({
       color, transparent: true, opacity: all ? many : single, side: THREE.DoubleSide, depthWrite: false })));
   }
 
@@ -203,7 +196,7 @@ export class FrameScene {
       corners.push(this.at(model.pixelPoint(...ray, 1.2, camera, frame)));
     }
     corners.forEach((p, k) => lines.push(eye, p, p, corners[(k + 1) % 4]));
-    this.#lines(lines, frame.standing === "BLIND" ? BLIND : VIEW);
+    this.#lines(lines, frame.status === "BLIND" ? BLIND : VIEW);
   }
 
   /** The way of the vehicle: all of it in the world, up to this frame from the vehicle. */

@@ -1,5 +1,7 @@
 // Tracked obstacles of a frame: outlines whose brightness is their confidence, ids, and boxes with arrows of what moves.
 
+import * as model from "viewer/model";
+
 const LABELS = 15, STATIC = [0.36, 0.83, 1.0], MOVING = [1.0, 0.45, 0.85];
 const metres = (cm) => cm / 100;
 
@@ -7,12 +9,11 @@ const metres = (cm) => cm / 100;
 export function trackDrawing(tracks, numbers) {
   const lines = [], colors = [], labels = [], near = [];
   tracks.id.forEach((id, k) => {
-    const [ax, ay, bx, by, top, bottom] = tracks.planes.slice(6 * k, 6 * k + 6).map(metres);
-    const [a, b, c, d] = [[ax, ay, top], [bx, by, top], [bx, by, bottom], [ax, ay, bottom]];
+    const [a, b, c, d] = model.corners(model.planeAt(tracks.planes, k));
     const light = 0.25 + 0.75 * tracks.confidence[k] / 100, color = (tracks.object[k] ? MOVING : STATIC).map((v) => v * light);
     lines.push(a, b, b, c, c, d, d, a);
     for (let n = 0; n < 8; n++) colors.push(color);
-    const middle = [(ax + bx) / 2, (ay + by) / 2, bottom + 0.15];
+    const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2, d[2] + 0.15];
     if (!tracks.object[k]) near.push({ far: Math.hypot(middle[0], middle[1]), at: middle, text: `${id}  ${tracks.confidence[k]} %` });
   });
   if (numbers) {
