@@ -8,9 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import signal
 import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -19,27 +17,28 @@ from drivers.mavlink.session_types import ARDUPILOT, PX4
 from drivers.simulation.autopilot import FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 from drivers.simulation.flights import flight_plan
-from drivers.simulation.looping_flight import EndlessFlight
+from drivers.simulation.looping_flight import LoopingFlight
 
 from ..argument_types import checked_by, number_in
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
+from ..stop_signal import stop_event
 
 EVERYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "::1"}
 
 
-def flight_of(config: Config) -> EndlessFlight:
+def flight_of(config: Config) -> LoopingFlight:
     """Returns the flight that the simulated cameras of the configuration see. Raises ValueError if there are none."""
     section = next((c for c in config.cameras if c.kind == "simulated"), None)
     if section is None:
         raise ValueError(
             'no camera of kind = "simulated" in the configuration, and so no flight: take configs/simulated.toml (`companion configs simulated`); with --address it also tests the line of another configuration'
         )
-    return EndlessFlight(flight_plan(section.flight, section.seed))
+    return LoopingFlight(flight_plan(section.flight, section.seed))
 
 
 def simulated(
-    flight: EndlessFlight, kind: str = PX4, *, armed: bool = False, drift_ppm: float = 0.0
+    flight: LoopingFlight, kind: str = PX4, *, armed: bool = False, drift_ppm: float = 0.0
 ) -> SimulatedAutopilot:
     """Returns an autopilot on this flight, without a link."""
     return SimulatedAutopilot(
@@ -125,9 +124,7 @@ def run(args: argparse.Namespace) -> int:
     # a real autopilot is another computer: the simulated one must not take processor time from the service
     with contextlib.suppress(OSError):  # a container may forbid it
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_event()
     end = other_end(address)
     with AutopilotLink(
         simulated(flight, args.kind, armed=args.armed, drift_ppm=args.drift_ppm),
@@ -144,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _print_address(args: argparse.Namespace, flight: EndlessFlight, line: str) -> None:
+def _print_address(args: argparse.Namespace, flight: LoopingFlight, line: str) -> None:
     if args.json:
         print_json({"autopilot": args.kind, "flight": flight.plan.name, "line": line})
     else:

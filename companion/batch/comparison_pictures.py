@@ -4,40 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from drivers.base import DeviceNotFound
-from drivers.optional_library import install_command
-
+from ..viewer.png import new_figure, save_figure
 from .comparison import FlightDifference, PairedFrames
 
 _A, _B, _LOST, _NEW, _BLIND = "#1565c0", "#ef6c00", "#c62828", "#6a1b9a", "#9e9e9e"
-_DPI: Final = 100
 
 
-def _figure(width_in: float, height_in: float) -> Any:
+def _figure(width_px: int, height_px: int) -> Any:
     """A figure without a window. Raises DeviceNotFound without matplotlib."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise DeviceNotFound(
-            f"pictures need matplotlib: run {install_command('matplotlib>=3.8')}, or give --no-pictures"
-        ) from error
-    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _save(figure: Any, path: Path) -> None:
-    figure.savefig(path, dpi=_DPI, metadata={"Software": "osape-companion"})
+    return new_figure(width_px, height_px, ", or give --no-pictures", layout="constrained")
 
 
 def draw_overview(flights: Sequence[FlightDifference], path: Path) -> None:
     """Four panels: planes per frame, blind time, lost and new obstacles, changed frames."""
-    figure = _figure(11.0, 8.0)
+    figure = _figure(1100, 800)
     planes, blind, obstacles, changed = figure.subplots(2, 2).ravel()
     mean_a = [f.planes_a / max(1, f.valid_a) for f in flights]
     mean_b = [f.planes_b / max(1, f.valid_b) for f in flights]
@@ -53,7 +37,7 @@ def draw_overview(flights: Sequence[FlightDifference], path: Path) -> None:
     obstacles.legend(fontsize=8)
     changed.hist(100.0 * np.array([f.changed for f in flights]) / frames, bins=20, range=(0, 100), color=_B)
     changed.set(title="frames whose result changed", xlabel="% of frames", ylabel="flights")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _scatter(axes: Any, a: Sequence[float], b: Sequence[float], title: str) -> None:
@@ -65,7 +49,7 @@ def _scatter(axes: Any, a: Sequence[float], b: Sequence[float], title: str) -> N
 
 def draw_flight(flight: FlightDifference, frames: PairedFrames, path: Path) -> None:
     """The distance of the nearest plane and the number of planes over time, with marks where the answer changed."""
-    figure = _figure(11.0, 6.0)
+    figure = _figure(1100, 600)
     near, planes = figure.subplots(2, 1, sharex=True)
     t_ns = np.array([row["t_exposure_ns"] for row in frames.a], np.int64)
     t_s = (t_ns - t_ns[0]) / 1e9 if len(t_ns) else np.zeros(0)
@@ -85,7 +69,7 @@ def draw_flight(flight: FlightDifference, frames: PairedFrames, path: Path) -> N
     for axes in (near, planes):
         axes.legend(fontsize=8, loc="upper right")
         axes.set_ylim(bottom=-0.5)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _column(rows: Sequence[dict[str, Any]], name: str) -> Any:

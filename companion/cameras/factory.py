@@ -104,7 +104,7 @@ def _range(section: CameraConfig) -> dict[str, Any]:
 def _simulated(section: CameraConfig) -> DepthSource:
     from drivers.simulation.camera import SimulatedDepthSource, Simulation
     from drivers.simulation.flights import flight_plan
-    from drivers.simulation.looping_flight import EndlessFlight
+    from drivers.simulation.looping_flight import LoopingFlight
     from drivers.simulation.source import camera_info
 
     described = camera_info(section.width_px, section.width_px * 3 // 4, camera=section.name)
@@ -131,5 +131,5 @@ def _simulated(section: CameraConfig) -> DepthSource:
         disparities=section.disparities,
         mark_smooth=section.mark_smooth,
     )
-    flight = EndlessFlight(plan)
+    flight = LoopingFlight(plan)
     return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)

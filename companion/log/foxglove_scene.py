@@ -5,7 +5,7 @@ Viewers draw z upwards; the root frame `up` (north, west, up) rotates the frame 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -34,7 +34,7 @@ FAR_M: Final = 15.0
 """Ends of the colour scale: red at and below, blue at and above."""
 
 _Q_UP_NED: Final[Wxyz] = (0.0, 1.0, 0.0, 0.0)
-_Q_CAMFRD_OPTICAL: Final[Wxyz] = (0.5, 0.5, 0.5, 0.5)
+Q_CAMFRD_OPTICAL: Final[Wxyz] = (0.5, 0.5, 0.5, 0.5)
 
 
 def scene_message(result: PrismsResult) -> SceneUpdate:
@@ -70,7 +70,7 @@ def transform_messages(result: PrismsResult, info: CameraInfo) -> tuple[FrameTra
     q_ned_level = quaternion_from_euler(0.0, 0.0, heading_rad)
     q_level_frd = product(quaternion_from_euler(0.0, 0.0, -heading_rad), q_ned_frd)
     m = info.mount
-    q_frd_optical = product(quaternion_from_euler(m.roll_rad, m.pitch_rad, m.yaw_rad), _Q_CAMFRD_OPTICAL)
+    q_frd_optical = product(quaternion_from_euler(m.roll_rad, m.pitch_rad, m.yaw_rad), Q_CAMFRD_OPTICAL)
     position_m = result.pose.position_ned_m if result.pose is not None else (0.0, 0.0, 0.0)
     here = (0.0, 0.0, 0.0)
     tree: tuple[tuple[str, str, tuple[float, float, float], Wxyz], ...] = (
@@ -97,14 +97,18 @@ def _pose() -> Pose:
 
 def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float, float]) -> None:
     """Two triangles per edge of the side profile; the four corners are stored once, since the service draws in flight."""
-    xy = prism.vertices_m.tolist()
-    ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
-    for a, b in zip(xy, ends, strict=False):
+    for a, b in prism_edges(prism):
         first = len(triangles.points)
         for p, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m)):
             triangles.points.add(x=p[0], y=p[1], z=z)
         triangles.colors.extend([distance_colour(segment_distance_m(a, b, camera_xy))] * 4)
         triangles.indices.extend([first + i for i in (0, 1, 2, 0, 2, 3)])
+
+
+def prism_edges(prism: Prism) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+    """Begin and end, x and y in m, of each edge of a prism's side profile."""
+    xy = [(x, y) for x, y in prism.vertices_m.tolist()]
+    return zip(xy, xy[1:] + xy[:1] if prism.closed else xy[1:], strict=False)
 
 
 def segment_distance_m(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 import threading
 import time
@@ -18,6 +17,7 @@ from ..argument_types import number_in
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
+from ..stop_signal import stop_event
 from ..usage_error import UsageError
 from ..viewer.live_server import NICE, streams_of
 from ..viewer.subscriber import HEALTH_OLD_NS, LiveSubscriber
@@ -98,9 +98,7 @@ def run(args: argparse.Namespace) -> int:
     subscriber = LiveSubscriber(replace(streams_of(publish, args.keys), depth="", world="", world_requests=""))
     bridge = Ros2Bridge(subscriber, node, ros, options)
     subscriber.on_message = bridge.on_message
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_event()
     os.nice(NICE)  # the service has precedence
     print_line(
         f"topics {options.namespace}/markers, {options.namespace}/CAMERA/points, /diagnostics"

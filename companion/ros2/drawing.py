@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from core.types import Prism
 
-from ..log.foxglove_scene import distance_colour, segment_distance_m
+from ..log.foxglove_scene import distance_colour, prism_edges, segment_distance_m
 from ..pipeline.results import PrismsResult
+from ..viewer.geometry import plane_corners_m
 from .frames import FrameTransform, frame_id, ros_points
 from .message_types import NS, RosMessages
 
@@ -29,8 +30,8 @@ LINE_WIDTH_M: Final = 0.03
 TEXT_HEIGHT_M: Final = 0.3
 _POINT_BYTES: Final = 12
 
-Grey: Final = (0.6, 0.6, 0.6, 1.0)
-Red: Final = (1.0, 0.1, 0.1, 1.0)
+GREY: Final = (0.6, 0.6, 0.6, 1.0)
+RED: Final = (1.0, 0.1, 0.1, 1.0)
 
 
 class Drawing:
@@ -71,7 +72,7 @@ class Drawing:
             "TEXT_VIEW_FACING",
             "ADD",
             text=f"{camera}: NO DATA: {text}",
-            colour=Red,
+            colour=RED,
             scale=(0.0, 0.0, TEXT_HEIGHT_M),
             at=(0.0, 0.0, 1.0 + row * 1.5 * TEXT_HEIGHT_M),
             lifetime_ns=TEXT_LIFETIME_NS,
@@ -141,7 +142,7 @@ class Drawing:
 
     def _marker(
         self, header: Any, name: str, kind: str, action: str, *, points: Sequence[Any] = (), colours: Sequence[Any] = (),
-        text: str = "", colour: tuple[float, float, float, float] = Grey, scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        text: str = "", colour: tuple[float, float, float, float] = GREY, scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
         at: tuple[float, float, float] = (0.0, 0.0, 0.0), lifetime_ns: int = 0,
     ) -> Any:  # fmt: skip
         ros = self._ros
@@ -181,9 +182,7 @@ def _prism_triangles(
     corners: list[tuple[float, float, float]] = []
     colours: list[tuple[float, float, float, float]] = []
     for prism in prisms:
-        xy = prism.vertices_m.tolist()
-        ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
-        for a, b in zip(xy, ends, strict=False):
+        for a, b in prism_edges(prism):
             a_top, b_top = (*a, prism.top_m), (*b, prism.top_m)
             a_low, b_low = (*a, prism.bottom_m), (*b, prism.bottom_m)
             corners.extend([a_top, b_top, b_low, a_top, b_low, a_low])
@@ -194,10 +193,4 @@ def _prism_triangles(
 
 def _plane_outlines(planes: NDArray[np.float32]) -> NDArray[np.float64]:
     """(8 N, 3) ends of the four sides of each of (N, 6) planes, in the frame of the planes."""
-    a_x, a_y, b_x, b_y, top, bottom = planes.astype(np.float64).T
-    corners = [
-        np.stack([x, y, z], axis=1)
-        for x, y, z in ((a_x, a_y, top), (b_x, b_y, top), (b_x, b_y, bottom), (a_x, a_y, bottom))
-    ]
-    ends = [corners[k % 4] for k in (0, 1, 1, 2, 2, 3, 3, 4)]
-    return np.stack(ends, axis=1).reshape(-1, 3)
+    return plane_corners_m(planes)[:, (0, 1, 1, 2, 2, 3, 3, 0)].reshape(-1, 3)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import CameraMount
 
+from ..log.foxglove_scene import Q_CAMFRD_OPTICAL
 from ..pipeline.quaternion import Quaternion, Vector, normalised, product
 
 MAP: Final = "map"
@@ -33,7 +34,6 @@ R_ENU_NED: Final = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
 R_FLU_FRD: Final = np.diag([1.0, -1.0, -1.0])
 _Q_ENU_NED: Final[Quaternion] = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 _Q_FLU_FRD: Final[Quaternion] = (0.0, 1.0, 0.0, 0.0)
-_Q_CAMFRD_OPTICAL: Final[Quaternion] = (0.5, 0.5, 0.5, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def vehicle_transforms(q_ned_frd_wxyz: Quaternion, position_ned_m: Vector | None
 def camera_transform(mount: CameraMount, optical_frame: str) -> FrameTransform:
     """base_link -> the optical frame of a mounted camera."""
     q_frd_camfrd = quaternion_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad)
-    q_flu_optical = product(product(_Q_FLU_FRD, q_frd_camfrd), _Q_CAMFRD_OPTICAL)
+    q_flu_optical = product(product(_Q_FLU_FRD, q_frd_camfrd), Q_CAMFRD_OPTICAL)
     return FrameTransform(BASE_LINK, optical_frame, (mount.x_m, -mount.y_m, -mount.z_m), q_flu_optical)
 
 

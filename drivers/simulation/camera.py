@@ -16,7 +16,7 @@ from core.types import CameraInfo, DepthFrame
 from ..base import DeviceLost, DeviceNotFound
 from .flight import Rates, SimulatedFlight
 from .frame_store import DepthMm, FrameStore
-from .looping_flight import NS, EndlessFlight
+from .looping_flight import NS, LoopingFlight
 
 RENDER_S = 20.0
 AHEAD_NS = 1_000_000
@@ -62,7 +62,7 @@ class SimulatedDepthSource:
 
     def __init__(
         self,
-        flight: EndlessFlight,
+        flight: LoopingFlight,
         info: CameraInfo,
         simulation: Simulation,
         clock_ns: Callable[[], int],

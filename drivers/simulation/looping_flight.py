@@ -14,7 +14,7 @@ from .flights import FlightPlan
 NS = 1_000_000_000
 
 
-class EndlessFlight:
+class LoopingFlight:
     """A plan on the monotonic clock. Raises ValueError for a path without duration."""
 
     def __init__(self, plan: FlightPlan) -> None:

@@ -23,7 +23,7 @@ from companion.config.loader import load_config
 from core.frames import rotation_from_quaternion
 from drivers.simulation.autopilot import PX4
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, UdpEnd
-from drivers.simulation.looping_flight import EndlessFlight
+from drivers.simulation.looping_flight import LoopingFlight
 from osape_client.proto import osape_v1_pb2 as pb
 
 ROOT = Path(__file__).parents[2]
@@ -125,7 +125,7 @@ class Live:
         """The recorded logs, oldest first."""
         return sorted((self.folder / "state" / "logs").glob("*"))
 
-    def flight(self) -> EndlessFlight:
+    def flight(self) -> LoopingFlight:
         """The flight of the first simulated camera."""
         return flight_of(load_config(self.config))
 
@@ -226,7 +226,7 @@ def flown(live: Live, kind: str = PX4, faults: Faults | None = None) -> Iterator
         yield line
 
 
-def attitude_error_deg(message: pb.PrismsFrame, flight: EndlessFlight) -> float:
+def attitude_error_deg(message: pb.PrismsFrame, flight: LoopingFlight) -> float:
     """Angle between the attitude that a frame was levelled with and the true one at its exposure."""
     q = message.attitude.q_ned_frd
     turn = rotation_from_quaternion((q.w, q.x, q.y, q.z)).T @ flight.state(message.t_exposure_ns).R_ned_frd

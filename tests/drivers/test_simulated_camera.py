@@ -19,7 +19,7 @@ from drivers.simulation.camera import SimulatedDepthSource, Simulation
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flights import FLIGHTS, flight_plan
 from drivers.simulation.frame_store import FrameStore
-from drivers.simulation.looping_flight import NS, EndlessFlight
+from drivers.simulation.looping_flight import NS, LoopingFlight
 from drivers.simulation.source import camera_info, look
 
 INFO = camera_info(64, 48)
@@ -38,15 +38,15 @@ class Clock:
         self.now_ns += round(seconds * NS)
 
 
-def short(name: str = "street", seconds: float = 1.0) -> EndlessFlight:
+def short(name: str = "street", seconds: float = 1.0) -> LoopingFlight:
     """A flight whose leg ends early: quick to render."""
-    flight = EndlessFlight(flight_plan(name))
+    flight = LoopingFlight(flight_plan(name))
     flight.leg_ns = round(seconds * NS)
     return flight
 
 
 def camera(
-    clock: Clock, flight: EndlessFlight | None = None, info: CameraInfo = INFO, **how: object
+    clock: Clock, flight: LoopingFlight | None = None, info: CameraInfo = INFO, **how: object
 ) -> SimulatedDepthSource:
     simulation = dataclasses.replace(Simulation(fps=10.0), **how)
     return SimulatedDepthSource(flight or short(), info, simulation, clock, clock.wait)
@@ -65,7 +65,7 @@ def test_only_rendered_stereo_marks(render: str) -> None:
 @pytest.mark.parametrize("name", list(FLIGHTS))
 def test_a_flight_there_and_back_never_jumps(name: str) -> None:
     """Over both ends, in steps of 10 ms: no faster than 6 m/s and 4 rad/s anywhere."""
-    flight = EndlessFlight(flight_plan(name))
+    flight = LoopingFlight(flight_plan(name))
     for end_ns in (flight.leg_ns, 2 * flight.leg_ns, 7 * flight.leg_ns):
         states = [flight.state(end_ns + k * NS // 100) for k in range(-30, 31)]
         for a, b in pairwise(states):
@@ -75,7 +75,7 @@ def test_a_flight_there_and_back_never_jumps(name: str) -> None:
 
 @pytest.mark.parametrize("at_s", [3.3, 13.7, 1_000_017.2])
 def test_rates_and_velocities_are_those_of_the_motion_both_ways(at_s: float) -> None:
-    flight, h_ns = EndlessFlight(flight_plan("demo")), 100_000
+    flight, h_ns = LoopingFlight(flight_plan("demo")), 100_000
     t_ns = round(at_s * NS)
     before, now, after = (flight.state(t_ns + k * h_ns) for k in (-1, 0, 1))
     W = now.R_ned_frd.T @ (after.R_ned_frd - before.R_ned_frd) / (2e-9 * h_ns)
@@ -85,7 +85,7 @@ def test_rates_and_velocities_are_those_of_the_motion_both_ways(at_s: float) -> 
 
 
 def test_the_way_back_is_the_way_there() -> None:
-    flight = EndlessFlight(flight_plan("demo"))
+    flight = LoopingFlight(flight_plan("demo"))
     assert flight.state(12 * NS).position_ned_m == flight.state(8 * NS).position_ned_m
     assert flight.on_path(20 * NS) == (0, False)
     assert flight.on_path(10 * NS) == (10 * NS, False)
@@ -93,7 +93,7 @@ def test_the_way_back_is_the_way_there() -> None:
 
 
 def test_no_attitude_is_sent_in_the_spans_of_the_plan() -> None:
-    flight = EndlessFlight(flight_plan("broken"))
+    flight = LoopingFlight(flight_plan("broken"))
     hidden = [flight.hides_attitude(round(s * NS)) for s in (3.5, 3.7, 4.5, 4.7, 7.3, 7.5, 8.3, 8.5)]
     assert hidden == [False, True, True, False, False, True, True, False]
 
@@ -145,7 +145,7 @@ def test_the_next_frame_is_fetched_before_its_exposure(monkeypatch: pytest.Monke
 
 
 def test_a_frame_shows_what_is_seen_at_its_exposure_also_on_the_way_back() -> None:
-    clock, flight = Clock(), EndlessFlight(flight_plan("street"))
+    clock, flight = Clock(), LoopingFlight(flight_plan("street"))
     source = camera(clock, flight)
     source.open()
     seen: set[bool] = set()
@@ -201,7 +201,7 @@ def test_a_camera_that_is_opened_again_goes_on_in_the_same_flight() -> None:
 
 def test_what_fails_in_the_plan_fails_each_time(tmp_path: Path) -> None:
     clock = Clock(0)
-    with camera(clock, EndlessFlight(flight_plan("broken"))) as source:
+    with camera(clock, LoopingFlight(flight_plan("broken"))) as source:
         frames = [source.read(0.11) for _ in range(121)]
     missing = {f"{k}" for k in range(50, 54)} | {f"{120 - k}" for k in range(50, 54)}
     there = {str(f.sequence) for f in frames if f is not None}

@@ -20,7 +20,7 @@ from drivers.logs.reader import McapRecording
 from drivers.simulation.camera import SimulatedDepthSource, Simulation
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flights import flight_plan
-from drivers.simulation.looping_flight import EndlessFlight
+from drivers.simulation.looping_flight import LoopingFlight
 from drivers.simulation.source import camera_info
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -74,7 +74,7 @@ def v4l2(folder: Path) -> Camera:
 
 def simulated(folder: Path) -> Camera:
     """The simulated camera, with a cable that is pulled after the frames."""
-    flight = EndlessFlight(flight_plan("street"))
+    flight = LoopingFlight(flight_plan("street"))
     flight.leg_ns = 500_000_000
     (folder / "cable").touch()
     simulation = Simulation(fps=10.0, cable=folder / "cable", folder=folder / "frames")

@@ -34,17 +34,13 @@ from ...mavlink.commands import (
 )
 from ..flight_path import VehicleState, body_rates
 from ..wind import Wind, WindPush
-from .px4_position_mode import speed_from_distance_m_s
+from .px4_position_mode import ATTITUDE_LAG_S, GRAVITY_M_S2, shortened, speed_from_distance_m_s
 
 Vector = NDArray[np.float64]
-GRAVITY_M_S2 = 9.81
-ATTITUDE_LAG_S = 0.15
-"""Time constant from a commanded acceleration to the vehicle's."""
 DRAG_PER_S = 0.15
 """Deceleration by air per speed: the vehicle leans forward in steady flight."""
 PX4_MISSION, PX4_RETURN = px4_mode_number(PX4_AUTO, 4), px4_mode_number(PX4_AUTO, 5)
 PX4_HOLD, PX4_OFFBOARD = px4_mode_number(PX4_AUTO, PX4_AUTO_LOITER), px4_mode_number(6, 0)
-PX4_POSITION = px4_mode_number(3, 0)
 COPTER_AUTO, COPTER_GUIDED, COPTER_RTL = 3, 4, 6
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 """MAV_RESULT."""
@@ -166,7 +162,7 @@ class AutoFlight(ABC):
             wanted = _towards(self.velocity_m_s, np.zeros(2), limits)
         change = wanted - self._wanted_acceleration
         most = limits.jerk_m_s3 * dt_s
-        self._wanted_acceleration = self._wanted_acceleration + _shortened(change, most)
+        self._wanted_acceleration = self._wanted_acceleration + shortened(change, most)
         self._acceleration += (self._wanted_acceleration - self._acceleration) * dt_s / (ATTITUDE_LAG_S + dt_s)
         self.velocity_m_s = self.velocity_m_s + (self._acceleration + self._pushed_m_s2(dt_s)) * dt_s
         self.position_m = self.position_m + self.velocity_m_s * dt_s
@@ -343,10 +339,4 @@ def _towards(velocity: Vector, target: Vector, limits: Limits) -> Vector:
     size = float(np.hypot(*gap))
     most = min(limits.acceleration_m_s2, 2.0 * size, math.sqrt(1.2 * limits.jerk_m_s3 * size))
     out: Vector = gap / max(size, 1e-9) * most
-    return out
-
-
-def _shortened(v: Vector, most: float) -> Vector:
-    length = float(np.hypot(*v))
-    out: Vector = v * min(1.0, most / max(length, 1e-9))
     return out

@@ -125,7 +125,7 @@ class VelocityPositionMode:
         """stick: (2,) forward and right, length 0 to 1."""
         setpoint = self._limited(self.params.mpc_vel_manual_m_s * stick, now_ns)
         wanted = self.params.mpc_xy_vel_p_acc * (setpoint - self.velocity_m_s)
-        _fly(self, _shortened(wanted, 5.0), dt_s)  # MPC_ACC_HOR_MAX
+        _fly(self, shortened(wanted, 5.0), dt_s)  # MPC_ACC_HOR_MAX
 
     def _limited(self, setpoint: Vector, now_ns: int) -> Vector:
         length = float(np.hypot(*setpoint))
@@ -177,10 +177,10 @@ class AccelerationPositionMode:
             drag, self._velocity_setpoint = np.zeros(2), np.zeros(2)
         change = np.clip(wanted - drag - self._slewed, -p.mpc_jerk_max_m_s3 * dt_s, p.mpc_jerk_max_m_s3 * dt_s)
         self._slewed = self._slewed + change
-        acceleration = _shortened(self._slewed, p.most_acceleration_m_s2)
+        acceleration = shortened(self._slewed, p.most_acceleration_m_s2)
         self._velocity_setpoint = self._velocity_setpoint + acceleration * dt_s
         feedback = p.mpc_xy_vel_p_acc * (self._velocity_setpoint - self.velocity_m_s)
-        _fly(self, _shortened(acceleration + feedback, p.most_acceleration_m_s2), dt_s)
+        _fly(self, shortened(acceleration + feedback, p.most_acceleration_m_s2), dt_s)
 
     def _drag(self, stick: Vector, dt_s: float) -> Vector:
         p = self.params
@@ -254,7 +254,8 @@ def _turned(v: Vector, angle_rad: float) -> Vector:
     return np.array([c * v[0] + s * v[1], c * v[1] - s * v[0]])
 
 
-def _shortened(v: Vector, most: float) -> Vector:
+def shortened(v: Vector, most: float) -> Vector:
+    """A vector in its direction, of at most this length."""
     length = float(np.hypot(*v))
     out: Vector = v * min(1.0, most / max(length, 1e-9))
     return out
