@@ -17,6 +17,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
 from ..pipeline.pipeline import Pipeline
+from ..replay.compare import key_of
 from ..replay.recorded_config import recorded_config
 from ..replay.replay import decoded_state, make_pipeline, opening_state, skipped_live
 
@@ -65,8 +66,7 @@ def cut(path: Path, spans: Sequence[Span]) -> str | None:
                     cutter.message(item)
                     continue
                 cutter.event(item)
-                key = (item.camera, item.sequence, item.t_exposure_ns) if isinstance(item, DepthFrame) else None
-                if key in ignored:
+                if isinstance(item, DepthFrame) and key_of(item) in ignored:
                     continue
                 for output in pipeline.handle(item):
                     pipeline.track(output)

@@ -39,7 +39,6 @@ class TableFile:
     """A Parquet file being written. Rows are mappings from column to value; a missing column is null."""
 
     def __init__(self, table: str, path: Path) -> None:
-        self.table, self.path = table, path
         self.rows = 0
         self._schema = arrow_schema(table)
         self._arrow = arrow_module()

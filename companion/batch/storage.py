@@ -16,8 +16,6 @@ from drivers.base import DeviceNotFound
 from drivers.optional_library import install_command
 
 LOG_NAMES: Final = ("*.mcap", "*.mcap.active")
-TEMPORARY: Final = ".tmp"
-"""Suffix of a result that is being written. Its name begins with a dot, so that no reader takes it for data."""
 LOGS: Final = "logs"
 """Folder in a dataset for replayed logs."""
 UNFINISHED: Final = ".unfinished"

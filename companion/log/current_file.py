@@ -72,17 +72,13 @@ class CurrentLog:
         self.finish()
         self._folder.mkdir(parents=True, exist_ok=True)
         params = self._params
-        # space is freed before this file needs it; a repair is stopped if necessary
-        if not self._has_budget(0) and not (
-            self._repairs.stop("the recording needs the disk space") and self._has_budget(0)
-        ):
+        # space is freed before this file needs it
+        if not self._fits(self._has_budget):
             raise OSError(
                 f"the budget of {params.budget_mb:g} MB is used by logs of this flight, or by ones that cannot be deleted; raise "
                 "[record] budget_mb, or move logs to another disk"
             )
-        if not self._has_disk(0) and not (
-            self._repairs.stop("the recording needs the disk space") and self._has_disk(0)
-        ):
+        if not self._fits(self._has_disk):
             raise OSError(f"{self._folder}: less than {params.least_free_mb:g} MB free on its disk; free disk space")
         self._log = self._open(item.idle)
         self.files += 1
@@ -103,6 +99,10 @@ class CurrentLog:
             self.flight = flight
             return log
         raise OSError(f"{self._folder}: other processes take each name; give each service its own [record] folder")
+
+    def _fits(self, has_space: Callable[[int], bool]) -> bool:
+        """Whether there is space for this file, if necessary without the copy of a repair."""
+        return has_space(0) or (self._repairs.stop("the recording needs the disk space") and has_space(0))
 
     def room_for(self, size: int) -> bool:
         """Whether a copy of `size` bytes fits the budget and the disk beside this file. Frees space as for a new file."""

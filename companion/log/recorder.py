@@ -71,9 +71,9 @@ class RecordStatus:
     alive_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Item:
-    write: Callable[[LogWriter], None]
+_Write = Callable[[LogWriter], None]
+_Item = Begin | _Write | None
+"""What waits for the thread: a file to begin, something to write; None: the file ends."""
 
 
 class Recorder:
@@ -88,9 +88,9 @@ class Recorder:
         """output: whether drawings and transforms for viewers are recorded."""
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
         self._drawn = output or OutputConfig()
-        self._queue: deque[Begin | _Item | None] = deque()
+        self._queue: deque[_Item] = deque()
         self._queued_bytes = 0
-        self._deferred: list[Begin | _Item | None] = []
+        self._deferred: list[_Item] = []
         self._deferred_bytes = 0
         self._deferring = False
         self._ready = threading.Condition()
@@ -218,17 +218,17 @@ class Recorder:
                 self._deferring = False
                 self._hand_over()
 
-    def _enqueue(self, write: Callable[[LogWriter], None], size: int, count: int = 1) -> None:
+    def _enqueue(self, write: _Write, size: int, count: int = 1) -> None:
         """count: number of messages, for the count of dropped ones."""
         with self._ready:
             if not self._accepting:
                 # nothing is dropped while recording is off, or before the first camera
                 self._dropped += count if self._start_wanted and self._started_once else 0
-            elif not self._append(_Item(write), size, count):
+            elif not self._append(write, size, count):
                 self._accepting = False
                 self._start_wanted = True
 
-    def _append(self, item: Begin | _Item | None, size: int, count: int = 1) -> bool:
+    def _append(self, item: _Item, size: int, count: int = 1) -> bool:
         """Adds an item to the queue; False: the queue is full. The lock is held."""
         waiting = len(self._queue) + len(self._deferred)
         waiting_bytes = self._queued_bytes + self._deferred_bytes + size
@@ -305,7 +305,7 @@ class Recorder:
             return f"recording stopped: {_cause(error, self._folder)}"
         return ""
 
-    def _write(self, current: CurrentLog, items: Sequence[Begin | _Item | None], fault: str) -> str:
+    def _write(self, current: CurrentLog, items: Sequence[_Item], fault: str) -> str:
         """Writes the items to the file. Returns why recording has stopped, "": it continues. fault: the previous fault."""
         try:
             for item in items:
@@ -315,7 +315,7 @@ class Recorder:
                 elif item is None:
                     current.finish()
                 else:
-                    current.write(item.write)
+                    current.write(item)
             current.sync()
         except (OSError, ValueError) as error:
             fault = f"recording stopped: {_cause(error, self._folder)}"
@@ -342,7 +342,7 @@ class Recorder:
                 alive_ns=time.monotonic_ns(),
             )
 
-    def _next_items(self) -> list[Begin | _Item | None] | None:
+    def _next_items(self) -> list[_Item] | None:
         """The queued items, after a short wait; None at the end."""
         with self._ready:
             idle = not self._stop and not self._wake_due

@@ -9,6 +9,7 @@ from typing import Any
 
 from google.protobuf.message import Message
 
+from core.types import DepthFrame
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import wire_bytes
@@ -36,8 +37,8 @@ Compared = pb.PrismsFrame | pb.Tracks
 """Messages of which there is one for each frame."""
 
 
-def key_of(message: Compared | pb.FrameDecision) -> Key:
-    """The key that identifies a message."""
+def key_of(message: Compared | pb.FrameDecision | DepthFrame) -> Key:
+    """The key that identifies the frame of a message."""
     return message.camera, message.sequence, message.t_exposure_ns
 
 

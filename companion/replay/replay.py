@@ -4,7 +4,7 @@ bytes."""
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,27 +104,25 @@ def replay(
             pipeline = make_pipeline(config, source.cameras, state)
         except ValueError as error:  # a state that does not fit the configuration
             raise BadData(f"{source.path}: {TOPICS['state'].name}: {error}") from error
-        comparison = Comparison(options.tolerance) if options.check else None
+        compared = ("prisms", "tracks") if options.check else ()
+        comparisons = {key: Comparison(options.tolerance) for key in compared}
+        prisms, tracks = comparisons.get("prisms"), comparisons.get("tracks")
         cameras = effective_cameras(config, source.cameras)
-        tracks = Comparison(options.tolerance) if options.check else None
-        result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), comparison, tracks)
+        result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), prisms, tracks)
         skipped = skipped_live(path) if options.check or options.as_live else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
-        sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
-        events = _without(_events(source, comparison, tracks, pipeline, observer), skipped)
+        sink = _Sink(log, config, options.depth and config.output.copy_input, cameras, pipeline.state())
+        events = _without(_events(source, comparisons, pipeline, observer), skipped)
         monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
         for info in pipeline.cameras:
             monitor.announce(info)
         try:
-            sink.begin(pipeline.state())
             for event, outputs in process(events, pipeline, result.counts):
                 monitor.event(event)
                 sink.take(event, outputs)
-                if comparison is not None:
-                    for output in outputs:
-                        if isinstance(output, PrismsResult):
-                            comparison.computed(prisms_message(output))
                 for output in outputs:
+                    if prisms is not None and isinstance(output, PrismsResult):
+                        prisms.computed(prisms_message(output))
                     _track(pipeline, output, sink, tracks)
                     if observer is not None:
                         observer.output(output)
@@ -166,16 +164,18 @@ def check_input(path: Path, options: Options) -> Config:
 
 
 class _Sink:
-    """Writes events and outputs; opens the log at the first event."""
+    """Writes events and outputs; opens the log at the first event. state: at the beginning of the log."""
 
-    def __init__(self, log: LogWriter | None, config: Config, depth: bool, cameras: tuple[CameraInfo, ...]) -> None:
-        self._log, self._config, self._depth, self._cameras = log, config, depth, cameras
-        self._state: PipelineState | None = None
+    def __init__(
+        self,
+        log: LogWriter | None,
+        config: Config,
+        depth: bool,
+        cameras: tuple[CameraInfo, ...],
+        state: PipelineState,
+    ) -> None:
+        self._log, self._config, self._depth, self._cameras, self._state = log, config, depth, cameras, state
         self._is_open = False
-
-    def begin(self, state: PipelineState) -> None:
-        """Sets the state at the beginning of the log."""
-        self._state = state
 
     def take(self, event: Event, outputs: tuple[Output, ...]) -> None:
         """Writes an event and its outputs."""
@@ -249,18 +249,13 @@ def decoded_state(source: McapRecording, state: pb.StateSnapshot) -> PipelineSta
 
 
 def _events(
-    source: McapRecording,
-    comparison: Comparison | None,
-    tracks: Comparison | None,
-    pipeline: Pipeline,
-    observer: Observer | None,
+    source: McapRecording, comparisons: Mapping[str, Comparison], pipeline: Pipeline, observer: Observer | None
 ) -> Iterator[Event]:
-    """The events; prisms and tracks of the log are passed to the comparisons, states within the log to the pipeline: a log
-    without all depth images (`[record] depth_hz`) has one before each image."""
+    """The events; messages of the log with a key in `comparisons` are passed to these, states within the log to the
+    pipeline: a log without all depth images (`[record] depth_hz`) has one before each image."""
     begun = False
-    compared = ("prisms", "tracks") if comparison is not None else ()
     observed = observer.keys if observer is not None else ()
-    for item in source.events_with("state", *compared, *observed):
+    for item in source.events_with("state", *comparisons, *observed):
         if not isinstance(item, LoggedMessage):
             begun = True
             yield item
@@ -270,15 +265,13 @@ def _events(
         if isinstance(item.message, pb.StateSnapshot):
             if begun:
                 pipeline.resume(decoded_state(source, item.message))
-        elif tracks is not None and isinstance(item.message, pb.Tracks):
-            tracks.logged(item.message)
-        elif comparison is not None and isinstance(item.message, pb.PrismsFrame):
-            comparison.logged(item.message)
+        elif item.key in comparisons and isinstance(item.message, pb.PrismsFrame | pb.Tracks):
+            comparisons[item.key].logged(item.message)
 
 
 def _without(events: Iterator[Event], skipped: frozenset[Key]) -> Iterator[Event]:
     for event in events:
-        if not isinstance(event, DepthFrame) or (event.camera, event.sequence, event.t_exposure_ns) not in skipped:
+        if not isinstance(event, DepthFrame) or key_of(event) not in skipped:
             yield event
 
 

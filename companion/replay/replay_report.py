@@ -161,7 +161,7 @@ def print_report(result: Replay, output: Path | None) -> None:
     print_line(f"attitude at exposure: {attitude}")
     if t.valid:
         mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms per frame on average"
-        print_line(f"{t.valid} valid frames: {mean}; ground found in {t.ground_seen}")
+        print_line(f"{t.valid} valid frames: {mean}; ground found in {t.view.ground_seen}")
         print_line(
             f"{t.view.mean_measured_share:.0%} of the pixels measured; at the camera's height {t.view.mean_free_share:.0%} of the "
             f"directions free for a metre or more, none in {t.view.nothing_free} frames"

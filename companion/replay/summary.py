@@ -23,10 +23,8 @@ class ReplayCounts:
 
     frames: int = 0
     samples: int = 0
-    valid: int = 0
     planes: int = 0
     prisms: int = 0
-    ground_seen: int = 0
     blind: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     attitude: Counter[str] = field(default_factory=Counter)
@@ -61,12 +59,15 @@ class ReplayCounts:
         if not output.valid:
             self.blind[output.cause.value] += 1
             return
-        self.valid += 1
         self.ke_per_m[output.camera] = output.model.ke_per_m
         self.planes += len(output.model.planes)
         self.prisms += len(output.model.prisms)
-        self.ground_seen += output.model.ground.seen
         self.view.add(output.model, 0.0 if output.transform is None else output.transform.translation_m[2])
+
+    @property
+    def valid(self) -> int:
+        """Number of valid frames."""
+        return self.view.frames
 
     @property
     def attitude_hz(self) -> float:
@@ -92,7 +93,7 @@ class ReplayCounts:
             "published_in": dict(sorted(self.frames_in.items())),
             "planes": self.planes,
             "prisms": self.prisms,
-            "ground_seen": self.ground_seen,
+            "ground_seen": self.view.ground_seen,
             "free_share": round(self.view.mean_free_share, 4),
             "measured_share": round(self.view.mean_measured_share, 4),
             "attitude_hz": round(self.attitude_hz, 2),

@@ -71,7 +71,8 @@ class McapRecording:
         self.snapshot: pb.StateSnapshot | None = None
         self._infos: dict[str, CameraInfo] = {}
         self._scan: McapScan | None = None
-        self._share_read = 0.0
+        self.share_read = 0.0
+        """Progress of the present pass, 0..1."""
         self._head_damage: Damage | None = None
         self._read_head()
 
@@ -79,11 +80,6 @@ class McapRecording:
     def cameras(self) -> tuple[CameraInfo, ...]:
         """The cameras described in the log, in order of appearance."""
         return tuple(self._infos.values())
-
-    @property
-    def share_read(self) -> float:
-        """Progress of the present pass, 0..1."""
-        return self._share_read
 
     def __enter__(self) -> McapRecording:
         return self
@@ -141,7 +137,7 @@ class McapRecording:
         scan = self._scan = open_scan(self.path)
         ours: dict[int, tuple[str, str] | None] = {}
         for item in scan.items():
-            self._share_read = scan.share_read
+            self.share_read = scan.share_read
             if isinstance(item, Damage):
                 raise BadData(damage_text(self.path, item))
             if not isinstance(item, Logged):
@@ -158,7 +154,7 @@ class McapRecording:
                 rejected.append(f"{item.channel.topic}: {error}")
                 continue
             yield LoggedMessage(*found, item.message.log_time, item.message.sequence, message)
-        self._share_read = 1.0
+        self.share_read = 1.0
         self.close()
 
     def _event(self, item: LoggedMessage) -> Event:
