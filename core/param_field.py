@@ -7,12 +7,12 @@ from dataclasses import Field, field, fields
 from typing import Any
 
 
-def number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
+def number(default: float | None, low: float, high: float, unit: str, doc: str) -> Any:
     """A number (a whole one where the field is an int) within low..high."""
     return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
 
 
-def critical(default: float, low: float, high: float, unit: str, doc: str) -> Any:
+def critical(default: float | None, low: float, high: float, unit: str, doc: str) -> Any:
     """A number that is a safety key: see `is_safety_key`."""
     return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc, "safety": True})
 

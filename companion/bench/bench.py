@@ -15,8 +15,7 @@ from core.params import Params
 
 from ..argument_types import number_in
 from ..config.loader import load_config
-from ..console import fail, print_json, print_line, progress
-from ..kernels.child_process import WarmupError
+from ..console import print_json, print_line, progress
 from ..kernels.warmup import warm_up
 from ..log.provenance import software
 from .frames import Flight, FrameSequence, Measured, measure, render_sequence
@@ -127,13 +126,9 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: measured; 1: the kernels cannot be compiled, or the configuration is invalid."""
+    """0: measured. Raises ConfigError, and WarmupError where the kernels cannot be compiled."""
     params = load_config(args.config).extractor if args.config is not None else Params()
-    try:
-        done = bench(params, args.size, args.frames, args.hz, progress)
-    except WarmupError as error:
-        fail(str(error))
-        return 1
+    done = bench(params, args.size, args.frames, args.hz, progress)
     if args.json:
         print_json(_json(done))
     else:

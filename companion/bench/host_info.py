@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import platform
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Final
 
-PACKAGES: Final = ("numpy", "numba", "llvmlite", "scipy", "opencv-python-headless")
-"""Packages that affect the times."""
+from ..log.provenance import package_versions
+
 _CPUINFO: Final = Path("/proc/cpuinfo")
 _GOVERNOR: Final = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 _BOARD: Final = Path("/proc/device-tree/model")
@@ -61,14 +60,7 @@ def processor_model(cpuinfo: str) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that affect the times."""
-    return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
-
-
-def _version(distribution: str) -> str:
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return "not installed"
+    return {"python": platform.python_version(), **package_versions()}
 
 
 def _text(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""The sections of the configuration that stand for no parameters of the algorithm: the cameras and the output."""
+"""The sections `[[camera]]` and `[output]`."""
 
 from __future__ import annotations
 
@@ -6,18 +6,11 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from core.param_field import choice, critical, number, switch, text
 from core.types import MOST_BIAS_PER_M, CameraInfo, CameraMount
 
 _CORNER = r"-?\d+(?:\.\d+)?,-?\d+(?:\.\d+)?"
 _POLYGON = rf"{_CORNER}(?: +{_CORNER})+"
-
-
-def _number(low: float, high: float, unit: str, doc: str, default: float | None = None, *, safety: bool = False) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc, "safety": safety})
-
-
-def _choice(default: str, choices: tuple[str, ...], doc: str) -> Any:
-    return field(default=default, metadata={"choices": choices, "unit": "", "doc": doc})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,49 +21,44 @@ class CameraConfig:
     name: str = field(
         metadata={"pattern": r"^[A-Za-z0-9._-]+$", "unit": "", "doc": "letters, digits, dot, dash, underscore"}
     )
-    kind: str = _choice(
+    kind: str = choice(
         "mcap",
         ("mcap", "simulated", "oak", "zed", "v4l2"),
         "source of the frames: a recording, the simulator, or a camera",
     )
-    required: bool = field(
-        default=True,
-        metadata={
-            "safety": True,
-            "unit": "",
-            "doc": "true: the service is blind while this camera is; false: it works on without it",
-        },
+    required: bool = switch(
+        True, "true: the service is blind while this camera is; false: it works on without it", safety=True
     )
-    roll_deg: float | None = _number(-180.0, 180.0, "deg", "roll of the mount; right side down is positive")
-    pitch_deg: float | None = _number(-90.0, 90.0, "deg", "pitch of the mount; looking up is positive")
-    yaw_deg: float | None = _number(-180.0, 180.0, "deg", "yaw of the mount; looking to the right is positive")
-    x_m: float | None = _number(-10.0, 10.0, "m", "position relative to the autopilot, forward")
-    y_m: float | None = _number(-10.0, 10.0, "m", "position relative to the autopilot, to the right")
-    z_m: float | None = _number(-10.0, 10.0, "m", "position relative to the autopilot, down")
-    min_range_m: float | None = _number(
-        0.01, 10.0, "m", "nearest depth that the camera measures; nearer pixels are unknown", safety=True
+    roll_deg: float | None = number(None, -180.0, 180.0, "deg", "roll of the mount; right side down is positive")
+    pitch_deg: float | None = number(None, -90.0, 90.0, "deg", "pitch of the mount; looking up is positive")
+    yaw_deg: float | None = number(None, -180.0, 180.0, "deg", "yaw of the mount; looking to the right is positive")
+    x_m: float | None = number(None, -10.0, 10.0, "m", "position relative to the autopilot, forward")
+    y_m: float | None = number(None, -10.0, 10.0, "m", "position relative to the autopilot, to the right")
+    z_m: float | None = number(None, -10.0, 10.0, "m", "position relative to the autopilot, down")
+    min_range_m: float | None = critical(
+        None, 0.01, 10.0, "m", "nearest depth that the camera measures; nearer pixels are unknown"
     )
-    max_range_m: float | None = _number(
+    max_range_m: float | None = critical(
+        None,
         0.5,
         65.0,
         "m",
         "greatest depth that is trusted; pixels beyond it count as free up to it. Larger: more range, more noise",
-        safety=True,
     )
-    ke_per_m: float | None = _number(
+    ke_per_m: float | None = critical(
+        None,
         1e-5,
         0.05,
         "1/m",
         "depth noise: standard deviation = ke_per_m * depth^2; the start value where the noise is measured",
-        safety=True,
     )
-    bias_per_m: float | None = _number(
+    bias_per_m: float | None = critical(
+        None,
         0.0,
         MOST_BIAS_PER_M,
         "1/m",
         "error of the calibration that is assumed for all depths: bias_per_m * depth^2; it is part of every margin and "
         "ends free space earlier (docs/how-to/connect-a-camera.md)",
-        safety=True,
     )
     masks: str = field(
         default="",
@@ -83,137 +71,119 @@ class CameraConfig:
             '639,50"',
         },
     )
-    unmatched_left_px: int | None = _number(
+    unmatched_left_px: int | None = critical(
+        None,
         0,
         1024,
         "px",
         'columns at the left without stereo matches (default: disparities for a zed, for an oak with match_on = "host" '
         "and for rendered stereo, otherwise 0)",
-        safety=True,
     )
-    flight: str = _choice(
+    flight: str = choice(
         "demo",
         ("demo", "movers", "street", "trees", "alley", "window", "tilted", "by_hand", "broken"),
         "simulated only: the flight",
     )
-    follow: str = field(
-        default="",
-        metadata={
-            "unit": "",
-            "doc": "simulated only: a second link to an autopilot, such as udpin:127.0.0.1:14551; the scene of `flight` is then "
-            "rendered at the attitude and position that the autopilot reports (docs/how-to/fly-in-simulation.md)",
-        },
+    follow: str = text(
+        "",
+        "simulated only: a second link to an autopilot, such as udpin:127.0.0.1:14551; the scene of `flight` is then "
+        "rendered at the attitude and position that the autopilot reports (docs/how-to/fly-in-simulation.md)",
     )
-    device: str = field(
-        default="",
-        metadata={
-            "unit": "",
-            "doc": "oak: its id (empty: the only one that is connected); zed, v4l2: a path, best in /dev/v4l/by-id; "
-            "simulated: a file that stands for its cable, unplugged while the file is missing (empty: plugged in)",
-        },
+    device: str = text(
+        "",
+        "oak: its id (empty: the only one that is connected); zed, v4l2: a path, best in /dev/v4l/by-id; "
+        "simulated: a file that stands for its cable, unplugged while the file is missing (empty: plugged in)",
     )
-    width_px: int = _number(16, 4096, "px", "width of the depth image; of a zed, of one eye", 640)
-    height_px: int = _number(
-        16, 4096, "px", "height of the depth image; simulated: always three quarters of the width", 480
+    width_px: int = number(640, 16, 4096, "px", "width of the depth image; of a zed, of one eye")
+    height_px: int = number(
+        480, 16, 4096, "px", "height of the depth image; simulated: always three quarters of the width"
     )
-    fps: float = _number(1.0, 120.0, "Hz", "frames per second that are requested from the camera", 30.0)
-    exposure_latency_s: float = _number(
+    fps: float = number(30.0, 1.0, 120.0, "Hz", "frames per second that are requested from the camera")
+    exposure_latency_s: float = number(
+        0.0,
         0.0,
         0.2,
         "s",
         "time from the middle of the exposure to the kernel's timestamp (zed, v4l2) or to the arrival (simulated)",
-        0.0,
     )
-    exposure_offset_ms: float = _number(
+    exposure_offset_ms: float = number(
+        0.0,
         -100.0,
         200.0,
         "ms",
         "subtracted from each exposure timestamp of a live camera; positive if its timestamps are late. The "
         "service measures it while the vehicle turns (docs/how-to/measure-exposure-offset.md)",
-        0.0,
     )
-    calibration: str = field(
-        default="", metadata={"unit": "", "doc": "zed only: path of its calibration file SN<serial>.conf"}
-    )
-    match_on: str = _choice(
+    calibration: str = text("", "zed only: path of its calibration file SN<serial>.conf")
+    match_on: str = choice(
         "device",
         ("device", "host"),
         "oak only: where its images are matched. host: as those of a zed, which measures more edges and far ground and "
         "permits mark_smooth, but takes five times the processor time",
     )
-    disparities: int = _number(
+    disparities: int = number(
+        96,
         16,
         512,
         "px",
         'zed, oak with match_on = "host" and rendered stereo: number of disparities that are searched; larger: nearer '
         "objects are measured, more time per frame",
-        96,
     )
-    match_correlation: float = _number(
+    match_correlation: float = critical(
+        0.7,
         0.0,
         0.99,
         "",
         "zed and oak: least correlation of both images around a match; lower: more depth and more false "
         "obstacles; 0 accepts every match",
-        0.7,
-        safety=True,
     )
-    match_texture: float = _number(
+    match_texture: float = critical(
+        3.0,
         0.0,
         100.0,
         "",
         "zed and oak: least variance of the texture, relative to the sensor noise; lower: more depth and more "
         "false obstacles; 0: off",
-        3.0,
-        safety=True,
     )
-    match_period: float = _number(
+    match_period: float = critical(
+        0.9,
         0.3,
         1.0,
         "",
         "zed and oak: correlation of the image with itself above which it counts as repetitive and is not "
         "measured; 1: off",
-        0.9,
+    )
+    mark_smooth: bool = switch(
+        False,
+        'zed, oak with match_on = "host" and rendered stereo: mark unmeasured pixels whose image is smooth, which '
+        "`[open_sky]` needs; 16 ms a frame",
         safety=True,
     )
-    mark_smooth: bool = field(
-        default=False,
-        metadata={
-            "unit": "",
-            "safety": True,
-            "doc": 'zed, oak with match_on = "host" and rendered stereo: mark unmeasured pixels whose image is smooth, which '
-            "`[open_sky]` needs; 16 ms a frame",
-        },
-    )
-    confidence: int = _number(
+    confidence: int = critical(
+        55,
         0,
         255,
         "",
         "oak only: least confidence of a pixel, as the device reports it; higher: fewer, more reliable pixels",
-        55,
-        safety=True,
     )
-    emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one; 0: off", 0.0)
-    depth_unit_mm: float = _number(
-        0.001, 10.0, "mm", "v4l2 only: one unit of the depth image, 1.0 for a RealSense D400, 0.1 for a D405", 1.0
+    emitter: float = number(0.0, 0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one; 0: off")
+    depth_unit_mm: float = number(
+        1.0, 0.001, 10.0, "mm", "v4l2 only: one unit of the depth image, 1.0 for a RealSense D400, 0.1 for a D405"
     )
-    fx_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not report it")
-    fy_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: vertical focal length")
-    cx_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
-    cy_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
-    seed: int = _number(0, 1_000_000, "", "simulated only: seed of scene and noise", 0)
-    render: str = _choice(
+    fx_px: float | None = number(None, 10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not report it")
+    fy_px: float | None = number(None, 10.0, 20_000.0, "px", "v4l2 only: vertical focal length")
+    cx_px: float | None = number(None, -4096.0, 8192.0, "px", "v4l2 only: principal point")
+    cy_px: float | None = number(None, -4096.0, 8192.0, "px", "v4l2 only: principal point")
+    seed: int = number(0, 0, 1_000_000, "", "simulated only: seed of scene and noise")
+    render: str = choice(
         "depth",
         ("depth", "stereo"),
         "simulated only: exact depth with a noise model, or stereo matching of rendered image pairs (0.8 s a frame at 640 px)",
     )
-    sky_is_far: bool = field(
-        default=False,
-        metadata={
-            "unit": "",
-            "doc": 'simulated with render = "depth" only: the sky is measured as farther than the range, which makes it free, '
-            "instead of unmeasured",
-        },
+    sky_is_far: bool = switch(
+        False,
+        'simulated with render = "depth" only: the sky is measured as farther than the range, which makes it free, '
+        "instead of unmeasured",
     )
 
     def __post_init__(self) -> None:
@@ -277,13 +247,6 @@ class CameraConfig:
 class OutputConfig:
     """What is written into logs beside the prisms, by the service and by a replay."""
 
-    scene: bool = field(
-        default=True, metadata={"unit": "", "doc": "write drawings of the prisms for viewers (foxglove.SceneUpdate)"}
-    )
-    transforms: bool = field(
-        default=True, metadata={"unit": "", "doc": "write the transforms between frames for viewers"}
-    )
-    copy_input: bool = field(
-        default=True,
-        metadata={"unit": "", "doc": "a replay copies the depth images, so that one file holds everything"},
-    )
+    scene: bool = switch(True, "write drawings of the prisms for viewers (foxglove.SceneUpdate)")
+    transforms: bool = switch(True, "write the transforms between frames for viewers")
+    copy_input: bool = switch(True, "a replay copies the depth images, so that one file holds everything")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from core.param_field import check, critical, number
+from core.param_field import check, critical, number, switch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,10 +47,7 @@ class SyncParams:
         "timestamps that step back by more than this mean a restart of the autopilot; those of a camera, when its frames have done so for this time",
     )
     held_samples: int = number(256, 8, 4096, "", "number of attitudes, and of positions, that are kept for late frames")
-    use_pose: bool = field(
-        default=True,
-        metadata={"unit": "", "doc": "publish in ned where the position is known, otherwise always in level"},
-    )
+    use_pose: bool = switch(True, "publish in ned where the position is known, otherwise always in level")
 
     def __post_init__(self) -> None:
         check("sync", self)

@@ -28,10 +28,15 @@ def run_info(source: str, config: Config | None = None) -> pb.RunInfo:
         config_json="" if config is None else config_text(config),
         changed_safety_keys=[] if config is None else safety_lines(config),
         changed_expert_keys=[] if config is None else expert_lines(config),
-        packages=[f"{name} {_version(name)}" for name in _NUMBERS_DEPEND_ON],
+        packages=[f"{name} {version}" for name, version in package_versions().items()],
         processor=platform.machine(),
         source=source,
     )
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of the packages on which results and times depend."""
+    return {name: _version(name) for name in _NUMBERS_DEPEND_ON}
 
 
 def _version(distribution: str) -> str:
