@@ -152,13 +152,15 @@ def _locked(output: str) -> Iterator[None]:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion batch`."""
     parser = subparsers.add_parser("batch")
-    parser.add_argument("inputs", nargs="*", metavar="INPUT", help="logs: files, folders, patterns, s3:// addresses")
+    parser.add_argument(
+        "inputs", nargs="*", metavar="INPUT", help="logs: files, directories, patterns, s3:// addresses"
+    )
     parser.add_argument(
         "-o",
         "--output",
         required=True,
         metavar="OUT",
-        help="folder or address for the tables, or for the report of --compare",
+        help="directory or address for the tables, or for the report of --compare",
     )
     parser.add_argument(
         "-c", "--config", type=Path, metavar="FILE", help="use this configuration instead of the recorded ones"
@@ -183,7 +185,7 @@ def add_parser(subparsers: Any) -> None:
         help="processes on this computer (default: one per core)",
     )
     parser.add_argument(
-        "--vehicle", metavar="NAME", help="name of the vehicle of all logs (default: the name of each log's folder)"
+        "--vehicle", metavar="NAME", help="name of the vehicle of all logs (default: the name of each log's directory)"
     )
     parser.add_argument(
         "--near",

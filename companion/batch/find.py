@@ -106,13 +106,13 @@ def add_parser(subparsers: Any) -> None:
     """The command line of `companion find`."""
     names = "; ".join(f"{name}: {condition.doc}" for name, condition in NAMED.items())
     parser = subparsers.add_parser("find", epilog=f"Named conditions: {names}.")
-    parser.add_argument("dataset", metavar="DATASET", help="folder or address written by `companion batch`")
+    parser.add_argument("dataset", metavar="DATASET", help="directory or address written by `companion batch`")
     parser.add_argument(
         "condition",
         metavar="CONDITION",
         help="a named condition (below), a filter [[COLUMN, OPERATOR, VALUE], ...], or a Parquet file of rows",
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the clips")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="directory for the clips")
     parser.add_argument("--table", choices=SEARCHED, help=f"table that a filter is applied to (default: {SEARCHED[0]})")
     seconds = number_in(float, 0.0, 600.0)
     parser.add_argument(

@@ -136,7 +136,7 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         default=OUTPUT,
         metavar="DIR",
-        help=f"folder for log, pictures and page (default: {OUTPUT})",
+        help=f"directory for log, pictures and page (default: {OUTPUT})",
     )
     parser.add_argument(
         "-c",

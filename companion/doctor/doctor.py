@@ -59,8 +59,8 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
 
 
 def config_findings(config: Config) -> Iterator[Finding]:
-    """Template intrinsics, devices that `run` refuses, and the changed safety keys. A changed key is not a fault: some keys must fit the camera and the
-    vehicle."""
+    """Template intrinsics, devices that `run` refuses, and changed safety and expert keys. A changed key is not a fault:
+    some keys must fit the camera and the vehicle."""
     for found in template_intrinsics(config.cameras):
         yield Finding(f"camera {found.camera}", False, found.line(), found.code)
     for text in device_problems(config.cameras):
@@ -131,7 +131,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--apply",
         action="store_true",
-        help="write the parameters that keep the autopilot from braking, after a list and a typed yes; needs a stopped service and a disarmed vehicle",
+        help="correct the parameters of the autopilot that prevent it from braking, after a list and a typed yes; needs a stopped service and a disarmed vehicle",
     )
     parser.add_argument(
         "--mount",

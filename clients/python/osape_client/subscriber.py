@@ -16,7 +16,7 @@ ZeroMQ reconnects by itself when the service is restarted.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -61,13 +61,17 @@ class Message:
         return str(self.content.frame)
 
     @property
+    def _frames(self) -> Sequence[pb.PrismsFrame]:
+        """The message of each camera."""
+        return [self.content] if isinstance(self.content, pb.PrismsFrame) else self.content.cameras
+
+    @property
     def vehicle_m(self) -> tuple[float, float, float] | None:
         """Position of the vehicle at the newest valid exposure, in `frame`: the origin in "level". None: the message does not
         contain it."""
         if self.frame == "level":
             return 0.0, 0.0, 0.0
-        parts = [self.content] if isinstance(self.content, pb.PrismsFrame) else self.content.cameras
-        placed = [part for part in parts if part.valid and part.HasField("pose")]
+        placed = [part for part in self._frames if part.valid and part.HasField("pose")]
         if self.frame != "ned" or not placed:
             return None
         at = max(placed, key=lambda part: part.t_exposure_ns).pose.position_ned_m
@@ -81,10 +85,9 @@ class Message:
     @property
     def unavailable(self) -> tuple[UnavailableCamera, ...]:
         """The cameras without a valid frame, with the reason."""
-        parts = [self.content] if isinstance(self.content, pb.PrismsFrame) else self.content.cameras
         return tuple(
             UnavailableCamera(part.camera, cause_code(part.cause), str(part.cause_text))
-            for part in parts
+            for part in self._frames
             if not part.valid
         )
 
@@ -113,9 +116,8 @@ class Message:
         do not fit together, or it is of an unknown frame, everything is unknown."""
         if self.frame not in FRAMES:
             return Space([])
-        frames = self.content.cameras if isinstance(self.content, pb.SurroundFrame) else [self.content]
         models = []
-        for frame in frames:
+        for frame in self._frames:
             try:
                 model = model_from_message(frame) if frame.valid else None
             except ValueError:
