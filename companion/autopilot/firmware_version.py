@@ -6,12 +6,10 @@ import threading
 from dataclasses import dataclass
 from typing import Any, Final
 
-from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.commands import request_capabilities, request_message
 
 NS: Final = 1_000_000_000
 AUTOPILOT_VERSION: Final = 148
-REQUEST_MESSAGE, REQUEST_CAPABILITIES = 512, 520
-"""MAV_CMD. The second one is older; some firmware supports only that."""
 ASK_AGAIN_NS, RENEW_NS, TRIES = NS, 60 * NS, 6
 
 
@@ -71,12 +69,9 @@ class VersionReader:
             wait_ns = RENEW_NS if self._version is not None or self._tries >= TRIES else ASK_AGAIN_NS
             if self._asked_ns and now_ns - self._asked_ns < wait_ns:
                 return []
-            command = REQUEST_CAPABILITIES if self._tries % 2 else REQUEST_MESSAGE
+            in_turn = self._tries % 2
             self._tries, self._asked_ns = self._tries + 1, now_ns
-        first = AUTOPILOT_VERSION if command == REQUEST_MESSAGE else 1
-        return [
-            dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, command, 0, first, 0, 0, 0, 0, 0, 0)
-        ]
+        return [request_capabilities(system_id) if in_turn else request_message(system_id, AUTOPILOT_VERSION)]
 
     @property
     def version(self) -> FirmwareVersion | None:

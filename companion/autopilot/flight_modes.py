@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from drivers.mavlink.commands import PX4_AUTO, px4_main_and_sub
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from .parameter_advice import AutopilotFacts, position_mode_fault
@@ -56,7 +57,6 @@ _PX4_AUTO = {
     6: ("Land", Effect.NOTHING),
     8: ("Follow", Effect.NOTHING),
 }
-_PX4_AUTO_MAIN = 4
 
 
 def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
@@ -64,8 +64,8 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
     number = vehicle.custom_mode
     copter = vehicle.vehicle_type in _COPTERS
     if vehicle.autopilot == PX4:
-        main, sub = (number >> 16) & 0xFF, (number >> 24) & 0xFF
-        known = _PX4_AUTO.get(sub) if main == _PX4_AUTO_MAIN else _PX4.get(main)
+        main, sub = px4_main_and_sub(number)
+        known = _PX4_AUTO.get(sub) if main == PX4_AUTO else _PX4.get(main)
         name, effect = known or (f"mode {main}.{sub}" if number else "mode not reported", Effect.UNKNOWN)
         if effect is Effect.BRAKES and facts.version is not None and position_mode_fault(facts):
             effect = Effect.WRONG_MODE

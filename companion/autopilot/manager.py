@@ -10,7 +10,8 @@ from typing import Any
 from core.params import Params
 from core.self_check.mount_check import MountVerdict
 from core.types import AttitudeSample, CameraInfo, PoseSample
-from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.commands import px4_main_and_sub, set_message_interval
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
@@ -49,7 +50,6 @@ ECHOES = {PX4: 330, ARDUPILOT: 132}
 PARAM_VALUE = 22
 READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, EXTENDED_SYS_STATE, *ECHOES.values()})
 """Ids of the autopilot's messages that `message` handles."""
-SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
 
 
@@ -184,7 +184,7 @@ class Avoidance:
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
             self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
             for message_id in (ECHOES[vehicle.autopilot], EXTENDED_SYS_STATE):
-                self._post(_interval_request(vehicle.system_id, message_id))
+                self._post(set_message_interval(vehicle.system_id, message_id, ECHO_HZ))
 
     def _notes(self, now_ns: int) -> dict[str, str]:
         """Returns topic -> fault, as text, for the ground station. All topics are included, so that the end of a
@@ -335,12 +335,6 @@ def avoidance_of(
     )
 
 
-def _interval_request(system_id: int, message_id: int) -> Any:
-    """Returns a request for a message at ECHO_HZ."""
-    numbers = (message_id, 1e6 / ECHO_HZ, 0, 0, 0, 0, 0)
-    return dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, SET_MESSAGE_INTERVAL, 0, *numbers)
-
-
 def shutdown_text(facts: AutopilotFacts) -> str:
     """Returns a text on what the vehicle does when the service has ended.
 
@@ -354,4 +348,4 @@ def echoes(vehicle: Vehicle) -> bool:
     map only then."""
     if vehicle.autopilot != PX4:
         return True
-    return vehicle.armed and (vehicle.custom_mode >> 16) & 0xFF == PX4_POSITION_MODE
+    return vehicle.armed and px4_main_and_sub(vehicle.custom_mode)[0] == PX4_POSITION_MODE

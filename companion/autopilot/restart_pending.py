@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.commands import request_message
 from drivers.mavlink.session_types import ARDUPILOT
 
-from .firmware_version import REQUEST_MESSAGE
 from .parameter_advice import AutopilotFacts
 
 NS: Final = 1_000_000_000
@@ -39,8 +38,7 @@ class ProximityPresence:
         if self._present is not None or self._tries >= TRIES or waits:
             return []
         self._asked_ns, self._tries = now_ns, self._tries + 1
-        numbers = (SYS_STATUS, 0, 0, 0, 0, 0, 0)
-        return [dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, REQUEST_MESSAGE, 0, *numbers)]
+        return [request_message(system_id, SYS_STATUS)]
 
     @property
     def settled(self) -> bool:

@@ -1,4 +1,4 @@
-"""Commands that change the flight mode or the speed of the autopilot, as MAVLink messages.
+"""Commands to the autopilot as MAVLink messages: requests for messages, flight mode and speed.
 
 Each is a COMMAND_LONG with the system id and the component id of one autopilot as target; none is a broadcast. The
 effects are taken from the sources of PX4 (Commander, Navigator) and ArduCopter (GCS_MAVLink_Copter.cpp):
@@ -23,6 +23,7 @@ DO_CHANGE_SPEED: Final = 178
 DO_REPOSITION: Final = 192
 SET_MESSAGE_INTERVAL: Final = 511
 REQUEST_MESSAGE: Final = 512
+REQUEST_AUTOPILOT_CAPABILITIES: Final = 520
 CUSTOM_MODE_ENABLED: Final = 1
 CHANGE_MODE_FLAG: Final = 1
 GROUND_SPEED: Final = 1
@@ -35,13 +36,22 @@ COPTER_BRAKE, COPTER_LOITER = 17, 5
 
 def request_message(system_id: int, message_id: int) -> Any:
     """Returns a request for one message."""
-    numbers = (message_id, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, REQUEST_MESSAGE, 0, *numbers)
+    return _command(system_id, REQUEST_MESSAGE, message_id)
+
+
+def request_capabilities(system_id: int) -> Any:
+    """Returns a request for AUTOPILOT_VERSION to firmware that does not know REQUEST_MESSAGE."""
+    return _command(system_id, REQUEST_AUTOPILOT_CAPABILITIES, 1)
 
 
 def px4_mode_number(main: int, sub: int) -> int:
     """Returns the custom_mode of a heartbeat of PX4."""
     return main << 16 | sub << 24
+
+
+def px4_main_and_sub(custom_mode: int) -> tuple[int, int]:
+    """Returns main and sub mode in the custom_mode of a heartbeat of PX4."""
+    return (custom_mode >> 16) & 0xFF, (custom_mode >> 24) & 0xFF
 
 
 def set_px4_hold(system_id: int) -> Any:

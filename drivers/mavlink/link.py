@@ -20,7 +20,7 @@ from ..watched_thread import WatchedThread
 from .address import Address
 from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget
-from .open_transport import open_transport
+from .open_transport import Opening
 from .session import MavlinkSession
 from .session_types import LinkStatus
 from .transport import Chunk, Transport
@@ -93,47 +93,6 @@ class PollScheduler:
         while ahead_s < 0.5 * PAUSE_S:
             ahead_s += apart_ns / NS
         return ahead_s / math.ceil(ahead_s / (LONGEST_PAUSE_S if little else PAUSE_S))
-
-
-class Opening(threading.Thread):
-    """Opens a transport. done: set when it is open or has failed."""
-
-    def __init__(self, address: Address) -> None:
-        super().__init__(name="mavlink open", daemon=True)
-        self._address = address
-        self._lock = threading.Lock()
-        self._abandoned = False
-        self._transport: Transport | None = None
-        self._error: DriverError | None = None
-        self.done = threading.Event()
-
-    def run(self) -> None:
-        try:
-            transport = open_transport(self._address)
-            with self._lock:
-                self._transport = transport
-                if self._abandoned:
-                    transport.close()
-        except DriverError as error:
-            self._error = error
-        finally:
-            self.done.set()
-
-    def result(self) -> Transport:
-        """Returns the open transport. Raises DriverError, and RuntimeError after another exception, whose traceback is
-        printed."""
-        if self._error is not None:
-            raise self._error
-        if self._transport is None:
-            raise RuntimeError(f"{self._address} was not opened: the cause is printed above")
-        return self._transport
-
-    def abandon(self) -> None:
-        """Closes the transport as soon as it is open."""
-        with self._lock:
-            self._abandoned = True
-            if self._transport is not None:
-                self._transport.close()
 
 
 class MavlinkLink:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from .clock_sync import NS
-from .dialect import dialect
+from .commands import SET_MESSAGE_INTERVAL, set_message_interval
+from .dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 
 WINDOW_NS = 2 * NS
 """Time over which a rate is measured."""
@@ -17,7 +18,6 @@ FIRST_WAIT_NS, LONGEST_WAIT_NS = 2 * NS, 30 * NS
 """Time after a request before the next one; doubled each time."""
 ENOUGH = 0.8
 """Sufficient share of the wanted rate."""
-MAV_CMD_SET_MESSAGE_INTERVAL = 511
 MAV_RESULT_UNSUPPORTED = 3
 STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
 """Data stream of a message in the old request: MAV_DATA_STREAM_EXTRA1, MAV_DATA_STREAM_POSITION."""
@@ -60,7 +60,7 @@ class RateMonitor:
     def acknowledged(self, command: int, result: int) -> None:
         """Handles a COMMAND_ACK. An autopilot that does not know SET_MESSAGE_INTERVAL gets REQUEST_DATA_STREAM
         instead."""
-        if command == MAV_CMD_SET_MESSAGE_INTERVAL and result == MAV_RESULT_UNSUPPORTED:
+        if command == SET_MESSAGE_INTERVAL and result == MAV_RESULT_UNSUPPORTED:
             self.knows_intervals = False
 
     def restart(self) -> None:
@@ -70,7 +70,7 @@ class RateMonitor:
         self._first_asked_ns.clear()
         self.knows_intervals = True
 
-    def due(self, now_ns: int, system: int, component: int) -> list[Any]:
+    def due(self, now_ns: int, system: int) -> list[Any]:
         """Returns the requests to send now."""
         wanted = [w for w in self.requests if self._wanting(w, now_ns)]
         if not wanted:
@@ -81,8 +81,8 @@ class RateMonitor:
             self._wait_ns[w.message_id] = min(2 * wait, LONGEST_WAIT_NS)
             self._first_asked_ns.setdefault(w.message_id, now_ns)
         if not self.knows_intervals:
-            return self._old_request(wanted, now_ns, system, component)
-        return [_interval(w, system, component) for w in wanted]
+            return self._old_request(wanted, now_ns, system)
+        return [set_message_interval(system, w.message_id, w.hz) for w in wanted]
 
     def _wanting(self, w: RateRequest, now_ns: int) -> bool:
         if now_ns < self._next_ns.get(w.message_id, 0):
@@ -98,7 +98,7 @@ class RateMonitor:
             return False
         return self.rate_hz(w.instead_of, now_ns) == 0.0
 
-    def _old_request(self, wanted: list[RateRequest], now_ns: int, system: int, component: int) -> list[Any]:
+    def _old_request(self, wanted: list[RateRequest], now_ns: int, system: int) -> list[Any]:
         """Requests the streams of the wanted messages, except where another message of the stream arrives at its rate: the
         firmware then does not have the wanted one."""
         flowing = {STREAMS[w.message_id] for w in self.requests if self._flows(w, now_ns)}
@@ -108,18 +108,12 @@ class RateMonitor:
             if stream not in flowing:
                 rates[stream] = max(rates.get(stream, 0), round(w.hz))
         return [
-            dialect.MAVLink_request_data_stream_message(system, component, stream, hz, 1)
+            dialect.MAVLink_request_data_stream_message(system, MAV_COMP_ID_AUTOPILOT1, stream, hz, 1)
             for stream, hz in rates.items()
         ]
 
     def _flows(self, w: RateRequest, now_ns: int) -> bool:
         return self.rate_hz(w.message_id, now_ns) >= ENOUGH * w.hz
-
-
-def _interval(w: RateRequest, system: int, component: int) -> Any:
-    return dialect.MAVLink_command_long_message(
-        system, component, MAV_CMD_SET_MESSAGE_INTERVAL, 0, w.message_id, 1e6 / w.hz, 0, 0, 0, 0, 0
-    )
 
 
 def _forget_old(arrivals: deque[int], now_ns: int) -> None:

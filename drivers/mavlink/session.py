@@ -315,7 +315,7 @@ class MavlinkSession:
         assert self.vehicle is not None
         if now_ns >= self._next_heartbeat_ns:
             messages.append(self._own_heartbeat(now_ns))
-        messages.extend(self.rates.due(now_ns, self.vehicle.system_id, MAV_COMP_ID_AUTOPILOT1))
+        messages.extend(self.rates.due(now_ns, self.vehicle.system_id))
         messages.extend(self._outbox.take())
         messages.extend(self._timesync.due(now_ns))
         return [self._pack(m) for m in messages]

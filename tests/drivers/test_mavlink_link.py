@@ -492,7 +492,7 @@ def test_a_line_that_breaks_while_it_catches_up_is_opened_again(monkeypatch: pyt
                 raise DeviceLost("the connection is stuck")
             super().write(data)
 
-    monkeypatch.setattr("drivers.mavlink.link.open_transport", Stuck)
+    monkeypatch.setattr("drivers.mavlink.open_transport.open_transport", Stuck)
     with (
         AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)),
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
@@ -527,7 +527,7 @@ def test_a_line_that_takes_long_to_close_does_not_stop_the_thread(monkeypatch: p
             closes.wait(60.0)
             super().close()
 
-    monkeypatch.setattr("drivers.mavlink.link.open_transport", Hanging)
+    monkeypatch.setattr("drivers.mavlink.open_transport.open_transport", Hanging)
     try:
         with linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _):
             assert until(lambda: link.state.error == "the device hangs")
