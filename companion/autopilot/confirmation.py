@@ -1,19 +1,10 @@
-"""Confirmation over several frames: of near planes with weak support, and of sectors that a single frame does not
-see.
+"""Confirmation of near planes with weak support over several frames.
 
-Planes: single mismatches of a stereo camera, of 3 to 8 pixels, appear as planes anywhere before the true surface, in
-about 2 % of the frames of a bare wall. If they were sent at once and remembered, each of them would stop the vehicle
-for seconds, and PX4 v1.16 flies backwards from a plane nearer than CP_DIST. A plane of few pixels, or of pixels that
-cover less than SMALL_M2, is therefore used only if a plane was found at its place in one of the FRAMES frames before,
-or in two of them if its pixels cover less than TINY_M2. This delays a thin obstacle by one frame. A plane of more
-pixels is used at once.
-
-Sectors: a mismatch also ends the free space of one direction in one frame. After SEEN_FRAMES consecutive frames that
-saw a sector, a frame that does not see it leaves the sector as it was. The sector must then be seen in as many frames
-again, or in one frame if the free space ended at another place than at the last loss: two mismatches do that, while a
-thin obstacle ends it at the same place. A second frame in a row without the sector is bridged as well if it lacks
-rays at other heights than the first one, so that one of the two saw a share clear_share of the rays. A third one is
-never bridged, and of eight frames at most MOST_KEPT are."""
+Single mismatches of a stereo camera, of 3 to 8 pixels, appear as planes anywhere before the true surface, in about 2 % of
+the frames of a bare wall. If they were sent at once and remembered, each of them would stop the vehicle for seconds, and
+PX4 v1.16 flies backwards from a plane nearer than CP_DIST. A plane of few pixels, or of pixels that cover less than
+SMALL_M2, is therefore used only if a plane was found at its place in one of the FRAMES frames before, or in two of them if
+its pixels cover less than TINY_M2. This delays a thin obstacle by one frame. A plane of more pixels is used at once."""
 
 from __future__ import annotations
 
@@ -29,7 +20,6 @@ from core.types import FrameModel, Intrinsics
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import heading_rad
 from ..pipeline.results import PrismsResult
-from .polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState
 
 NS = 1_000_000_000
 FRAMES = 3
@@ -150,160 +140,3 @@ def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
     share = np.clip(((middle - a) * along).sum(axis=1) / length2, 0.0, 1.0)
     distance = np.hypot(*(a + share[:, None] * along - middle).T)
     return bool((distance <= slack_m + half_m).any())
-
-
-SEEN_FRAMES = 3
-"""Number of consecutive frames that must see a sector before it is kept through one that does not."""
-ELSEWHERE_M = 0.5
-"""Two ends of the free space that are farther apart than this plus the distance flown between them have different causes."""
-KEPT_FRAMES, LONGEST_KEPT_NS = 1.5, 150_000_000
-"""A sector is kept until this number of frame intervals, and at most this time, has passed since it was last seen."""
-KEPT_TWICE, LONGEST_TWICE_NS = 2.5, 250_000_000
-"""The same limits where a second frame in a row does not see the sector."""
-MOST_KEPT = 2
-"""A sector is kept in at most this number of eight consecutive frames: repeated losses are not caused by mismatches."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SectorSight:
-    """The views that a scan was made from.
-
-    Attributes:
-        exposed_ns: (72,) exposure of the newest frame that covers each sector; 0: none.
-        blind: (72,) sectors that a blind camera covers in part.
-        heading_rad: heading of the vehicle, clockwise from north.
-        speed_m_s: horizontal speed; None: not known.
-        now_ns: instant of the decision.
-        down_m_s: vertical speed; None: not known."""
-
-    exposed_ns: NDArray[np.int64]
-    blind: NDArray[np.bool_]
-    heading_rad: float
-    speed_m_s: float | None
-    now_ns: int
-    down_m_s: float | None = None
-
-
-class SeenSectors:
-    """Bridges single frames that do not see a sector. `take` gets each scan, in order."""
-
-    def __init__(self, avoid: AvoidParams) -> None:
-        """Starts without any sector seen.
-
-        avoid: confirm_px = 0 switches the bridging off; obstacles from max_distance_m on are not sent."""
-        self._avoid = avoid
-        self._distance_m, self._free_m = np.full(SECTORS, np.inf), np.zeros(SECTORS)
-        self._heading_rad = np.zeros(SECTORS)
-        self._frame_ns = np.zeros(SECTORS, np.int64)
-        self._interval_ns = np.zeros(SECTORS, np.int64)
-        self._in_a_row = np.zeros(SECTORS, np.int64)
-        self._seen_exposed_ns = np.zeros(SECTORS, np.int64)
-        self._seen_ns = np.zeros(SECTORS, np.int64)
-        self._kept_frame_ns = np.zeros(SECTORS, np.int64)
-        self._established = np.zeros(SECTORS, np.bool_)
-        self._lost_free_m, self._lost_ns = np.full(SECTORS, np.inf), np.zeros(SECTORS, np.int64)
-        self._lost_lacking = np.zeros((SECTORS, avoid.slices, avoid.rays), np.bool_)
-        self._losses = np.zeros(SECTORS, np.int64)
-        self._kept_bits = np.zeros(SECTORS, np.uint8)  # the newest frame is the lowest bit
-        self._lost_after_row = np.zeros(SECTORS, np.bool_)
-
-    def take(self, found: SectorScan, sight: SectorSight) -> SectorScan:
-        """Returns the scan to use.
-
-        A sector is not kept once the vehicle has turned by half of the sector's width. Kept distances are shortened
-        by the distance that the vehicle may have flown since."""
-        seen = found.state != SectorState.UNSEEN
-        speed_m_s = GREATEST_SPEED_M_S if sight.speed_m_s is None else sight.speed_m_s
-        apart_m = np.abs(found.free_m - self._lost_free_m)
-        other_heights = self._at_other_heights(found.lacking)
-        elsewhere = apart_m > ELSEWHERE_M + speed_m_s * (sight.now_ns - self._lost_ns) / NS
-        new_loss = ~seen & (sight.exposed_ns > self._frame_ns)
-        kept = self._kept(seen, elsewhere, other_heights, sight)
-        self._lost_free_m = np.where(new_loss, found.free_m, self._lost_free_m)
-        self._lost_ns = np.where(new_loss, sight.now_ns, self._lost_ns)
-        self._lost_lacking[new_loss] = found.lacking[new_loss]
-        way_m = speed_m_s * (sight.now_ns - self._seen_ns) / NS
-        before_m = np.maximum(0.0, self._distance_m - way_m)
-        distance_m = np.where(kept, np.minimum(found.distance_m, before_m), found.distance_m)
-        free_m = np.where(kept, np.maximum(0.0, self._free_m - way_m), found.free_m)
-        far_m = self._avoid.max_distance_m
-        kept &= (distance_m < far_m) | (
-            free_m >= far_m - self._avoid.step_m
-        )  # else it is not seen as far as a clear one
-        distance_m, free_m = np.where(kept, distance_m, found.distance_m), np.where(kept, free_m, found.free_m)
-        state = np.where(distance_m < far_m, SectorState.OBSTACLE, SectorState.CLEAR)
-        self._distance_m = np.where(seen, found.distance_m, self._distance_m)
-        self._free_m = np.where(seen, found.free_m, self._free_m)
-        self._heading_rad = np.where(seen, sight.heading_rad, self._heading_rad)
-        self._seen_exposed_ns = np.where(seen, sight.exposed_ns, self._seen_exposed_ns)
-        self._seen_ns = np.where(seen, sight.now_ns, self._seen_ns)
-        state = np.where(kept, state, found.state).astype(np.uint8)
-        return SectorScan(state, distance_m, free_m, found.azimuth_rad, found.lacking)
-
-    def _same_height(self, since_frame_ns: NDArray[np.int64], sight: SectorSight) -> NDArray[np.bool_]:
-        """Returns (72,): the vehicle has hardly changed its height since the frame before. Heights are relative to
-        it."""
-        if sight.down_m_s is None:
-            return np.zeros(SECTORS, np.bool_)
-        slice_m = (self._avoid.band_above_m + self._avoid.band_below_m) / self._avoid.slices
-        return np.asarray(abs(sight.down_m_s) * since_frame_ns / NS <= 0.5 * slice_m)
-
-    def _at_other_heights(self, lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Returns (72,): the rays missing now at the heights of the last loss, or next to them, are too few to lose
-        the sector.
-
-        Only heights are compared: an object that the vehicle passes moves over the rays of a sector from frame to
-        frame."""
-        rows: NDArray[np.bool_] = np.asarray(self._lost_lacking.any(axis=2))
-        near = rows.copy()
-        near[:, 1:] |= rows[:, :-1]
-        near[:, :-1] |= rows[:, 1:]
-        most = lacking[0].size - math.ceil(self._avoid.clear_share * lacking[0].size)
-        common = (lacking & near[:, :, None]).sum(axis=(1, 2))
-        # a loss that missing rays do not explain has another cause
-        by_rays = (lacking.sum(axis=(1, 2)) > most) & (self._lost_lacking.sum(axis=(1, 2)) > most)
-        return np.asarray(by_rays & (common <= most))
-
-    def _kept(
-        self,
-        seen: NDArray[np.bool_],
-        elsewhere: NDArray[np.bool_],
-        other_heights: NDArray[np.bool_],
-        sight: SectorSight,
-    ) -> NDArray[np.bool_]:
-        """Returns (72,): unseen sectors that are used as they were. A frame may be used by several decisions.
-
-        Args:
-            seen: (72,) sectors that are seen now.
-            elsewhere: (72,) the free space ends at another place than at the last loss.
-            other_heights: (72,) of `_at_other_heights`.
-            sight: the views of the scan."""
-        exposed_ns = sight.exposed_ns
-        since_frame_ns = exposed_ns - self._frame_ns
-        new = since_frame_ns > 0
-        missed = since_frame_ns > LONGEST_KEPT_NS
-        after_row = self._in_a_row >= SEEN_FRAMES
-        first = ~seen & (after_row | (self._established & elsewhere & (self._in_a_row >= 1)))
-        second = ~seen & new & ~missed & (self._losses == 1) & self._lost_after_row & other_heights
-        second &= self._same_height(since_frame_ns, sight)
-        self._kept_bits = np.where(new, self._kept_bits << 1, self._kept_bits).astype(np.uint8)
-        before = np.unpackbits(self._kept_bits[:, None] & np.uint8(0xFE), axis=1).sum(axis=1)
-        lost = (first | second) & (before < MOST_KEPT)
-        self._kept_bits |= lost.astype(np.uint8)
-        self._lost_after_row = np.where(~seen & new, after_row, self._lost_after_row)
-        self._losses = np.where(new, np.where(seen, 0, self._losses + 1), self._losses)
-        self._kept_frame_ns = np.where(seen, 0, np.where(lost, exposed_ns, self._kept_frame_ns))
-        in_a_row = np.where(missed, 0, self._in_a_row) + 1  # a missing frame did not see it
-        self._in_a_row = np.where(seen & ~sight.blind, np.where(new, in_a_row, self._in_a_row), 0)
-        gone = sight.blind | (new & missed) | (~seen & new & ~first)
-        self._established = (self._established & ~gone) | (self._in_a_row >= SEEN_FRAMES)
-        self._interval_ns = np.where(seen & new, since_frame_ns, self._interval_ns)
-        self._frame_ns = exposed_ns.copy()
-        once_ns = np.minimum(LONGEST_KEPT_NS, KEPT_FRAMES * self._interval_ns)
-        twice_ns = np.minimum(LONGEST_TWICE_NS, KEPT_TWICE * self._interval_ns)
-        limit_ns = np.where(self._losses > 1, twice_ns, once_ns)
-        turned = np.abs(np.remainder(sight.heading_rad - self._heading_rad + np.pi, math.tau) - np.pi)
-        kept: NDArray[np.bool_] = ~seen & ~sight.blind & (exposed_ns > 0) & (self._kept_frame_ns == exposed_ns)
-        kept &= turned < 0.5 * STEP_RAD
-        kept &= (sight.now_ns - self._seen_ns <= limit_ns) & (exposed_ns - self._seen_exposed_ns <= limit_ns)
-        return kept & (self._avoid.confirm_px > 0)

@@ -22,7 +22,7 @@ from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import HEADING_LOST
 from ..pipeline.results import PrismsResult
-from .confirmation import PlaneConfirmation, SectorSight, SeenSectors
+from .confirmation import PlaneConfirmation
 from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach, policy_of
 from .free_space_memory import FreeMemory
@@ -40,6 +40,7 @@ from .polar_histogram import (
     scan,
     too_near_the_edge,
 )
+from .seen_sectors import SectorSight, SeenSectors
 from .surroundings import Observer, Surroundings
 from .vehicle_motion import VehicleMotion, seen_ns
 from .view_free import RING_M, View, ground_z_m

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.autopilot.phantoms import hover
-from companion.autopilot.confirmation import SectorSight, SeenSectors
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_report import ObstacleReportBuilder
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
+from companion.autopilot.seen_sectors import SectorSight, SeenSectors
 from companion.autopilot.surroundings import Surroundings
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
