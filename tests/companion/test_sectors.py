@@ -114,6 +114,22 @@ def test_a_sector_beside_a_plane_is_clear_only_where_the_profile_ends_at_that_pl
     assert sectors.state[1] == SectorState[state]
 
 
+def test_a_ray_beside_a_plane_that_meets_the_ground_does_not_count() -> None:
+    """Rising ground takes the two lowest heights of sector 1, one of them at the distance of the pole in sector 0. A ray at
+    the border that ends there has met the ground, not the pole: the height was seen in no ray, and the sector is not clear."""
+    found = model(wall_at(0.0, 4.0), free_to_m=13.0, view_deg=72.0)
+    free_to, end = found.free.free_to_m.copy(), found.free.end.copy()
+    edges_deg = np.degrees(found.free.azimuth_edges_rad)
+    at_pole = (edges_deg[:-1] < 1.0) & (edges_deg[1:] > -1.0)
+    free_to[at_pole], end[at_pole] = 4.0, FreeEnd.OBSTACLE
+    found = replace(found, free=replace(found.free, free_to_m=free_to, end=end))
+    assert scan([View(found, HERE)], AVOID).state[1] == SectorState.CLEAR
+    rising = Ground(seen=True, height_m=0.87, slope_x=-0.015, tolerance_m=0.25)
+    sectors = scan([View(replace(found, ground=rising), HERE)], AVOID)
+    assert sectors.state[1] == SectorState.UNSEEN
+    assert sectors.lacking[1, -2].all()
+
+
 # ---- geometry ---------------------------------------------------------------------------------------------------------
 
 
