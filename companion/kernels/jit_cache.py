@@ -95,7 +95,16 @@ def _set_variables(folder: Path) -> Path:
 def _is_complete(folder: Path) -> bool:
     """True if a directory has all kernels of a group."""
     try:
-        return any(name.startswith(COMPLETE) for name in os.listdir(folder))
+        return _is_trusted(folder) and any(name.startswith(COMPLETE) for name in os.listdir(folder))
+    except OSError:
+        return False
+
+
+def _is_trusted(folder: Path) -> bool:
+    """False if another user has made a directory in a folder that several users can write, such as /tmp: kernels are
+    machine code. False also if it does not exist."""
+    try:
+        return folder.stat().st_uid in (os.geteuid(), 0, folder.parent.stat().st_uid)
     except OSError:
         return False
 
@@ -173,7 +182,8 @@ def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = No
         folder: the new directory.
         root: root of the sources.
         link: makes a link to a file at a path; default: a hard link, or a copy if that is impossible."""
-    older = [f for b in bases if b.is_dir() for f in b.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
+    found = [f for b in bases if b.is_dir() for f in b.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
+    older = [f for f in found if _is_trusted(f)]
     older.sort(key=lambda f: (f.name == folder.name, _last_use(f)), reverse=True)
     # those of the same state need not be computed, which takes a second on a fast computer
     closures = next((c for f in older if f.name == folder.name and (c := _closures_of(f))), None) or import_closures(
@@ -265,9 +275,11 @@ def _usual_bases() -> list[Path]:
 
 
 def _open(folder: Path) -> bool:
-    """Creates the directory and marks it as used. Returns False if it cannot be written."""
+    """Creates the directory and marks it as used. Returns False if it cannot be written, or another user made it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if not _is_trusted(folder):
+            return False
         descriptor = _lock(folder, fcntl.LOCK_SH)
         if not folder.is_dir() or not os.access(folder, os.W_OK):
             return False

@@ -107,10 +107,12 @@ def _entries(folder: Path) -> dict[str, Entry]:
     """Relative path -> entry; empty without a manifest. Raises UnreadableManifest."""
     try:
         content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        if any("\0" in name for name in content):
+            raise ValueError("no name of a file")
         return {str(name): (int(size), int(ns), str(digest)) for name, (size, ns, digest) in content.items()}
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise UnreadableManifest(str(folder / MANIFEST)) from error
 
 

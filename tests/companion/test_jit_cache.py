@@ -324,6 +324,41 @@ def test_of_the_same_state_nothing_is_computed(tmp_path: Path, monkeypatch: pyte
     assert kernels(folder) == {"inner.inner", "outer.outer"}
 
 
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give directories to another user")
+ANOTHER_USER = 12345
+
+
+@needs_root
+def test_a_directory_that_another_user_has_made_is_not_used(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a folder that all users can write, such as /tmp, its name can be guessed, and kernels are machine code."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    foreign = base / f"kernels-{source_key(jit_cache.ROOT)}"
+    foreign.mkdir()
+    (foreign / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
+    foreign.chmod(0o777)
+    os.chown(foreign, ANOTHER_USER, ANOTHER_USER)
+    folder = use_own_cache()
+    assert folder is not None
+    assert jit_cache.is_temporary_copy(folder)
+    assert list(folder.iterdir()) == []
+
+
+@needs_root
+@pytest.mark.parametrize("owner_of_base", [0, ANOTHER_USER])
+def test_no_kernels_are_taken_over_from_another_user(tmp_path: Path, owner_of_base: int) -> None:
+    """Except where the whole cache is that user's, which NUMBA_CACHE_DIR then names."""
+    root = sources(tmp_path / "project", factor=2)
+    python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), tmp_path / "first")
+    os.chown(tmp_path / "first", owner_of_base, owner_of_base)
+    os.chown(tmp_path / "first" / f"kernels-{source_key(root)}", ANOTHER_USER, ANOTHER_USER)
+    folder = tmp_path / "second" / f"kernels-{source_key(root)}"
+    folder.mkdir(parents=True)
+    seed((tmp_path / "first",), folder, root)
+    assert kernels(folder) == ({"inner.inner", "outer.outer"} if owner_of_base else set())
+
+
 NAMED = """
 import os
 import companion  # takes a temporary directory for its own sources

@@ -126,7 +126,19 @@ def test_a_kernel_that_another_process_writes_meanwhile_is_not_damaged(
     assert damaged_kernels(tmp_path) == []
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[1]",
+        b'{"a": 1}',
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b'{"core/a.f-3.py311.nbi": [1e999, 1, ""]}',
+        b'{"core/a.\\u0000": [1, 1, ""]}',
+    ],
+)
 def test_with_a_damaged_manifest_no_cached_kernel_is_used(tmp_path: Path, content: bytes) -> None:
     files = made(tmp_path)
     write_manifest(tmp_path)
