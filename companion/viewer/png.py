@@ -38,7 +38,7 @@ def missing_library() -> str:
     return ""
 
 
-def new_figure(width_px: int, height_px: int, otherwise: str, **options: Any) -> Any:
+def new_figure(width_px: int = WIDTH_PX, height_px: int = HEIGHT_PX, otherwise: str = "", **options: Any) -> Any:
     """An empty matplotlib figure without a window. options: of Figure. Raises DeviceNotFound as `_agg`."""
     agg = _agg(otherwise)
     from matplotlib.figure import Figure
@@ -56,7 +56,7 @@ def save_figure(figure: Any, path: Path) -> None:
 
 def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
     """Writes the picture of one frame. Raises DeviceNotFound without matplotlib, OSError."""
-    figure = new_figure(WIDTH_PX, HEIGHT_PX, ", or draw the page only with --no-png")
+    figure = new_figure(otherwise=", or draw the page only with --no-png")
     _header(figure, frame, t_start_ns)
     image, scale = image_place(frame)
     draw_depth(figure.add_axes(image), figure.add_axes(scale), frame)
