@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..config.loader import ConfigError, load_config
+from ..config.loader import Config, ConfigError, load_config
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
 from ..paths import NAME
 from ..usage_error import UsageError
-from .interpreter import check_reachable
+from .interpreter import HIDDEN, check_reachable
 from .steps import (
     UNIT,
     InstallError,
@@ -31,6 +31,8 @@ from .steps import (
 )
 
 WARMUP_TIMEOUT_S = 3600.0
+STATE = Path("/var/lib", NAME)
+"""The working directory of the service, where it looks for files with a relative path."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -156,11 +158,12 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
             raise InstallError(
                 f"{target} does not exist: give a configuration with -c: `companion setup` writes one for your devices"
             )
-        load_config(target)
+        check_files(load_config(target), paths)
         return Step(f"keep {target}", True, lambda: None)
-    state = Path("/var/lib", NAME)
-    folder = Path(os.path.normpath(state / load_config(config).record.folder))
-    if not folder.is_relative_to(state):
+    content = load_config(config)
+    check_files(content, paths)
+    folder = Path(os.path.normpath(STATE / content.record.folder))
+    if not folder.is_relative_to(STATE):
         warn(
             f'[record] folder = "{folder}": the service may write there only after `systemctl edit {NAME}` with the '
             f'lines [Service] and ReadWritePaths="-{folder}", and if the user {NAME} owns it. Without the minus the service '
@@ -172,6 +175,33 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
             f"{target} exists and differs from {config}; add --replace-config, or leave -c away to keep it"
         )
     return step
+
+
+def check_files(config: Config, paths: InstallPaths) -> None:
+    """Raises InstallError for a file of the configuration that the service could not read. In an image it may come later."""
+    named = {f'[[camera]] "{camera.name}": calibration': camera.calibration for camera in config.cameras}
+    named |= {
+        "[autopilot] signing_key": config.autopilot.signing_key,
+        "[publish] keys": config.publish.keys,
+        "[share] zenoh": config.share.zenoh,
+    }
+    for key, name in named.items():
+        place = Path(os.path.normpath(STATE / name))
+        hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
+        if hidden is not None:
+            cause = f"the service cannot read files below {hidden}"
+        elif name and paths.live and _is_missing(place):
+            cause = f"{place} does not exist"
+        else:
+            continue
+        raise InstallError(f'{key} = "{name}": {cause}; copy it to /etc/{NAME}, and enter the whole path')
+
+
+def _is_missing(place: Path) -> bool:
+    try:
+        return not place.exists()
+    except PermissionError:  # only root can look there
+        return False
 
 
 def check_permissions(paths: InstallPaths) -> None:

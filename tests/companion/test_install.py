@@ -184,6 +184,52 @@ def test_a_folder_of_logs_that_the_unit_does_not_open_is_reported(
     assert capsys.readouterr().err == ""
 
 
+ZED = """
+[[camera]]
+name = "front"
+kind = "zed"
+device = "/dev/v4l/by-id/usb-zed"
+width_px = 672
+height_px = 376
+fps = 15.0
+calibration = "{calibration}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        (
+            ZED.format(calibration="/home/pilot/SN1.conf"),
+            'calibration = "/home/pilot/SN1.conf": the service cannot read',
+        ),
+        (
+            '[autopilot]\nsigning_key = "/root/signing.key"\n',
+            'signing_key = "/root/signing.key": the service cannot read',
+        ),
+        ('[publish]\nkeys = "/run/user/1000/keys"\n', 'keys = "/run/user/1000/keys": the service cannot read'),
+    ],
+)
+def test_a_file_that_the_service_cannot_read_is_refused(
+    text: str, cause: str, image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Commands of the user read it; the installed service was blind, or did not start."""
+    config = tmp_path / "home.toml"
+    config.write_text(text)
+    assert main(["install", "--root", str(image), "-c", str(config)]) == 1
+    assert cause in capsys.readouterr().err
+    assert main(["install", "--root", str(image), "-c", str(config), "--dry-run"]) == 1
+    assert cause in "".join(lines_of(capsys, "missing"))
+
+
+def test_a_file_that_is_beside_the_configuration_is_refused(tmp_path: Path) -> None:
+    """The service looks for it in its own directory."""
+    config = tmp_path / "beside.toml"
+    config.write_text(ZED.format(calibration="SN1.conf"))
+    with pytest.raises(InstallError, match=r"/var/lib/osape-companion/SN1.conf does not exist"):
+        install.config_step(InstallPaths(), config, replace=True)
+
+
 def test_a_command_of_the_system_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InstallError, match=r"ls /nowhere-at-all failed with status 2: .*No such file"):
         run_command(["ls", "/nowhere-at-all"])
