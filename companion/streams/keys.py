@@ -88,5 +88,5 @@ def _signing(args: argparse.Namespace) -> int:
         return 0
     print_line(f"{args.signing} (mode 600); it must belong to the user that runs the service")
     print_line(f'in the configuration: [autopilot] signing_key = "{args.signing.absolute()}"')
-    print_line("the autopilot needs the same key: see docs/reference/obstacle-output.md")
+    print_line("the autopilot needs the same key: see docs/how-to/sign-the-mavlink-line.md")
     return 0
