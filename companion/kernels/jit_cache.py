@@ -61,7 +61,8 @@ def use_own_cache() -> Path | None:
     """Sets NUMBA_CACHE_DIR to the directory of the present state of the sources, and numba's processor to a level.
 
     The directory is below the previous value of NUMBA_CACHE_DIR, otherwise below the user's cache. If none can be
-    written, it is a temporary one, with links to the kernels of a directory that has all of a group, if there is one.
+    written, it is a temporary one, with links to the kernels of a directory that has all of a group, if there is one;
+    so too if there is one and its kernels cannot be copied, as on a full disk.
 
     Returns:
         The directory; None: it was not changed, because numba is already imported or not even a temporary directory
@@ -72,18 +73,25 @@ def use_own_cache() -> Path | None:
     named = os.environ.get(VARIABLE)
     bases = [base_of(Path(named))] if named else _usual_bases()
     key = _PREFIX + source_key(ROOT)
+    source = next((base for base in (*bases, SHARED) if _is_complete(base / key)), None)
     for base in bases:
         folder = base / key
-        if _open(folder):
-            if not (folder / _CLOSURES).exists():  # new, or the process that made it was ended meanwhile
-                with contextlib.suppress(OSError):
-                    seed((base, SHARED), folder, ROOT)
+        if _open(folder) and (_is_seeded(base, folder) or source is None):
             prune(base, folder)
             return _set_variables(folder)
-    source = next((base for base in (*bases, SHARED) if _is_complete(base / key)), None)
     copy = _temporary_copy(key, source)
     _unwritable[:] = bases
     return _set_variables(copy) if copy else None  # without one numba refuses to import kernels: see `no_place_text`
+
+
+def _is_seeded(base: Path, folder: Path) -> bool:
+    """Links the kernels of older directories into a new one. Returns False if that fails, as on a full disk."""
+    if not (folder / _CLOSURES).exists():  # new, or the process that made it was ended meanwhile
+        try:
+            seed((base, SHARED), folder, ROOT)
+        except OSError:
+            return False
+    return True
 
 
 def _set_variables(folder: Path) -> Path:
@@ -113,10 +121,12 @@ def _temporary_copy(name: str, source: Path | None) -> Path | None:
     """Returns a temporary directory with symbolic links to the kernels of `source`; None if it cannot be made.
 
     source: parent of the directories with kernels; None: there are no kernels to link. The directory is deleted at the
-    end of this process. Child processes use it too, and write into it what they compile."""
+    end of this process. Child processes use it too, and write into it what they compile. That of a service is below its
+    RUNTIME_DIRECTORY, which is in memory."""
     try:
-        _delete_left_over()
-        base = Path(tempfile.mkdtemp(prefix=f"{_LINKED}{os.getpid()}-"))
+        place = os.environ.get("RUNTIME_DIRECTORY") or tempfile.gettempdir()
+        _delete_left_over(Path(place))
+        base = Path(tempfile.mkdtemp(prefix=f"{_LINKED}{os.getpid()}-", dir=place))
         copy = base / name
         copy.mkdir()
         if source is not None:
@@ -127,9 +137,9 @@ def _temporary_copy(name: str, source: Path | None) -> Path | None:
     return copy
 
 
-def _delete_left_over() -> None:
+def _delete_left_over(place: Path) -> None:
     """Deletes the temporary directories of this user's processes that were killed."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{_LINKED}*"):
+    for folder in place.glob(f"{_LINKED}*"):
         owner = folder.name.removeprefix(_LINKED).partition("-")[0]
         with contextlib.suppress(FileNotFoundError):  # another start has just deleted it
             if owner.isdecimal() and not Path("/proc", owner).exists() and folder.stat().st_uid == os.geteuid():

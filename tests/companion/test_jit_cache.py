@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import json
 import os
 import subprocess
 import sys
@@ -324,6 +326,36 @@ def test_of_the_same_state_nothing_is_computed(tmp_path: Path, monkeypatch: pyte
     assert kernels(folder) == {"inner.inner", "outer.outer"}
 
 
+@pytest.mark.parametrize("shipped", [True, False])
+def test_on_a_full_disk_the_kernels_of_the_installation_are_used(
+    base: Path, tmp_path: Path, shipped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the first start after an update they could not be copied, and the service did not start."""
+
+    def refuse(file: Path, place: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(place))
+
+    key = f"kernels-{source_key(jit_cache.ROOT)}"
+    kernel = tmp_path / "shared" / key / "core.stages" / "level.pool-0.py311.nbi"
+    kernel.parent.mkdir(parents=True)
+    kernel.write_text("")
+    (kernel.parents[1] / "closures.json").write_text(json.dumps(import_closures(jit_cache.ROOT)))
+    if shipped:
+        (kernel.parents[1] / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
+    monkeypatch.setattr(jit_cache, "SHARED", tmp_path / "shared")
+    monkeypatch.setattr(jit_cache, "_link_or_copy", refuse)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "full"))
+    (tmp_path / "run").mkdir()
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / "run"))
+    folder = use_own_cache()
+    assert folder is not None
+    if shipped:
+        assert folder.parents[1] == tmp_path / "run"
+        assert (folder / "core.stages" / kernel.name).resolve() == kernel
+    else:
+        assert folder == base / key
+
+
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give directories to another user")
 ANOTHER_USER = 12345
 
@@ -425,14 +457,13 @@ def test_kernels_of_a_directory_that_cannot_be_written_are_used(read_only: Path,
     assert {file: file.stat().st_mtime_ns for file in read_only.rglob("*")} == before
 
 
-def test_two_starts_delete_what_a_killed_process_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_starts_delete_what_a_killed_process_left(tmp_path: Path) -> None:
     """The second found nothing there, made no links and compiled all kernels."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     gone = tmp_path / "osape-companion-kernels-4194305-gone"
     kept = tmp_path / "osape-companion-kernels-4194305-kept"
     gone.symlink_to("nowhere")  # listed, and not there: the other process has deleted it
     kept.mkdir()
-    jit_cache._delete_left_over()
+    jit_cache._delete_left_over(tmp_path)
     assert not kept.exists()
 
 
