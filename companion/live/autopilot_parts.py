@@ -20,6 +20,7 @@ from ..config.loader import Config
 from ..paths import Folders
 
 if TYPE_CHECKING:
+    from ..autopilot.last_values import LastValuesFile
     from ..autopilot.manager import Avoidance
     from ..guard.guard import Guard
     from ..share.setup import ShareService
@@ -68,41 +69,37 @@ def make_autopilot(
     only where they are enabled."""
     if not config.autopilot.address:
         return AutopilotParts()
-    params, address = params_of(config), parse_address(config.autopilot.address)
-    foreign: dict[str, Any] = {}
-    reads: frozenset[int] = frozenset()
-    if share is not None:
-        reads, foreign = share.reads, {"on_foreign": share.foreign, "foreign_ids": share.foreign_reads}
-    if not config.avoid.send:
-        on_message = callbacks.message if share is not None else None
-        session = MavlinkSession(
-            params, on_frame=callbacks.frame, signing=signing, reads=reads, on_message=on_message, **foreign
-        )
-        return AutopilotParts(session=session, link=MavlinkLink(address, session, callbacks.samples))
-    from ..autopilot.last_values import LastValuesFile
-    from ..autopilot.manager import READS, avoidance_of
+    reads: frozenset[int] = frozenset() if share is None else share.reads
+    last: LastValuesFile | None = None
+    if config.avoid.send:
+        from ..autopilot.last_values import LastValuesFile
+        from ..autopilot.manager import READS
 
-    last = LastValuesFile(folders.state)
-    reads |= READS
-    if config.guard.enabled:
-        from ..guard.guard import READS as GUARD_READS
+        reads, last = reads | READS, LastValuesFile(folders.state)
+        if config.guard.enabled:
+            from ..guard.guard import READS as GUARD_READS
 
-        reads |= GUARD_READS
+            reads |= GUARD_READS
     session = MavlinkSession(
-        params,
+        params_of(config),
         on_frame=callbacks.frame,
         signing=signing,
         reads=reads,
-        on_message=callbacks.message,
-        expected=last.expected(),
-        **foreign,
+        on_message=callbacks.message if reads else None,
+        expected=None if last is None else last.expected(),
+        on_foreign=None if share is None else share.foreign,
+        foreign_ids=frozenset() if share is None else share.foreign_reads,
     )
-    link = MavlinkLink(address, session, callbacks.samples)
-    guard = None
+    link = MavlinkLink(parse_address(config.autopilot.address), session, callbacks.samples)
+    if last is None:
+        return AutopilotParts(session=session, link=link)
+    from ..autopilot.manager import avoidance_of
+
+    guard: Guard | None = None
     if config.guard.enabled:
         from ..guard.guard import guard_of
 
         guard = guard_of(config, session, link, folders.state)
-    observer = guard.observe if guard is not None else None
+    observer = None if guard is None else guard.observe
     avoidance = avoidance_of(config, cameras, session, link, last, observer)
     return AutopilotParts(session=session, link=link, avoidance=avoidance, guard=guard)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -171,8 +172,8 @@ class Service:
         if publish.world:
             from .world_thread import open_world  # imported only where the merged world is enabled
 
-            observer = [] if parts.share is None else [parts.share.world]
-            parts.world = open_world(self.config, run, self._context, keys, self._boot, *observer)
+            observer = None if parts.share is None else parts.share.world
+            parts.world = open_world(self.config, run, self._context, keys, self._boot, observer)
         if parts.share is not None:
             parts.share.connect(parts.session, parts.link)
             parts.share.open(self._context, keys)
@@ -191,33 +192,23 @@ class Service:
         In flight the autopilot may depend on the obstacles: blindness is sent to it first, and its link is closed last.
         """
         parts = self.parts
-        with ExitStack() as last_first:  # the calls run in reverse order
-            last_first.callback(self._context.destroy, linger=0)
-            last_first.callback(self._close_allow_list)
-            last_first.callback(self._output.close)
-            last_first.callback(parts.previews.close)
-            for part in (
-                parts.world,
-                parts.metrics,
-                parts.signing,
-                parts.link,
-                parts.avoidance,
-                parts.share,
-                parts.recorder,
-            ):
-                if part is not None:
-                    last_first.callback(part.close)
-            last_first.callback(parts.loop.close)
-            for camera in reversed(parts.cameras.values()):
-                last_first.callback(camera.close)
-            for camera in parts.cameras.values():
-                last_first.callback(camera.stop)
-            if parts.link is not None:
-                last_first.callback(parts.link.set_system_status, MAV_STATE_CRITICAL)
-            if parts.avoidance is not None:
-                last_first.callback(parts.avoidance.end)
-            if parts.guard is not None:  # before the blindness of a stop on purpose could stop the vehicle
-                last_first.callback(parts.guard.close)
+        steps: list[Callable[[], object]] = []
+        if parts.guard is not None:  # before the blindness of a stop on purpose could stop the vehicle
+            steps.append(parts.guard.close)
+        if parts.avoidance is not None:
+            steps.append(parts.avoidance.end)
+        if parts.link is not None:
+            steps.append(partial(parts.link.set_system_status, MAV_STATE_CRITICAL))
+        steps += [camera.stop for camera in parts.cameras.values()]
+        steps += [camera.close for camera in parts.cameras.values()]
+        steps.append(parts.loop.close)
+        rest = (parts.recorder, parts.share, parts.avoidance, parts.link, parts.signing, parts.metrics, parts.world)
+        steps += [part.close for part in rest if part is not None]
+        steps += [parts.previews.close, self._output.close, self._close_allow_list]
+        steps.append(partial(self._context.destroy, linger=0))
+        with ExitStack() as stack:  # makes all calls, even if one raises, in the reverse order
+            for step in reversed(steps):
+                stack.callback(step)
 
     def _close_allow_list(self) -> None:
         if self.parts.allow is not None:

@@ -54,7 +54,7 @@ class WorldThread:
         changes: Publisher,
         requests: Publisher,
         boot: str,
-        observer: Callable[[World, int], None] = lambda world, now_ns: None,
+        observer: Callable[[World, int], None] | None = None,
     ) -> None:
         """observer: called in each cycle of the thread with the world and the time; it must not change the world."""
         # not the numbers of an earlier service, in whose coordinates a planner may still hold its path
@@ -127,7 +127,8 @@ class WorldThread:
             if now_ns >= self._next_ns:
                 self._next_ns = now_ns + CHANGES_NS
                 self._publish_changes(now_ns)
-            self._observer(self.world, now_ns)
+            if self._observer is not None:
+                self._observer(self.world, now_ns)
             self.alive_ns = now_ns
 
     def _receive_request(self) -> bool:
@@ -197,12 +198,10 @@ def open_world(
     context: zmq.Context[zmq.Socket[bytes]],
     keys: ServerKeys | None,
     boot: str,
-    observer: Callable[[World, int], None] = lambda world, now_ns: None,
-) -> WorldThread | None:
-    """The merged world with its thread started; None where no address is configured. Raises as Publisher does."""
+    observer: Callable[[World, int], None] | None = None,
+) -> WorldThread:
+    """The merged world with its thread started. Raises as Publisher does."""
     publish = config.publish
-    if not publish.world:
-        return None
     streams = [Stream(name, getattr(publish, name).replace("{run}", str(run))) for name in ("world", "world_requests")]
     changes = Publisher(streams[0], context, keys, newest_only=False)
     try:

@@ -478,8 +478,6 @@ def test_where_one_address_cannot_be_had_the_other_is_given_back(tmp_path: Path)
         with pytest.raises(DriverError, match="world_requests"):
             open_world(broken, tmp_path, context, None, "one")
         service = open_world(good, tmp_path, context, None, "one")
-        assert service is not None
         service.close()
-        assert open_world(config_of({}, "t"), tmp_path, context, None, "one") is None
     finally:
         context.destroy(linger=0)
