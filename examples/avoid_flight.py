@@ -77,7 +77,7 @@ class Flight:
         px4 = self.autopilot == "PX4"
         self.reader = Px4Reader(cp_dist_m=MARGIN_M) if px4 else ArduPilotReader(margin_m=MARGIN_M)
         self.pipeline = Pipeline((CAMERA,), lambda info: Extractor())
-        self.builder = ObstacleReportBuilder(AVOID, (CAMERA.camera,), stale_s=0.3)
+        self.builder = ObstacleReportBuilder(AVOID, (CAMERA.camera,), timeout_s=0.3)
         self.builder.announce(CAMERA)
 
     def fly(self, seconds: float) -> None:

@@ -27,7 +27,7 @@ CP_DIST_M = 3.0
 VERSIONS = ((1, 15), (1, 16))
 POLICIES = ("brake", "unknown", "front", "near")
 NOTICED_S = 0.3
-"""`[service] stale_s`: after the last exposure the service sends the last observation for this time."""
+"""`[service] timeout_s`: after the last exposure the service sends the last observation for this time."""
 SECTOR = np.arange(SECTORS)
 COVERED = np.minimum(SECTOR, SECTORS - SECTOR) <= 7
 

@@ -17,6 +17,7 @@ from core.frames import rotation_frd_optical, rotation_level_cam_optical
 from core.params import Params
 from core.types import FAR_MM, UNKNOWN_MM, CameraInfo
 
+from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
 from ..config.clear_reach import clear_reach_text, looks_ahead
 from ..diagnostic import Diagnostic, DiagnosticCode
@@ -24,8 +25,6 @@ from ..pipeline.transform import LevelTransform, transform_model
 from .obstacle_report import RECKONING_ERRORS
 from .polar_histogram import SECTORS, SectorState, scan
 from .view_free import View
-
-Mask = NDArray[np.bool_]
 
 
 def far_view(info: CameraInfo, params: Params, hidden: Mask | None = None) -> View | None:
@@ -53,7 +52,7 @@ def far_view(info: CameraInfo, params: Params, hidden: Mask | None = None) -> Vi
     )
 
 
-def clear_sectors(views: Sequence[View], avoid: AvoidParams) -> Mask:
+def clear_sectors(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.bool_]:
     """Returns the sectors, (72,), that are clear by these far views together."""
     if not views:
         return np.zeros(SECTORS, np.bool_)

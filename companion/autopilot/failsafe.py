@@ -165,15 +165,15 @@ def braking_reach(sight: ObstacleView, avoid: AvoidParams, policy: Policy) -> Br
     sector by a value that near. At the edge of the view, where sectors are unknown because of the width of the hull, obstacles
     that the vehicle approaches are always sent too, because PX4 needs them to brake. With a wall, obstacles that PX4 must brake
     for are sent as the wall elsewhere. Without a velocity the vehicle may approach each obstacle."""
-    near_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
+    sent_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
     wall_cm = _wall_cm(policy) if policy.name == "brake" else 0
     closing = closing_m_s(sight)
     approach_cm = wall_cm + 100.0 * APPROACH_S * closing if wall_cm > 0 else np.zeros(SECTORS)
-    always_cm: NDArray[np.float64] = np.maximum(near_cm, wall_cm)
+    always_cm: NDArray[np.float64] = np.maximum(sent_cm, wall_cm)
     unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
     beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
     at_edge = beside & ~(unseen | np.roll(unseen, 1) | np.roll(unseen, -1))
-    edge_cm = near_cm + 100.0 * CLOSING_S * closing
+    edge_cm = sent_cm + 100.0 * CLOSING_S * closing
     if sight.velocity_m_s is None:
         edge_cm[:] = 100.0 * avoid.max_distance_m
         approach_cm[:] = 100.0 * avoid.max_distance_m if wall_cm > 0 else 0.0
@@ -224,8 +224,8 @@ class BlindPolicy:
             # no value above the farthest obstacle: it would mean clear
             farthest_cm = clear_cm(self._avoid) - 2
             values[values < GROUND_CM] = min(_wall_cm(policy), farthest_cm) if policy.name == "stop" else UNKNOWN
-        silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
-        return None if silent and policy.name != "stop" else values
+        blind_ns = 0 if self._all_blind_since_ns is None else now_ns - self._all_blind_since_ns
+        return None if blind_ns > self._avoid.silence_s * NS and policy.name != "stop" else values
 
     def _approached(self, values: NDArray[np.uint16], sight: ObstacleView, reach: BrakingReach) -> None:
         """Puts measured and remembered obstacles that PX4 must brake for into unseen sectors.
@@ -270,10 +270,6 @@ class BlindPolicy:
         """True if any blind sector became blind within silence_s."""
         since_ns = self._sector_since_ns[self._sector_blind]
         return bool((now_ns - since_ns <= self._avoid.silence_s * NS).any())
-
-    def _within(self, since_ns: int | None, now_ns: int) -> bool:
-        """Whether silence_s have not passed yet since an instant."""
-        return since_ns is not None and now_ns - since_ns <= self._avoid.silence_s * NS
 
     def _planes(self, values: NDArray[np.uint16], scan: SectorScan) -> None:
         """Puts planes into unseen sectors: where unknown means clear, a plane behind something unmeasured is better than

@@ -60,10 +60,10 @@ class Avoidance:
         self,
         avoid: AvoidParams,
         cameras: tuple[str, ...],
-        stale_s: float,
+        timeout_s: float,
         vehicle: Callable[[], Vehicle | None],
         post: Callable[[Any], None],
-        ill: Callable[[str], str] = lambda camera: "",
+        frame_fault: Callable[[str], str] = lambda camera: "",
         silent: Callable[[], Vehicle | None] = lambda: None,
         last: LastValuesFile | None = None,
         extractor: Params | None = None,
@@ -76,10 +76,10 @@ class Avoidance:
         Args:
             avoid: parameters.
             cameras: names of all cameras.
-            stale_s: age of an exposure from which a camera is blind.
+            timeout_s: age of an exposure from which a camera is blind.
             vehicle: returns the autopilot that is received now; None: none.
             post: sends a message to it.
-            ill: returns why the frames of a camera must not be used although they arrive; empty: they may.
+            frame_fault: returns why the frames of a camera must not be used although they arrive; empty: they may.
             silent: returns an autopilot in flight that is not received any more; None: none. It may still receive.
             last: values of the autopilot that were read before this start, used until they are read again.
             extractor: parameters of the extraction; None: the defaults.
@@ -103,7 +103,7 @@ class Avoidance:
         params = extractor or Params()
         self._clear_check, ring_m = ClearCheck(avoid, params), params.profile_ring_m
         self._builder = ObstacleReportBuilder(
-            avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts, reach_m=reach_m
+            avoid, cameras, timeout_s, frame_fault, ring_m, observer=observer, open_counts=open_counts, reach_m=reach_m
         )
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 

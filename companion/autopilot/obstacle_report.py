@@ -88,8 +88,8 @@ class ObstacleReportBuilder:
         self,
         avoid: AvoidParams,
         cameras: tuple[str, ...],
-        stale_s: float,
-        ill: Callable[[str], str] = lambda camera: "",
+        timeout_s: float,
+        frame_fault: Callable[[str], str] = lambda camera: "",
         ring_m: float = RING_M,
         observer: Observer | None = None,
         open_counts: bool = False,
@@ -100,8 +100,8 @@ class ObstacleReportBuilder:
         Args:
             avoid: parameters of the obstacle output.
             cameras: names of all configured cameras.
-            stale_s: age above which a camera's newest frame does not count.
-            ill: returns why the frames of a camera must not be used although they arrive, such as an image repeated
+            timeout_s: age above which a camera's newest frame does not count.
+            frame_fault: returns why the frames of a camera must not be used although they arrive, such as an image repeated
                 under new stamps; empty: they may be used.
             ring_m: step of the free-range profiles.
             observer: receives the surroundings of each decision.
@@ -109,8 +109,8 @@ class ObstacleReportBuilder:
                 "presume").
             reach_m: range to which free space is remembered for the observer; at least max_distance_m."""
         self._observer = observer
-        self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
-        self._ill, self._ring_m, self._open_counts = ill, ring_m, open_counts
+        self._avoid, self._cameras, self._timeout_ns = avoid, cameras, round(timeout_s * NS)
+        self._frame_fault, self._ring_m, self._open_counts = frame_fault, ring_m, open_counts
         self._lock = threading.Lock()
         self._motion = VehicleMotion()
         self._newest: dict[str, PrismsResult] = {}
@@ -286,11 +286,11 @@ class ObstacleReportBuilder:
             return "its intrinsics and mount are unknown"
         if newest.model is None or not all_numbers(newest.model):
             return "its planes hold values that are not finite"
-        ill = self._ill(camera)
-        if ill:
-            return ill
+        frame_fault = self._frame_fault(camera)
+        if frame_fault:
+            return frame_fault
         age_ns = now_ns - seen_ns(newest)
-        if age_ns > self._stale_ns:
+        if age_ns > self._timeout_ns:
             return f"its newest exposure is {age_ns / NS:.1f} s old"
         if here is None:
             return "the attitude is lost"

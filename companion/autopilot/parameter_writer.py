@@ -4,7 +4,6 @@ The changes are listed, confirmed by typing yes, written while the vehicle is di
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,7 +20,7 @@ from ..config.loader import Config
 from ..paths import folders
 from .firmware_version import VersionReader
 from .parameter_advice import AutopilotFacts, braking_position_modes
-from .parameters import WHOLE, ParameterReader, value_of
+from .parameters import ParameterReader, param_value_of, value_of
 from .restart_pending import TEXT as RESTART_TEXT
 from .session_factory import params_of, signing_of
 
@@ -169,8 +168,8 @@ class ParameterWriter:
         for _ in range(TRIES):
             _, system = self._writable()
             with self._lock:
-                kind_of_number = self._received[change.name][1]
-            self._link.post(self._set(change, kind_of_number, system))
+                param_type = self._received[change.name][1]
+            self._link.post(self._set(change, param_type, system))
             time.sleep(0.2)
             with self._lock:
                 del self._received[change.name]  # the answer to the next request decides
@@ -178,7 +177,7 @@ class ParameterWriter:
             self._link.post(dialect.MAVLink_param_request_read_message(system, MAV_COMP_ID_AUTOPILOT1, name, -1))
             answer = self._answer(change.name)
             with self._lock:
-                self._received.setdefault(change.name, (change.now, kind_of_number))
+                self._received.setdefault(change.name, (change.now, param_type))
             if answer is not None and abs(answer - change.to) < 1e-4:
                 return ""
             value = change.now if answer is None else answer
@@ -193,12 +192,10 @@ class ParameterWriter:
             time.sleep(0.02)
         return None
 
-    def _set(self, change: Change, kind_of_number: int, system: int) -> Any:
-        value = change.to
-        if self._reader.kind == PX4 and kind_of_number in WHOLE:  # its bytes in the float's place
-            value = struct.unpack("<f", struct.pack(WHOLE[kind_of_number], int(change.to)).ljust(4, b"\0"))[0]
+    def _set(self, change: Change, param_type: int, system: int) -> Any:
+        value = param_value_of(change.to, self._reader.kind, param_type)
         return dialect.MAVLink_param_set_message(
-            system, MAV_COMP_ID_AUTOPILOT1, change.name.encode(), value, kind_of_number
+            system, MAV_COMP_ID_AUTOPILOT1, change.name.encode(), value, param_type
         )
 
     def _take(self, message: Any, arrival_ns: int) -> None:

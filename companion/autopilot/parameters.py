@@ -49,8 +49,8 @@ SURE_NS, ASK_TO_BE_SURE_NS = NS, 4 * NS // 10
 autopilot. Until then the value before counts, and the parameter is requested more often."""
 CONTRADICTION_NS, CONTRADICTIONS = 30 * NS, 3
 """This many changes within CONTRADICTION_NS are reported as a contradiction."""
-WHOLE = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
-"""MAV_PARAM_TYPE of integers, whose bytes PX4 puts into the float."""
+INTEGER_FORMATS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+"""MAV_PARAM_TYPE of integers, whose bytes PX4 puts into the float, and their formats of `struct`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,15 @@ def _contradictory(known: Known, now_ns: int) -> bool:
 
 def value_of(message: Any, kind: str) -> float:
     """Returns the value of a PARAM_VALUE. PX4 puts the bytes of integers into the float, ArduPilot their value."""
-    if kind == PX4 and message.param_type in WHOLE:
-        form = WHOLE[message.param_type]
+    if kind == PX4 and message.param_type in INTEGER_FORMATS:
+        form = INTEGER_FORMATS[message.param_type]
         return float(struct.unpack_from(form, struct.pack("<f", message.param_value))[0])
     return float(message.param_value)
+
+
+def param_value_of(value: float, kind: str, param_type: int) -> float:
+    """Returns the param_value of a PARAM_SET, the inverse of `value_of`. param_type: MAV_PARAM_TYPE."""
+    if kind == PX4 and param_type in INTEGER_FORMATS:
+        packed = struct.pack(INTEGER_FORMATS[param_type], int(value)).ljust(4, b"\0")
+        return float(struct.unpack("<f", packed)[0])
+    return value

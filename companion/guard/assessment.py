@@ -20,7 +20,7 @@ from ..config.guard import GuardParams
 from .braking import Braking
 from .kept_space import Kept, Tolerance, grid_of, kept_free_m, reach_m
 from .path_sight import LEAST_SPEED_M_S, PathSight
-from .turn import WIDEST_RAD
+from .turn import SLOWEST_M_S, WIDEST_RAD
 from .velocity_hold import HOLD_NS
 
 NS = 1_000_000_000
@@ -35,8 +35,6 @@ PLACE_M, PLACE_SHARE = 0.15, 0.1
 NEAR_M = 2.5
 """A nearer obstacle with weak support must be shown by two more frames: it was not there in the frames in which it
 was farther away."""
-LEAST_MOVING_M_S = 0.3
-"""A slower vehicle is not stopped before an obstacle."""
 LIMIT_STEP_M_S = 0.5
 PREDICT_S = 0.6
 """Time until a speed limit has an effect: link and limited jerk. An accelerating vehicle is faster by then."""
@@ -146,7 +144,7 @@ class PathAssessor:
     def _must_stop_before(self, obstacle_m: float, speed_m_s: float) -> bool:
         """True if the braking distance does not fit before an obstacle at this distance."""
         needed_m = self._braking.needed_m(self._highest_m_s(speed_m_s))
-        return speed_m_s > LEAST_MOVING_M_S and needed_m > obstacle_m
+        return speed_m_s > SLOWEST_M_S and needed_m > obstacle_m
 
     def _action(self, speed_m_s: float, obstacle_m: float, free_m: float) -> Action:
         """Returns the action for these distances to an obstacle and to the end of the free space."""

@@ -22,8 +22,8 @@ class StalenessMonitor:
     """Takes the results and answers for any instant. A camera is blind until its first valid result, after an invalid
     one, and when the newest valid exposure is older than timeout_s."""
 
-    def __init__(self, cameras: tuple[str, ...], stale_s: float) -> None:
-        self._stale_ns = round(stale_s * NS)
+    def __init__(self, cameras: tuple[str, ...], timeout_s: float) -> None:
+        self._timeout_ns = round(timeout_s * NS)
         self._cameras = {camera: _Camera() for camera in cameras}
 
     def result(self, result: PrismsResult) -> None:
@@ -46,7 +46,7 @@ class StalenessMonitor:
         """Why a camera is blind, as text; empty if it is not."""
         seen = self._cameras[camera]
         age_ns = self.age_ns(camera, now_ns)
-        if age_ns is not None and age_ns <= self._stale_ns and not seen.cause:
+        if age_ns is not None and age_ns <= self._timeout_ns and not seen.cause:
             return ""
         if status is not None and status.condition is not CameraCondition.RUNNING:
             if status.last_loss and status.condition in (CameraCondition.STARTING, CameraCondition.LOST):

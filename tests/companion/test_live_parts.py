@@ -150,7 +150,7 @@ def status(condition: CameraCondition, cause: str) -> CameraStatus:
 
 
 def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -> None:
-    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    staleness = StalenessMonitor(("front",), timeout_s=0.3)
     assert staleness.cause("front", 0) == "no frame yet"
     staleness.result(result(1000 * MS))
     assert staleness.cause("front", 1300 * MS) == ""
@@ -167,7 +167,7 @@ def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -
     ],
 )
 def test_an_invalid_frame_blinds_at_once(frame_result: PrismsResult, cause_text: str) -> None:
-    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    staleness = StalenessMonitor(("front",), timeout_s=0.3)
     staleness.result(result(990 * MS))
     staleness.result(frame_result)
     assert staleness.cause("front", 1000 * MS) == cause_text
@@ -176,7 +176,7 @@ def test_an_invalid_frame_blinds_at_once(frame_result: PrismsResult, cause_text:
 
 
 def test_the_fault_of_a_camera_is_reported_first_once_its_frames_are_old() -> None:
-    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    staleness = StalenessMonitor(("front",), timeout_s=0.3)
     staleness.result(result(1000 * MS))
     ill = status(CameraCondition.SILENT, "no frame for 0.6 s")
     assert staleness.cause("front", 1100 * MS, ill) == ""
@@ -184,7 +184,7 @@ def test_the_fault_of_a_camera_is_reported_first_once_its_frames_are_old() -> No
 
 
 def test_the_newest_frame_is_the_one_with_the_newest_exposure_valid_or_not() -> None:
-    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    staleness = StalenessMonitor(("front",), timeout_s=0.3)
     assert staleness.newest_ns("front") is None
     staleness.result(result(1000 * MS))
     staleness.result(replace(result(6000 * MS, drop=DropCause.NO_ATTITUDE), sequence=9))
@@ -197,7 +197,7 @@ def test_the_newest_frame_is_the_one_with_the_newest_exposure_valid_or_not() -> 
 
 
 def test_blind_frames_carry_the_exposure_of_the_newest_frame() -> None:
-    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    staleness = StalenessMonitor(("front",), timeout_s=0.3)
     output = StreamOutput(Config(), "boot", staleness, threading.Lock())
     sent = _Publisher()
     output.publishers["prisms"] = sent
