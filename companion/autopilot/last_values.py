@@ -7,24 +7,18 @@ autopilot."""
 
 from __future__ import annotations
 
-import json
-import logging
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from drivers.mavlink.session_types import Vehicle
-from drivers.watched_thread import WatchedThread
 
+from ..state_file import DAMAGED, StateFile
 from .firmware_version import FirmwareVersion
 
-log = logging.getLogger("companion")
-
 NAME: Final = "autopilot.json"
-_MOST_BYTES: Final = 4000
 KEPT: Final = {"AVOID_MARGIN": 100.0, "CP_DIST": 100.0}
 """Parameters that are kept, with the greatest accepted value. The least accepted value is above 0."""
 
@@ -50,9 +44,9 @@ class LastValuesFile:
     kept."""
 
     def __init__(self, folder: Path | None) -> None:
-        self._file = None if folder is None else folder / NAME
+        without = "a restart begins with configured defaults"
+        self._file = None if folder is None else StateFile(folder / NAME, without, sync=True)
         self._kept = None if self._file is None else _read(self._file)
-        self._writing: WatchedThread | None = None
 
     def of(self, kind: str, system_id: int) -> LastValues:
         """Returns the values that were read last; none for another autopilot.
@@ -69,10 +63,8 @@ class LastValuesFile:
         return None if kept is None else Vehicle(kept.system_id, kept.kind, 0, True, 0, heartbeat_ns=0)
 
     def keep(self, new: LastValues) -> None:
-        """Keeps values that were read now; values that were not read are retained.
-
-        A separate thread writes changes, so that a slow disk delays nothing."""
-        if self._file is None or (self._writing is not None and self._writing.is_alive()):
+        """Keeps values that were read now; values that were not read are retained."""
+        if self._file is None or self._file.busy:
             return
         old = self.of(new.kind, new.system_id)
         parameters = _accepted(dict(old.parameters) | dict(new.parameters))
@@ -80,13 +72,12 @@ class LastValuesFile:
         if merged == old:
             return
         self._kept = merged
-        self._writing = WatchedThread(_write, "last values", (self._file, merged))
-        self._writing.start()
+        self._file.write(_content(merged))
 
     def close(self) -> None:
         """Waits at most 0.5 s for a write in progress. May be called twice."""
-        if self._writing is not None:
-            self._writing.join(0.5)
+        if self._file is not None:
+            self._file.close()
 
 
 def _accepted(parameters: Mapping[str, float]) -> dict[str, float]:
@@ -94,32 +85,22 @@ def _accepted(parameters: Mapping[str, float]) -> dict[str, float]:
     return {n: v for n, v in parameters.items() if math.isfinite(v) and 0.0 < v <= KEPT.get(n, 0.0)}
 
 
-def _read(file: Path) -> LastValues | None:
+def _read(file: StateFile) -> LastValues | None:
     """Returns the content of the file, without parameters out of range; None: no file, or not a valid one."""
     try:
-        with file.open("rb") as stream:
-            kept = json.loads(stream.read(_MOST_BYTES))
+        kept = file.read()
         version = None if kept["version"] is None else FirmwareVersion(*(int(n) for n in kept["version"]))
         parameters = {str(name): float(value) for name, value in kept["parameters"].items()}
         return LastValues(str(kept["autopilot"]), int(kept["system_id"]), version, _accepted(parameters))
-    except (OSError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
+    except DAMAGED:
         return None
 
 
-def _write(file: Path, kept: LastValues) -> None:
-    new = file.with_name(file.name + ".new")
+def _content(kept: LastValues) -> dict[str, Any]:
     v = kept.version
-    content: dict[str, Any] = {
+    return {
         "autopilot": kept.kind,
         "system_id": kept.system_id,
         "version": None if v is None else [v.major, v.minor, v.patch],
         "parameters": dict(kept.parameters),
     }
-    try:
-        with new.open("w") as stream:
-            json.dump(content, stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        new.replace(file)
-    except OSError as error:
-        log.warning("%s cannot be written (%s): a restart begins with configured defaults", file, error.strerror)

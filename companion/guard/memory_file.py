@@ -1,44 +1,38 @@
 """Keeps the guard's memory in the state folder: it outlives the process, but not a reboot of the computer.
 
 The file is written at each change and, while the guard is active, every REFRESH_NS, so that its age is the time since
-the process ended. It is not synchronised to the disk: a power failure ends the boot for which it is valid. A separate
-thread writes, so that a slow disk neither delays a command nor makes the guard appear stalled."""
+the process ended. It is not synchronised to the disk: a power failure ends the boot for which it is valid."""
 
 from __future__ import annotations
 
-import json
-import logging
 import math
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
-from drivers.watched_thread import WatchedThread
 from osape_client.boot import boot_id
 
+from ..state_file import DAMAGED, StateFile
 from .states import GuardMemory, GuardState
-
-log = logging.getLogger("companion")
 
 NS = 1_000_000_000
 NAME: Final = "guard.json"
 REFRESH_NS: Final = 2 * NS
 LIFE_NS: Final = 30 * NS
 """An older memory is not used: another station may have flown the vehicle meanwhile."""
-_MOST_BYTES: Final = 4000
 
 
 class GuardMemoryFile:
     """File of the guard's memory: `load` once, then `keep` at each step. folder None: nothing is kept."""
 
     def __init__(self, folder: Path | None) -> None:
-        self._file = None if folder is None else folder / NAME
+        self._file = (
+            None if folder is None else StateFile(folder / NAME, "a restart in flight begins without it", sync=False)
+        )
         self._kept: GuardMemory | None = None
         self._written_ns = 0
         self.loaded_ns: int | None = None
         """Instant at which the loaded memory was written, about the end of the earlier run; None: nothing was loaded."""
-        self._warned = False
-        self._writing: WatchedThread | None = None
 
     def load(self, now_ns: int) -> GuardMemory | None:
         """Returns the memory of an earlier run of this boot; None: there is none, it is too old, or the file is not
@@ -46,14 +40,13 @@ class GuardMemoryFile:
         if self._file is None:
             return None
         try:
-            with self._file.open("rb") as stream:
-                content = json.loads(stream.read(_MOST_BYTES))
+            content = self._file.read()
             if content["boot"] != boot_id() or not 0 <= now_ns - int(content["written_ns"]) <= LIFE_NS:
                 return None
             memory = _memory(content["memory"])
             self.loaded_ns = int(content["written_ns"])
             return memory
-        except (OSError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
+        except DAMAGED:
             return None
 
     def keep(self, memory: GuardMemory, now_ns: int) -> None:
@@ -62,27 +55,15 @@ class GuardMemoryFile:
         active = memory.state is not GuardState.INACTIVE
         if self._file is None or (memory == self._kept and (not active or now_ns - self._written_ns < REFRESH_NS)):
             return
-        if self._writing is not None and self._writing.is_alive():
+        if self._file.busy:
             return
         self._kept, self._written_ns = memory, now_ns
-        content = {"boot": boot_id(), "written_ns": now_ns, "memory": asdict(memory)}
-        self._writing = WatchedThread(self._write, "guard memory", (self._file, json.dumps(content)))
-        self._writing.start()
+        self._file.write({"boot": boot_id(), "written_ns": now_ns, "memory": asdict(memory)})
 
     def close(self) -> None:
         """Waits at most 0.5 s for a write in progress. May be called twice."""
-        if self._writing is not None:
-            self._writing.join(0.5)
-
-    def _write(self, file: Path, content: str) -> None:
-        new = file.with_name(file.name + ".new")
-        try:
-            new.write_text(content, encoding="utf-8")
-            new.replace(file)
-        except OSError as error:
-            if not self._warned:
-                self._warned = True
-                log.warning("%s cannot be written (%s): a restart in flight begins without it", file, error.strerror)
+        if self._file is not None:
+            self._file.close()
 
 
 def _memory(content: Any) -> GuardMemory:

@@ -20,6 +20,7 @@ from companion.guard.memory_file import GuardMemoryFile
 from companion.guard.states import Announcement, GuardMemory, GuardState
 from companion.live.parts import Parts
 from companion.pipeline.transform import LevelTransform
+from companion.state_file import StateFile
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 
@@ -117,13 +118,13 @@ def test_a_slow_disk_does_not_delay_the_stop(tmp_path: Any, monkeypatch: pytest.
 def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_after_it(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flight, disk, write = Flight(tmp_path), threading.Event(), GuardMemoryFile._write
+    flight, disk, write = Flight(tmp_path), threading.Event(), StateFile._write
 
-    def slow(file: GuardMemoryFile, *args: Any) -> None:
+    def slow(file: StateFile, *args: Any) -> None:
         assert disk.wait(30.0)
         write(file, *args)
 
-    monkeypatch.setattr(GuardMemoryFile, "_write", slow)
+    monkeypatch.setattr(StateFile, "_write", slow)
     flight.step(5)
     flight.wall_m = 5.0
     flight.step()
