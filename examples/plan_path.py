@@ -40,26 +40,40 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--goal", type=float, nargs=3, default=(9.0, 0.0, 0.0), help="ahead, right, down of the camera, m"
     )
-    parser.add_argument("--planner", choices=list(PLANNERS), default="rrt-connect")
+    add_planner_options(parser, radius_m=0.5, been_m=3.0, picture="path.png")
+    return parser.parse_args()
+
+
+def add_planner_options(parser: argparse.ArgumentParser, radius_m: float, been_m: float, picture: str) -> None:
+    parser.add_argument("--planner", choices=list(PLANNERS), default="rrt-connect", help="default: %(default)s")
     parser.add_argument(
         "--seed", type=int, default=1, help="of the random numbers, 1 or more; another one gives another path"
     )
-    parser.add_argument("--unknown", choices=[u.value for u in Unknown], default="avoid")
-    parser.add_argument("--radius", type=float, default=0.5, help="of the vehicle, m")
-    parser.add_argument("--been", type=float, default=3.0, help="so far around the camera the vehicle came from, m")
-    parser.add_argument("-o", type=Path, default=Path("path.png"), help="the picture")
-    return parser.parse_args()
+    parser.add_argument(
+        "--unknown",
+        choices=[u.value for u in Unknown],
+        default="avoid",
+        help="space no camera observed; default: %(default)s",
+    )
+    parser.add_argument("--radius", type=float, default=radius_m, help="of the vehicle, m (default: %(default)s)")
+    parser.add_argument(
+        "--been",
+        type=float,
+        default=been_m,
+        help="so far around the start the vehicle came from, m (default: %(default)s)",
+    )
+    parser.add_argument("-o", type=Path, default=Path(picture), help="the picture (default: %(default)s)")
 
 
 def simulated(scene: str) -> ViewFrame:
     """One frame of a scene from the library, 2 m above the ground."""
-    footage = render_sequence(scene, scene, (640, 480), images=2)
+    frames = render_sequence(scene, scene, (640, 480), images=2)
     extractor, model, state = Extractor(), None, None
-    for depth in footage.depth_mm:
-        model, state = extractor.extract(depth, footage.info, footage.R_level_optical, state)
-    R_ned_frd = footage.R_level_optical @ R_CAMFRD_OPTICAL.T
+    for depth_mm in frames.depth_mm:
+        model, state = extractor.extract(depth_mm, frames.info, frames.R_level_optical, state)
+    R_ned_frd = frames.R_level_optical @ R_CAMFRD_OPTICAL.T
     return ViewFrame(
-        info=footage.info, sequence=0, t_ns=0, depth_mm=footage.depth_mm[-1], R_ned_frd=R_ned_frd, model=model
+        info=frames.info, sequence=0, t_ns=0, depth_mm=frames.depth_mm[-1], R_ned_frd=R_ned_frd, model=model
     )
 
 

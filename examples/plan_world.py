@@ -30,8 +30,8 @@ from osape_client.world.snapshot import WorldSnapshot
 from osape_client.world.space import WorldSpace
 
 try:
-    from path_planner import PLANNERS, NoPath, Room, Unknown, plan
-    from plan_path import line
+    from path_planner import NoPath, Room, Unknown, plan
+    from plan_path import add_planner_options, line
 except ImportError as error:
     sys.exit(str(error))
 
@@ -43,16 +43,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("log", nargs="?", type=Path, help="a log with depth; without one a flight is simulated")
     parser.add_argument("--live", action="store_true", help="of the service on this machine")
-    parser.add_argument("--start", type=float, nargs=3, help="default: where the flight ended")
-    parser.add_argument("--goal", type=float, nargs=3, default=(4.5, 10.0, -2.0))
-    parser.add_argument("--planner", choices=list(PLANNERS), default="rrt-connect")
-    parser.add_argument(
-        "--seed", type=int, default=1, help="of the random numbers, 1 or more; another one gives another path"
-    )
-    parser.add_argument("--unknown", choices=[u.value for u in Unknown], default="avoid")
-    parser.add_argument("--radius", type=float, default=0.4, help="of the vehicle, m")
-    parser.add_argument("--been", type=float, default=2.0, help="so far around the start the vehicle came from, m")
-    parser.add_argument("-o", type=Path, default=Path("world_path.png"), help="the picture")
+    parser.add_argument("--start", type=float, nargs=3, help="north, east, down, m; default: where the flight ended")
+    parser.add_argument("--goal", type=float, nargs=3, default=(4.5, 10.0, -2.0), help="north, east, down, m")
+    add_planner_options(parser, radius_m=0.4, been_m=2.0, picture="world_path.png")
     args = parser.parse_args()
     if args.live and args.start is None:
         parser.error("--live: say where the vehicle is, with --start")
