@@ -31,6 +31,8 @@ MIXED, MIXED_NS = 5, 10 * NS
 UNKNOWN_DELAY_NS = 30 * MS
 """Delay that the fastest messages may have where TIMESYNC is not answered: on a busy line of 57600 baud. A stamp that is
 ahead of them by more contradicts the estimate."""
+FASTEST_NS = NS
+"""Arrivals are collected for this time before the fastest of them counts: the first ones may be delayed by more."""
 ANSWERS_NS = 2 * NS
 """Answers come twice a second. After a longer time without one the estimate is made again at arrivals."""
 
@@ -118,6 +120,7 @@ class ClockFilter:
         self._undoubted_ns = 0  # bound of the estimate by the answers that fit
         self._arrivals: deque[_Bound] = deque()
         self._newest_boot_ns: int | None = None
+        self._begun_ns = 0  # boot time of the first arrival
         self._accepted_ns: int | None = None
         self._refused = 0
         self._changes_ns: deque[int] = deque(maxlen=MIXED)
@@ -160,6 +163,8 @@ class ClockFilter:
             self._changes_ns.append(arrival_ns)
         self._refused = 0
         self._accepted_ns = arrival_ns
+        if self._newest_boot_ns is None:
+            self._begun_ns = boot_ns
         self._newest_boot_ns = max(boot_ns, self._newest_boot_ns or boot_ns)
         high = arrival_ns - boot_ns
         newest = self._arrivals[-1] if self._arrivals else None
@@ -221,6 +226,14 @@ class ClockFilter:
         bound_ns = UNKNOWN_DELAY_NS if e.source is ClockSource.ENVELOPE else self._undoubted_ns
         slack_ns = MS + round(self.params.max_drift * abs(boot_ns - e.at_boot_ns))
         return e.local_ns(boot_ns) - arrival_ns > bound_ns + slack_ns
+
+    @property
+    def usable(self) -> bool:
+        """Whether stamps may be used: the clock is synchronised, or arrivals were collected for FASTEST_NS."""
+        source, newest = self.estimate.source, self._newest_boot_ns
+        if source is ClockSource.ENVELOPE and newest is not None:
+            return newest - self._begun_ns >= FASTEST_NS
+        return source is ClockSource.TIMESYNC
 
     @property
     def doubted(self) -> bool:

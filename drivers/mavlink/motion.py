@@ -11,7 +11,7 @@ from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
-from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter, ClockSource
+from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter
 from .parser import Frame
 
 MS = 1_000_000
@@ -74,9 +74,9 @@ class MotionDecoder:
         if not self._clock.arrival(boot_ns, arrival_ns):
             self.counts[LinkAnomaly.STAMP_BEHIND] += 1
             return None
-        estimate: ClockEstimate = self._clock.estimate
-        if estimate.source is ClockSource.NONE:
+        if not self._clock.usable:
             return None
+        estimate: ClockEstimate = self._clock.estimate
         t_ns = estimate.local_ns(boot_ns + rounded_ns)
         if t_ns > arrival_ns:
             self.counts[LinkAnomaly.STAMP_AFTER_ARRIVAL] += t_ns > arrival_ns + MS  # less is rounding on a quick line

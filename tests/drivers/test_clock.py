@@ -181,6 +181,29 @@ def test_a_reboot_starts_over() -> None:
     assert abs(again.error_ns(clock, again.boot(10 * NS))) < 5 * MS
 
 
+@pytest.mark.parametrize("reboots", [False, True])
+@pytest.mark.parametrize("seed", range(5))
+def test_no_stamp_is_used_before_the_delay_of_the_line_is_known(reboots: bool, seed: int) -> None:
+    """The first arrivals on a full line are delayed by any time: for 0.3 s stamps were late by up to 58 ms, and the
+    stated error was 30 ms."""
+    clock, link, begin_ns = ClockFilter(), Link(least_delay_ns=5 * MS, jitter_ns=60 * MS, seed=seed), 0
+    if reboots:
+        run(link, clock, 5.0)
+        begin_ns = 20 * NS
+        link = Link(boot_at_ns=19 * NS, least_delay_ns=5 * MS, jitter_ns=60 * MS, seed=seed)
+    used = 0
+    for k in range(200):
+        now_ns = begin_ns + k * 10 * MS
+        link.attitude(clock, now_ns)
+        if k >= 20 and k % 10 == 0 and clock.restarts == reboots:
+            link.exchange(clock, now_ns)
+        if clock.restarts == reboots and clock.usable:
+            bound_ns = clock.estimate.bound_ns
+            used += 1
+            assert abs(link.error_ns(clock, link.boot(now_ns))) < (30 * MS if bound_ns is None else bound_ns + MS)
+    assert used > 100
+
+
 def test_a_message_a_second_late_is_no_reboot() -> None:
     clock, link = ClockFilter(), Link()
     run(link, clock, 5.0)

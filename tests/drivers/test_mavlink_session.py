@@ -106,7 +106,7 @@ def test_messages_may_lie_while_no_instant_of_an_arrival_counts(kind: str) -> No
 def test_each_sample_has_the_error_bound_of_the_clock() -> None:
     c = talk(PX4, boot_at_ns=90 * NS)
     c.lost = frozenset({111})
-    c.run(1.0)
+    c.run(2.0)
     assert {type(s) for s in c.samples} == {AttitudeSample, PoseSample}
     assert {s.stamp_error_ns for s in c.samples} == {30 * MS}
     c.lost, c.samples = frozenset(), []
@@ -489,7 +489,8 @@ def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     again = MavlinkSession()
     samples = again.receive(frames)  # the logged bytes give the same in a new session, except for the clock
     assert len(frames) == c.session.received
-    assert [type(s) for s in samples] == [type(s) for s in c.samples]
+    assert len(samples) > 50  # its clock is not synchronised: the stamps of the first second are not used
+    assert [type(s) for s in samples] == [type(s) for s in c.samples[-len(samples) :]]
 
 
 def test_a_message_without_a_reader_is_logged_and_counts_as_received() -> None:

@@ -41,7 +41,7 @@ def test_a_recorded_autopilot_is_understood(name: str, shared_data: Path) -> Non
         now_ns = BEGIN_NS + after_ns
         samples += session.receive([(bytes(record.message.get_msgbuf()), now_ns)])
         session.due(now_ns)
-        attitudes += record.message.get_type() in ("ATTITUDE", "ATTITUDE_QUATERNION") and session.vehicle is not None
+        attitudes += record.message.get_type() in ("ATTITUDE", "ATTITUDE_QUATERNION") and session.clock.usable
     assert session.vehicle is not None
     assert session.vehicle.autopilot in ("ArduPilot", "PX4")
     assert session.clock.estimate.source is not ClockSource.NONE
