@@ -256,6 +256,19 @@ def test_a_remembered_obstacle_counts() -> None:
     assert math.isinf(seen(model(free_to_m=20.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).remembered_m)
 
 
+@pytest.mark.parametrize(("beside_hull_m", "hit"), [(0.28, True), (0.46, True), (0.66, False)])
+def test_a_remembered_obstacle_counts_where_its_sector_meets_the_corridor(beside_hull_m: float, hit: bool) -> None:
+    """It may stand anywhere in its sector, which is 0.35 m wide at 4 m: beside the hull and `side_m` it still counts."""
+    across_m = AVOID.radius_m + beside_hull_m
+    range_m, azimuth_rad = math.hypot(4.0, across_m), math.atan2(across_m, 4.0)
+    course_rad = math.radians(5.0) - azimuth_rad  # the obstacle stands in the middle of sector 1
+    distance_m = np.full(72, np.inf)
+    distance_m[1] = range_m - AVOID.radius_m
+    recalled = Remembered(distance_m, np.full(72, np.inf))
+    velocity = (3.0 * math.cos(course_rad), 3.0 * math.sin(course_rad), 0.0)
+    assert math.isfinite(seen(model(free_to_m=0.0), velocity=velocity, recalled=recalled).remembered_m) is hit
+
+
 @pytest.mark.parametrize(("turn_deg_s", "hit"), [(30.0, True), (0.0, False), (-30.0, False)])
 def test_in_a_turn_a_remembered_obstacle_beside_the_tangent_counts(turn_deg_s: float, hit: bool) -> None:
     distance_m = np.full(72, np.inf)
