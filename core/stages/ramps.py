@@ -95,22 +95,22 @@ def signed_inverse(mm, out):
 
 @kernel
 def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
-    """Returns (ramps, steps) along every row_step-th row of depth_mm, (H, W) uint16.
+    """Returns (ramps, rising, steps) along every row_step-th row of depth_mm, (H, W) uint16.
 
-    A ramp is a run of pixels for which `on_ramp` is True. A step is a change from one pixel to the next that is as
+    A ramp is a run of pixels for which `on_ramp` is True; 1/Z of the rising ones is greater to the right. A step is a change from one pixel to the next that is as
     large as the least ramp from end to end. One of its two pixels may be far. The other arguments are those of
     `RampLimits`."""
     rows, cols = depth_mm.shape
     line = np.full(cols + 2 * reach, np.float32(-1.0), np.float32)
     on = np.zeros(cols + 1, np.uint8)
     least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
-    ramps, steps = np.int64(0), np.int64(0)
+    ramps, rising, steps = np.int64(0), np.int64(0), np.int64(0)
     for v in range(row_step // 2, rows, row_step):
         signed_inverse(depth_mm[v], line[reach : reach + cols])
         far_left, left = line[:cols], line[reach - span : reach - span + cols]
         middle, right, far_right = line[reach : reach + cols], line[reach + span :], line[2 * reach :]
         following = line[reach + 1 :]
-        row_ramps, row_steps = np.int32(0), np.int32(0)
+        row_ramps, row_rising, row_steps = np.int32(0), np.int32(0), np.int32(0)
         for u in range(cols):
             here = on_ramp(left[u], middle[u], right[u], far_left[u], far_right[u], least, relative, straight)
             on[u + 1] = np.uint8(here)
@@ -119,10 +119,13 @@ def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
             low, high = min(a, b), max(a, b)
             sharp = (low >= np.float32(0.0)) & (high - low > np.float32(2.0) * max(least, relative * low))
             row_steps = np.int32(row_steps + np.int32(sharp))
-            row_ramps = np.int32(row_ramps + np.int32(on[u + 1] & ~on[u] & np.uint8(1)))
+            begins = np.int32(on[u + 1] & ~on[u] & np.uint8(1))
+            row_ramps = np.int32(row_ramps + begins)
+            row_rising = np.int32(row_rising + (begins & np.int32(right[u] > left[u])))
         ramps += row_ramps
+        rising += row_rising
         steps += row_steps
-    return ramps, steps
+    return ramps, rising, steps
 
 
 @inner_inline

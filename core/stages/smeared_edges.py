@@ -12,7 +12,8 @@ Three conditions distinguish a ramp from a slanted surface:
 - It is so steep that a surface that continued it would pass close to the camera.
 - It is narrow: beyond its near end the depth is known and does not continue the slope of 1/Z. Where that depth is
   unknown (a hole, the border of the image), the pixel is kept and does not count as evidence.
-- Nearly all edges of the image are ramps. This is judged from the edges of several frames, or of one frame if it has
+- Nearly all edges of the image are ramps, on the left sides of things as on their right sides. A wall seen edge-on
+  is a ramp on one side only; a frame with little else is no evidence. This is judged from the edges of several frames, or of one frame if it has
   many edges and nearly all are ramps. Until then, and for cameras with sharp edges, all pixels are kept."""
 
 from __future__ import annotations
@@ -31,14 +32,18 @@ from .ramps import RampLimits, count_edges, drop_ramps, ramp_limits
 _ROW_STEP = 4
 """Edges are counted in every _ROW_STEP-th row."""
 _NEVER_M = 1e9
+_ONE_SIDED_SHARE = 0.1
+"""A camera smears both sides of things: of the ramps of a D435 at least 0.38 are of the rarer side, of a wall seen edge-on
+none. It is not a tuning parameter."""
 
 
 @dataclass(frozen=True, slots=True)
 class EdgeCounts:
-    """Edges of one frame in every _ROW_STEP-th row: ramps and steps of `count_edges`, and the number of rows of the
-    image."""
+    """Edges of one frame in every _ROW_STEP-th row: ramps, rising ramps and steps of `count_edges`, and the number of rows
+    of the image."""
 
     ramps: int
+    rising: int
     steps: int
     rows: int
 
@@ -51,13 +56,19 @@ class EdgeCounts:
         """True if an image of 480 rows would have at least this number of edges."""
         return self.total >= edges * self.rows / 480
 
+    def one_sided(self, share: float) -> bool:
+        """True if more than this share of the edges are ramps, and nearly all of these on the same side, as where a wall
+        seen edge-on is nearly all that is measured."""
+        rarer = min(self.rising, self.ramps - self.rising)
+        return self.ramps > share * self.total and rarer < _ONE_SIDED_SHARE * self.ramps
+
 
 def edges_of(depth_mm: NDArray[np.uint16], limits: RampLimits) -> EdgeCounts:
     """Returns the edges of a depth image (H, W) uint16 that are too large to be noise."""
-    ramps, steps = count_edges(
+    ramps, rising, steps = count_edges(
         depth_mm, _ROW_STEP, limits.span_px, limits.reach_px, limits.judged_per_m, limits.relative, limits.straight
     )
-    return EdgeCounts(int(ramps), int(steps), depth_mm.shape[0])
+    return EdgeCounts(int(ramps), int(rising), int(steps), depth_mm.shape[0])
 
 
 def observe_edges(state: ExtractorState, edges: EdgeCounts, params: Params) -> ExtractorState:
@@ -65,8 +76,8 @@ def observe_edges(state: ExtractorState, edges: EdgeCounts, params: Params) -> E
 
     `edge_ramps` and `edge_steps` are sums over frames of the shares of ramps and of steps among the edges of each
     frame. The weight of a frame decreases by smear_memory with each later one, and both sums together are 1 -
-    smear_memory^n after n frames. A frame with too few edges changes nothing."""
-    if not edges.at_least(params.smear_min_edges):
+    smear_memory^n after n frames. A frame with too few edges, or whose ramps are one-sided, changes nothing."""
+    if not edges.at_least(params.smear_min_edges) or edges.one_sided(params.smear_min_share):
         return state
     memory, weight = params.smear_memory, (1.0 - params.smear_memory) / edges.total
     return replace(
@@ -80,7 +91,7 @@ def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
     """True if the camera smears its edges.
 
     From smear_min_frames frames on, the mean share of ramps decides. Before that, the frame must have
-    smear_clear_edges edges and the share must exceed smear_clear_share, which no measured view of a camera with sharp
+    smear_clear_edges edges, ramps of both sides, and the share must exceed smear_clear_share, which no measured view of a camera with sharp
     edges reaches.
 
     Args:
@@ -91,9 +102,9 @@ def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
     # half a frame less, so that rounding does not affect the comparison
     if weight > 1.0 - p.smear_memory ** (p.smear_min_frames - 0.5):
         return state.edge_ramps > p.smear_min_share * weight
-    return (
-        edges.at_least(p.smear_clear_edges) and state.edge_ramps > max(p.smear_clear_share, p.smear_min_share) * weight
-    )
+    if not edges.at_least(p.smear_clear_edges) or edges.one_sided(p.smear_min_share):
+        return False
+    return state.edge_ramps > max(p.smear_clear_share, p.smear_min_share) * weight
 
 
 def drop_smeared_edges(

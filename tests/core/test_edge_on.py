@@ -7,7 +7,10 @@ import pytest
 
 from benchmarks.fidelity.metrics import stops
 from core.extractor import Extractor
-from core.types import ExtractorState
+from core.params import Params
+from core.stages.ramps import ramp_limits
+from core.stages.smeared_edges import edges_of, observe_edges, smears
+from core.types import FAR_MM, ExtractorState
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import SensorModel
 from drivers.simulation.source import camera_info, render
@@ -42,3 +45,27 @@ def test_every_column_of_a_wall_beside_the_path_is_in_the_model(
     side &= f.truth.obstacle() & (depth_m < 10.0) & (f.depth_mm > 0)
     assert side.sum() > 100
     assert not (side & (stop_m > depth_m + 0.5)).any()
+
+
+@pytest.mark.parametrize(
+    ("a_m", "b_m", "height_m", "seed"),
+    [((15.59, -0.06), (3.69, -0.33), 6.2, 147), ((10.59, -0.68), (3.17, -0.45), 5.1, 3)],
+    ids=["by one frame", "by the mean"],
+)
+def test_a_wall_that_is_nearly_all_that_is_measured_is_not_taken_for_a_camera_that_smears(
+    a_m: tuple[float, float], b_m: tuple[float, float], height_m: float, seed: int
+) -> None:
+    """Below an unmeasured sky its side is the only edge beside its top: up to 2 m behind its near end it was unknown."""
+    s = SceneBuilder("edge_on")
+    s.ground()
+    s.wall("wall", a_m, b_m, height_m, thickness=0.1)
+    info, params, state = camera_info(640, 480, ke_per_m=0.005), Params(), ExtractorState()
+    sensor = SensorModel(ke_per_m=0.005).scaled_to(640)
+    depth_mm = render(s.build(), info, sensor=sensor, position_ned_m=(0.0, 0.0, -1.5), seed=seed).depth_mm.copy()
+    depth_mm[depth_mm == FAR_MM] = 0
+    edges = edges_of(depth_mm, ramp_limits(info, 0.005, params))
+    assert edges.ramps > params.smear_min_share * edges.total
+    assert edges.at_least(params.smear_clear_edges)
+    for _ in range(2 * params.smear_min_frames):
+        state = observe_edges(state, edges, params)
+        assert not smears(state, edges, params)

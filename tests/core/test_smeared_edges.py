@@ -278,7 +278,7 @@ def test_sharp_edges_before_the_sky_are_steps() -> None:
     depth = np.full((120, 160), FAR_MM, np.uint16)
     for pole in range(12):
         depth[:, 8 + 12 * pole : 12 + 12 * pole] = 4000
-    assert edges_of(depth, limits()) == EdgeCounts(ramps=0, steps=2 * 12 * 30, rows=120)
+    assert edges_of(depth, limits()) == EdgeCounts(ramps=0, rising=0, steps=2 * 12 * 30, rows=120)
 
 
 def verdicts_over(edges: EdgeCounts, frames: int) -> list[bool]:
@@ -304,12 +304,34 @@ def test_one_frame_is_enough_where_nearly_all_of_many_edges_are_ramps() -> None:
 )
 def test_one_frame_is_not_enough_otherwise(share: float, total: float) -> None:
     ramps = round(share * total)
-    edges = EdgeCounts(ramps=ramps, steps=round(total) - ramps, rows=480)
+    edges = EdgeCounts(ramps=ramps, rising=ramps // 2, steps=round(total) - ramps, rows=480)
     assert edges.at_least(P.smear_min_edges)
     assert verdicts_over(edges, P.smear_min_frames + 1) == [False] * (P.smear_min_frames - 1) + [True, True]
 
 
+@pytest.mark.parametrize("rising", [0, 30, 370, 400])
+def test_ramps_of_one_side_are_no_evidence(rising: int) -> None:
+    """A wall seen edge-on is a ramp on one side in each row."""
+    edges = EdgeCounts(ramps=400, rising=rising, steps=0, rows=480)
+    assert verdicts_over(edges, P.smear_min_frames + 1) == [False] * (P.smear_min_frames + 1)
+    assert observe_edges(JUDGED, edges, P) == JUDGED
+
+
+def test_few_ramps_of_one_side_leave_the_steps_as_evidence() -> None:
+    edges = EdgeCounts(ramps=100, rising=100, steps=300, rows=480)
+    assert observe_edges(JUDGED, edges, P).edge_steps > 0.0
+
+
+def test_rising_ramps_are_those_with_the_near_side_on_the_right() -> None:
+    for near_m, far_m, side in ((5.0, 9.0, 0), (9.0, 5.0, 1)):
+        half = np.where(np.arange(160) < 80, near_m, far_m)
+        edges = edges_of(measure(np.repeat(half[None, :], 120, axis=0), INFO, SMEARED, 1), limits())
+        assert edges.ramps > 20
+        assert edges.rising == side * edges.ramps
+
+
 def test_a_clear_frame_after_one_of_sharp_edges_is_not_enough() -> None:
-    sharp, ramps = EdgeCounts(ramps=0, steps=400, rows=480), EdgeCounts(ramps=400, steps=0, rows=480)
+    sharp = EdgeCounts(ramps=0, rising=0, steps=400, rows=480)
+    ramps = EdgeCounts(ramps=400, rising=200, steps=0, rows=480)
     state = observe_edges(observe_edges(ExtractorState(), sharp, P), ramps, P)
     assert not smears(state, ramps, P)
