@@ -49,6 +49,8 @@ def arguments() -> argparse.Namespace:
     args = parser.parse_args()
     if args.live and args.start is None:
         parser.error("--live: say where the vehicle is, with --start")
+    if args.live and args.log is not None:
+        parser.error("--live uses the world of the service: leave the log away")
     return args
 
 

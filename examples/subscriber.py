@@ -20,6 +20,9 @@ def on_message(message: Message) -> None:
     print(flush=True)
 
 
+if len(sys.argv) > 2:
+    print(f"usage: {sys.argv[0]} [ADDRESS]", file=sys.stderr)
+    sys.exit(2)
 try:
     with suppress(KeyboardInterrupt), Subscriber(*sys.argv[1:2]) as subscriber:  # Ctrl-C ends it
         while subscriber.wait(1.0) is None:

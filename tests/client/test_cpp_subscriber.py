@@ -254,6 +254,42 @@ def test_a_file_that_cannot_be_used_is_an_error_that_names_it(program: Path, nam
     assert done.stderr.startswith("usage:")
 
 
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("query", ["FILE", "--allow-opened"]),
+        ("query", ["FILE", "--allow-open", "more"]),
+        ("tracks", ["FILE", "more"]),
+        ("subscriber", ["ipc:///tmp/none", "3x"]),
+        ("subscriber", ["ipc:///tmp/none", "many"]),
+        ("subscriber", ["ipc:///tmp/none", "-1"]),
+        ("subscriber", ["ipc:///tmp/none", "1", "more"]),
+    ],
+)
+def test_an_unknown_argument_is_wrong_usage(program: Path, name: str, arguments: list[str]) -> None:
+    """`query FILE --allow-opened` answered as without it, `subscriber ADDRESS many` ended at once with status 0."""
+    done = subprocess.run([program.with_name(name), *arguments], input="", capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("usage:")
+
+
+def test_a_query_that_is_not_four_numbers_is_an_error(program: Path, tmp_path: Path) -> None:
+    file = tmp_path / "frame"
+    file.write_bytes(frame().SerializeToString())
+    asked = "1 0 0 0.3\n1 0 zero 0.3\n"
+    done = subprocess.run([program.with_name("query"), file], input=asked, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stdout.count("\n") == 1
+    assert "line 2: expected x y z radius" in done.stderr
+
+
+def test_a_message_over_ipv6(program: Path) -> None:
+    with zmq.Context() as context, context.socket(zmq.XPUB) as socket:
+        socket.setsockopt(zmq.IPV6, 1)
+        socket.bind("tcp://[::1]:*")
+        assert "2 planes" in output_for(program, socket, frame().SerializeToString())
+
+
 def test_tracks_of_a_frame_that_is_not_valid_say_so(program: Path, tmp_path: Path) -> None:
     file = tmp_path / "tracks"
     file.write_bytes(pb.Tracks(schema_version=1, frame="ned", left_out=3).SerializeToString())

@@ -389,6 +389,13 @@ def test_the_example_names_an_address_that_cannot_be_used() -> None:
     assert "use ipc://PATH or tcp://HOST:PORT" in line
 
 
+def test_the_example_refuses_a_second_argument() -> None:
+    command = [sys.executable, str(ROOT / "examples" / "subscriber.py"), "ipc:///tmp/none", "more"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment())
+    assert done.returncode == 2
+    assert done.stderr.startswith("usage:")
+
+
 def environment() -> dict[str, str]:
     """With the modules of this checkout."""
     return os.environ | {"PYTHONPATH": str(ROOT)}

@@ -2,12 +2,14 @@
 // printed: 0 unknown, 1 free, 2 occupied, and with --allow-open 3 open (presumed free). Usage: query FILE [--allow-open]
 #include <fstream>
 #include <iostream>
+#include <sstream>
 #include <string>
 
 #include "osape_client/space.h"
 
 int main(int argc, char** argv) {
-  if (argc < 2) {
+  const bool allow_open = argc == 3 && std::string(argv[2]) == "--allow-open";
+  if (argc != 2 && !allow_open) {
     std::cerr << "usage: " << argv[0] << " FILE [--allow-open]   with an osape.v1.PrismsFrame\n";
     return 2;
   }
@@ -17,9 +19,17 @@ int main(int argc, char** argv) {
     std::cerr << argv[1] << (file.is_open() ? ": not an osape.v1.PrismsFrame\n" : ": cannot be opened; check the path\n");
     return 1;
   }
-  const bool allow_open = argc > 2 && std::string(argv[2]) == "--allow-open";
-  osape_client::Point p;
-  for (double radius_m; std::cin >> p.x >> p.y >> p.z >> radius_m;) {
+  int number = 0;
+  for (std::string line; std::getline(std::cin, line);) {
+    osape_client::Point p;
+    double radius_m;
+    std::string more;
+    std::istringstream words(line);
+    ++number;
+    if (!(words >> p.x >> p.y >> p.z >> radius_m) || words >> more) {
+      std::cerr << "line " << number << ": expected x y z radius\n";
+      return 1;
+    }
     std::cout << static_cast<int>(osape_client::occupancy(frame, p, radius_m, allow_open)) << '\n';
   }
 }

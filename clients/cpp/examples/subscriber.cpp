@@ -44,13 +44,15 @@ int run(const char* address, long count) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 2) {
+  char* end = nullptr;
+  const long count = argc > 2 ? std::strtol(argv[2], &end, 10) : -1;  // -1: without end
+  if (argc < 2 || argc > 3 || (argc == 3 && (end == argv[2] || *end != '\0' || count < 0))) {
     std::fprintf(stderr, "usage: %s ADDRESS [COUNT]   e.g. ipc:///run/osape-companion/prisms\n", argv[0]);
     return 2;
   }
   std::setvbuf(stdout, nullptr, _IOLBF, 0);
   try {
-    return run(argv[1], argc > 2 ? std::atol(argv[2]) : -1);
+    return run(argv[1], count);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
     return 1;
