@@ -295,9 +295,14 @@ def scan_of(state: SectorState, distance_m: float = np.inf, heights: range = ran
 
 
 def taken(
-    lost: dict[str, object], distance_m: float = np.inf, speed_m_s: float | None = 0.0, frames: int = 5
+    lost: dict[str, object],
+    distance_m: float = np.inf,
+    speed_m_s: float | None = 0.0,
+    frames: int = 5,
+    found: SectorScan | None = None,
 ) -> SectorScan:
-    """Frames at 10 Hz that see all sectors, then one that sees none. lost: what differs in its SectorSight."""
+    """Frames at 10 Hz that see all sectors, then one that sees none. lost: what differs in its SectorSight; found: its scan,
+    None: without any plane."""
     kept, nowhere = SeenSectors(AVOID), np.zeros(SECTORS, np.bool_)
     state = SectorState.CLEAR if distance_m == np.inf else SectorState.OBSTACLE
     for n in range(1, frames + 1):
@@ -306,7 +311,7 @@ def taken(
         kept.take(scan_of(state, distance_m), before)
     t_ns = (frames + 1) * NS // 10
     now = SectorSight(np.full(SECTORS, t_ns), nowhere, 0.0, speed_m_s, t_ns)
-    return kept.take(scan_of(SectorState.UNSEEN), replace(now, **lost))
+    return kept.take(scan_of(SectorState.UNSEEN) if found is None else found, replace(now, **lost))
 
 
 ALL, UPPER, LOWER = range(10), range(4), range(5, 10)
@@ -436,6 +441,12 @@ def test_a_sector_is_kept_only_after_three_frames(frames: int, state: SectorStat
 def test_a_kept_distance_is_shortened_by_the_way_flown(speed_m_s: float | None, left_m: float) -> None:
     """Without a velocity by the greatest plausible speed, 20 m/s."""
     assert taken({}, 5.0, speed_m_s).distance_m == pytest.approx(left_m)
+
+
+def test_a_nearer_plane_in_a_kept_sector_counts() -> None:
+    """The sector is not seen now, but a plane 3 m away is."""
+    assert taken({}, 5.0, found=scan_of(SectorState.UNSEEN, 3.0)).distance_m == pytest.approx(3.0)
+    assert taken({}, 5.0, found=scan_of(SectorState.UNSEEN, 7.0)).distance_m == pytest.approx(5.0)
 
 
 def test_a_camera_that_goes_blind_ends_what_it_shares_with_another_one() -> None:

@@ -16,6 +16,7 @@ from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
 from companion.autopilot.obstacle_report import ObstacleReport, ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
+from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -242,6 +243,42 @@ def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
     values = builder.decide(ARDUPILOT, NS).values
     assert values is not None
     assert (values == WALL).all()
+
+
+def test_beside_a_camera_that_sees_one_that_was_never_described_may_look_anywhere() -> None:
+    """ArduPilot takes unknown for clear, and would fly where that camera should look."""
+    chain = Chain(CLEAR)
+    chain.builder = ObstacleReportBuilder(AVOID, ("front", "rear"), 0.3)
+    chain.builder.announce(CAMERA)
+    chain.fly(1.0)
+    values = chain.report(ARDUPILOT).values
+    assert values is not None
+    assert (values[0:7] == 1201).all()
+    assert (values[9:63] == WALL).all()
+
+
+def test_the_surroundings_are_as_old_as_the_oldest_frame_that_counts() -> None:
+    shown: list[Surroundings] = []
+    rear = replace(CAMERA, camera="rear", mount=CameraMount(yaw_rad=math.pi))
+    pipeline = Pipeline((CAMERA, rear), lambda info: Sees(CLEAR))
+    builder = ObstacleReportBuilder(AVOID, ("front", "rear"), 0.3, observer=shown.append)
+    builder.announce(CAMERA)
+    builder.announce(rear)
+    for number in range(1, 6):
+        now_ns = 10 * NS + number * NS // 10
+        samples: list[AttitudeSample | PoseSample] = [
+            AttitudeSample(t_ns, t_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for t_ns in (now_ns - 50 * MS, now_ns)
+        ]
+        builder.samples(samples)
+        for sample in samples:
+            pipeline.handle(sample)
+        for image in (frame(number, now_ns, now_ns), frame(number, now_ns - 40 * MS, now_ns, "rear")):
+            for output in pipeline.handle(image):
+                if isinstance(output, PrismsResult):
+                    builder.result(output)
+        builder.decide(PX4, now_ns)
+    assert dict(shown[-1].frames) == {"front": now_ns, "rear": now_ns - 40 * MS}
+    assert shown[-1].exposed_ns == now_ns - 40 * MS
 
 
 def test_frames_of_a_camera_that_was_never_described_make_nothing_clear() -> None:

@@ -75,6 +75,16 @@ def test_moving_obstacles_in_other_coordinates_than_ned_are_not_sent() -> None:
     assert received_movers(made, 5 * NS + NS // 10) == []
 
 
+def test_a_flood_of_one_sender_is_dropped_before_it_is_decoded() -> None:
+    made = Made()
+    for number in range(500):
+        made.deliver(1000 + number, 5 * NS)
+    for k in range(10):
+        made.sharing.step(5 * NS + k * NS // 5)
+    assert made.sharing.health.received["accepted"] == BURST
+    assert made.sharing.health.received["flood"] == 500 - BURST
+
+
 def test_only_the_link_of_a_packet_is_confirmed() -> None:
     made = Made()
     data = made.deliver(1000, 5 * NS)

@@ -111,6 +111,34 @@ def test_a_wrong_origin_is_aligned_by_the_planes_of_both() -> None:
     assert [m.centre_m[0] for m in got.movers] == [pytest.approx(31.0, abs=1.5)]
 
 
+def test_packets_have_the_number_of_the_section_in_which_the_planes_stand() -> None:
+    """Receivers keep the planes of the section before where they are."""
+    one = team(1, "47.0, 8.0, 400")
+    for number in (3, 4):
+        now_ns = number * NS
+        one.own.motion, one.own.planes = motion(0.0, now_ns), OwnPlanes(street(), number, now_ns)
+        assert {decoded(data).header.section for data in one.packets(now_ns)["tunnel"]} == {number}
+
+
+def test_vehicles_that_are_no_members_are_refused_where_the_link_does_not_know_the_sender() -> None:
+    one = Team(ShareConfig(origin="47.0, 8.0, 400", members="2, 4"), 1, 1_700_000_000, 0, 0.4, {"tunnel": THIN})
+    for vehicle, code in ((2, ""), (3, "unknown_sender")):
+        other = team(vehicle, "47.0, 8.0, 400")
+        other.own.motion, other.own.planes = motion(0.0, NS), OwnPlanes(street(), 1, NS)
+        assert {one.receive(data, NS, None) for data in other.packets(NS)["tunnel"]} == {code}
+
+
+def test_a_world_that_is_not_updated_is_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[int] = []
+    monkeypatch.setattr(NeighbourMap, "align", lambda self, box, own, now_ns: compared.append(len(box)))
+    one = team(1, "47.0, 8.0, 400")
+    one.own.motion, one.own.planes = motion(0.0, 5 * NS), OwnPlanes(street(), 1, 4 * NS)
+    assert one.align(5 * NS)
+    one.own.motion = motion(0.0, 8 * NS)
+    assert one.align(8 * NS)
+    assert compared == [len(street().ids), 0]
+
+
 def test_the_nearest_planes_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time of a fit grows with their number."""
     compared: list[int] = []
