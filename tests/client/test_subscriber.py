@@ -28,9 +28,10 @@ from osape_client import KeyFileError, LevelMemory, Occupancy, Subscriber
 from osape_client.boot import boot_id
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import Message as Received
-from tests.companion.live import free_port, until
+from tests.companion.live import until
 from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
 from tests.companion.test_surround import keeper, results, sees
+from tests.ports import free_port
 
 pytestmark = pytest.mark.process
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -25,17 +24,12 @@ from drivers.simulation.autopilot import PX4
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, UdpEnd
 from drivers.simulation.looping_flight import LoopingFlight
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 NS = 1_000_000_000
 PATIENCE_S = 60.0
 """Time limit for steps that are not the subject of a test, such as a start on a busy machine."""
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> bool:

@@ -21,9 +21,10 @@ from companion.config.loader import Config, load_config
 from companion.doctor import autopilot_check, doctor
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from tests.ports import free_port
 
 from .autopilot_parameters import DEFAULTS, PARAMETERS
-from .live import free_port, until
+from .live import until
 
 pytestmark = pytest.mark.process
 

@@ -3,7 +3,6 @@ over a pty, an autopilot that reads it, and a vehicle that flies as that lets it
 
 from __future__ import annotations
 
-import socket
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -28,6 +27,7 @@ from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd, UdpEnd
 from drivers.simulation.flight_path import VehicleState
 from drivers.simulation.scenes import Scene
 from drivers.simulation.source import render
+from tests.ports import free_port
 
 from .test_braking import AVOID, CAMERA, MARGIN_M, PARAMS, SENSOR, Flight, ardupilot, facade, px4, speed_after
 
@@ -124,9 +124,7 @@ def flying(
 ) -> Iterator[tuple[Vehicle, Companion, AutopilotLink]]:
     vehicle = Vehicle(kind, x_m)
     if line == "udp":
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-            s.bind(("127.0.0.1", 0))
-            port = int(s.getsockname()[1])
+        port = free_port()
         end: UdpEnd | PtyEnd = UdpEnd("127.0.0.1", port)
         address = f"udpin:127.0.0.1:{port}"
     else:

@@ -30,8 +30,9 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, FirmwareProfile, SimulatedAutopilot, hovering
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 from drivers.simulation.flight_path import VehicleState
+from tests.ports import free_port
 
-from .live import free_port, until
+from .live import until
 from .test_obstacle_sender import CAMERA, CLEAR, Sees
 
 pytestmark = pytest.mark.process

@@ -24,8 +24,9 @@ from drivers.simulation.firmware_models.auto_flight import (
     CopterAutoFlight,
     Px4AutoFlight,
 )
+from tests.ports import free_port
 
-from .live import Live, free_port, until
+from .live import Live, until
 
 pytestmark = pytest.mark.process
 

@@ -17,6 +17,7 @@ from companion.live.prometheus import LOOPBACK, MAX_REPORT_AGE_NS, OLD_NAMES, Me
 from companion.live.service import Service
 from companion.paths import Folders
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.ports import free_port
 
 from .test_status import report
 
@@ -190,9 +191,7 @@ def service(folder: Path, port: int) -> Service:
 
 
 def test_the_service_publishes_its_own_boot_id(tmp_path: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     running = service(tmp_path, port)
     try:
         running.open()

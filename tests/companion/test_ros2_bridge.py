@@ -5,7 +5,6 @@ No ROS installation takes part: names, hashes and layouts are compared with the 
 from __future__ import annotations
 
 import json
-import socket
 import struct
 import time
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from companion.ros2.message_types import RosMessages
 from companion.ros2.session import RosNode
 from companion.ros2.wire import gid
 from companion.viewer.subscriber import Camera, LiveSubscriber
+from tests.ports import free_port
 
 from .live import until
 from .scripted_service import ScriptedService
@@ -46,12 +46,6 @@ def session(**settings: Any) -> Any:
 
 def router(port: int) -> Any:
     return session(mode="router", listen__endpoints=[f"tcp/127.0.0.1:{port}"])
-
-
-def free_tcp_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 class Reader:
@@ -85,7 +79,7 @@ class Setup:
     """A router, a reader, and the bridge to a made-up service."""
 
     def __init__(self, scripted: ScriptedService) -> None:
-        self.port = free_tcp_port()
+        self.port = free_port()
         self.router = router(self.port)
         self.reader = Reader(self.port)
         self.scripted = scripted

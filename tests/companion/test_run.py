@@ -15,8 +15,7 @@ from companion.live.run import serve
 from companion.live.sd_notify import Notifier
 from companion.live.service import Service
 from companion.paths import Folders
-
-from .live import free_port
+from tests.ports import free_port
 
 pytestmark = pytest.mark.process
 

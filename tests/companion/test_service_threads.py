@@ -22,8 +22,9 @@ from companion.live.sd_notify import Notifier
 from companion.live.service import Service
 from companion.paths import Folders
 from drivers.mavlink.dialect import dialect
+from tests.ports import free_port
 
-from .live import free_port, until
+from .live import until
 
 pytestmark = [
     pytest.mark.process,

@@ -16,8 +16,9 @@ from drivers.sharing.tunnel_line import TunnelLine
 from osape_client.neighbours_subscriber import NeighboursSubscriber
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.world.mirror import WorldMirror
+from tests.ports import free_port
 
-from .live import PATIENCE_S, Live, flown, free_port, until
+from .live import PATIENCE_S, Live, flown, until
 from .test_service import CONFIG
 
 pytestmark = pytest.mark.process

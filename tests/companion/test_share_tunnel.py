@@ -18,6 +18,7 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.sharing.link import ReceivedPacket
 from drivers.sharing.tunnel import FRAME_BYTES, PAYLOAD_TYPE, SIGNATURE_BYTES, TUNNEL_ID, tunnel_message
 from drivers.simulation.autopilot import SimulatedAutopilot
+from tests.ports import free_port
 
 pytestmark = pytest.mark.process
 
@@ -32,12 +33,6 @@ def tunnel(port: int, signed: bool = False) -> Iterator[tuple[AutopilotTunnel, l
         yield AutopilotTunnel(link, received.append, signed=signed), received
     finally:
         link.close()
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def frame_of(message: dialect.MAVLink_message, system: int) -> Frame:

@@ -19,9 +19,10 @@ from drivers.mavlink.signing_key import SigningKey, load_key
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.ports import free_port
 
 from .autopilot_parameters import PARAMETERS
-from .live import PATIENCE_S, Live, flown, free_port, until
+from .live import PATIENCE_S, Live, flown, until
 from .test_service_avoids import CONFIG, AvoidingService
 
 pytestmark = pytest.mark.process

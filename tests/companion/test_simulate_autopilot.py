@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -26,16 +25,11 @@ from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
+from tests.ports import free_port
 
 pytestmark = pytest.mark.process
 
 ROOT = Path(__file__).parents[2]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def config_file(folder: Path, address: str = "") -> Path:

@@ -26,8 +26,7 @@ from companion.kernels.warmup import warm_up
 from companion.paths import FolderError, cache_folder, folders
 from companion.whole_file import whole_file, write_whole
 from osape_client.run_folder import SYSTEM_RUN, run_folder
-
-from .live import free_port
+from tests.ports import free_port
 
 FULL_DISK = """
 import resource, sys

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import socket
 import time
 from dataclasses import replace
 
@@ -22,6 +21,7 @@ from drivers.simulation.following_camera import FollowingDepthSource, FollowSett
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import PERFECT
 from drivers.simulation.source import camera_info
+from tests.ports import free_port
 
 NS = 1_000_000_000
 INFO = camera_info(80, 60)
@@ -33,12 +33,6 @@ def walled() -> object:
     b.ground()
     b.box("wall", 10.15, 0.0, 0.3, 60.0, 20.0)
     return replace(flight_plan("demo"), scene=b.build(), sensor=PERFECT)
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def depth_at(position_ned_m: tuple[float, float, float], yaw_deg: float = 0.0, mount: CameraMount | None = None) -> int:

@@ -17,8 +17,9 @@ from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.udp_line import UdpLine
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
+from tests.ports import free_port
 
-from .test_mavlink_link import free_port, linked, until
+from .test_mavlink_link import linked, until
 from .test_mavlink_session import NS, Conversation, talk
 
 pytestmark = pytest.mark.process

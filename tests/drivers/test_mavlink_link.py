@@ -39,17 +39,12 @@ from drivers.mavlink.udp_flood import PER_SOURCE, WINDOW_NS
 from drivers.mavlink.udp_line import UdpLine
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
+from tests.ports import free_port
 
 pytestmark = pytest.mark.process
 
 NS, MS = 1_000_000_000, 1_000_000
 Samples = list[AttitudeSample | PoseSample]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def until(condition: Callable[[], bool], seconds: float = 60.0) -> bool:

@@ -15,8 +15,9 @@ from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.tlog import TlogRecord, read_tlog
 from drivers.simulation.autopilot_link import UdpEnd
+from tests.ports import free_port
 
-from ..companion.live import free_port, until
+from ..companion.live import until
 
 pytestmark = pytest.mark.process
 

@@ -18,6 +18,7 @@ from drivers.mavlink.signing_key import SigningKey
 from drivers.sharing.link import ReceivedPacket
 from drivers.sharing.tunnel import FRAME_BYTES, PAYLOAD_TYPE, SIGNATURE_BYTES, TUNNEL_ID, TunnelCodec
 from drivers.sharing.tunnel_line import TunnelLine
+from tests.ports import free_port
 
 COMPONENT = 196
 
@@ -77,9 +78,7 @@ def test_the_payload_type_is_of_the_private_range() -> None:
 
 @pytest.mark.process
 def test_two_lines_over_udp() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     found: list[ReceivedPacket] = []
     back: list[ReceivedPacket] = []
     listener = TunnelLine(parse_address(f"udpin:127.0.0.1:{port}"), COMPONENT, found.append, signing())
@@ -90,9 +89,7 @@ def test_two_lines_over_udp() -> None:
 @pytest.mark.process
 def test_a_listening_line_sends_to_the_member_that_was_confirmed() -> None:
     """Every sender can reach the port: the last one must not receive what is meant for the team."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     found: list[ReceivedPacket] = []
     line = TunnelLine(parse_address(f"udpin:127.0.0.1:{port}"), COMPONENT, found.append)
     line.open()

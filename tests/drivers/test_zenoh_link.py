@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 from drivers.base import BadData
 from drivers.sharing.link import ReceivedPacket
 from drivers.sharing.zenoh_link import ZenohLink, checked, is_authenticated, sender_of, unchecked
+from tests.ports import free_port
 
 zenoh = pytest.importorskip("zenoh", reason="the extra `share` is not installed")
 
@@ -33,12 +33,6 @@ def settings(folder: Path, name: str, **more: object) -> Path:
     path = folder / f"{name}.json5"
     path.write_text(json.dumps({"mode": "peer", "scouting": {"multicast": {"enabled": False}}, **more}))
     return path
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def users(folder: Path, user: str, password: str) -> dict[str, object]:
