@@ -6,7 +6,7 @@ from collections import Counter, OrderedDict
 from typing import Any, Final
 
 from ..mavlink.dialect import dialect
-from ..mavlink.parser import MAVLINK2, Frame, MessageSplitter
+from ..mavlink.parser import Frame, MessageSplitter
 from ..mavlink.signing import Signing
 from ..mavlink.transport import Source
 from .link import ReceivedPacket
@@ -73,7 +73,7 @@ class TunnelCodec:
             self._splitters.popitem(last=False)
         found = []
         for frame in splitter.frames(data):
-            if frame.data[0] != MAVLINK2 or frame.id != TUNNEL_ID:
+            if frame.id != TUNNEL_ID:  # MAVLink 1, which has no signatures, has no id above 255
                 continue
             if not self._signing.believes(frame, arrival_ns):
                 self.refused["signature"] += 1

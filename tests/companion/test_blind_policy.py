@@ -28,7 +28,7 @@ from drivers.simulation.firmware_models.px4 import Px4Reader
 from .test_sectors import HERE, model, wall_at
 
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2, avoid_margin_m=2.0)
-NS = 1_000_000_000
+NS, MS = 1_000_000_000, 1_000_000
 SECTOR = np.arange(SECTORS)
 FRONT = np.minimum(SECTOR, SECTORS - SECTOR) <= 7
 EDGES = np.minimum(SECTOR, SECTORS - SECTOR) == 7
@@ -314,9 +314,10 @@ def test_a_near_obstacle_that_leaves_the_view_is_remembered_where_it_stands() ->
     then = memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 2 * NS).distance_m
     assert np.flatnonzero(np.isfinite(then)).tolist() == [54]  # 1 m to the left
     assert then[54] == pytest.approx(0.7, abs=0.05)
-    assert np.isinf(
-        memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 5 * NS).distance_m
-    ).all()  # too long ago
+    late_ns = NS + round(AVOID.remember_s * NS)
+    for t_ns, kept in ((late_ns - MS, True), (late_ns + MS, False)):
+        left = memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), t_ns)
+        assert bool(np.isfinite(left.distance_m[54])) is kept
 
 
 def test_without_a_position_the_turn_is_taken_into_account() -> None:

@@ -85,6 +85,17 @@ def test_a_flood_of_one_sender_is_dropped_before_it_is_decoded() -> None:
     assert made.sharing.health.received["flood"] == 500 - BURST
 
 
+def test_a_packet_in_the_name_of_another_vehicle_than_its_sender_is_refused() -> None:
+    made = Made()
+    made.deliver(1000, 5 * NS)
+    made.sharing.step(5 * NS)
+    (packet,) = made.link.confirmed
+    made.link.deliver(replace(packet, arrival_ns=6 * NS, sender=3))
+    made.sharing.step(6 * NS)
+    assert made.sharing.health.received["sender_mismatch"] == 1
+    assert made.sharing.health.received["accepted"] == 1
+
+
 def test_only_the_link_of_a_packet_is_confirmed() -> None:
     made = Made()
     data = made.deliver(1000, 5 * NS)
