@@ -6,11 +6,11 @@ import contextlib
 import logging
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from .child_process import WarmupError
-from .jit_cache import COMPLETE, VARIABLE, base_of, is_temporary_copy, unwritable_bases
+from .jit_cache import COMPLETE, VARIABLE, base_of, is_temporary_copy, no_place_text, unwritable_bases
 from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
 from .processor import processor
 from .run_kernels import MODES
@@ -18,27 +18,23 @@ from .run_kernels import MODES
 log = logging.getLogger("companion")
 
 
-def cache_folders() -> list[Path]:
-    """Returns the directories of numba's cache for these sources.
-
-    They are NUMBA_CACHE_DIR as set by jit_cache; otherwise (numba imported before this package) the directories beside
-    the sources and in the user's cache."""
+def cache_folder() -> Path:
+    """Returns the directory that `use_own_cache` has set. Raises WarmupError without one."""
     named = os.environ.get(VARIABLE)
-    if named:
-        return [Path(named)]
-    root = Path(__file__).resolve().parents[2]
-    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "numba"
-    return [root / "core" / "__pycache__", root / "drivers" / "__pycache__", user]
+    if not named:
+        raise WarmupError(
+            no_place_text() or f"{VARIABLE} is not set, since numba was imported first: import companion before numba"
+        )
+    return Path(named)
 
 
-def cached_files(folders: list[Path]) -> Iterator[Path]:
-    for folder in folders:
-        for pattern in CACHED:
-            yield from folder.rglob(pattern)
+def cached_files(folder: Path) -> list[Path]:
+    return [file for pattern in CACHED for file in folder.rglob(pattern)]
 
 
-def delete_all(folders: list[Path]) -> int:
-    files = list(cached_files(folders))
+def delete_all(folder: Path) -> int:
+    """Deletes all kernels. Returns the number of files."""
+    files = cached_files(folder)
     for file in files:
         file.unlink(missing_ok=True)
     return len(files)
@@ -48,9 +44,9 @@ def cache_warning(modes: Sequence[str]) -> str:
     """Returns a warning with a remedy if kernels of these groups are missing and cannot be stored, otherwise "".
 
     Each process would compile its own kernels then."""
-    folder = cache_folders()[0]
-    missing = incomplete_modes(folder, modes)
-    if not is_temporary_copy(folder) or not missing:
+    named = os.environ.get(VARIABLE, "")
+    missing = incomplete_modes(Path(named), modes)
+    if not is_temporary_copy(Path(named)) or not missing:
         return ""
     places = " or ".join(map(str, unwritable_bases())) or "their cache"
     return (
@@ -62,19 +58,17 @@ def cache_warning(modes: Sequence[str]) -> str:
 def check_cache_place() -> None:
     """Raises WarmupError if the cache directory cannot be written: numba's own error names neither the directory nor
     a remedy."""
-    named = os.environ.get(VARIABLE)
-    if not named:
-        return
-    if is_temporary_copy(Path(named)) and (warning := cache_warning(MODES)):
+    folder = cache_folder()
+    if is_temporary_copy(folder) and (warning := cache_warning(MODES)):
         raise WarmupError(warning)
-    named = str(base_of(Path(named)))  # the value that the user has set
+    base = base_of(folder)  # the value that the user has set
     try:
-        Path(named).mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=named):
+        base.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=base):
             pass
     except OSError as error:
         raise WarmupError(
-            f"{VARIABLE} = {named} cannot be written ({error.strerror}); "
+            f"{VARIABLE} = {base} cannot be written ({error.strerror}); "
             "name a directory that this user may write, or unset it"
         ) from error
 

@@ -22,7 +22,7 @@ from typing import Any
 
 from ..console import fail, print_json, print_line, warn
 from .cache_state import (
-    cache_folders,
+    cache_folder,
     cache_warning,
     cached_files,
     check_cache_place,
@@ -53,11 +53,11 @@ class Warmup:
     """Result of `warm_up`.
 
     Attributes:
-        cache: directories of compiled kernels; several if NUMBA_CACHE_DIR is not set.
+        cache: directory of compiled kernels.
         deleted: number of deleted files of damaged kernels.
         cached: number of present files."""
 
-    cache: tuple[str, ...]
+    cache: Path
     deleted: int
     cached: int
 
@@ -83,12 +83,12 @@ def run(args: argparse.Namespace) -> int:
         fail(str(error))
         return 1
     if args.json:
-        print_json({"cache": list(done.cache), "deleted": done.deleted, "cached": done.cached})
+        print_json({"cache": [str(done.cache)], "deleted": done.deleted, "cached": done.cached})
         return 0
     if done.deleted:
         print_line(f"the cache of compiled kernels was damaged: {done.deleted} files deleted, compiled again")
     level = os.environ.get(CPU_NAME, "this processor")
-    print_line(f"all kernels are compiled for {level}: {done.cached} files in {', '.join(done.cache)}{_link_remark()}")
+    print_line(f"all kernels are compiled for {level}: {done.cached} files in {done.cache}{_link_remark()}")
     return 0
 
 
@@ -122,27 +122,26 @@ def _run_levels(as_json: bool) -> int:
 def warm_up() -> Warmup:
     """Compiles or loads every kernel in a child process, with a line of progress. Raises WarmupError."""
     check_cache_place()
-    folders = cache_folders()
-    with _progress_line() as report, _one_at_a_time(folders[0]):
+    folder = cache_folder()
+    with _progress_line() as report, _one_at_a_time(folder):
         deleted = discard_damaged()
         first = _child(report=report)
         if first.returncode != 0:
-            deleted += delete_all(folders)
+            deleted += delete_all(folder)
             if not deleted:
-                raise WarmupError(f"the kernels do not run: {_last_line(first)}{_space_remedy(first, folders[0])}")
+                raise WarmupError(f"the kernels do not run: {_last_line(first)}{_space_remedy(first, folder)}")
             second = _child(report=report)
             if second.returncode != 0:
                 raise WarmupError(
                     f"the kernels do not run, even after {deleted} cached files were deleted: {_last_line(second)}"
-                    f"{_space_remedy(second, folders[0])}"
+                    f"{_space_remedy(second, folder)}"
                 )
         mark_complete(*MODES)
-    cached = len(list(cached_files(folders)))
-    return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
+    return Warmup(cache=folder, deleted=deleted, cached=len(cached_files(folder)))
 
 
 def _link_remark() -> str:
-    return ", links to a cache that cannot be written" if is_temporary_copy(cache_folders()[0]) else ""
+    return ", links to a cache that cannot be written" if is_temporary_copy(cache_folder()) else ""
 
 
 def _space_remedy(child: subprocess.CompletedProcess[str], folder: Path) -> str:
@@ -228,7 +227,7 @@ def run_child(modes: Sequence[str]) -> None:
 def _child(*modes: str, report: Report) -> subprocess.CompletedProcess[str]:
     """Runs the kernels of these groups, or of all without arguments, in a child process and reports what it compiles."""
     command = [sys.executable, "-c", CHILD, *modes]
-    count = CompiledCount(cache_folders()[0], modes or MODES)
+    count = CompiledCount(cache_folder(), modes or MODES)
     cached = newest = count.done()
 
     def has_progressed() -> bool:

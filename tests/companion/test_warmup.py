@@ -120,6 +120,19 @@ def test_a_cache_that_cannot_be_written(
     assert "unset it" in output
 
 
+def test_kernels_of_other_software_are_not_deleted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where numba was imported before this software, kernels are in numba's own cache, which all of a user's software shares."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(warmup, "CHILD", "raise MemoryError('no memory for kernels')")
+    foreign = tmp_path / "numba" / "their_project" / "kernel.nbi"
+    foreign.parent.mkdir(parents=True)
+    foreign.write_text("")
+    with pytest.raises(warmup.WarmupError, match="import companion before numba"):
+        warmup.warm_up()
+    assert foreign.exists()
+
+
 def test_all_kernels_run() -> None:
     """On the frames that the command uses, of both kinds and in both modes."""
     warmup.run_kernels()
