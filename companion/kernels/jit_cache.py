@@ -30,7 +30,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from .manifest import copy_entries
+from .manifest import ENDING, copy_entries
 from .processor import use_level
 from .source_state import Closure, content_hash, import_closures, module_name, source_key
 
@@ -235,20 +235,31 @@ def _closures_of(folder: Path) -> dict[str, Closure]:
 
 
 def _link_kernels(source: Path, target: Path, module: str, link: Link) -> list[str]:
-    """Links the kernels of a module into the target directory. Returns their paths relative to the source directory."""
+    """Links the kernels of a module into the target directory, except those that have an index there: numba would take
+    the machine code for what that index names. Returns their paths relative to the source directory."""
     package, _, stem = module.rpartition(".")
     files = [f for f in (source / package).glob(f"{stem}.*") if f.suffix in (".nbi", ".nbc")]
+    if files:
+        (target / package).mkdir(exist_ok=True)
+    indices = {f.name for f in (target / package).glob(f"{stem}.*.nbi")}
     # each data file before the index that refers to it
     for file in sorted(files, key=lambda f: f.suffix):
-        place = target / file.parent.name / file.name
-        place.parent.mkdir(exist_ok=True)
-        if not place.exists():
-            link(file, place)
-    return [str(f.relative_to(source)) for f in files]
+        if ENDING.sub(".nbi", file.name) not in indices:
+            link(file, target / package / file.name)
+    return [str(f.relative_to(source)) for f in files if _is_same(f, target / package / f.name)]
+
+
+def _is_same(file: Path, place: Path) -> bool:
+    """True if a file is at a place, or a copy with its times."""
+    try:
+        there, here = file.stat(), place.stat()
+    except OSError:
+        return False
+    return (there.st_size, there.st_mtime_ns) == (here.st_size, here.st_mtime_ns)
 
 
 def _link_or_copy(file: Path, place: Path) -> None:
-    """Makes a hard link if the system allows one, otherwise a copy with the same times."""
+    """Makes a hard link, or a copy with the same times, if the system allows no link or there is another file."""
     try:
         os.link(file, place)
     except OSError:

@@ -18,7 +18,7 @@ from typing import Final
 MANIFEST: Final = "manifest.json"
 CACHED: Final = ("*.nbi", "*.nbc")
 """Patterns of numba's index and code files: no other files are deleted."""
-_ENDING: Final = re.compile(r"(\.\d+)?\.nb[ic]$")
+ENDING: Final = re.compile(r"(\.\d+)?\.nb[ic]$")
 _TICK_S: Final = 0.02
 """More than the step of a file system's stamps (Linux: 1 to 10 ms)."""
 Entry = tuple[int, int, str]
@@ -70,8 +70,8 @@ def damaged_kernels(folder: Path) -> list[Path]:
 def delete_kernels(files: Iterable[Path]) -> int:
     """Deletes all files of the functions that these files belong to; returns their number."""
     deleted = 0
-    for stem in {(f.parent, _ENDING.sub("", f.name)) for f in files}:
-        for file in [f for f in _kernels(stem[0]) if _ENDING.sub("", f.name) == stem[1]]:
+    for stem in {(f.parent, ENDING.sub("", f.name)) for f in files}:
+        for file in [f for f in _kernels(stem[0]) if ENDING.sub("", f.name) == stem[1]]:
             file.unlink(missing_ok=True)
             deleted += 1
     return deleted

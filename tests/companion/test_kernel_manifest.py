@@ -209,6 +209,45 @@ def test_a_seeded_directory_is_checked(tmp_path: Path) -> None:
     assert damaged_kernels(new) == [new / "core" / "a.f-3.py311.nbi"]
 
 
+def seeded(base: Path, old: Path, new: Path) -> None:
+    """Sources of one module, and a new directory for them that begins with the kernels of an older one."""
+    root = base.parent / "sources"
+    for name in ("core/a.py", *KERNELS_OUTSIDE_CORE):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("")
+    seed((), old, root)
+    write_manifest(old)
+    seed((base,), new, root)
+
+
+def test_an_index_is_never_joined_with_machine_code_of_another_directory(tmp_path: Path) -> None:
+    """numba writes the index of a kernel first, and ends on a full disk before its code. It takes any code of that name:
+    that of other arguments, if the two directories were filled in another order."""
+    base = tmp_path / "base"
+    old, new = base / ("kernels-" + "0" * 16), base / ("kernels-" + "1" * 16)
+    made(old)
+    (new / "core").mkdir(parents=True)
+    index = new / "core" / "a.f-3.py311.nbi"
+    index.write_bytes(b"of other arguments")
+    seeded(base, old, new)
+    assert index.read_bytes() == b"of other arguments"
+    assert sorted(f.name for f in (new / "core").iterdir()) == ["a.f-3.py311.nbi", "a.g-9.py311.nbi"]
+    assert damaged_kernels(new) == []
+
+
+def test_machine_code_without_an_index_is_replaced(tmp_path: Path) -> None:
+    """A start was ended before it linked the index; the next one takes another directory."""
+    base = tmp_path / "base"
+    old, new = base / ("kernels-" + "0" * 16), base / ("kernels-" + "1" * 16)
+    files = made(old)
+    (new / "core").mkdir(parents=True)
+    code = new / "core" / "a.f-3.py311.1.nbc"
+    code.write_bytes(b"of another directory")
+    seeded(base, old, new)
+    assert code.read_bytes() == files[code.name].read_bytes()
+    assert damaged_kernels(new) == []
+
+
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A cache with two compiled kernels; loading them is left out."""
