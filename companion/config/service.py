@@ -64,7 +64,7 @@ WORLD_STREAMS = ("world", "world_requests")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishConfig:
-    """Where the streams are. {run} stands for the service's run folder."""
+    """Where the streams are. {run} stands for the service's run folder, which `address` inserts."""
 
     prisms: str = text(
         "ipc://{run}/prisms",
@@ -112,6 +112,10 @@ class PublishConfig:
                 other = places[address]
                 raise ValueError(f'[publish] {other} and {name} have the same address "{address}"; give each its own')
             places[address] = name
+
+    def address(self, stream: str, run: Path) -> str:
+        """The address of a stream; empty: none. run: the service's run folder."""
+        return str(getattr(self, stream)).replace("{run}", str(run))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

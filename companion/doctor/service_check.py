@@ -18,7 +18,7 @@ def running_service(config: Config, patience_s: float) -> list[Finding] | None:
     """The diagnostics of the running service, once it has started; None when no service runs.
 
     A service that runs but sends no report is a finding of its own, since it holds the cameras and the link."""
-    address = config.publish.health.replace("{run}", str(run_folder()))
+    address = config.publish.address("health", run_folder())
     try:
         if not address or not address_in_use(address):
             return None

@@ -178,7 +178,7 @@ class Service:
             parts.share.connect(parts.session, parts.link)
             parts.share.open(self._context, keys)
         self._output.open(run, self._context, keys)
-        parts.previews.open(publish.depth.replace("{run}", str(run)), self._context, keys)
+        parts.previews.open(publish.address("depth", run), self._context, keys)
         for part in (parts.recorder, parts.metrics, parts.loop, parts.link, parts.avoidance, parts.guard):
             if part is not None:
                 part.open()

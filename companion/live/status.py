@@ -20,6 +20,7 @@ from osape_client.run_folder import run_folder
 from ..argument_types import number_in
 from ..config.loader import load_config
 from ..config.obstacle_range import obstacle_range_m
+from ..config.service import PublishConfig
 from ..console import print_json, print_line
 from ..pipeline.mount_messages import mount_text
 from ..pipeline.sync import DropCause
@@ -217,8 +218,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: the service detects obstacles; 1: it is blind or starting, or sends no report."""
-    default = "ipc://{run}/health" if args.config is None else load_config(args.config).publish.health
-    report = newest_health(default.replace("{run}", str(run_folder())), args.timeout)
+    publish = PublishConfig() if args.config is None else load_config(args.config).publish
+    report = newest_health(publish.address("health", run_folder()), args.timeout)
     if args.json:
         print_json(health_json(report))
     else:

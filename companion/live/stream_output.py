@@ -43,7 +43,7 @@ class StreamOutput:
     def open(self, run: Path, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None) -> None:
         """Binds the sockets of the configured addresses. run: folder that replaces `{run}`. Raises as Publisher does."""
         for name in STREAMS:
-            address = getattr(self._config.publish, name).replace("{run}", str(run))
+            address = self._config.publish.address(name, run)
             if address and self._is_published(name):
                 self.publishers[name] = Publisher(Stream(name, address), context, keys)
 

@@ -202,7 +202,7 @@ def open_world(
 ) -> WorldThread:
     """The merged world with its thread started. Raises as Publisher does."""
     publish = config.publish
-    streams = [Stream(name, getattr(publish, name).replace("{run}", str(run))) for name in ("world", "world_requests")]
+    streams = [Stream(name, publish.address(name, run)) for name in ("world", "world_requests")]
     changes = Publisher(streams[0], context, keys, newest_only=False)
     try:
         requests = Publisher(streams[1], context, keys, zmq.REP, newest_only=False)

@@ -72,11 +72,8 @@ class ShareService:
 
     def open(self, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None) -> None:
         """Opens stream and links and starts the thread. Raises as Publisher does."""
-        share, address = self._config.share, self._config.publish.neighbours
-        publisher: Publisher | None = None
-        if address:
-            stream = Stream("neighbours", address.replace("{run}", str(self._folders.run)))
-            publisher = Publisher(stream, context, keys)
+        share, address = self._config.share, self._config.publish.address("neighbours", self._folders.run)
+        publisher = Publisher(Stream("neighbours", address), context, keys) if address else None
         self.sharing = Sharing(
             share,
             self._config.avoid.radius_m,

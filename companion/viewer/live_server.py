@@ -214,8 +214,8 @@ class _Handler(BaseHTTPRequestHandler):
 def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
     """The addresses of a service with this configuration."""
     names = ("prisms", "health", "depth", "world", "world_requests", "neighbours", "tracks")
-    run = str(run_folder())
-    return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
+    run = run_folder()
+    return Streams(**{name: publish.address(name, run) for name in names}, keys=keys)
 
 
 def _foxglove(subscriber: LiveSubscriber, listen: str, port: int) -> FoxgloveServer:
