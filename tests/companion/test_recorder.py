@@ -727,11 +727,13 @@ def test_a_folder_that_is_taken_away_in_flight_is_made_again(tmp_path: Path, how
     run_through(recorder, pipeline, events)
     assert until(lambda: recorder.status.recording and not recorder.status.fault)
     recorder.close()
-    assert files_of(folder)
-    for log in files_of(folder):
+    logs = files_of(folder)
+    assert logs
+    for log in logs:
         result = replay(log.path, Options(check=True))
         assert result.comparison is not None
-        assert result.comparison.passed
+        assert result.comparison.different == 0, (log.path, result.comparison.first)
+        assert result.comparison.compared > 0 or log is logs[-1]  # the last one may begin after the last frame
 
 
 def test_an_unfinished_file_without_a_byte_is_deleted(tmp_path: Path) -> None:
