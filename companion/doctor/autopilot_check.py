@@ -131,10 +131,9 @@ def _observed_status(
 
 
 def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iterator[Finding]:
-    """The open link, the heartbeat, the attitude's rate and the clock."""
-    line = link.state
-    if line.error or not (line.open or status.received):
-        yield Finding("autopilot", False, f"the link is not open: {line.error}", DiagnosticCode.LINK_CLOSED)
+    """The link, the heartbeat, the attitude's rate and the clock. link: may be closed by now, without an error."""
+    if error := link.state.error:
+        yield Finding("autopilot", False, f"the link is not open: {error}", DiagnosticCode.LINK_CLOSED)
         return
     if status.vehicle is None:
         other = f" ({status.received} messages arrived, no heartbeat of an autopilot)" if status.received else ""

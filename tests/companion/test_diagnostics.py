@@ -105,7 +105,7 @@ def test_doctor_names_an_uncertain_clock() -> None:
 def test_doctor_names_what_sends_no_heartbeat(kind: str, remedy: str) -> None:
     config = Config(cameras=(CameraConfig(name="front", kind=kind),))
     status = SimpleNamespace(vehicle=None, received=0)
-    link = SimpleNamespace(state=SimpleNamespace(error="", open=True))
+    link = SimpleNamespace(state=LinkState(alive_ns=0))
     (finding,) = link_findings(config, cast(Any, link), cast(Any, status))
     assert remedy in finding.text
 
