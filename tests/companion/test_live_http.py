@@ -75,7 +75,7 @@ def test_it_listens_on_an_ipv6_address(page: LivePage, host: str) -> None:
     try:
         for name, status in (("[::1]", 200), ("evil.example", 403)):
             connection = http.client.HTTPConnection("::1", server.port, timeout=60.0)
-            connection.request("GET", "/news?after=0", headers={"Host": f"{name}:{server.port}"})
+            connection.request("GET", "/update?after=0", headers={"Host": f"{name}:{server.port}"})
             assert connection.getresponse().status == status
             connection.close()
     finally:
