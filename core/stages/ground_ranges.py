@@ -49,7 +49,7 @@ def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edg
         seen_from[d] = r if seen_to[d] == 0.0 else min(seen_from[d], r)
         seen_to[d] = max(seen_to[d], r)
     for d in range(1, directions - 1):
-        if seen_to[d] == 0.0 and seen_to[d - 1] > 0.0 and seen_to[d + 1] > 0.0:
+        if seen_to[d] == 0.0:
             near, far = max(seen_from[d - 1], seen_from[d + 1]), min(seen_to[d - 1], seen_to[d + 1])
             if far > near:
                 seen_from[d], seen_to[d] = near, far
