@@ -126,6 +126,13 @@ def test_each_place_of_the_indexes_is_consistent(ended_every: int) -> None:
         assert indexed > 0
 
 
+def test_messages_before_a_large_one_in_a_chunk_are_kept() -> None:
+    """The buffer grows for it."""
+    content = [(1, 10, b"a" * 100, 11, 0), (2, 20, b"b" * 300_000, 21, 1)]
+    found = make_reader(io.BytesIO(ours(content)), validate_crcs=True).iter_messages()
+    assert [(c.id, m.log_time, m.data, m.publish_time, m.sequence) for _, c, m in found] == content
+
+
 def test_an_image_in_parts_has_the_bytes_of_its_message() -> None:
     rng = np.random.default_rng(6)
     for width, height in ((1, 1), (7, 3), (160, 120), (640, 480)):

@@ -154,6 +154,16 @@ def test_a_loss_of_the_own_position_drops_all_alignments(fits: Fits) -> None:
     assert one.placement() is PlacementState.BY_POSITION
 
 
+def test_a_fit_before_a_jump_of_the_own_position_confirms_none_after_it(fits: Fits) -> None:
+    one = Aligned(fits)
+    one.fit(0.5)
+    after = replace(OWN, section=OWN.section + 1)
+    one.fit(0.5, own=after)
+    assert one.north_m(after) == [0.0]
+    one.fit(0.5, own=after)
+    assert one.north_m(after) == [0.5]
+
+
 def test_a_jump_of_the_neighbour_begins_without_alignment(fits: Fits) -> None:
     """A single fit after it does not count: the fit before belongs to another frame."""
     one = Aligned(fits)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from core.sharing.neighbour import NS, OLDEST_S
-from core.sharing.neighbour_map import GROWTH_M_S2, NeighbourMap, OwnState
+from core.sharing.neighbour_map import GROWTH_M_S2, NeighbourMap, OwnState, own_frame
 from core.sharing.obstacles import MoverKind, PlacementState, SharedMovingObstacle
 from core.sharing.packet_codec import movers_packet, planes_packet, state_packet
 from core.sharing.params import SharingParams
@@ -179,3 +179,17 @@ def test_a_later_start_of_the_sender_keeps_what_it_reported_before() -> None:
     assert found.receive(planes_packet(replace(later, sent_ms=2), wall(3), ORIGIN), 2 * NS) == ""
     assert sorted(found.obstacles(OWN, 2 * NS).ids.tolist()) == [0, 3]
     assert found.receive(wall_packet(5000, number=4), 3 * NS) == "old_stream"
+
+
+def test_the_own_frame_has_the_configured_errors() -> None:
+    """Margins of what neighbours report contain them."""
+    errors = SharingParams(position_sigma_m=1.25, height_sigma_m=3.5, heading_sigma_deg=6.0)
+    frame = own_frame(errors, 47.0, 8.0, 400.0)
+    assert (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.yaw_rad) == (47.0, 8.0, 400.0, 0.0)
+    assert (frame.sigma_m, frame.sigma_z_m, math.degrees(frame.sigma_yaw_rad)) == pytest.approx((1.25, 3.5, 6.0))
+
+
+def test_a_vehicle_placed_by_positions_alone_is_not_aligned() -> None:
+    """Obstacles at its place are sent all the same: they may be something else."""
+    found = filled_map().bodies(OWN, NS)
+    assert [(body.vehicle, body.is_own, body.is_aligned) for body in found] == [(1, True, False), (2, False, False)]
