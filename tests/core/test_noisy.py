@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from core.extractor import Extractor
 from core.params import Params
 from core.stages.classify import measured_mm
-from core.stages.noise_check import count_alone, flying_off_ramps, noisy_share
+from core.stages.noise_check import count_alone, flying_off_ramps, is_no_measurement, noisy_share
 from core.types import FAR_MM, SATURATED_MM, CameraInfo, InvalidCause
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info, render
@@ -43,6 +43,27 @@ def test_pixels_that_are_alone_against_their_definition(seed: int, spread: int, 
         want[1][tile] += what is True
     np.testing.assert_array_equal(judged, want[0])
     np.testing.assert_array_equal(alone, want[1])
+
+
+@pytest.mark.nojit
+def test_an_image_is_a_measurement_by_what_is_measured_or_far_and_does_not_fly() -> None:
+    flat, rare = np.full((40, 50), 5000, np.uint16), round(P.min_measured_share * 2000)
+
+    def refused(measured: int, far: int, flying: int) -> bool:
+        return is_no_measurement(flat, INFO, 0.0015, (measured, far, flying), P)
+
+    assert refused(rare, 0, 0)
+    assert not refused(rare + 1, 0, 0)
+    assert refused(rare + 1, 0, 1)
+    assert not refused(0, rare + 1, 0)
+
+
+@pytest.mark.nojit
+def test_noise_is_looked_for_where_many_pixels_fly() -> None:
+    noise = np.random.default_rng(3).integers(300, 20000, (40, 50)).astype(np.uint16)
+    look = round(min(P.noisy_look_share, P.max_flying_share) * noise.size)
+    assert not is_no_measurement(noise, INFO, 0.0015, (noise.size, 0, look), P)
+    assert is_no_measurement(noise, INFO, 0.0015, (noise.size, 0, look + 1), P)
 
 
 def spoiled(depth: np.ndarray, share: float, seed: int) -> np.ndarray:
