@@ -1,0 +1,109 @@
+"""How a frame observed a place: each rule at its limit, in a view of one direction and two layers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core.tracking.observed import (
+    CLEAR,
+    EXPLAINED,
+    HIDDEN,
+    OUT_OF_VIEW,
+    FreeView,
+    classify,
+    is_beside,
+    is_unobserved,
+    measured_limits,
+    observed_heights,
+    seen_from,
+)
+from core.tracking.params import TrackingParams
+from core.tracking.tracker import rules_of
+from core.types import FreeEnd
+
+pytestmark = pytest.mark.nojit
+PARAMS = TrackingParams()
+RULES = rules_of(PARAMS)[0]
+SLACK_M, RANGE_M = 0.5, 5.0
+OBSTACLE, UNKNOWN = int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN)
+
+
+def view(
+    *far_m: float, near_m: float = 1.0, end: int = UNKNOWN, ke_per_m: float = 0.0, ground_z_m: float = math.inf
+) -> FreeView:
+    """Layers from z = -1 to 0 and from 0 to 1 in directions of 0.5 rad to either side. far_m: of the layers."""
+    near = np.full((1, 2), near_m, np.float32)
+    far = np.array([far_m], np.float32)
+    edges, layers = np.array([-0.5, 0.5]), np.array([-1.0, 0.0, 1.0])
+    ends = np.full((1, 2), end, np.uint8)
+    return FreeView(0.0, 0.0, ke_per_m, edges, layers, near, far, ends, ground_z_m, 0.0, 0.0, 0.25, 0.1)
+
+
+def heights(seen: FreeView, top_m: float = -1.0, bottom_m: float = 1.0) -> tuple[float, float, float]:
+    """(clear, explained, hidden) of a place 5 m ahead."""
+    clear, explained, hidden = observed_heights(seen_from(RANGE_M, 0.0, seen), top_m, bottom_m, SLACK_M, RULES, seen)
+    return round(clear, 6), round(explained, 6), round(hidden, 6)
+
+
+def kind(seen: FreeView, y_m: float = 0.0) -> int:
+    return int(classify(seen_from(RANGE_M, y_m, seen), -1.0, 1.0, SLACK_M, RULES, seen))
+
+
+def test_a_place_is_clear_where_it_is_free_well_before_and_behind_it() -> None:
+    assert heights(view(5.6, 5.6)) == (2.0, 0.0, 0.0)
+    assert heights(view(5.6, 5.4)) == (1.0, 0.0, 0.0)
+    assert heights(view(8.0, 8.0, near_m=4.4)) == (2.0, 0.0, 0.0)
+    assert heights(view(8.0, 8.0, near_m=4.6)) == (0.0, 0.0, 0.0)
+    assert heights(view(8.0, 8.0), -0.5, 0.25) == (0.75, 0.0, 0.0)
+
+
+def test_the_noise_at_its_range_must_be_free_behind_it_too() -> None:
+    noise_m = PARAMS.free_evidence_sigmas * 0.01 * RANGE_M**2
+    end_m = RANGE_M + SLACK_M + noise_m
+    assert heights(view(end_m + 0.01, end_m - 0.01, ke_per_m=0.01)) == (1.0, 0.0, 0.0)
+
+
+def test_what_lies_below_the_ground_or_within_its_noise_is_not_clear() -> None:
+    """At 5 m the noise of the ground is 0.5 m, more than its tolerance."""
+    assert heights(view(8.0, 8.0, ground_z_m=0.9)) == (1.4, 0.0, 0.0)
+    assert heights(view(8.0, 8.0, ground_z_m=0.0)) == (0.5, 0.0, 0.0)
+
+
+def test_an_obstacle_at_about_its_range_explains_it_and_a_nearer_one_hides_it() -> None:
+    assert heights(view(5.4, 4.8, end=OBSTACLE)) == (0.0, 2.0, 0.0)
+    assert heights(view(5.4, 4.7, end=OBSTACLE)) == (0.0, 1.0, 1.0)
+    assert heights(view(5.4, 4.7, end=UNKNOWN)) == (0.0, 0.0, 1.0)
+    assert heights(view(1.0, 0.5, end=UNKNOWN)) == (0.0, 0.0, 0.0), "nothing was measured"
+    assert heights(view(1.0, 0.5, end=OBSTACLE)) == (0.0, 0.0, 2.0)
+
+
+def test_half_of_its_height_must_be_clear_and_little_of_it_explained() -> None:
+    assert kind(view(8.0, 8.0)) == CLEAR
+    assert kind(view(8.0, 3.0)) == CLEAR
+    assert kind(view(8.0, 3.0, ground_z_m=0.2)) == HIDDEN, "0.7 m of it are clear"
+    assert kind(view(8.0, 4.9, end=OBSTACLE)) == EXPLAINED
+    assert kind(view(3.0, 3.0)) == HIDDEN
+    assert kind(view(0.0, 0.0)) == OUT_OF_VIEW
+    assert kind(view(8.0, 8.0), 4.0) == OUT_OF_VIEW
+
+
+def test_a_place_beside_the_measured_directions_is_unobserved() -> None:
+    measured, nothing = view(8.0, 3.0), view(0.0, 0.0)
+    limits = measured_limits(measured)
+    assert limits == (-0.5, 0.5)
+    assert not is_beside(seen_from(5.0, 2.5, measured), limits)
+    assert is_beside(seen_from(5.0, 3.0, measured), limits)
+    assert is_beside(seen_from(5.0, 0.0, nothing), measured_limits(nothing))
+
+    def unobserved(seen: FreeView, y_m: float = 0.0, top_m: float = -1.0) -> bool:
+        return bool(is_unobserved(RANGE_M, y_m, top_m, 1.0, SLACK_M, RULES, seen, measured_limits(seen)))
+
+    assert unobserved(view(8.0, 8.0), 3.0)
+    assert not unobserved(view(8.0, 8.0))
+    assert not unobserved(view(8.0, 3.0))
+    assert unobserved(view(3.0, 3.0))
+    assert unobserved(view(8.0, 3.0), top_m=-0.5)
+    assert not unobserved(view(8.0, 3.0, ground_z_m=0.9), top_m=-0.5), "only what lies above the ground counts"
