@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from core.tracking.intervals import index_intervals
 from core.tracking.observed import (
     CLEAR,
     EXPLAINED,
@@ -14,15 +15,19 @@ from core.tracking.observed import (
     OUT_OF_VIEW,
     FreeView,
     classify,
+    find_spans,
     is_beside,
+    is_seen_through,
     is_unobserved,
     measured_limits,
+    middle_azimuth,
     observed_heights,
     seen_from,
 )
 from core.tracking.params import TrackingParams
+from core.tracking.tables import TRACK, detections_of
 from core.tracking.tracker import rules_of
-from core.types import FreeEnd
+from core.types import FreeEnd, PlaneFlags
 
 pytestmark = pytest.mark.nojit
 PARAMS = TrackingParams()
@@ -107,3 +112,42 @@ def test_a_place_beside_the_measured_directions_is_unobserved() -> None:
     assert unobserved(view(3.0, 3.0))
     assert unobserved(view(8.0, 3.0), top_m=-0.5)
     assert not unobserved(view(8.0, 3.0, ground_z_m=0.9), top_m=-0.5), "only what lies above the ground counts"
+
+
+def across(x_m: float, top_m: float = -3.0, bottom_m: float = 3.0) -> tuple[float, ...]:
+    """A plane across the view."""
+    return x_m, -2.0, x_m, 2.0, top_m, bottom_m
+
+
+def seen_through(*planes: tuple[float, ...], inferred: tuple[int, ...] = ()) -> bool:
+    """Whether a frame with these planes shows that a track 2 m high is not at its place, 5 m ahead. inferred: planes that fill
+    a gap. Margins are 0.1 m."""
+    n, seen = len(planes), view(0.0, 0.0)
+    flags = np.zeros(n, np.uint8)
+    flags[list(inferred)] = int(PlaneFlags.INFERRED)
+    detections = detections_of(
+        np.array(planes, np.float32), np.full(n, 0.1, np.float32), flags, np.zeros(n, np.int32), 0.0
+    )
+    spans = np.empty((2, n))
+    find_spans(detections, seen, spans)
+    track = np.zeros(1, TRACK)[0]
+    track.top_m, track.bottom_m, track.margin_m = -1.0, 1.0, 0.1
+    index, middle = index_intervals(spans[0], spans[1]), middle_azimuth(seen)
+    place = seen_from(RANGE_M, 0.0, seen)
+    return bool(is_seen_through(place, track, detections, spans, index, middle, SLACK_M, seen, 0.0))
+
+
+def test_a_place_is_seen_through_where_something_is_measured_well_behind_it() -> None:
+    assert seen_through(across(5.75))
+    assert not seen_through(across(5.65)), "within both margins and the slack"
+    assert not seen_through(across(4.5, -0.3, 0.1), across(10.0)), "a fifth of it is at its range"
+    assert not seen_through(across(10.0), inferred=(0,)), "in a filled gap nothing was measured"
+    assert not seen_through(across(10.0, 0.1, 6.0)), "less than half of its height"
+
+
+def test_what_hides_a_place_is_no_proof_against_it() -> None:
+    assert not seen_through(across(3.0), across(10.0))
+    assert seen_through(across(3.0), across(10.0), inferred=(0,)), "a filled gap hides nothing"
+    low = across(2.5, -0.5, -0.05)  # hides 0.9 m of its height
+    assert seen_through(low, across(10.0))
+    assert not seen_through(low, across(10.0, -3.0, 1.0)), "1.5 m of it are passed"
