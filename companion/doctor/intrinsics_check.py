@@ -49,7 +49,5 @@ def _finding(camera: CameraConfig) -> Finding:
     if wrong:
         text = f"RealSense {device.serial} reports other values than the configuration: set {', '.join(wrong)}"
         return Finding(part, False, text, DiagnosticCode.INTRINSICS_DIFFER)
-    emitter = {True: "on", False: "off", None: "none"}[device.emitter]
-    return Finding(
-        part, True, f"intrinsics and depth unit are those of RealSense {device.serial}; dot projector: {emitter}"
-    )
+    text = f"intrinsics and depth unit are those of RealSense {device.serial}; dot projector: {device.dot_projector}"
+    return Finding(part, True, text)

@@ -266,8 +266,8 @@ def _calibration(camera: FoundCamera) -> DepthCalibration | None:
     except DriverError as error:
         warn(str(error))
         return None
-    emitter = {True: "on", False: "off", None: "none"}[calibration.emitter]
     print_line(
-        f"intrinsics read from RealSense {calibration.serial}; depth unit {calibration.depth_unit_mm:g} mm; emitter {emitter}"
+        f"intrinsics read from RealSense {calibration.serial}; depth unit: {calibration.depth_unit_mm:g} mm; "
+        f"dot projector: {calibration.dot_projector}"
     )
     return calibration

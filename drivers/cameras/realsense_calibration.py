@@ -22,6 +22,12 @@ class DepthCalibration:
     intrinsics: Intrinsics
     depth_unit_mm: float
     emitter: bool | None
+
+    @property
+    def dot_projector(self) -> str:
+        """Its state as text: on, off or none."""
+        return "none" if self.emitter is None else "on" if self.emitter else "off"
+
     serial: str
 
 
