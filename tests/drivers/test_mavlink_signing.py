@@ -43,9 +43,10 @@ def signing(key: bytes | None = KEY, wall: Wall | None = None) -> Signing:
     return Signing(SigningKey(key) if key else None, SigningClock(None, wall or Wall()))
 
 
-def message(key: bytes | None, ticks: int, m: Any = None, system: int = 1) -> Any:
+def message(key: bytes | None, ticks: int, m: Any = None, system: int = 1, link: int = 0) -> Any:
     """A message as it comes in, signed by the library itself."""
     mav = dialect.MAVLink(None, system, 1)
+    mav.signing.link_id = link
     if key is not None:
         mav.signing.secret_key, mav.signing.timestamp, mav.signing.sign_outgoing = key, ticks, True
     m = m or dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)
@@ -199,6 +200,8 @@ def test_a_replayed_packet_is_rejected() -> None:
     assert not s.believes(first, NS)
     assert not s.believes(message(KEY, NOW - 1), NS)
     assert s.believes(message(KEY, NOW - 1, system=2), NS)  # another stream
+    assert s.believes(message(KEY, NOW - 1, link=1), NS)  # so is another link of the same sender
+    assert not s.believes(message(KEY, NOW - 1, link=1), NS)
     assert not s.believes(message(KEY, NOW - 61 * TICKS_PER_S, system=3), NS)
 
 
