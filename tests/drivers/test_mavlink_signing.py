@@ -266,6 +266,16 @@ def test_a_clock_set_back_and_a_burst_never_repeat_a_timestamp() -> None:
     assert seen[-1] == NOW + TICKS_PER_S
 
 
+def test_an_older_timestamp_of_another_stream_does_not_set_the_clock_back() -> None:
+    """A companion whose clock was never set has its time from what it receives."""
+    clock = SigningClock(None, Wall(0))
+    clock.received(NOW)
+    first = clock.next()
+    clock.received(NOW - TICKS_PER_S)
+    assert first > NOW
+    assert clock.next() > first
+
+
 def test_the_past_and_the_far_future_are_no_time() -> None:
     assert wall_ticks(0) == 0
     assert wall_ticks(NOON_NS * 10) == 0
