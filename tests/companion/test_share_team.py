@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -100,10 +101,21 @@ def pair(shift_m: float = 0.0) -> list[Team]:
     return teams
 
 
-def test_a_wrong_origin_is_aligned_by_the_planes_of_both() -> None:
+@pytest.fixture(scope="module")
+def after_20_s() -> list[Team]:
+    """Two vehicles that have aligned their frames; the second one's origin is wrong by 3 m. Tests change copies."""
     teams = pair(3.0)
     flown(teams, 20.0, [0.0, 30.0])
-    got = teams[0].obstacles(20 * NS)
+    return teams
+
+
+@pytest.fixture
+def aligned(after_20_s: list[Team]) -> list[Team]:
+    return copy.deepcopy(after_20_s)
+
+
+def test_a_wrong_origin_is_aligned_by_the_planes_of_both(aligned: list[Team]) -> None:
+    got = aligned[0].obstacles(20 * NS)
     assert got.neighbours[0].placement is PlacementState.ALIGNED
     true = street().box[got.ids]
     assert np.abs(got.planes[:, :4] - true[:, :4]).max() < 0.3
@@ -195,11 +207,9 @@ def test_nothing_is_sent_or_placed_without_a_position() -> None:
     assert unknown.packets(0) == {}
 
 
-def test_a_jump_of_the_own_heading_ends_an_alignment_at_once_without_new_frames() -> None:
+def test_a_jump_of_the_own_heading_ends_an_alignment_at_once_without_new_frames(aligned: list[Team]) -> None:
     """The own planes stood at wrong places: what was aligned by them may be metres wrong."""
-    teams = pair(3.0)
-    flown(teams, 20.0, [0.0, 30.0])
-    one, now_ns = teams[0], 20 * NS
+    one, now_ns = aligned[0], 20 * NS
     assert one.obstacles(now_ns).neighbours[0].placement is PlacementState.ALIGNED
     one.own.motion = motion(0.0, now_ns, now_ns, (1, 1))
     got = one.obstacles(now_ns)
@@ -207,11 +217,11 @@ def test_a_jump_of_the_own_heading_ends_an_alignment_at_once_without_new_frames(
 
 
 @pytest.mark.parametrize("estimate", [(1, 1), (2, 0)])
-def test_a_gap_or_a_drift_of_the_own_estimate_ends_an_alignment_at_once(estimate: tuple[int, int]) -> None:
+def test_a_gap_or_a_drift_of_the_own_estimate_ends_an_alignment_at_once(
+    estimate: tuple[int, int], aligned: list[Team]
+) -> None:
     """It does not begin a new section of the own world, so that nothing else would."""
-    teams = pair(3.0)
-    flown(teams, 20.0, [0.0, 30.0])
-    one, now_ns = teams[0], 20 * NS
+    one, now_ns = aligned[0], 20 * NS
     assert one.obstacles(now_ns).aligned.all()
     one.own.motion = motion(0.0, now_ns, estimate=estimate)
     got = one.obstacles(now_ns)
