@@ -7,7 +7,6 @@ let an old result go out as a new one."""
 from __future__ import annotations
 
 import math
-import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -49,6 +48,9 @@ NS = 1_000_000_000
 STANDING_M = 0.8
 """Greatest height of the vehicle's middle above the ground while the vehicle stands on it."""
 
+MOST_WAITING = 1024
+"""Most results that wait for the next cycle of the sender. If the sender does not respond, further ones are dropped, and what
+waits grows too old to be used."""
 MOST_UNDECIDED = 8
 """Most frames of a camera that are kept for the next decision; further ones replace the oldest."""
 EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
@@ -82,7 +84,10 @@ class ObstacleReport:
 
 
 class ObstacleReportBuilder:
-    """Decides what to send at an instant. It has no thread, clock or link; all methods may be called from any thread."""
+    """Decides what to send at an instant. It has no thread, clock or link.
+
+    `samples`, `announce`, `result` and `end` may be called from any thread and never wait for a decision. `catch_up` and
+    `decide` are called by one thread at a time; everything else belongs to it."""
 
     def __init__(
         self,
@@ -111,7 +116,7 @@ class ObstacleReportBuilder:
         self._observer = observer
         self._avoid, self._cameras, self._timeout_ns = avoid, cameras, round(timeout_s * NS)
         self._frame_fault, self._ring_m, self._open_counts = frame_fault, ring_m, open_counts
-        self._lock = threading.Lock()
+        self._waiting: deque[tuple[CameraInfo, NDArray[np.uint8]] | PrismsResult] = deque()
         self._motion = VehicleMotion()
         self._newest: dict[str, PrismsResult] = {}
         self._confirmation: dict[str, PlaneConfirmation] = {}
@@ -131,44 +136,53 @@ class ObstacleReportBuilder:
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Adds attitudes and positions in the order in which they arrive."""
-        self._motion.samples(samples)  # without the lock: the caller must not wait
+        self._motion.samples(samples)
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
         """Records the directions that a camera covers, once it is open. hidden: pixels that are never measured."""
-        looks = looked_into(info, self._avoid, hidden)
-        with self._lock:
-            self._infos[info.camera] = info
-            self._looks[info.camera] = looks
-            self._confirmation[info.camera] = PlaneConfirmation(self._avoid, info.intrinsics)
+        self._waiting.append((info, looked_into(info, self._avoid, hidden)))
 
     def result(self, result: PrismsResult) -> None:
         """Adds the result of a frame, valid or not."""
-        with self._lock:
-            self._newest[result.camera] = result
-            self._confirmed.pop(result.camera, None)
-            if result.valid and result.camera in self._infos:
-                self._confirmed[result.camera] = self._confirmation[result.camera].take(result)
-            if result.valid:
-                self._undecided[result.camera].append(result)
-            self._recovery.frame(result.camera, result.valid)
-            if result.valid:
-                self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
+        if len(self._waiting) < MOST_WAITING:
+            self._waiting.append(result)
 
     def end(self, cause: str) -> None:
         """Makes all cameras count as blind from now on, for this cause."""
-        with self._lock:
-            self._ended = cause
+        self._ended = cause
+
+    def catch_up(self) -> None:
+        """Takes the cameras and results that have arrived, in order."""
+        while self._waiting:
+            arrived = self._waiting.popleft()
+            if isinstance(arrived, PrismsResult):
+                self._take(arrived)
+            else:
+                info, looks = arrived
+                self._infos[info.camera], self._looks[info.camera] = info, looks
+                self._confirmation[info.camera] = PlaneConfirmation(self._avoid, info.intrinsics)
+
+    def _take(self, result: PrismsResult) -> None:
+        self._newest[result.camera] = result
+        self._confirmed.pop(result.camera, None)
+        self._recovery.frame(result.camera, result.valid)
+        if not result.valid:
+            return
+        if result.camera in self._infos:
+            self._confirmed[result.camera] = self._confirmation[result.camera].take(result)
+        self._undecided[result.camera].append(result)
+        self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
 
     def decide(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         """Returns what to send now."""
-        with self._lock:
-            try:
-                return self._decided(autopilot, now_ns)
-            except RECKONING_ERRORS as error:
-                fault = f"the distances around the vehicle cannot be computed: {type(error).__name__}: {error}"
-            causes = dict.fromkeys(self._cameras, "its result cannot be computed with")
-            self._recovery.blind(causes)
-            return self._report(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
+        self.catch_up()
+        try:
+            return self._decided(autopilot, now_ns)
+        except RECKONING_ERRORS as error:
+            fault = f"the distances around the vehicle cannot be computed: {type(error).__name__}: {error}"
+        causes = dict.fromkeys(self._cameras, "its result cannot be computed with")
+        self._recovery.blind(causes)
+        return self._report(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
 
     def _decided(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         here = self._motion.catch_up(now_ns)

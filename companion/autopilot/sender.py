@@ -92,6 +92,7 @@ class ObstacleSender:
         self._send(time.monotonic_ns())  # the last message is decided after the stop, with its cause
 
     def _send(self, now_ns: int) -> None:
+        self._builder.catch_up()  # also without an autopilot: what waits must not pile up
         autopilot = self._ask()
         if not autopilot.kind:  # the policy depends on the autopilot
             return

@@ -1,7 +1,7 @@
 """The live service: makes, starts and stops all parts, and passes data from one to the others.
 
-Threads: one per camera (supervises its process), one for the autopilot's link, one for the pipeline, one for the log.
-The main thread calls `tick`: blind cameras, health report and watchdog."""
+The main thread calls `tick`: blind cameras, health report and watchdog. docs/explanation/architecture.md lists the other
+threads, their locks and queues."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ fault."""
 from __future__ import annotations
 
 import math
+import threading
 import time
 import warnings
 from dataclasses import replace
@@ -14,7 +15,7 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.obstacle_report import ObstacleReport, ObstacleReportBuilder
+from companion.autopilot.obstacle_report import MOST_WAITING, ObstacleReport, ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
 from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
@@ -88,6 +89,11 @@ class Chain:
                 for output in self.pipeline.handle(frame(self.sequence, self.now_ns, self.now_ns)):
                     if isinstance(output, PrismsResult) and deliver:
                         self.builder.result(output)
+
+    def newest(self) -> PrismsResult:
+        """The newest result that has arrived."""
+        self.builder.catch_up()
+        return self.builder._newest["front"]
 
     def report(self, autopilot: AutopilotNow = PX4) -> ObstacleReport:
         return self.builder.decide(autopilot, self.now_ns)
@@ -328,7 +334,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
         found = replace(found, planes=planes)
     chain = Chain(CLEAR)
     chain.fly(1.0)
-    good = chain.builder._newest["front"]
+    good = chain.newest()
     chain.builder.result(replace(good, model=found))  # none of ours, which the pipeline refuses
     assert chain.ahead(PX4) == UNKNOWN
     assert "not finite" in chain.report().blind["front"]
@@ -340,7 +346,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
         assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
     assert "not finite" in chain.report().blind["front"]
-    result = chain.builder._newest["front"]
+    result = chain.newest()
     assert not result.valid
     assert result.model is not None
     assert not (result.model.free.free_to_m > 0.0).any()
@@ -349,7 +355,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
 def test_a_frame_stamped_in_the_future_ages_from_its_arrival() -> None:
     chain = Chain(CLEAR)
     chain.fly(1.0)
-    pipeline_result = chain.builder._newest["front"]
+    pipeline_result = chain.newest()
     for k in range(3):
         late = chain.now_ns + 100 * MS * k
         chain.builder.result(replace(pipeline_result, t_exposure_ns=late + 3600 * NS, t_arrival_ns=late))
@@ -373,7 +379,7 @@ def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> 
     """Every fault is sent to both autopilots as blind, and valid frames end it."""
     chain = Chain(CLEAR)
     chain.fly(1.0)
-    chain.builder.result(replace(chain.builder._newest["front"], transform=None))
+    chain.builder.result(replace(chain.newest(), transform=None))
     report = chain.report(PX4)
     assert "cannot be computed" in report.fault
     assert report.values is not None
@@ -399,3 +405,42 @@ def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:
     assert (values[0:7] == 1201).all()
     assert (values[9:19] == WALL).all()
     assert (values[22:60] == UNKNOWN).all()
+
+
+def test_results_that_nothing_takes_do_not_pile_up_and_no_camera_is_lost() -> None:
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    good = chain.newest()
+    for _ in range(MOST_WAITING + 10):
+        chain.builder.result(good)
+    assert len(chain.builder._waiting) == MOST_WAITING
+    chain.builder.announce(CAMERA)
+    assert len(chain.builder._waiting) == MOST_WAITING + 1
+    chain.builder.catch_up()
+    assert len(chain.builder._waiting) == 0
+
+
+@pytest.mark.process
+def test_a_result_does_not_wait_for_a_decision_that_takes_long() -> None:
+    """The pipeline gave its results while the decision and the guard's sight of the path were computed."""
+    deciding, goes_on = threading.Event(), threading.Event()
+
+    def observe(surroundings: Surroundings) -> None:
+        deciding.set()
+        assert goes_on.wait(60.0)
+
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    good = chain.newest()
+    chain.builder._observer = observe
+    decision = threading.Thread(target=chain.report)
+    decision.start()
+    try:
+        assert deciding.wait(60.0)
+        giving = threading.Thread(target=chain.builder.result, args=(good,))
+        giving.start()
+        giving.join(10.0)
+        assert not giving.is_alive()
+    finally:
+        goes_on.set()
+        decision.join(60.0)
