@@ -18,7 +18,7 @@ from .depth_bias import DepthBias, greatest_depth
 from .free_profile import empty_profile
 from .ground import NO_GROUND
 from .planes import LEAST_S
-from .strips import CUT_BOTTOM, CUT_TOP, IRREGULAR, PX
+from .strips import CUT_BOTTOM, CUT_TOP, PX
 from .view_geometry import ViewGeometry
 
 _OUTWARD = 1e-6
@@ -247,7 +247,7 @@ def _write_flags(count, planes, settings, flags):
         found |= _CUT_RIGHT if p.t1 >= settings.right_t else 0
         found |= _CUT_TOP if p.cut & CUT_TOP else 0
         found |= _CUT_BOTTOM if p.cut & CUT_BOTTOM else 0
-        found |= _IRREGULAR if p.kind >= IRREGULAR else 0
+        found |= _IRREGULAR if 2 * p.irregular > p.support else 0
         flags[k] = found
 
 

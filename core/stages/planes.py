@@ -13,7 +13,7 @@ import numpy as np
 from ..jit import inner, kernel, record
 from .line_fit import copy_moments, fit_line, incidence_cosine
 from .segments import tangent
-from .strips import CUT_BOTTOM, CUT_TOP, SMOOTH
+from .strips import CUT_BOTTOM, CUT_TOP, IRREGULAR, SMOOTH
 
 PLANE = record(
     ("a", np.float64),  # line s = a + b t
@@ -34,7 +34,7 @@ PLANE = record(
     ("support", np.int32),  # of its strips, in 1/PX source pixels; negative: the plane does not exist any more
     ("filled_rows", np.int32),  # rows of its strips that were not measured
     ("cut", np.int32),  # CUT_TOP, CUT_BOTTOM, see strips.py
-    ("kind", np.int32),  # greatest kind of its strips
+    ("irregular", np.int32),  # support of its irregular strips, in 1/PX source pixels
     ("inferred", np.int32),  # 1 if no part of it was measured
     ("rows", np.int32),  # rows of its strips
     ("columns", np.int32),  # columns that have a strip
@@ -85,7 +85,7 @@ def measure_planes(strips, n, view, settings, count, plane_of, planes):
         p = planes[k]
         length[k] = math.hypot(p.a, p.b)
         p.top_m, p.bottom_m, p.front_m = MOST_M, -MOST_M, -MOST_M
-        p.support, p.filled_rows, p.cut, p.kind = 0, 0, 0, 0
+        p.support, p.filled_rows, p.cut, p.irregular = 0, 0, 0, 0
         p.rows, p.columns, p.last_column = 0, 0, -1
         p.middle_m = distance_at(p, 0.5 * (p.t0 + p.t1))
     for i in range(n):
@@ -112,7 +112,7 @@ def measure_planes(strips, n, view, settings, count, plane_of, planes):
         if strip.column != p.last_column:  # the strips are in the order of columns
             p.columns += 1
             p.last_column = strip.column
-        p.kind = max(p.kind, strip.kind)
+        p.irregular += strip.support if strip.kind >= IRREGULAR else 0
         p.cluster = strip.cluster
         p.front_m = max(p.front_m, near_excess_m(strip, x, t, p, length[k], view.f_px, settings))
 

@@ -202,7 +202,7 @@ def _fill_chord(new, p, q, s0, s1):
     new.top_m, new.bottom_m = max(p.top_m, q.top_m), min(p.bottom_m, q.bottom_m)
     new.front_m = max(p.front_m, q.front_m)
     new.cluster, new.support = p.cluster, 0
-    new.filled_rows, new.cut, new.kind, new.inferred = 1, 0, 0, 1
+    new.filled_rows, new.cut, new.irregular, new.inferred = 1, 0, 0, 1
     new.rows, new.columns, new.last_column = 1, 0, -1
     copy_moments(new, p)
     add_moments(new, q)

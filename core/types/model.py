@@ -42,7 +42,7 @@ class PlaneFlags(IntFlag):
     CUT_BOTTOM = 32
     """The image border cut it there: it may continue."""
     IRREGULAR = 64
-    """Stands for scattered or sloping surfaces by their near side."""
+    """Most of its pixels are scattered or sloping: on strips that are no vertical surface."""
 
 
 class FreeEnd(IntEnum):

@@ -167,6 +167,15 @@ def test_flags_show_what_the_image_border_cut_and_what_was_inferred() -> None:
     assert first_hit(filled, 0.0, 6.0 * (112 - 119.5) / 225) == pytest.approx(6.0, abs=0.1)
 
 
+@pytest.mark.parametrize(("scene", "least", "most"), [("street", 0.0, 0.1), ("trees", 0.5, 1.0)])
+def test_trees_are_irregular_and_walls_are_not(scene: str, least: float, most: float) -> None:
+    """One irregular strip was enough: 85 % of the pixels of a street lay on planes with the flag."""
+    r = seen(make_scene(scene), sensor=SensorModel(ke_per_m=0.0015, sky_is_far=True), position_ned_m=(0.0, 0.0, -2.0))
+    model = extract(r.depth_mm, VIEW, r.R_level_optical)
+    irregular = (model.flags & PlaneFlags.IRREGULAR) > 0
+    assert least <= model.support_px[irregular].sum() / model.support_px.sum() <= most
+
+
 def test_counts_add_up() -> None:
     r = seen_street()
     model = extract(r.depth_mm, VIEW, r.R_level_optical, keep_strips=True)

@@ -29,7 +29,7 @@ class PlaneFlags(IntFlag):
     CUT_BOTTOM = 32
     """The border of the image cuts it on this side: it may continue there."""
     IRREGULAR = 64
-    """It stands for scattered or inclined surfaces by their near side."""
+    """More than half of its pixels are scattered or inclined: on no vertical surface, as those of foliage."""
 
 
 class FreeEnd(IntEnum):
