@@ -109,6 +109,16 @@ def test_without_rates_a_turn_faster_than_6_rad_s_is_a_jump(every_ms: int, jump_
     assert jumps.number == number
 
 
+@pytest.mark.parametrize("every_ms", [10, 20, 33, 100, 200, 250])
+@pytest.mark.parametrize("turn_rad_s", [0.5, 2.0, 5.0])
+def test_without_rates_a_turn_is_not_a_jump(every_ms: int, turn_rad_s: float) -> None:
+    """As of frames.csv, TUM poses and .ulg and .bin logs, which hold no rates."""
+    jumps = HeadingJumps()
+    for t_ms in range(0, 10_000, every_ms):
+        jumps.take(at(t_ms, math.remainder(turn_rad_s * t_ms / 1000.0, math.tau), None))
+    assert (jumps.number, jumps.turned_rad) == (0, 0.0)
+
+
 @pytest.mark.parametrize(("every_ms", "jump_deg"), [(20, 3.1), (50, 3.7), (100, 4.5), (200, 8.8), (250, 12.0)])
 def test_a_small_jump_is_detected_between_rare_attitudes(every_ms: int, jump_deg: float) -> None:
     """At 10 Hz 14 degrees were not, in a gap of 0.4 s 45 degrees: a wall was then free in the merged world."""
