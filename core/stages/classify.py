@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inline_ieee, inner, inner_ieee, kernel
+from ..jit import inner, inner_ieee, kernel
 from ..params import Params
 from ..types import FAR_MM, SATURATED_MM, CameraInfo
 
@@ -113,16 +113,14 @@ def inverse_of_row(mm, least, greatest, out):
         out[u] = d
 
 
-@inline_ieee
-def read_ahead(depth_mm, v, least, greatest, inverse):
-    """Computes 1/Z of row v and stores it as line `v % 3` of `inverse`, (3, W + 2) float32. Rows beyond the image are
-    unknown."""
-    line = inverse[v % 3, 1:-1]
-    if v < len(depth_mm):
-        inverse_of_row(depth_mm[v], least, greatest, line)
-    else:
-        for u in range(len(line)):
-            line[u] = np.float32(0.0)
+@kernel
+def inverse_image(depth_mm, least, greatest):
+    """Returns 1/Z of an image as `inverse_of_row`, (H + 2, W + 2) float32. The border is unknown."""
+    rows, cols = depth_mm.shape
+    out = np.zeros((rows + 2, cols + 2), np.float32)
+    for v in range(rows):
+        inverse_of_row(depth_mm[v], np.uint16(least), np.uint16(greatest), out[v + 1, 1 : cols + 1])
+    return out
 
 
 @inner_ieee
@@ -204,13 +202,16 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
     least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
     inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
-    read_ahead(depth_mm, 0, least, greatest, inverse)
+    inverse_of_row(depth_mm[0], least, greatest, inverse[0, 1 : cols + 1])
     flies = np.zeros((cols + 7) // 8 * 8, np.uint8)
     limits = Limits(least, greatest, relative, absolute)
     measured, far, flying = np.int64(0), np.int64(0), np.int64(0)
     for v in range(rows):
-        read_ahead(depth_mm, v + 1, least, greatest, inverse)
         here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
+        if v + 1 < rows:
+            inverse_of_row(depth_mm[v + 1], least, greatest, after)
+        else:
+            after[:] = zero
         left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
         mm, marks = depth_mm[v], out[v]
         # 32 bits, as wide as 1/Z: wider sums would halve the number of pixels per instruction

@@ -30,7 +30,7 @@ one go, so that memory is accessed in order. Positions are computed in float32 r
 cells: cells that lie within 2e-4 px of the border between two pixels may take the other pixel if these sizes
 change."""
 _SAME = 1e-9
-"""Greatest rounding error of an element of a homography. It is not a tuning parameter."""
+"""Greatest rounding error of an element of a homography."""
 _LITTLE_ENDIAN = sys.byteorder == "little"
 _FAR = np.uint16(FAR_MM)
 
@@ -42,13 +42,11 @@ class FetchTile(NamedTuple):
         seen: (_TILE_COLS, 2) int64, first and end row of each column that lie in the source.
         at: (_TILE_ROWS,) uint32, indices of source pixels.
         forward: (_TILE_ROWS,) float32, Z_optical / X.
-        four_marks: (_TILE_ROWS / 4,) uint64, the memory of `mark`.
         mark: (_TILE_ROWS,) uint16, marks of the pixels."""
 
     seen: Any
     at: Any
     forward: Any
-    four_marks: Any
     mark: Any
 
 
@@ -144,8 +142,7 @@ def level_nearest(marks, H, gain, out, picked):
         picked: (H * W,) uint8 out, 1 for each source pixel that a cell took."""
     picked[:] = 0
     seen, at = np.empty((_TILE_COLS, 2), np.int64), np.empty(_TILE_ROWS, np.uint32)
-    forward, mark = np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS // 4, np.uint64)
-    tile = FetchTile(seen, at, forward, mark, mark.view(np.uint16))
+    tile = FetchTile(seen, at, np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS, np.uint16))
     fetch_nearest(marks.shape[0], marks.shape[1], marks.ravel(), H, np.float32(gain), out, picked, tile)
 
 
@@ -153,7 +150,7 @@ def level_nearest(marks, H, gain, out, picked):
 def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, tile):
     """Does the work of `level_nearest` for a flat image. tile: FetchTile, scratch."""
     cols, rows = out.shape
-    seen, at, forward, four_marks, mark = tile.seen, tile.at, tile.forward, tile.four_marks, tile.mark
+    seen, at, forward, mark = tile.seen, tile.at, tile.forward, tile.mark
     for u0 in range(0, cols, _TILE_COLS):
         wide = min(_TILE_COLS, cols - u0)
         for k in range(wide):
@@ -168,28 +165,16 @@ def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, tile):
                     if n <= 0:
                         continue
                     source_of_rows(H, u0 + k, first, src_cols, src_rows, forward, at[:n])
-                    fetch_pixels(flat, at, n, four_marks, mark, picked)
+                    fetch_pixels(flat, at[:n], mark, picked)
                     codes_of(mark, forward, gain, out[u0 + k, first:end])
 
 
 @inner_inline
-def fetch_pixels(flat, at, n, four_marks, mark, picked):
-    """Copies the marks of the pixels at[:n] of the flat image to tile.mark and sets their flags in `picked`.
-
-    Four marks are written by one store: the loop is limited by the number of stores."""
-    fours = np.uint64(n) >> np.uint64(2) if _LITTLE_ENDIAN else np.uint64(0)
-    for j in range(fours):
-        i = np.uint64(4) * j
-        a, b, c, d = at[i], at[i + np.uint64(1)], at[i + np.uint64(2)], at[i + np.uint64(3)]
-        upper = np.uint64(flat[a]) | np.uint64(flat[b]) << np.uint64(16)
-        four_marks[j] = upper | np.uint64(flat[c]) << np.uint64(32) | np.uint64(flat[d]) << np.uint64(48)
-        picked[a] = 1
-        picked[b] = 1
-        picked[c] = 1
-        picked[d] = 1
-    for k in range(np.uint64(4) * fours, np.uint64(n)):
-        mark[k] = flat[at[k]]
-        picked[at[k]] = 1
+def fetch_pixels(flat, at, mark, picked):
+    """Copies the marks of the pixels `at` of the flat image to `mark` and sets their flags in `picked`."""
+    for i in range(len(at)):
+        mark[i] = flat[at[i]]
+        picked[at[i]] = 1
 
 
 @kernel

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..jit import kernel
 from ..params import Params
 from ..types import CameraInfo
-from .classify import measured_mm, read_ahead
+from .classify import inverse_image, measured_mm
 
 _FEWEST_NEIGHBOURS = 3
 """Least number of measured neighbours, of four, for a pixel to be judged. It is not a tuning parameter."""
@@ -37,15 +37,12 @@ def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alo
     down, across = judged.shape
     judged[:] = 0
     alone[:] = 0
-    least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
-    inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
-    read_ahead(depth_mm, 0, least, greatest, inverse)
+    inverse = inverse_image(depth_mm, least_mm, greatest_mm)
     kind = np.empty(cols, np.int32)  # per pixel: 1 if it is judged, plus 2**16 if it is alone
     for v in range(rows):
-        read_ahead(depth_mm, v + 1, least, greatest, inverse)
-        here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
-        left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
+        here, before, after = inverse[v + 1], inverse[v, 1 : cols + 1], inverse[v + 2, 1 : cols + 1]
+        left, middle, right = here[:cols], here[1 : cols + 1], here[2:]
         for u in range(cols):
             d = middle[u]
             step = absolute + relative * d
@@ -82,15 +79,12 @@ def flying_off_ramps(depth_mm, least_mm, greatest_mm, relative, absolute):
         relative: the part of the step that is proportional to the pixel's own 1/Z.
         absolute: the constant part of the step, 1/m."""
     rows, cols = depth_mm.shape
-    least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
-    inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
-    read_ahead(depth_mm, 0, least, greatest, inverse)
+    inverse = inverse_image(depth_mm, least_mm, greatest_mm)
     count = np.int64(0)
     for v in range(rows):
-        read_ahead(depth_mm, v + 1, least, greatest, inverse)
-        here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
-        left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
+        here, before, after = inverse[v + 1], inverse[v, 1 : cols + 1], inverse[v + 2, 1 : cols + 1]
+        left, middle, right = here[:cols], here[1 : cols + 1], here[2:]
         for u in range(cols):
             d, a, b, c, e = middle[u], left[u], right[u], before[u], after[u]
             step = absolute + relative * d

@@ -97,39 +97,6 @@ class Pixels(NamedTuple):
     filled: Any
 
 
-@inner
-def kth_largest(values, n, k):
-    """Returns the k-th largest of values[:n], k counted from 1, by quickselect. The order of the values is changed."""
-    left, right, want = 0, n - 1, k - 1
-    for _ in range(2 * n + 2):
-        if left >= right:
-            break
-        pivot = values[(left + right) // 2]
-        i, j = left, right
-        for _a in range(n + 1):
-            if i > j:
-                break
-            for _b in range(n):
-                if values[i] <= pivot:
-                    break
-                i += 1
-            for _b in range(n):
-                if values[j] >= pivot:
-                    break
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if want <= j:
-            right = j
-        elif want >= i:
-            left = i
-        else:
-            break
-    return values[want]
-
-
 @inner_inline
 def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_px):
     """Appends a strip. In a column that already has `room` strips it extends the last one instead.
@@ -171,17 +138,30 @@ def support_of(column, top, bottom, count):
 
 
 @inner_inline
-def kth_closest(codes, first, last, k, buffer):
-    """Returns the k-th largest of codes[first..last - 1], k counted from 1. buffer: scratch of the same length."""
-    if k <= 3:
+def kth_closest(codes, first, last, k, closest):
+    """Returns the k-th largest of codes[first..last - 1], k counted from 1.
+
+    closest: (V,) int32 scratch, the k largest codes so far, the greatest first."""
+    if k <= 3:  # most strips; without a branch
         a, b, c = np.int32(-1), np.int32(-1), np.int32(-1)
         for i in range(np.uint64(first), np.uint64(last)):
             x = codes[i]
             a, b, c = max(a, x), max(b, min(a, x)), max(c, min(b, x))
         return a if k == 1 else b if k == 2 else c
-    for i in range(last - first):
-        buffer[i] = codes[first + i]
-    return kth_largest(buffer, last - first, k)
+    held = 0
+    for i in range(first, last):
+        code = codes[i]
+        if held == k and code <= closest[k - 1]:
+            continue
+        at = min(held, k - 1)
+        held = at + 1
+        for _ in range(k):
+            if at == 0 or closest[at - 1] >= code:
+                break
+            closest[at] = closest[at - 1]
+            at -= 1
+        closest[at] = code
+    return closest[k - 1]
 
 
 @inner

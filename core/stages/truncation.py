@@ -17,8 +17,7 @@ from ..jit import inner
 from .strips import SMOOTH
 
 _LEAST, _MOST, _STEPS = -1.0, 3.5, 90
-"""Range and number of steps of the table: the mean of the whole distribution in sigma above the truncation. Not
-tuning parameters."""
+"""Range and number of steps of the table: the mean of the whole distribution in sigma above the truncation."""
 
 
 def _means_left() -> NDArray[np.float64]:
@@ -67,14 +66,6 @@ def untruncated_mean(mean, left):
     """Returns the mean of a normal distribution whose part above 0 has this mean, all in sigma; at least _LEAST."""
     if mean <= left[0]:
         return _LEAST
-    low, high = 0, _STEPS
-    for _ in range(16):
-        if high - low <= 1:
-            break
-        middle = (low + high) // 2
-        if left[middle] <= mean:
-            low = middle
-        else:
-            high = middle
-    share = min(1.0, (mean - left[low]) / (left[high] - left[low]))
+    low = min(np.searchsorted(left, mean, side="right"), _STEPS) - 1
+    share = min(1.0, (mean - left[low]) / (left[low + 1] - left[low]))
     return _LEAST + (low + share) * (_MOST - _LEAST) / _STEPS

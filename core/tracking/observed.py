@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ..jit import inner
 from .intervals import at_value
 from .tables import NONE
@@ -18,9 +20,9 @@ _INFERRED, _UNKNOWN_BEHIND = 1, 2
 _OBSTACLE = 1
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
-"""Not tuning: shares of a place's height."""
+"""Shares of a place's height."""
 _SPAN_SLACK_RAD = 1e-6
-"""Not tuning: for the rounding of directions."""
+"""For the rounding of directions."""
 
 
 class FreeView(NamedTuple):
@@ -48,16 +50,9 @@ def direction_of(edges, azimuth):
     """Index of the direction that holds an azimuth, NONE: outside the view."""
     turn = azimuth - edges[0]
     azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
-    low, high = 0, edges.shape[0] - 1
-    if azimuth >= edges[high]:
+    if azimuth >= edges[-1]:
         return NONE
-    for _ in range(32):
-        if high - low <= 1:
-            break
-        middle = (low + high) // 2
-        beyond = edges[middle] <= azimuth
-        low, high = middle if beyond else low, high if beyond else middle
-    return low
+    return max(np.searchsorted(edges, azimuth, side="right") - 1, 0)  # rounding may put it before the first edge
 
 
 @inner

@@ -175,16 +175,7 @@ def bits(first, end):
 @inner
 def direction_of(edges, azimuth):
     """Returns the direction of a profile that contains an azimuth between its first and last edge."""
-    low, high = 0, edges.shape[0] - 1
-    for _ in range(32):
-        if high - low <= 1:
-            break
-        middle = (low + high) // 2
-        if edges[middle] <= azimuth:
-            low = middle
-        else:
-            high = middle
-    return low
+    return min(max(np.searchsorted(edges, azimuth, side="right") - 1, 0), edges.shape[0] - 2)
 
 
 @inner

@@ -23,14 +23,6 @@ pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 
 
-@given(SEED, st.integers(1, 60))
-def test_the_kth_largest_is_the_one_sorting_gives(seed: int, n: int) -> None:
-    rng = np.random.default_rng(seed)
-    values = rng.choice(rng.random(max(1, n // 2)), n).astype(np.float32)  # with equal ones
-    for k in {1, n, (n + 1) // 2, min(3, n)}:
-        assert s.kth_largest(values.copy(), n, k) == np.sort(values)[n - k]
-
-
 @given(SEED, st.integers(1, 60), st.integers(1, 12))
 def test_the_kth_closest_is_the_one_sorting_gives(seed: int, n: int, k: int) -> None:
     rng = np.random.default_rng(seed)
