@@ -1,6 +1,6 @@
-"""Every constant of the algorithm: a name, a default, a range, a unit and what it means.
+"""The parameters of the extractor: a name, a default, a range, a unit and what it means.
 
-Symbols in brackets are the paper's.
+Symbols in brackets are the paper's. Constants that nobody needs to change stand in the module that uses them.
 """
 
 from __future__ import annotations
@@ -53,27 +53,11 @@ class Params:
     noise_prior_span: float = critical(
         4.0, 1.0, 10.0, "", "the measured ke stays between ke_per_m / span and ke_per_m * span"
     )
-    noise_memory: float = critical(
-        0.7,
-        0.0,
-        0.99,
-        "",
-        "share of the previous noise estimate that is kept at each frame; larger: slower and steadier",
-    )
     min_sigma_px: float = critical(0.1, 0.01, 2.0, "px", "lower bound of the estimated disparity noise")
     noise_tiles_down: int = number(
         6, 1, 32, "", "rows of tiles of the image; each tile has a noise estimate of its own"
     )
     noise_tiles_across: int = number(8, 1, 32, "", "columns of tiles of the image for the noise estimate")
-    noise_short_step_px: int = number(
-        8, 1, 64, "px", "step of the second difference that detects motion, at an image width of 640"
-    )
-    noise_step_px: int = number(
-        16, 1, 64, "px", "step of the second difference whose median is the noise of a tile, at an image width of 640"
-    )
-    noise_row_step: int = number(6, 1, 32, "px", "distance of the sampled rows; larger: faster, fewer samples")
-    noise_min_samples: int = number(120, 10, 10000, "", "least number of differences for the noise estimate of a tile")
-    noise_min_tiles: int = number(3, 1, 1024, "", "least number of tiles for the noise estimate of a frame")
     noise_min_depth_m: float = number(
         1.5,
         0.0,
@@ -88,43 +72,8 @@ class Params:
         "",
         "quantile of the tiles that is taken as the noise of the image; larger: more noise is assumed",
     )
-    noise_agree_share: float = number(
-        0.2,
-        0.0,
-        1.0,
-        "",
-        "least share of all tiles that must agree with a higher noise before it is used; surfaces reach it, "
-        "leaves do not",
-    )
-    noise_agree_ratio: float = number(
-        1.25, 1.01, 3.0, "", "a tile agrees with the noise when it differs by at most this factor"
-    )
-    noise_prior_share: float = critical(
-        0.6, 0.05, 1.0, "", "least share of ke_per_m that is used before the noise was measured over time"
-    )
     noise_time_frames: int = critical(
         3, 1, 100, "", "number of frames between the two images whose difference over time is measured"
-    )
-    noise_time_min_samples: int = critical(
-        24, 2, 64, "", "least number of sampled pixels, of 64, for the noise of a tile over time"
-    )
-    noise_time_quantile: float = critical(
-        0.5, 0.0, 1.0, "", "quantile of the tiles that is taken as the noise over time"
-    )
-    noise_still_errors: float = critical(
-        4.0, 1.0, 20.0, "", "a tile is still when its median difference is at most this many standard errors"
-    )
-    noise_still_ratio: float = critical(
-        2.0, 1.0, 10.0, "", "a noise over time above this multiple of the noise in the image counts as motion"
-    )
-    noise_still_share: float = critical(0.75, 0.0, 1.0, "", "least share of still tiles for a camera at rest")
-    noise_grid: float = number(0.05, 0.001, 0.5, "", "relative step in which the noise in use changes")
-    noise_hold: float = number(
-        0.75,
-        0.5,
-        2.0,
-        "",
-        "the noise in use stays while the estimate is within this many steps of it; larger: steadier",
     )
     noise_length_px: float = critical(
         9.0, 0.0, 64.0, "px", "distance over which the correlation of the noise falls to 1/e (0: independent pixels)"
@@ -145,7 +94,6 @@ class Params:
         "deg",
         "greatest angle of the optical axis from the horizontal; beyond it the frame is invalid",
     )
-    max_elevation_deg: float = critical(74.0, 30.0, 80.0, "deg", "rays steeper than this are unknown")
     max_view_ratio: float = number(
         2.0, 1.0, 4.0, "", "greatest number of cells of the levelled view per source pixel; larger: finer and slower"
     )
@@ -156,13 +104,6 @@ class Params:
         "",
         "number of image columns that are pooled into one; larger: faster, thin objects may be lost [sampling "
         "interval]",
-    )
-    column_agree_sigmas: float = critical(
-        2.0,
-        0.0,
-        10.0,
-        "sigma",
-        "pooled columns that differ by less are one surface, of which the mean counts; otherwise the nearest counts",
     )
     min_measured_share: float = critical(
         0.02, 0.0, 0.5, "", "a frame whose share of measured or far pixels is not greater is invalid"
@@ -185,39 +126,6 @@ class Params:
     )
 
     # Smeared edges: ramps of disparity between a near and a far surface, of a camera whose edges are all like that
-    smear_span_px: int = number(
-        4,
-        1,
-        32,
-        "px",
-        "a pixel of a ramp (smeared edge) lies between the pixels this far to either side, at an image width of 640",
-    )
-    smear_reach_px: int = number(
-        24,
-        2,
-        128,
-        "px",
-        "a ramp ends within this distance on its near side, at an image width of 640; a slanted surface continues",
-    )
-    smear_straight_share: float = number(
-        0.67,
-        0.1,
-        1.0,
-        "",
-        "share of its slope that a ramp keeps at most over that distance; larger: more pixels count as ramps",
-    )
-    smear_passing_m: float = critical(1.0, 0.1, 20.0, "m", "a ramp, continued, passes the camera nearer than this")
-    smear_incidence_deg: float = critical(
-        80.0, 45.0, 89.0, "deg", "a ramp is a surface seen at more than this angle from its normal"
-    )
-    smear_sigmas: float = number(2.0, 0.0, 10.0, "sigma", "least rise of a ramp on each side, in noise")
-    smear_judged_sigmas: float = number(
-        5.0,
-        0.0,
-        20.0,
-        "sigma",
-        "least rise, in noise, of the ramps by which a camera is judged to smear edges",
-    )
     smear_min_share: float = critical(
         0.7, 0.0, 1.0, "", "a camera smears edges when more than this share of its edges are ramps (1: never)"
     )
@@ -227,9 +135,6 @@ class Params:
         10000.0,
         "",
         "least number of edges in every fourth row, at an image height of 480, for a frame to count in that judgement",
-    )
-    smear_memory: float = number(
-        0.9, 0.5, 0.999, "", "share of the previous judgement that is kept at each frame; larger: slower"
     )
     smear_min_frames: int = number(
         5, 2, 30, "frames", "number of frames with enough edges after which a camera is judged by their mean"
@@ -244,41 +149,12 @@ class Params:
         "",
         "least number of edges in every fourth row, at an image height of 480, for that early judgement",
     )
-    smear_footprint_px: float = number(
-        2.0,
-        0.0,
-        10.0,
-        "px",
-        "where ramps are removed, the ends of planes are extended by this, because the near side of a ramp is lost",
-    )
     smear_merge_sigmas: float = number(
         2.5, 0.0, 6.0, "sigma", "noise of one pixel that the merge allows in addition where edges are smeared"
     )
-    smear_noise_cap: float = number(
-        8.0,
-        0.0,
-        20.0,
-        "",
-        "merge_noise_cap where edges are smeared",
-    )
-    smear_join_gap_m: float = number(0.9, 0.1, 3.0, "m", "join_gap_m where edges are smeared")
-    smear_empty_share: float = number(0.2, 0.0, 1.0, "", "merge_empty_share where edges are smeared")
 
     # Noise in a part of the picture: pixels alone, unlike each of their neighbours
-    noisy_look_share: float = critical(
-        0.003, 0.0, 1.0, "", "share of flying pixels above which single tiles are checked for noise"
-    )
     noisy_tiles: int = critical(16, 1, 64, "", "number of tiles across and down for that check")
-    noisy_judged_share: float = critical(
-        0.25, 0.01, 1.0, "", "least share of the pixels of a tile with measured neighbours for the tile to be checked"
-    )
-    noisy_alone_share: float = critical(
-        0.25,
-        0.05,
-        1.0,
-        "",
-        "a tile is noise when more than this share of those pixels differ from all their neighbours",
-    )
     max_noisy_share: float = critical(
         0.04, 0.0, 1.0, "", "greatest share of tiles that are noise; with more the frame is invalid"
     )
@@ -298,21 +174,6 @@ class Params:
     ground_tolerance_cap: float = critical(
         0.9, 0.3, 1.0, "", "greatest half-thickness of the ground, as a share of min_obstacle_height_m"
     )
-    ground_stand_sigmas: float = critical(
-        6.0,
-        1.0,
-        20.0,
-        "sigma",
-        "where the noise exceeds that bound, a strip must rise out of the noise of the ground by this much, "
-        "over all its rows",
-    )
-    ground_stand_m: float = critical(
-        0.1, 0.0, 1.0, "m", "error of the ground's height that is subtracted before that test"
-    )
-    ground_max_below_share: float = critical(
-        0.05, 0.0, 0.3, "", "greatest share of measured pixels below a ground; with more it is rejected"
-    )
-    ground_min_share: float = critical(0.01, 0.001, 0.5, "", "least share of the sampled pixels that vote for a ground")
     ground_max_slope: float = critical(
         0.06,
         0.0,
@@ -338,9 +199,6 @@ class Params:
     ground_max_samples: int = number(
         6000, 1000, 1000000, "", "greatest number of sampled pixels; larger images are sampled in larger steps"
     )
-    ground_min_samples: int = number(
-        50, 10, 10000, "", "least number of sampled pixels; with fewer no ground is searched"
-    )
     ground_pair_climb: float = number(
         0.2,
         0.02,
@@ -350,45 +208,11 @@ class Params:
     )
     ground_pair_climb_min_m: float = number(0.08, 0.01, 1.0, "m", "least rise of a wall between the pixels of a pair")
     ground_pair_climb_max_m: float = number(2.0, 0.1, 20.0, "m", "greatest rise of a wall between the pixels of a pair")
-    ground_pair_min_px: int = number(4, 1, 100, "px", "least distance of the rows of a pair")
     ground_pair_parts: int = number(
         3, 1, 20, "", "greatest distance of the rows of a pair: the height of the image divided by this"
     )
-    ground_pair_flat: float = number(
-        0.25, 0.0, 1.0, "", "a pair votes for ground when it rises by less than this share of a wall"
-    )
-    ground_pair_sigmas: float = number(2.0, 0.0, 8.0, "sigma", "noise of the height that is added to that limit")
-    ground_pair_flat_cap: float = number(
-        0.5, 0.0, 1.0, "", "upper bound of that limit with its noise, as a share of the rise of a wall"
-    )
-    ground_pair_level: float = number(
-        0.5,
-        0.0,
-        1.0,
-        "",
-        "the farther pixel of a pair lies at least this share as far below the camera as the nearer one",
-    )
-    ground_seed_weight: float = number(
-        1.5,
-        1.0,
-        10.0,
-        "",
-        "weight of votes near the height of the last frame; larger: the ground changes less from frame to frame",
-    )
-    ground_seed_steps: int = number(
-        2, 0, 20, "", "number of height steps on either side of the last height that count as near"
-    )
-    ground_tries: int = number(6, 1, 50, "", "number of heights that are tried, beginning with the one of most votes")
     ground_fit_rounds: int = number(
         4, 1, 20, "", "number of rounds of the fit; each uses the pixels near the result of the round before"
-    )
-    ground_fit_sigmas: float = number(
-        2.0,
-        1.0,
-        4.0,
-        "sigma",
-        "where the noise exceeds ground_tolerance_cap, the fit uses pixels up to this distance, and lower "
-        "ones count as below",
     )
     ground_recede_share: float = number(
         0.2,
@@ -398,25 +222,8 @@ class Params:
         "least share of the distance by which ground recedes from row to row that its pixels must recede; "
         "those of a wall do not",
     )
-    ground_recede_noise: float = number(
-        0.1, 0.0, 1.0, "", "a vote is certain when the noise of the height is below this share of the rise of a wall"
-    )
-    ground_fit_min_px: int = number(20, 3, 10000, "", "least number of sampled pixels for a fit")
     ground_fit_floor_m: float = number(
         0.02, 0.001, 1.0, "m", "added to the noise of a pixel in its weight, so that near pixels do not dominate"
-    )
-    ground_slope_prior: float = number(
-        0.0175,
-        0.001,
-        1.0,
-        "m/m",
-        "slope that is expected before the fit; smaller: a narrow patch of ground tilts the fit less",
-    )
-    ground_below_m: float = number(
-        0.1, 0.0, 1.0, "m", "a pixel is below the ground when it is lower than the tolerance and this"
-    )
-    ground_below_full_m: float = number(
-        5.0, 0.1, 50.0, "m", "height of the camera at which half of ground_below_m applies; it grows with the height"
     )
 
     # Density and peaks
@@ -453,7 +260,6 @@ class Params:
         "sigma",
         "pixels in the rows of a segment that are nearer than its peak by at most this are added to it",
     )
-    rough_factor: float = number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough (irregular)")
     near_quantile: float = critical(
         0.02,
         0.0,
@@ -478,9 +284,6 @@ class Params:
         3.0, 1.0, 8.0, "sigma", "a band that begins a new strip differs by this much noise as well"
     )
     irregular_gap_px: int = number(3, 1, 50, "px", "number of rows without pixels that ends an irregular segment")
-    irregular_jump: float = number(
-        0.08, 0.01, 0.5, "", "step of the disparity between rows, as a share, that ends an irregular segment"
-    )
     irregular_depth_m: float = number(0.5, 0.1, 5.0, "m", "greatest extent in depth of one irregular segment")
     irregular_sigmas: float = number(
         4.0, 1.0, 10.0, "sigma", "differences up to this much noise count neither as a step nor as depth"
@@ -560,7 +363,6 @@ class Params:
     line_tolerance_m: float = number(
         0.12, 0.02, 1.0, "m", "greatest misfit of a straight piece; larger: fewer and coarser planes [eps_l]"
     )
-    line_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "noise of a strip that is added to that misfit")
     link_slope_px: float = number(
         1.2, 0.1, 10.0, "px", "greatest change of disparity from one column to the next on one surface"
     )
@@ -568,15 +370,6 @@ class Params:
         1.2, 0.1, 10.0, "px", "the same in a growing piece with a rough strip, where scattered leaves are no slope"
     )
     link_gap_px: int = number(4, 1, 64, "px", "number of columns that one surface may miss; larger: gaps are bridged")
-    roughness_m: float = number(
-        0.02, 0.0, 0.2, "m", "roughness of surfaces that is added to the noise, so that near strips do not dominate"
-    )
-    track_jump: float = number(
-        0.1, 0.01, 0.5, "", "step of the disparity between neighbouring strips, as a share, that begins a new piece"
-    )
-    track_jump_sigmas: float = number(
-        3.0, 1.0, 8.0, "sigma", "a step that begins a new piece exceeds this much noise as well"
-    )
     plane_angle_deg: float = number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
     merge_distance_m: float = number(
         0.3,
@@ -597,23 +390,10 @@ class Params:
         48, 2, 5000, "", "greatest number of merge candidates of a plane in one round; larger: slower"
     )
     merge_partners: int = number(8, 1, 64, "", "number of the best candidates that a plane may be merged with")
-    merge_empty_weight: float = number(
-        0.5, 0.0, 5.0, "", "cost of a merge whose rectangle is all empty; a merge of cost 1 or more is refused"
-    )
     merge_empty_share: float = number(0.25, 0.0, 1.0, "", "greatest empty share of the rectangle of a merged plane")
-    merge_long_share: float = number(
-        0.5, 0.05, 5.0, "Ws", "planes that are both longer than this are merged within plane_angle_deg only"
-    )
     merge_rounds: int = number(12, 1, 50, "", "greatest number of rounds of merging")
     join_gap_m: float = number(
         0.5, 0.1, 3.0, "m", "greatest side of an empty square, and greatest gap, that a merged plane covers"
-    )
-    join_share: float = number(
-        0.9, 0.1, 0.99, "", "greatest side of an empty square that a merged plane covers, as a share of Ws or Hs"
-    )
-    evidence_cell_px: int = number(8, 1, 32, "px", "side of the cells in which evidence for a plane is counted")
-    evidence_behind_m: float = number(
-        0.7, 0.05, 3.0, "m", "greatest distance behind a plane at which a measurement counts as evidence for it"
     )
     opening_slack_m: float = critical(
         0.1, 0.0, 0.5, "m", "greatest distance from measurements that a merged plane covers inside an opening"
@@ -644,33 +424,13 @@ class Params:
         "least shift that such a split avoids, in spreads of the strips about the plane",
     )
     min_plane_distance_m: float = critical(0.05, 0.01, 0.5, "m", "least distance of a plane from the camera")
-    footprint_px: float = critical(
-        0.5, 0.0, 4.0, "px", "extension of the end columns and rows of a plane on either side"
-    )
-    cut_footprint_px: float = critical(
-        1.0, 0.0, 10.0, "px", "extension where the border of the image cuts the rows of a plane"
-    )
-    min_plane_height_m: float = number(0.05, 0.001, 0.5, "m", "least height of a plane that lies below the ground")
     margin_sigmas: float = critical(
         2.0, 0.0, 6.0, "sigma", "noise of the distance of a plane that is part of the published margin"
     )
-    inferred_share: float = number(
-        0.05, 0.0, 0.5, "", "a plane with more filled rows or columns than this share is marked as inferred"
-    )
-    inferred_columns: float = number(
-        4.0, 0.0, 20.0, "px", "number of columns without a strip that do not count as filled"
-    )
-    cut_columns: float = number(
-        1.5, 0.5, 10.0, "px", "a plane that ends this close to the border of the image is marked as cut"
-    )
 
     # Neighbours and pockets
-    meet_share: float = number(0.25, 0.0, 1.0, "Ws", "greatest extension of neighbouring planes to meet each other")
     meet_columns: int = number(
         40, 1, 500, "px", "greatest number of columns over which neighbouring planes are extended"
-    )
-    meet_slack_m: float = number(
-        0.05, 0.0, 0.5, "m", "heights that differ by at most this count as equal where planes meet"
     )
     pocket_min_columns: float = number(
         2.0,
@@ -682,31 +442,11 @@ class Params:
     pocket_behind_m: float = number(
         0.3, 0.0, 2.0, "m", "a plane at most this far behind the mouth of a concavity closes it already"
     )
-    pocket_points: int = number(
-        5, 1, 50, "", "number of points in each direction at which the mouth of a concavity is checked for openings"
-    )
     covered_px: float = number(
         0.5, 0.0, 10.0, "px", "what extends beside a plane by at most this counts as hidden by it"
     )
-    covered_depth_m: float = number(1.0, 0.0, 5.0, "m", "greatest distance behind a plane at which it hides others")
 
     # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
-    opening_cell_px: int = number(4, 3, 16, "px", "side of the cells in which free boxes are searched")
-    opening_first_m: float = number(0.5, 0.1, 5.0, "m", "first of the distances at which free boxes are searched")
-    opening_ratio: float = number(
-        1.42, 1.05, 2.0, "", "ratio of each such distance to the one before; larger: fewer distances, faster"
-    )
-    opening_edge_px: float = number(
-        2.0, 0.0, 50.0, "px", "a piece ends where tops or bottoms step by more than this beside an opening"
-    )
-    opening_unknown_share: float = critical(0.2, 0.0, 0.5, "", "greatest share of unknown pixels in a free box")
-    opening_behind_m: float = critical(
-        0.5,
-        0.05,
-        5.0,
-        "m",
-        "least depth that must be seen free behind an opening where Ws would reach beyond the maximum range",
-    )
 
     # Layers and the free-range profile
     layer_join_m: float = number(
@@ -759,7 +499,6 @@ class Params:
         "a pixel sees through what lies this much noise before its measurement; larger: less free space",
     )
     profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "upper bound of that noise, as a share of the distance")
-    profile_least_m: float = critical(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is unknown")
     profile_blank_m: float = critical(
         0.3,
         0.02,

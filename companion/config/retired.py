@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from .expert import expert_fields
+from .retired_constants import CONSTANTS
 
 _CPU_IDLE: Final = "use cpupower or tuned to limit the idle states of the processor"
 _LEVEL_MEMORY: Final = "it has no effect any more; a planner gives it to osape_client.LevelMemory; remove the line"
@@ -22,6 +23,11 @@ RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("record", "drawings"): "[output] scene and transforms decide what each log holds; remove the line",
     ("world", "level_memory_s"): _LEVEL_MEMORY,
     ("world", "level_speed_m_s"): _LEVEL_MEMORY,
+    **{
+        (section, key): "it is a constant of the algorithm now; remove the line"
+        for section in ("extractor", "expert")
+        for key in CONSTANTS
+    },
 }
 """(section, key) -> what to do about it."""
 
@@ -37,7 +43,15 @@ def refused_values(content: Mapping[str, Any]) -> list[str]:
     mode = extractor.get("mode", "safe") if isinstance(extractor, Mapping) else "safe"
     if mode == "paper":
         return [_PAPER]
-    return [] if mode == "safe" else ["[extractor] mode is retired; remove the line"]
+    changed = [
+        f"[{section}] {key} = {table[key]!r} is not available any more: it is a constant of the algorithm, {value:g}. "
+        "Remove the line. A log recorded with it can be replayed by the version that recorded it"
+        for section in ("extractor", "expert")
+        if isinstance(table := content.get(section), Mapping)
+        for key, value in CONSTANTS.items()
+        if table.get(key, value) != value
+    ]
+    return changed if mode == "safe" else [*changed, "[extractor] mode is retired; remove the line"]
 
 
 RENAMED: Final[Mapping[tuple[str, str], tuple[str, str]]] = {

@@ -69,7 +69,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
     flying_off_ramps(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke)
-    limits = ramp_limits(info, ke, p)
+    limits = ramp_limits(info, ke)
     drop_smeared_edges(depth_mm, depth.copy(), info, np.eye(3), Ground(seen=False), limits, p, Buffers())
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
     grid = inverse_depth_grid(depth_mm, info)

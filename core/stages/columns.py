@@ -24,6 +24,9 @@ from .strips import COUNTS, Column, StripOutput
 from .view_geometry import homography_area
 from .windows import Peak, WindowBuffers, slide_windows
 
+_ROUGH_FACTOR = 1.2
+"""A peak wider than this times e(x) is rough."""
+
 
 @kernel
 def extract_strips(codes, ground, view, bins, settings, strips):
@@ -98,10 +101,10 @@ def extract_strips(codes, ground, view, bins, settings, strips):
 def peak_of(label, low, high, top, bins, settings):
     """Returns the Peak with this label that covers the bins low..high and has its greatest count in bin `top`.
 
-    It is rough if its width exceeds the noise e(x) of Eq. 9, sigma_d + 2 alpha h, by rough_factor."""
+    It is rough if its width exceeds the noise e(x) of Eq. 9, sigma_d + 2 alpha h, by _ROUGH_FACTOR."""
     bin_px, width_px = bins.disparity_px, bins.width_px
     spread = bin_px[high] - bin_px[low] + width_px[top]
     noise = settings.sigma_d_px + 2.0 * settings.peak_alpha * bins.weights.shape[0] * width_px[top]
     low_code = (bin_px[low] - 0.5 * width_px[low]) * settings.lsb_per_px
     high_code = (bin_px[high] + 0.5 * width_px[high]) * settings.lsb_per_px
-    return Peak(label, bin_px[top], low_code, high_code, spread > settings.rough_factor * noise)
+    return Peak(label, bin_px[top], low_code, high_code, spread > _ROUGH_FACTOR * noise)

@@ -43,12 +43,16 @@ class Rectangle(NamedTuple):
     bottom_m: Any
 
 
+CELL_PX = 8
+"""Side of the cells in which evidence is counted, in columns and rows of the view."""
+_BEHIND_M = 0.7
+"""Greatest distance behind a plane at which a measurement is evidence for it."""
 _OUTSIDE = 1e6
 """1/x of a cell outside of the source image, greater than that of any obstacle."""
 
 
 @inner
-def mark_nearest(strips, n, f, cell, grid):
+def mark_nearest(strips, n, f, grid):
     """Computes 1/x of the nearest strip that crosses each cell: grid, (C, R) float32 out, 0 where there is none."""
     grid[:] = 0.0
     for k in range(n):
@@ -56,21 +60,21 @@ def mark_nearest(strips, n, f, cell, grid):
         if strip.support <= 0:
             continue
         s = strip.disparity_px / f
-        i = strip.column // cell
-        for j in range(strip.top_row // cell, strip.bottom_row // cell + 1):
+        i = strip.column // CELL_PX
+        for j in range(strip.top_row // CELL_PX, strip.bottom_row // CELL_PX + 1):
             if s > grid[i, j]:
                 grid[i, j] = s
 
 
 @inner
-def mark_outside(H, width, height, cell, grid):
+def mark_outside(H, width, height, grid):
     """Blocks the cells of grid whose centres lie outside of the source image: they were not measured, so they are not
     empty."""
     cols, rows = grid.shape
     for i in range(cols):
-        u = (i + 0.5) * cell - 0.5
+        u = (i + 0.5) * CELL_PX - 0.5
         for j in range(rows):
-            v = (j + 0.5) * cell - 0.5
+            v = (j + 0.5) * CELL_PX - 0.5
             w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
             x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]
             if w <= 0.0 or x < -0.5 * w or x > (width - 0.5) * w or y < -0.5 * w or y > (height - 0.5) * w:
@@ -78,7 +82,7 @@ def mark_outside(H, width, height, cell, grid):
 
 
 @inner
-def find_evidence(strips, n, view, image, cell, grid):
+def find_evidence(strips, n, view, image, grid):
     """Computes the cells of Evidence.
 
     Args:
@@ -86,10 +90,9 @@ def find_evidence(strips, n, view, image, cell, grid):
         n: number of strips.
         view: ViewGeometry.
         image: a record of SOURCE.
-        cell: side of a cell in columns and rows of the view.
-        grid: (ceil(cols / cell), ceil(rows / cell)) float32 out."""
-    mark_nearest(strips, n, view.f_px, cell, grid)
-    mark_outside(view.H, image.width_px, image.height_px, cell, grid)
+        grid: (ceil(cols / CELL_PX), ceil(rows / CELL_PX)) float32 out."""
+    mark_nearest(strips, n, view.f_px, grid)
+    mark_outside(view.H, image.width_px, image.height_px, grid)
 
 
 @inner
@@ -104,7 +107,7 @@ def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
 
     It must not be made if it contains an empty square with a side of gap_m, or an open cell (openings.py) that lies
     more than slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is less than
-    behind_m, and `sigmas` of noise of 1/x, behind the line.
+    _BEHIND_M, and `sigmas` of noise of 1/x, behind the line.
 
     Args:
         joined: Rectangle on the line.
@@ -125,7 +128,7 @@ def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
         down = evidence.down * s
         j0 = min(max(0, first_cell(joined.top_m * down + evidence.cv)), grid.shape[1])
         j1 = max(j0, min(grid.shape[1], first_cell(joined.bottom_m * down + evidence.cv)))
-        limit = s / (1.0 + rules.behind_m * s) - noise_s
+        limit = s / (1.0 + _BEHIND_M * s) - noise_s
         longest = rules.gap_m * min(evidence.across, evidence.down) * s
         slack = rules.slack_m * down
         corner = run[j0]

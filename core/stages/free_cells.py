@@ -11,7 +11,7 @@ from ..jit import inner, kernel
 from .view_geometry import Q_FAR, Q_UNKNOWN
 
 DARK_ROWS = 4
-"""Rows of a block that counts as unknown if more than half of its cells are. It is not a tuning parameter."""
+"""Rows of a block that counts as unknown if more than half of its cells are."""
 HIDES_NOTHING, HIDES_PART, HIDES_ALL = 0, 1, 2
 """See `hiding_columns`."""
 _COUNTED = 32768

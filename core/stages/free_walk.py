@@ -29,6 +29,8 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
 )
 _NEAR_REACH = 1.5
 """A thing whose front is nearer than the minimum range may reach to this multiple of it."""
+_LEAST_LAYER_M = 0.1
+"""A layer with less than this above the ground is unknown."""
 WALK_SETTINGS = record(
     ("f_px", np.float64),
     ("horizon_row", np.float64),
@@ -41,7 +43,6 @@ WALK_SETTINGS = record(
     ("spread", np.float64),  # noise of the ground's height per metre of distance
     ("blind_beyond_m", np.float64),  # beyond it low obstacles cannot be distinguished from the ground
     ("free_share", np.float64),  # share of the cells that makes a ring free
-    ("least_m", np.float64),  # least height of a layer above the ground
     ("ahead", np.float64),  # the optical depth of a point of level_cam is ahead x + right y + down z
     ("right", np.float64),
     ("down", np.float64),
@@ -99,7 +100,6 @@ def walk_settings(g: ViewGeometry, source: Any, ground: Ground, ke_per_m: float,
         p.ground_sigmas * ke_per_m * ground.height_m if ground.seen else 0.0,
         ground.blind_beyond_m,
         p.free_share,
-        p.profile_least_m,
         float(g.H[2, 0]) * g.cu + float(g.H[2, 1]) * g.cv + float(g.H[2, 2]),
         right,
         down,
@@ -259,7 +259,7 @@ def part_at(x, v0, v1, in_source, t0, t1, top, bottom, w):
     lower = min(bottom, lowest_clear(0.5 * (t0 + t1), x, w))
     if lower < bottom and x > w.blind_beyond_m:
         return _UNKNOWN, lower, v0, v1
-    if lower - top < w.least_m:
+    if lower - top < _LEAST_LAYER_M:
         return _NOT_SEEN, lower, v0, v1
     if optical_depth(x, t0, t1, top, lower, w) > w.clear_m:
         return _RANGE, lower, v0, v1

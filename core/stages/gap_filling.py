@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, record
+from .line_fit import LINE_SIGMAS
 
 MAX_RUNS = 32
 """Greatest number of runs at one time. Gaps beyond it stay open."""
@@ -55,7 +56,7 @@ def fill_gap(strips, i, j, settings):
     a, b = strips[i], strips[j]
     rows = b.top_row - a.bottom_row - 1
     d = min(a.disparity_px, b.disparity_px)
-    noise = settings.line_sigmas * math.hypot(a.sigma_px, b.sigma_px)
+    noise = LINE_SIGMAS * math.hypot(a.sigma_px, b.sigma_px)
     if abs(a.disparity_px - b.disparity_px) <= max(settings.band_step_m * d * d / settings.f_px, noise):
         p, q = 1.0 / a.sigma_px**2, 1.0 / b.sigma_px**2
         a.disparity_px = (p * a.disparity_px + q * b.disparity_px) / (p + q)

@@ -30,37 +30,47 @@ _FAR = np.uint16(FAR_MM)
 _CLIMB_MOST = 2.0 / 3.0
 """Greatest climb of a pair as a share of the camera's height. At a height of a few centimetres the least climb would
 otherwise reach over the horizon, and no pair on the ground would vote."""
+_MIN_SAMPLES = 50
+"""Least number of sampled pixels; with fewer no ground is searched."""
+_MIN_SHARE = 0.01
+"""Least share of the samples that vote for a ground, and that lie on it."""
+_PAIR_MIN_PX = 4.0
+"""Least distance of the rows of a pair."""
+_PAIR_FLAT, _PAIR_SIGMAS, _PAIR_FLAT_CAP = 0.25, 2.0, 0.5
+"""A pair votes when it rises by less than this share of a wall and so much noise, at most by the cap."""
+_PAIR_LEVEL = 0.5
+"""The farther pixel of a pair lies at least this share as far below the camera as the nearer one."""
+_SEED_WEIGHT, _SEED_STEPS = 1.5, 2
+"""Weight of votes up to this many steps of height from the ground of the last frame."""
+_TRIES = 6
+"""Number of heights that are tried, beginning with the one of most votes."""
+_FIT_SIGMAS = 2.0
+"""Where the noise exceeds the greatest tolerance, the fit uses pixels up to this distance, and lower ones are below."""
+_FIT_MIN_PX = 20
+"""Least number of samples for a fit."""
+_SLOPE_PRIOR = 0.0175
+"""Slope that is expected before the fit, m/m: a narrow patch of ground tilts the fit little."""
+_RECEDE_NOISE = 0.1
+"""A vote is certain when the noise of the height is below this share of the rise of a wall."""
+_BELOW_M, _BELOW_FULL_M = 0.1, 5.0
+"""A pixel is below the ground when it is lower than the tolerance and _BELOW_M h / (h + _BELOW_FULL_M), h: height of
+the camera."""
+_MAX_BELOW_SHARE = 0.05
+"""Greatest share of the samples below a ground."""
 GROUND_SETTINGS = record(
     ("tolerance_m", np.float64),  # `ground_tolerance_m`, at most cap_m
     ("cap_m", np.float64),  # greatest tolerance
-    ("pair_min_px", np.float64),
     ("min_height_m", np.float64),
     ("max_height_m", np.float64),
     ("height_step", np.float64),
     ("pair_climb", np.float64),
     ("pair_climb_min_m", np.float64),
     ("pair_climb_max_m", np.float64),
-    ("pair_flat", np.float64),
-    ("pair_sigmas", np.float64),
-    ("pair_flat_cap", np.float64),
-    ("pair_level", np.float64),
-    ("seed_weight", np.float64),
-    ("min_samples", np.float64),
-    ("min_share", np.float64),
     ("sigmas", np.float64),
-    ("fit_sigmas", np.float64),
-    ("fit_min_px", np.float64),
     ("fit_floor_m", np.float64),
     ("max_slope", np.float64),
-    ("slope_prior", np.float64),
-    ("below_m", np.float64),
-    ("below_full_m", np.float64),
-    ("max_below_share", np.float64),
     ("recede_share", np.float64),
-    ("recede_noise", np.float64),
     ("pair_parts", np.int64),
-    ("seed_steps", np.int64),
-    ("tries", np.int64),
     ("fit_rounds", np.int64),
 )
 """Settings of the ground search. Fields without a comment are the parameters of these names with the prefix
@@ -142,7 +152,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             # the height that a wall covers over the rows of the pair
             climb_min = min(tuning.pair_climb_min_m, _CLIMB_MOST * z)
             climb = min(max(tuning.pair_climb * z, climb_min), tuning.pair_climb_max_m)
-            v2 = v - int(max(tuning.pair_min_px, min(pair_rows_max, climb * k[1] * d)))
+            v2 = v - int(max(_PAIR_MIN_PX, min(pair_rows_max, climb * k[1] * d)))
             if v2 < 0:
                 continue
             mark = marks[v2, u]
@@ -154,9 +164,9 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             x2 = (R[0, 0] * xu + R[0, 1] * yv2 + R[0, 2]) / d2
             if x2 > 0.0:
                 points[n - 1].tangent_step, points[n - 1].inverse_step = z / x - z2 / x2, 1.0 / x - 1.0 / x2
-            noise = tuning.pair_sigmas * ke * (z / d + abs(z2) / d2) * 0.5
-            allowed = min(tuning.pair_flat * climb + noise, tuning.pair_flat_cap * climb)
-            if abs(z2 - z) < allowed and z2 > tuning.pair_level * z:
+            noise = _PAIR_SIGMAS * ke * (z / d + abs(z2) / d2) * 0.5
+            allowed = min(_PAIR_FLAT * climb + noise, _PAIR_FLAT_CAP * climb)
+            if abs(z2 - z) < allowed and z2 > _PAIR_LEVEL * z:
                 points[n - 1].level = 1.0
                 bin_ = step_of(0.5 * (z + z2), bin_step) - lowest
                 if 0 <= bin_ < bins:
@@ -194,7 +204,7 @@ def fit_cap(sigma, tuning):
     """Returns the greatest distance of a point of the ground from the plane that is fitted, in metres.
 
     A smaller one would cut into the noise of the points, and the fit could not move from where it starts."""
-    return max(tuning.cap_m, tuning.fit_sigmas * sigma)
+    return max(tuning.cap_m, _FIT_SIGMAS * sigma)
 
 
 @inner
@@ -230,13 +240,13 @@ def fit_ground(points, height, tuning):
                 w, wx, wy, wr = w + weight, wx + weight * x, wy + weight * y, wr + weight * r
                 wxx, wxy, wyy = wxx + weight * x * x, wxy + weight * x * y, wyy + weight * y * y
                 wxr, wyr = wxr + weight * x * r, wyr + weight * y * r
-        if on < max(tuning.fit_min_px, tuning.min_share * n):
+        if on < max(_FIT_MIN_PX, _MIN_SHARE * n):
             return False, height, slope_x, slope_y, 0.0
         height += wr / w
         if tuning.max_slope > 0.0:
             sums = (w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr)
-            slope_x, slope_y = bounded_slope(sums, wr / w, slope_x, slope_y, tuning.slope_prior, tuning.max_slope)
-    slack = tuning.below_m * height / (height + tuning.below_full_m)
+            slope_x, slope_y = bounded_slope(sums, wr / w, slope_x, slope_y, _SLOPE_PRIOR, tuning.max_slope)
+    slack = _BELOW_M * height / (height + _BELOW_FULL_M)
     on, below, recedes, recede = 0, 0, 0.0, 0.0
     for i in range(n):
         sigma = tolerance_at / points[i].per_height
@@ -247,11 +257,11 @@ def fit_ground(points, height, tuning):
             on += 1
             # On the ground 1/x = (z/x - slopes) / height; on a wall 1/x is the same in all rows.
             rows, rise = np.float64(points[i].tangent_step), np.float64(points[i].inverse_step)
-            if sigma < tuning.recede_noise * abs(rows) * points[i].x:  # noise cannot have caused the vote of this pair
+            if sigma < _RECEDE_NOISE * abs(rows) * points[i].x:  # noise cannot have caused the vote of this pair
                 rows *= points[i].level
                 rise = rows / height
             recedes, recede = recedes + rows * rise, recede + rows * rows
-    seen = below <= tuning.max_below_share * n and height >= tuning.min_height_m
+    seen = below <= _MAX_BELOW_SHARE * n and height >= tuning.min_height_m
     seen = seen and recedes * height >= tuning.recede_share * recede
     return seen, height, slope_x, slope_y, on / n
 
@@ -274,12 +284,12 @@ def search_ground(marks, R, k, ke, seed_height, column_step, row_step, settings,
         score[b] = votes[max(b - 1, 0) : b + 2].sum()
     lowest = step_of(tuning.min_height_m, tuning.height_step)
     if seed_height > tuning.min_height_m:
-        at, reach = step_of(seed_height, tuning.height_step) - lowest, tuning.seed_steps
-        score[max(0, at - reach) : at + reach + 1] *= tuning.seed_weight
-    tries = tuning.tries if sampled >= tuning.min_samples else 0
+        at, reach = step_of(seed_height, tuning.height_step) - lowest, _SEED_STEPS
+        score[max(0, at - reach) : at + reach + 1] *= _SEED_WEIGHT
+    tries = _TRIES if sampled >= _MIN_SAMPLES else 0
     for _ in range(tries):
         best = np.argmax(score)
-        if score[best] < tuning.min_share * sampled:
+        if score[best] < _MIN_SHARE * sampled:
             break
         height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning.height_step)
         score[max(0, best - 2) : best + 3] = 0.0  # all scores that contain votes for this step

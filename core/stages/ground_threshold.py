@@ -19,6 +19,12 @@ from .strips import MERGED
 from .support import compact
 from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
 
+STAND_SIGMAS = 6.0
+"""Where the noise of the height exceeds the greatest tolerance, a strip must rise out of the noise of the ground by this
+much over all its rows."""
+STAND_M = 0.1
+"""Error of the ground's height that is subtracted before that test."""
+
 
 class GroundThreshold(NamedTuple):
     """Decides which cells of the levelled view are ground or below it.
@@ -97,8 +103,8 @@ def ground_noise_test(ground: Ground, view: ViewGeometry, ke_per_m: float, p: Pa
         ground.height_m,
         ground.slope_x,
         near_px,
-        p.ground_stand_m / ground.height_m,
-        p.ground_stand_sigmas * sigma,
+        STAND_M / ground.height_m,
+        STAND_SIGMAS * sigma,
         p.ground_sigmas * sigma,
     )
     return out

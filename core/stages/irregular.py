@@ -13,6 +13,9 @@ from ..jit import inner, inner_inline
 from .row_mask import CODE, ROW
 from .strips import HORIZONTAL, IRREGULAR, Pixels, emit
 
+_JUMP_SHARE = 0.08
+"""Step of the disparity between rows, as a share, that ends a segment."""
+
 
 @inner
 def is_horizontal(px, first, last, settings):
@@ -61,7 +64,7 @@ def irregular_rest(px, n, column, settings, buffer, out):
         lo, hi = min(least, d), max(most, d)
         close = px[ROW, i] - px[ROW, i - 1] > gap
         tall = px[ROW, i] - px[ROW, first] + 1
-        close |= (abs(d - before) > max(noise, settings.irregular_jump * d)) | (tall > hd * hi)
+        close |= (abs(d - before) > max(noise, _JUMP_SHARE * d)) | (tall > hd * hi)
         # f / lo - f / hi > depth + noise * f / lo^2, without the divisions
         close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
         if close:

@@ -33,6 +33,8 @@ _SAME = 1e-9
 """Greatest rounding error of an element of a homography."""
 _LITTLE_ENDIAN = sys.byteorder == "little"
 _FAR = np.uint16(FAR_MM)
+_AGREE_SIGMAS = 2.0
+"""Pooled columns that differ by less noise are one surface, of which the mean counts; otherwise the nearest counts."""
 
 
 class FetchTile(NamedTuple):
@@ -277,7 +279,7 @@ def level_view(
     step = params.column_step
     if step == 1:
         return LevelledView(codes, view, codes, view)
-    apart_px = math.sqrt(2.0) * params.column_agree_sigmas * max(ke_per_m * view.f_px, params.min_sigma_px)
+    apart_px = math.sqrt(2.0) * _AGREE_SIGMAS * max(ke_per_m * view.f_px, params.min_sigma_px)
     pooled = buffers("pooled", (-(-view.cols // step), view.rows), np.uint16)
     pool_columns(codes, step, int(apart_px * view.lsb_per_px), pooled)
     return LevelledView(pooled, pooled_geometry(view, step), codes, view)

@@ -16,6 +16,9 @@ import math
 
 from ..jit import inline_ieee, inner
 
+LINE_SIGMAS = 3.0
+"""Noise of a strip, or of a plane, that is allowed in addition to the misfit of a line."""
+
 
 @inner
 def clear_moments(m):

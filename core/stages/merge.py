@@ -33,11 +33,12 @@ from .planes import distance_at
 from .priority_queue import Queue, clear_queue, pop, push, queue_buffers
 from .union_find import root_of
 
+_EMPTY_WEIGHT = 0.5
+"""Cost of a merge whose rectangle is all empty."""
 _SAME = 1e-9
-"""Costs that differ by less are equal except for rounding. It is not a tuning parameter."""
+"""Costs that differ by less are equal except for rounding."""
 _WINDOW = 1.25
-"""Factor on the search window: gaps are measured at the mean distance of both planes, the window at that of one. It
-is not a tuning parameter."""
+"""Factor on the search window: gaps are measured at the mean distance of both planes, the window at that of one."""
 _MORE_THAN_T = 1000.0
 """A number greater than any tangent of azimuth."""
 _SLOTS = 4096
@@ -84,7 +85,7 @@ def cover_cost(p, q, a, b, rules, evidence, openings, run):
     one, other = Rectangle(p.t0, p.t1, p.top_m, p.bottom_m), Rectangle(q.t0, q.t1, q.top_m, q.bottom_m)
     joined = Rectangle(min(p.t0, q.t0), max(p.t1, q.t1), min(p.top_m, q.top_m), max(p.bottom_m, q.bottom_m))
     share = uncovered_share(joined, a, b, one, other, rules, evidence, openings, run)
-    return REFUSED if share > rules.most_empty else rules.empty_weight * share
+    return REFUSED if share > rules.most_empty else _EMPTY_WEIGHT * share
 
 
 @kernel

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..jit import inline_ieee, inner, inner_ieee, record, record_of
 from ..params import Params
-from .line_fit import misfit
+from .line_fit import LINE_SIGMAS, misfit
 from .planes import LEAST_S
 from .view_geometry import ViewGeometry
 
@@ -26,10 +26,8 @@ MERGE_RULES = record(
     ("long_m", np.float64),  # length of a long piece
     ("spread_m", np.float64),  # distance of strips from the new line, root mean square
     ("sigma_s", np.float64),  # noise of 1/x of a strip with the least support, 1/m
-    ("empty_weight", np.float64),  # cost of covered empty cells, over their share
     ("most_empty", np.float64),  # greatest share of covered empty cells
     ("gap_m", np.float64),  # greatest gap between two pieces
-    ("behind_m", np.float64),  # evidence counts up to this distance behind the plane
     ("slack_m", np.float64),  # width of an opening's border that may be covered
     ("shift_m", np.float64),  # shift towards the camera
     ("smear_s", np.float64),  # error of 1/x that all pixels of a surface share, for a camera that smears edges, 1/m
@@ -74,10 +72,15 @@ class Piece(NamedTuple):
 
 TRAITS = len(Piece._fields)
 TILE = 64
-"""Number of pieces whose traits are stored side by side. It is not a tuning parameter."""
+"""Number of pieces whose traits are stored side by side."""
 _SURELY = 2.0
-"""Factor on the allowed deviation, beyond which `surely_apart` refuses a pair without a fit. It is not a tuning
-parameter."""
+"""Factor on the allowed deviation, beyond which `surely_apart` refuses a pair without a fit."""
+_LONG_WS = 0.5
+"""Planes that are both longer than this are merged within plane_angle_deg only, in Ws."""
+_GAP_SHARE = 0.9
+"""Greatest side of an empty square that a merged plane covers, as a share of Ws or Hs."""
+_SMEARED_GAP_M, _SMEARED_NOISE_CAP, _SMEARED_EMPTY_SHARE = 0.9, 8.0, 0.2
+"""join_gap_m, merge_noise_cap and merge_empty_share of a camera that smears edges."""
 REFUSED = 2.0
 """Cost of a pair that must not be merged. Any cost of 1 or more is too great."""
 
@@ -152,7 +155,7 @@ def apart(p, q, gap_m):
 
 @inline_ieee
 def surely_apart(p, q, gap_m):
-    """True if two pieces cannot be merged, by a test that is faster than `pair_cost`.
+    """True if two pieces cannot be merged, whatever `pair_cost` says.
 
     Either the vertical gap exceeds gap_m, or they share tangents of azimuth at which their distances differ too much
     for one line."""
@@ -257,23 +260,21 @@ def costs_of_next(tiles, k, end, rules, costs):
 
 def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = False) -> NDArray[Any]:
     """Returns (1,) MERGE_RULES of a view and its noise. smeared: True if the camera smears its edges."""
-    gap_m = p.smear_join_gap_m if smeared else p.join_gap_m
+    gap_m = _SMEARED_GAP_M if smeared else p.join_gap_m
     return record_of(
         MERGE_RULES,
         p,
         tolerance_m=p.merge_distance_m,
-        sigmas=p.line_sigmas,
-        noise_cap=p.smear_noise_cap if smeared else p.merge_noise_cap,
+        sigmas=LINE_SIGMAS,
+        noise_cap=_SMEARED_NOISE_CAP if smeared else p.merge_noise_cap,
         slope_prior=1.0 / (p.link_slope_px * p.link_slope_px),
         turn=math.tan(math.radians(p.plane_angle_deg)),
-        long_m=p.merge_long_share * p.passable_width_m,
+        long_m=_LONG_WS * p.passable_width_m,
         spread_m=p.merge_spread_m,
         sigma_s=max(ke_per_m, p.min_sigma_px / view.f_px) / math.sqrt(p.min_support_px),
-        empty_weight=p.merge_empty_weight,
-        most_empty=p.smear_empty_share if smeared else p.merge_empty_share,
-        behind_m=p.evidence_behind_m,
+        most_empty=_SMEARED_EMPTY_SHARE if smeared else p.merge_empty_share,
         slack_m=p.opening_slack_m,
         shift_m=p.merge_shift_m,
         smear_s=p.smear_merge_sigmas * ke_per_m if smeared else 0.0,
-        gap_m=min(gap_m, p.join_share * p.passable_width_m, p.join_share * p.passable_height_m),
+        gap_m=min(gap_m, _GAP_SHARE * p.passable_width_m, _GAP_SHARE * p.passable_height_m),
     )

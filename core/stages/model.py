@@ -22,10 +22,15 @@ from .strips import CUT_BOTTOM, CUT_TOP, PX
 from .view_geometry import ViewGeometry
 
 _OUTWARD = 1e-6
-"""Tangent by which outlines are extended, so that rounding to float32 does not open a ray along an edge. It is not a
-tuning parameter."""
+"""Tangent by which outlines are extended, so that rounding to float32 does not open a ray along an edge."""
 _LEAST_HEIGHT_M = 1e-3
-"""Least height of a plane, so that top and bottom differ in float32. It is not a tuning parameter."""
+"""Least height of a plane, so that top and bottom differ in float32."""
+_LEAST_BELOW_GROUND_M = 0.05
+"""Height that a plane below the ground keeps."""
+_INFERRED_SHARE, _INFERRED_COLUMNS = 0.05, 4.0
+"""A plane with more filled rows, or columns, than this share is inferred. So many columns do not count as filled."""
+_CUT_COLUMNS = 1.5
+"""A plane that ends this close to the border of the image is cut."""
 _INFERRED, _UNKNOWN_BEHIND = int(PlaneFlags.INFERRED), int(PlaneFlags.UNKNOWN_BEHIND)
 _CUT_LEFT, _CUT_RIGHT = int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT)
 _CUT_TOP, _CUT_BOTTOM, _IRREGULAR = int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM), int(PlaneFlags.IRREGULAR)
@@ -43,12 +48,9 @@ PUBLISH_SETTINGS = record(
     ("axis_x", np.float64),  # of the optical axis in level_cam: the depth of a point (x, y, z) is axis_x x + axis_z z
     ("axis_z", np.float64),
     ("ground_tolerance_m", np.float64),
-    ("min_plane_height_m", np.float64),
     ("safe_distance_m", np.float64),
     ("margin_sigmas", np.float64),
     ("noise_alike_px", np.float64),
-    ("inferred_share", np.float64),
-    ("inferred_columns", np.float64),
 )
 """Settings of `published_planes`. Fields without a comment are the parameters of the same names."""
 
@@ -124,7 +126,7 @@ def published_planes(
     """Returns the planes to publish; None if a number of one of them is not finite, since its place is then not
     known.
 
-    Planes end at the ground below them, but keep min_plane_height_m. The margin contains the distance of the near
+    Planes end at the ground below them, but keep _LEAST_BELOW_GROUND_M. The margin contains the distance of the near
     edge in front of the plane (up to safe_distance_m), margin_sigmas of the noise of the plane's distance, and the error
     that all depths of the camera share. Neighbouring columns share the noise.
 
@@ -139,8 +141,8 @@ def published_planes(
     column_t = float(view.lateral[0]) / view.f_px
     settings["ground_seen"], settings["height_m"] = ground.seen, ground.height_m
     settings["slope_x"], settings["slope_y"] = ground.slope_x, ground.slope_y
-    settings["left_t"] = (params.cut_columns - view.cu) * column_t
-    settings["right_t"] = (view.cols - 1 - params.cut_columns - view.cu) * column_t
+    settings["left_t"] = (_CUT_COLUMNS - view.cu) * column_t
+    settings["right_t"] = (view.cols - 1 - _CUT_COLUMNS - view.cu) * column_t
     settings["bias_per_m"], settings["axis_x"], settings["axis_z"] = bias
     out = PublishedPlanes(
         np.empty((count, 6), np.float32),
@@ -205,7 +207,7 @@ def _cut_at_ground(count, planes, settings):
         middle = 0.5 * (p.t0 + p.t1)
         x = 1.0 / max(p.a + p.b * middle, LEAST_S)
         floor = settings.height_m + (settings.slope_x + settings.slope_y * middle) * x + settings.ground_tolerance_m
-        p.bottom_m = min(p.bottom_m, max(floor, p.top_m + settings.min_plane_height_m))
+        p.bottom_m = min(p.bottom_m, max(floor, p.top_m + _LEAST_BELOW_GROUND_M))
 
 
 @inner
@@ -234,13 +236,12 @@ def _write_rows(count, planes, settings, rows, margin, noise_margin):
 @inner
 def _write_flags(count, planes, settings, flags):
     """Writes the flags of PublishedPlanes."""
-    share = settings.inferred_share
     for k in range(count):
         p = planes[k]
         inferred = p.inferred > 0
-        filled = p.filled_rows > share * p.rows
+        filled = p.filled_rows > _INFERRED_SHARE * p.rows
         columns = (p.t1 - p.t0) / settings.column_t
-        spanned = p.columns < (1.0 - share) * columns - settings.inferred_columns
+        spanned = p.columns < (1.0 - _INFERRED_SHARE) * columns - _INFERRED_COLUMNS
         found = _INFERRED if inferred or filled or spanned else 0
         found |= 0 if inferred else _UNKNOWN_BEHIND
         found |= _CUT_LEFT if p.t0 <= settings.left_t else 0

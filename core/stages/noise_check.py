@@ -17,7 +17,13 @@ from ..types import CameraInfo
 from .classify import inverse_image, measured_mm
 
 _FEWEST_NEIGHBOURS = 3
-"""Least number of measured neighbours, of four, for a pixel to be judged. It is not a tuning parameter."""
+"""Least number of measured neighbours, of four, for a pixel to be judged."""
+_LOOK_SHARE = 0.003
+"""Share of flying pixels above which single tiles are checked."""
+_JUDGED_SHARE = 0.25
+"""Least share of the pixels of a tile that can be judged for the tile to be."""
+_ALONE_SHARE = 0.25
+"""A tile is noise when more than this share of those pixels differ from all their neighbours."""
 
 
 @kernel
@@ -110,8 +116,8 @@ def noisy_share(depth_mm: NDArray[np.uint16], least_mm: int, greatest_mm: int, k
     shape = (min(p.noisy_tiles, depth_mm.shape[0]), min(p.noisy_tiles, depth_mm.shape[1]))
     judged, alone = np.empty(shape, np.int32), np.empty(shape, np.int32)
     count_alone(depth_mm, least_mm, greatest_mm, p.flying_relative, p.flying_sigmas * ke, judged, alone)
-    enough = judged >= max(1.0, p.noisy_judged_share * depth_mm.size / judged.size)
-    return float(np.count_nonzero(enough & (alone > p.noisy_alone_share * judged)) / judged.size)
+    enough = judged >= max(1.0, _JUDGED_SHARE * depth_mm.size / judged.size)
+    return float(np.count_nonzero(enough & (alone > _ALONE_SHARE * judged)) / judged.size)
 
 
 def is_no_measurement(
@@ -132,7 +138,7 @@ def is_no_measurement(
     p, (measured, far, flying) = params, counts
     if (measured - flying) / depth_mm.size + far / depth_mm.size <= p.min_measured_share:
         return True
-    if flying <= min(p.max_flying_share, p.noisy_look_share) * measured:
+    if flying <= min(p.max_flying_share, _LOOK_SHARE) * measured:
         return False
     limits = measured_mm(info, ke_per_m, p)
     if flying > p.max_flying_share * measured:

@@ -14,19 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..buffers import Buffers
-from ..jit import inner, inner_inline, kernel, record
+from ..jit import inner, inner_inline, kernel
 from .view_geometry import Q_UNKNOWN, ViewGeometry
 
-OPENING_SETTINGS = record(
-    ("opening_cell_px", np.int64),
-    ("opening_first_m", np.float64),
-    ("opening_ratio", np.float64),
-    ("opening_behind_m", np.float64),
-    ("opening_unknown_share", np.float64),
-    ("passable_width_m", np.float64),
-    ("passable_height_m", np.float64),
-)
-"""Settings of the openings: the parameters of the same names."""
+CELL_PX = 4
+"""Side of a cell in columns and rows of the view."""
+_FIRST_M, _RATIO = 0.5, 1.42
+"""First of the distances of the masks, and the ratio of each to the one before."""
+_UNKNOWN_SHARE = 0.2
+"""Greatest share of unknown cells in a free box."""
+_BEHIND_M = 0.5
+"""Least depth that must be seen free behind an opening where Ws would reach beyond the maximum range."""
 
 
 class OpeningMasks(NamedTuple):
@@ -237,35 +235,33 @@ def layer_of(x, steps_m):
 
 
 @kernel
-def open_masks(codes, strips, n, view, settings, max_range_m, spare, masks, steps_m):
-    """Computes `open_mask` at the distances opening_first_m * opening_ratio^k.
+def open_masks(codes, strips, n, view, passable, max_range_m, spare, masks, steps_m):
+    """Computes `open_mask` at the distances _FIRST_M * _RATIO^k.
 
     Args:
         codes: (cols, rows) uint16.
         strips: (N,) STRIP.
         n: number of strips.
         view: ViewGeometry.
-        settings: (1,) OPENING_SETTINGS.
+        passable: (Ws, Hs) in m.
         max_range_m: maximum range of the camera.
         spare: see `open_mask`.
         masks, steps_m: of OpeningMasks, out."""
-    p = settings[0]
-    cell, f, step = p.opening_cell_px, view.f_px, np.float64(view.lateral[0])
-    first_m, ratio, ws, hs = p.opening_first_m, p.opening_ratio, p.passable_width_m, p.passable_height_m
+    (ws, hs), f, step = passable, view.f_px, np.float64(view.lateral[0])
     across, down = masks.shape[1], masks.shape[2]
     nearest, total = np.empty((across, down), np.uint16), np.empty((across + 1, down + 1), np.int32)
     boxes, column = np.empty(codes.shape[1], np.uint16), np.empty(down, np.uint16)
-    nearest_codes(codes, cell, strips, n, view.lsb_per_px, boxes, nearest)
+    nearest_codes(codes, CELL_PX, strips, n, view.lsb_per_px, boxes, nearest)
     count_unknown(nearest, total)
     for k in range(masks.shape[0]):
-        x = first_m * ratio**k
-        beyond = min(x + ws, max(max_range_m, x + p.opening_behind_m))
-        wide = max(1, math.ceil(ws * f / (x * step * cell) - ROUNDING))
-        high = max(1, math.ceil(hs * f / (x * cell) - ROUNDING))
+        x = _FIRST_M * _RATIO**k
+        beyond = min(x + ws, max(max_range_m, x + _BEHIND_M))
+        wide = max(1, math.ceil(ws * f / (x * step * CELL_PX) - ROUNDING))
+        high = max(1, math.ceil(hs * f / (x * CELL_PX) - ROUNDING))
         limit = max(int(f * view.lsb_per_px / beyond), 2)
-        open_mask(nearest, limit, wide, high, p.opening_unknown_share, total, spare, column, masks[k])
+        open_mask(nearest, limit, wide, high, _UNKNOWN_SHARE, total, spare, column, masks[k])
     for k in range(1, masks.shape[0]):
-        steps_m[k - 1] = first_m * ratio ** (k - 0.5)
+        steps_m[k - 1] = _FIRST_M * _RATIO ** (k - 0.5)
 
 
 def find_openings(
@@ -274,7 +270,7 @@ def find_openings(
     n: int,
     view: ViewGeometry,
     max_range_m: float,
-    settings: NDArray[Any],
+    passable: tuple[float, float],
     buffers: Buffers,
 ) -> OpeningMasks:
     """Returns the openings of a frame, one mask per distance up to the maximum range. The masks lie in `buffers`.
@@ -285,16 +281,13 @@ def find_openings(
         n: number of strips.
         view: geometry of `codes`.
         max_range_m: maximum range of the camera.
-        settings: (1,) OPENING_SETTINGS.
+        passable: (Ws, Hs) in m.
         buffers: scratch memory."""
-    p = settings[0]
-    cell = int(p["opening_cell_px"])
-    shape = -(-view.cols // cell), -(-view.rows // cell)
-    layers = 1 + max(0, round(math.log(max_range_m / p["opening_first_m"]) / math.log(p["opening_ratio"])))
+    shape = -(-view.cols // CELL_PX), -(-view.rows // CELL_PX)
+    layers = 1 + max(0, round(math.log(max_range_m / _FIRST_M) / math.log(_RATIO)))
     masks, steps_m = buffers("opening_masks", (layers, *shape), np.uint8), np.empty(layers - 1)
     spare = buffers("opening_spare", (2, shape[0] * shape[1]), np.uint8)
-    open_masks(codes, strips, n, view, settings, max_range_m, spare, masks, steps_m)
+    open_masks(codes, strips, n, view, passable, max_range_m, spare, masks, steps_m)
     f_px, column_px = view.f_px, float(view.lateral[0])
-    return OpeningMasks(
-        masks, steps_m, f_px / column_px / cell, f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell
-    )
+    across, down = f_px / column_px / CELL_PX, f_px / CELL_PX
+    return OpeningMasks(masks, steps_m, across, down, (view.cu + 0.5) / CELL_PX, (view.cv + 0.5) / CELL_PX)

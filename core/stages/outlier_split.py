@@ -19,10 +19,9 @@ from .planes import distance_at, near_excess_m
 from .segments import is_jump, strip_variance, tangent
 
 STEPS, _STEP_M = 32, 0.05
-"""Number and size of the steps in which excesses are counted; greater ones count in the last step. Not tuning
-parameters."""
+"""Number and size of the steps in which excesses are counted; greater ones count in the last step."""
 _LOOK_BACK = 32
-"""Number of new planes, the latest first, to which a strip may be added. It is not a tuning parameter."""
+"""Number of new planes, the latest first, to which a strip may be added."""
 
 NEW_PLANE = record(("plane", np.int32), ("last_strip", np.int32))
 """The plane from which a new one was split off, and the last strip of the new one."""
@@ -135,7 +134,7 @@ def split_outliers(strips, n, view, settings, count, tracks, plane_of, planes, b
                 continue
             if strip.top_row > last.bottom_row + 1 or last.top_row > strip.bottom_row + 1:
                 continue
-            if not is_jump(strip, last, settings):
+            if not is_jump(strip, last):
                 at = q
                 break
         t = tangent(strip, view)
@@ -150,7 +149,7 @@ def split_outliers(strips, n, view, settings, count, tracks, plane_of, planes, b
         new[at].last_strip = i
         plane = planes[at]
         plane.t0, plane.t1 = min(plane.t0, t - half), max(plane.t1, t + half)
-        variance = strip_variance(strip.disparity_px, strip.sigma_px, view.f_px, settings.roughness_m)
+        variance = strip_variance(strip.disparity_px, strip.sigma_px, view.f_px)
         add_point(plane, t, strip.disparity_px / view.f_px, 1.0 / variance)
         strip.track = tracks + at - count
     for k in range(count, total):

@@ -10,19 +10,21 @@ from numpy.typing import NDArray
 from ..jit import record, record_of
 from ..params import Params
 
+_FOOTPRINT_PX, _CUT_FOOTPRINT_PX = 0.5, 1.0
+"""Extension of the end columns and rows of a plane on either side, and where the border of the image cuts its rows."""
+_SMEAR_FOOTPRINT_PX = 2.0
+"""Where ramps are removed, planes are extended by this, because the near side of a ramp is lost."""
+_HIDDEN_DEPTH_M = 1.0
+"""Greatest distance behind a plane at which it hides others."""
+
 PLANE_SETTINGS = record(
     ("half_column_t", np.float64),  # tangent by which a plane extends beyond the middle of its last column
     ("footprint_t", np.float64),  # tangent by which a strip extends beyond its rows
     ("cut_footprint_t", np.float64),  # the same where the border of the image cuts it
     ("height_step_m", np.float64),
     ("line_tolerance_m", np.float64),
-    ("line_sigmas", np.float64),
     ("link_slope_px", np.float64),
     ("rough_slope_px", np.float64),
-    ("roughness_m", np.float64),
-    ("track_jump", np.float64),
-    ("track_jump_sigmas", np.float64),
-    ("opening_edge_px", np.float64),
     ("safe_distance_m", np.float64),
     ("safe_along_m", np.float64),
     ("rough_near_sigmas", np.float64),
@@ -30,22 +32,18 @@ PLANE_SETTINGS = record(
     ("stand_out_share", np.float64),
     ("stand_out_m", np.float64),
     ("stand_out_spreads", np.float64),
-    ("reach_m", np.float64),  # `meet_share` of Ws
     ("reach_t", np.float64),  # tangent of `meet_columns`
-    ("meet_slack_m", np.float64),
     ("passable_width_m", np.float64),
     ("concavity_gap_t", np.float64),  # tangent of `pocket_min_columns`
     ("ground_tolerance_m", np.float64),
     ("pocket_behind_m", np.float64),
-    ("hidden_depth_m", np.float64),  # `covered_depth_m`, at most Ws
+    ("hidden_depth_m", np.float64),  # _HIDDEN_DEPTH_M, at most Ws
     ("hidden_t", np.float64),  # tangent of `covered_px`
     ("smear_t", np.float64),  # tangent by which planes are extended if ramps were removed (smeared_edges.py), else 0
     ("link_gap_px", np.int64),
-    ("evidence_cell_px", np.int64),
     ("merge_rounds", np.int64),
     ("merge_candidates", np.int64),
     ("merge_partners", np.int64),
-    ("pocket_points", np.int64),
 )
 """Settings of the plane stages. Fields without a comment are the parameters of the same names."""
 
@@ -62,13 +60,12 @@ def plane_settings(f_px: float, column_px: float, p: Params, smeared: bool = Fal
     return record_of(
         PLANE_SETTINGS,
         p,
-        half_column_t=(0.5 + p.footprint_px) * column_t,
-        footprint_t=p.footprint_px / f_px,
-        cut_footprint_t=p.cut_footprint_px / f_px,
-        reach_m=p.meet_share * p.passable_width_m,
+        half_column_t=(0.5 + _FOOTPRINT_PX) * column_t,
+        footprint_t=_FOOTPRINT_PX / f_px,
+        cut_footprint_t=_CUT_FOOTPRINT_PX / f_px,
         reach_t=p.meet_columns * column_t,
         concavity_gap_t=p.pocket_min_columns * column_t,
-        hidden_depth_m=min(p.covered_depth_m, p.passable_width_m),
+        hidden_depth_m=min(_HIDDEN_DEPTH_M, p.passable_width_m),
         hidden_t=p.covered_px * column_t,
-        smear_t=p.smear_footprint_px / f_px if smeared else 0.0,
+        smear_t=_SMEAR_FOOTPRINT_PX / f_px if smeared else 0.0,
     )

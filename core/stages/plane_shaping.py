@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..buffers import Buffers
 from ..jit import inner, kernel
 from ..params import Params
-from .evidence import Evidence, find_evidence
+from .evidence import CELL_PX, Evidence, find_evidence
 from .level import LevelledView
 from .merge import MergeBuffers, join_planes, merge_buffers
 from .openings import find_openings
@@ -94,12 +94,12 @@ def shape_planes(strips, n, first_of_column, view, source, settings, rules, open
         buffers: PlaneBuffers. Planes with a negative support do not exist any more."""
     p, merge = settings[0], rules[0]
     planes, plane_of, parent = buffers.planes, buffers.plane_of, buffers.parent
-    room, cell = plane_room(n), p.evidence_cell_px
+    room, cell = plane_room(n), CELL_PX
     tracks = grow(strips, view, first_of_column, p, openings, buffers.tracks, buffers.front)
     planes_from_tracks(tracks, buffers.tracks, p, planes, plane_of, parent)
     measure_planes(strips, n, view, p, tracks, plane_of, planes)
 
-    find_evidence(strips, n, view, source[0], cell, cells)
+    find_evidence(strips, n, view, source[0], cells)
     across = view.f_px / np.float64(view.lateral[0]) / cell
     evidence = Evidence(cells, across, view.f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell)
     join_planes(tracks, room, planes, parent, merge, p, evidence, openings, buffers.merge)
@@ -150,12 +150,16 @@ class PlaneShaper:
         view, p = levelled.view, self._params
         if strips.count > self._room:
             self._make_room(-(-strips.count // _MORE_STRIPS) * _MORE_STRIPS)
-        max_range_m = float(source["max_range_m"][0])
         openings = find_openings(
-            levelled.codes, strips.table, strips.count, view, max_range_m, settings.openings, self._buffers
+            levelled.codes,
+            strips.table,
+            strips.count,
+            view,
+            float(source["max_range_m"][0]),
+            (p.passable_width_m, p.passable_height_m),
+            self._buffers,
         )
-        cell = p.evidence_cell_px
-        cells = self._buffers("evidence", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)
+        cells = self._buffers("evidence", (-(-view.cols // CELL_PX), -(-view.rows // CELL_PX)), np.float32)
         count = shape_planes(
             strips.table,
             strips.count,

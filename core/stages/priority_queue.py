@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..jit import inner, inner_inline, record
 
 STEPS = 1024
-"""Number of lists, so large that few entries share one. It is not a tuning parameter."""
+"""Number of lists, so large that few entries share one."""
 
 ENTRY = record(
     ("cost", np.float64),  # in [0, 1)

@@ -11,14 +11,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..jit import inner, inner_ieee, inner_inline, kernel
-from ..params import Params
 from ..types import FAR_MM, GREATEST_MARK_MM, SATURATED_MM, CameraInfo
 
 _SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
 _GREATEST_MARK = np.uint16(GREATEST_MARK_MM)
 _LEVEL_SHARE = np.float32(0.4)
-"""Relative error of the slope of a horizontal surface that is measured over a few pixels. It is not a tuning
-parameter."""
+"""Relative error of the slope of a horizontal surface that is measured over a few pixels."""
+_SPAN_PX, _REACH_PX = 4, 24
+"""`span_px` and `reach_px` of RampLimits, at an image width of 640."""
+_STRAIGHT_SHARE = 0.67
+"""Share of its slope that a ramp keeps at most over `reach_px`. A slanted surface keeps all of it."""
+_PASSING_M = 1.0
+"""A ramp, continued, passes the camera nearer than this."""
+_INCIDENCE_DEG = 80.0
+"""A ramp is a surface seen at more than this angle from its normal."""
+_SIGMAS, _JUDGED_SIGMAS = 2.0, 5.0
+"""Least rise of a ramp on each side, in noise: to be removed, and to count in the judgement of the camera."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,19 +50,19 @@ class RampLimits:
     straight: float
 
 
-def ramp_limits(info: CameraInfo, ke_per_m: float, params: Params) -> RampLimits:
+def ramp_limits(info: CameraInfo, ke_per_m: float) -> RampLimits:
     """Returns the limits for a camera and the noise coefficient in use."""
-    p, k = params, info.intrinsics
-    span = max(round(p.smear_span_px * k.width / 640), 1)
-    reach = max(round(p.smear_reach_px * k.width / 640), span + 1)
+    k = info.intrinsics
+    span = max(round(_SPAN_PX * k.width / 640), 1)
+    reach = max(round(_REACH_PX * k.width / 640), span + 1)
     angle = span / k.fx
     return RampLimits(
         span_px=span,
         reach_px=reach,
-        step_per_m=max(angle / p.smear_passing_m, p.smear_sigmas * ke_per_m),
-        judged_per_m=max(angle / p.smear_passing_m, p.smear_judged_sigmas * ke_per_m),
-        relative=angle * math.tan(math.radians(p.smear_incidence_deg)),
-        straight=max(p.smear_straight_share * reach / span, 1.0),
+        step_per_m=max(angle / _PASSING_M, _SIGMAS * ke_per_m),
+        judged_per_m=max(angle / _PASSING_M, _JUDGED_SIGMAS * ke_per_m),
+        relative=angle * math.tan(math.radians(_INCIDENCE_DEG)),
+        straight=max(_STRAIGHT_SHARE * reach / span, 1.0),
     )
 
 

@@ -18,12 +18,17 @@ from .planes import MOST_M, distance_at
 _NO_METRES = 0.1 * MOST_M
 """A distance beyond this is MOST_M, except for rounding."""
 _NEARER = 1.0001
-"""Factor on 1/x by which a plane is nearer than another one, greater than rounding errors. It is not a tuning
-parameter."""
+"""Factor on 1/x by which a plane is nearer than another one, greater than rounding errors."""
 _NO_TURN = 1e-6
 """Lines whose slopes differ by less are parallel; their intersection would be a rounding error."""
 _NO_GAP_T = 1e-6
 """Ends whose tangents differ by less meet; the slope of a chord between them would be a rounding error."""
+_REACH_WS = 0.25
+"""Greatest extension of neighbouring planes to meet each other, in Ws."""
+_SLACK_M = 0.05
+"""Heights that differ by at most this are equal where planes meet."""
+_POINTS = 5
+"""Number of points in each direction at which a rectangle is tested for openings."""
 
 
 @inner
@@ -37,18 +42,16 @@ def facing_gap_m(p, q):
 def extend_to_corners(count, planes, settings, openings):
     """Moves the facing ends of neighbours to the intersection of their lines, if that is within reach of both ends.
 
-    An end is moved by at most reach_m along its plane, and only if the ends are less than reach_t apart. It is
-    shortened only where the other plane extends as far and blocks the same rays, within meet_slack_m of height and at
-    most safe_distance_m behind. It is not extended over an opening, which is tested at pocket_points x pocket_points
-    points.
+    An end is moved by at most _REACH_WS of Ws along its plane, and only if the ends are less than reach_t apart. It is
+    shortened only where the other plane extends as far and blocks the same rays, within _SLACK_M of height and at
+    most safe_distance_m behind. It is not extended over an opening, which is tested at _POINTS x _POINTS points.
 
     Args:
         count: number of planes.
         planes: (N,) PLANE, in and out.
         settings: a record of PLANE_SETTINGS.
         openings: OpeningMasks."""
-    reach_m, slack_m, safe_m = settings.reach_m, settings.meet_slack_m, settings.safe_distance_m
-    points = settings.pocket_points
+    reach_m, safe_m = _REACH_WS * settings.passable_width_m, settings.safe_distance_m
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
@@ -64,14 +67,14 @@ def extend_to_corners(count, planes, settings, openings):
             x = distance_at(p, t)
             far = max(_step_m(p, p.t1, t), _step_m(q, q.t0, t))
             # an end is shortened only where the other plane reaches as far and has all of its height
-            cuts_p = t < p.t1 and (q.t1 < p.t1 or not _blocks_same_rays(q, p, t, p.t1, slack_m))
-            cuts_q = t > q.t0 and (p.t0 > q.t0 or not _blocks_same_rays(p, q, t, q.t0, slack_m))
+            cuts_p = t < p.t1 and (q.t1 < p.t1 or not _blocks_same_rays(q, p, t, p.t1))
+            cuts_q = t > q.t0 and (p.t0 > q.t0 or not _blocks_same_rays(p, q, t, q.t0))
             cuts_p = cuts_p or (t < p.t1 and distance_at(q, p.t1) - distance_at(p, p.t1) > safe_m)
             cuts_q = cuts_q or (t > q.t0 and distance_at(p, q.t0) - distance_at(q, q.t0) > safe_m)
             if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:
                 continue
-            over_p = t > p.t1 and _covers_opening(p, p.t1, t, points, openings)
-            over_q = t < q.t0 and _covers_opening(q, t, q.t0, points, openings)
+            over_p = t > p.t1 and _covers_opening(p, p.t1, t, openings)
+            over_q = t < q.t0 and _covers_opening(q, t, q.t0, openings)
             if not over_p and not over_q:
                 if t < p.t1:
                     _extend_heights(q, p, t, p.t1)
@@ -82,26 +85,26 @@ def extend_to_corners(count, planes, settings, openings):
 
 
 @inner
-def _covers_opening(p, t0, t1, points, openings):
-    """True if plane p from tangent t0 to t1 would cover part of an opening; tested at points x points points."""
-    for a in range(points):
-        t = t0 + (t1 - t0) * (a + 0.5) / points
+def _covers_opening(p, t0, t1, openings):
+    """True if plane p from tangent t0 to t1 would cover part of an opening."""
+    for a in range(_POINTS):
+        t = t0 + (t1 - t0) * (a + 0.5) / _POINTS
         x = distance_at(p, t)
-        for b in range(points):
-            if is_open(openings, t, (p.top_m + (p.bottom_m - p.top_m) * (b + 0.5) / points) / x, x):
+        for b in range(_POINTS):
+            if is_open(openings, t, (p.top_m + (p.bottom_m - p.top_m) * (b + 0.5) / _POINTS) / x, x):
                 return True
     return False
 
 
 @inner
-def _blocks_same_rays(p, q, t, t_end, slack_m):
-    """True if plane p blocks every ray that plane q blocks between the tangents t and t_end, within slack_m of height
+def _blocks_same_rays(p, q, t, t_end):
+    """True if plane p blocks every ray that plane q blocks between the tangents t and t_end, within _SLACK_M of height
     at q.
 
     If p is nearer than q, it must cover the same rows of the view, not the same heights."""
     for at in (t, t_end):
         xp, xq = distance_at(p, at), distance_at(q, at)
-        if p.top_m * xq > (q.top_m + slack_m) * xp or p.bottom_m * xq < (q.bottom_m - slack_m) * xp:
+        if p.top_m * xq > (q.top_m + _SLACK_M) * xp or p.bottom_m * xq < (q.bottom_m - _SLACK_M) * xp:
             return False
     return True
 
@@ -135,12 +138,11 @@ def stands_between(count, planes, i, j, t, z, x, behind_m):
 
 
 @inner
-def _touches_opening(p, q, points, openings):
-    """True if the chord between the facing ends of p and q would cover part of an opening; tested at points x points
-    points."""
+def _touches_opening(p, q, openings):
+    """True if the chord between the facing ends of p and q would cover part of an opening."""
     xp, xq = distance_at(p, p.t1), distance_at(q, q.t0)
     top, bottom = max(p.top_m, q.top_m), min(p.bottom_m, q.bottom_m)
-    steps = points + 1
+    steps = _POINTS + 1
     for a in range(1, steps):
         t = p.t1 + (q.t0 - p.t1) * a / steps
         x = steps / ((steps - a) / xp + a / xq)
@@ -184,7 +186,7 @@ def close_concavities(count, room, planes, settings, openings):
         t = 0.5 * (p.t1 + q.t0)
         z = 0.5 * (max(p.top_m, q.top_m) + min(p.bottom_m, q.bottom_m))
         x = 2.0 / (s0 + s1)
-        if _touches_opening(p, q, settings.pocket_points, openings) or stands_between(
+        if _touches_opening(p, q, openings) or stands_between(
             first, planes, i, best, t, z, x, settings.pocket_behind_m
         ):
             continue

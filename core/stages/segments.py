@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, inner_inline, record
-from .line_fit import add_point, clear_moments, fit_line
+from .line_fit import LINE_SIGMAS, add_point, clear_moments, fit_line
 from .openings import cell_of, layer_of
 from .strips import CUT_BOTTOM, CUT_TOP, SMOOTH
 
@@ -46,6 +46,12 @@ TRACK = record(
 
 BEYOND = 2**30
 """A row below every image, which no strip touches."""
+ROUGHNESS_M = 0.02
+"""Roughness of surfaces that is added to the noise, so that near strips do not dominate."""
+JUMP_SHARE, JUMP_SIGMAS = 0.1, 3.0
+"""Step of the disparity between neighbouring strips, as a share and in noise, that begins a new track."""
+_EDGE_PX = 2.0
+"""A track ends where tops or bottoms step by more than this beside an opening."""
 
 
 class Front(NamedTuple):
@@ -87,7 +93,7 @@ class StripEnds(NamedTuple):
         across: column of its cells.
         upper: row of the cell of its top.
         lower: row of the cell of its bottom.
-        edge_m: length of opening_edge_px at its distance."""
+        edge_m: length of _EDGE_PX at its distance."""
 
     top_m: Any
     bottom_m: Any
@@ -107,25 +113,23 @@ def tangent(strip, view):
 
 
 @inner
-def strip_variance(disparity, sigma, f, rough_m):
+def strip_variance(disparity, sigma, f):
     """Returns the variance of s = 1/x of a strip: noise and some roughness of the surface, which limits the weight of
     near strips."""
     s = disparity / f
-    noise, rough = sigma / f, rough_m * s * s
+    noise, rough = sigma / f, ROUGHNESS_M * s * s
     return noise * noise + rough * rough
 
 
 @inner
-def is_jump(strip, last, settings):
+def is_jump(strip, last):
     """True if the disparities of two strips differ by more than a share of the first one and noise allow for one
-    surface.
-
-    settings: a record of PLANE_SETTINGS."""
+    surface."""
     step = abs(strip.disparity_px - last.disparity_px)
-    share = settings.track_jump * strip.disparity_px
+    share = JUMP_SHARE * strip.disparity_px
     if step <= share:  # the usual case, without the square root
         return False
-    return step > share + settings.track_jump_sigmas * math.hypot(strip.sigma_px, last.sigma_px)
+    return step > share + JUMP_SIGMAS * math.hypot(strip.sigma_px, last.sigma_px)
 
 
 @inner
@@ -146,7 +150,7 @@ def misfit_share(t, s, variance, track, settings):
     """Returns the misfit of the point (t, s) to the line of a track along the ray, over what tolerance and noise
     allow."""
     spread = track.variance + (t - track.mean_t) ** 2 / track.scatter
-    allowed = settings.line_tolerance_m * s * s + settings.line_sigmas * math.sqrt(variance + spread)
+    allowed = settings.line_tolerance_m * s * s + LINE_SIGMAS * math.sqrt(variance + spread)
     return abs(s - track.a - track.b * t) / allowed
 
 
@@ -169,7 +173,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
     count, size = 0, 0
     front_track, front_strip, front_top = front.track, front.strip, front.top_row
     front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near
-    f, rough_m = view.f_px, settings.roughness_m
+    f = view.f_px
     prior = 1.0 / (settings.link_slope_px * settings.link_slope_px)
     rough_prior = 1.0 / (settings.rough_slope_px * settings.rough_slope_px)
     for u in range(view.cols):
@@ -181,8 +185,8 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
             top, bottom, cluster = strip.top_row, strip.bottom_row, strip.cluster
             d = strip.disparity_px
             t, s = (u - view.cu) / f * view.lateral[(top + bottom) // 2], d / f
-            variance = strip_variance(d, strip.sigma_px, f, rough_m)
-            ends = _ends_of(strip, t, s, settings.opening_edge_px / d, openings)
+            variance = strip_variance(d, strip.sigma_px, f)
+            ends = _ends_of(strip, t, s, _EDGE_PX / d, openings)
             # two steps without a branch, which the processor could not predict
             for m in range(size):
                 touches[m] = (top <= front_bottom[m]) & (front_top[m] <= bottom) & (front_cluster[m] == cluster)
@@ -195,7 +199,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
                 m = near[q]
                 track, last = tracks[front_track[m]], strips[front_strip[m]]
                 # a depth jump begins another surface, even if the slope of a short track is uncertain
-                if is_jump(strip, last, settings) or not heights_continue(
+                if is_jump(strip, last) or not heights_continue(
                     strip.cut, ends.top_m, ends.bottom_m, track, settings.height_step_m
                 ):
                     continue
@@ -255,7 +259,7 @@ def _over_opening(ends, track, openings):
 
 @inner_inline
 def _ends_of(strip, t, s, edge_m, openings):
-    """Returns StripEnds of a strip at tangent t with s = 1/x. edge_m: length of opening_edge_px at its distance."""
+    """Returns StripEnds of a strip at tangent t with s = 1/x. edge_m: length of _EDGE_PX at its distance."""
     masks = openings.masks
     return StripEnds(
         strip.top_m,

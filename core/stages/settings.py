@@ -16,7 +16,6 @@ from ..params import Params
 from .density import BinTable, bin_table
 from .merge_cost import merge_rules
 from .model import publish_settings
-from .openings import OPENING_SETTINGS
 from .plane_settings import plane_settings
 from .strips import PX
 from .view_geometry import ViewGeometry
@@ -38,14 +37,12 @@ STRIP_SETTINGS = record(
     ("peak_valley", np.float64),
     ("window_majority", np.float64),
     ("window_take_sigmas", np.float64),
-    ("rough_factor", np.float64),
     ("near_quantile", np.float64),
     ("near_sigmas", np.float64),
     ("near_edge_share", np.float64),
     ("band_step_m", np.float64),
     ("band_sigmas", np.float64),
     ("irregular_depth_m", np.float64),
-    ("irregular_jump", np.float64),
     ("irregular_sigmas", np.float64),
     ("horizontal_correlation", np.float64),
     ("horizontal_centre_px", np.float64),
@@ -54,7 +51,6 @@ STRIP_SETTINGS = record(
     ("support_tail_sigmas", np.float64),
     ("smooth_relative", np.float64),
     ("smooth_sigmas", np.float64),
-    ("line_sigmas", np.float64),
     ("window_min_px", np.int64),
     ("window_members", np.int64),
     ("near_rank", np.int64),
@@ -82,7 +78,6 @@ class Settings:
         bins: bins of disparity.
         planes: (1,) PLANE_SETTINGS.
         merge: (1,) MERGE_RULES.
-        openings: (1,) OPENING_SETTINGS.
         publish: (1,) PUBLISH_SETTINGS. Its ground and borders are set for each frame."""
 
     valid_for: tuple[float, ...]
@@ -90,7 +85,6 @@ class Settings:
     bins: BinTable
     planes: NDArray[Any]
     merge: NDArray[Any]
-    openings: NDArray[Any]
     publish: NDArray[Any]
 
 
@@ -117,7 +111,6 @@ def settings_of(
         bins=bin_table(view.f_px, view.lsb_per_px, sigma_d_px, p),
         planes=plane_settings(view.f_px, column_px, p, smeared),
         merge=merge_rules(view, ke_per_m, p, smeared),
-        openings=record_of(OPENING_SETTINGS, p),
         publish=publish_settings(column_px / view.f_px, p),
     )
 

@@ -34,7 +34,9 @@ _ROW_STEP = 4
 _NEVER_M = 1e9
 _ONE_SIDED_SHARE = 0.1
 """A camera smears both sides of things: of the ramps of a D435 at least 0.38 are of the rarer side, of a wall seen edge-on
-none. It is not a tuning parameter."""
+none."""
+_MEMORY = 0.9
+"""Share of the previous judgement that is kept at each frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +77,11 @@ def observe_edges(state: ExtractorState, edges: EdgeCounts, params: Params) -> E
     """Returns the state after a frame, with the weighted shares of ramps and steps updated.
 
     `edge_ramps` and `edge_steps` are sums over frames of the shares of ramps and of steps among the edges of each
-    frame. The weight of a frame decreases by smear_memory with each later one, and both sums together are 1 -
-    smear_memory^n after n frames. A frame with too few edges, or whose ramps are one-sided, changes nothing."""
+    frame. The weight of a frame decreases by _MEMORY with each later one, and both sums together are 1 -
+    _MEMORY^n after n frames. A frame with too few edges, or whose ramps are one-sided, changes nothing."""
     if not edges.at_least(params.smear_min_edges) or edges.one_sided(params.smear_min_share):
         return state
-    memory, weight = params.smear_memory, (1.0 - params.smear_memory) / edges.total
+    memory, weight = _MEMORY, (1.0 - _MEMORY) / edges.total
     return replace(
         state,
         edge_ramps=memory * state.edge_ramps + weight * edges.ramps,
@@ -100,7 +102,7 @@ def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
         params: parameters."""
     p, weight = params, state.edge_ramps + state.edge_steps
     # half a frame less, so that rounding does not affect the comparison
-    if weight > 1.0 - p.smear_memory ** (p.smear_min_frames - 0.5):
+    if weight > 1.0 - _MEMORY ** (p.smear_min_frames - 0.5):
         return state.edge_ramps > p.smear_min_share * weight
     if not edges.at_least(p.smear_clear_edges) or edges.one_sided(p.smear_min_share):
         return False
@@ -196,7 +198,7 @@ def remove_smeared_edges(
         ke_per_m: noise coefficient.
         params: parameters.
         buffers: scratch memory."""
-    limits = ramp_limits(info, ke_per_m, params)
+    limits = ramp_limits(info, ke_per_m)
     edges = edges_of(depth_mm, limits)
     after = observe_edges(state, edges, params)
     if not smears(after, edges, params):

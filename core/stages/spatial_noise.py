@@ -21,6 +21,23 @@ from .classify import inverse_of_row
 
 _NOISE_BINS, _NOISE_BIN_PX = 512, 0.05
 """Number and width of the bins of the histogram of second differences. The median is interpolated within a bin."""
+MEMORY = 0.7
+"""Share of the previous noise estimate that is kept at each frame."""
+MIN_TILES = 3
+"""Least number of tiles for the noise of a frame."""
+_STEP_PX = 16
+"""Step of the second difference whose median is the noise of a tile, at an image width of 640."""
+_ROW_STEP = 6
+"""Distance of the sampled rows."""
+_MIN_SAMPLES = 120
+"""Least number of differences for the noise of a tile."""
+_AGREE_SHARE, _AGREE_RATIO = 0.2, 1.25
+"""Least share of all tiles that must agree with a higher noise before it is used: surfaces reach it, leaves do not. A
+tile agrees when it differs by at most the ratio."""
+_PRIOR_SHARE = 0.6
+"""Least share of the configured ke that is used before the noise was measured over time."""
+_GRID, _HOLD = 0.05, 0.75
+"""Relative step in which the noise in use changes. It stays while the estimate is within so many steps of it."""
 _ROUGHNESS_OF_NOISE = np.float32(0.6745 * math.sqrt(6.0))
 """Median magnitude of the second difference of three normal deviates with sigma = 1: 0.6745 is the median magnitude
 of one normal deviate, sqrt(1 + 4 + 1) the growth of sigma."""
@@ -116,32 +133,32 @@ def noise_of_tiles(marks, focal_px, least_mm, step, row_step, min_samples, share
 
 
 def noise_tiles(
-    marks: NDArray[np.uint16], focal_px: float, params: Params, step_px: int | None = None
+    marks: NDArray[np.uint16], focal_px: float, params: Params, step_px: int = _STEP_PX
 ) -> tuple[NDArray[np.float32], float, int]:
     """Returns the noise of disparity of each tile, that of the image, and the number of tiles that agree with it.
 
     Args:
         marks: (H, W) uint16 of `classify`.
         focal_px: focal length.
-        params: parameters; the tiles and steps are those named `noise_`.
-        step_px: step of the differences for an image of 640 columns; default `noise_step_px`.
+        params: parameters.
+        step_px: step of the differences for an image of 640 columns.
 
     Returns:
         (noise_tiles_down, noise_tiles_across) float32 sigma in px, negative where it is not known; the noise of the
             image in px, -1 if it is not known; the number of agreeing tiles."""
     p = params
     tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
-    step = max(round((step_px or p.noise_step_px) * marks.shape[1] / 640), 1)
+    step = max(round(step_px * marks.shape[1] / 640), 1)
     sigma_px, agree = noise_of_tiles(
         marks,
         focal_px,
         1000.0 * p.noise_min_depth_m,
         step,
-        p.noise_row_step,
-        p.noise_min_samples,
+        _ROW_STEP,
+        _MIN_SAMPLES,
         p.noise_quantile,
-        p.noise_min_tiles,
-        p.noise_agree_ratio,
+        MIN_TILES,
+        _AGREE_RATIO,
         tiles,
     )
     return tiles, sigma_px, agree
@@ -154,7 +171,7 @@ def measured_ke(
     noise_prior_span.
 
     If the noise was measured over time, that value is used, or the value of the image where it is greater and the
-    tiles agree. Without a measurement over time the image alone may lower ke to noise_prior_share of the prior at
+    tiles agree. Without a measurement over time the image alone may lower ke to _PRIOR_SHARE of the prior at
     most, because noise that is correlated over more pixels than the step does not show in the image.
 
     Args:
@@ -167,13 +184,13 @@ def measured_ke(
     p = params
     tiles, sigma_px, agree = noise_tiles(marks, focal_px, p)
     by_image = sigma_px / focal_px if sigma_px >= 0.0 else math.nan
-    agreed = agree >= p.noise_agree_share * tiles.size
+    agreed = agree >= _AGREE_SHARE * tiles.size
     if math.isfinite(still):
         ke = max(still, by_image) if agreed and math.isfinite(by_image) else still
         least = prior / p.noise_prior_span
     else:
         ke = by_image if by_image <= seed or (agreed and math.isfinite(by_image)) else seed
-        least = prior * max(p.noise_prior_share, 1.0 / p.noise_prior_span)
+        least = prior * max(_PRIOR_SHARE, 1.0 / p.noise_prior_span)
     return min(max(ke, p.min_sigma_px / focal_px, least), prior * p.noise_prior_span)
 
 
@@ -184,7 +201,7 @@ def estimate_ke(
 
     The noise of the image is the lower quartile of its tiles, those of the smoothest surfaces, since foliage and
     edges only add to it. It raises ke only where the tiles agree: tiles of smooth surfaces do, tiles of foliage do
-    not. The result changes in steps of `noise_grid`, so that tables that depend on it are seldom computed again.
+    not. The result changes in steps of _GRID, so that tables that depend on it are seldom computed again.
 
     Args:
         marks: (H, W) uint16 of `classify`.
@@ -199,9 +216,9 @@ def estimate_ke(
     measured = measured_ke(marks, focal_px, prior, seed, still, params)
     if measured == seed:
         return seed
-    memory = params.noise_memory if math.isfinite(last) else 0.0
+    memory = MEMORY if math.isfinite(last) else 0.0
     blended = math.exp(memory * math.log(seed) + (1.0 - memory) * math.log(measured))
-    step = math.log(1.0 + params.noise_grid)
-    if math.isfinite(last) and abs(math.log(blended / last)) < params.noise_hold * step:
+    step = math.log(1.0 + _GRID)
+    if math.isfinite(last) and abs(math.log(blended / last)) < _HOLD * step:
         return last
     return math.exp(step * round(math.log(blended) / step))

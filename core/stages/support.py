@@ -13,7 +13,7 @@ from .strips import CUT_BOTTOM, CUT_TOP, MERGED, PX, STRIP
 from .view_geometry import outside_source
 
 _BAND = 16
-"""Rows of a column in which strips are searched one by one. It is not a tuning parameter."""
+"""Rows of a column in which strips are searched one by one."""
 
 
 @kernel

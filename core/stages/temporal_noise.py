@@ -18,7 +18,7 @@ from ..jit import inner, kernel
 from ..params import Params
 from ..types import GREATEST_MARK_MM, UNKNOWN_MM, CameraInfo, ExtractorState
 from .classify import measured_mm
-from .spatial_noise import estimate_ke, noise_tiles, quantile_of_tiles
+from .spatial_noise import MEMORY, MIN_TILES, estimate_ke, noise_tiles, quantile_of_tiles
 
 SAMPLE_ROWS, SAMPLE_COLS = 24, 32
 """Size of the grid of sampled pixels. At 640 x 480 they are 20 px apart, farther than the noise of a D435 is
@@ -35,6 +35,16 @@ exp(-1.2816^2 / 2)) / 0.8. The mean is used instead of the median because the di
 whole numbers of disparity steps."""
 _MEDIAN_ERROR = 1.2533
 """Standard error of the median of n normal deviates, times sqrt(n) / sigma."""
+_MIN_SAMPLES = 24
+"""Least number of samples, of 64, for the noise of a tile."""
+_QUANTILE = 0.5
+"""Quantile of the tiles that is the noise over time."""
+_STILL_ERRORS, _STILL_SHARE = 4.0, 0.75
+"""A tile is still when its median difference is at most this many standard errors; the camera, when so many tiles are."""
+_STILL_RATIO = 2.0
+"""A noise over time above this multiple of the noise in the image is motion."""
+_SHORT_STEP_PX = 8
+"""Step of the second difference in that comparison, at an image width of 640."""
 
 
 def depth_samples(depth_mm: NDArray[np.uint16]) -> bytes:
@@ -122,9 +132,9 @@ def still_sigma(
     p = params
     least, greatest = max(measured_mm[0], math.ceil(1000.0 * p.noise_min_depth_m)), measured_mm[1]
     tiles = np.empty((TILE_ROWS * TILE_COLS, 2))
-    count = tile_differences(before, now, least, greatest, p.noise_time_min_samples, tiles)
-    still, sigma = still_tiles(tiles[:count], p.noise_still_errors, p.noise_time_quantile)
-    return sigma if count >= p.noise_min_tiles and still >= p.noise_still_share * count else math.nan
+    count = tile_differences(before, now, least, greatest, _MIN_SAMPLES, tiles)
+    still, sigma = still_tiles(tiles[:count], _STILL_ERRORS, _QUANTILE)
+    return sigma if count >= MIN_TILES and still >= _STILL_SHARE * count else math.nan
 
 
 def observe(
@@ -138,7 +148,7 @@ def observe(
     """Returns the state after a frame, with `still_ke_per_m` and the samples that a later frame is compared with.
 
     The samples are compared when they are `noise_time_frames` old, because filters in a camera may mix successive
-    frames. A result that exceeds the noise within the image by more than `noise_still_ratio` is discarded: motion
+    frames. A result that exceeds the noise within the image by more than _STILL_RATIO is discarded: motion
     adds more to the differences over time than correlation hides within the image.
 
     Args:
@@ -159,8 +169,8 @@ def observe(
         shape = SAMPLE_ROWS, SAMPLE_COLS
         before, now = (np.frombuffer(s, "<u2").astype(np.uint16).reshape(shape) for s in (state.samples_mm, samples))
         sigma = still_sigma(before, now, measured_mm, p)
-        if 0.0 < sigma * focal_px <= p.noise_still_ratio * noise_tiles(marks, focal_px, p, p.noise_short_step_px)[1]:
-            memory = p.noise_memory if math.isfinite(ke) else 0.0
+        if 0.0 < sigma * focal_px <= _STILL_RATIO * noise_tiles(marks, focal_px, p, _SHORT_STEP_PX)[1]:
+            memory = MEMORY if math.isfinite(ke) else 0.0
             ke = sigma if memory == 0.0 else math.exp(memory * math.log(ke) + (1.0 - memory) * math.log(sigma))
     return replace(state, still_ke_per_m=ke, samples_mm=samples, samples_age=0)
 

@@ -28,6 +28,8 @@ _MIN_CELLS = 2
 """Least number of columns and rows: the distance between two rows must be defined."""
 _BORDER_POINTS = 32
 """Number of parts of each side of the image; the extent of the view is determined from their ends."""
+_MAX_ELEVATION_DEG = 74.0
+"""Steeper rays are unknown."""
 
 
 def disparity_lsb_per_px(info: CameraInfo, f_px: float) -> float:
@@ -149,13 +151,14 @@ def tilt_rad(R_level_optical: Rotation) -> float:
 
 
 def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -> ViewGeometry:
-    """Returns the virtual camera whose window covers every source pixel that is not steeper than `max_elevation_deg`.
+    """Returns the virtual camera whose window covers every source pixel that is not steeper than
+    _MAX_ELEVATION_DEG.
 
     The focal length is that of the source, unless the view would have more than `max_view_ratio` cells per source
     pixel. The view `is_empty` if no pixel is left, for example for a steep camera with a principal point outside of
     the image."""
     k = info.intrinsics
-    limit = math.tan(math.radians(params.max_elevation_deg))
+    limit = math.tan(math.radians(_MAX_ELEVATION_DEG))
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
     cols, rows, f_px, cu, cv, edges, middles, lateral, H = levelled_geometry(
         np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio

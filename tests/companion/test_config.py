@@ -16,6 +16,7 @@ from companion.config.camera import CameraConfig
 from companion.config.docs import tables, with_tables
 from companion.config.loader import Config, ConfigError, config_from_text, config_of, config_text, load_config
 from companion.config.retired import RENAMED, without_retired
+from companion.config.retired_constants import CONSTANTS
 from companion.config.sections import SECTIONS, fields_of
 from companion.config.sync import SyncParams
 from core.params import Params
@@ -224,6 +225,24 @@ def test_a_log_with_a_retired_key_can_still_be_replayed(caplog: pytest.LogCaptur
     content["extractor"]["mode"] = "safe"
     assert config_from_text(json.dumps(content)) == Config()
     assert not caplog.records
+
+
+@pytest.mark.parametrize("section", ["extractor", "expert"])
+def test_a_key_that_became_a_constant_is_accepted_with_its_value_only(
+    section: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "old.toml"
+    path.write_text(f"[{section}]\n" + "\n".join(f"{key} = {value}" for key, value in CONSTANTS.items()))
+    assert load_config(path) == Config()
+    assert len(caplog.records) == len(CONSTANTS)
+    path.write_text(f"[{section}]\nnoise_grid = 0.1\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    (problem,) = caught.value.problems
+    assert problem.startswith(f"[{section}] noise_grid = 0.1 is not available any more")
+    content = json.loads(config_text(Config()))
+    content[section] |= CONSTANTS
+    assert config_from_text(json.dumps(content)) == Config()
 
 
 def test_the_two_tables_of_the_algorithm_hold_each_parameter_once() -> None:

@@ -8,6 +8,8 @@ import math
 import numpy as np
 
 UNKNOWN, FAR = 0, 1
+STAND_SIGMAS, STAND_M, LINE_SIGMAS, JUMP_SHARE, JUMP_SIGMAS, ROUGHNESS_M, LONG_WS = 6.0, 0.1, 3.0, 0.1, 3.0, 0.02, 0.5
+"""Constants of the stages, written a second time."""
 
 
 # ---- pixels -----------------------------------------------------------------------------------------------------
@@ -159,8 +161,8 @@ def stands_out(codes, first, last, d, tan_mid, shift, ground, ke, f, quantum, p)
         if codes[v] == 0 or seen > d + p.ground_sigmas * sigma:
             continue
         flat = max(0.0, f * (tan_mid[v] - slope_x - shift) / height)
-        off.append(-sigma if codes[v] == 1 else seen - flat * (1.0 + p.ground_stand_m / height))
-    return sum(off) >= p.ground_stand_sigmas * sigma * math.sqrt(len(off))
+        off.append(-sigma if codes[v] == 1 else seen - flat * (1.0 + STAND_M / height))
+    return sum(off) >= STAND_SIGMAS * sigma * math.sqrt(len(off))
 
 
 def bands(code, members, high, tolerance):
@@ -375,22 +377,22 @@ def _misfit_of(strip, track, p, f):
         or top > last[2]
         or last[1] > bottom
         or cluster != last[6]
-        or abs(d - last[4]) > p.track_jump * d + p.track_jump_sigmas * math.hypot(sigma, last[5])
+        or abs(d - last[4]) > JUMP_SHARE * d + JUMP_SIGMAS * math.hypot(sigma, last[5])
         or max(ends[0], default=-math.inf) - min(tops) > p.height_step_m
         or max(bottoms) - min(ends[1], default=math.inf) > p.height_step_m
     ):
         return math.inf
     s = np.array([q[4] for q in track]) / f
     at = np.array([q[3] for q in track])
-    w = np.array([1.0 / ((q[5] / f) ** 2 + (p.roughness_m * (q[4] / f) ** 2) ** 2) for q in track])
+    w = np.array([1.0 / ((q[5] / f) ** 2 + (ROUGHNESS_M * (q[4] / f) ** 2) ** 2) for q in track])
     prior = (p.link_slope_px if all(q[8] for q in track) else p.rough_slope_px) ** -2
     mean = np.average(at, weights=w)
     scatter = np.sum(w * (at - mean) ** 2) + prior
     b = np.sum(w * (at - mean) * (s - np.average(s, weights=w))) / scatter
     now = d / f
-    variance = (sigma / f) ** 2 + (p.roughness_m * now**2) ** 2 + 1.0 / np.sum(w) + (t - mean) ** 2 / scatter
+    variance = (sigma / f) ** 2 + (ROUGHNESS_M * now**2) ** 2 + 1.0 / np.sum(w) + (t - mean) ** 2 / scatter
     off = abs(now - np.average(s, weights=w) - b * (t - mean))
-    return off / (p.line_tolerance_m * now**2 + p.line_sigmas * math.sqrt(variance))
+    return off / (p.line_tolerance_m * now**2 + LINE_SIGMAS * math.sqrt(variance))
 
 
 # ---- free space -------------------------------------------------------------------------------------------------
@@ -414,7 +416,7 @@ def pair_cost(pieces, p, sigma_s, gap_m):
     x0, x1 = 1 / (a + b * t0), 1 / (a + b * t1)
     if t0 < t1 and math.hypot(x0 - x1, x0 * t0 - x1 * t1) > gap_m:
         return 2.0
-    long = p.merge_long_share * p.passable_width_m * at
+    long = LONG_WS * p.passable_width_m * at
     turn = abs(np.subtract(*(math.atan2(slope, first) for _, (first, slope), _ in pieces)))
     if min(left1 - left0, right1 - right0) > long and turn > math.radians(p.plane_angle_deg):
         return 2.0

@@ -63,7 +63,7 @@ def test_a_wall_that_is_nearly_all_that_is_measured_is_not_taken_for_a_camera_th
     sensor = SensorModel(ke_per_m=0.005).scaled_to(640)
     depth_mm = render(s.build(), info, sensor=sensor, position_ned_m=(0.0, 0.0, -1.5), seed=seed).depth_mm.copy()
     depth_mm[depth_mm == FAR_MM] = 0
-    edges = edges_of(depth_mm, ramp_limits(info, 0.005, params))
+    edges = edges_of(depth_mm, ramp_limits(info, 0.005))
     assert edges.ramps > params.smear_min_share * edges.total
     assert edges.at_least(params.smear_clear_edges)
     for _ in range(2 * params.smear_min_frames):

@@ -171,11 +171,11 @@ def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
     t.build()
     t.strips["support"][2] = 0
     grid = np.full((8, 13), 9.0, np.float32)
-    evidence.find_evidence(t.strips, t.n, t.view, image_of(60), 8, grid)
+    evidence.find_evidence(t.strips, t.n, t.view, image_of(60), grid)
     assert grid[1, 2:6] == pytest.approx([0.25] * 4)
     assert np.count_nonzero(grid) == 4
     # the last cells reach beyond the image; a smaller image leaves cells without a measurement
-    evidence.find_evidence(t.strips, t.n, t.view, image_of(40), 8, grid)
+    evidence.find_evidence(t.strips, t.n, t.view, image_of(40), grid)
     assert (grid[5:, :] > 1e3).all()
     assert (grid[:5, :12] < 1.0).all()
 
@@ -199,7 +199,7 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     q = (0.4 * t0 + 0.6 * t1, t1, m0 / a, m1 / a)
     rect = (t0, t1, m0 / a, m1 / a)
     rules = pairs.merge_rules(view(), 0.0005, Params())[0]
-    rules.behind_m, rules.sigmas, rules.sigma_s, rules.gap_m, rules.slack_m = 0.7, 1.0, 0.002, gap, 0.1
+    rules.sigmas, rules.sigma_s, rules.gap_m, rules.slack_m = 1.0, 0.002, gap, 0.1
     boxes = evidence.Rectangle(*rect), a, b, evidence.Rectangle(*p), evidence.Rectangle(*q)
     openings = OpeningMasks(masks, STEPS, *frame)
     got = evidence.uncovered_share(*boxes, rules, evidence.Evidence(grid, *frame), openings, np.zeros(18, np.int32))

@@ -61,7 +61,7 @@ def test_an_image_is_a_measurement_by_what_is_measured_or_far_and_does_not_fly()
 @pytest.mark.nojit
 def test_noise_is_looked_for_where_many_pixels_fly() -> None:
     noise = np.random.default_rng(3).integers(300, 20000, (40, 50)).astype(np.uint16)
-    look = round(min(P.noisy_look_share, P.max_flying_share) * noise.size)
+    look = round(min(0.003, P.max_flying_share) * noise.size)
     assert not is_no_measurement(noise, INFO, 0.0015, (noise.size, 0, look), P)
     assert is_no_measurement(noise, INFO, 0.0015, (noise.size, 0, look + 1), P)
 

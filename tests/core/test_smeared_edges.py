@@ -45,7 +45,7 @@ def compiled(value: float) -> object:
 
 
 def limits(info: CameraInfo = INFO) -> RampLimits:
-    return ramp_limits(info, info.ke_per_m or KE, P)
+    return ramp_limits(info, info.ke_per_m or KE)
 
 
 def stripes(near_m: float = 5.0, far_m: float = 9.0, info: CameraInfo = INFO) -> Metres:

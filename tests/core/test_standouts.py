@@ -172,7 +172,7 @@ def test_outliers_and_their_groups_against_trying_every_step(seed: int) -> None:
     leaves.sort()
 
     def meets(i: int, j: int) -> bool:
-        return not is_jump(t.strips[leaves[i]], t.strips[leaves[j]], plane_settings(F, 1.0, P)[0])
+        return not is_jump(t.strips[leaves[i]], t.strips[leaves[j]])
 
     rows = [
         (int(t.strips["column"][i]), int(t.strips["top_row"][i]), int(t.strips["bottom_row"][i]), int(which[i]))

@@ -102,10 +102,7 @@ def test_what_holds_for_every_track(seed: int, n: int, hs: float, link: int) -> 
         m = moments_of(
             (us - t.view.cu) / F,
             t.strips["disparity_px"][own] / F,
-            [
-                1.0 / tr.strip_variance(float(r.disparity_px), float(r.sigma_px), F, 0.02)
-                for r in (t.strips[i] for i in own)
-            ],
+            [1.0 / tr.strip_variance(float(r.disparity_px), float(r.sigma_px), F) for r in (t.strips[i] for i in own)],
         )
         np.testing.assert_allclose(moments(t.tracks[k]), moments(m), rtol=1e-6, atol=1e-7 * m.sum_w)
         assert t.tracks[k].first_t == pytest.approx((us[0] - t.view.cu) / F)
