@@ -7,7 +7,7 @@ import numpy as np
 from .types import FrameModel, FreeEnd, FreeProfile, InvalidCause
 
 _SIDE_RAD = 0.1
-"""Not tuning: where the directions of a profile end that reports nothing."""
+"""Where the directions of a profile end that reports nothing."""
 
 
 def invalid_model(model: FrameModel, cause: InvalidCause) -> FrameModel:

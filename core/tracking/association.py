@@ -17,23 +17,23 @@ from .line import along, offset, sideways, variance_at
 from .tables import CUT_BOTTOM, CUT_TOP, NONE
 
 _TOUCH_M = 0.1
-"""Not tuning: ends this close touch."""
+"""Ends this close touch."""
 _SHORT_M = 0.6
-"""Not tuning: shorter planes have no direction of their own."""
+"""Shorter planes have no direction of their own."""
 _COVERED_SHARE = 0.7
-"""Not tuning: share of a track's length and height that a detection must cover."""
+"""Share of a track's length and height that a detection must cover."""
 _FRONT_M = 0.3
-"""Not tuning: a covered track lies at most this far in front of the detection, and within its margin."""
+"""A covered track lies at most this far in front of the detection, and within its margin."""
 _APART_M = 0.2
-"""Not tuning: detections of one frame that overlap by more are different surfaces."""
+"""Detections of one frame that overlap by more are different surfaces."""
 _EMPTY_SHARE, _EMPTY_M2 = 0.15, 0.1
-"""Not tuning: a rectangle around two others may hold this share of its area, and this area, that neither covers."""
+"""A rectangle around two others may hold this share of its area, and this area, that neither covers."""
 STEADY_HITS = 5
-"""Not tuning: a track observed as often is steady."""
+"""A track observed as often is steady."""
 _TALLER_M = 0.5
-"""Not tuning: one detection makes a steady track taller by at most this, at each edge."""
+"""One detection makes a steady track taller by at most this, at each edge."""
 SIDEWAYS_M = 0.15
-"""Not tuning: a detection is seen at most this far beside the line of its track."""
+"""A detection is seen at most this far beside the line of its track."""
 CONTINUES, COVERS = 1, 2
 
 

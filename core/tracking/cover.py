@@ -23,13 +23,13 @@ from .publish import BEHIND_M
 from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, NONE, count_observation, observe_cells
 
 LOST_M = 0.02
-"""Not tuning: a track seen edge-on is too narrow for what lies farther beside it."""
+"""A track seen edge-on is too narrow for what lies farther beside it."""
 BEHIND_MAX_M, BEHIND_SHARE = 0.2, 0.5
-"""Not tuning: a track may lie behind a detection by this share of the detection's margin, between BEHIND_M and this."""
+"""A track may lie behind a detection by this share of the detection's margin, between BEHIND_M and this."""
 MOST_PARTS = 32
-"""Not tuning: tracks that are considered for one detection."""
+"""Tracks that are considered for one detection."""
 _EXACT_M = 1e-3
-"""Not tuning: narrower pieces are not looked at."""
+"""Narrower pieces are not looked at."""
 
 PART = record(
     ("s0_m", np.float64),

@@ -13,9 +13,9 @@ from .tables import CUT_BOTTOM, CUT_TOP
 
 _ROUNDS, _LEAST_HEIGHTS = 4, 6
 _SCALE_M = 0.1
-"""Not tuning: distances above this count less, so that moving obstacles do not decide."""
+"""Distances above this count less, so that moving obstacles do not decide."""
 SPEED_SIGMA_M_S = 1.2
-"""Not tuning: standard deviation of the predicted velocity. The shift that it allows within a frame keeps the tracks in place
+"""Standard deviation of the predicted velocity. The shift that it allows within a frame keeps the tracks in place
 along surfaces that are all parallel, or that few planes show: there the noise of the planes would move them."""
 _LEAST_PRIOR_M = 1e-3
 

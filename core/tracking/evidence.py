@@ -30,12 +30,12 @@ from .tables import MEMORY_HITS
 from .vertical_limits import share_in_view, vertical_limits
 
 NEW_HITS = 3
-"""Not tuning: a track observed less often is new."""
+"""A track observed less often is new."""
 _LEAST_MEMORY_NS = 200_000_000
-"""Not tuning: nothing is forgotten sooner."""
+"""Nothing is forgotten sooner."""
 _RATE_STEP = 0.1
 _IN_VIEW_SHARE, _PROVEN_SHARE = 0.5, 0.75
-"""Not tuning: shares of the height above the ground. With less of it between the highest and the lowest measured ray a place is
+"""Shares of the height above the ground. With less of it between the highest and the lowest measured ray a place is
 out of view; so much must lie there for free space to remove all of it."""
 
 

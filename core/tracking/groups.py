@@ -11,17 +11,17 @@ from .observed import is_gap, measured_limits, turn_between
 from .tables import CUT_LEFT, CUT_RIGHT
 
 GAP_M = 0.4
-"""Not tuning: detections closer together belong to one group."""
+"""Detections closer together belong to one group."""
 _CUT_SIDES = CUT_LEFT | CUT_RIGHT
 _BORDER_RAD = 0.01
-"""Not tuning: what ends so close to the border of the measured directions may continue."""
+"""What ends so close to the border of the measured directions may continue."""
 _TALL_SHARE = 0.5
-"""Not tuning: a plane of less of its group's height is a roof or an edge, and not the face that is followed."""
+"""A plane of less of its group's height is a roof or an edge, and not the face that is followed."""
 _FACING = 0.3
-"""Not tuning: sine of the angle between a viewing ray and a plane that is not seen edge-on. The middle of a car that
+"""Sine of the angle between a viewing ray and a plane that is not seen edge-on. The middle of a car that
 crosses the view would wander along it with the share of its end that is seen."""
 _LEAST_SIGMA_M, _SIGMA_OF_SIZE, _SIGMA_OF_RANGE = 0.04, 0.03, 0.003
-"""Not tuning: error of a group's place: constant, share of its size, and share of its range across the viewing ray."""
+"""Error of a group's place: constant, share of its size, and share of its range across the viewing ray."""
 
 GROUP = record(
     ("x_m", np.float64),

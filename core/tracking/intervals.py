@@ -9,7 +9,7 @@ import numpy as np
 from ..jit import inner, kernel
 
 PARTS = 64
-"""Not tuning: equal parts into which the index divides the line."""
+"""Equal parts into which the index divides the line."""
 _LEAST_WIDTH = 1e-6
 
 

@@ -8,9 +8,9 @@ from ..jit import inner
 from .tables import SHIFT_M, THIN_M
 
 EDGE_ON = 0.4
-"""Not tuning: sine of the angle between a viewing ray and a line that is seen edge-on."""
+"""Sine of the angle between a viewing ray and a line that is seen edge-on."""
 _SLOPE_VARIANCE = 0.25
-"""Not tuning: variance of the slope of a line without a direction, rad^2."""
+"""Variance of the slope of a line without a direction, rad^2."""
 
 
 @inner

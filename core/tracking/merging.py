@@ -10,7 +10,7 @@ from .line import along, is_thin, middle_share, offset, seen_at, seen_height, si
 from .tables import NONE, append_detections, make_room
 
 _MERGE_M = 0.2
-"""Not tuning: tracks farther apart are not merged."""
+"""Tracks farther apart are not merged."""
 
 
 @inner

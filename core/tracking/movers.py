@@ -16,21 +16,21 @@ from .observed import CLEAR, classify, seen_from
 from .tables import NONE
 
 HISTORY = 10
-"""Not tuning: earlier places that are kept of each object."""
+"""Earlier places that are kept of each object."""
 HISTORY_STEP_S = 0.2
 OLD_S = 0.35
-"""Not tuning: least age of an earlier place, and of an earlier view, that is compared with the present one."""
+"""Least age of an earlier place, and of an earlier view, that is compared with the present one."""
 NO_EVIDENCE, WAITING, SUPPORTED = 0, 1, 2
 """Evidence of a frame for the motion of an object."""
 _LEAST_HITS = 4
 _SUPPORT = 3
-"""Not tuning: observations in a row that support the motion, before it is declared."""
+"""Observations in a row that support the motion, before it is declared."""
 _MOST_MISFIT = 6.0
-"""Not tuning: a less regular motion is flicker."""
+"""A less regular motion is flicker."""
 _OBSERVED_SHARE = 0.6
-"""Not tuning: least share of the frames that observed a moving object."""
+"""Least share of the frames that observed a moving object."""
 _SMALL_M = 0.3
-"""Not tuning: slack of the free-space comparison."""
+"""Slack of the free-space comparison."""
 
 
 @kernel

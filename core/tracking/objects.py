@@ -17,22 +17,22 @@ from .groups import may_move
 from .tables import NONE
 
 MOST_OBJECTS = 64
-"""Not tuning: groups followed at once; more are static."""
+"""Groups followed at once; more are static."""
 _LOST_S, _LOST_EACH_S = 0.6, 0.3
-"""Not tuning: an object not observed for this time, or for so much for each observation, is no longer followed."""
+"""An object not observed for this time, or for so much for each observation, is no longer followed."""
 _ACCELERATION = 0.3
-"""Not tuning: change of the velocity within one second, standard deviation, m/s."""
+"""Change of the velocity within one second, standard deviation, m/s."""
 _MISFIT_SHARE = 0.3
-"""Not tuning: weight of an observation in the misfit."""
+"""Weight of an observation in the misfit."""
 _SPEED_SIGMA = 4.0
-"""Not tuning: of the velocity of a group seen once, m/s."""
+"""Of the velocity of a group seen once, m/s."""
 _GATE_SIGMAS, _REACH_M = 3.0, 1.5
-"""Not tuning: largest distance of an observation from the predicted place."""
+"""Largest distance of an observation from the predicted place."""
 TAKEN_AFTER = 2
-"""Not tuning: frames in a row in which a moving object must be missing before a group outside of its gate takes it over: one
+"""Frames in a row in which a moving object must be missing before a group outside of its gate takes it over: one
 outlier is no change of the motion."""
 _BOX_SHARE = 0.3
-"""Not tuning: weight of an observation in the size."""
+"""Weight of an observation in the size."""
 
 OBJECT = record(
     ("id", np.int64),

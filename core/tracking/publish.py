@@ -14,9 +14,9 @@ from .snapshot import MovingObject, TrackSnapshot
 
 NS = 1_000_000_000
 BEHIND_M = 0.1
-"""Not tuning: a filtered plane that lies farther behind the newest observation is moved."""
+"""A filtered plane that lies farther behind the newest observation is moved."""
 WIDE_M = 1.0
-"""Not tuning: a shorter plane is not moved, since that could move it aside."""
+"""A shorter plane is not moved, since that could move it aside."""
 
 
 class Columns(NamedTuple):

@@ -9,11 +9,11 @@ from .association import SIDEWAYS_M, STEADY_HITS
 from .line import along, offset, seen_at, shift_line, sideways, update_line
 
 _LOST_M = 0.02
-"""Not tuning: what a track may leave uncovered of a detection, at each end."""
+"""What a track may leave uncovered of a detection, at each end."""
 _SAME_COS = 0.98
-"""Not tuning: a steady track keeps its line where a detection has its direction."""
+"""A steady track keeps its line where a detection has its direction."""
 _WITHIN = 0.95
-"""Not tuning: share of the tolerances that a moved line leaves, since moving turns it."""
+"""Share of the tolerances that a moved line leaves, since moving turns it."""
 
 
 @inner

@@ -10,9 +10,9 @@ from .observed import is_unobserved
 from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, MEMORY_HITS, NONE
 
 _REACH_M = 0.75
-"""Not tuning: an end that is observed farther inside belongs to a part of the surface."""
+"""An end that is observed farther inside belongs to a part of the surface."""
 _WHOLE_SHARE, _PART_SHARE = 0.6, 0.3
-"""Not tuning: detections of less of the height let it shrink by this share only."""
+"""Detections of less of the height let it shrink by this share only."""
 
 
 @inner

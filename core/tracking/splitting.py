@@ -6,7 +6,7 @@ from ..jit import inner, kernel
 from .tables import NONE, clear_cell, copy_cell, free_slot
 
 _LEAST_M = 0.02
-"""Not tuning: least length of what is left of a track, which is lengthened to it."""
+"""Least length of what is left of a track, which is lengthened to it."""
 
 
 @kernel

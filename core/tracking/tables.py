@@ -17,25 +17,25 @@ from numpy.typing import NDArray
 from ..jit import inner, record
 
 CELLS = 32
-"""Not tuning: cells of one track; where it becomes longer, its cells become longer."""
+"""Cells of one track; where it becomes longer, its cells become longer."""
 CELL_M = 0.25
-"""Not tuning: initial length of a cell. A narrower gap is never an opening."""
+"""Initial length of a cell. A narrower gap is never an opening."""
 SHIFT_M = 4.0
-"""Not tuning: the anchor follows a track whose middle is farther from it."""
+"""The anchor follows a track whose middle is farther from it."""
 THIN_M = 0.3
-"""Not tuning: an obstacle of more height is not thin."""
+"""An obstacle of more height is not thin."""
 NONE = -1
 CUT_LEFT, CUT_RIGHT, CUT_TOP, CUT_BOTTOM = 4, 8, 16, 32
 """Of the flags of a plane: the border of the image cut it there."""
 _RATE_STEP = 0.1
-"""Not tuning: weight of a frame in the hit rate."""
+"""Weight of a frame in the hit rate."""
 _MOST_HITS = 1 << 20
 _CONFIRMING_SHARE = 0.3
-"""Not tuning: an observation of less of a cell's height does not confirm the cell."""
+"""An observation of less of a cell's height does not confirm the cell."""
 MEMORY_HITS = 10
-"""Not tuning: observations after which a cell is kept for the whole memory."""
+"""Observations after which a cell is kept for the whole memory."""
 _HIT_WEIGHT = 4
-"""Not tuning: free evidence that an observation cancels; free space, or another obstacle there, adds 2."""
+"""Free evidence that an observation cancels; free space, or another obstacle there, adds 2."""
 
 TRACK = record(
     ("id", np.int64),

@@ -36,12 +36,12 @@ from .publish import BEHIND_M, WIDE_M
 from .tables import NONE, THIN_M, append_detections, copy_cell, count_observation, make_room, observe_cells
 
 _TOUCH_M = 0.1
-"""Not tuning: fragments this close touch."""
+"""Fragments this close touch."""
 _SIGMAS = 5.0
-"""Not tuning: largest distance of the end of a fragment from the line. Few pixels measure the ends: their standard deviation
+"""Largest distance of the end of a fragment from the line. Few pixels measure the ends: their standard deviation
 is 1.7 times that of wide planes, on which sigma_m of a detection is based."""
 _SAME_ROWS = 0.3
-"""Not tuning: share of the lower height that both have, as seen from the camera."""
+"""Share of the lower height that both have, as seen from the camera."""
 
 
 @kernel

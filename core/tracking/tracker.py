@@ -40,23 +40,23 @@ from .update import apply_detections, begin_frame
 
 NS = 1_000_000_000
 _PAIRS_PER_DETECTION = 16
-"""Not tuning: pairs considered for each detection, on average."""
+"""Pairs considered for each detection, on average."""
 _LEAST_PAIRS = 4096
 _GROUPS = 128
-"""Not tuning: groups of a frame that may move."""
+"""Groups of a frame that may move."""
 _JUMP_M, _JUMP_SPEED_M_S = 1.0, 30.0
-"""Not tuning: a position that steps by more has been reset."""
+"""A position that steps by more has been reset."""
 _WIDE = 1.6
-"""Not tuning: factor of the gate while the motion of the vehicle is estimated."""
+"""Factor of the gate while the motion of the vehicle is estimated."""
 _VELOCITY_SHARE = 0.4
-"""Not tuning: weight of a frame in the estimated velocity of a vehicle without a position."""
+"""Weight of a frame in the estimated velocity of a vehicle without a position."""
 _SPARE_SLOTS = 64
-"""Not tuning: slots for the parts of split tracks."""
+"""Slots for the parts of split tracks."""
 _RESTART_NS = NS
-"""Not tuning: time that has passed at least when a clock went back, the default of [sync] restart_step_s: frames are left out
+"""Time that has passed at least when a clock went back, the default of [sync] restart_step_s: frames are left out
 so long."""
 _VIEWS, _VIEW_STEP_NS = 9, NS // 5
-"""Not tuning: earlier free ranges that are kept, and the least time between them."""
+"""Earlier free ranges that are kept, and the least time between them."""
 
 
 def rules_of(p: TrackingParams) -> NDArray[Any]:

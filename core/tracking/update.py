@@ -15,7 +15,7 @@ from .tables import CELL_M, NONE, clear_cell, count_observation, free_slot, make
 from .thin import end_line, is_line, join_lines
 
 _SHORT_M, _TURN_COS = 0.6, 0.9
-"""Not tuning: a shorter track takes the direction of a detection that is turned by more."""
+"""A shorter track takes the direction of a detection that is turned by more."""
 
 
 @kernel

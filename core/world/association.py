@@ -41,7 +41,7 @@ _OVER = int(PlaneFlags.IRREGULAR) | int(PlaneFlags.UNKNOWN_BEHIND)
 """Flags that a joined plane has if either plane has them. It has the others if both planes have them."""
 _INFERRED = int(PlaneFlags.INFERRED)
 _WHOLE = 0.9
-"""An observation of this share of a plane has measured all of it. It is not a tuning parameter."""
+"""An observation of this share of a plane has measured all of it."""
 
 
 @inner

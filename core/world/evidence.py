@@ -24,8 +24,7 @@ _MOST = 65535
 _EDGE = 0.01
 """Share of a step by which a plane may extend into the next one without having a part of it."""
 _HITS_PER_CLEAR = 4
-"""Observations of a step per additional observation as clear that its removal requires. It is not a tuning
-parameter."""
+"""Observations of a step per additional observation as clear that its removal requires."""
 
 
 class Steps(NamedTuple):

@@ -13,7 +13,7 @@ from ..jit import inner, kernel
 from .free_grid import CELL_M, EDGE_M, HALF_M, NO_BLOCK, TALL, bits, cell, find_block, free_bits
 
 _BODY_M = 20.0
-"""Greatest depth of what arrives: the length of the longest vehicles on a road. It is not a tuning parameter."""
+"""Greatest depth of what arrives: the length of the longest vehicles on a road."""
 
 
 @inner

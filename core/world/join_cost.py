@@ -40,11 +40,11 @@ WORLD_RULES = record(
 """Rules of the merged world, see `update.rules_of`. Fields without a comment are the parameters of the same names."""
 
 _GAP_POINTS = 3
-"""Number of places along a gap, and of heights, at which free space is tested. It is not a tuning parameter."""
+"""Number of places along a gap, and of heights, at which free space is tested."""
 _LEAST_WIDTH = 0.5
-"""Of a joined plane, seen from a camera, as a share of what the camera observed. It is not a tuning parameter."""
+"""Of a joined plane, seen from a camera, as a share of what the camera observed."""
 _FACING = 0.3
-"""Sine of the angle below which a line is seen edge-on. It is not a tuning parameter."""
+"""Sine of the angle below which a line is seen edge-on."""
 _IRREGULAR = int(PlaneFlags.IRREGULAR)
 _TINY = 1e-9
 

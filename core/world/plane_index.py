@@ -18,7 +18,7 @@ from ..jit import inner, record
 from .evidence import empty_steps, erase, plane_steps
 
 SQUARE_M = 8.0
-"""Side of a square, of which a frame covers some dozen. It is not a tuning parameter."""
+"""Side of a square, of which a frame covers some dozen."""
 _EDGE_M = 1e-3
 """Tolerance greater than the rounding of float32: a plane is in the list of a square that it nearly touches."""
 _LINKS = 4

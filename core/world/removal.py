@@ -18,7 +18,7 @@ from .plane_index import insert, lru_insert, lru_remove, new_slot, remove, set_l
 
 _OBSTACLE = 1
 _LEAST_M = 0.1
-"""A remaining part of a plane is kept if it is longer. It is not a tuning parameter."""
+"""A remaining part of a plane is kept if it is longer."""
 
 
 class FrameView(NamedTuple):

@@ -29,15 +29,13 @@ from .plane_index import BOX, MOMENTS, NONE, gather, new_slot
 from .removal import count_clear_view, cut_cleared
 
 _LEAST_M = 0.01
-"""A shorter plane has no direction. It is not a tuning parameter."""
+"""A shorter plane has no direction."""
 _NEAR = 4096
 """Greatest number of planes considered for one plane, or for the view of one frame; more are counted as overflow."""
 _SHORT_MEMORY = 0.1
-"""Share of the past of a plane that is kept where all of it would keep the plane away from what is in view. It is not a
-tuning parameter."""
+"""Share of the past of a plane that is kept where all of it would keep the plane away from what is in view."""
 _JOINS = 4
-"""Greatest number of neighbours that one plane absorbs per frame; others follow with later frames. It is not a tuning
-parameter."""
+"""Greatest number of neighbours that one plane absorbs per frame; others follow with later frames."""
 
 
 def rules_of(p: WorldParams) -> NDArray[Any]:
