@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from core.types import CameraInfo, ExtractorState, FrameModel, Ground, Intrinsics
+from core.types import CameraInfo, ExtractorState, Ground, Intrinsics
 
 MODES = ("extractor", "world", "tracking", "sharing", "simulated")
 """Groups of kernels: the extractor, the merged world, the tracked obstacles, the alignment with neighbours and the
@@ -43,8 +43,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
             state = ExtractorState()
             for R in (level, tilted):
-                model, state = extractor.extract(depth, info, R, state, keep_strips=True)
-        _run_transform_kernels(model)
+                _, state = extractor.extract(depth, info, R, state, keep_strips=True)
         _run_rare_kernels(frame, info)
 
 
@@ -74,13 +73,6 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
     grid = inverse_depth_grid(depth_mm, info)
     rotation_between(grid, grid, np.eye(3))
-
-
-def _run_transform_kernels(model: FrameModel) -> None:
-    """Runs the kernels that transform a model."""
-    from core.transformed import turned
-
-    turned(model, 0.1, (1.0, 2.0, 3.0))
 
 
 def _run_world_kernels() -> None:
