@@ -11,6 +11,7 @@ be 2 % faster where the processor has it (docs/research/speed.md), which is not 
 from __future__ import annotations
 
 import os
+import struct
 from pathlib import Path
 from typing import Final
 
@@ -18,8 +19,17 @@ CPU_NAME: Final = "NUMBA_CPU_NAME"
 CPU_FEATURES: Final = "NUMBA_CPU_FEATURES"
 CPUINFO = Path("/proc/cpuinfo")
 """Lists the instructions that the processor and the system support."""
+AUXV = Path("/proc/self/auxv")
+"""What the system passes to each process: pairs of a type and a value."""
 _FLAGS: Final = ("flags", "Features")
 """Names of the line with the instructions on x86-64 and on ARM."""
+_AT_HWCAP: Final = 16
+"""Type of the entry of AUXV with the instructions, one bit each."""
+_ARM_HWCAP: Final = {
+    0: "fp", 1: "asimd", 3: "aes", 4: "pmull", 5: "sha1", 6: "sha2", 7: "crc32", 8: "atomics", 9: "fphp", 10: "asimdhp",
+    12: "asimdrdm", 15: "lrcpc", 16: "dcpop", 20: "asimddp",
+}  # fmt: skip
+"""Bit -> name in CPUINFO, on 64-bit ARM."""
 _X86_64_V2: Final = frozenset(["cx16", "lahf_lm", "pni", "popcnt", "sse4_1", "sse4_2", "ssse3"])
 _X86_64_V3: Final = _X86_64_V2 | frozenset(["abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"])
 _ARMV8_0: Final = frozenset(["asimd", "fp"])
@@ -47,10 +57,23 @@ def levels_of(machine: str, cpuinfo: str) -> tuple[str, ...]:
 
 def own_levels() -> tuple[str, ...]:
     """Returns the levels that this processor can run, best first."""
+    machine = os.uname().machine
     try:
-        return levels_of(os.uname().machine, CPUINFO.read_text(encoding="utf-8", errors="replace"))
+        return levels_of(machine, CPUINFO.read_text(encoding="utf-8", errors="replace")) or _emulated_levels(machine)
     except OSError:
         return ()
+
+
+def _emulated_levels(machine: str) -> tuple[str, ...]:
+    """Returns the levels of an emulated ARM processor: an image for ARM that is built on x86-64 reads the CPUINFO of the
+    x86-64 processor. Raises OSError."""
+    if machine != "aarch64":
+        return ()
+    content = AUXV.read_bytes()
+    entries = dict(struct.iter_unpack("=QQ", content[: len(content) // 16 * 16]))
+    bits = entries.get(_AT_HWCAP, 0)
+    named = " ".join(name for bit, name in _ARM_HWCAP.items() if bits >> bit & 1)
+    return levels_of(machine, f"Features: {named}")
 
 
 def level_variables(level: str) -> dict[str, str]:

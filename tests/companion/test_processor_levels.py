@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+import companion.kernels.processor as processor_module
 import companion.kernels.warmup as warmup
 from companion.cli import main
 from companion.kernels.jit_cache import VARIABLE
@@ -48,6 +51,18 @@ def test_a_processor_has_the_levels_whose_instructions_it_has(
     machine: str, text: str, expected: tuple[str, ...]
 ) -> None:
     assert levels_of(machine, text) == expected
+
+
+@pytest.mark.parametrize(("hwcap", "expected"), [(0x119FFB, ("cortex-a76", "generic")), (0x8FB, ("generic",)), (0, ())])
+def test_an_emulated_processor_has_its_own_levels(
+    hwcap: int, expected: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The values of `qemu-aarch64 -cpu cortex-a76` and `cortex-a72` 7.2, which shows the /proc/cpuinfo of the host."""
+    monkeypatch.setattr(processor_module.os, "uname", lambda: SimpleNamespace(machine="aarch64"))
+    for name, content in (("CPUINFO", cpuinfo(V3).encode()), ("AUXV", struct.pack("=6Q", 6, 4096, 16, hwcap, 0, 0))):
+        (tmp_path / name).write_bytes(content)
+        monkeypatch.setattr(processor_module, name, tmp_path / name)
+    assert processor_module.own_levels() == expected
 
 
 def test_the_compiler_knows_the_levels() -> None:
