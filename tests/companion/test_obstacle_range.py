@@ -57,7 +57,7 @@ def test_check_config_states_that_the_noise_of_a_recording_is_not_known(
 
 
 def test_a_replay_prints_it_with_the_noise_of_the_last_frame(capsys: pytest.CaptureFixture[str]) -> None:
-    result = Replay(ReplayCounts(valid=1, ke_per_m={"front": 0.0015}), {}, ("front",))
+    result = Replay(ReplayCounts(ke_per_m={"front": 0.0015}), {}, ("front",))
     result.obstacle_range_m = {"front": obstacle_range_m(INFO, 0.0015)}
     print_report(result, None)
     assert (
