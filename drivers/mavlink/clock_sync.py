@@ -31,8 +31,9 @@ MIXED, MIXED_NS = 5, 10 * NS
 UNKNOWN_DELAY_NS = 30 * MS
 """Delay that the fastest messages may have where TIMESYNC is not answered: on a busy line of 57600 baud. A stamp that is
 ahead of them by more contradicts the estimate."""
-FASTEST_NS = NS
-"""Arrivals are collected for this time before the fastest of them counts: the first ones may be delayed by more."""
+KNOWN_SECONDS = 2
+"""Arrivals of so many whole seconds are collected before the fastest of them count: the first ones may be delayed by more.
+Of each second the fastest one is kept, and one second alone does not count: its stamp may be wrong."""
 ANSWERS_NS = 2 * NS
 """Answers come twice a second. After a longer time without one the estimate is made again at arrivals."""
 
@@ -120,7 +121,7 @@ class ClockFilter:
         self._undoubted_ns = 0  # bound of the estimate by the answers that fit
         self._arrivals: deque[_Bound] = deque()
         self._newest_boot_ns: int | None = None
-        self._begun_ns = 0  # boot time of the first arrival
+        self._second_ns = 0  # boot time at which the newest second of arrivals begins
         self._accepted_ns: int | None = None
         self._refused = 0
         self._changes_ns: deque[int] = deque(maxlen=MIXED)
@@ -163,15 +164,14 @@ class ClockFilter:
             self._changes_ns.append(arrival_ns)
         self._refused = 0
         self._accepted_ns = arrival_ns
-        if self._newest_boot_ns is None:
-            self._begun_ns = boot_ns
         self._newest_boot_ns = max(boot_ns, self._newest_boot_ns or boot_ns)
         high = arrival_ns - boot_ns
-        newest = self._arrivals[-1] if self._arrivals else None
-        if newest is not None and boot_ns - newest.boot_ns < NS:
-            if high >= newest.high:
+        if self._arrivals and boot_ns - self._second_ns < NS:
+            if high >= self._arrivals[-1].high:
                 return True
             self._arrivals.pop()
+        else:
+            self._second_ns = boot_ns
         self._arrivals.append(_Bound(boot_ns, None, high))
         self._trim(self._arrivals, boot_ns)
         self._estimate_at_arrival(boot_ns, arrival_ns)
@@ -229,11 +229,12 @@ class ClockFilter:
 
     @property
     def usable(self) -> bool:
-        """Whether stamps may be used: the clock is synchronised, or arrivals were collected for FASTEST_NS."""
-        source, newest = self.estimate.source, self._newest_boot_ns
-        if source is ClockSource.ENVELOPE and newest is not None:
-            return newest - self._begun_ns >= FASTEST_NS
-        return source is ClockSource.TIMESYNC
+        """Whether stamps may be used: the clock is synchronised, or the arrivals of KNOWN_SECONDS are known, after which
+        those of a further second have begun."""
+        source = self.estimate.source
+        return source is ClockSource.TIMESYNC or (
+            source is ClockSource.ENVELOPE and len(self._arrivals) > KNOWN_SECONDS
+        )
 
     @property
     def doubted(self) -> bool:

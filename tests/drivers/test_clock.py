@@ -204,6 +204,44 @@ def test_no_stamp_is_used_before_the_delay_of_the_line_is_known(reboots: bool, s
     assert used > 100
 
 
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("case", ["an answer first", "no answers", "silence", "silence, then no answers"])
+def test_no_stamp_is_used_before_the_fastest_arrivals_are_known(case: str, seed: int) -> None:
+    """Stamps were late by up to 102 ms, with a stated error of 30 ms: at once where the first answer came before the first
+    message, or after a silence of a minute; without answers whenever a further second of arrivals began."""
+    clock, link, begin_ns = ClockFilter(), Link(least_delay_ns=5 * MS, jitter_ns=60 * MS, seed=seed), 0
+    if case.startswith("silence"):
+        run(link, clock, 5.0)
+        begin_ns = 70 * NS
+    elif case == "an answer first":
+        link.exchange(clock, -100 * MS)
+    used = 0
+    for k in range(500):
+        now_ns = begin_ns + k * 10 * MS
+        link.attitude(clock, now_ns)
+        if k >= 20 and k % 10 == 0 and not case.endswith("no answers"):
+            link.exchange(clock, now_ns)
+        if clock.usable:
+            bound_ns = clock.estimate.bound_ns
+            used += 1
+            assert abs(link.error_ns(clock, link.boot(now_ns))) < (30 * MS if bound_ns is None else bound_ns + MS)
+    assert used >= 250
+    assert clock.restarts == 0
+
+
+@pytest.mark.parametrize("drift", [150e-6, -150e-6])
+def test_without_answers_stamps_of_a_line_without_jitter_are_used_after_two_seconds(drift: float) -> None:
+    """Each arrival of a fast clock is a little faster than all before."""
+    clock, link = ClockFilter(), Link(drift=drift, jitter_ns=0)
+    usable = []
+    for k in range(300):
+        now_ns = k * 10 * MS
+        clock.arrival(link.boot(now_ns), now_ns + MS)
+        usable.append(clock.usable)
+    assert 200 <= usable.index(True) <= 202
+    assert all(usable[202:])
+
+
 def test_a_message_a_second_late_is_no_reboot() -> None:
     clock, link = ClockFilter(), Link()
     run(link, clock, 5.0)

@@ -464,9 +464,12 @@ class DeafLine(UdpLine):
 def test_what_a_line_brought_before_it_broke_is_delivered() -> None:
     line = DeafLine(Address("udpin", "127.0.0.1", free_port()))
     samples: Samples = []
-    link = MavlinkLink(Address("udpin", "127.0.0.1", line.port), MavlinkSession(), samples.extend)
-    autopilot, now_ns = SimulatedAutopilot(), time.monotonic_ns()
-    spoken = [data for k in range(200) for data in autopilot.due(now_ns + k * 10_000_000)]
+    session, autopilot = MavlinkSession(), SimulatedAutopilot()
+    link = MavlinkLink(Address("udpin", "127.0.0.1", line.port), session, samples.extend)
+    begin_ns = time.monotonic_ns() - NS
+    for _ in range(3):  # the autopilot's clock is the local one
+        session.clock.exchange(begin_ns, begin_ns, begin_ns)
+    spoken = [data for k in range(100) for data in autopilot.due(begin_ns + k * 10_000_000)]
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for data in spoken:

@@ -106,7 +106,7 @@ def test_messages_may_lie_while_no_instant_of_an_arrival_counts(kind: str) -> No
 def test_each_sample_has_the_error_bound_of_the_clock() -> None:
     c = talk(PX4, boot_at_ns=90 * NS)
     c.lost = frozenset({111})
-    c.run(2.0)
+    c.run(3.0)
     assert {type(s) for s in c.samples} == {AttitudeSample, PoseSample}
     assert {s.stamp_error_ns for s in c.samples} == {30 * MS}
     c.lost, c.samples = frozenset(), []
@@ -485,11 +485,11 @@ def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     frames: list[tuple[bytes, int]] = []
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, motion=hovering))
     c = Conversation(MavlinkSession(on_frame=lambda data, t_ns: frames.append((data, t_ns))), [autopilot])
-    c.run(2.0)
+    c.run(3.0)
     again = MavlinkSession()
     samples = again.receive(frames)  # the logged bytes give the same in a new session, except for the clock
     assert len(frames) == c.session.received
-    assert len(samples) > 50  # its clock is not synchronised: the stamps of the first second are not used
+    assert len(samples) > 50  # its clock is not synchronised: the stamps of the first two seconds are not used
     assert [type(s) for s in samples] == [type(s) for s in c.samples[-len(samples) :]]
 
 
@@ -742,12 +742,12 @@ def test_the_stated_rate_is_that_of_the_attitudes_that_are_used() -> None:
     encoder = dialect.MAVLink(None, 1, 1)
     heartbeat = bytes(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(encoder))
     session.receive([(heartbeat, 10 * NS)])
-    for k in range(150):
+    for k in range(250):
         now_ns = 10 * NS + k * NS // 50
         chunk = bytes(dialect.MAVLink_attitude_message(k * 20, 0, 0, 0, 0, 0, 0).pack(encoder))
-        if k % 12 == 0 and k < 100:
+        if k % 12 == 0 and k < 200:
             chunk += bytes(dialect.MAVLink_attitude_quaternion_message(k * 20, 1, 0, 0, 0, 0, 0, 0).pack(encoder))
         session.receive([(chunk, now_ns)])
-        if k == 99:
+        if k == 199:
             assert session.status(now_ns).attitude_hz < 5.0
     assert session.status(now_ns).attitude_hz == pytest.approx(50.0, abs=1.0)
