@@ -175,8 +175,8 @@ class ObstacleReportBuilder:
 
     def decide(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         """Returns what to send now."""
-        self.catch_up()
         try:
+            self.catch_up()
             return self._decided(autopilot, now_ns)
         except RECKONING_ERRORS as error:
             fault = f"the distances around the vehicle cannot be computed: {type(error).__name__}: {error}"

@@ -92,9 +92,9 @@ class ObstacleSender:
         self._send(time.monotonic_ns())  # the last message is decided after the stop, with its cause
 
     def _send(self, now_ns: int) -> None:
-        self._builder.catch_up()  # also without an autopilot: what waits must not pile up
         autopilot = self._ask()
         if not autopilot.kind:  # the policy depends on the autopilot
+            self._builder.catch_up()  # what waits must not pile up
             return
         self.report = self._builder.decide(autopilot, now_ns)
         messages = messages_of(self.report, autopilot.kind, self._avoid, now_ns)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.autopilot.confirmation import PlaneConfirmation
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
 from companion.autopilot.obstacle_report import MOST_WAITING, ObstacleReport, ObstacleReportBuilder
@@ -418,6 +419,25 @@ def test_results_that_nothing_takes_do_not_pile_up_and_no_camera_is_lost() -> No
     assert len(chain.builder._waiting) == MOST_WAITING + 1
     chain.builder.catch_up()
     assert len(chain.builder._waiting) == 0
+
+
+def test_a_result_that_cannot_be_taken_is_blindness_and_not_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is taken by the thread of the sender: the fault ended it, and ArduPilot takes silence for clear."""
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    sender = ObstacleSender(chain.builder, AVOID, lambda: ARDUPILOT, lambda message: None)
+    with monkeypatch.context() as broken_confirmation:
+        broken_confirmation.setattr(PlaneConfirmation, "take", lambda self, result: 1 // 0)
+        chain.fly(0.3)
+        sender._send(chain.now_ns)
+    assert sender.report is not None
+    assert "cannot be computed" in sender.report.fault
+    assert sender.report.values is not None
+    assert sender.report.values[0] == WALL
+    chain.fly(0.4)
+    assert chain.report(PX4).fault == ""
+    chain.fly(0.4)
+    assert chain.ahead(PX4) == 1201
 
 
 @pytest.mark.process
