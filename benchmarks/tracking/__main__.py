@@ -1,4 +1,4 @@
-"""Writes docs/research/tracking.md.
+"""Measures the tracker and writes a page of tables. Those of docs/research/tracking.md are copied from it by hand, beside notes.
 
 python -m benchmarks.tracking [--out FILE] [--quick] [--only SECTION] [--tilts level|few|all]
 """
@@ -25,7 +25,7 @@ from drivers.simulation.scene_library import make_scene
 from . import draws, margins, movers, stability, timing, wires
 from .sequences import HZ, Pose, along, drifting, exposures, hovering, swinging, true_pose, vibrating
 
-OUT = Path("docs/research/tracking.md")
+OUT = Path("bench-out/tracking.md")
 SCENES = ("street", "trees", "alley")
 KES = (0.0015, 0.005)
 WARM = 10
