@@ -122,9 +122,15 @@ def _temporary_copy(name: str, source: Path | None) -> Path | None:
 
     source: parent of the directories with kernels; None: there are no kernels to link. The directory is deleted at the
     end of this process. Child processes use it too, and write into it what they compile. That of a service is below its
-    RUNTIME_DIRECTORY, which is in memory."""
+    RUNTIME_DIRECTORY, which is in memory, if that can be written."""
+    own = os.environ.get("RUNTIME_DIRECTORY")
+    return (_copy_below(own, name, source) if own else None) or _copy_below(None, name, source)
+
+
+def _copy_below(place: str | None, name: str, source: Path | None) -> Path | None:
+    """Does the work of `_temporary_copy`. place: parent of the directory; None: the system's one for temporary files."""
     try:
-        place = os.environ.get("RUNTIME_DIRECTORY") or tempfile.gettempdir()
+        place = place or tempfile.gettempdir()
         _delete_left_over(Path(place))
         base = Path(tempfile.mkdtemp(prefix=f"{_LINKED}{os.getpid()}-", dir=place))
         copy = base / name

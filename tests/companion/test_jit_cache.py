@@ -356,6 +356,21 @@ def test_on_a_full_disk_the_kernels_of_the_installation_are_used(
         assert folder == base / key
 
 
+def test_without_a_usable_runtime_directory_the_usual_temporary_one_stands_in(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A container started with --user may not write that of the image, and `companion run` makes one that is missing only
+    later."""
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "cache"))
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / "missing"))
+    folder = use_own_cache()
+    assert folder is not None
+    assert folder.parents[1] == tmp_path
+    assert jit_cache.is_temporary_copy(folder)
+
+
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give directories to another user")
 ANOTHER_USER = 12345
 
