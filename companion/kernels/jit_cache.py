@@ -109,10 +109,11 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _is_trusted(folder: Path) -> bool:
-    """False if another user has made a directory in a folder that several users can write, such as /tmp: kernels are
-    machine code. False also if it does not exist."""
+    """False if another user has made a directory, or a link to one, in a folder that several users can write, such as
+    /tmp: kernels are machine code. False also if it does not exist."""
     try:
-        return folder.stat().st_uid in (os.geteuid(), 0, folder.parent.stat().st_uid)
+        trusted = {os.geteuid(), 0, folder.parent.stat().st_uid}
+        return {folder.lstat().st_uid, folder.stat().st_uid} <= trusted
     except OSError:
         return False
 
@@ -282,8 +283,9 @@ def prune(base: Path, current: Path) -> None:
     """Deletes directories of old states.
 
     It keeps the latest MAX_CACHES (including `current`) and those in use by a running process, and deletes nothing
-    else below `base`."""
-    others = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f.is_dir() and f != current]
+    else below `base`, nor directories of other users."""
+    found = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f.is_dir() and f != current]
+    others = [f for f in found if _is_trusted(f)]
     for folder in sorted(others, key=_last_use, reverse=True)[MAX_CACHES - 1 :]:
         descriptor = _lock(folder, fcntl.LOCK_EX)
         if descriptor is not None:

@@ -393,6 +393,37 @@ def test_a_directory_that_another_user_has_made_is_not_used(
 
 
 @needs_root
+def test_a_link_that_another_user_has_made_is_not_followed(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its maker can turn it to another directory after the check."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    own = tmp_path / "own"
+    own.mkdir()
+    foreign = base / f"kernels-{source_key(jit_cache.ROOT)}"
+    foreign.symlink_to(own)
+    os.chown(foreign, ANOTHER_USER, ANOTHER_USER, follow_symlinks=False)
+    folder = use_own_cache()
+    assert folder is not None
+    assert jit_cache.is_temporary_copy(folder)
+    assert list(own.iterdir()) == []
+
+
+@needs_root
+def test_old_directories_of_another_user_are_left_alone(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link in the place of its lock made root create, or lock, any file of the system."""
+    monkeypatch.setattr(jit_cache, "MAX_CACHES", 1)
+    foreign, old = made(base, 90, 60)
+    (foreign / "in-use").unlink()
+    (foreign / "in-use").symlink_to(tmp_path / "nologin")
+    os.chown(foreign, ANOTHER_USER, ANOTHER_USER)
+    assert use_own_cache() is not None
+    assert [f.exists() for f in (foreign, old, tmp_path / "nologin")] == [True, False, False]
+
+
+@needs_root
 @pytest.mark.parametrize("owner_of_base", [0, ANOTHER_USER])
 def test_no_kernels_are_taken_over_from_another_user(tmp_path: Path, owner_of_base: int) -> None:
     """Except where the whole cache is that user's, which NUMBA_CACHE_DIR then names."""
