@@ -243,17 +243,23 @@ def _closures_of(folder: Path) -> dict[str, Closure]:
 
 def _link_kernels(source: Path, target: Path, module: str, link: Link) -> list[str]:
     """Links the kernels of a module into the target directory, except those that have an index there: numba would take
-    the machine code for what that index names. Returns their paths relative to the source directory."""
+    the machine code for what that index names. Returns the paths of those that are in both, relative to the source
+    directory."""
     package, _, stem = module.rpartition(".")
     files = [f for f in (source / package).glob(f"{stem}.*") if f.suffix in (".nbi", ".nbc")]
     if files:
         (target / package).mkdir(exist_ok=True)
     indices = {f.name for f in (target / package).glob(f"{stem}.*.nbi")}
+    there = []
     # each data file before the index that refers to it
     for file in sorted(files, key=lambda f: f.suffix):
-        if ENDING.sub(".nbi", file.name) not in indices:
-            link(file, target / package / file.name)
-    return [str(f.relative_to(source)) for f in files if _is_same(f, target / package / f.name)]
+        place = target / package / file.name
+        is_new = ENDING.sub(".nbi", file.name) not in indices
+        if is_new:
+            link(file, place)
+        if is_new or _is_same(file, place):
+            there.append(str(file.relative_to(source)))
+    return there
 
 
 def _is_same(file: Path, place: Path) -> bool:

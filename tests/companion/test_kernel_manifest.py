@@ -17,7 +17,7 @@ import pytest
 import companion.kernels.loading as loading
 import companion.kernels.warmup as warmup
 from companion.kernels.cache_state import mark_complete
-from companion.kernels.jit_cache import COMPLETE, VARIABLE, seed
+from companion.kernels.jit_cache import COMPLETE, VARIABLE, Link, seed
 from companion.kernels.manifest import MANIFEST, copy_entries, damaged_kernels, delete_kernels, write_manifest
 from companion.kernels.source_state import KERNELS_OUTSIDE_CORE
 
@@ -209,7 +209,7 @@ def test_a_seeded_directory_is_checked(tmp_path: Path) -> None:
     assert damaged_kernels(new) == [new / "core" / "a.f-3.py311.nbi"]
 
 
-def seeded(base: Path, old: Path, new: Path) -> None:
+def seeded(base: Path, old: Path, new: Path, link: Link | None = None) -> None:
     """Sources of one module, and a new directory for them that begins with the kernels of an older one."""
     root = base.parent / "sources"
     for name in ("core/a.py", *KERNELS_OUTSIDE_CORE):
@@ -217,7 +217,24 @@ def seeded(base: Path, old: Path, new: Path) -> None:
         (root / name).write_text("")
     seed((), old, root)
     write_manifest(old)
-    seed((base,), new, root)
+    seed((base,), new, root, link)
+
+
+def test_copied_kernels_are_checked_where_the_file_system_keeps_whole_seconds(tmp_path: Path) -> None:
+    """As ext4 with inodes of 128 bytes, FAT and some network drives do."""
+    base = tmp_path / "base"
+    old, new = base / ("kernels-" + "0" * 16), base / ("kernels-" + "1" * 16)
+
+    def copy(file: Path, place: Path) -> None:
+        shutil.copyfile(file, place)
+        seconds = file.stat().st_mtime_ns // 10**9
+        os.utime(place, (seconds, seconds))
+
+    made(old)
+    new.mkdir()
+    seeded(base, old, new, copy)
+    changed(new / "core" / "a.f-3.py311.1.nbc", b"half")
+    assert damaged_kernels(new) == [new / "core" / "a.f-3.py311.1.nbc"]
 
 
 def test_an_index_is_never_joined_with_machine_code_of_another_directory(tmp_path: Path) -> None:
