@@ -30,7 +30,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from .manifest import ENDING, copy_entries
+from .manifest import ENDING, copy_entries, kernels_in
 from .processor import use_level
 from .source_state import Closure, content_hash, import_closures, module_name, source_key
 
@@ -76,7 +76,7 @@ def use_own_cache() -> Path | None:
     source = next((base for base in (*bases, SHARED) if _is_complete(base / key)), None)
     for base in bases:
         folder = base / key
-        if _open(folder) and (_is_seeded(base, folder) or source is None):
+        if _open(folder) and (_is_seeded(base, folder) or source in (None, base)):
             prune(base, folder)
             return _set_variables(folder)
     copy = _temporary_copy(key, source)
@@ -211,8 +211,10 @@ def seed(bases: Sequence[Path], folder: Path, root: Path, link: Link | None = No
         there = _closures_of(other)
         same = [name for name, (key, _) in missing.items() if name in there and there[name][0] == key]
         files = {name: _link_kernels(other, folder, name, link or _link_or_copy) for name in same}
-        copy_entries(other, folder, [file for linked_files in files.values() for file in linked_files])
-        if other.name == folder.name:  # the same state, brought along by the installation
+        present = [file for linked_files in files.values() for file in linked_files]
+        copy_entries(other, folder, present)
+        # the same state, brought along by the installation, and nothing of it is left out
+        if other.name == folder.name and {str(f.relative_to(other)) for f in kernels_in(other)} <= set(present):
             for mark in other.glob(COMPLETE + "*"):
                 shutil.copy2(mark, folder / mark.name)
         linked = {name for name, linked_files in files.items() if linked_files}

@@ -37,7 +37,7 @@ def write_manifest(folder: Path) -> None:
         before = {}
     os.sync()  # a power failure must not leave a manifest of files whose content was not written
     began_ns = _time_ns(folder)
-    _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in _kernels(folder)}, began_ns)
+    _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in kernels_in(folder)}, began_ns)
 
 
 def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
@@ -63,7 +63,7 @@ def damaged_kernels(folder: Path) -> list[Path]:
         entries = _entries(folder)
         written_ns = path.stat().st_mtime_ns if entries else 0
     except (UnreadableManifest, OSError):
-        return _kernels(folder)
+        return kernels_in(folder)
     return [folder / name for name, entry in entries.items() if _is_damaged(folder / name, entry, written_ns)]
 
 
@@ -71,13 +71,14 @@ def delete_kernels(files: Iterable[Path]) -> int:
     """Deletes all files of the functions that these files belong to; returns their number."""
     deleted = 0
     for stem in {(f.parent, ENDING.sub("", f.name)) for f in files}:
-        for file in [f for f in _kernels(stem[0]) if ENDING.sub("", f.name) == stem[1]]:
+        for file in [f for f in kernels_in(stem[0]) if ENDING.sub("", f.name) == stem[1]]:
             file.unlink(missing_ok=True)
             deleted += 1
     return deleted
 
 
-def _kernels(folder: Path) -> list[Path]:
+def kernels_in(folder: Path) -> list[Path]:
+    """numba's index and code files in a directory and below it."""
     return sorted(f for pattern in CACHED for f in folder.rglob(pattern))
 
 

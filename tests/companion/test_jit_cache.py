@@ -356,6 +356,27 @@ def test_on_a_full_disk_the_kernels_of_the_installation_are_used(
         assert folder == base / key
 
 
+def test_a_complete_directory_is_used_where_older_kernels_cannot_be_copied(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Links in a temporary directory were empty, since their kernels belong to the content of the sources."""
+
+    def refuse(file: Path, place: Path) -> None:
+        raise OSError(errno.EACCES, "Permission denied", str(file))
+
+    key = f"kernels-{source_key(jit_cache.ROOT)}"
+    older = base / ("kernels-" + "0" * 16)
+    (older / "core.stages").mkdir(parents=True)
+    (older / "core.stages" / "level.pool-0.py311.nbi").write_text("")
+    (older / "closures.json").write_text(json.dumps(import_closures(jit_cache.ROOT)))
+    (base / key).mkdir()
+    (base / key / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
+    monkeypatch.setattr(jit_cache, "_link_or_copy", refuse)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    assert use_own_cache() == base / key
+
+
 def test_without_a_usable_runtime_directory_the_usual_temporary_one_stands_in(
     base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

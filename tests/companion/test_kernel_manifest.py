@@ -265,6 +265,29 @@ def test_machine_code_without_an_index_is_replaced(tmp_path: Path) -> None:
     assert damaged_kernels(new) == []
 
 
+def test_a_directory_is_complete_only_with_all_kernels_of_the_complete_one(tmp_path: Path) -> None:
+    """The service compiled the others in its own process, which leaves about 1 GB allocated."""
+    shared, key = tmp_path / "shared", "kernels-" + "1" * 16
+    new = tmp_path / "base" / key
+    made(shared / key)
+    (new / "core").mkdir(parents=True)
+    (new / "core" / "a.f-3.py311.nbi").write_bytes(b"of other arguments")
+    root = tmp_path / "sources"
+    for name in ("core/a.py", *KERNELS_OUTSIDE_CORE):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("")
+    seed((), shared / key, root)
+    (shared / key / f"{COMPLETE}extractor").write_text("this processor")
+    seed((shared,), new, root)
+    assert not (new / f"{COMPLETE}extractor").exists()
+    whole, without_closures = tmp_path / "whole" / key, tmp_path / "without" / key
+    for folder in (whole, without_closures):
+        folder.mkdir(parents=True)
+        seed((shared,), folder, root)
+        assert (folder / f"{COMPLETE}extractor").exists() == (folder == whole)
+        (shared / key / "closures.json").unlink(missing_ok=True)
+
+
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A cache with two compiled kernels; loading them is left out."""
