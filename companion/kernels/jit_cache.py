@@ -318,7 +318,7 @@ def _open(folder: Path) -> bool:
         if not _is_trusted(folder):
             return False
         descriptor = _lock(folder, fcntl.LOCK_SH)
-        if not folder.is_dir() or not os.access(folder, os.W_OK):
+        if not _is_writable(folder):
             return False
         os.utime(folder)
     except OSError:
@@ -326,6 +326,11 @@ def _open(folder: Path) -> bool:
     if descriptor is not None:
         _held.append(descriptor)
     return True
+
+
+def _is_writable(folder: Path) -> bool:
+    """True if a directory and those in it, which another user may have made, can be written. Raises OSError."""
+    return all(os.access(f, os.W_OK) for f in (folder, *(f for f in folder.iterdir() if f.is_dir())))
 
 
 def _lock(folder: Path, kind: int) -> int | None:

@@ -524,6 +524,17 @@ def test_kernels_of_a_directory_that_cannot_be_written_are_used(read_only: Path,
     assert {file: file.stat().st_mtime_ns for file in read_only.rglob("*")} == before
 
 
+def test_kernels_beside_which_another_user_has_made_a_directory_are_used(read_only: Path, tmp_path: Path) -> None:
+    """As root does with `sudo -E`: numba refused to import the kernels of that directory."""
+    root, temporary = tmp_path / "project", tmp_path / "temporary"
+    temporary.mkdir()
+    for folder in (read_only, read_only / f"kernels-{source_key(root)}"):
+        folder.chmod(0o755)
+    done = python_without_privileges((KEYED + READ_ONLY).format(root=str(root)), read_only, temporary)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["21", "4.0", "1", "temporary", "2"]
+
+
 def test_two_starts_delete_what_a_killed_process_left(tmp_path: Path) -> None:
     """The second found nothing there, made no links and compiled all kernels."""
     gone = tmp_path / "osape-companion-kernels-4194305-gone"
