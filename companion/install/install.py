@@ -187,7 +187,8 @@ def check_files(config: Config, paths: InstallPaths) -> None:
     }
     for key, name in named.items():
         place = Path(os.path.normpath(STATE / name))
-        hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
+        at_end = place.resolve() if paths.live else place  # of links; those of an image lead elsewhere
+        hidden = next((h for h in HIDDEN if place.is_relative_to(h) or at_end.is_relative_to(h)), None)
         if hidden is not None:
             cause = f"the service cannot read files below {hidden}"
         elif name and paths.live and _is_missing(place):

@@ -230,6 +230,19 @@ def test_a_file_that_is_beside_the_configuration_is_refused(tmp_path: Path) -> N
         install.config_step(InstallPaths(), config, replace=True)
 
 
+def test_a_link_to_a_file_that_the_service_cannot_read_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(install, "HIDDEN", (tmp_path / "home",))
+    config, key, link = tmp_path / "link.toml", tmp_path / "home" / "signing.key", tmp_path / "signing.key"
+    key.parent.mkdir()
+    key.write_text("")
+    link.symlink_to(key)
+    config.write_text(f'[autopilot]\nsigning_key = "{link}"\n')
+    with pytest.raises(InstallError, match=f"cannot read files below {key.parent}"):
+        install.config_step(InstallPaths(), config, replace=True)
+
+
 def test_a_command_of_the_system_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InstallError, match=r"ls /nowhere-at-all failed with status 2: .*No such file"):
         run_command(["ls", "/nowhere-at-all"])
