@@ -69,6 +69,21 @@ def test_a_purge_leaves_an_environment_made_by_hand_alone(root: Path) -> None:
     assert [name for name in (*OWN, ENVIRONMENT) if (root / name).exists()] == [OWN[-1], ENVIRONMENT]
 
 
+def test_a_purge_deletes_configuration_and_logs_beside_an_edited_unit_of_the_package(root: Path) -> None:
+    """`systemctl edit --full` copies the unit; purge took it for that of `companion install`, and kept keys and logs."""
+    (root / UNIT).parent.mkdir(parents=True)
+    (root / UNIT).write_text(f"[Service]\nExecStart={root}/opt/osape-companion/bin/companion run\n")
+    done = ran("postrm", root, "purge")
+    assert done.returncode == 0, done.stderr
+    assert [name for name in OWN if (root / name).exists()] == []
+    (root / ENVIRONMENT).parent.mkdir(parents=True)
+    (root / ENVIRONMENT).write_text("")  # an environment made by hand, whose unit has the same command
+    (root / OWN[0]).parent.mkdir(parents=True)
+    (root / OWN[0]).write_text("")
+    assert ran("postrm", root, "purge").returncode == 0
+    assert (root / OWN[0]).exists()
+
+
 def test_a_removal_keeps_configuration_and_logs(root: Path) -> None:
     assert ran("postrm", root, "remove").returncode == 0
     assert [name for name in OWN if (root / name).exists()] == list(OWN)
