@@ -446,8 +446,6 @@ class Params:
         0.5, 0.0, 10.0, "px", "what extends beside a plane by at most this counts as hidden by it"
     )
 
-    # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
-
     # Layers and the free-range profile
     layer_join_m: float = number(
         0.25,
