@@ -63,7 +63,7 @@ class FlightTables:
     def begin(self, source: McapRecording, config: Config) -> None:
         """config: the configuration in use."""
         self._config_hash = text_hash(config_text(config))
-        recorded = readable_recorded_config(source)
+        recorded = readable_recorded_config(source) or Config()
         if source.run is not None:
             config_json = source.run.config_json
             self._onboard = source.run.software, text_hash(config_json) if config_json else None

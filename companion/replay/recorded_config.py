@@ -23,9 +23,9 @@ def recorded_config(source: McapRecording) -> Config:
         raise ConfigError(error.source, error.problems, remedy) from error
 
 
-def readable_recorded_config(source: McapRecording) -> Config:
-    """`recorded_config`; the defaults where it cannot be read: for a replay with another configuration."""
+def readable_recorded_config(source: McapRecording) -> Config | None:
+    """`recorded_config`; None where it cannot be read: for a replay with another configuration."""
     try:
         return recorded_config(source)
     except ConfigError:
-        return Config()
+        return None

@@ -133,10 +133,11 @@ def replay(
         result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
         recorded = readable_recorded_config(source)
-        result.configured_offsets_ms = {
-            info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras
-        }
-        result.depth_note = depth_note(recorded.record)
+        if recorded is not None:
+            result.configured_offsets_ms = {
+                info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras
+            }
+            result.depth_note = depth_note(recorded.record)
         result.obstacle_range_m = {
             info.camera: obstacle_range_m(info, result.counts.ke_per_m.get(info.camera), config.extractor)
             for info in cameras

@@ -146,7 +146,7 @@ def _offset_json(offset: ExposureOffset, result: Replay) -> dict[str, Any]:
 
 
 def _offset_warning(offset: ExposureOffset, result: Replay) -> str:
-    return warning_text(offset, result.configured_offsets_ms.get(offset.camera, 0.0))
+    return warning_text(offset, result.configured_offsets_ms.get(offset.camera))
 
 
 def _named(key: Key) -> dict[str, Any]:

@@ -21,7 +21,8 @@ from companion.pipeline.encode import prisms_message, state_from_message, wire_b
 from companion.pipeline.state import PipelineState
 from companion.replay.compare import Comparison, first_difference
 from companion.replay.replay import Options, make_pipeline, replay
-from companion.replay.replay_report import replay_problems
+from companion.replay.replay_report import replay_problems, report
+from companion.self_check.exposure_offset import ExposureOffset, OffsetState
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
 from drivers.logs.codec import attitude_message, camera_message, depth_message
 from drivers.logs.reader import McapRecording
@@ -459,6 +460,18 @@ def test_a_log_of_a_newer_version_is_replayed_with_a_configuration_of_this_one(t
     output = tmp_path / "out.mcap"
     assert main(["replay", str(newer), "-c", str(tmp_path / "mine.toml"), "-o", str(output)]) == 0
     assert prisms_of(output)
+
+
+def test_the_offset_to_add_is_named_where_the_configured_one_is_unknown(tmp_path, recorded):
+    """The line to paste took it for 0: it would have removed the configured offset."""
+    newer = log_of_a_newer_version(recorded, tmp_path / "newer.mcap")
+    for log, remedy in ((recorded, "set `exposure_offset_ms = 18.3`"), (newer, "add 18.3 to exposure_offset_ms")):
+        result = replay(log, Options(config=Config()))
+        result.exposure_offsets = (
+            ExposureOffset(camera="front", state=OffsetState.MEASURED, offset_s=0.0183, sigma_s=0.0004, pairs=90),
+        )
+        (offset,) = report(result, log, None, [])["exposure_offsets"]
+        assert remedy in offset["warning"]
 
 
 def test_a_state_that_cannot_be_used_is_reported_with_the_file(tmp_path, capsys):
