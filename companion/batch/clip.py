@@ -50,14 +50,14 @@ def cut(path: Path, spans: Sequence[Span]) -> str | None:
     a message gives no file, and a clip of an earlier search at its place is removed.
 
     The state at the beginning of a clip is computed with the configuration in the log from the frames before it. Raises
-    BadData for a log that cannot be replayed, ValueError and OSError for an output that cannot be written."""
+    BadData and ConfigError for a log that cannot be replayed, ValueError and OSError for an output that cannot be written."""
     for span in spans:
         refuse_output(span.output, path)
     for span in spans:
         span.output.unlink(missing_ok=True)
     with McapRecording(path) as source:
         state = opening_state(source)
-        pipeline = make_pipeline(recorded_config(source), source.cameras, state)
+        pipeline = make_pipeline(recorded_config(source, otherwise=""), source.cameras, state)
         cutter = _Cutter(source, pipeline, sorted(spans, key=lambda s: s.begin_ns))
         ignored = skipped_live(path)
         try:

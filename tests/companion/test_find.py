@@ -16,7 +16,9 @@ from companion.batch.jobs import BatchOptions, FlightTask, Outcome
 from companion.batch.schema import TABLES
 from companion.batch.task import run_task
 from companion.cli import main
-from companion.log.provenance import software
+from companion.config.loader import Config, ConfigError
+from companion.log.log_writer import LogWriter
+from companion.log.provenance import run_info, software
 from companion.replay.replay import Options, replay
 from drivers.base import DeviceNotFound
 from drivers.logs.reader import McapRecording
@@ -86,6 +88,19 @@ def test_a_span_without_messages_gives_no_file(tmp_path: Path) -> None:
     (log,) = write_parts(tmp_path, "short", flight_events(4, 0.3))
     assert cut(log, [Span(0, 1, tmp_path / "none.mcap")]) is None
     assert not (tmp_path / "none.mcap").exists()
+
+
+def test_a_log_whose_configuration_cannot_be_used_is_refused_with_a_remedy_of_this_command(tmp_path: Path) -> None:
+    """It named `-c FILE`, which `companion find` does not have."""
+    (log,) = write_parts(tmp_path, "odd", flight_events(4, 0.5))
+    odd = tmp_path / "retired.mcap"
+    with McapRecording(log) as source, LogWriter(odd) as writer:
+        run = run_info("live", Config())
+        run.config_json = run.config_json.replace('"expert": {', '"expert": {"noise_grid": 0.1,')
+        writer.begin(run, source.cameras)
+    with pytest.raises(ConfigError, match="use that version") as caught:
+        cut(odd, [Span(0, 1, tmp_path / "none.mcap")])
+    assert "-c FILE" not in str(caught.value)
 
 
 def test_blindness_of_an_armed_vehicle_is_cut_out(
