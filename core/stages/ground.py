@@ -37,7 +37,8 @@ _MIN_SHARE = 0.01
 _PAIR_MIN_PX = 4.0
 """Least distance of the rows of a pair."""
 _PAIR_FLAT, _PAIR_SIGMAS, _PAIR_FLAT_CAP = 0.25, 2.0, 0.5
-"""A pair votes when it rises by less than this share of a wall and so much noise, at most by the cap."""
+"""A pair votes when it rises by less than the first share of the rise of a wall and so many sigma of the noise, together at
+most the second share."""
 _PAIR_LEVEL = 0.5
 """The farther pixel of a pair lies at least this share as far below the camera as the nearer one."""
 _SEED_WEIGHT, _SEED_STEPS = 1.5, 2

@@ -155,7 +155,7 @@ def apart(p, q, gap_m):
 
 @inline_ieee
 def surely_apart(p, q, gap_m):
-    """True if two pieces cannot be merged, whatever `pair_cost` says.
+    """True if two pieces cannot be merged, so that `pair_cost` need not be computed.
 
     Either the vertical gap exceeds gap_m, or they share tangents of azimuth at which their distances differ too much
     for one line."""
