@@ -279,8 +279,12 @@ def _link_or_copy(file: Path, place: Path) -> None:
         os.link(file, place)
     except OSError:
         part = place.with_name(f"{place.name}.{os.getpid()}.part")
-        shutil.copy2(file, part)
-        part.replace(place)
+        try:
+            shutil.copy2(file, part)
+            part.replace(place)
+        except OSError:
+            part.unlink(missing_ok=True)
+            raise
 
 
 def _symbolic_link(file: Path, place: Path) -> None:

@@ -392,6 +392,16 @@ def test_without_a_usable_runtime_directory_the_usual_temporary_one_stands_in(
     assert jit_cache.is_temporary_copy(folder)
 
 
+def test_a_copy_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    """On a full disk each start left another part of a kernel, in the space that the recording had freed."""
+    kernel, place = tmp_path / "kernel.nbc", tmp_path / "new" / "kernel.nbc"
+    kernel.write_text("")
+    place.mkdir(parents=True)  # nothing can be put there
+    with pytest.raises(OSError):
+        jit_cache._link_or_copy(kernel, place)
+    assert list(place.parent.iterdir()) == [place]
+
+
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give directories to another user")
 ANOTHER_USER = 12345
 
