@@ -1,6 +1,7 @@
 """The parameters of the extractor: a name, a default, a range, a unit and what it means.
 
-Symbols in brackets are the paper's. Constants that nobody needs to change stand in the module that uses them.
+Symbols in brackets are the paper's. Constants that no configuration, test or benchmark varies are in the module that
+uses them.
 """
 
 from __future__ import annotations

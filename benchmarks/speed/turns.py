@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ def render(kind: str) -> list[Any]:
 def work() -> None:
     """Extracts frames on request: reads lines of JSON (kind, frames), and writes lines of JSON (processor time of each
     in ns, hash of the models and states)."""
-    import companion  # noqa: F401  before core: each checkout has a directory of its own for compiled kernels
+    import_module("companion")  # before core: each checkout has a directory of its own for compiled kernels
     from core.extractor import Extractor
     from core.params import Params
     from core.types import ExtractorState
