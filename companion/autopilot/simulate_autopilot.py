@@ -20,6 +20,7 @@ from drivers.simulation.flights import flight_plan
 from drivers.simulation.looping_flight import LoopingFlight
 
 from ..argument_types import checked_by, number_in
+from ..common_options import add_config
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
 from ..stop_signal import stop_event
@@ -79,14 +80,7 @@ def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:
 def add_parser(subparsers: Any) -> None:
     """Adds the command line of `companion simulate-autopilot`."""
     parser = subparsers.add_parser("simulate-autopilot")
-    parser.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        required=True,
-        help="configuration of `companion run`, with a simulated camera",
-    )
+    add_config(parser, "configuration of `companion run`, with a simulated camera", required=True)
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--px4", action="store_const", dest="kind", const=PX4, default=PX4, help="simulate PX4 (default)")
     kind.add_argument("--ardupilot", action="store_const", dest="kind", const=ARDUPILOT, help="simulate ArduPilot")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..argument_types import number_in
+from ..common_options import add_config
 from ..config.loader import config_text, load_config
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
@@ -162,9 +163,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="OUT",
         help="directory or address for the tables, or for the report of --compare",
     )
-    parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="use this configuration instead of the recorded ones"
-    )
+    add_config(parser, "use this configuration instead of the recorded ones")
     parser.add_argument(
         "--compare",
         nargs=2,

@@ -7,13 +7,13 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 from core.extractor import Extractor
 from core.params import Params
 
 from ..argument_types import number_in
+from ..common_options import add_config
 from ..config.loader import load_config
 from ..console import print_json, print_line, progress
 from ..kernels.warmup import warm_up
@@ -108,13 +108,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="N",
         help=f"frame rate of the camera to compare with, in Hz (default: {HZ:g})",
     )
-    parser.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="configuration whose [extractor] and [expert] sections are used",
-    )
+    add_config(parser, "configuration whose [extractor] and [expert] sections are used")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

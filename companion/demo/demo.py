@@ -16,6 +16,7 @@ from drivers.simulation.camera import SimulatedDepthSource
 
 from ..argument_types import number_in
 from ..cameras.factory import make_source
+from ..common_options import add_config
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig, RecordParams, SupervisorParams
@@ -138,13 +139,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="DIR",
         help=f"directory for log, pictures and page (default: {OUTPUT})",
     )
-    parser.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="configuration with a simulated camera (default: the demo flight)",
-    )
+    add_config(parser, "configuration with a simulated camera (default: the demo flight)")
     parser.add_argument(
         "--seconds",
         type=number_in(float, 1.0, 600.0),

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 from drivers.base import DriverError
@@ -19,6 +18,7 @@ from drivers.base import DriverError
 from ..argument_types import number_in
 from ..autopilot.parameter_writer import Change, apply
 from ..autopilot.restart_pending import TEXT as RESTART_TEXT
+from ..common_options import add_config
 from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
@@ -118,9 +118,7 @@ def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion doctor`."""
     parser = subparsers.add_parser("doctor")
-    parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help=f"configuration of the service (default: {INSTALLED})"
-    )
+    add_config(parser, f"configuration of the service (default: {INSTALLED})")
     parser.add_argument(
         "--patience",
         type=number_in(float, 0.1, 3600.0),

@@ -14,6 +14,7 @@ from typing import Any, Final
 from drivers.shell_word import shell_word
 
 from ..argument_types import number_in
+from ..common_options import add_config
 from ..config.loader import Config, ConfigError, config_of, load_config
 from ..console import fail, print_json, print_line, warn
 from ..usage_error import UsageError, given_option
@@ -44,13 +45,7 @@ def add_parser(subparsers: Any) -> None:
         help="directory of depth PNGs or stereo pairs, TUM RGB-D directory, or ROS 2 recording (.mcap, .db3 or bag directory)",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="the log to write")
-    parser.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="configuration whose [[camera]] section gives mount, ranges and noise",
-    )
+    add_config(parser, "configuration whose [[camera]] section gives mount, ranges and noise")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     camera = parser.add_argument_group("camera (overrides the configuration and the recording)")
     camera.add_argument("--camera", metavar="NAME", help="name of the camera in the log (default: front)")

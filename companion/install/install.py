@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..common_options import add_config
 from ..config.loader import Config, ConfigError, load_config
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
@@ -38,13 +39,7 @@ STATE = Path("/var/lib", NAME)
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion install`."""
     parser = subparsers.add_parser("install")
-    parser.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="configuration to copy to /etc/osape-companion/config.toml (default: the one that is there)",
-    )
+    add_config(parser, "configuration to copy to /etc/osape-companion/config.toml (default: the one that is there)")
     parser.add_argument("--replace-config", action="store_true", help="replace the configuration that is there")
     parser.add_argument("--no-start", action="store_true", help="do not start the service now, but at the next boot")
     parser.add_argument(

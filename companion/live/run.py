@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from ..common_options import add_config
 from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
@@ -114,7 +115,7 @@ def _without_digits(line: str) -> str:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion run`."""
     parser = subparsers.add_parser("run")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help=f"configuration (default: {INSTALLED})")
+    add_config(parser, f"configuration (default: {INSTALLED})")
 
 
 def check_live(config: Config, source: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import socket
-from pathlib import Path
 from typing import Any
 
 import zmq
@@ -18,6 +17,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.run_folder import run_folder
 
 from ..argument_types import number_in
+from ..common_options import add_service
 from ..config.loader import load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..config.service import PublishConfig
@@ -199,13 +199,7 @@ def _span(ns: int) -> str:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion status`."""
     parser = subparsers.add_parser("status")
-    parser.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="configuration of the service; needed only if its [publish] addresses are changed",
-    )
+    add_service(parser)
     parser.add_argument(
         "--timeout",
         type=number_in(float, 0.1, 3600.0),

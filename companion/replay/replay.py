@@ -19,6 +19,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..argument_types import number_in
 from ..cameras.masks import configured_mask
+from ..common_options import add_config
 from ..config.loader import Config, ConfigError, load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, print_json, progress
@@ -294,9 +295,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("replay")
     parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth images and attitude")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with the obstacles (prisms)")
-    parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="use this configuration instead of the recorded one"
-    )
+    add_config(parser, "use this configuration instead of the recorded one")
     parser.add_argument(
         "--check",
         action="store_true",

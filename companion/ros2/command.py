@@ -10,10 +10,10 @@ import sys
 import threading
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 from ..argument_types import number_in
+from ..common_options import add_keys, add_service
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
@@ -35,16 +35,8 @@ NODE: Final = "companion"
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion ros2`."""
     parser = subparsers.add_parser("ros2")
-    parser.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="configuration of the service; needed only if its [publish] addresses are changed",
-    )
-    parser.add_argument(
-        "--keys", type=Path, metavar="DIR", help="directory of the client's keys, for a service on another computer"
-    )
+    add_service(parser)
+    add_keys(parser)
     parser.add_argument(
         "--router",
         default="tcp/localhost:7447",

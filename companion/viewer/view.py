@@ -13,6 +13,7 @@ from drivers.base import BadData
 from drivers.logs.reader import McapRecording
 
 from ..argument_types import number_in
+from ..common_options import add_keys, add_service
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
@@ -246,16 +247,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--rerun", action="store_true", help=f"also write {RERUN_NAME} for Rerun (needs rerun-sdk)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     live = parser.add_argument_group("with --live")
-    live.add_argument(
-        "-c",
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="configuration of the service; needed only if its [publish] addresses are changed",
-    )
-    live.add_argument(
-        "--keys", type=Path, metavar="DIR", help="directory of the client's keys, for a service on another computer"
-    )
+    add_service(live)
+    add_keys(live)
     live.add_argument(
         "--port",
         type=number_in(int, 0, 65535),
