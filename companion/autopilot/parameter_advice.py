@@ -64,99 +64,129 @@ def position_mode_fault(facts: AutopilotFacts) -> str:
     return f"PX4 v{facts.version} will not brake: MPC_POS_MODE = {mode:g}; set it to {good[0]}"
 
 
+@dataclass(frozen=True, slots=True)
+class ParameterFault:
+    """A parameter whose value keeps the vehicle from braking, or may.
+
+    Attributes:
+        text: the fault and what to do.
+        name: the parameter.
+        to: the value that `companion doctor --apply` writes; None: none, since the value is a matter of preference.
+        effect: what the autopilot does with that value, as text."""
+
+    text: str
+    name: str
+    to: float | None = None
+    effect: str = ""
+
+
 def advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:
     """Returns faults of the parameters, as text, the worst first."""
-    lines = [
+    silent = [
         f"the autopilot did not answer for {name}: not in this firmware, or the link loses messages"
         for name in facts.silent
     ]
+    return [fault.text for fault in parameter_faults(facts, avoid)] + silent
+
+
+def parameter_faults(facts: AutopilotFacts, avoid: AvoidParams) -> list[ParameterFault]:
+    """Returns the faults of the parameters that were read, the worst first."""
     if facts.kind == PX4:
-        return [*_px4_advice(facts, avoid), *lines]
-    if facts.kind == ARDUPILOT:
-        return [*_ardupilot_advice(facts.values, avoid), *lines]
-    return lines
+        return _px4_faults(facts, avoid)
+    return _ardupilot_faults(facts.values, avoid) if facts.kind == ARDUPILOT else []
 
 
-def _px4_advice(facts: AutopilotFacts, avoid: AvoidParams) -> list[str]:
+def _keep_m(avoid: AvoidParams) -> float:
+    """Returns the distance from obstacles to advise: of PX4's CP_DIST, in m."""
+    return min(3.0, 0.5 * avoid.max_distance_m)
+
+
+def _px4_faults(facts: AutopilotFacts, avoid: AvoidParams) -> list[ParameterFault]:
     v, far_m = facts.values, avoid.max_distance_m
-    lines = []
-    if v.get("CP_DIST", 1.0) <= 0.0:
-        lines.append(
-            f"PX4 will not brake: CP_DIST = {v['CP_DIST']:g} switches collision prevention off; set it to the distance to keep, for example 3 m"
+    found = []
+    dist_m = v.get("CP_DIST", _keep_m(avoid))
+    if not 0.0 < dist_m < far_m:
+        text = (
+            f"PX4 will not brake: CP_DIST = {dist_m:g} switches collision prevention off; set it to the distance to keep, for example 3 m"
+            if dist_m <= 0.0
+            else f"PX4 would never fly on: CP_DIST = {dist_m:g} m is not less than [avoid] max_distance_m = {far_m:g} m"
         )
-    elif v.get("CP_DIST", 0.0) >= far_m:
-        lines.append(
-            f"PX4 would never fly on: CP_DIST = {v['CP_DIST']:g} m is not less than [avoid] max_distance_m = {far_m:g} m"
-        )
+        found.append(ParameterFault(text, "CP_DIST", _keep_m(avoid), "the distance to keep, in m; 0 is off"))
     if fault := position_mode_fault(facts):
-        lines.append(fault)
-    if v.get("CP_GO_NO_DATA", 0.0) > 0.0:
-        lines.append(
-            "PX4 flies where no camera looks: CP_GO_NO_DATA = 1; with 0 it moves only into directions with data"
-        )
-    return lines
+        to = None if facts.version is None else float(braking_position_modes(facts.version)[0])
+        found.append(ParameterFault(fault, "MPC_POS_MODE", to, f"the mode that brakes in v{facts.version}"))
+    text = "PX4 flies where no camera looks: CP_GO_NO_DATA = {:g}; with 0 it moves only into directions with data"
+    return found + _unless(v, "CP_GO_NO_DATA", 0.0, text, "it moves only into directions with data")
 
 
-def _ardupilot_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
-    far_m = avoid.max_distance_m
-    lines = []
-    if v.get("PRX1_TYPE", 2.0) != 2.0:
-        lines.append(
-            f"ArduPilot does not read obstacles: PRX1_TYPE = {v['PRX1_TYPE']:g}; set it to 2 (MAVLink) and restart the autopilot"
-        )
-    if not int(v.get("AVOID_ENABLE", 7.0)) & 2:
-        lines.append(
-            f"ArduPilot will not brake: AVOID_ENABLE = {v['AVOID_ENABLE']:g} is without 2 (proximity sensors); set it to 7"
-        )
-    lines += _proximity_advice(v, avoid)
-    if v.get("AVOID_MARGIN", 2.0) / FENCE_SHARE >= far_m:
-        lines.append(
-            f"AVOID_MARGIN = {v['AVOID_MARGIN']:g} m leaves no room below [avoid] max_distance_m = {far_m:g} m"
-        )
-    if v.get("AVOID_BEHAVE", 1.0) == 0.0:
-        lines.append("AVOID_BEHAVE = 0: in LOITER it slides along obstacles instead of stopping; set it to 1")
-    if v.get("AVOID_BACKUP_SPD", 0.0) > 0.0:
-        lines.append(
-            f"AVOID_BACKUP_SPD = {v['AVOID_BACKUP_SPD']:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover; 0 makes it stand"
-        )
+def _unless(v: Mapping[str, float], name: str, good: float, text: str, effect: str) -> list[ParameterFault]:
+    """Returns the fault of a parameter that was read with another value than `good`. text: with the value at {:g}."""
+    value = v.get(name, good)
+    return [] if value == good else [ParameterFault(text.format(value), name, good, effect)]
+
+
+def _ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[ParameterFault]:
+    """Returns the faults of ArduPilot's parameters, those after AVOID_ENABLE by its sources, not flown."""
+    text = "ArduPilot does not read obstacles: PRX1_TYPE = {:g}; set it to 2 (MAVLink) and restart the autopilot"
+    found = _unless(v, "PRX1_TYPE", 2.0, text, "it reads obstacles from MAVLink")
+    enable = int(v.get("AVOID_ENABLE", 7.0))
+    if not enable & 2:
+        text = f"ArduPilot will not brake: AVOID_ENABLE = {enable} is without 2 (proximity sensors); set it to 7"
+        found.append(ParameterFault(text, "AVOID_ENABLE", float(enable | 2), "it brakes for obstacles"))
+    found += _proximity_faults(v, avoid)
+    margin_m, far_m = v.get("AVOID_MARGIN", 2.0), avoid.max_distance_m
+    if margin_m / FENCE_SHARE >= far_m:
+        text = f"AVOID_MARGIN = {margin_m:g} m leaves no room below [avoid] max_distance_m = {far_m:g} m"
+        to = min(2.0, _keep_m(avoid))
+        found.append(ParameterFault(text, "AVOID_MARGIN", to, "room below [avoid] max_distance_m, in m"))
+    text = "AVOID_BEHAVE = {:g}: in LOITER it slides along obstacles instead of stopping; set it to 1"
+    found += _unless(v, "AVOID_BEHAVE", 1.0, text, "it stops instead of sliding along obstacles")
+    text = (
+        "AVOID_BACKUP_SPD = {:g} m/s: nearer than AVOID_MARGIN it backs away into directions that no camera may cover; 0 "
+        "makes it stand"
+    )
+    found += _unless(v, "AVOID_BACKUP_SPD", 0.0, text, "it does not back away into unobserved space")
     if v.get("OA_TYPE", 0.0) > 0.0:
-        lines.append(
-            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round obstacles, and when blind round the wall into unobserved space; 0 switches it off"
+        text = (
+            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round obstacles, and when blind round the "
+            "wall into unobserved space; 0 switches it off"
         )
-    return lines
+        found.append(ParameterFault(text, "OA_TYPE"))
+    return found
 
 
-def _proximity_advice(v: Mapping[str, float], avoid: AvoidParams) -> list[str]:
-    """Returns faults that prevent braking although PRX1_TYPE and AVOID_ENABLE are correct. From ArduPilot's sources,
-    not flown."""
-    lines = []
+def _proximity_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[ParameterFault]:
+    """Returns faults that prevent braking although PRX1_TYPE and AVOID_ENABLE are correct."""
+    found = []
     wall_m = v.get("AVOID_MARGIN", avoid.avoid_margin_m)
     low_m, high_m = v.get("PRX1_MIN", 0.0), v.get("PRX1_MAX", 0.0)
     if low_m > avoid.min_distance_m:
         effect = "also the artificial wall" if low_m >= wall_m else "while they are nearer"
-        lines.append(f"ArduPilot ignores obstacles nearer than PRX1_MIN = {low_m:g} m, {effect}; set it to 0")
+        text = f"ArduPilot ignores obstacles nearer than PRX1_MIN = {low_m:g} m, {effect}; set it to 0"
+        found.append(ParameterFault(text, "PRX1_MIN", 0.0, "it reads near obstacles and the artificial wall"))
     if 0.0 < high_m < avoid.max_distance_m:
         effect = "also the artificial wall" if high_m <= wall_m / FENCE_SHARE else "so that it brakes late"
-        lines.append(f"ArduPilot ignores obstacles farther than PRX1_MAX = {high_m:g} m, {effect}; set it to 0")
-    if v.get("PRX1_ORIENT", 0.0) != 0.0:
-        lines.append(f"ArduPilot mirrors the directions of obstacles: PRX1_ORIENT = {v['PRX1_ORIENT']:g}; set it to 0")
-    if v.get("PRX1_YAW_CORR", 0.0) != 0.0:
-        lines.append(
-            f"ArduPilot turns the directions of obstacles: PRX1_YAW_CORR = {v['PRX1_YAW_CORR']:g} degrees; set it to 0"
-        )
-    if v.get("PRX_IGN_GND", 0.0) != 0.0:
-        lines.append(
-            f"ArduPilot drops obstacles and the artificial wall near the ground: PRX_IGN_GND = {v['PRX_IGN_GND']:g}, and a vehicle "
-            "that leans takes those ahead for lower ones; set it to 0"
-        )
-    if v.get("AVOID_ALT_MIN", 0.0) > 0.0:
-        lines.append(f"ArduPilot does not brake below AVOID_ALT_MIN = {v['AVOID_ALT_MIN']:g} m; set it to 0")
+        text = f"ArduPilot ignores obstacles farther than PRX1_MAX = {high_m:g} m, {effect}; set it to 0"
+        found.append(ParameterFault(text, "PRX1_MAX", 0.0, "it reads far obstacles"))
+    text = "ArduPilot mirrors the directions of obstacles: PRX1_ORIENT = {:g}; set it to 0"
+    found += _unless(v, "PRX1_ORIENT", 0.0, text, "directions are not mirrored")
+    text = "ArduPilot turns the directions of obstacles: PRX1_YAW_CORR = {:g} degrees; set it to 0"
+    found += _unless(v, "PRX1_YAW_CORR", 0.0, text, "directions are not turned")
+    text = (
+        "ArduPilot drops obstacles and the artificial wall near the ground: PRX_IGN_GND = {:g}, and a vehicle that leans takes "
+        "those ahead for lower ones; set it to 0"
+    )
+    found += _unless(v, "PRX_IGN_GND", 0.0, text, "it reads obstacles and the artificial wall near the ground")
+    text = "ArduPilot does not brake below AVOID_ALT_MIN = {:g} m; set it to 0"
+    found += _unless(v, "AVOID_ALT_MIN", 0.0, text, "it brakes at each height")
     switches = [name for name in RC_OPTIONS if v.get(name) == RC_PROXIMITY_SWITCH]
     if switches:
-        lines.append(
-            f"a switch of the transmitter turns proximity avoidance off: {', '.join(switches)} = {RC_PROXIMITY_SWITCH}; keep it on, or set the option to 0"
+        text = (
+            f"a switch of the transmitter turns proximity avoidance off: {', '.join(switches)} = {RC_PROXIMITY_SWITCH}; keep "
+            "it on, or set the option to 0"
         )
-    return lines
+        found.append(ParameterFault(text, switches[0]))
+    return found
 
 
 def delay_advice(facts: AutopilotFacts, latency: tuple[LatencyStage, float, float, float] | None) -> list[str]:

@@ -4,6 +4,7 @@ The changes are listed, confirmed by typing yes, written while the vehicle is di
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,12 +15,12 @@ from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.session_types import ARDUPILOT, PX4
+from drivers.mavlink.session_types import PX4
 
 from ..config.loader import Config
 from ..paths import folders
 from .firmware_version import VersionReader
-from .parameter_advice import AutopilotFacts, braking_position_modes
+from .parameter_advice import AutopilotFacts, parameter_faults
 from .parameters import ParameterReader, param_value_of, value_of
 from .restart_pending import TEXT as RESTART_TEXT
 from .session_factory import params_of, signing_of
@@ -55,62 +56,14 @@ def changes(facts: AutopilotFacts, config: Config) -> list[Change]:
     """Returns the parameters to write so that the autopilot brakes.
 
     Parameters that were not read, that are correct, or that are a matter of preference are not changed."""
-    v = facts.values
-    keep_m = min(3.0, 0.5 * config.avoid.max_distance_m)
-    wanted: list[tuple[str, bool, float, str]] = []
-    if facts.kind == PX4:
-        wanted = _px4_changes(facts, config, keep_m)
-    elif facts.kind == ARDUPILOT:
-        enable = int(v.get("AVOID_ENABLE", 7.0))
-        margin_bad = v.get("AVOID_MARGIN", 2.0) + 0.2 >= config.avoid.max_distance_m
-        low_bad = v.get("PRX1_MIN", 0.0) > config.avoid.min_distance_m
-        high_bad = 0.0 < v.get("PRX1_MAX", 0.0) < config.avoid.max_distance_m
-        wanted = [
-            ("PRX1_TYPE", v.get("PRX1_TYPE", 2.0) != 2.0, 2.0, "it reads obstacles from MAVLink"),
-            ("AVOID_ENABLE", not enable & 2, float(enable | 2), "it brakes for obstacles"),
-            ("AVOID_MARGIN", margin_bad, min(2.0, keep_m), "room below [avoid] max_distance_m, in m"),
-            ("AVOID_BEHAVE", v.get("AVOID_BEHAVE", 1.0) != 1.0, 1.0, "it stops instead of sliding along obstacles"),
-            (
-                "AVOID_BACKUP_SPD",
-                v.get("AVOID_BACKUP_SPD", 0.0) > 0.0,
-                0.0,
-                "it does not back away into unobserved space",
-            ),
-            ("PRX1_MIN", low_bad, 0.0, "it reads near obstacles and the artificial wall"),
-            ("PRX1_MAX", high_bad, 0.0, "it reads far obstacles"),
-            ("PRX1_ORIENT", v.get("PRX1_ORIENT", 0.0) != 0.0, 0.0, "directions are not mirrored"),
-            ("PRX1_YAW_CORR", v.get("PRX1_YAW_CORR", 0.0) != 0.0, 0.0, "directions are not turned"),
-            (
-                "PRX_IGN_GND",
-                v.get("PRX_IGN_GND", 0.0) != 0.0,
-                0.0,
-                "it reads obstacles and the artificial wall near the ground",
-            ),
-            ("AVOID_ALT_MIN", v.get("AVOID_ALT_MIN", 0.0) > 0.0, 0.0, "it brakes at each height"),
-        ]
-    return [Change(name, v[name], to, why) for name, bad, to, why in wanted if bad and name in v]
-
-
-def _px4_changes(facts: AutopilotFacts, config: Config, keep_m: float) -> list[tuple[str, bool, float, str]]:
-    """Returns (name, True if it must be changed, new value, reason). MPC_POS_MODE is changed only if the version is
-    known."""
-    v = facts.values
-    worst_s = config.service.timeout_s + 1.0 / config.avoid.rate_hz
-    dist_bad = not 0.0 < v.get("CP_DIST", keep_m) < config.avoid.max_distance_m
-    wanted = [
-        ("CP_DIST", dist_bad, keep_m, "the distance to keep, in m; 0 is off"),
-        ("CP_GO_NO_DATA", v.get("CP_GO_NO_DATA", 0.0) != 0.0, 0.0, "it moves only into directions with data"),
-        (
-            "CP_DELAY",
-            v.get("CP_DELAY", 1.0) < LEAST_DELAY_S,
-            round(worst_s + 0.03, 2),
-            "the largest latency of the service, in s",
-        ),
-    ]
-    if facts.version is not None:
-        good = braking_position_modes(facts.version)
-        bad = v.get("MPC_POS_MODE", float(good[0])) not in good
-        wanted.append(("MPC_POS_MODE", bad, float(good[0]), f"the mode that brakes in v{facts.version}"))
+    found = parameter_faults(facts, config.avoid)
+    wanted = [Change(f.name, facts.values[f.name], f.to, f.effect) for f in found if f.to is not None]
+    delay_s = facts.values.get("CP_DELAY", math.inf) if facts.kind == PX4 else math.inf
+    if delay_s < LEAST_DELAY_S:
+        largest_s = config.service.timeout_s + 1.0 / config.avoid.rate_hz
+        wanted.append(
+            Change("CP_DELAY", delay_s, round(largest_s + 0.03, 2), "the largest latency of the service, in s")
+        )
     return wanted
 
 

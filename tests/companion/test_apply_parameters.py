@@ -14,7 +14,7 @@ import pytest
 import companion
 import drivers
 from companion.autopilot.firmware_version import FirmwareVersion
-from companion.autopilot.parameter_advice import AutopilotFacts
+from companion.autopilot.parameter_advice import AutopilotFacts, advice
 from companion.autopilot.parameter_writer import Change, apply, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config
@@ -189,6 +189,13 @@ def test_nothing_is_written_on_a_link_with_two_autopilots(tmp_path: Path) -> Non
         assert forger.of_kind("PARAM_SET") == []
     assert len(results) == 1
     assert "contradict each other" in results[0][1]
+
+
+def test_a_margin_without_room_is_changed_as_it_is_reported() -> None:
+    """ArduPilot's fence is nearer than the wall: a margin of 11.5 m needs a wall beyond the 12 m of max_distance_m."""
+    narrow = facts(ARDUPILOT, GOOD[ARDUPILOT] | {"AVOID_MARGIN": 11.5})
+    assert any("AVOID_MARGIN = 11.5 m leaves no room" in line for line in advice(narrow, Config().avoid))
+    assert [(c.name, c.to) for c in changes(narrow, Config())] == [("AVOID_MARGIN", 2.0)]
 
 
 def test_good_parameters_are_not_changed(tmp_path: Path) -> None:
