@@ -25,7 +25,7 @@ from scipy.spatial import ConvexHull
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.autopilot.obstacle_report import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -77,7 +77,7 @@ class Flight:
         px4 = self.autopilot == "PX4"
         self.reader = Px4Reader(cp_dist_m=MARGIN_M) if px4 else ArduPilotReader(margin_m=MARGIN_M)
         self.pipeline = Pipeline((CAMERA,), lambda info: Extractor())
-        self.builder = ObstacleReportBuilder(AVOID, (CAMERA.camera,), timeout_s=0.3)
+        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=(CAMERA.camera,), timeout_s=0.3))
         self.builder.announce(CAMERA)
 
     def fly(self, seconds: float) -> None:

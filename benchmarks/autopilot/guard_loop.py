@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.obstacle_report import ObstacleReportBuilder
+from companion.autopilot.line import AutopilotLine
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
 from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
@@ -102,12 +103,17 @@ class GuardLoop:
         self._noise_m_s, self._rng = np.zeros(3), np.random.default_rng([30, seed])
         extractor = Extractor()
         self._pipeline = Pipeline((camera,), lambda info: extractor)
-        self.guard = Guard(self.params, self.avoid, COMPONENT, self._vehicle, self._link_status, self._post, None)
+        self.guard = Guard(
+            self.params, self.avoid, COMPONENT, AutopilotLine(self._vehicle, self._post), self._link_status, None
+        )
         self._builder = ObstacleReportBuilder(
-            self.avoid, (camera.camera,), 0.3, observer=self.guard.observe, reach_m=self.params.horizon_m
+            self.avoid,
+            SeenCameras(
+                cameras=(camera.camera,), timeout_s=0.3, observer=self.guard.observe, reach_m=self.params.horizon_m
+            ),
         )
         self._first_shown = ObstacleReportBuilder(
-            replace(self.avoid, confirm_px=0), (camera.camera,), 0.3, observer=self._note
+            replace(self.avoid, confirm_px=0), SeenCameras(cameras=(camera.camera,), timeout_s=0.3, observer=self._note)
         )
         for builder in self._builders():
             builder.announce(camera)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.obstacle_report import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -54,7 +54,7 @@ def hover(frames: int, confirm_px: int, kind: str = "ArduPilot", wall_m: float =
     avoid = AvoidParams(confirm_px=confirm_px, avoid_margin_m=2.0)
     scene, extractor = bare_wall(wall_m), Extractor()
     pipeline = Pipeline((CAMERA,), lambda info: extractor)
-    builder = ObstacleReportBuilder(avoid, (CAMERA.camera,), 0.3)
+    builder = ObstacleReportBuilder(avoid, SeenCameras(cameras=(CAMERA.camera,), timeout_s=0.3))
     builder.announce(CAMERA)
     now_ns, weak, messages, near = 100 * NS, 0, 0, 0
     for n in range(frames):

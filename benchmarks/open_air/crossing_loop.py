@@ -18,7 +18,7 @@ from benchmarks.open_air.vehicles import MARGIN_M, vehicle_of
 from benchmarks.open_air.views import profile_of
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
-from companion.autopilot.obstacle_report import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
 from companion.autopilot.polar_histogram import centres_rad
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -142,7 +142,9 @@ class CrossingLoop:
         self._info = self._camera.profile.info()
         self._extractor = Extractor(Params(), open_sky)
         self._pipeline = Pipeline((self._info,), lambda info: self._extractor)
-        self._builder = ObstacleReportBuilder(AVOID, (self._info.camera,), 0.3, open_counts=open_sky.presumes)
+        self._builder = ObstacleReportBuilder(
+            AVOID, SeenCameras(cameras=(self._info.camera,), timeout_s=0.3, open_counts=open_sky.presumes)
+        )
         self._builder.announce(self._info, unmatched_columns(self._camera.profile))
         self.flown = Flown()
         self.now_ns, self._frame, self._lean_rad = 100 * NS, 0, (0.0, 0.0)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from core.params import Params
 from core.self_check.mount_check import MountVerdict
 from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.mavlink.commands import px4_main_and_sub, set_message_interval
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -34,8 +31,9 @@ from .firmware_version import AUTOPILOT_VERSION
 from .flight_modes import mode_fault
 from .landed import EXTENDED_SYS_STATE
 from .last_values import LastValuesFile
+from .line import AutopilotLine
 from .obstacle_distance import clear_cm
-from .obstacle_report import ObstacleReport, ObstacleReportBuilder
+from .obstacle_report import ObstacleReport, ObstacleReportBuilder, SeenCameras
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .sector_view import SectorView
 from .sender import ObstacleSender
@@ -57,37 +55,12 @@ class Avoidance:
     """Obstacle output of one link."""
 
     def __init__(
-        self,
-        avoid: AvoidParams,
-        cameras: tuple[str, ...],
-        timeout_s: float,
-        vehicle: Callable[[], Vehicle | None],
-        post: Callable[[Any], None],
-        frame_fault: Callable[[str], str] = lambda camera: "",
-        silent: Callable[[], Vehicle | None] = lambda: None,
-        last: LastValuesFile | None = None,
-        extractor: Params | None = None,
-        observer: Observer | None = None,
-        open_counts: bool = False,
-        reach_m: float = 0.0,
+        self, avoid: AvoidParams, seen: SeenCameras, line: AutopilotLine, last: LastValuesFile | None = None
     ) -> None:
         """Creates the output without starting its thread.
 
-        Args:
-            avoid: parameters.
-            cameras: names of all cameras.
-            timeout_s: age of an exposure from which a camera is blind.
-            vehicle: returns the autopilot that is received now; None: none.
-            post: sends a message to it.
-            frame_fault: returns why the frames of a camera must not be used although they arrive; empty: they may.
-            silent: returns an autopilot in flight that is not received any more; None: none. It may still receive.
-            last: values of the autopilot that were read before this start, used until they are read again.
-            extractor: parameters of the extraction; None: the defaults.
-            observer: gets the surroundings of each decision.
-            open_counts: see ObstacleReportBuilder.
-            reach_m: see ObstacleReportBuilder."""
-        self._avoid, self._vehicle, self._post = avoid, vehicle, post
-        self._cameras, self._silent = cameras, silent
+        last: values of the autopilot that were read before this start, used until they are read again."""
+        self._avoid, self._cameras, self._line = avoid, seen.cameras, line
         self._next_ask_ns = self._end_ns = 0
         self._lock = threading.Lock()
         self._latencies = Latencies((LatencyStage.EXPOSURE_TO_AUTOPILOT,))
@@ -100,11 +73,8 @@ class Avoidance:
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
-        params = extractor or Params()
-        self._clear_check, ring_m = ClearCheck(avoid, params), params.profile_ring_m
-        self._builder = ObstacleReportBuilder(
-            avoid, cameras, timeout_s, frame_fault, ring_m, observer=observer, open_counts=open_counts, reach_m=reach_m
-        )
+        self._clear_check = ClearCheck(avoid, seen.params)
+        self._builder = ObstacleReportBuilder(avoid, seen)
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
@@ -115,10 +85,12 @@ class Avoidance:
         """Announces that the service stops: from now on all cameras count as blind. An armed vehicle gets a
         STATUSTEXT."""
         self._builder.end("the service stops")
-        vehicle = self._vehicle()
+        vehicle = self._line.vehicle()
         if vehicle is not None and vehicle.armed and not self._end_ns:
             self._end_ns = time.monotonic_ns()
-            self._post(dialect.MAVLink_statustext_message(CRITICAL, shutdown_text(self.values.facts(vehicle)).encode()))
+            self._line.post(
+                dialect.MAVLink_statustext_message(CRITICAL, shutdown_text(self.values.facts(vehicle)).encode())
+            )
 
     def close(self) -> None:
         """Stops. An armed vehicle is sent the artificial wall for stop_hold_s first. May be called twice."""
@@ -131,7 +103,7 @@ class Avoidance:
 
     def _flies_on(self) -> bool:
         """True if an armed vehicle is being sent the artificial wall."""
-        vehicle = self._vehicle()
+        vehicle = self._line.vehicle()
         armed = vehicle is not None and vehicle.armed
         sends_wall = (
             self.report is not None and self.report.policy in ("stop", "brake") and self.report.values is not None
@@ -170,28 +142,28 @@ class Avoidance:
 
         link: state of the link. An autopilot whose signatures are not accepted is sent only a notice of that."""
         self._link = link or self._link
-        vehicle = self._vehicle()
+        vehicle = self._line.vehicle()
         if vehicle is not None and not self._was_received:
             self._texts.repeat()  # it may have been switched off, and the ground station with it
         self._was_received = vehicle is not None
         text = self._texts.due(self._blind(), now_ns, self._notes(now_ns))
         if text is not None:
-            self._post(text)
+            self._line.post(text)
         if vehicle is None:
             return
         for request in self.values.due(vehicle, now_ns):
-            self._post(request)
+            self._line.post(request)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
             self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
             for message_id in (ECHOES[vehicle.autopilot], EXTENDED_SYS_STATE):
-                self._post(set_message_interval(vehicle.system_id, message_id, ECHO_HZ))
+                self._line.post(set_message_interval(vehicle.system_id, message_id, ECHO_HZ))
 
     def _notes(self, now_ns: int) -> dict[str, str]:
         """Returns topic -> fault, as text, for the ground station. All topics are included, so that the end of a
         fault is reported; without a received autopilot only that of signatures, of which it is sent a notice."""
         signing = self._link.signing_fault if self._link is not None else ""
         conflicts = self._link.conflicts if self._link is not None else {}
-        vehicle = self._vehicle()
+        vehicle = self._line.vehicle()
         if vehicle is None:
             return {"signing": signing}
         notes = dict.fromkeys(CONFLICT_CODES, "") | conflicts
@@ -220,13 +192,13 @@ class Avoidance:
         """Returns why each camera is blind, as text; empty: it is not. No entry before the first decision or without
         an autopilot."""
         report = self.sender.report
-        if report is None or self._vehicle() is None:
+        if report is None or self._line.vehicle() is None:
             return {}
         return {c: report.blind.get(c, "") for c in self._cameras}
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
         """Returns the faults that keep the vehicle from braking."""
-        vehicle, never_clear = self._vehicle(), self._clear_check.diagnostics()
+        vehicle, never_clear = self._line.vehicle(), self._clear_check.diagnostics()
         if vehicle is None:
             return never_clear
         facts, report = self.values.facts(vehicle), self.report
@@ -269,7 +241,7 @@ class Avoidance:
 
     def _autopilot(self) -> AutopilotNow:
         self._before_ns = self._exposed_ns.copy()  # the next decision uses these or newer ones
-        vehicle = self._vehicle() or self._silent()
+        vehicle = self._line.vehicle() or self._line.silent()
         if vehicle is None:
             return AutopilotNow()
         return self.values.state(vehicle, time.monotonic_ns())
@@ -278,7 +250,7 @@ class Avoidance:
         report = self.sender.report  # may go out as many messages
         if report is not None and report.values is not None and report is not self._counted:
             self._counted = report
-            vehicle = self._vehicle()
+            vehicle = self._line.vehicle()
             if vehicle is not None and echoes(vehicle):
                 self._echo.sent(report.values, clear_cm(self._avoid), report.t_ns)
             else:
@@ -288,50 +260,26 @@ class Avoidance:
             if seeing:
                 with self._lock:
                     self._latencies.add(LatencyStage.EXPOSURE_TO_AUTOPILOT, time.monotonic_ns() - min(seeing))
-        self._post(message)
+        self._line.post(message)
 
 
-def avoidance_of(
-    config: Config,
-    cameras: Mapping[str, CameraSupervisor],
-    session: MavlinkSession,
-    link: MavlinkLink,
-    last: LastValuesFile,
-    observer: Observer | None = None,
-) -> Avoidance:
-    """Creates the obstacle output of a link.
-
-    Args:
-        config: the configuration.
-        cameras: supervisors by name.
-        session: MAVLink session.
-        link: MAVLink link.
-        last: values read before this start.
-        observer: gets the surroundings of each decision."""
-
-    def connected() -> Vehicle | None:
-        return session.vehicle if session.connected(time.monotonic_ns()) else None
-
-    def silent() -> Vehicle | None:
-        return session.vehicle if session.fell_silent(time.monotonic_ns()) else None
+def seen_cameras(
+    config: Config, cameras: Mapping[str, CameraSupervisor], observer: Observer | None = None
+) -> SeenCameras:
+    """Returns the cameras of a configuration. cameras: supervisors by name; observer: see SeenCameras."""
 
     def frozen(camera: str) -> str:
         status = cameras[camera].status
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
-    return Avoidance(
-        config.avoid,
-        tuple(cameras),
-        config.service.timeout_s,
-        connected,
-        link.post,
-        frozen,
-        silent,
-        last,
-        config.extractor,
-        observer,
-        config.open_sky.presumes,
-        config.guard.horizon_m if config.guard.enabled else 0.0,
+    return SeenCameras(
+        cameras=tuple(cameras),
+        timeout_s=config.service.timeout_s,
+        params=config.extractor,
+        frame_fault=frozen,
+        observer=observer,
+        open_counts=config.open_sky.presumes,
+        reach_m=config.guard.horizon_m if config.guard.enabled else 0.0,
     )
 
 

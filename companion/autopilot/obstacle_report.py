@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from core.params import Params
 from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 
 from ..cameras.masks import Mask
@@ -42,7 +43,7 @@ from .polar_histogram import (
 from .seen_sectors import SectorSight, SeenSectors
 from .surroundings import Observer, Surroundings
 from .vehicle_motion import VehicleMotion, seen_ns
-from .view_free import RING_M, View, ground_z_m
+from .view_free import View, ground_z_m
 
 NS = 1_000_000_000
 STANDING_M = 0.8
@@ -83,39 +84,39 @@ class ObstacleReport:
     down_m: float | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenCameras:
+    """The cameras whose frames decide, and how their frames are used.
+
+    Attributes:
+        cameras: names of all configured cameras.
+        timeout_s: age above which a camera's newest frame does not count.
+        params: parameters of the extraction.
+        frame_fault: returns why the frames of a camera must not be used although they arrive, such as an image repeated
+            under new stamps; empty: they may be used.
+        observer: receives the surroundings of each decision.
+        open_counts: True if a sector whose band is free or open up to the maximum is clear ([open_sky] mode = "presume").
+        reach_m: range to which free space is remembered for the observer; at least max_distance_m."""
+
+    cameras: tuple[str, ...]
+    timeout_s: float
+    params: Params = field(default_factory=Params)
+    frame_fault: Callable[[str], str] = lambda camera: ""
+    observer: Observer | None = None
+    open_counts: bool = False
+    reach_m: float = 0.0
+
+
 class ObstacleReportBuilder:
     """Decides what to send at an instant. It has no thread, clock or link.
 
     `samples`, `announce`, `result` and `end` may be called from any thread and never wait for a decision. `catch_up` and
     `decide` are called by one thread at a time; everything else belongs to it."""
 
-    def __init__(
-        self,
-        avoid: AvoidParams,
-        cameras: tuple[str, ...],
-        timeout_s: float,
-        frame_fault: Callable[[str], str] = lambda camera: "",
-        ring_m: float = RING_M,
-        observer: Observer | None = None,
-        open_counts: bool = False,
-        reach_m: float = 0.0,
-    ) -> None:
-        """Makes a builder without any frame yet.
-
-        Args:
-            avoid: parameters of the obstacle output.
-            cameras: names of all configured cameras.
-            timeout_s: age above which a camera's newest frame does not count.
-            frame_fault: returns why the frames of a camera must not be used although they arrive, such as an image repeated
-                under new stamps; empty: they may be used.
-            ring_m: step of the free-range profiles.
-            observer: receives the surroundings of each decision.
-            open_counts: True if a sector whose band is free or open up to the maximum is clear ([open_sky] mode =
-                "presume").
-            reach_m: range to which free space is remembered for the observer; at least max_distance_m."""
-        self._observer = observer
-        self._avoid, self._cameras, self._timeout_ns = avoid, cameras, round(timeout_s * NS)
-        self._frame_fault, self._ring_m, self._open_counts = frame_fault, ring_m, open_counts
+    def __init__(self, avoid: AvoidParams, seen: SeenCameras) -> None:
+        """Makes a builder without any frame yet. avoid: parameters of the obstacle output."""
+        self._avoid, self._use, self._cameras, self._observer = avoid, seen, seen.cameras, seen.observer
+        self._timeout_ns = round(seen.timeout_s * NS)
         self._waiting: deque[tuple[CameraInfo, NDArray[np.uint8]] | PrismsResult] = deque()
         self._motion = VehicleMotion()
         self._newest: dict[str, PrismsResult] = {}
@@ -124,13 +125,13 @@ class ObstacleReportBuilder:
         self._seen = SeenSectors(avoid)
         self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.uint8]] = {}
-        self._recovery = Recovery(cameras, avoid.recover_frames)
+        self._recovery = Recovery(seen.cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
-        self._freed = FreeMemory(avoid, reach_m)
+        self._freed = FreeMemory(avoid, seen.reach_m)
         self._overhead = Overhead(avoid)
         self._overhead_ns: dict[str, int] = {}
-        self._undecided: dict[str, deque[PrismsResult]] = {c: deque(maxlen=MOST_UNDECIDED) for c in cameras}
+        self._undecided: dict[str, deque[PrismsResult]] = {c: deque(maxlen=MOST_UNDECIDED) for c in seen.cameras}
         self._newest_good_ns: int | None = None
         self._ended = ""
 
@@ -300,7 +301,7 @@ class ObstacleReportBuilder:
             return "its intrinsics and mount are unknown"
         if newest.model is None or not all_numbers(newest.model):
             return "its planes hold values that are not finite"
-        frame_fault = self._frame_fault(camera)
+        frame_fault = self._use.frame_fault(camera)
         if frame_fault:
             return frame_fault
         age_ns = now_ns - seen_ns(newest)
@@ -336,7 +337,9 @@ class ObstacleReportBuilder:
         )
 
     def _view(self, result: PrismsResult, here: Here) -> View:
-        return self._motion.view(result, here, self._infos[result.camera], self._ring_m, self._open_counts)
+        return self._motion.view(
+            result, here, self._infos[result.camera], self._use.params.profile_ring_m, self._use.open_counts
+        )
 
 
 def _sees_ground_below(views: list[View]) -> bool:

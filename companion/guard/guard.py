@@ -12,17 +12,16 @@ from typing import Any, Final
 
 from drivers.mavlink import commands
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.session import COMMAND_ACK_ID, MavlinkSession
+from drivers.mavlink.session import COMMAND_ACK_ID
 from drivers.mavlink.session_types import LinkStatus, Vehicle
 from drivers.watched_thread import WatchedThread
 
 from ..autopilot.landed import EXTENDED_SYS_STATE, LandedState
+from ..autopilot.line import AutopilotLine
 from ..autopilot.status_text import CRITICAL, WARNING, shortened
 from ..autopilot.surroundings import Surroundings
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
-from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from .assessment import PathAssessor, Verdict
 from .braking import braking_of
@@ -67,9 +66,8 @@ class Guard:
         guard: GuardParams,
         avoid: AvoidParams,
         component_id: int,
-        vehicle: Callable[[], Vehicle | None],
+        line: AutopilotLine,
         link_status: Callable[[], LinkStatus],
-        post: Callable[[Any], None],
         folder: Path | None,
     ) -> None:
         """Creates a guard whose thread is not started.
@@ -78,12 +76,10 @@ class Guard:
             guard: parameters of the guard.
             avoid: parameters of the obstacle output.
             component_id: MAVLink component of the service.
-            vehicle: returns the autopilot that is received now; None: none.
+            line: the autopilot.
             link_status: returns conflicts and signing of the link.
-            post: sends a message to the autopilot.
             folder: folder of the state; None: nothing is kept."""
-        self._guard, self._avoid = guard, avoid
-        self._vehicle, self._link_status, self._post = vehicle, link_status, post
+        self._guard, self._avoid, self._line, self._link_status = guard, avoid, line, link_status
         self._certainty = Certainty(component_id)
         self._landed = LandedState()
         self._assessor = PathAssessor(guard, braking_of(guard, avoid), avoid)
@@ -159,11 +155,11 @@ class Guard:
 
     def step(self, now_ns: int) -> None:
         """Does one step: reads messages, decides and sends."""
-        vehicle = self._vehicle()
+        vehicle = self._line.vehicle()
         if vehicle is not None:
             self._acknowledgements(vehicle, now_ns)
             for request in self._certainty.requests(vehicle, now_ns):
-                self._post(request)
+                self._line.post(request)
         with self._lock:
             self._verdict = self._assessor.verdict(now_ns)
         outputs = self._machine.step(self._input(vehicle, now_ns))
@@ -209,7 +205,7 @@ class Guard:
             self._announce(output, now_ns)
             return
         log.warning("guard: %s, %s", output, self.memory.cause)
-        self._post(message_of(output))
+        self._line.post(message_of(output))
 
     def _announce(self, text: Announcement, now_ns: int) -> None:
         log.warning("%s", text.text)
@@ -218,7 +214,7 @@ class Guard:
             return
         self._announced[text.text] = now_ns
         severity = CRITICAL if text.critical else WARNING
-        self._post(dialect.MAVLink_statustext_message(severity, shortened(f"OA: {text.text}").encode()))
+        self._line.post(dialect.MAVLink_statustext_message(severity, shortened(f"OA: {text.text}").encode()))
 
     @property
     def memory(self) -> GuardMemory:
@@ -257,15 +253,6 @@ class Guard:
             text = f"the guard limits the speed to {memory.limit_m_s:g} m/s: {memory.cause}"
             out.append(Diagnostic(DiagnosticCode.GUARD_INTERVENES, "", text))
         return out
-
-
-def guard_of(config: Config, session: MavlinkSession, link: MavlinkLink, folder: Path | None) -> Guard:
-    """Creates the guard of a link. folder: folder of the state."""
-
-    def connected() -> Vehicle | None:
-        return session.vehicle if session.connected(time.monotonic_ns()) else None
-
-    return Guard(config.guard, config.avoid, config.autopilot.component_id, connected, link.status, link.post, folder)
 
 
 def message_of(output: StopCommand | SpeedCommand) -> Any:

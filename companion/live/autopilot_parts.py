@@ -93,13 +93,15 @@ def make_autopilot(
     link = MavlinkLink(parse_address(config.autopilot.address), session, callbacks.samples)
     if last is None:
         return AutopilotParts(session=session, link=link)
-    from ..autopilot.manager import avoidance_of
+    from ..autopilot.line import line_of
+    from ..autopilot.manager import Avoidance, seen_cameras
 
-    guard: Guard | None = None
+    line, guard = line_of(session, link), None
     if config.guard.enabled:
-        from ..guard.guard import guard_of
+        from ..guard.guard import Guard
 
-        guard = guard_of(config, session, link, folders.state)
+        component = config.autopilot.component_id
+        guard = Guard(config.guard, config.avoid, component, line, link.status, folders.state)
     observer = None if guard is None else guard.observe
-    avoidance = avoidance_of(config, cameras, session, link, last, observer)
+    avoidance = Avoidance(config.avoid, seen_cameras(config, cameras, observer), line, last)
     return AutopilotParts(session=session, link=link, avoidance=avoidance, guard=guard)

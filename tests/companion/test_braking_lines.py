@@ -13,7 +13,9 @@ import pytest
 
 from companion.autopilot.distance_sensor import DOWNWARD
 from companion.autopilot.failsafe import FENCE_SHARE
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
@@ -87,10 +89,8 @@ class Companion:
         self.link = MavlinkLink(parse_address(address), session, self._samples)
         self.avoidance = Avoidance(
             avoid,
-            ("front",),
-            0.3,
-            lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
-            self.link.post,
+            SeenCameras(cameras=("front",), timeout_s=0.3),
+            AutopilotLine(lambda: session.vehicle if session.connected(time.monotonic_ns()) else None, self.link.post),
         )
         self.avoidance.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Extractor(PARAMS))

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from companion.autopilot import clear_sectors as clear_sectors_module
 from companion.autopilot.clear_sectors import OpenedCamera, clear_sectors, far_view, never_clear_texts
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.polar_histogram import SectorState, covered, looked_into, scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
@@ -115,7 +117,11 @@ def first_result(info: CameraInfo) -> PrismsResult:
 
 
 def test_the_service_reports_a_camera_whose_range_is_too_short() -> None:
-    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: None, lambda message: None)
+    part = Avoidance(
+        AvoidParams(send=True),
+        SeenCameras(cameras=("front",), timeout_s=0.3),
+        AutopilotLine(lambda: None, lambda message: None),
+    )
     info = described("v4l2", 6.0)
     part.announce(info)
     part.result(first_result(info))
@@ -179,7 +185,9 @@ def test_two_cameras_that_cover_the_height_band_together_find_the_way_ahead_clea
 
 def test_the_service_reports_no_camera_that_another_one_completes() -> None:
     part = Avoidance(
-        AvoidParams(send=True, max_distance_m=8.0), ("down", "up"), 0.3, lambda: None, lambda message: None
+        AvoidParams(send=True, max_distance_m=8.0),
+        SeenCameras(cameras=("down", "up"), timeout_s=0.3),
+        AutopilotLine(lambda: None, lambda message: None),
     )
     down, up = (replace(tilted("zed", p), camera=name) for p, name in ((-20.0, "down"), (20.0, "up")))
     part.announce(down)
@@ -218,7 +226,11 @@ def test_an_error_of_the_advice_does_not_end_the_output(monkeypatch: pytest.Monk
         raise ValueError("made up")
 
     monkeypatch.setattr(clear_sectors_module, "no_clear_text", fails)
-    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: None, lambda message: None)
+    part = Avoidance(
+        AvoidParams(send=True),
+        SeenCameras(cameras=("front",), timeout_s=0.3),
+        AutopilotLine(lambda: None, lambda message: None),
+    )
     part.announce(described("zed", 12.0))
     part.result(first_result(described("zed", 12.0)))
     assert "is not known: made up" in part.diagnostics(0)[0].text

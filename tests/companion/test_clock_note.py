@@ -7,7 +7,9 @@ from collections.abc import Callable
 import pytest
 
 from companion.autopilot.clock_note import NO_ANSWERS, UNCERTAIN
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
@@ -44,7 +46,9 @@ def texts_of(state: Callable[[int], LinkStatus], seconds: float) -> list[str]:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    output = Avoidance(AvoidParams(), ("front",), 0.3, lambda: VEHICLE, post)
+    output = Avoidance(
+        AvoidParams(), SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: VEHICLE, post)
+    )
     for tenth in range(round(10 * seconds)):
         output.tick(NS + tenth * NS // 10, state(tenth))
     return [text for text in texts if "front" not in text and "brake" not in text]
@@ -93,7 +97,9 @@ def test_an_autopilot_behind_a_router_without_timesync_is_named(answers: bool) -
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    output = Avoidance(AvoidParams(), ("front",), 0.3, lambda: session.vehicle, post)
+    output = Avoidance(
+        AvoidParams(), SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: session.vehicle, post)
+    )
     for k in range(8000):
         now_ns = 100 * NS + k * MS
         for data in autopilot.due(now_ns):

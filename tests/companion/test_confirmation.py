@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.autopilot.phantoms import hover
 from companion.autopilot.obstacle_distance import UNKNOWN
-from companion.autopilot.obstacle_report import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 from companion.autopilot.seen_sectors import SectorSight, SeenSectors
 from companion.autopilot.surroundings import Surroundings
@@ -59,7 +59,7 @@ def remembers_free() -> tuple[Chain, list[Surroundings]]:
     """A chain that has seen ten free frames, and the surroundings of each decision."""
     shown: list[Surroundings] = []
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3, observer=shown.append)
+    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, observer=shown.append))
     chain.builder.announce(CAMERA)
     chain.position = (0.0, 0.0, -2.0)
     for _ in range(10):
@@ -464,7 +464,7 @@ class TwoCameras:
         self.sees = {name: Sees(CLEAR) for name in ("a", "b")}
         self.infos = tuple(replace(CAMERA, camera=name) for name in self.sees)
         self.pipeline = Pipeline(self.infos, lambda info: self.sees[info.camera])
-        self.builder = ObstacleReportBuilder(AVOID, tuple(self.sees), 0.3)
+        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=tuple(self.sees), timeout_s=0.3))
         for info in self.infos:
             self.builder.announce(info)
         self.now_ns, self.sequence = 10 * NS, 0

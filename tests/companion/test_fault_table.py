@@ -17,7 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline
@@ -55,12 +57,12 @@ class Flown:
         self.link = MavlinkLink(parse_address(address), session, self._samples)
         self.avoidance = Avoidance(
             AVOID,
-            ("front",),
-            0.3,
-            lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
-            self.link.post,
-            lambda camera: self.cause,
-            lambda: session.vehicle if session.fell_silent(time.monotonic_ns()) else None,
+            SeenCameras(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: self.cause),
+            AutopilotLine(
+                lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
+                self.link.post,
+                lambda: session.vehicle if session.fell_silent(time.monotonic_ns()) else None,
+            ),
         )
         self.avoidance.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Sees(CLEAR))

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.autopilot.parameter_advice import AutopilotFacts
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
@@ -107,7 +109,11 @@ def test_what_is_sent_when_blind_is_the_same_in_each_mode(
     kind: str, name: str, number: int, oa_type: float | None, armed: bool
 ) -> None:
     """Armed or not, planner or not, AVOID_MARGIN read or not; only the wall's distance is AVOID_MARGIN's."""
-    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: vehicle(kind, number, armed), lambda message: None)
+    avoidance = Avoidance(
+        AVOID,
+        SeenCameras(cameras=("front",), timeout_s=0.3),
+        AutopilotLine(lambda: vehicle(kind, number, armed), lambda message: None),
+    )
     avoidance.announce(INFO)
     if oa_type is not None:
         for t_ns in (NS, 4 * NS):  # a value counts when it was received again
@@ -131,7 +137,7 @@ def test_the_mode_is_reported_once_and_again_when_it_changes() -> None:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: now[0], post)
+    avoidance = Avoidance(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post))
     for tenth in range(100):
         avoidance.tick(NS + tenth * NS // 10)
     assert texts == ["OA: AUTO does not brake"]
@@ -146,7 +152,9 @@ def test_the_mode_is_reported_once_and_again_when_it_changes() -> None:
 def test_px4_need_not_send_obstacles_back_before_position_mode() -> None:
     """In takeoff PX4 does not evaluate obstacles; their time does not count when Position mode begins."""
     now = [vehicle("PX4", 4 << 16 | 2 << 24)]
-    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: now[0], lambda message: None)
+    avoidance = Avoidance(
+        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], lambda message: None)
+    )
     avoidance.announce(INFO)
     chain = Chain(model(wall_at(0.0, 4.0, 2.0), free_to_m=4.0, view_deg=72.0))
     chain.builder = avoidance._builder
@@ -173,7 +181,7 @@ def test_faults_are_sent_again_to_an_autopilot_that_was_switched_off() -> None:
         if isinstance(message, dialect.MAVLink_statustext_message):
             texts.append(message.text)
 
-    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: now[0], post)
+    avoidance = Avoidance(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3), AutopilotLine(lambda: now[0], post))
     avoidance.announce(INFO)
     avoidance.sender.report = avoidance._builder.decide(avoidance._autopilot(), NS)
     for tenth in range(150):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.obstacle_report import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from core.frames import quaternion_from_euler
@@ -50,7 +50,7 @@ class Flight:
     def __init__(self) -> None:
         self.sees = Sees(FREE)
         self.pipeline = Pipeline((CAMERA,), lambda info: self.sees)
-        self.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3)
+        self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
         self.builder.announce(CAMERA)
         self.now_ns, self.sequence, self.pitch_rad = 10 * NS, 0, 0.0
         self.cm: list[int] = []

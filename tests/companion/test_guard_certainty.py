@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from companion.autopilot.line import AutopilotLine
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.config.loader import Config, ConfigError, config_of
@@ -251,7 +252,14 @@ def test_the_guard_needs_the_obstacle_output() -> None:
 
 def test_its_texts_fit_and_are_not_repeated(tmp_path: Any) -> None:
     sent: list[Any] = []
-    guard = Guard(GuardParams(enabled=True), AvoidParams(), 196, lambda: COPTER, lambda: LINK, sent.append, tmp_path)
+    guard = Guard(
+        GuardParams(enabled=True),
+        AvoidParams(),
+        196,
+        AutopilotLine(lambda: COPTER, sent.append),
+        lambda: LINK,
+        tmp_path,
+    )
     for n in range(48):  # 2.4 s, in which the heartbeat is young enough
         guard.step(NOW + n * NS // 20)
     texts = [m.text for m in sent if m.get_type() == "STATUSTEXT"]

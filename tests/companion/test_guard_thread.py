@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.obstacle_memory import nothing_remembered
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.view_free import View
@@ -47,9 +48,8 @@ class Flight:
             GuardParams(enabled=True, limit_speed=False),
             AvoidParams(radius_m=0.4),
             196,
-            self._vehicle,
+            AutopilotLine(self._vehicle, self.sent.append),
             lambda: self.link,
-            self.sent.append,
             folder,
         )
 
@@ -143,7 +143,9 @@ def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_afte
 def test_texts_that_were_announced_are_forgotten_when_they_may_be_repeated() -> None:
     """Most texts contain a distance, so that each one differs from those before."""
     sent: list[Any] = []
-    guard = Guard(GuardParams(enabled=True), AvoidParams(), 196, lambda: None, lambda: LINK, sent.append, None)
+    guard = Guard(
+        GuardParams(enabled=True), AvoidParams(), 196, AutopilotLine(lambda: None, sent.append), lambda: LINK, None
+    )
     for k in range(1000):
         guard._announce(Announcement(f"guard: stop, obstacle {k} m ahead"), START_NS + k * NS)
         guard._announce(Announcement(f"guard: stop, obstacle {k} m ahead"), START_NS + k * NS)
@@ -170,7 +172,9 @@ def parts_of(guard: Guard) -> Parts:
 
 
 def guard_with(vehicle: Callable[[], Vehicle | None]) -> Guard:
-    return Guard(GuardParams(enabled=True), AvoidParams(), 196, vehicle, lambda: LINK, lambda _: None, None)
+    return Guard(
+        GuardParams(enabled=True), AvoidParams(), 196, AutopilotLine(vehicle, lambda _: None), lambda: LINK, None
+    )
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -11,8 +11,10 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.landed import FRESH_NS, LandedState
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.config.avoidance import AvoidParams
 from core.types import Ground
 from drivers.mavlink.dialect import dialect
@@ -81,7 +83,11 @@ def test_a_vehicle_in_flight_is_not_landed_whatever_is_reported() -> None:
 
 def test_it_is_asked_for_and_reaches_the_decision() -> None:
     posted: list[Any] = []
-    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: vehicle(True), posted.append)
+    part = Avoidance(
+        AvoidParams(send=True),
+        SeenCameras(cameras=("front",), timeout_s=0.3),
+        AutopilotLine(lambda: vehicle(True), posted.append),
+    )
     part.tick(NS)
     asked = [m for m in posted if m.get_type() == "COMMAND_LONG" and m.command == 511]
     assert 245 in [int(m.param1) for m in asked]

@@ -9,7 +9,9 @@ import pytest
 
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.last_values import NAME, LastValues, LastValuesFile
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_report import SeenCameras
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
@@ -24,10 +26,8 @@ def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> Avoi
     vehicle = Vehicle(system_id, kind, 2, True, 5, 0)
     return Avoidance(
         AvoidParams(send=True, avoid_margin_m=2.0),
-        ("front",),
-        0.3,
-        lambda: vehicle,
-        ignore,
+        SeenCameras(cameras=("front",), timeout_s=0.3),
+        AutopilotLine(lambda: vehicle, ignore),
         last=LastValuesFile(folder),
     )
 

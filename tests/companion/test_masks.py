@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.obstacle_memory import Here
-from companion.autopilot.obstacle_report import ObstacleReportBuilder
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
 from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
 from companion.autopilot.vehicle_motion import VehicleMotion
 from companion.autopilot.view_free import RING_M
@@ -50,7 +50,7 @@ def flown(
     scene = b.build()
     camera = section(masks, unmatched_left_px=unmatched_left_px)
     pipeline = Pipeline((INFO,), lambda info: Extractor(), mask=lambda info: configured_mask(camera, info))
-    builder = ObstacleReportBuilder(AVOID, ("front",), 0.3)
+    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
     builder.announce(INFO, unmeasured_mask(camera, INFO))
     result, now_ns = None, 0
     for n in range(1, 11):

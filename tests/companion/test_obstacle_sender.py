@@ -16,7 +16,7 @@ import pytest
 from companion.autopilot.confirmation import PlaneConfirmation
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.obstacle_report import MOST_WAITING, ObstacleReport, ObstacleReportBuilder
+from companion.autopilot.obstacle_report import MOST_WAITING, ObstacleReport, ObstacleReportBuilder, SeenCameras
 from companion.autopilot.sender import ObstacleSender
 from companion.autopilot.surroundings import Surroundings
 from companion.config.avoidance import AvoidParams
@@ -63,7 +63,7 @@ class Chain:
     def __init__(self, found: FrameModel, avoid: AvoidParams = AVOID) -> None:
         self.sees = Sees(found)
         self.pipeline = Pipeline((CAMERA,), lambda info: self.sees)
-        self.builder = ObstacleReportBuilder(avoid, ("front",), 0.3)
+        self.builder = ObstacleReportBuilder(avoid, SeenCameras(cameras=("front",), timeout_s=0.3))
         self.builder.announce(CAMERA)
         self.now_ns, self.sequence, self.yaw_rad = 10 * NS, 0, 0.0
         self.position: tuple[float, float, float] | None = None
@@ -156,7 +156,9 @@ def test_a_blind_camera_is_sent_as_unknown_within_0_4_s_to_both_autopilots(fault
 def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps_are_new() -> None:
     chain = Chain(CLEAR)
     frozen = {"front": ""}
-    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3, lambda camera: frozen[camera])
+    chain.builder = ObstacleReportBuilder(
+        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: frozen[camera])
+    )
     chain.builder.announce(CAMERA)
     chain.fly(1.0)
     assert chain.ahead(PX4) == 1201
@@ -246,7 +248,7 @@ def test_without_a_position_the_turn_alone_is_taken_into_account() -> None:
 
 
 def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
-    builder = ObstacleReportBuilder(AVOID, ("front",), 0.3)
+    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
     values = builder.decide(ARDUPILOT, NS).values
     assert values is not None
     assert (values == WALL).all()
@@ -255,7 +257,7 @@ def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
 def test_beside_a_camera_that_sees_one_that_was_never_described_may_look_anywhere() -> None:
     """ArduPilot takes unknown for clear, and would fly where that camera should look."""
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, ("front", "rear"), 0.3)
+    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "rear"), timeout_s=0.3))
     chain.builder.announce(CAMERA)
     chain.fly(1.0)
     values = chain.report(ARDUPILOT).values
@@ -268,7 +270,7 @@ def test_the_surroundings_are_as_old_as_the_oldest_frame_that_counts() -> None:
     shown: list[Surroundings] = []
     rear = replace(CAMERA, camera="rear", mount=CameraMount(yaw_rad=math.pi))
     pipeline = Pipeline((CAMERA, rear), lambda info: Sees(CLEAR))
-    builder = ObstacleReportBuilder(AVOID, ("front", "rear"), 0.3, observer=shown.append)
+    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "rear"), timeout_s=0.3, observer=shown.append))
     builder.announce(CAMERA)
     builder.announce(rear)
     for number in range(1, 6):
@@ -290,7 +292,7 @@ def test_the_surroundings_are_as_old_as_the_oldest_frame_that_counts() -> None:
 
 def test_frames_of_a_camera_that_was_never_described_make_nothing_clear() -> None:
     chain = Chain(CLEAR)
-    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3)
+    chain.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front",), timeout_s=0.3))
     chain.fly(1.0)
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
@@ -395,7 +397,7 @@ def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> 
 
 def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:
     right = replace(CAMERA, camera="right", mount=CameraMount(yaw_rad=math.radians(60.0)))
-    builder = ObstacleReportBuilder(AVOID, ("front", "right"), 0.3)
+    builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=("front", "right"), timeout_s=0.3))
     chain = Chain(CLEAR)
     chain.builder = builder
     builder.announce(CAMERA)
