@@ -15,11 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from core.segments import segment_distance_m
 from core.types import FrameModel, Intrinsics
 
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import heading_rad
 from ..pipeline.results import PrismsResult
+from ..pipeline.transform import LevelTransform
 
 NS = 1_000_000_000
 FRAMES = 3
@@ -113,9 +115,8 @@ def _north_aligned(result: PrismsResult, model: FrameModel) -> _Planes:
     ends = model.planes[:, :4].astype(np.float64)
     if result.frame == "ned":
         return _Planes(result.t_exposure_ns, ends, fixed=True)
-    c, s = (math.cos(heading_rad(result)), math.sin(heading_rad(result))) if result.attitude is not None else (1.0, 0.0)
-    x, y = ends[:, [0, 2]], ends[:, [1, 3]]
-    turned = np.stack([c * x - s * y, s * x + c * y], axis=2).reshape(len(ends), 4)
+    turn = LevelTransform(heading_rad(result) if result.attitude is not None else 0.0, (0.0, 0.0, 0.0))
+    turned = np.stack(turn.places(ends[:, [0, 2]], ends[:, [1, 3]]), axis=2).reshape(len(ends), 4)
     return _Planes(result.t_exposure_ns, turned, fixed=False)
 
 
@@ -135,8 +136,5 @@ def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
         slack_m += GREATEST_SPEED_M_S * (planes.t_ns - frame.t_ns) / NS
     middle = 0.5 * (planes.ends_m[i, :2] + planes.ends_m[i, 2:])
     half_m = 0.5 * float(np.hypot(*(planes.ends_m[i, 2:] - planes.ends_m[i, :2])))
-    a, along = frame.ends_m[:, :2], frame.ends_m[:, 2:] - frame.ends_m[:, :2]
-    length2 = np.maximum((along**2).sum(axis=1), 1e-12)
-    share = np.clip(((middle - a) * along).sum(axis=1) / length2, 0.0, 1.0)
-    distance = np.hypot(*(a + share[:, None] * along - middle).T)
+    distance = segment_distance_m(middle, frame.ends_m[:, :2], frame.ends_m[:, 2:])
     return bool((distance <= slack_m + half_m).any())

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from core.segments import segment_distance_m
 from drivers.mavlink.dialect import dialect
 
 from ..config.avoidance import AvoidParams
@@ -46,10 +46,8 @@ class Overhead:
         over = planes[:, 5] < 0.0
         if not view.model.valid or not over.any():
             return
-        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
-        x0, y0, z0 = self._place_m
-        ends = [(c * x - s * y + x0, s * x + c * y + y0) for x, y in (planes[over, 0:2].T, planes[over, 2:4].T)]
-        rest = (planes[over, 5] + z0, view.model.margin_m[over], np.full(over.sum(), now_ns / NS))
+        ends = [here.to_world().places(*xy.T) for xy in (planes[over, 0:2], planes[over, 2:4])]
+        rest = (planes[over, 5] + self._place_m[2], view.model.margin_m[over], np.full(over.sum(), now_ns / NS))
         self._known = np.concatenate([self._known, np.column_stack([*ends[0], *ends[1], *rest])])[-MOST:]
 
     def upward_m(self, here: Here, now_ns: int) -> float | None:
@@ -61,7 +59,7 @@ class Overhead:
         self._known = self._known[now_ns / NS - self._known[:, 6] <= self._avoid.remember_up_s]
         known = self._known
         above = known[known[:, 4] < self._place_m[2]]
-        distance = _distance_m(above[:, 0:2], above[:, 2:4], self._place_m[:2])
+        distance = segment_distance_m(self._place_m[:2], above[:, 0:2], above[:, 2:4])
         above = above[distance <= self._avoid.radius_m + above[:, 5]]
         if not len(above):
             return None
@@ -84,15 +82,6 @@ class Overhead:
         self._velocity_m_s, self._followed_ns = velocity_m_s, now_ns
         if here.position_ned_m is None:
             self._known = self._known[:0]
-
-
-def _distance_m(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the horizontal distance, (N,), from a point to segments."""
-    along = b - a
-    length2 = np.maximum((along**2).sum(axis=1), 1e-12)
-    share = np.clip(((p - a) * along).sum(axis=1) / length2, 0.0, 1.0)
-    out: NDArray[np.float64] = np.hypot(*(a + share[:, None] * along - p).T)
-    return out
 
 
 def downward_m(views: Sequence[View]) -> float | None:

@@ -93,7 +93,7 @@ class FreeMemory:
             (self._low[k] + np.arange(self._seen_s.shape[k]) + 0.5) * self._cell_m[k] for k in range(3)
         )  # middles of the cells in ned
         east, north = np.meshgrid(y_n, x_n)
-        x, y = _turned(north, east, here)
+        x, y = here.from_world().places(north, east)
         free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
         free &= self._seen_s < t_ns / NS
         after_obstacle = (self._seen_by[free] == OBSTACLE) & (self._seen_s[free] > NEVER)
@@ -115,9 +115,7 @@ class FreeMemory:
         x, y, z: (N,) m in level. cameras: those whose memory counts; None: all. What a blind camera saw does not count."""
         if here.position_ned_m is None or here.estimate != self._estimate:
             return np.zeros(len(x), bool)
-        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
-        px, py, pz = here.position_ned_m
-        ned = np.stack([z + pz, c * x - s * y + px, s * x + c * y + py])
+        ned = np.stack([z + here.position_ned_m[2], *here.to_world().places(x, y)])
         cell = np.floor(ned / self._cell_m[:, None]).astype(np.int64) - self._low[:, None]
         inside = ((cell >= 0) & (cell < np.array(self._seen_s.shape)[:, None])).all(axis=0)
         out = np.zeros(len(x), bool)
@@ -137,15 +135,16 @@ class FreeMemory:
         assert here.position_ned_m is not None
         up, across, _ = self._seen_s.shape
         out = np.zeros(self._seen_s.shape, bool)
-        px, py, pz = here.position_ned_m
+        pz = here.position_ned_m[2]
         samples = np.ceil(2.0 * np.hypot(*(planes[:, 2:4] - planes[:, :2]).T) / self._avoid.step_m).astype(int) + 1
         plane = np.repeat(np.arange(len(planes)), samples)
         number = np.arange(len(plane)) - np.repeat(np.cumsum(samples) - samples, samples)
         share = number / np.maximum(1, samples - 1)[plane]
         x, y = (planes[plane, i] + share * (planes[plane, i + 2] - planes[plane, i]) for i in (0, 1))
-        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
-        north = np.floor((c * x - s * y + px) / self._cell_m[1]).astype(np.int64) - self._low[1]
-        east = np.floor((s * x + c * y + py) / self._cell_m[2]).astype(np.int64) - self._low[2]
+        north, east = (
+            np.floor(place / self._cell_m[k]).astype(np.int64) - self._low[k]
+            for k, place in enumerate(here.to_world().places(x, y), start=1)
+        )
         top, bottom = (np.floor((planes[plane, i] + pz) / self._cell_m[0]) - self._low[0] for i in (4, 5))
         inside = (north >= 0) & (north < across) & (east >= 0) & (east < across)
         heights = np.arange(up)[None, :]
@@ -174,13 +173,3 @@ class FreeMemory:
             of = tuple(slice(max(0, d), n - max(0, -d)) for d, n in zip(shift, shape, strict=True))
             fresh[to], fresh_by[to] = self._seen_s[of], self._seen_by[of]
         self._seen_s, self._seen_by, self._low, self._estimate = fresh, fresh_by, low, here.estimate
-
-
-def _turned(
-    north: NDArray[np.float64], east: NDArray[np.float64], here: Here
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transforms points of ned to level: relative to the vehicle, along its heading."""
-    assert here.position_ned_m is not None
-    c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
-    dn, de = north - here.position_ned_m[0], east - here.position_ned_m[1]
-    return c * dn + s * de, -s * dn + c * de

@@ -50,9 +50,13 @@ class Here:
         """Sections of the estimate, within which places in ned can be compared."""
         return self.section, self.heading_section
 
+    def to_world(self) -> LevelTransform:
+        """Returns the transform from level to ned, without a position to north-aligned axes at the vehicle."""
+        return LevelTransform(self.heading_rad, self.position_ned_m or (0.0, 0.0, 0.0))
+
     def from_world(self) -> LevelTransform:
-        """Returns the transform from ned, or from north-aligned axes at the vehicle, to level."""
-        return LevelTransform(self.heading_rad, self.position_ned_m or (0.0, 0.0, 0.0)).inverse()
+        """Returns the inverse of `to_world`."""
+        return self.to_world().inverse()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +114,7 @@ class ObstacleMemory:
         now_s = now_ns / NS
         young = now_s - self._points[:, 2] <= self._avoid.remember_s
         points, before_ns = self._points[young], self._free_ns[young]
-        xy = _moved(points[:, :2], here.from_world())
+        xy = np.stack(here.from_world().places(points[:, 0], points[:, 1]), axis=1)
         free_ns = self._seen_free_ns(xy, views)
         kept = (free_ns == NEVER) | (before_ns == NEVER) | (free_ns <= before_ns)
         points, xy = points[kept], xy[kept]
@@ -133,8 +137,7 @@ class ObstacleMemory:
         near = scan.distance_m < self._avoid.remember_m
         middle_m = scan.distance_m[near] + self._avoid.radius_m
         azimuth = scan.azimuth_rad[near]
-        xy = np.stack([middle_m * np.cos(azimuth), middle_m * np.sin(azimuth)], axis=1)
-        world = _moved(xy, LevelTransform(here.heading_rad, here.position_ned_m or (0.0, 0.0, 0.0)))
+        world = np.stack(here.to_world().places(middle_m * np.cos(azimuth), middle_m * np.sin(azimuth)), axis=1)
         way_seen = scan.state[near] == SectorState.OBSTACLE
         if here.position_ned_m is None:
             way_seen = np.zeros_like(way_seen)  # the vehicle may move, and the memory cannot follow
@@ -168,12 +171,4 @@ class ObstacleMemory:
 
 def rotated(xy: NDArray[np.float64], middle: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
     """Returns places (north, east), (N, 2), turned clockwise about one of them, (2,)."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    x, y = (xy - middle).T
-    return np.stack([c * x - s * y, s * x + c * y], axis=1) + middle
-
-
-def _moved(xy: NDArray[np.float64], transform: LevelTransform) -> NDArray[np.float64]:
-    c, s = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad)
-    tx, ty, _ = transform.translation_m
-    return np.stack([c * xy[:, 0] - s * xy[:, 1] + tx, s * xy[:, 0] + c * xy[:, 1] + ty], axis=1)
+    return np.stack(LevelTransform(angle_rad, (0.0, 0.0, 0.0)).places(*(xy - middle).T), axis=1) + middle

@@ -83,9 +83,7 @@ class VehicleMotion:
         velocity, here = self.velocity_ned_m_s(now_ns), self.last_here
         if velocity is None or here is None:
             return None
-        north, east, _ = velocity
-        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
-        forward, right = c * north + s * east, c * east - s * north
+        forward, right = LevelTransform(-here.heading_rad, (0.0, 0.0, 0.0)).places(*velocity[:2])
         return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None
 
     def placed(self, result: PrismsResult, here: Here) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from core.segments import segment_distance_m
 from drivers.base import DeviceNotFound
 
 from .dataset import open_table, read_rows
@@ -207,9 +208,6 @@ def unmatched(planes: Floats, others: Floats) -> int:
     if not len(planes) or not len(others):
         return len(planes)
     middle = 0.5 * (planes[:, None, 0:2] + planes[:, None, 2:4])
-    begin, along = others[None, :, 0:2], others[None, :, 2:4] - others[None, :, 0:2]
-    length2 = np.maximum((along**2).sum(axis=2), 1e-12)
-    share = np.clip(((middle - begin) * along).sum(axis=2) / length2, 0.0, 1.0)
-    distance_m = np.linalg.norm(begin + share[:, :, None] * along - middle, axis=2)
+    distance_m = segment_distance_m(middle, others[None, :, 0:2], others[None, :, 2:4])
     overlaps = (planes[:, None, 4] < others[None, :, 5]) & (others[None, :, 4] < planes[:, None, 5])
     return int((~((distance_m <= SAME_PLACE_M) & overlaps).any(axis=1)).sum())

@@ -6,7 +6,6 @@ estimate that has not jumped between them."""
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -17,6 +16,7 @@ import numpy as np
 from ..autopilot.obstacle_memory import Here
 from ..autopilot.surroundings import Surroundings
 from ..autopilot.view_free import View, points_free
+from ..pipeline.transform import LevelTransform
 from .corridor import Bools, Floats, Samples
 
 
@@ -41,13 +41,13 @@ class KeptRays:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptDecision:
-    """Views of one decision, for places in `level` at another one: p_then = Rz(turn_rad) p + shift_m.
+    """Views of one decision, for places in `level` at another one.
 
     Attributes:
+        then_now: transform of such places to `level` at the decision of the views.
         views: each with its exposure in ns, the youngest first."""
 
-    turn_rad: float
-    shift_m: tuple[float, float, float]
+    then_now: LevelTransform
     views: tuple[tuple[View, int], ...] = ()
 
     def rays(self, samples: Samples) -> Iterator[KeptRays]:
@@ -62,9 +62,7 @@ class KeptDecision:
 
     def _free(self, view: View, x: Floats, y: Floats, z: Floats) -> Bools:
         """Returns which places the view has measured free; see `measured_free`."""
-        c, s = math.cos(self.turn_rad), math.sin(self.turn_rad)
-        x_then, y_then = c * x - s * y + self.shift_m[0], s * x + c * y + self.shift_m[1]
-        return measured_free(view, x_then, y_then, z + self.shift_m[2])
+        return measured_free(view, *self.then_now.places(x, y), z + self.then_now.translation_m[2])
 
 
 def _moved(then: Here, now: Here) -> KeptDecision | None:
@@ -72,9 +70,8 @@ def _moved(then: Here, now: Here) -> KeptDecision | None:
     if then.position_ned_m is None or now.position_ned_m is None or then.estimate != now.estimate:
         return None
     north, east, down = (b - a for a, b in zip(then.position_ned_m, now.position_ned_m, strict=True))
-    c, s = math.cos(then.heading_rad), math.sin(then.heading_rad)
-    turn_rad = math.remainder(now.heading_rad - then.heading_rad, math.tau)
-    return KeptDecision(turn_rad, (c * north + s * east, c * east - s * north, down))
+    forward, right = LevelTransform(-then.heading_rad, (0.0, 0.0, 0.0)).places(north, east)
+    return KeptDecision(LevelTransform(now.heading_rad - then.heading_rad, (forward, right, down)))
 
 
 @dataclass(slots=True)

@@ -6,11 +6,17 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from core.frames import Vector
 from core.types import ExtractorState, FrameModel
 
 from .sync import PoseAt
+
+_Place = TypeVar("_Place", float, NDArray[np.float64])
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +25,11 @@ class LevelTransform:
 
     yaw_rad: float
     translation_m: tuple[float, float, float]
+
+    def places(self, x_m: _Place, y_m: _Place) -> tuple[_Place, _Place]:
+        """Returns (x, y), m, in the target frame of places x, y of level_cam; of any shape."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return c * x_m - s * y_m + self.translation_m[0], s * x_m + c * y_m + self.translation_m[1]
 
     def inverse(self) -> LevelTransform:
         """p_level_cam = Rz(-yaw_rad) (p_frame - translation_m)."""

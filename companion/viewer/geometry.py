@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import Rotation
+from core.segments import segment_distance_m
 from core.types import FreeProfile, Ground, Intrinsics
 
 Floats = NDArray[np.float64]
@@ -59,10 +60,7 @@ def outline_px(corners_m: Floats, R_level_optical: Rotation, k: Intrinsics) -> F
 def nearest_m(planes: NDArray[np.float32]) -> Floats:
     """(N,) horizontal distance from the origin to the nearest point of each plane."""
     a, b = planes[:, 0:2].astype(np.float64), planes[:, 2:4].astype(np.float64)
-    d = b - a
-    length2 = np.maximum(np.einsum("ij,ij->i", d, d), 1e-12)
-    t = np.clip(-np.einsum("ij,ij->i", a, d) / length2, 0.0, 1.0)
-    return np.asarray(np.hypot(*(a + t[:, None] * d).T))
+    return segment_distance_m(np.zeros(2), a, b)
 
 
 def free_normals(planes: NDArray[np.float32]) -> Floats:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..pipeline.transform import LevelTransform
+
 AHEAD_S = 1.0
 """The arrow of a moving obstacle ends where it will be after this time."""
 
@@ -79,6 +81,4 @@ def _mover(o: pb.MovingObstacle, angle_rad: float, at: NDArray[np.float64]) -> d
 
 def _turned(xy: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
     """Points (N, 2) rotated about the vertical."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    turned: NDArray[np.float64] = xy @ np.array([[c, s], [-s, c]])
-    return turned
+    return np.stack(LevelTransform(angle_rad, (0.0, 0.0, 0.0)).places(*xy.T), axis=1)

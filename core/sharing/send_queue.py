@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..segments import segment_distance_m
 from ..types import PlaneFlags
 from .bodies import Body, are_bodies
 from .cover import covered
@@ -281,13 +282,7 @@ def _anchor(box: NDArray[np.float64]) -> Anchor:
 def _changed(old: NDArray[np.float64], new: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Returns (N,): planes (N, 6) that have moved or grown enough to be sent again at once: what was sent does not
     contain them. A plane that has become shorter is repeated in its turn."""
-    begin, along = old[:, 0:2], old[:, 2:4] - old[:, 0:2]
-    length2 = np.maximum((along**2).sum(axis=1), 1e-9)
-    moved_m = np.zeros(len(old))
-    for k in (0, 2):
-        t = np.clip(((new[:, k : k + 2] - begin) * along).sum(axis=1) / length2, 0.0, 1.0)
-        off = new[:, k : k + 2] - begin - t[:, None] * along
-        moved_m = np.maximum(moved_m, np.hypot(off[:, 0], off[:, 1]))
+    moved_m = np.maximum(*(segment_distance_m(new[:, k : k + 2], old[:, 0:2], old[:, 2:4]) for k in (0, 2)))
     grown_m = np.maximum(old[:, 4] - new[:, 4], new[:, 5] - old[:, 5])
     return np.asarray((moved_m > MOVED_M) | (grown_m > GROWN_M))
 
@@ -297,9 +292,6 @@ def _near(box: NDArray[np.float64], offer: Offer) -> NDArray[np.bool_]:
     middle = 0.5 * (box[:, 0:2] + box[:, 2:4])
     near = np.zeros(len(box), bool)
     for body in offer.others:
-        begin, way = np.array(body.centre_m[:2]), AHEAD_S * np.array(body.velocity_m_s)
-        length2 = max(float(way @ way), 1e-9)
-        t = np.clip((middle - begin) @ way / length2, 0.0, 1.0)
-        off = middle - begin - t[:, None] * way
-        near |= np.hypot(off[:, 0], off[:, 1]) <= NEAR_M
+        begin = np.array(body.centre_m[:2])
+        near |= segment_distance_m(middle, begin, begin + AHEAD_S * np.array(body.velocity_m_s)) <= NEAR_M
     return near
