@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import StripTable
+from core.types import FrameModel, StripTable
 
 from .colors import FIRST, LAST, depth_rgb, index_range_m, palette
 from .frame import ViewFrame
@@ -16,6 +16,7 @@ from .panel import (
     FAR_COLOR,
     RING_M,
     UNKNOWN_COLOR,
+    draw_legend,
     far_to_near,
     inferred,
     line_width,
@@ -43,14 +44,14 @@ def draw_depth(ax: Any, scale_ax: Any, frame: ViewFrame) -> None:
     ax.set_xticks([])
     ax.set_yticks([])
     ax.set_anchor("W")
-    drawn = ["unknown", "far"]
-    if frame.model is not None and frame.model.valid:
-        if frame.model.strips is not None and len(frame.model.strips.u):
-            _strips(ax, frame, frame.model.strips)
+    drawn, model = ["unknown", "far"], frame.model
+    if model is not None and model.valid:
+        if model.strips is not None and len(model.strips.u):
+            _strips(ax, frame, model.strips)
             drawn.append("strips")
         drawn.append("planes")
-        drawn.extend(["inferred"] if inferred(frame.model.flags).any() else [])
-        _planes(ax, frame)
+        drawn.extend(["inferred"] if inferred(model.flags).any() else [])
+        _planes(ax, frame, model)
     else:
         _stamp(ax, model_missing(frame).splitlines()[0])
     _legend(ax, drawn)
@@ -103,15 +104,13 @@ def plane_outlines_px(frame: ViewFrame) -> list[NDArray[np.float64]]:
     return [outline_px(c, R, frame.info.intrinsics) for c in plane_corners_m(frame.model.planes)]
 
 
-def _planes(ax: Any, frame: ViewFrame) -> None:
+def _planes(ax: Any, frame: ViewFrame, model: FrameModel) -> None:
     """Draws outlines, far ones first, each with a dark casing for contrast."""
     from matplotlib.patches import Polygon
 
-    if frame.model is None:
-        return
-    planes, outlines = frame.model.planes, plane_outlines_px(frame)
+    planes, outlines = model.planes, plane_outlines_px(frame)
     line = line_width(len(planes), 1.7)
-    colors, dashed = plane_rgb(frame, planes), inferred(frame.model.flags)
+    colors, dashed = plane_rgb(frame, planes), inferred(model.flags)
     for k in far_to_near(planes):
         if len(outlines[k]) < 3:
             continue
@@ -119,14 +118,12 @@ def _planes(ax: Any, frame: ViewFrame) -> None:
         for color, width in (("black", 2.1 * line), (0.35 + 0.65 * colors[k], line)):
             patch = Polygon(outlines[k], closed=True, fill=False, edgecolor=color, linewidth=width, linestyle=style)
             ax.add_patch(patch)
-    _labels(ax, frame, outlines)
+    _labels(ax, frame, model, outlines)
 
 
-def _labels(ax: Any, frame: ViewFrame, outlines: list[NDArray[np.float64]]) -> None:
+def _labels(ax: Any, frame: ViewFrame, model: FrameModel, outlines: list[NDArray[np.float64]]) -> None:
     """Draws the distances of the largest planes without overlaps."""
-    if frame.model is None:
-        return
-    k, distance = frame.info.intrinsics, nearest_m(frame.model.planes)
+    k, distance = frame.info.intrinsics, nearest_m(model.planes)
     limits = np.array([[0, 0], [k.width, k.height]])
     boxes = [np.clip([o.min(axis=0), o.max(axis=0)], *limits) if len(o) >= 3 else np.zeros((2, 2)) for o in outlines]
     sizes = [float(np.prod(b[1] - b[0])) for b in boxes]
@@ -157,17 +154,7 @@ def _legend(ax: Any, drawn: list[str]) -> None:
         "planes": (Line2D([], [], color="#404040", linewidth=2.5), "plane, coloured by distance"),
         "inferred": (Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 2))), "partly inferred"),
     }
-    ax.legend(
-        *zip(*(marks[name] for name in drawn), strict=True),
-        loc="upper left",
-        bbox_to_anchor=(0.0, -0.01),
-        ncols=len(drawn),
-        fontsize=8.5,
-        frameon=False,
-        borderaxespad=0.2,
-        handlelength=1.6,
-        columnspacing=1.2,
-    )
+    draw_legend(ax, [marks[name] for name in drawn], (0.0, -0.01), len(drawn))
 
 
 def _scale(ax: Any, frame: ViewFrame) -> None:

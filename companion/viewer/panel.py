@@ -3,24 +3,61 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import PlaneFlags
+from core.types import FrameModel, PlaneFlags
 
 from .colors import FAR_RGB, UNKNOWN_RGB, palette, range_index
 from .frame import FrameStatus, ViewFrame
 from .geometry import nearest_m
 
 UNKNOWN_COLOR = tuple(c / 255 for c in UNKNOWN_RGB)
+UNKNOWN_AREA_COLOR = tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR)
+"""Of space about which nothing is known."""
 FAR_COLOR = tuple(c / 255 for c in FAR_RGB)
 FREE_COLOR = "#c8e6c9"
 OPEN_COLOR = "#fff59d"
 """Presumed free without a measurement."""
 GROUND_COLOR = "#795548"
 RING_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+
+
+def begin_panel(ax: Any, frame: ViewFrame, title: str) -> FrameModel | None:
+    """Draws the title of a panel that shows the model, and returns the model; None: the panel says why there is none."""
+    ax.set_title(title, fontsize=12, loc="left")
+    missing = model_missing(frame)
+    if frame.model is None or missing:
+        nothing_to_draw(ax, missing, blind=frame.status is FrameStatus.BLIND)
+        return None
+    ax.set_facecolor(UNKNOWN_AREA_COLOR)
+    return frame.model
+
+
+def name_axes(ax: Any, x: str, y: str) -> None:
+    """Draws the names of both axes, in metres."""
+    ax.set_xlabel(f"{x} of the camera, m", fontsize=9)
+    ax.set_ylabel(f"{y} the camera, m", fontsize=9)
+    ax.tick_params(labelsize=8)
+
+
+def draw_legend(ax: Any, marks: Sequence[tuple[Any, str]], corner: tuple[float, float], columns: int) -> None:
+    """Draws the legend below a panel. marks: symbol and text of each entry; corner: upper left corner of the legend, as
+    shares of the panel."""
+    ax.legend(
+        *zip(*marks, strict=True),
+        loc="upper left",
+        bbox_to_anchor=corner,
+        ncols=columns,
+        fontsize=8.5,
+        frameon=False,
+        borderaxespad=0.2,
+        handlelength=1.8,
+        columnspacing=1.2,
+    )
 
 
 def nothing_to_draw(ax: Any, text: str, *, blind: bool = False) -> None:

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from core.types import FrameModel
 
-from .frame import FrameStatus, ViewFrame
+from .frame import ViewFrame
 from .geometry import elevation_ahead_rad, lowest_free_m
 from .panel import (
     FREE_COLOR,
     GROUND_COLOR,
     OPEN_COLOR,
-    UNKNOWN_COLOR,
+    begin_panel,
+    draw_legend,
     extent_m,
     far_to_near,
     inferred,
-    model_missing,
-    nothing_to_draw,
+    name_axes,
     plane_rgb,
 )
 
@@ -31,25 +31,20 @@ CORRIDOR_M = 1.5
 
 def draw_side(ax: Any, frame: ViewFrame) -> None:
     """Draws the panel."""
-    ax.set_title("Side view (planes straight ahead are solid)", fontsize=12, loc="left")
-    missing = model_missing(frame)
-    if frame.model is None or missing:
-        nothing_to_draw(ax, missing, blind=frame.status is FrameStatus.BLIND)
+    model = begin_panel(ax, frame, "Side view (planes straight ahead are solid)")
+    if model is None:
         return
     forward = extent_m(frame)
-    low, high = _heights(frame.model)
-    ax.set_facecolor(tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR))
+    low, high = _heights(model)
     ax.set_xlim(-0.03 * forward, forward)
     ax.set_ylim(low, high)
-    ax.set_xlabel("forward of the camera, m", fontsize=9)
-    ax.set_ylabel("above the camera, m", fontsize=9)
-    ax.tick_params(labelsize=8)
-    _free_ahead(ax, frame.model)
-    _ground(ax, frame.model, forward, low)
-    _planes(ax, frame)
+    name_axes(ax, "forward", "above")
+    _free_ahead(ax, model)
+    _ground(ax, model, forward, low)
+    _planes(ax, frame, model)
     _view_edges(ax, frame, forward)
     ax.plot([0], [0], marker=">", markersize=10, color="black", zorder=8, clip_on=False)
-    _legend(ax, frame.model)
+    _legend(ax, model)
 
 
 def _heights(model: FrameModel) -> tuple[float, float]:
@@ -107,15 +102,13 @@ def _ground(ax: Any, model: FrameModel, forward: float, low: float) -> None:
         ax.axvline(g.blind_beyond_m, color=GROUND_COLOR, linewidth=1, linestyle=":", zorder=3)
 
 
-def _planes(ax: Any, frame: ViewFrame) -> None:
+def _planes(ax: Any, frame: ViewFrame, model: FrameModel) -> None:
     """Draws each plane as a rectangle in the side view; a plane across the view is a line."""
     from matplotlib.patches import Rectangle
 
-    if frame.model is None:
-        return
-    p, colors = frame.model.planes.astype(np.float64), plane_rgb(frame, frame.model.planes) * 0.85
-    dashed = inferred(frame.model.flags)
-    for k in far_to_near(frame.model.planes):
+    p, colors = model.planes.astype(np.float64), plane_rgb(frame, model.planes) * 0.85
+    dashed = inferred(model.flags)
+    for k in far_to_near(model.planes):
         ahead = min(p[k, 1], p[k, 3]) < CORRIDOR_M and max(p[k, 1], p[k, 3]) > -CORRIDOR_M
         x0, x1 = sorted((p[k, 0], p[k, 2]))
         ax.add_patch(
@@ -161,14 +154,4 @@ def _legend(ax: Any, model: FrameModel) -> None:
         marks.append((Line2D([], [], color=GROUND_COLOR, linewidth=2.2), "ground"))
         if model.ground.blind_beyond_m < ax.get_xlim()[1]:
             marks.append((Line2D([], [], color=GROUND_COLOR, linestyle=":"), "beyond: low obstacles unknown"))
-    ax.legend(
-        *zip(*marks, strict=True),
-        loc="upper left",
-        bbox_to_anchor=(-0.06, -0.17),
-        ncols=3,
-        fontsize=8.5,
-        frameon=False,
-        handlelength=1.8,
-        columnspacing=1.2,
-        borderaxespad=0.2,
-    )
+    draw_legend(ax, marks, (-0.06, -0.17), 3)

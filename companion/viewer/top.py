@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 from core.types import FrameModel
 
 from ..config.obstacle_range import obstacle_range_m
-from .frame import FrameStatus, ViewFrame
+from .frame import ViewFrame
 from .geometry import field_of_view_rad, free_normals, layer_at, level_range_m
 from .panel import (
     FREE_COLOR,
     OPEN_COLOR,
     RING_M,
-    UNKNOWN_COLOR,
+    UNKNOWN_AREA_COLOR,
+    begin_panel,
+    draw_legend,
     extent_m,
     far_to_near,
     inferred,
     line_width,
-    model_missing,
-    nothing_to_draw,
+    name_axes,
     plane_rgb,
 )
 
@@ -33,35 +34,30 @@ CAMERA_LAYER_M = 0.0
 
 def draw_top(ax: Any, frame: ViewFrame) -> None:
     """Draws the panel."""
-    ax.set_title("Top view (forward is up)", fontsize=12, loc="left")
-    missing = model_missing(frame)
-    if frame.model is None or missing:
-        nothing_to_draw(ax, missing, blind=frame.status is FrameStatus.BLIND)
+    model = begin_panel(ax, frame, "Top view (forward is up)")
+    if model is None:
         return
-    half_width, forward, behind = _limits(ax, frame)
-    ax.set_facecolor(tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR))
+    half_width, forward, behind = _limits(ax, frame, model)
     ax.set_aspect("equal")
     ax.set_xlim(-half_width, half_width)
     ax.set_ylim(-behind, forward)
-    ax.set_xlabel("right of the camera, m", fontsize=9)
-    ax.set_ylabel("forward of the camera, m", fontsize=9)
-    ax.tick_params(labelsize=8)
-    layer = _free(ax, frame.model)
-    _rings_and_view(ax, frame, forward)
-    _planes(ax, frame, 0.015 * (forward + behind))
+    name_axes(ax, "right", "forward of")
+    layer = _free(ax, model)
+    _rings_and_view(ax, frame, model, forward)
+    _planes(ax, frame, model, 0.015 * (forward + behind))
     ax.plot([0], [0], marker="^", markersize=11, color="black", zorder=8)
-    _legend(ax, frame.model, layer)
+    _legend(ax, model, layer)
 
 
-def _limits(ax: Any, frame: ViewFrame) -> tuple[float, float, float]:
+def _limits(ax: Any, frame: ViewFrame, model: FrameModel) -> tuple[float, float, float]:
     """(half width, forward, behind) in metres that fit the planes into the panel's proportions."""
     box = ax.get_position()
     figure_w, figure_h = ax.figure.get_size_inches()
     proportion = (box.width * figure_w) / (box.height * figure_h)
     forward = extent_m(frame)
     lateral = 2.0
-    if frame.model is not None and len(frame.model.planes):
-        lateral = float(np.percentile(np.abs(frame.model.planes[:, (1, 3)]).max(axis=1), 98))
+    if len(model.planes):
+        lateral = float(np.percentile(np.abs(model.planes[:, (1, 3)]).max(axis=1), 98))
     height = max(forward * 1.08, 2.15 * min(lateral, 1.2 * frame.info.max_range_m) / proportion)
     return height * proportion / 2, height * 0.94, height * 0.06
 
@@ -97,7 +93,7 @@ def _sectors(
     ax.add_collection(PolyCollection(list(quads), facecolors=color, edgecolors=color, linewidths=0.3, zorder=zorder))
 
 
-def _rings_and_view(ax: Any, frame: ViewFrame, forward: float) -> None:
+def _rings_and_view(ax: Any, frame: ViewFrame, model: FrameModel, forward: float) -> None:
     """Draws range rings and the edges of the field of view."""
     from matplotlib.patches import Arc
 
@@ -120,39 +116,20 @@ def _rings_and_view(ax: Any, frame: ViewFrame, forward: float) -> None:
                 zorder=7,
                 clip_on=True,
             )
-    ke = None if frame.model is None or not frame.model.valid else frame.model.ke_per_m
-    found = 2 * obstacle_range_m(frame.info, ke)
-    ax.add_patch(
-        Arc(
-            (0, 0),
-            found,
-            found,
-            theta1=90.0 - math.degrees(right),
-            theta2=90.0 - math.degrees(left),
-            color="#1565c0",
-            linewidth=1.1,
-            zorder=3,
-        )
-    )
+    found = 2 * obstacle_range_m(frame.info, model.ke_per_m)
+    line: dict[str, Any] = {"color": "#1565c0", "linewidth": 1.1, "zorder": 3}
+    ax.add_patch(Arc((0, 0), found, found, theta1=90 - math.degrees(right), theta2=90 - math.degrees(left), **line))
     if right - left < 2 * math.pi:
         reach = frame.info.max_range_m
         for azimuth in (left, right):
-            ax.plot(
-                [0, reach * math.sin(azimuth)],
-                [0, reach * math.cos(azimuth)],
-                color="#1565c0",
-                linewidth=1.1,
-                linestyle="-.",
-                zorder=3,
-            )
+            ax.plot([0, reach * math.sin(azimuth)], [0, reach * math.cos(azimuth)], linestyle="-.", **line)
 
 
-def _planes(ax: Any, frame: ViewFrame, tick_m: float) -> None:
+def _planes(ax: Any, frame: ViewFrame, model: FrameModel, tick_m: float) -> None:
     """Draws planes with free side and margin; those at the camera's height are thick."""
     from matplotlib.collections import LineCollection, PolyCollection
 
-    model = frame.model
-    if model is None or not len(model.planes):
+    if not len(model.planes):
         return
     order = far_to_near(model.planes)
     p = model.planes[order].astype(np.float64)
@@ -187,7 +164,7 @@ def _legend(ax: Any, model: FrameModel, layer: str) -> None:
         (Line2D([], [], color="black", marker="$\\vdash$", linestyle="none", markersize=8), "tick: its free side"),
         (Patch(facecolor="#ef6c00", alpha=0.4), "its margin"),
         (Patch(facecolor=FREE_COLOR), f"free at camera height ({layer})" if layer else "no free profile"),
-        (Patch(facecolor=tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR)), "unknown"),
+        (Patch(facecolor=UNKNOWN_AREA_COLOR), "unknown"),
         (Line2D([], [], color="#1565c0", linewidth=1.1, linestyle="-."), "field of view"),
         (Line2D([], [], color="#1565c0", linewidth=1.1), "obstacle range"),
     ]
@@ -195,14 +172,4 @@ def _legend(ax: Any, model: FrameModel, layer: str) -> None:
         marks.append((Patch(facecolor=OPEN_COLOR), "open: presumed free, not measured"))
     if inferred(model.flags).any():
         marks.append((Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 1.8))), "partly inferred"))
-    ax.legend(
-        *zip(*marks, strict=True),
-        loc="upper left",
-        bbox_to_anchor=(-0.06, -0.05),
-        ncols=3,
-        fontsize=8.5,
-        frameon=False,
-        handlelength=1.8,
-        columnspacing=1.2,
-        borderaxespad=0.2,
-    )
+    draw_legend(ax, marks, (-0.06, -0.05), 3)
