@@ -43,7 +43,7 @@ def median_ms(model: FrameModel, cameras: int) -> float:
     """Median thread time of one decision while the vehicle flies straight at 2 m/s. The cameras look all around, and are
     exposed one after another within the time between two decisions."""
     avoid, guard = AvoidParams(), GuardParams(enabled=True)
-    kept = KeptViews(round(guard.keep_free_s * NS))
+    kept = KeptViews()
     step_ns, times_ms = round(NS / avoid.rate_hz), []
     at = LevelTransform(0.0, (0.0, 0.0, 0.0))
     views = tuple(View(turned(model, k * math.tau / cameras, (0.0, 0.0, 0.0)), at) for k in range(cameras))

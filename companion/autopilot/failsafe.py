@@ -45,6 +45,8 @@ FENCE_SHARE = math.cos(math.pi / 8.0)
 face of 45 degrees runs from corner to corner. ArduPilot holds its position while the middle is within
 AVOID_BACKUP_DZ (0.1 m) inside of AVOID_MARGIN. Of the walls measured with a margin of 3 m this is the one at 3.20
 m, neither 3.10 nor 3.35 m."""
+STOP_INSIDE_M = 0.04
+"""The wall for ArduPilot is this much nearer than AVOID_MARGIN; less than AVOID_BACKUP_DZ."""
 CLOSING_S = 2.0
 """At the edge of the view, PX4 is sent obstacles that the vehicle would reach within this time: it needs them to
 brake."""
@@ -124,7 +126,7 @@ class ObstacleView:
 def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
     """Returns the policy by configuration and autopilot."""
     margin_m = avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
-    ardupilot_m = (margin_m - avoid.stop_inside_m) / FENCE_SHARE
+    ardupilot_m = (margin_m - STOP_INSIDE_M) / FENCE_SHARE
     px4_m = _px4_wall_m(avoid, autopilot.cp_dist_m)
     if avoid.blind == "unknown":
         return Policy("unknown")

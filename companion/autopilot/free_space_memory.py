@@ -2,7 +2,7 @@
 
 In forward flight the vehicle pitches down and the upper part of the near space leaves the image. It was seen a moment
 before, from farther away or while level. The cells of a grid in ned hold when they were last seen free. A cell counts
-as free only if it lies outside of all views, in a sector of which the cameras see `seen_share` now, and for
+as free only if it lies outside of all views, in a sector of which the cameras see `SEEN_SHARE` now, and for
 `remember_free_s`. A cell in which a later frame finds an obstacle stops being free, also after the obstacle has left
 the image. Without a position nothing is remembered, and a frame without one ends what was; a camera that becomes blind
 ends what it saw free."""

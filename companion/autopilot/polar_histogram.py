@@ -29,6 +29,8 @@ PARTS = 5
 """Parts of a sector, of one degree each, for which the coverage by cameras is determined."""
 _EDGE_RAD = 1e-3
 """Overlap of neighbouring sectors, so that no obstacle falls between two of them. It is not a tuning parameter."""
+SEEN_SHARE = 0.4
+"""Least share of a sector in view for which free space that was seen earlier may complete the rest."""
 SHORT_SIGMAS = 4.0
 """Noise of a plane, in sigmas (sigma = ke * range^2), by which the free-range profile may end before a plane that was
 seen in full, in addition to one of its rings and one step along the ray."""
@@ -144,7 +146,7 @@ def seen_free(
     `clear_share` of its rays and of the heights of the band, and at every height but the outermost ones
     (`inner_heights`) in at least one ray. Rays begin at the vehicle, views at their cameras. A ray
     is followed from near_m on, since no camera covers the whole band nearer than that. A point is free if any view
-    shows it free. Sectors of which the views show seen_share are completed by `recall`.
+    shows it free. Sectors of which the views show SEEN_SHARE are completed by `recall`.
 
     Args:
         views: models of the seeing cameras.
@@ -184,7 +186,7 @@ def seen_free(
         seen[i, ray] |= ended & above_ground & at_plane
     if recall is not None:
         share = _by_sector(seen).mean(axis=1)
-        enough = np.repeat((share >= avoid.seen_share) & (share < 1.0), avoid.rays)
+        enough = np.repeat((share >= SEEN_SHARE) & (share < 1.0), avoid.rays)
         i, ray, k = np.nonzero(~free & enough[None, :, None])
         free[i, ray, k] = recall(x[ray, k], y[ray, k], z[i])
         reached = _reached(free)

@@ -46,9 +46,6 @@ class AvoidParams:
         "least share of a sector's rays and heights that were seen free for it to be clear; larger: fewer "
         "clear sectors",
     )
-    seen_share: float = critical(
-        0.4, 0.2, 1.0, "", "least share of a sector in view for which free space seen earlier may complete the rest"
-    )
     remember_free_s: float = critical(
         3.0, 0.0, 10.0, "s", "free space that left the view, for example by leaning, is used for this time; 0: never"
     )
@@ -84,13 +81,6 @@ class AvoidParams:
         "s",
         "PX4: time of blindness after which nothing more is sent and PX4 changes to Hold; also the duration "
         "of its wall",
-    )
-    stop_inside_m: float = critical(
-        0.04,
-        0.0,
-        0.09,
-        "m",
-        "policy stop: the artificial wall is this much nearer than AVOID_MARGIN; less than AVOID_BACKUP_DZ",
     )
     stop_hold_s: float = critical(
         3.0,

@@ -40,10 +40,6 @@ class GuardParams:
     horizon_m: float = critical(
         20.0, 4.0, 60.0, "m", "greatest distance along the path that is used; it bounds the speed without a limit"
     )
-    limit_ahead_s: float = critical(
-        1.0, 0.0, 5.0, "s", "the speed is limited when the braking distance fits for less than this time"
-    )
-    least_limit_m_s: float = critical(1.0, 0.5, 5.0, "m/s", "lowest speed limit; below it only a stop follows")
     cruise_m_s: float = number(
         0.0,
         0.0,
@@ -51,19 +47,6 @@ class GuardParams:
         "m/s",
         "greatest speed that the guard commands, also at the end of a limit; 0: bounded only by the speed "
         "just before the limit",
-    )
-    blind_speed_m_s: float = critical(
-        0.7, 0.3, 3.0, "m/s", "below this speed unseen space does not stop the vehicle; obstacles do"
-    )
-    keep_free_s: float = critical(
-        0.35,
-        0.0,
-        0.5,
-        "s",
-        "space that was seen free counts for this time from the exposure when newer frames do not see it and show no obstacle",
-    )
-    raise_after_s: float = critical(
-        3.0, 0.5, 30.0, "s", "a speed limit is raised after the space was free for this time"
     )
 
     def __post_init__(self) -> None:

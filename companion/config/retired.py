@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from .expert import expert_fields
-from .retired_constants import CONSTANTS
+from .retired_constants import CONSTANTS, OTHER_CONSTANTS
 
 _CPU_IDLE: Final = "use cpupower or tuned to limit the idle states of the processor"
 _LEVEL_MEMORY: Final = "it has no effect any more; a planner gives it to osape_client.LevelMemory; remove the line"
 
+_CONSTANTS: Final[Mapping[tuple[str, str], float]] = {
+    **OTHER_CONSTANTS,
+    **{(section, key): value for section in ("extractor", "expert") for key, value in CONSTANTS.items()},
+}
 RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("service", "idle_latency_us"): f"it has no effect any more; {_CPU_IDLE}; remove the line",
     (
@@ -23,11 +27,7 @@ RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("record", "drawings"): "[output] scene and transforms decide what each log holds; remove the line",
     ("world", "level_memory_s"): _LEVEL_MEMORY,
     ("world", "level_speed_m_s"): _LEVEL_MEMORY,
-    **{
-        (section, key): "it is a constant of the algorithm now; remove the line"
-        for section in ("extractor", "expert")
-        for key in CONSTANTS
-    },
+    **dict.fromkeys(_CONSTANTS, "it is a constant now; remove the line"),
 }
 """(section, key) -> what to do about it."""
 
@@ -44,12 +44,10 @@ def refused_values(content: Mapping[str, Any]) -> list[str]:
     if mode == "paper":
         return [_PAPER]
     changed = [
-        f"[{section}] {key} = {table[key]!r} is not available any more: it is a constant of the algorithm, {value:g}. "
-        "Remove the line. A log recorded with it can be replayed by the version that recorded it"
-        for section in ("extractor", "expert")
-        if isinstance(table := content.get(section), Mapping)
-        for key, value in CONSTANTS.items()
-        if table.get(key, value) != value
+        f"[{section}] {key} = {table[key]!r} is not available any more: it is a constant, {value:g}. Remove the line. "
+        "A log recorded with it can be replayed by the version that recorded it"
+        for (section, key), value in _CONSTANTS.items()
+        if isinstance(table := content.get(section), Mapping) and table.get(key, value) != value
     ]
     return changed if mode == "safe" else [*changed, "[extractor] mode is retired; remove the line"]
 

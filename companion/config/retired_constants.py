@@ -1,4 +1,4 @@
-"""Keys of earlier versions that are constants of the algorithm now, each with its value. Configurations and logs may hold
+"""Keys of earlier versions that are constants now, each with its value. Configurations and logs may hold
 them for one release."""
 
 from __future__ import annotations
@@ -89,3 +89,15 @@ CONSTANTS: Final[Mapping[str, float]] = {
     "profile_least_m": 0.1,
 }
 """Key of [extractor] or [expert] -> value."""
+
+OTHER_CONSTANTS: Final[Mapping[tuple[str, str], float]] = {
+    ("avoid", "seen_share"): 0.4,
+    ("avoid", "stop_inside_m"): 0.04,
+    ("guard", "limit_ahead_s"): 1.0,
+    ("guard", "least_limit_m_s"): 1.0,
+    ("guard", "blind_speed_m_s"): 0.7,
+    ("guard", "keep_free_s"): 0.35,
+    ("guard", "raise_after_s"): 3.0,
+    ("service", "blind_hz"): 12.5,
+}
+"""(section, key) -> value."""

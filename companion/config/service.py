@@ -192,7 +192,6 @@ class ServiceParams:
         "s",
         "a camera is blind when its newest valid exposure is older than this; larger: blindness is reported later",
     )
-    blind_hz: float = critical(12.5, 10.0, 50.0, "Hz", "rate of messages while a camera is blind")
     hang_s: float = critical(
         2.0,
         0.5,

@@ -3,7 +3,7 @@
 Input: a `PathSight` per decision of the obstacle output. Output: a `Verdict` at any instant.
 
 Free space belongs to the world, not to a frame: space that an earlier frame showed free is still free a moment later,
-nearer by the distance flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` from the
+nearer by the distance flown, unless a newer frame shows an obstacle in it. It counts for `KEEP_FREE_NS` from the
 exposure of the frame and along nearly the same course, ray by ray, because holes of the depth image are at other places in each frame. A frame that
 shows less, but no obstacle, therefore does not stop the vehicle. Obstacles count at once. Those with weak support
 count when a second frame shows them at the same place."""
@@ -17,13 +17,16 @@ from enum import StrEnum
 
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
-from .braking import Braking
+from .braking import LIMIT_AHEAD_S, Braking
 from .kept_space import Kept, Tolerance, grid_of, kept_free_m, reach_m
+from .kept_views import KEEP_FREE_NS
 from .path_sight import LEAST_SPEED_M_S, PathSight
 from .turn import SLOWEST_M_S, WIDEST_RAD
 from .velocity_hold import HOLD_NS
 
 NS = 1_000_000_000
+BLIND_SPEED_M_S = 0.7
+"""For a slower vehicle unseen space is no reason to stop; an obstacle is."""
 SAME_COURSE_RAD = math.radians(3.0)
 STALE_NS = 400_000_000
 """An older exposure shows nothing of the path."""
@@ -70,7 +73,7 @@ class Verdict:
         action: what the vehicle should do.
         speed_m_s: measured speed; None: not known.
         predicted_m_s: speed when a limit would have an effect.
-        allowed_m_s: greatest speed for which the braking distance fits for another limit_ahead_s.
+        allowed_m_s: greatest speed for which the braking distance fits for another LIMIT_AHEAD_S.
         room_m: free distance from the vehicle's middle.
         obstacle: an obstacle limits it; otherwise the path is not seen beyond.
         sees: the newest frame shows something of the path.
@@ -131,7 +134,7 @@ class PathAssessor:
             action=Action.STOP if obstacle_stop else self._action(speed_m_s, obstacle_m, free_m),
             speed_m_s=newest.speed_m_s if measured else None,
             predicted_m_s=self._predicted_m_s(speed_m_s),
-            allowed_m_s=self._braking.speed_m_s(room_m, self._guard.limit_ahead_s),
+            allowed_m_s=self._braking.speed_m_s(room_m, LIMIT_AHEAD_S),
             room_m=room_m,
             obstacle=by_obstacle,
             sees=fresh and shows and not newest.cause,
@@ -148,11 +151,11 @@ class PathAssessor:
 
     def _action(self, speed_m_s: float, obstacle_m: float, free_m: float) -> Action:
         """Returns the action for these distances to an obstacle and to the end of the free space."""
-        braking, guard = self._braking, self._guard
+        braking = self._braking
         needed_m = braking.needed_m(self._highest_m_s(speed_m_s))
-        if self._coming_m_s(speed_m_s) > guard.blind_speed_m_s and needed_m > free_m:
+        if self._coming_m_s(speed_m_s) > BLIND_SPEED_M_S and needed_m > free_m:
             return Action.STOP
-        ahead_m = braking.needed_m(self._predicted_m_s(speed_m_s), guard.limit_ahead_s)
+        ahead_m = braking.needed_m(self._predicted_m_s(speed_m_s), LIMIT_AHEAD_S)
         return Action.SLOW if ahead_m > min(obstacle_m, free_m) else Action.PASS
 
     def _predicted_m_s(self, speed_m_s: float) -> float:
@@ -198,13 +201,13 @@ class PathAssessor:
         return None
 
     def _free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
-        """Returns the distance to which the path is free by the frames exposed in the last keep_free_s, less the
+        """Returns the distance to which the path is free by the frames exposed in the last KEEP_FREE_NS, less the
         distance flown since.
 
         It is the greatest of the distances of single sights, and of the rays of all sights together."""
         if now_ns - newest.t_ns > STALE_NS:  # the obstacle output has stopped
             return 0.0
-        since_ns = now_ns - round(self._guard.keep_free_s * NS)
+        since_ns = now_ns - KEEP_FREE_NS
         best_m = newest.free_m - _way_m(newest, newest, now_ns, speed_m_s)
         older = []
         for sight in self._sights:

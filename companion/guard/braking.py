@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
 
+LIMIT_AHEAD_S = 1.0
+"""The speed is limited when the braking distance fits for less than this time."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Braking:

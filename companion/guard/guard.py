@@ -85,7 +85,7 @@ class Guard:
         self._assessor = PathAssessor(guard, braking_of(guard, avoid), avoid)
         self._velocity = VelocityHold()
         self._course_rate = CourseRate()
-        self._kept_views = KeptViews(round(guard.keep_free_s * NS))
+        self._kept_views = KeptViews()
         self._file = GuardMemoryFile(folder)
         memory = self._file.load(time.monotonic_ns())
         self._machine = GuardMachine(guard, memory or GuardMemory(), self._file.loaded_ns)

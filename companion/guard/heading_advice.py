@@ -1,7 +1,7 @@
 """Checks that the autopilot points the camera along the path in the modes that the guard watches, and advises what to
 set.
 
-The guard stops a vehicle that flies faster than `blind_speed_m_s` to where no camera looks. Values and behaviour are
+The guard stops a vehicle that flies faster than BLIND_SPEED_M_S to where no camera looks. Values and behaviour are
 taken from the sources: PX4 FlightTaskAuto::_set_heading_from_mode and multicopter_autonomous_params,
 RTL::set_rtl_item up to v1.14 (RTL_HDG_MD was removed after it, PX4 pull request 22731); ArduCopter
 Mode::AutoYaw::default_mode, ModeRTL::return_start."""

@@ -19,6 +19,9 @@ from ..autopilot.view_free import View, points_free
 from ..pipeline.transform import LevelTransform
 from .corridor import Bools, Floats, Samples
 
+KEEP_FREE_NS = 350_000_000
+"""Time from the exposure for which space that was seen free counts while newer frames do not see it and show no obstacle."""
+
 
 def measured_free(view: View, x: Floats, y: Floats, z: Floats) -> Bools:
     """Returns which places a view has measured free, (len(z), *x.shape). x, y: of one shape; z: (heights,)."""
@@ -76,9 +79,8 @@ def _moved(then: Here, now: Here) -> KeptDecision | None:
 
 @dataclass(slots=True)
 class KeptViews:
-    """The views exposed in the last keep_ns, one decision for each set of frames."""
+    """The views exposed in the last KEEP_FREE_NS, one decision for each set of frames."""
 
-    keep_ns: int
     _kept: deque[Surroundings] = field(default_factory=lambda: deque(maxlen=32))
 
     def take(self, s: Surroundings) -> None:
@@ -88,7 +90,7 @@ class KeptViews:
 
     def before(self, s: Surroundings) -> Iterator[KeptDecision]:
         """Yields the kept decisions with other frames, for places in `level` at a decision, with their views that are not
-        older than keep_ns."""
+        older than KEEP_FREE_NS."""
         for kept in self._kept:
             if kept.frames == s.frames or s.here is None or kept.here is None:
                 continue
@@ -96,6 +98,6 @@ class KeptViews:
             if moved is None:
                 continue
             views = [(view, t_ns) for view, (_, t_ns) in zip(kept.views, kept.frames, strict=True)]
-            fresh = [(view, t_ns) for view, t_ns in views if s.t_ns - t_ns <= self.keep_ns]
+            fresh = [(view, t_ns) for view, t_ns in views if s.t_ns - t_ns <= KEEP_FREE_NS]
             if fresh:
                 yield replace(moved, views=tuple(sorted(fresh, key=lambda pair: -pair[1])))

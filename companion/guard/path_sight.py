@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..autopilot.confirmation import SMALL_M2
-from ..autopilot.polar_histogram import STEP_RAD, Recall, centres_rad
+from ..autopilot.polar_histogram import SEEN_SHARE, STEP_RAD, Recall, centres_rad
 from ..autopilot.surroundings import Surroundings
 from ..autopilot.view_free import View
 from ..config.avoidance import AvoidParams
 from ..config.guard import GuardParams
-from .braking import braking_of
+from .braking import LIMIT_AHEAD_S, braking_of
 from .corridor import Bools, Floats, Path, corridor_free_m, half_width_m, samples_of
 from .kept_views import KeptDecision, KeptRays, measured_free
 from .turn import AHEAD_S, fan, turns
@@ -133,7 +133,7 @@ def path_sight(
             rays_m = rays_free_m(s, path, avoid, guard)
             free_m = corridor_free_m(rays_m, avoid)
             kept_rays = _kept_rays(before, path, avoid, guard)
-            ahead_m = braking_of(guard, avoid).needed_m(speed_m_s or 0.0, guard.limit_ahead_s)
+            ahead_m = braking_of(guard, avoid).needed_m(speed_m_s or 0.0, LIMIT_AHEAD_S)
             if not turns(turn_rad_s, speed_m_s or 0.0, ahead_m, guard.side_m):
                 turn_rad_s = 0.0
             beside = _turned(path, turn_rad_s, speed_m_s or 0.0, avoid, guard)
@@ -193,7 +193,7 @@ def rays_free_m(s: Surroundings, path: Path, avoid: AvoidParams, guard: GuardPar
     """Returns the distance to which each ray of the corridor is seen free from near_m on, (N,); 0 where it is not.
 
     Only measured free space counts, not open space that is presumed free. Rays that lie partly outside of all images are completed by free space that was seen a moment
-    before, as for the sectors of the obstacle output, and only where seen_share of the rays is seen now."""
+    before, as for the sectors of the obstacle output, and only where SEEN_SHARE of the rays is seen now."""
 
     def free(x: Floats, y: Floats, z: Floats) -> Bools:
         seen = np.zeros((len(z), *x.shape), bool)
@@ -214,13 +214,13 @@ def _kept_rays(
 
 
 def _recalled(free: Bools, x: Floats, y: Floats, z: Floats, recall: Recall, avoid: AvoidParams) -> Bools:
-    """Returns which places not seen free now were seen free a moment before, at distances where seen_share of the
+    """Returns which places not seen free now were seen free a moment before, at distances where SEEN_SHARE of the
     rays is seen now.
 
     free: (heights, ACROSS, samples), as is the result."""
     out = np.zeros_like(free)
     share = free.mean(axis=(0, 1))
-    wanted = ~free & ((share >= avoid.seen_share) & (share < 1.0))[None, None, :]
+    wanted = ~free & ((share >= SEEN_SHARE) & (share < 1.0))[None, None, :]
     i, j, k = np.nonzero(wanted)
     if len(i):
         out[i, j, k] = recall(x[j, k], y[j, k], z[i])

@@ -9,6 +9,10 @@ from ..config.guard import GuardParams
 from .assessment import LIMIT_STEP_M_S, Action, Verdict
 
 NS = 1_000_000_000
+LEAST_LIMIT_M_S = 1.0
+"""Lowest limit; below it only a stop follows."""
+RAISE_AFTER_NS = 3 * NS
+"""A limit is raised when a higher one was allowed for this time."""
 APART_NS = NS // 2
 """Least time between two commands."""
 EXCESS_M_S, EXCESS_NS = 0.5, 2 * NS
@@ -68,10 +72,10 @@ class SpeedLimiter:
             return None
         if self._sent_ns is not None and now_ns - self._sent_ns < APART_NS:
             return None
-        allowed_m_s = max(self.guard.least_limit_m_s, _stepped(verdict.allowed_m_s))
+        allowed_m_s = max(LEAST_LIMIT_M_S, _stepped(verdict.allowed_m_s))
         if self.speed_m_s <= 0.0:
             cap_m_s = min(speed_m_s, self.guard.cruise_m_s or speed_m_s)
-            first_m_s = max(self.guard.least_limit_m_s, min(allowed_m_s, _stepped(cap_m_s)))
+            first_m_s = max(LEAST_LIMIT_M_S, min(allowed_m_s, _stepped(cap_m_s)))
             if verdict.action is not Action.SLOW or first_m_s > cap_m_s:
                 return None
             self.fastest_m_s = cap_m_s
@@ -96,7 +100,7 @@ class SpeedLimiter:
             self.ineffective = True
 
     def _raised(self, allowed_m_s: float, speed_m_s: float, now_ns: int) -> float | None:
-        """Returns a higher limit after it was allowed for raise_after_s; None: none.
+        """Returns a higher limit after it was allowed for RAISE_AFTER_NS; None: none.
 
         It never exceeds the speed before the limit, and rises by at least two steps unless that speed is reached. For
         a vehicle that is slower than its limit no limit is raised: the mission or a ground station keeps it slow, and
@@ -111,7 +115,7 @@ class SpeedLimiter:
             return None
         if self._free_since_ns is None:
             self._free_since_ns = now_ns
-        if now_ns - self._free_since_ns < self.guard.raise_after_s * NS:
+        if now_ns - self._free_since_ns < RAISE_AFTER_NS:
             return None
         self.ended = target_m_s == self.fastest_m_s
         return self._send(target_m_s, now_ns)

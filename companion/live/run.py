@@ -37,6 +37,8 @@ PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERR
 START_S = 180.0
 """Longest time of the imports and of opening the parts, for systemd. Seen: 1 s on a cloud computer, above 60 s on an emulated
 processor. The main loop extends it while kernels are loaded or compiled."""
+BLIND_HZ = 12.5
+"""Rate of the main loop, which publishes a blind frame for each blind camera."""
 MAX_LATE_S = 0.5
 """Largest delay of a tick that later ticks make up for."""
 IDLE_WAIT_S = 0.03
@@ -64,7 +66,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
     next_alive_s = 0.0
     next_tick_s = time.monotonic()
     while not stop.is_set():
-        # fixed rate independent of the duration of a tick: blind cameras are reported at [service] blind_hz
+        # fixed rate independent of the duration of a tick: blind cameras are reported at BLIND_HZ
         next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MAX_LATE_S)
         # the wait for the start ends at once when the pipeline runs
         (stop if ready else service.parts.loop.started).wait(max(0.0, next_tick_s - time.monotonic()))
@@ -186,7 +188,7 @@ def run(args: argparse.Namespace) -> int:
     service = Service(config, here, warm_up, lambda: loading.text)
     try:
         service.open()
-        return serve(service, notifier, stop, 1.0 / config.service.blind_hz)
+        return serve(service, notifier, stop, 1.0 / BLIND_HZ)
     finally:
         notifier.stopping()
         try:

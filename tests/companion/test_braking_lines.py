@@ -12,7 +12,7 @@ from dataclasses import replace
 import pytest
 
 from companion.autopilot.distance_sensor import DOWNWARD
-from companion.autopilot.failsafe import FENCE_SHARE
+from companion.autopilot.failsafe import FENCE_SHARE, STOP_INSIDE_M
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_report import SeenCameras
@@ -232,6 +232,6 @@ def test_ardupilot_stops_before_a_wall_of_points_and_receives_the_ground_distanc
             running.change(lambda a: vehicle.state(time.monotonic_ns()))
             time.sleep(0.02)
         faces = running.change(lambda a: a.obstacles.faces_m(time.monotonic_ns()))
-        wall_m = (MARGIN_M - avoid.stop_inside_m) / FENCE_SHARE
+        wall_m = (MARGIN_M - STOP_INSIDE_M) / FENCE_SHARE
         assert 0.0 < faces[0] <= wall_m + 0.01
         assert running.change(lambda a: a.heights.down_m(time.monotonic_ns())) is None

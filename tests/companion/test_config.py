@@ -16,7 +16,7 @@ from companion.config.camera import CameraConfig
 from companion.config.docs import tables, with_tables
 from companion.config.loader import Config, ConfigError, config_from_text, config_of, config_text, load_config
 from companion.config.retired import RENAMED, without_retired
-from companion.config.retired_constants import CONSTANTS
+from companion.config.retired_constants import CONSTANTS, OTHER_CONSTANTS
 from companion.config.sections import SECTIONS, fields_of
 from companion.config.sync import SyncParams
 from core.params import Params
@@ -146,8 +146,8 @@ def test_unreadable_files(tmp_path: Path, raw: bytes, text: str) -> None:
 def test_a_mark_before_the_text_is_no_part_of_it(tmp_path: Path) -> None:
     """As editors of Windows write it."""
     path = tmp_path / "mine.toml"
-    path.write_bytes(b"\xef\xbb\xbf[service]\nblind_hz = 20\n")
-    assert load_config(path).service.blind_hz == 20.0
+    path.write_bytes(b"\xef\xbb\xbf[service]\nhang_s = 20\n")
+    assert load_config(path).service.hang_s == 20.0
 
 
 def test_a_number_of_thousands_of_digits_in_a_log_is_refused() -> None:
@@ -211,10 +211,10 @@ def test_the_documented_tables_are_up_to_date() -> None:
 def test_a_retired_key_is_accepted_with_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "old.toml"
     path.write_text(
-        "[service]\nidle_latency_us = 0\nsecond_thread_from_hz = 25.0\nblind_hz = 20.0\n[extractor]\nmode = 'safe'\n"
+        "[service]\nidle_latency_us = 0\nsecond_thread_from_hz = 25.0\nhang_s = 20.0\n[extractor]\nmode = 'safe'\n"
     )
     config = load_config(path)
-    assert config.service.blind_hz == 20.0
+    assert config.service.hang_s == 20.0
     assert [record.levelname for record in caplog.records] == ["WARNING"] * 3
     assert f"{path}: [service] idle_latency_us is retired" in caplog.text
 
@@ -243,6 +243,20 @@ def test_a_key_that_became_a_constant_is_accepted_with_its_value_only(
     content = json.loads(config_text(Config()))
     content[section] |= CONSTANTS
     assert config_from_text(json.dumps(content)) == Config()
+
+
+def test_other_keys_that_became_constants_are_accepted_with_their_value_only(tmp_path: Path) -> None:
+    content = json.loads(config_text(Config()))
+    for (section, key), value in OTHER_CONSTANTS.items():
+        assert key not in content[section]
+        content[section][key] = value
+    assert config_from_text(json.dumps(content)) == Config()
+    path = tmp_path / "old.toml"
+    for section, key in OTHER_CONSTANTS:
+        path.write_text(f"[{section}]\n{key} = 0.55\n")
+        with pytest.raises(ConfigError, match="is not available any more: it is a constant") as caught:
+            load_config(path)
+        assert caught.value.problems[0].startswith(f"[{section}] {key} = 0.55")
 
 
 def test_the_two_tables_of_the_algorithm_hold_each_parameter_once() -> None:

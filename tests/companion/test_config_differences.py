@@ -21,11 +21,11 @@ MARKED = {
                "free_share", "clear_sigmas", "noise_prior_span"},
     "sync": {"max_gap_s", "max_extrapolation_s"},
     "camera": {"required", "masks", "max_range_m", "min_range_m", "ke_per_m", "unmatched_left_px"},
-    "avoid": {"clear_share", "seen_share", "silence_s", "remember_s", "remember_m", "remember_free_s", "radius_m", "blind",
+    "avoid": {"clear_share", "silence_s", "remember_s", "remember_m", "remember_free_s", "radius_m", "blind",
               "unseen", "recover_frames", "stop_hold_s", "avoid_margin_m"},
     "world": {"free_evidence_share", "free_evidence_limit", "free_age_s", "memory_frames"},
     "supervision": {"silent_s", "frozen_frames"},
-    "service": {"timeout_s", "blind_hz", "hang_s"},
+    "service": {"timeout_s", "hang_s"},
     "mount_check": {"enabled", "degraded_deg", "invalid_deg", "unverified_deg", "interval_s", "terrain_deg_per_sqrt_s"},
 }  # fmt: skip
 UNMARKED = {

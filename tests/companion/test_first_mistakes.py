@@ -57,7 +57,7 @@ def test_a_number_in_quotes_is_told_from_one_out_of_range() -> None:
 
 def test_a_decimal_comma_is_named(tmp_path: Path) -> None:
     file = tmp_path / "my.toml"
-    file.write_text("[service]\nblind_hz = 10,0\n", encoding="utf-8")
+    file.write_text("[service]\nhang_s = 10,0\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="decimals have a dot"):
         load_config(file)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.autopilot.failsafe import STOP_INSIDE_M
 from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
@@ -124,7 +125,7 @@ def test_what_is_sent_when_blind_is_the_same_in_each_mode(
     assert decided.values is not None
     ahead = set(np.unique(decided.values[[0, 1, 2, 70, 71]]))
     margin_m = 2.0 if oa_type is None else 3.0
-    wall = int(100 * (margin_m - AVOID.stop_inside_m) / np.cos(np.pi / 8))
+    wall = int(100 * (margin_m - STOP_INSIDE_M) / np.cos(np.pi / 8))
     assert ahead == ({UNKNOWN} if kind == "PX4" else {wall})
     assert decided.policy == ("unknown" if kind == "PX4" else "stop")
 

@@ -12,14 +12,14 @@ from companion.autopilot.obstacle_memory import Here
 from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.view_free import View
 from companion.guard.corridor import Path, common_free_m, samples_of
-from companion.guard.kept_views import KeptViews, measured_free
+from companion.guard.kept_views import KEEP_FREE_NS, KeptViews, measured_free
 from companion.guard.path_sight import PathSight, path_sight
 from companion.pipeline.transform import LevelTransform
 from core.types import FrameModel
 
-from .test_guard_path import AVOID, GUARD, HERE, MS, NS, T_NS, model, nothing_remembered
+from .test_guard_path import AVOID, GUARD, HERE, MS, T_NS, model, nothing_remembered
 
-KEEP_NS = NS // 4
+KEEP_MS = KEEP_FREE_NS // MS
 FAR = model(free_to_m=20.0)
 NEAR = model(free_to_m=4.0)
 
@@ -44,7 +44,7 @@ def decision(
 
 def after(first: Surroundings, second: Surroundings) -> PathSight:
     """The sight of a decision after another one."""
-    kept = KeptViews(KEEP_NS)
+    kept = KeptViews()
     kept.take(first)
     return path_sight(second, AVOID, GUARD, 0.0, kept.before(second))
 
@@ -100,11 +100,11 @@ def test_the_same_frame_and_invalid_ones_do_not_count() -> None:
 def test_a_frame_counts_from_its_exposure(old_ms: int) -> None:
     """It may be old at the decision that uses it."""
     first = replace(decision(FAR, 0), frames=(("front", T_NS - old_ms * MS),))
-    assert kept_m(after(first, decision(NEAR, 250 - old_ms))) > 15.0
-    assert after(first, decision(NEAR, 251 - old_ms)).kept_rays == ()
+    assert kept_m(after(first, decision(NEAR, KEEP_MS - old_ms))) > 15.0
+    assert after(first, decision(NEAR, KEEP_MS + 1 - old_ms)).kept_rays == ()
 
 
-@pytest.mark.parametrize(("now_ms", "free"), [(60, True), (180, True), (201, False)])
+@pytest.mark.parametrize(("now_ms", "free"), [(60, True), (180, True), (KEEP_MS - 50, True), (KEEP_MS - 49, False)])
 def test_each_camera_counts_from_its_own_exposure(now_ms: int, free: bool) -> None:
     """The frame of the camera that looks along the path is 50 ms old at the decision, that of the other one 150 ms."""
     first = decision(FAR, 0)
@@ -120,7 +120,7 @@ def test_each_camera_counts_from_its_own_exposure(now_ms: int, free: bool) -> No
 
 
 def test_each_ray_counts_by_the_frame_that_shows_most_of_it() -> None:
-    kept = KeptViews(KEEP_NS)
+    kept = KeptViews()
     for ms, found in ((0, NEAR), (80, FAR), (160, NEAR)):
         kept.take(decision(found, ms))
     now = decision(NEAR, 200)
@@ -144,7 +144,7 @@ def random_model(rng: np.random.Generator) -> FrameModel:
 @pytest.mark.parametrize("seed", range(8))
 def test_views_combined_one_after_another_give_the_rays_of_all_together(seed: int) -> None:
     """The rays of each decision, with its views down to each age, are those that the views together give."""
-    rng, kept, exposures = np.random.default_rng(seed), KeptViews(KEEP_NS), list[int]()
+    rng, kept, exposures = np.random.default_rng(seed), KeptViews(), list[int]()
     decisions = []
     for k in range(4):
         at = replace(HERE, heading_rad=0.1 * k, position_ned_m=(0.3 * k, 0.02 * k, -3.0 - 0.05 * k))
@@ -158,7 +158,7 @@ def test_views_combined_one_after_another_give_the_rays_of_all_together(seed: in
     expected = []
     for old in decisions:
         for exposed_ns in sorted((t_ns for _, t_ns in old.frames), reverse=True):
-            if now.t_ns - exposed_ns <= KEEP_NS:
+            if now.t_ns - exposed_ns <= KEEP_FREE_NS:
                 exposures.append(exposed_ns)
                 expected.append(rays_together(old, now, exposed_ns))
     assert [rays.exposed_ns for rays in found] == exposures

@@ -15,7 +15,7 @@ from companion.guard.attempt import FAILED_AFTER, MODE_NS, SETTLE_NS
 from companion.guard.machine import GAP_NS, REARM_NS, GuardMachine
 from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
 from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
-from companion.guard.speed_limit import IN_PROGRESS
+from companion.guard.speed_limit import IN_PROGRESS, RAISE_AFTER_NS
 from companion.guard.states import (
     Announcement,
     GuardInput,
@@ -686,7 +686,7 @@ def test_lowers_at_once_and_raises_late() -> None:
     assert commands(f.step()) == [SpeedCommand(7, 1.0)]
     f.machine.acknowledged(DO_CHANGE_SPEED, 0)
     f.verdict = replace(FREE, speed_m_s=1.0)
-    raise_steps = round(GUARD.raise_after_s * NS) // STEP_NS
+    raise_steps = RAISE_AFTER_NS // STEP_NS
     assert commands(f.step(raise_steps)) == []
     out = f.step(10)
     assert commands(out) == [SpeedCommand(7, 3.0)]

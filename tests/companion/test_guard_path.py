@@ -17,8 +17,9 @@ from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.guard.assessment import STALE_NS, Action, PathAssessor
-from companion.guard.braking import Braking, braking_of
+from companion.guard.braking import LIMIT_AHEAD_S, Braking, braking_of
 from companion.guard.corridor import Path, samples_of
+from companion.guard.kept_views import KEEP_FREE_NS
 from companion.guard.path_sight import PathSight, path_sight
 from companion.guard.turn import AHEAD_S, turns
 from companion.pipeline.transform import LevelTransform
@@ -188,7 +189,7 @@ def test_in_a_turn_no_place_between_the_tangent_and_the_arc_is_missed(
     speed_m_s: float, turn_deg_s: float, range_m: float, share: float
 ) -> None:
     """Up to 60 degrees beside the tangent, from the rate on that leaves the corridor."""
-    rate, braking_m = math.radians(turn_deg_s), braking_of(GUARD, AVOID).needed_m(speed_m_s, GUARD.limit_ahead_s)
+    rate, braking_m = math.radians(turn_deg_s), braking_of(GUARD, AVOID).needed_m(speed_m_s, LIMIT_AHEAD_S)
     bearing_deg = 0.5 * turn_deg_s / speed_m_s * range_m if turns(rate, speed_m_s, braking_m, GUARD.side_m) else 0.0
     bearing_deg = max(-60.0, min(60.0, bearing_deg)) * share
     sight = seen(at(range_m, bearing_deg), velocity=(speed_m_s, 0.0, 0.0), turn_deg_s=turn_deg_s)
@@ -436,7 +437,7 @@ def test_a_vehicle_that_accelerates_is_limited_before() -> None:
     slower = replace(
         SIGHT, t_ns=T_NS - 300 * MS, exposed_ns=T_NS - 350 * MS, speed_m_s=4.0, position_ned_m=(-1.3, 0.0, -3.0)
     )
-    room_m = BRAKING.needed_m(5.0, GUARD.limit_ahead_s) + 2.0
+    room_m = BRAKING.needed_m(5.0, LIMIT_AHEAD_S) + 2.0
     assert action(replace(slower, speed_m_s=5.0), replace(SIGHT, free_m=room_m)) is Action.PASS
     assert action(replace(slower, free_m=0.0), replace(SIGHT, free_m=room_m)) is Action.SLOW
     assert action(replace(slower, speed_m_s=7.0, free_m=0.0), replace(SIGHT, free_m=room_m)) is Action.PASS
@@ -463,7 +464,7 @@ def test_one_frame_that_sees_less_does_not_stop_and_three_do() -> None:
 
 def test_what_was_seen_free_is_kept_from_its_exposure() -> None:
     """With several cameras, or a slow one, a frame may be old at the decision that uses it."""
-    kept_ms = round(1000 * GUARD.keep_free_s)
+    kept_ms = KEEP_FREE_NS // 1_000_000
     for old_ms in (50, 120, 200):
         before = replace(SIGHT, exposed_ns=T_NS - old_ms * MS)
         last_ms = kept_ms - old_ms
@@ -473,7 +474,7 @@ def test_what_was_seen_free_is_kept_from_its_exposure() -> None:
 
 def test_what_was_seen_free_ends_between_two_decisions() -> None:
     now = later(100, free_m=3.0)
-    left_ms = round(1000 * GUARD.keep_free_s) - 150
+    left_ms = KEEP_FREE_NS // 1_000_000 - 150
     assert action(SIGHT, now, after_ms=left_ms) is Action.PASS
     assert action(SIGHT, now, after_ms=left_ms + 1) is Action.STOP
 
