@@ -25,7 +25,7 @@ from .attempt import FAILED_AFTER, Attempt, next_method
 from .availability import Availability
 from .hold_motion import HoldMotion
 from .modes import STOP_MODES, STOP_ORDER, StopMethod, Watched, returns_by_failsafe, takes_speed, watched_mode
-from .speed_limit import IN_PROGRESS, SpeedLimiter
+from .speed_limit import IN_PROGRESS, LimitState, SpeedLimiter
 from .states import (
     INTERVENES,
     Announcement,
@@ -203,19 +203,19 @@ class GuardMachine:
         limiter = self._limiter
         if not self.guard.limit_speed or not takes_speed(vehicle.autopilot, group):
             return []
-        if limiter.refused:
+        if limiter.state is LimitState.REFUSED:
             if self.memory.state is not GuardState.LIMITED:
                 return []
             self._change(now, state=GuardState.WATCHING, limit_m_s=0.0)
             return [Announcement("guard: no speed limit in this mode")]
         wanted_m_s = limiter.wanted(verdict, now.now_ns)
-        if limiter.ineffective:
+        if limiter.state is LimitState.INEFFECTIVE:
             self._begin(GuardState.WATCHING, now)
             return [Announcement("guard: speed limit has no effect")]
         if wanted_m_s is None:
             return []
         out: list[Output] = [SpeedCommand(vehicle.system_id, wanted_m_s)]
-        if limiter.ended:
+        if limiter.state is LimitState.ENDED:
             out.append(Announcement("guard: speed limit ended"))
             self._begin(GuardState.WATCHING, now)
             return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum, auto
 
 from ..config.guard import GuardParams
 from .assessment import LIMIT_STEP_M_S, Action, Verdict
@@ -27,6 +28,19 @@ ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
 """MAV_RESULT. All other results mean that the command has no effect."""
 
 
+class LimitState(Enum):
+    """What the newest command has become."""
+
+    IN_USE = auto()
+    """The autopilot accepts limits, or none was sent yet."""
+    REFUSED = auto()
+    """The autopilot accepts no limit in this mode."""
+    INEFFECTIVE = auto()
+    """The vehicle does not follow the limit, which is then not in force."""
+    ENDED = auto()
+    """The limit sent last is the speed before the first limit again."""
+
+
 @dataclass(slots=True)
 class SpeedLimiter:
     """Decides which limit to send; see `wanted`.
@@ -35,16 +49,12 @@ class SpeedLimiter:
         guard: parameters.
         speed_m_s: the limit in force; 0: none.
         fastest_m_s: speed of the vehicle just before the first limit.
-        refused: the autopilot accepts no limit in this mode.
-        ended: the limit sent last is fastest_m_s again.
-        ineffective: the vehicle does not follow the limit, which is then not in force."""
+        state: what the newest command has become."""
 
     guard: GuardParams
     speed_m_s: float = 0.0
     fastest_m_s: float = 0.0
-    refused: bool = False
-    ended: bool = False
-    ineffective: bool = False
+    state: LimitState = LimitState.IN_USE
     _sent_ns: int | None = None
     _result: int | None = None
     _tries: int = 0
@@ -56,7 +66,8 @@ class SpeedLimiter:
         """Handles a COMMAND_ACK of MAV_CMD_DO_CHANGE_SPEED for the service."""
         if self._sent_ns is not None and self._result in (None, IN_PROGRESS):
             self._result = result
-            self.refused = result not in (ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS)
+            if result not in (ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS):
+                self.state = LimitState.REFUSED
 
     def wanted(self, verdict: Verdict, now_ns: int) -> float | None:
         """Returns the limit to send now, in m/s; None: nothing is to be sent.
@@ -68,7 +79,7 @@ class SpeedLimiter:
         if speed_m_s is None:
             return None
         self._follow_effect(speed_m_s, now_ns)
-        if self.ineffective:
+        if self.state is LimitState.INEFFECTIVE:
             return None
         if self._sent_ns is not None and now_ns - self._sent_ns < APART_NS:
             return None
@@ -97,7 +108,7 @@ class SpeedLimiter:
         elif self._excess is None or not self._excess[1] - EXCESS_M_S < speed_m_s <= self._excess[1]:
             self._excess = now_ns, speed_m_s  # also while the speed still rises, because jerk is limited
         elif now_ns - self._excess[0] >= EXCESS_NS:
-            self.ineffective = True
+            self.state = LimitState.INEFFECTIVE
 
     def _raised(self, allowed_m_s: float, speed_m_s: float, now_ns: int) -> float | None:
         """Returns a higher limit after it was allowed for RAISE_AFTER_NS; None: none.
@@ -117,7 +128,8 @@ class SpeedLimiter:
             self._free_since_ns = now_ns
         if now_ns - self._free_since_ns < RAISE_AFTER_NS:
             return None
-        self.ended = target_m_s == self.fastest_m_s
+        if target_m_s == self.fastest_m_s:
+            self.state = LimitState.ENDED
         return self._send(target_m_s, now_ns)
 
     def _send(self, speed_m_s: float, now_ns: int) -> float:
