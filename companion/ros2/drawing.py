@@ -5,6 +5,7 @@ The stamp of each message is the wall time of the exposure."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -34,6 +35,29 @@ GREY: Final = (0.6, 0.6, 0.6, 1.0)
 RED: Final = (1.0, 0.1, 0.1, 1.0)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Shape:
+    """What a marker adds to the drawing.
+
+    Attributes:
+        kind: name of a constant of visualization_msgs/Marker.
+        points, colours: messages of the corners, and the colour of each; no colours: that of the marker.
+        text: of TEXT_VIEW_FACING.
+        colour: (r, g, b, a), 0..1, of the whole marker.
+        scale: (x, y, z) in m.
+        at: place in m, in the frame of the header.
+        lifetime_ns: time after which a viewer removes it; 0: never."""
+
+    kind: str
+    points: Sequence[Any] = ()
+    colours: Sequence[Any] = ()
+    text: str = ""
+    colour: tuple[float, float, float, float] = GREY
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lifetime_ns: int = 0
+
+
 class Drawing:
     """Builds the messages of one camera's frames."""
 
@@ -50,14 +74,24 @@ class Drawing:
         x_m, y_m, _ = result.transform.translation_m if result.transform is not None else (0.0, 0.0, 0.0)
         corners, colours = _prism_triangles(prisms, (x_m, y_m))
         outlines = _plane_outlines(planes)
+        rgba = [self._colour(colour) for colour in colours]
+        surfaces = _Shape(
+            kind="TRIANGLE_LIST",
+            points=self._points(corners, result.frame),
+            colours=rgba,
+            lifetime_ns=LIFETIME_NS,
+        )
+        lines = _Shape(
+            kind="LINE_LIST",
+            points=self._points(outlines, result.frame),
+            scale=(LINE_WIDTH_M, 0.0, 0.0),
+            lifetime_ns=LIFETIME_NS,
+        )
+        # viewers refuse a marker without points
         return self._array(
             [
-                self._list_marker(
-                    header, f"{result.camera}/prisms", "TRIANGLE_LIST", self._points(corners, result.frame), colours
-                ),
-                self._list_marker(
-                    header, f"{result.camera}/planes", "LINE_LIST", self._points(outlines, result.frame), None
-                ),
+                self._marker(header, f"{result.camera}/{what}", shape, delete=not shape.points)
+                for what, shape in (("prisms", surfaces), ("planes", lines))
             ]
         )
 
@@ -65,19 +99,18 @@ class Drawing:
         """MarkerArray of a camera without a current frame: its drawings are deleted, and a red text above the vehicle names
         the cause. row: of the text, from below."""
         header = self._ros.header(0, frame)
-        gone = [self._marker(header, f"{camera}/{what}", "CUBE", "DELETE") for what in ("prisms", "planes")]
-        label = self._marker(
-            header,
-            f"{camera}/state",
-            "TEXT_VIEW_FACING",
-            "ADD",
+        gone = [
+            self._marker(header, f"{camera}/{what}", _Shape(kind="CUBE"), delete=True) for what in ("prisms", "planes")
+        ]
+        label = _Shape(
+            kind="TEXT_VIEW_FACING",
             text=f"{camera}: NO DATA: {text}",
             colour=RED,
             scale=(0.0, 0.0, TEXT_HEIGHT_M),
             at=(0.0, 0.0, 1.0 + row * 1.5 * TEXT_HEIGHT_M),
             lifetime_ns=TEXT_LIFETIME_NS,
         )
-        return self._array([*gone, label])
+        return self._array([*gone, self._marker(header, f"{camera}/state", label)])
 
     def cloud(self, points_m: NDArray[np.float64], frame: str, stamp_ns: int) -> Any:
         """PointCloud2 of (N, 3) points of the frame ned or level, float32 x, y, z. Raises ValueError for another frame."""
@@ -126,48 +159,36 @@ class Drawing:
     def _array(self, markers: list[Any]) -> Any:
         return self._ros.make(MARKER_ARRAY, markers=markers)
 
-    def _list_marker(self, header: Any, name: str, kind: str, points: list[Any], colours: list[Any] | None) -> Any:
-        """A marker made of points; its deletion where there is none: viewers refuse an empty one."""
-        if not points:
-            return self._marker(header, name, kind, "DELETE")
-        scale = (LINE_WIDTH_M, 0.0, 0.0) if kind == "LINE_LIST" else (1.0, 1.0, 1.0)
-        rgba = (
-            []
-            if colours is None
-            else [self._ros.make("std_msgs/msg/ColorRGBA", r=c[0], g=c[1], b=c[2], a=c[3]) for c in colours]
-        )
-        return self._marker(
-            header, name, kind, "ADD", points=points, colours=rgba, scale=scale, lifetime_ns=LIFETIME_NS
-        )
+    def _colour(self, rgba: tuple[float, float, float, float]) -> Any:
+        return self._ros.make("std_msgs/msg/ColorRGBA", r=rgba[0], g=rgba[1], b=rgba[2], a=rgba[3])
 
-    def _marker(
-        self, header: Any, name: str, kind: str, action: str, *, points: Sequence[Any] = (), colours: Sequence[Any] = (),
-        text: str = "", colour: tuple[float, float, float, float] = GREY, scale: tuple[float, float, float] = (1.0, 1.0, 1.0),
-        at: tuple[float, float, float] = (0.0, 0.0, 0.0), lifetime_ns: int = 0,
-    ) -> Any:  # fmt: skip
+    def _marker(self, header: Any, name: str, shape: _Shape, *, delete: bool = False) -> Any:
+        """A marker of the namespace `name`, or its deletion."""
         ros = self._ros
         return ros.make(
             MARKER,
             header=header,
             ns=name,
             id=0,
-            type=ros.constant(MARKER, kind),
-            action=ros.constant(MARKER, action),
+            type=ros.constant(MARKER, shape.kind),
+            action=ros.constant(MARKER, "DELETE" if delete else "ADD"),
             pose=ros.make(
-                "geometry_msgs/msg/Pose", position=ros.point(*at), orientation=ros.quaternion(1.0, 0.0, 0.0, 0.0)
+                "geometry_msgs/msg/Pose", position=ros.point(*shape.at), orientation=ros.quaternion(1.0, 0.0, 0.0, 0.0)
             ),
-            scale=ros.vector(*scale),
-            color=ros.make("std_msgs/msg/ColorRGBA", r=colour[0], g=colour[1], b=colour[2], a=colour[3]),
-            lifetime=ros.make("builtin_interfaces/msg/Duration", sec=lifetime_ns // NS, nanosec=lifetime_ns % NS),
+            scale=ros.vector(*shape.scale),
+            color=self._colour(shape.colour),
+            lifetime=ros.make(
+                "builtin_interfaces/msg/Duration", sec=shape.lifetime_ns // NS, nanosec=shape.lifetime_ns % NS
+            ),
             frame_locked=False,
-            points=list(points),
-            colors=list(colours),
+            points=list(shape.points),
+            colors=list(shape.colours),
             texture_resource="",
             texture=ros.make(
                 "sensor_msgs/msg/CompressedImage", header=ros.header(0, ""), format="", data=np.zeros(0, np.uint8)
             ),
             uv_coordinates=[],
-            text=text,
+            text=shape.text,
             mesh_resource="",
             mesh_file=ros.make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
             mesh_use_embedded_materials=False,
