@@ -6,13 +6,15 @@ from pathlib import Path
 
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..cameras.supervisor import CameraSupervisor
 from ..config.differences import safety_lines
 from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.events import LogMessage
 from ..pipeline.results import PrismsResult
+from ..self_check.exposure_offset import ExposureOffset
 from ..self_check.mount_watch import MountWatch
-from .camera_views import camera_views
+from ..self_check.mount_yaw import MountYaw, add_yaw
 from .counts import FrameRates, RecentLosses
 from .diagnostics import AttitudeRateCheck, GroundCheck, offset_warnings, template_intrinsics, yaw_warnings
 from .health import (
@@ -72,8 +74,35 @@ class HealthReporter:
 
     def camera_views(self, now_ns: int) -> list[CameraView]:
         """The state of each camera."""
-        parts = self._parts
-        return camera_views(parts.cameras, parts.loop, self._staleness, self._mounts, self._rates, now_ns)
+        loop = self._parts.loop
+        with loop.lock:
+            offsets = {offset.camera: offset for offset in loop.exposure_offsets}
+            yaws = {yaw.camera: yaw for yaw in loop.mount_yaws}
+        return [
+            self._camera_view(camera, offsets.get(name), yaws.get(name), now_ns)
+            for name, camera in self._parts.cameras.items()
+        ]
+
+    def _camera_view(
+        self, camera: CameraSupervisor, offset: ExposureOffset | None, yaw: MountYaw | None, now_ns: int
+    ) -> CameraView:
+        status = camera.status
+        with self._parts.loop.lock:
+            blind = self._staleness.cause(status.camera, now_ns, status)
+            age_ns = self._staleness.age_ns(status.camera, now_ns)
+            mount = self._mounts.health(status.camera, status.info)
+        if mount is not None and yaw is not None:
+            add_yaw(mount, yaw)
+        return CameraView(
+            status=status,
+            required=camera.section.required,
+            blind=blind,
+            age_ns=age_ns,
+            hz=self._rates.hz(status.camera, status.frames, now_ns),
+            last_loss_age_ns=None if status.last_loss_ns is None else max(0, now_ns - status.last_loss_ns),
+            exposure_offset=offset,
+            mount=mount,
+        )
 
     def autopilot_view(self, now_ns: int) -> AutopilotView | None:
         """The state of the autopilot; None: not configured."""

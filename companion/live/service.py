@@ -26,6 +26,7 @@ from ..cameras.masks import Mask, configured_mask, unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.loader import Config
 from ..diagnostic import Diagnostic
+from ..log.provenance import run_info
 from ..log.recorder import Recorder
 from ..paths import Folders
 from ..pipeline.events import RawFrame
@@ -39,7 +40,6 @@ from .event_queue import EventQueue
 from .health_reporter import HealthReporter
 from .log_feed import ClockCallbacks, LogFeed
 from .motion_checks import MotionChecks
-from .part_factory import make_metrics, make_recorder
 from .parts import Parts
 from .pipeline_thread import PipelineThread, Receivers
 from .staleness import StalenessMonitor
@@ -47,6 +47,7 @@ from .stream_output import StreamOutput
 
 if TYPE_CHECKING:
     from ..share.setup import ShareService
+    from .prometheus import MetricsServer
 
 NS = 1_000_000_000
 
@@ -77,7 +78,10 @@ class Service:
         config, event_queue = self.config, EventQueue()
         cameras = {c.name: self._supervisor(c.name, event_queue) for c in config.cameras}
         signing = signing_of(config.autopilot, self._folders.state)
-        recorder = make_recorder(config, self._folders)
+        recorder: Recorder | None = None
+        if config.record.record != "off":
+            place = config.record.place(self._folders.state)
+            recorder = Recorder(place, run_info("live", config), config.record, config.output)
         share = self._make_share(recorder)
         autopilot = self._make_autopilot(cameras, signing, share)
         previews = DepthPreviews(config.publish.depth_hz, self._boot)
@@ -93,7 +97,7 @@ class Service:
             guard=autopilot.guard,
             share=share,
             recorder=recorder,
-            metrics=make_metrics(config),
+            metrics=self._make_metrics(),
         )
 
     def _make_loop(
@@ -148,6 +152,14 @@ class Service:
         frame = (lambda data, t_ns: self._raw_frames.append(RawFrame(data, t_ns))) if log_raw else None
         callbacks = LinkCallbacks(samples=self._deliver, message=self._handle_mavlink, frame=frame)
         return make_autopilot(self.config, self._folders, cameras, signing, share, callbacks)
+
+    def _make_metrics(self) -> MetricsServer | None:
+        """The metrics server, where it is enabled."""
+        if self.config.service.metrics_port == 0:
+            return None
+        from .prometheus import MetricsServer  # imports a web server: only where it is enabled
+
+        return MetricsServer(self.config.service.metrics_port)
 
     def _make_share(self, recorder: Recorder | None) -> ShareService | None:
         """The exchange of obstacles with other vehicles, where it is enabled."""
