@@ -84,6 +84,37 @@ class ObstacleReport:
     down_m: float | None = None
 
 
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Decision:
+    """What one decision is made from.
+
+    Attributes:
+        now_ns: instant of the decision.
+        causes: camera -> why it is blind, as text; empty: it is not.
+        here: the vehicle; None: its attitude is not known.
+        seeing: cameras that see.
+        views: of these cameras, in level; empty without an attitude.
+        recall: see `polar_histogram.Recall`; None: nothing is remembered.
+        found: sectors by these views.
+        recalled: remembered obstacles.
+        fault: error of the computation, as text; empty: none."""
+
+    now_ns: int
+    causes: dict[str, str]
+    here: Here | None = None
+    seeing: list[str] = field(default_factory=list)
+    views: list[View] = field(default_factory=list)
+    recall: Recall | None = None
+    found: SectorScan
+    recalled: Remembered = field(default_factory=nothing_remembered)
+    fault: str = ""
+
+    @property
+    def blind(self) -> dict[str, str]:
+        """Camera -> cause of each blind camera."""
+        return {camera: why for camera, why in self.causes.items() if why}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenCameras:
     """The cameras whose frames decide, and how their frames are used.
@@ -122,7 +153,7 @@ class ObstacleReportBuilder:
         self._newest: dict[str, PrismsResult] = {}
         self._confirmation: dict[str, PlaneConfirmation] = {}
         self._confirmed: dict[str, PrismsResult] = {}
-        self._seen = SeenSectors(avoid)
+        self._seen, self._unseen = SeenSectors(avoid), scan([], avoid)
         self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.uint8]] = {}
         self._recovery = Recovery(seen.cameras, avoid.recover_frames)
@@ -183,38 +214,42 @@ class ObstacleReportBuilder:
             fault = f"the distances around the vehicle cannot be computed: {type(error).__name__}: {error}"
         causes = dict.fromkeys(self._cameras, "its result cannot be computed with")
         self._recovery.blind(causes)
-        return self._report(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
+        return self._report(autopilot, _Decision(now_ns=now_ns, causes=causes, found=self._unseen, fault=fault))
 
     def _decided(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         here = self._motion.catch_up(now_ns)
+        d = _Decision(now_ns=now_ns, causes=self._causes(here, now_ns), here=here, found=self._unseen)
+        for camera in d.blind:
+            self._freed.forget(camera)
+        d.seeing = [camera for camera in self._cameras if not d.causes[camera]]
+        if here is not None:
+            self._see(d, here)
+            d.recall = partial(self._freed.free, d.views, here, now_ns, cameras=d.seeing)
+            d.found = self._scan(d, here)
+        if self._motion.last_here is not None:  # without an attitude remembered obstacles stay where they were
+            d.recalled = self._memory.recall(d.found, d.views, self._motion.last_here, now_ns)
+        if self._observer is not None:
+            self._observer(self._surroundings(d))
+        return self._with_heights(self._report(autopilot, d), d)
+
+    def _causes(self, here: Here | None, now_ns: int) -> dict[str, str]:
+        """Returns why each camera is blind; empty: it is not. A camera sees again after some good frames."""
         causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
         self._recovery.blind(causes)
-        seeing = [c for c in self._cameras if not causes[c] and self._recovery.recovered(c)]
-        causes.update(
-            {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
-        )
-        for camera in self._cameras:
-            if causes[camera]:
-                self._freed.forget(camera)
-        views: list[View] = []
-        recall: Recall | None = None
-        if here is not None:
-            self._see_undecided(seeing, here)
-            views = [self._view(self._confirmed.get(c, self._newest[c]), here) for c in seeing]
-            for camera, view in zip(seeing, views, strict=True):
-                newest = self._newest[camera]
-                # a plane that is not confirmed yet is an obstacle to the memory of free space
-                complete = view if self._confirmed.get(camera, newest) is newest else self._view(newest, here)
-                self._freed.see(camera, seen_ns(newest), complete, here, self._motion.placed(newest, here))
-            recall = partial(self._freed.free, views, here, now_ns, cameras=seeing)
-        found = scan([], self._avoid) if here is None else self._scan(causes, views, recall, here, now_ns)
-        recalled = nothing_remembered()
-        if self._motion.last_here is not None:  # without an attitude remembered obstacles stay where they were
-            recalled = self._memory.recall(found, views, self._motion.last_here, now_ns)
-        if self._observer is not None:
-            self._observer(self._surroundings(seeing, views, recall, recalled, causes, here, now_ns))
-        report = self._report(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
-        return self._with_heights(report, dict(zip(seeing, views, strict=False)), here, now_ns)
+        for camera, cause in causes.items():
+            if not cause and not self._recovery.recovered(camera):
+                causes[camera] = "not enough good frames in a row yet"
+        return causes
+
+    def _see(self, d: _Decision, here: Here) -> None:
+        """Makes the views of the seeing cameras, and remembers what they and the frames before show free or occupied."""
+        self._see_undecided(d.seeing, here)
+        d.views = [self._view(self._confirmed.get(c, self._newest[c]), here) for c in d.seeing]
+        for camera, view in zip(d.seeing, d.views, strict=True):
+            newest = self._newest[camera]
+            # a plane that is not confirmed yet is an obstacle to the memory of free space
+            complete = view if self._confirmed.get(camera, newest) is newest else self._view(newest, here)
+            self._freed.see(camera, seen_ns(newest), complete, here, self._motion.placed(newest, here))
 
     def _see_undecided(self, seeing: list[str], here: Here) -> None:
         """Ends remembered free space where the frames since the last decision show obstacles: those that are not the newest
@@ -227,66 +262,58 @@ class ObstacleReportBuilder:
                     self._freed.see(camera, seen_ns(result), self._view(result, here), here, placed=False)
             results.clear()
 
-    def _scan(
-        self, causes: dict[str, str], views: list[View], recall: Recall | None, here: Here, now_ns: int
-    ) -> SectorScan:
+    def _scan(self, d: _Decision, here: Here) -> SectorScan:
         """Returns the sectors, completed by what recent frames have shown.
 
-        A sector that the newest frames do not see may keep its earlier value if no camera that covers it is blind.
-        causes: camera -> why it is blind; empty: it is not."""
+        A sector that the newest frames do not see may keep its earlier value if no camera that covers it is blind."""
         exposed_ns = np.zeros(SECTORS, np.int64)
-        for camera in self._cameras:
-            if not causes[camera]:
-                covers = (self._looks[camera] > Look.NOTHING).any(axis=1)
-                exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
-        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
-        velocity_m_s = self._motion.velocity_m_s(now_ns)
+        for camera in d.seeing:
+            covers = (self._looks[camera] > Look.NOTHING).any(axis=1)
+            exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
+        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in d.blind])
+        velocity_m_s = self._motion.velocity_m_s(d.now_ns)
         speed_m_s = None if velocity_m_s is None else math.hypot(*velocity_m_s)
-        found = scan(views, self._avoid, recall)
-        ned_m_s = self._motion.velocity_ned_m_s(now_ns)
+        found = scan(d.views, self._avoid, d.recall)
+        ned_m_s = self._motion.velocity_ned_m_s(d.now_ns)
         down_m_s = None if ned_m_s is None else ned_m_s[2]
-        return self._seen.take(found, SectorSight(exposed_ns, blind, here.heading_rad, speed_m_s, now_ns, down_m_s))
+        return self._seen.take(found, SectorSight(exposed_ns, blind, here.heading_rad, speed_m_s, d.now_ns, down_m_s))
 
-    def _with_heights(
-        self, report: ObstacleReport, views: dict[str, View], here: Here | None, now_ns: int
-    ) -> ObstacleReport:
-        """Adds the obstacles above and below to a report, where that is switched on. views: of the cameras that see."""
+    def _with_heights(self, report: ObstacleReport, d: _Decision) -> ObstacleReport:
+        """Adds the obstacles above and below to a report, where that is switched on."""
         avoid, points_m, up_m, down_m = self._avoid, report.points_m, None, None
         if avoid.points:
-            points_m = other_points(list(views.values()), avoid)
-        if avoid.upward and here is not None:
-            for camera, view in views.items():
+            points_m = other_points(d.views, avoid)
+        if avoid.upward and d.here is not None:
+            for camera, view in zip(d.seeing, d.views, strict=True):
                 if seen_ns(self._newest[camera]) != self._overhead_ns.get(camera):
                     self._overhead_ns[camera] = seen_ns(self._newest[camera])
-                    self._overhead.see(view, here, now_ns)
-            up_m = self._overhead.upward_m(here, now_ns)
+                    self._overhead.see(view, d.here, d.now_ns)
+            up_m = self._overhead.upward_m(d.here, d.now_ns)
         if avoid.downward:
-            down_m = downward_m(list(views.values()))
+            down_m = downward_m(d.views)
         return replace(report, points_m=points_m, up_m=up_m, down_m=down_m)
 
-    def _report(
-        self,
-        autopilot: AutopilotNow,
-        now_ns: int,
-        causes: dict[str, str],
-        found: SectorScan,
-        recalled: Remembered,
-        fault: str = "",
-        low: bool = True,
-    ) -> ObstacleReport:
-        """Applies the failsafe policy and makes the report. low: True if no camera sees the ground farther below than
-        it is while the vehicle stands on it."""
-        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
-        seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
-        edge = too_near_the_edge([self._looks[c] for c in self._cameras if not causes[c]], self._avoid)
-        velocity_m_s = self._motion.velocity_m_s(now_ns)
-        on_ground = autopilot.on_ground and low
-        sight = ObstacleView(found, recalled, blind, seeing, whole, self._newest_good_ns, edge, velocity_m_s, on_ground)
+    def _report(self, autopilot: AutopilotNow, d: _Decision) -> ObstacleReport:
+        """Applies the failsafe policy and makes the report."""
+        sees = [self._looks[c] for c in self._cameras if not d.causes[c]]
+        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in d.blind])
+        seeing, whole = covered(sees)
+        sight = ObstacleView(
+            scan=d.found,
+            recalled=d.recalled,
+            blind=blind,
+            seeing=seeing,
+            whole=whole,
+            newest_ns=self._newest_good_ns,
+            edge=too_near_the_edge(sees, self._avoid),
+            velocity_m_s=self._motion.velocity_m_s(d.now_ns),
+            on_ground=autopilot.on_ground and not _sees_ground_below(d.views),
+        )
         policy = policy_of(self._avoid, autopilot)
-        values = self._policy.values(sight, policy, now_ns)
+        values = self._policy.values(sight, policy, d.now_ns)
         if values is not None:
             values = for_reader(values, self._avoid, autopilot.kind, braking_reach(sight, self._avoid, policy))
-        return ObstacleReport(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
+        return ObstacleReport(d.now_ns, values, d.blind, policy.name, d.fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
         """Returns why a camera is blind at this instant; empty: it is not."""
@@ -311,28 +338,19 @@ class ObstacleReportBuilder:
             return "the attitude is lost"
         return HEADING_LOST if self._motion.heading_lost(newest) else ""
 
-    def _surroundings(
-        self,
-        seeing: list[str],
-        views: list[View],
-        recall: Recall | None,
-        recalled: Remembered,
-        causes: dict[str, str],
-        here: Here | None,
-        now_ns: int,
-    ) -> Surroundings:
-        seeing = seeing if views else []
+    def _surroundings(self, d: _Decision) -> Surroundings:
+        seeing, pose = (d.seeing if d.views else []), self._motion.newest_pose
         return Surroundings(
-            t_ns=now_ns,
-            views=tuple(views),
+            t_ns=d.now_ns,
+            views=tuple(d.views),
             weak_px=tuple(self._confirmation[c].least_px for c in seeing),
             exposed_ns=min((seen_ns(self._newest[c]) for c in seeing), default=None),
-            recall=recall,
-            recalled=recalled,
-            blind={c: why for c, why in causes.items() if why},
-            here=here,
-            velocity_ned_m_s=self._motion.velocity_ned_m_s(now_ns),
-            velocity_ns=None if self._motion.newest_pose is None else self._motion.newest_pose.t_ns,
+            recall=d.recall,
+            recalled=d.recalled,
+            blind=d.blind,
+            here=d.here,
+            velocity_ned_m_s=self._motion.velocity_ned_m_s(d.now_ns),
+            velocity_ns=None if pose is None else pose.t_ns,
             frames=tuple((c, seen_ns(self._newest[c])) for c in seeing),
         )
 
