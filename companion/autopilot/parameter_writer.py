@@ -122,11 +122,11 @@ class ParameterWriter:
             _, system = self._writable()
             with self._lock:
                 param_type = self._received[change.name][1]
-            self._link.post(self._set(change, param_type, system))
+            name, to = change.name.encode(), param_value_of(change.to, self._reader.kind, param_type)
+            self._link.post(dialect.MAVLink_param_set_message(system, MAV_COMP_ID_AUTOPILOT1, name, to, param_type))
             time.sleep(0.2)
             with self._lock:
                 del self._received[change.name]  # the answer to the next request decides
-            name = change.name.encode()
             self._link.post(dialect.MAVLink_param_request_read_message(system, MAV_COMP_ID_AUTOPILOT1, name, -1))
             answer = self._answer(change.name)
             with self._lock:
@@ -144,12 +144,6 @@ class ParameterWriter:
                     return self._received[name][0]
             time.sleep(0.02)
         return None
-
-    def _set(self, change: Change, param_type: int, system: int) -> Any:
-        value = param_value_of(change.to, self._reader.kind, param_type)
-        return dialect.MAVLink_param_set_message(
-            system, MAV_COMP_ID_AUTOPILOT1, change.name.encode(), value, param_type
-        )
 
     def _take(self, message: Any, arrival_ns: int) -> None:
         self._reader.take(message, arrival_ns)

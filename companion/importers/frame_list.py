@@ -57,7 +57,7 @@ class FrameListSource:
         items: list[AttitudeSample | PoseSample | FrameRow] = [*self._attitudes, *self._poses, *self._rows]
         for item in sorted(items, key=arrival):
             if not isinstance(item, FrameRow):
-                yield self._shifted(item)
+                yield replace(item, t_ns=item.t_ns + self.shift_ns, t_arrival_ns=item.t_arrival_ns + self.shift_ns)
                 continue
             try:
                 yield self._frame(item)
@@ -75,9 +75,6 @@ class FrameListSource:
             t_arrival_ns=self._arrival_ns(row) + self.shift_ns,
             depth_mm=self._images.read(row),
         )
-
-    def _shifted(self, s: AttitudeSample | PoseSample) -> AttitudeSample | PoseSample:
-        return replace(s, t_ns=s.t_ns + self.shift_ns, t_arrival_ns=s.t_arrival_ns + self.shift_ns)
 
     def _shift(self) -> int:
         """Shift in whole seconds that makes all timestamps 0 or later, as a log requires."""

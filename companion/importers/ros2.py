@@ -199,7 +199,7 @@ class Ros2Source:
             placed = rigid(transform.transform.translation, transform.transform.rotation)
             if placed is not None:
                 self._static_tree.add(transform.header.frame_id, transform.child_frame_id, placed)
-                self._motion.add_static(transform.header.frame_id, transform.child_frame_id, placed)
+                self._motion.tree.add(transform.header.frame_id, transform.child_frame_id, placed)
 
     def _clock_offset(self) -> int:
         """Offset of the log times from the stamps' clock; 0 unless they belong to another clock."""

@@ -38,7 +38,7 @@ def depth_of(kind: str, message: Any) -> NDArray[np.uint16]:
 def _compressed_depth(message: Any) -> NDArray[np.uint16]:
     """16UC1: millimetres. 32FC1: 16 bits of the inverse depth, Z = A / (value - B) metres, 0: unknown."""
     data, transport = bytes(message.data), str(message.format)
-    raw = _rvl(data) if "rvl" in transport.lower() else _png(data)
+    raw = decode_rvl(data[_CONFIG.size :]) if "rvl" in transport.lower() else _png(data)
     if not transport.startswith("32FC1"):
         return millimetres(raw, 1.0)
     if data.startswith(SIGNATURE):
@@ -47,11 +47,6 @@ def _compressed_depth(message: Any) -> NDArray[np.uint16]:
     with np.errstate(divide="ignore", invalid="ignore"):
         depth_mm = 1000.0 * a / (raw.astype(np.float64) - b)
     return millimetres(np.where(raw > 0, depth_mm, UNKNOWN_MM), 1.0)
-
-
-def _rvl(data: bytes) -> NDArray[np.uint16]:
-    """(H, W) uint16. Raises BadData."""
-    return decode_rvl(data[_CONFIG.size :])
 
 
 def _png(data: bytes) -> NDArray[np.uint16]:

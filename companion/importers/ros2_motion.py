@@ -70,7 +70,8 @@ class Motion:
         """Topic -> number of messages of PX4 whose position is not valid, or in a frame that does not point north."""
         self.without_orientation: Counter[str] = Counter()
         """Topic -> number of Imu messages that say that they have no orientation."""
-        self._tree = TransformTree()
+        self.tree = TransformTree()
+        """The newest transforms, the constant ones included."""
 
     def attitude_topics(self) -> list[str]:
         """Topics with rotations; transforms only where there is no other topic, since they are usually derived from
@@ -168,19 +169,15 @@ class Motion:
         found: dict[str, list[Reading] | list[Px4Place]] = {**self._readings, **self._places}
         return {t: [(r.t_ns, r.log_ns) for r in found[t]] for t in self._px4 if t in found}
 
-    def add_static(self, parent: str, child: str, placed: Rigid) -> None:
-        """Adds a constant transform."""
-        self._tree.add(parent, child, placed)
-
     def add_moving(self, topic: str, message: Any, t_ns: int, log_ns: int) -> None:
         """Adds a changing geometry_msgs/TransformStamped; one of the base frame is a reading."""
         placed = rigid(message.transform.translation, message.transform.rotation)
         if placed is None:
             self._invalid[topic] = self._invalid.get(topic, 0) + 1
             return
-        self._tree.add(message.header.frame_id, message.child_frame_id, placed)
+        self.tree.add(message.header.frame_id, message.child_frame_id, placed)
         if message.child_frame_id.lstrip("/") == self._base:
-            world, total = self._tree.root_from(self._base)
+            world, total = self.tree.root_from(self._base)
             self._add(topic, Reading(t_ns, log_ns, total.R, total.t_m, None, None, world, self._base))
 
     def _add(self, topic: str, reading: Reading) -> None:
@@ -227,7 +224,7 @@ class Motion:
         for r in self._readings[topic]:
             if r.t_m is None:
                 continue
-            lever_m = r.R_world_body @ self._body_from_base(r, between).t_m
+            lever_m = r.R_world_body @ (between(r.body, self._base) or IDENTITY).t_m  # no chain: the same body
             R_ned_world = to_ned(r.world)
             velocity = (
                 None if r.velocity is None or not has_values else triple(R_ned_world @ r.R_world_body @ r.velocity)
@@ -240,10 +237,6 @@ class Motion:
         """Body frames of a topic that no chain connects with the base frame; assumed to be the same body."""
         bodies = {r.body for r in self._readings[topic]} - {self._base}
         return sorted(body for body in bodies if between(body, self._base) is None)
-
-    def _body_from_base(self, r: Reading, between: Between) -> Rigid:
-        """Pose of the base frame in the frame of the reading; identity where no chain connects them."""
-        return (between(r.body, self._base) if r.body != self._base else IDENTITY) or IDENTITY
 
 
 def _px4_velocity(message: Any, R_ned_frd: NDArray[np.float64]) -> NDArray[np.float64] | None:

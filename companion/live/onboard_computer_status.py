@@ -38,7 +38,7 @@ class ComputerStatus:
         """health: the newest report, which gives temperatures and uptime."""
         used_mb, all_mb = self._memory_mb()
         disk_used_mb, disk_all_mb = self._disk_mb()
-        temperatures = [_clamped(t.celsius) for t in health.temperatures[:MAX_TEMPERATURES]]
+        temperatures = [max(-128, min(126, round(t.celsius))) for t in health.temperatures[:MAX_TEMPERATURES]]
         cores = self._shares()
         whole = round(sum(cores) / len(cores)) if cores else NONE_U8
         return dialect.MAVLink_onboard_computer_status_message(
@@ -103,10 +103,6 @@ class ComputerStatus:
         except OSError:
             return NONE_U32, NONE_U32
         return usage.used // MEGA, usage.total // MEGA
-
-
-def _clamped(celsius: float) -> int:
-    return max(-128, min(126, round(celsius)))
 
 
 def _filled(values: list[int], length: int, nothing: int) -> list[int]:

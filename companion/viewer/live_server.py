@@ -108,11 +108,6 @@ def in_url(host: str) -> str:
     return {"0.0.0.0": LOOPBACK, "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
 
 
-def _name_of(header: str) -> str:
-    """A Host header without its port."""
-    return re.sub(r":\d*$", "", header)
-
-
 def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
     """(status, type, body) of a request."""
     asked = urlsplit(path)
@@ -167,7 +162,7 @@ class _Server(ThreadingTCPServer):
 
     def reply(self, host: str, path: str, site: str = "") -> tuple[int, str, bytes]:
         """(status, type, body) of a request. host: its Host header; site: its Sec-Fetch-Site header."""
-        if self._names and _name_of(host) not in self._names:
+        if self._names and re.sub(r":\d*$", "", host) not in self._names:  # without the port
             return 403, "text/plain", b"this server answers to its own name only\n"
         if site in FOREIGN and path != "/":  # a link to the page may be anywhere
             return 403, "text/plain", b"this server answers to its own page only\n"
@@ -218,12 +213,6 @@ def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
     return Streams(**{name: publish.address(name, run) for name in names}, keys=keys)
 
 
-def _foxglove(subscriber: LiveSubscriber, listen: str, port: int) -> FoxgloveServer:
-    from .foxglove_server import FoxgloveServer  # an optional package: imported only where requested
-
-    return FoxgloveServer(subscriber, listen, port)
-
-
 def run(args: argparse.Namespace) -> int:
     """Serves the page until it is stopped."""
     usual = PublishConfig(world="ipc://{run}/world", world_requests="ipc://{run}/world-snapshot")
@@ -233,7 +222,11 @@ def run(args: argparse.Namespace) -> int:
     listen = LOOPBACK if args.listen is None else args.listen
     subscriber = LiveSubscriber(streams_of(publish, args.keys))
     server = LiveServer(LivePage(subscriber, "Live"), listen, PORT if args.port is None else args.port)
-    foxglove = None if args.foxglove is None else _foxglove(subscriber, listen, args.foxglove)
+    foxglove: FoxgloveServer | None = None
+    if args.foxglove is not None:
+        from .foxglove_server import FoxgloveServer  # an optional package: imported only where requested
+
+        foxglove = FoxgloveServer(subscriber, listen, args.foxglove)
     stop = stop_event()
     load_drawing()
     os.nice(NICE)  # the service has precedence over viewers

@@ -8,7 +8,7 @@ import numpy as np
 
 from core.extractor import Extractor
 from core.params import Params
-from core.types import ExtractorState, FrameModel
+from core.types import ExtractorState
 
 from .frame import FrameStatus, ViewFrame
 
@@ -31,10 +31,8 @@ class StripFinder:
         # the log contains the noise estimate but not its input
         info = replace(frame.info, ke_per_m=frame.model.ke_per_m)
         found, _ = self._extractor.extract(frame.depth_mm, info, R, state, keep_strips=True)
-        if found.strips is None or not _same(frame.model, found):
+        logged = frame.model.planes
+        same = logged.shape == found.planes.shape and (np.abs(logged - found.planes) < AGREE_M).all()
+        if found.strips is None or not same:
             return frame
         return replace(frame, model=replace(frame.model, strips=found.strips))
-
-
-def _same(logged: FrameModel, found: FrameModel) -> bool:
-    return logged.planes.shape == found.planes.shape and bool(np.all(np.abs(logged.planes - found.planes) < AGREE_M))
