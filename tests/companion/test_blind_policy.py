@@ -218,6 +218,15 @@ def test_px4_gets_a_wall_all_around_and_then_nothing() -> None:
     assert policy.values(sight(blind=FRONT), BRAKE, 2 * NS + 1) is None
 
 
+@pytest.mark.parametrize(("cp_dist_m", "wall_cm"), [(2.981, 301), (2.989, 301), (2.991, 302), (4.0, 402), (2.49, 251)])
+def test_the_wall_for_px4_is_rounded_away_from_the_vehicle(cp_dist_m: float, wall_cm: int) -> None:
+    """A wall nearer than CP_DIST makes v1.16 fly backwards. 100 times 2.49 + 0.02 is more than 251 by its last bits."""
+    brake = policy_of(AVOID, AutopilotNow(kind="PX4", cp_dist_m=cp_dist_m))
+    values = BlindPolicy(AVOID).values(sight(blind=FRONT), brake, NS)
+    assert values is not None
+    assert (values == wall_cm).all()
+
+
 def test_one_of_two_blind_cameras_first_stops_px4_and_then_leaves_it_what_the_other_one_sees() -> None:
     right = np.abs(SECTOR - 9) <= 7
     policy = BlindPolicy(AVOID)
@@ -365,6 +374,20 @@ def test_two_cameras_that_see_through_a_place_together_count_by_their_older_fram
         then = memory.recall(scan(views, AVOID), views, Here(0.0), frame_ns).distance_m
         assert np.isfinite(then[0]) == seen
     views = [replace(left, t_ns=2 * NS + NS // 12), views[1]]
+    assert np.isinf(memory.recall(scan(views, AVOID), views, Here(0.0), 2 * NS + NS // 10).distance_m[0])
+
+
+@pytest.mark.parametrize("newer_first", [True, False])
+def test_of_two_cameras_that_both_see_through_a_place_the_newer_frame_counts(newer_first: bool) -> None:
+    """In either order: the frame that has counted does not count again after the other camera is blind."""
+    memory = ObstacleMemory(AVOID)
+    memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.0), NS)
+    older, newer = (View(model(free_to_m=13.0, view_deg=72.0), HERE, t_ns=t) for t in (2 * NS, 2 * NS + MS))
+    views = [newer, older] if newer_first else [older, newer]
+    for seen in (views, [newer], [older], [newer]):
+        then = memory.recall(scan(seen, AVOID), seen, Here(0.0), 2 * NS + MS).distance_m
+        assert np.isfinite(then[0])
+    views = [replace(v, t_ns=v.t_ns + NS // 20) if v is newer else v for v in views]
     assert np.isinf(memory.recall(scan(views, AVOID), views, Here(0.0), 2 * NS + NS // 10).distance_m[0])
 
 

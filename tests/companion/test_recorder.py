@@ -705,6 +705,21 @@ def test_a_copy_counts_in_the_budget_and_is_deleted_before_the_recording(tmp_pat
     current.abandon()
 
 
+@pytest.mark.parametrize(
+    ("copy_mb", "free_mb", "fits"),
+    [(4.9, 100.0, True), (5.1, 100.0, False), (4.0, 15.1, True), (4.0, 14.9, False), (0.0, 10.9, False)],
+)
+def test_a_repair_begins_only_where_its_copy_and_the_recording_have_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, copy_mb: float, free_mb: float, fits: bool
+) -> None:
+    """A budget of 10 MB: 4 MB of a running flight, 1 MB for the file being written. Of the disk 10 MB are kept free."""
+    params = RecordParams(file_mb=1.0, budget_mb=10.0, least_free_mb=10.0)
+    monkeypatch.setattr(log_current, "free_bytes", lambda folder: round(free_mb * 1e6))
+    fake_log(tmp_path, A, 0, 4_000_000, 100)
+    current = CurrentLog(tmp_path, A, run_info("live"), params, Repairs(tmp_path))
+    assert current.room_for(round(copy_mb * 1e6)) is fits
+
+
 @pytest.mark.parametrize("how", ["deleted", "moved", "file deleted"])
 def test_a_folder_that_is_taken_away_in_flight_is_made_again(tmp_path: Path, how: str) -> None:
     folder = tmp_path / "state" / "logs"

@@ -327,6 +327,18 @@ def test_an_old_position_is_moved_to_the_present() -> None:
     assert state.position_m == pytest.approx((10.0, 0.0, -2.75))
 
 
+@pytest.mark.parametrize(("measured_s", "moved_s"), [(1.2, 0.0), (0.5, 0.5), (-2.0, 1.0)])
+def test_a_position_is_moved_by_a_second_at_most_and_never_back(measured_s: float, moved_s: float) -> None:
+    """The clock of the autopilot may be wrong by more than the age of a position that has just arrived."""
+    one = team(1, "47.0, 8.0, 400")
+    one.own.motion = motion(5.0, NS)
+    assert one.own.motion.pose is not None
+    one.own.motion = replace(one.own.motion, pose=replace(one.own.motion.pose, t_ns=round(measured_s * NS)))
+    state = one.state(NS).state
+    assert state is not None
+    assert state.position_m == pytest.approx((5.0 + moved_s, 0.0, -3.0))
+
+
 # ---- configuration and status --------------------------------------------------------------------------------------------------
 
 WORLD = {"world": "ipc://{run}/world", "world_requests": "ipc://{run}/snapshot"}

@@ -269,6 +269,29 @@ def test_the_state_packs_and_unpacks() -> None:
     assert (np.linalg.eigvalsh(f.P) > 0.0).all()
 
 
+def test_time_makes_the_mount_uncertain_up_to_its_limit_and_no_other_state_certain() -> None:
+    """A mount that is known to 0.1 degrees loosens for a minute at most; its terrain changes in any time."""
+    known = np.radians([0.1, 0.1, 0.1, 0.1, 0.1]) ** 2
+    minute = math.radians(0.02) ** 2 * 60.0
+    limits = np.radians([10.0, 10.0, 3.0, 10.0, 10.0]) ** 2
+
+    def variances(start: np.ndarray, *steps_s: float, walk_deg: float = 0.1) -> np.ndarray:
+        f = MountFilter(FilterState(covariance=tuple(np.diag(start)[np.triu_indices(5)].tolist())))
+        for step_s in steps_s:
+            f.predict(step_s, math.radians(walk_deg))
+        assert np.count_nonzero(f.P) == np.count_nonzero(np.diag(f.P)), "no correlation by time"
+        assert not f.mean.any()
+        return np.diag(f.P)
+
+    walked = math.radians(0.1) ** 2
+    assert variances(known, 1.0) - known == pytest.approx([minute / 60.0] * 3 + [walked] * 2)
+    assert variances(known, 1000.0) - known == pytest.approx([minute] * 3 + [1000.0 * walked] * 2)
+    assert (variances(known, -5.0) == known).all(), "a stamp of before"
+    assert variances(known, *[60.0] * 10000, walk_deg=1.0) == pytest.approx(limits)
+    beyond = limits * 2.0
+    assert variances(beyond, 60.0) == pytest.approx(beyond), "a forgotten terrain stays forgotten"
+
+
 def test_measurements_are_due_by_exposure_times() -> None:
     state = MountState()
     assert due(state, 0, P)
