@@ -261,6 +261,22 @@ def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     assert "other obstacles than ours" in check.fault(kind, NS + 12 * NS)
 
 
+def test_obstacles_that_are_no_longer_sent_do_not_explain_those_of_another_sender() -> None:
+    """The autopilot sends back what it has received in the last two seconds."""
+    check = echoed(PX4, False, 10.0, scene(150))
+    other = obstacle_distance_message(scene(150), 0, AVOID)
+    for step in range(100):
+        now_ns = 11 * NS + step * NS // 10
+        check.sent(scene(400), clear_cm(AVOID), now_ns)
+        check.take(other, now_ns)
+    assert "other obstacles than ours" in check.fault(PX4, 21 * NS)
+
+
+@pytest.mark.parametrize("kind", ["", "autopilot 8", "ArduPilot or PX4"])
+def test_an_autopilot_of_another_kind_is_not_expected_to_send_obstacles_back(kind: str) -> None:
+    assert echoed(PX4, True, 8.0, scene(400)).fault(kind, 9 * NS) == ""
+
+
 @pytest.mark.parametrize(
     ("kind", "values", "signing", "mavlink_1", "text"),
     [

@@ -134,6 +134,10 @@ def test_the_ground_under_the_vehicle_not_under_its_camera() -> None:
     assert downward_m([unseen]) is downward_m([blind]) is downward_m([]) is None
     nearer = replace(view, transform=LevelTransform(0.0, (0.0, 0.0, -1.0)))
     assert downward_m([view, nearer, unseen]) == pytest.approx(2.0)
+    for height_m in (math.inf, math.nan, -1.0):
+        wrong = replace(view, model=replace(view.model, ground=replace(ground, height_m=height_m)))
+        assert downward_m([wrong]) is None
+        assert downward_m([wrong, nearer]) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -54,6 +54,14 @@ def test_an_earlier_image_that_returns_is_found_and_one_that_is_repeated_is_not(
     assert verdicts([*images, images[1], images[1]]) == [False, False, False, True, False]
 
 
+@pytest.mark.parametrize("rows", [HEIGHT // 2, HEIGHT * 2])
+def test_an_image_of_another_height_is_not_torn_although_it_ends_alike(rows: int) -> None:
+    first = view(0)
+    other = np.resize(view(1), (rows, WIDTH, 3))
+    other[-1] = first[-1]
+    assert verdicts([first, other]) == [False, False]
+
+
 def test_images_that_always_arrive_in_part_name_the_cause() -> None:
     first = view(0)
     with pytest.raises(BadData, match="camera front: the last 10 images arrived in part only; check the cable"):

@@ -1,0 +1,97 @@
+"""The end of the obstacle output in flight: the artificial wall is held for a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.autopilot import manager
+from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_report import ObstacleReport
+from companion.config.avoidance import AvoidParams
+from drivers.mavlink.session_types import Vehicle
+
+NS = 1_000_000_000
+HOLD_S = 3.0
+WALL = ObstacleReport(NS, np.full(72, 212, np.uint16), {"front": "the service stops"}, "stop")
+
+
+class Stop:
+    """An output whose last report is given, with a clock that only `sleep` moves."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, report: ObstacleReport | None, armed: bool = True) -> None:
+        self.now_ns, self.posted, self.closed = NS, list[Any](), 0
+        self.armed: Callable[[float], bool] = lambda after_s: armed
+        monkeypatch.setattr(manager, "time", SimpleNamespace(monotonic_ns=lambda: self.now_ns, sleep=self._sleep))
+        avoid = AvoidParams(send=True, stop_hold_s=HOLD_S)
+        self.part = Avoidance(avoid, ("front",), 0.3, self._vehicle, self.posted.append)
+        self.sender = SimpleNamespace(report=report, running=True, close=self._close, sent=0)
+        monkeypatch.setattr(self.part, "sender", self.sender)
+
+    def _vehicle(self) -> Vehicle | None:
+        return Vehicle(1, "ArduPilot", 2, self.armed((self.now_ns - NS) / NS), 5, 0)
+
+    def _sleep(self, seconds: float) -> None:
+        self.now_ns += round(seconds * NS)
+
+    def _close(self) -> None:
+        self.closed += 1
+
+    def held_s(self) -> float:
+        self.part.close()
+        return (self.now_ns - NS) / NS
+
+
+@pytest.mark.parametrize("policy", ["stop", "brake"])
+def test_an_armed_vehicle_is_sent_the_wall_for_the_configured_time(
+    monkeypatch: pytest.MonkeyPatch, policy: str
+) -> None:
+    stop = Stop(monkeypatch, replace(WALL, policy=policy))
+    stop.part.end()
+    assert [m.get_type() for m in stop.posted] == ["STATUSTEXT"]
+    assert stop.held_s() == pytest.approx(HOLD_S, abs=0.06)
+    assert stop.closed == 1
+    assert stop.held_s() == pytest.approx(HOLD_S, abs=0.06), "not again"
+
+
+@pytest.mark.parametrize("report", [None, replace(WALL, policy="unknown"), replace(WALL, values=None)])
+def test_without_a_wall_nothing_is_held(monkeypatch: pytest.MonkeyPatch, report: ObstacleReport | None) -> None:
+    stop = Stop(monkeypatch, report)
+    stop.part.end()
+    assert stop.held_s() == 0.0
+
+
+def test_a_vehicle_that_is_not_armed_is_sent_neither_text_nor_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = Stop(monkeypatch, WALL, armed=False)
+    stop.part.end()
+    assert stop.posted == []
+    assert stop.held_s() == 0.0
+
+
+def test_the_wall_is_held_no_longer_than_the_vehicle_is_armed(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = Stop(monkeypatch, WALL)
+    stop.armed = lambda after_s: after_s < 1.0
+    stop.part.end()
+    assert stop.held_s() == pytest.approx(1.0, abs=0.06)
+
+
+def test_an_output_whose_thread_has_ended_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = Stop(monkeypatch, WALL)
+    stop.sender.running = False
+    stop.part.end()
+    assert stop.held_s() == 0.0
+    assert stop.closed == 1
+
+
+def test_a_second_announcement_does_not_lengthen_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = Stop(monkeypatch, WALL)
+    stop.part.end()
+    stop.now_ns += 2 * NS
+    stop.part.end()
+    assert len(stop.posted) == 1
+    assert stop.held_s() == pytest.approx(HOLD_S, abs=0.06)
