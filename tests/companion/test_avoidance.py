@@ -261,6 +261,12 @@ def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     assert "other obstacles than ours" in check.fault(kind, NS + 12 * NS)
 
 
+def test_obstacles_at_the_same_distance_in_another_face_are_others() -> None:
+    """ArduPilot sends the nearest obstacle of each face back."""
+    check = echoed(ARDUPILOT, False, 12.0, scene(400), own=scene(400, 36))
+    assert "other obstacles than ours" in check.fault(ARDUPILOT, NS + 12 * NS)
+
+
 def test_obstacles_that_are_no_longer_sent_do_not_explain_those_of_another_sender() -> None:
     """The autopilot sends back what it has received in the last two seconds."""
     check = echoed(PX4, False, 10.0, scene(150))

@@ -1,4 +1,4 @@
-"""The end of the obstacle output in flight: the artificial wall is held for a time."""
+"""Requests of the obstacle output to the autopilot, and its end in flight: the artificial wall is held for a time."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from companion.autopilot import manager
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_report import ObstacleReport
 from companion.config.avoidance import AvoidParams
+from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
 from drivers.mavlink.session_types import Vehicle
 
 NS = 1_000_000_000
@@ -95,3 +96,20 @@ def test_a_second_announcement_does_not_lengthen_the_time(monkeypatch: pytest.Mo
     stop.part.end()
     assert len(stop.posted) == 1
     assert stop.held_s() == pytest.approx(HOLD_S, abs=0.06)
+
+
+@pytest.mark.parametrize(("kind", "echo"), [("PX4", 330), ("ArduPilot", 132), ("autopilot 8", None)])
+def test_messages_that_the_check_needs_are_requested_every_ten_seconds(kind: str, echo: int | None) -> None:
+    """Ten times a second they would fill a slow line. An autopilot that starts again has forgotten the request."""
+    requested: list[tuple[int, int]] = []
+
+    def post(message: Any) -> None:
+        if message.get_type() == "COMMAND_LONG" and message.command == SET_MESSAGE_INTERVAL:
+            assert message.param2 == pytest.approx(500_000.0), "2 Hz"
+            requested.append((now_ns // NS, int(message.param1)))
+
+    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: Vehicle(1, kind, 2, True, 5, 0), post)
+    for step in range(250):
+        now_ns = NS + step * NS // 10
+        part.tick(now_ns)
+    assert requested == [(at_s, wanted) for at_s in (1, 11, 21) for wanted in (echo, 245) if echo]
