@@ -87,6 +87,27 @@ def test_a_request_of_another_form_does_not_stop_the_world(speaker: Speaker) -> 
         other.close(0)
 
 
+@pytest.mark.parametrize(
+    ("age_ms", "cause"),
+    [
+        (None, pb.WorldUpdate.CAUSE_NO_POSITION),
+        (500, pb.WorldUpdate.CAUSE_NONE),
+        (501, pb.WorldUpdate.CAUSE_POSITION_STALE),
+    ],
+)
+def test_a_world_without_a_new_frame_is_invalid_and_names_the_cause(
+    speaker: Speaker, age_ms: int | None, cause: pb.WorldUpdate.Cause
+) -> None:
+    seen_ns, thread = 7 * NS, speaker.service
+    thread._newest_ns = None if age_ms is None else seen_ns
+    now_ns = seen_ns + (age_ms or 0) * NS // 1000
+    message = thread._completed(snapshot_message(thread.world.picture(now_ns), now_ns), now_ns)
+    assert message.cause == cause
+    assert message.valid == (message.cause_text == "") == (cause == pb.WorldUpdate.CAUSE_NONE)
+    assert message.t_ns == (0 if age_ms is None else seen_ns)
+    assert message.publication.age_ns == now_ns - seen_ns
+
+
 def followed(speaker: Speaker, mirror: WorldMirror) -> bool:
     """Publishes another observation of the walls; whether the mirror can be used then."""
     look(speaker)

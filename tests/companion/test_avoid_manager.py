@@ -15,7 +15,9 @@ from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_report import ObstacleReport
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
+from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
+from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 HOLD_S = 3.0
@@ -113,3 +115,13 @@ def test_messages_that_the_check_needs_are_requested_every_ten_seconds(kind: str
         now_ns = NS + step * NS // 10
         part.tick(now_ns)
     assert requested == [(at_s, wanted) for at_s in (1, 11, 21) for wanted in (echo, 245) if echo]
+
+
+def test_what_the_autopilot_sends_back_is_in_the_health_report() -> None:
+    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: None, lambda message: None)
+    echo = dialect.MAVLink_obstacle_distance_message(0, 4, [65535] * 71 + [300], 5, 20, 1000, 5.0, 0.0, 12)
+    part.message(echo, NS)
+    health = pb.AutopilotHealth()
+    part.fill(health, NS + 1)
+    assert list(health.obstacles_echoed.cm) == [65535] * 71 + [300]
+    assert not health.HasField("obstacles_sent")

@@ -268,6 +268,19 @@ def test_without_a_velocity_all_obstacles_at_and_beside_the_edge_of_the_view_are
     assert (np.delete(always_cm, (4, 5, 6)) < 400.0).all()
 
 
+def test_without_a_wall_and_a_velocity_no_obstacle_at_the_edge_is_sent_at_the_distance_of_a_wall() -> None:
+    """It would be at the distance 0."""
+    found = front_seen(wall_at(20.0, 8.0))
+    assert found.distance_m[4] < 8.0
+    edge = replace(sight(found, seeing=FRONT), edge=(SECTOR >= 3) & (SECTOR <= 5))
+    found.state[3:6] = SectorState.UNSEEN, SectorState.OBSTACLE, SectorState.UNSEEN
+    assert (braking_reach(replace(edge, edge=NOWHERE), AVOID, NOT_KNOWN).approach_cm == 0.0).all()
+    unseen = replace(edge, edge=SECTOR == 4)
+    values = BlindPolicy(AVOID).values(unseen, NOT_KNOWN, NS)
+    assert values is not None
+    assert values[4] == UNKNOWN
+
+
 def test_with_contradictory_heartbeats_the_wall_stands_all_around() -> None:
     """Before a wall in front alone PX4 v1.16 slides sideways."""
     both = policy_of(AVOID, AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0))

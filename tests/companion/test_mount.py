@@ -241,9 +241,13 @@ def test_each_verdict_has_its_code(verdict: MountVerdict, code: str) -> None:
 
 
 def watched(
-    state: MountState, ground: Ground, measured: float, at_ms: tuple[int, ...] = (0, 500, 1000)
+    state: MountState,
+    ground: Ground,
+    measured: float,
+    at_ms: tuple[int, ...] = (0, 500, 1000),
+    seen_ms: tuple[int, ...] = (),
 ) -> tuple[MountWatch, CameraInfo]:
-    """After frames that all show the same. at_ms: when."""
+    """After frames that all show the same. at_ms: when; seen_ms: of those, the ones that show the ground."""
     result = results(feed(pipeline_of(simulated_info(160, 120)), images(1)))[0]
     assert result.model is not None
     model = dataclasses.replace(
@@ -252,7 +256,8 @@ def watched(
     watch = MountWatch(0.06)
     for t_ms in at_ms:
         t_ns = result.t_exposure_ns + t_ms * 1_000_000
-        watch.result(dataclasses.replace(result, model=model, mount=state, t_exposure_ns=t_ns))
+        shown = dataclasses.replace(model, ground=Ground(seen=True, height_m=2.0)) if t_ms in seen_ms else model
+        watch.result(dataclasses.replace(result, model=shown, mount=state, t_exposure_ns=t_ns))
     return watch, simulated_info(160, 120)
 
 
@@ -277,6 +282,15 @@ def test_a_ground_that_single_frames_do_not_show_is_not_reported() -> None:
     state = known(0.0, 0.0, MountVerdict.UNKNOWN)
     watch, info = watched(state, Ground(seen=False), 0.9, (0, 500, 900))
     assert not watch.diagnostics([("front", info)])
+
+
+@pytest.mark.parametrize(("seen_ms", "lost"), [((0, 100), True), ((0, 600), False), ((600,), False), ((1200,), False)])
+def test_the_time_without_ground_begins_with_the_newest_frame_that_shows_it(
+    seen_ms: tuple[int, ...], lost: bool
+) -> None:
+    state = known(0.0, 0.0, MountVerdict.UNKNOWN)
+    watch, info = watched(state, Ground(seen=False), 0.9, (0, 100, 200, 600, 700, 1200), seen_ms)
+    assert [d.code for d in watch.diagnostics([("front", info)])] == (["ground_lost"] if lost else [])
 
 
 def test_status_shows_the_mount() -> None:

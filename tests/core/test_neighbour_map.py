@@ -52,6 +52,13 @@ def test_a_plane_without_a_known_place_is_not_published() -> None:
     assert len(filled_map().obstacles(nowhere, 2 * NS).sender) == 0
 
 
+def test_a_neighbour_that_has_not_reported_its_frame_is_not_aligned() -> None:
+    found = NeighbourMap(1)
+    found.receive(wall_packet(1), NS)
+    found.align(wall().box, OWN, 2 * NS)
+    assert found.obstacles(OWN, 2 * NS).neighbours[0].placement is PlacementState.UNKNOWN
+
+
 def test_an_uncertain_place_is_withheld() -> None:
     vague = LocalFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_m=488.0, sigma_m=8.0)
     found = NeighbourMap(1)

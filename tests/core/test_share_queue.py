@@ -15,6 +15,8 @@ from core.sharing.send_budget import Budget
 from core.sharing.send_queue import LAST_MS, NS, Offer, SendQueue
 from core.types import PlaneFlags
 
+from .neighbours import mover
+
 THIN = Budget(bytes_per_s=300.0, overhead_bytes=30, packet_bytes=128)
 STATE = VehicleState(
     frame=LocalFrame(latitude_deg=47.0, longitude_deg=8.0, altitude_m=400.0, sigma_m=1.5),
@@ -256,3 +258,27 @@ def test_a_new_plane_does_not_wait_until_copies_fill_a_packet(later: int) -> Non
     flown(queue, offer(walls(40)), 0.1 * begin)
     sent = flown(queue, offer(walls(41)), 2.0, begin * STEP_NS)
     assert min(t for t, number in sent if number == 40) <= 0.1 * begin + 0.31
+
+
+WIDE = Budget(bytes_per_s=100_000.0, overhead_bytes=30, packet_bytes=128)
+
+
+def test_moving_obstacles_are_sent_four_times_a_second_whatever_the_data_rate() -> None:
+    queue, sent = SendQueue(1, 5, 0, WIDE), []
+    for k in range(1000):
+        given = Offer(planes=SharedPlanes.empty(), movers=(mover(10.0),), state=STATE, section=1)
+        now_ns = k * NS // 100
+        sent += [now_ns for data in queue.packets(given, now_ns) if isinstance(decoded(data).content, tuple)]
+    assert len(sent) == 40
+    assert np.diff(sent).min() == np.diff(sent).max() == NS // 4
+
+
+def test_planes_contain_the_motion_once_a_second_only() -> None:
+    """In its place another plane can be sent."""
+    queue, motions, packets = SendQueue(1, 5, 0, WIDE), 0, 0
+    for k in range(300):
+        contents = [decoded(data) for data in queue.packets(offer(walls(200, begin=k)), k * STEP_NS)]
+        packets += len(contents)
+        motions += sum(packet.motion is not None for packet in contents)
+    assert packets > 300
+    assert 25 <= motions <= 40
