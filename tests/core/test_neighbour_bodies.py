@@ -108,6 +108,13 @@ def test_a_neighbour_that_others_report_counts_once(speed_m_s: float) -> None:
 def test_one_report_is_the_vehicle_and_what_is_beside_it_stays() -> None:
     beside = replace(mover(31.5, speed_m_s=0.0), id=5)
     assert reported(mover(30.3, speed_m_s=0.0), beside) == BOTH
+    body = Body(vehicle=2, centre_m=ORIGIN, radius_m=0.4, margin_m=3.0, margin_z_m=3.0, velocity_m_s=(0.0, 0.0))
+    near, far = (
+        MovingReport(centre_m=(x_m, 0.0, 0.0), half_size_m=(0.2, 0.2, 0.2), velocity_m_s=(0.0, 0.0), margin_m=1.0)
+        for x_m in (0.3, 1.5)
+    )
+    assert body.may_be(far)
+    assert (body.find([near, far]), body.find([far, near]), body.find([])) == (0, 1, None)
 
 
 @pytest.mark.parametrize("off_m", [(0.0, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.0, 1.0)])

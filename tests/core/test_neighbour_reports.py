@@ -152,6 +152,13 @@ def test_the_own_body_hides_what_is_near_it_only(x_m: float, z_m: float, hidden:
     assert (moving(found, NS, own) == []) is hidden
 
 
+@pytest.mark.parametrize(("off_z_m", "hidden"), [(0.5, True), (0.7, False), (-0.5, True), (-0.7, False)])
+def test_the_own_body_hides_what_is_within_two_sigma_of_its_height(off_z_m: float, hidden: bool) -> None:
+    """The report is 0.4 m high in each direction, as is the vehicle; the heights of both frames are certain to 0.2 m."""
+    found = received((replace(mover(0.0, speed_m_s=0.0), centre_m=(0.0, 0.0, -3.0 + off_z_m)),))
+    assert (moving(found, NS, OWN) == []) is hidden
+
+
 def test_a_claimed_radius_hides_nothing_at_a_distance() -> None:
     found = received((mover(45.0, speed_m_s=0.0),))
     huge = VehicleState(frame=FRAME, position_m=(50.5, 0.0, -3.0), velocity_m_s=(0.0, 0.0, 0.0), radius_m=25.5)
