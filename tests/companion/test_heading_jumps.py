@@ -89,6 +89,17 @@ def test_in_a_gap_and_at_a_restart_the_heading_may_have_jumped() -> None:
     assert jumps.number == 2
 
 
+def test_an_attitude_of_before_a_gap_does_not_contain_it() -> None:
+    """Results of two cameras are put together only where both are of the same side of the gap."""
+    sync = Synchroniser(SyncParams())
+    for t_ms in (*range(0, 1001, 20), *range(1400, 1501, 20)):
+        sync.add(at(t_ms, 0.0))
+    before, after = sync.attitude_at(500 * MS), sync.attitude_at(1450 * MS)
+    assert isinstance(before, AttitudeAt)
+    assert isinstance(after, AttitudeAt)
+    assert (before.gap_ns, after.gap_ns) == (0, 1400 * MS)
+
+
 def test_after_a_restart_the_jumps_before_it_do_not_count() -> None:
     """Their stamps are later than all of the new clock."""
     jumps = HeadingJumps()

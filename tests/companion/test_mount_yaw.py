@@ -10,9 +10,9 @@ import pytest
 
 from companion.pipeline.mount_messages import mount_text
 from companion.pipeline.quaternion import product
-from companion.self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
+from companion.self_check.mount_yaw import MAX_WAITING, MountYaw, MountYawMonitor, add_yaw
 from core.frames import quaternion_from_euler
-from core.types import AttitudeSample, CameraMount
+from core.types import AttitudeSample, CameraMount, DepthFrame
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
@@ -75,6 +75,32 @@ def test_hovering_and_turning_give_no_value() -> None:
         yaw = measured(plan, 5.0)
         assert yaw.error_rad is None
         assert not yaw.warning
+
+
+@pytest.mark.parametrize(("apart_ms", "paired"), [(250, True), (450, False)])
+def test_images_that_are_far_apart_are_no_pairs(apart_ms: int, paired: bool) -> None:
+    """Over half a second an error of the velocity would count as one of the mount."""
+    info = camera_info(320, 240)
+    monitor = MountYawMonitor()
+    monitor.announce(info)
+    newest_ns = 0
+    for event in SimulatedFlight(straight("street"), cameras=(info,), seed=1).events():
+        if isinstance(event, DepthFrame):
+            if event.t_exposure_ns - newest_ns < apart_ms * 1_000_000:
+                continue
+            newest_ns = event.t_exposure_ns
+        monitor.event(event)
+    assert bool(monitor._cameras[info.camera]._errors_rad) is paired
+
+
+def test_images_without_an_attitude_do_not_pile_up() -> None:
+    info = camera_info(320, 240)
+    monitor = MountYawMonitor()
+    monitor.announce(info)
+    for event in SimulatedFlight(straight("street"), cameras=(info,), seed=1).events():
+        if not isinstance(event, AttitudeSample):
+            monitor.event(event)
+    assert 1 <= len(monitor._cameras[info.camera]._waiting) <= MAX_WAITING
 
 
 def test_a_side_camera_is_measured_as_well() -> None:
