@@ -23,7 +23,7 @@ from companion.live.diagnostics import (
     GroundCheck,
     template_intrinsics,
 )
-from companion.live.health import AutopilotView, diagnostics_of
+from companion.live.health import AutopilotView, autopilot_message, diagnostics_of
 from companion.live.service import Service
 from companion.paths import Folders
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
@@ -110,17 +110,7 @@ def test_doctor_names_what_sends_no_heartbeat(kind: str, remedy: str) -> None:
     assert remedy in finding.text
 
 
-@pytest.mark.parametrize(
-    ("clock", "answered", "text"),
-    [
-        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000), True, ""),
-        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=2_300_000), False, "the error bound of its timestamps is 2.3 ms"),
-        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=54_500_000), True, "may be wrong by 5"),
-        (ClockEstimate(ClockSource.ENVELOPE), False, "include the delay of the link"),
-        (ClockEstimate(ClockSource.NONE), False, ""),
-    ],
-)
-def test_timesync_that_is_not_answered_is_named(clock: ClockEstimate, answered: bool, text: str) -> None:
+def autopilot(clock: ClockEstimate, answered: bool = True, attitude_age_ns: int | None = 0) -> AutopilotView:
     link = LinkStatus(
         vehicle=Vehicle(1, "PX4", 2, True, 0, S),
         clock=clock,
@@ -132,8 +122,34 @@ def test_timesync_that_is_not_answered_is_named(clock: ClockEstimate, answered: 
         timesync_answered=answered,
     )
     line = LinkState(open=True, error="", warning="", losses=0, alive_ns=S)
-    view = AutopilotView(address="udpin:0.0.0.0:14540", line=line, link=link, attitude_age_ns=0)
-    found = diagnostics_of([], view, None, "")
+    return AutopilotView(address="udpin:0.0.0.0:14540", line=line, link=link, attitude_age_ns=attitude_age_ns)
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "text"), [(None, "never came"), (0, ""), (S // 2, ""), (S // 2 + 1, "is 0.5 s old"), (9 * S, "is 9.0 s")]
+)
+def test_an_attitude_that_is_old_or_never_came_is_named(age_ns: int | None, text: str) -> None:
+    view = autopilot(ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000), attitude_age_ns=age_ns)
+    found = [d.text for d in diagnostics_of([], view, None, "") if d.code is DiagnosticCode.ATTITUDE_STALE]
+    assert len(found) == bool(text)
+    assert all(text in words for words in found)
+    message = autopilot_message(view)
+    assert message.HasField("attitude_age_ns") is (age_ns is not None)
+    assert message.attitude_age_ns == (age_ns or 0)
+
+
+@pytest.mark.parametrize(
+    ("clock", "answered", "text"),
+    [
+        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000), True, ""),
+        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=2_300_000), False, "the error bound of its timestamps is 2.3 ms"),
+        (ClockEstimate(ClockSource.TIMESYNC, bound_ns=54_500_000), True, "may be wrong by 5"),
+        (ClockEstimate(ClockSource.ENVELOPE), False, "include the delay of the link"),
+        (ClockEstimate(ClockSource.NONE), False, ""),
+    ],
+)
+def test_timesync_that_is_not_answered_is_named(clock: ClockEstimate, answered: bool, text: str) -> None:
+    found = diagnostics_of([], autopilot(clock, answered), None, "")
     said = [d.text for d in found if d.code in (DiagnosticCode.NO_TIMESYNC, DiagnosticCode.CLOCK_UNCERTAIN)]
     assert len(said) == bool(text)
     assert all(text in words for words in said)
