@@ -101,11 +101,17 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
     """Returns the values for ArduPilot, which reads the sectors in one pass.
 
     Its front face consists of the elements 0 to 4, which are read first, and 68 to 71, which are read last and
-    replace the former. The last element therefore gets the nearest distance of the whole face."""
+    replace the former. Its low pass (PRX_FILT) takes the former only, because the latter follow within the same
+    millisecond. Both parts therefore contain the nearest distance of the whole face: the one without it gets it in the element
+    next to the other part."""
     right, left = values[:5], values[SECTORS - 4 :]
+    nearest = min(right.min(), left.min())
     out = values.copy()
     if right.min() < clear and left.min() < clear:
-        out[-1] = min(right.min(), left.min())
+        if right.min() > nearest:
+            out[0] = nearest
+        if left.min() > nearest:
+            out[-1] = nearest
     return out
 
 

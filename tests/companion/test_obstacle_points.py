@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
+from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, for_front_face, obstacle_distance_message
 from companion.autopilot.obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
 from companion.autopilot.sender import messages_of
 from companion.autopilot.view_free import View
@@ -45,7 +45,7 @@ def read(points_m: np.ndarray, avoid: AvoidParams = AVOID, at_once: bool = False
 def test_the_middle_layer_equals_obstacle_distance(cm: list[int], at_once: bool) -> None:
     values = np.array(cm, np.uint16)
     flat = ArduPilotReader()
-    flat.read(obstacle_distance_message(values, 0, AVOID), MS)
+    flat.read(obstacle_distance_message(for_front_face(values, clear_cm(AVOID)), 0, AVOID), MS)
     layers = read(level_points(values, AVOID), at_once=at_once).layers_m(MS)
     assert layers[MIDDLE] == pytest.approx(flat.faces_m(MS), abs=1e-5)
     assert all(m == math.inf for layer in (0, 1, 3, 4) for m in layers[layer])

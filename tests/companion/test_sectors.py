@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -421,8 +422,8 @@ def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
             assert nearest <= 100 * least + 1 or px4.room_m(angle_deg, NS) == 0.0
         else:
             assert 21 <= nearest <= max(22, 100 * least + 1)
-    for one_pass, slides in ((False, False), (True, False), (False, True), (True, True)):
-        ardupilot = ArduPilotReader(one_pass=one_pass, slides=slides)
+    for one_pass, slides, filter_hz in product((False, True), (False, True), (0.0, 1.0)):
+        ardupilot = ArduPilotReader(one_pass=one_pass, slides=slides, filter_hz=filter_hz)
         ardupilot.read(message_seen_everywhere(around, "ArduPilot" if known else ""), NS)
         assert ardupilot.faces_m(NS)[face_of(round(angle_deg / 5.0) * 5.0)] <= max(0.22, least + 0.01)
         # its fence has no corner nearer than 0.6 m
@@ -433,11 +434,24 @@ def test_a_second_obstacle_in_the_front_face_does_not_hide_the_nearer_one() -> N
     found = scan(
         [View(model(wall_at(10.0, 3.0), wall_at(90.0, 9.0), wall_at(350.0, 8.0), free_to_m=13.0), HERE)], AVOID
     )
-    old = ArduPilotReader(one_pass=True)
-    old.read(obstacle_distance_message(encoded(found, AVOID), 0, AVOID), NS)
-    assert old.faces_m(NS)[0] > 7.0  # that is what has to be worked around
-    old.read(message_of(found), NS)
-    assert old.faces_m(NS)[0] < 3.0
+    unadapted = ArduPilotReader()
+    unadapted.read(obstacle_distance_message(encoded(found, AVOID), 0, AVOID), NS)
+    assert unadapted.faces_m(NS)[0] > 7.0  # that is what has to be worked around
+    reader = ArduPilotReader()
+    reader.read(message_of(found), NS)
+    assert reader.faces_m(NS)[0] < 3.0
+
+
+@pytest.mark.parametrize("filter_hz", [0.0, 0.25, 2.0])
+@pytest.mark.parametrize(("right_m", "left_m"), [(3.0, 8.0), (8.0, 3.0)])
+def test_the_nearer_half_of_the_front_face_counts_whatever_the_low_pass(
+    right_m: float, left_m: float, filter_hz: float
+) -> None:
+    planes = (wall_at(10.0, right_m), wall_at(90.0, 9.0), wall_at(350.0, left_m))
+    reader = ArduPilotReader(filter_hz=filter_hz)
+    for tenth in range(10):
+        reader.read(message_of(scan([View(model(*planes, free_to_m=13.0), HERE)], AVOID)), NS + tenth * NS // 10)
+    assert reader.room_m(0.0, 2 * NS - NS // 10) < 3.0 - reader.margin_m
 
 
 def test_a_clear_field_stops_no_vehicle_and_an_unseen_one_stops_px4() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drivers.mavlink.ardupilot_faces import FACES, face_of
+from drivers.mavlink.dialect import dialect
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader, loiter_speed_m_s
 
 NS = 1_000_000_000
@@ -158,3 +160,31 @@ def test_its_low_pass_sees_a_new_obstacle_late_and_one_after_nothing_at_once() -
     fresh.take_faces([math.inf] * 8, NS)
     fresh.take_faces(near, 2 * NS)
     assert fresh.room_m(0.0, 2 * NS) == pytest.approx(settled)
+
+
+def front_message(right_m: float, left_m: float, behind_m: float = 9.0) -> Any:
+    """The nose and what is to the right of it at one distance, the left of the front face at another; inf: nothing behind."""
+    distances = [65535] * 72
+    distances[:5], distances[68:] = [round(100 * right_m)] * 5, [round(100 * left_m)] * 4
+    if math.isfinite(behind_m):
+        distances[36] = round(100 * behind_m)
+    return dialect.MAVLink_obstacle_distance_message(0, 0, distances, 5, 20, 1200, 5.0, 0.0, 12)
+
+
+@pytest.mark.parametrize(
+    ("one_pass", "filter_hz", "counts_m"),
+    [(False, 0.0, 3.0), (False, 1.0, 3.0), (True, 0.0, 3.0), (True, 1.0, 8.0)],
+)
+def test_the_low_pass_takes_the_first_setting_of_the_front_face(
+    one_pass: bool, filter_hz: float, counts_m: float
+) -> None:
+    """The second setting follows within the same millisecond. Without a value in another face there is one setting."""
+    reader = ArduPilotReader(one_pass=one_pass, filter_hz=filter_hz)
+    for tenth in range(50):
+        reader.read(front_message(right_m=8.0, left_m=3.0), NS + tenth * NS // 10)
+    assert reader.faces_m(6 * NS - NS // 10)[0] == 3.0
+    room_m = counts_m * math.cos(math.radians(22.5)) - reader.margin_m
+    assert reader.room_m(0.0, 6 * NS - NS // 10) == pytest.approx(room_m)
+    alone = ArduPilotReader(one_pass=one_pass, filter_hz=filter_hz)
+    alone.read(front_message(right_m=8.0, left_m=3.0, behind_m=math.inf), NS)
+    assert alone.room_m(0.0, NS) == pytest.approx(3.0 * math.cos(math.radians(22.5)) - alone.margin_m)

@@ -1,11 +1,21 @@
-"""What ArduPilot makes of OBSTACLE_DISTANCE, by its documented behaviour and by what was measured: for tests and for the
-simulated autopilot.
+"""Model of ArduPilot's proximity boundary and of simple avoidance in LOITER, for tests and the simulated autopilot.
 
-Proximity: eight faces of 45 degrees, the nearest value of each counts; 0, 65535 and what lies outside of min..max is
-nothing there. Between two faces, 22.5 degrees beside their middles, stands a corner at the nearer one's distance; the
-fence of simple avoidance is the lines between neighbouring corners. So a wall received in one face comes nearer in its
-middle (by the cosine of 22.5 degrees) and closes the faces beside it as a cup does; that of two faces closes the one
-between them. Each face is smoothed by a low pass, PRX_FILT, 0.25 Hz as delivered.
+Boundary: eight faces of 45 degrees, in the level frame with the vehicle's heading. 0, 65535 and values outside of min..max
+are dropped; a face without a value is clear. Since 4.1 the elements of OBSTACLE_DISTANCE are read in one pass, and the nearest
+of successive elements in one face is its distance. The front face holds the first and the last elements, so it is set
+twice: its last elements replace the first ones. 4.0 takes the nearest of all elements of a face.
+
+Each face has a low pass, PRX_FILT (0.25 Hz by default). It is advanced by the milliseconds since the face was set last. The
+second setting of the front face comes 0 ms after the first and does not change the filtered distance.
+
+Fence: between two faces, 22.5 degrees beside their middles, stands a corner at the filtered distance of the nearer one. The lines
+between neighbouring corners are the fence. A wall received in one face is therefore nearer in its middle (by the cosine of
+22.5 degrees) and closes the faces beside it; walls in two faces close the one between them.
+
+Sources: AP_Proximity_MAV.cpp (handle_obstacle_distance_msg), AP_Proximity_Boundary_3D.cpp (set_face_attributes, update_boundary,
+convert_obstacle_num_to_face), LowPassFilter.cpp (DigitalLPF::apply) and AC_Avoid.cpp (adjust_velocity_proximity) of 4.1 and later.
+Not modelled: PRX_IGN_GND, PRX1_MIN, PRX1_MAX, PRX1_ORIENT, PRX1_YAW_CORR, several proximity sensors. The fence of the firmware
+lasts until a face is 1.0 to 1.75 s old; here it ends with the health of the sensor after 0.5 s, which is the worse case.
 """
 
 from __future__ import annotations
@@ -19,11 +29,14 @@ from ...mavlink.ardupilot_faces import FACES, face_of
 NS = 1_000_000_000
 UNKNOWN = 65535
 STALE_NS = NS // 2
+"""PROXIMITY_MAV_TIMEOUT_MS."""
 HALF_FACE_RAD = math.pi / FACES
 FILTER_FORGETS_NS = NS
+"""PROXIMITY_FILT_RESET_TIME."""
 NEAREST_CORNER_M = 0.6
+"""PROXIMITY_BOUNDARY_DIST_MIN."""
 BACKUP_DEADZONE_M = 0.1
-"""AVOID_BACKUP_DZ as delivered: so far within the margin it does not back away yet."""
+"""Default of AVOID_BACKUP_DZ: within the margin by less than this it does not back away."""
 
 Point = tuple[float, float]
 Line = tuple[Point, Point]
@@ -47,13 +60,12 @@ def loiter_speed_m_s(room_m: float) -> float:
 
 
 class ArduPilotReader:
-    """The proximity boundary of one ArduPilot. one_pass: an older one, whose front face is visited twice in a message,
-    the second visit replacing the first. margin_m: AVOID_MARGIN. filter_hz: PRX_FILT, 0: none. slides: AVOID_BEHAVE 0;
-    else it stops. backs_up: AVOID_BACKUP_SPD is above 0."""
+    """The proximity boundary of one ArduPilot. one_pass: as since 4.1; False: as 4.0. margin_m: AVOID_MARGIN. filter_hz:
+    PRX_FILT, 0: none. slides: AVOID_BEHAVE is 0; otherwise it stops. backs_up: AVOID_BACKUP_SPD is above 0."""
 
     def __init__(
         self,
-        one_pass: bool = False,
+        one_pass: bool = True,
         margin_m: float = 2.0,
         filter_hz: float = 0.0,
         slides: bool = False,
@@ -73,26 +85,30 @@ class ArduPilotReader:
         step = message.increment_f or float(message.increment)
         if step == 0.0:
             return
-        faces = [math.inf] * FACES
-        visited = -1
+        settings: list[tuple[int, float]] = []
         for i, cm in enumerate(message.distances[: min(72, int(360.0 / abs(step) + 0.5))]):
             if cm in (0, UNKNOWN) or not message.min_distance <= cm <= message.max_distance:
                 continue
-            face = face_of(i * step + message.angle_offset)
-            if self.one_pass and face != visited:
-                faces[face] = math.inf
-            visited = face
-            faces[face] = min(faces[face], cm / 100.0)
-        self.take_faces(faces, now_ns)
+            face, distance_m = face_of(i * step + message.angle_offset), cm / 100.0
+            if settings and settings[-1][0] == face:
+                distance_m = min(distance_m, settings.pop()[1])
+            settings.append((face, distance_m))
+        if not self.one_pass:
+            settings = [(face, min(m for other, m in settings if other == face)) for face in {f for f, _ in settings}]
+        self._set_faces(settings, now_ns)
 
     def take_faces(self, faces_m: list[float], now_ns: int) -> None:
-        """The nearest of each face, as one message or scan reported them; inf: nothing there."""
+        """The nearest of each face, as one scan reported them; inf: nothing there."""
+        self._set_faces([(face, m) for face, m in enumerate(faces_m) if math.isfinite(m)], now_ns)
+
+    def _set_faces(self, settings: list[tuple[int, float]], now_ns: int) -> None:
+        """Clears all faces, and sets these to a distance in m, one after the other."""
         self._newest_ns = now_ns
-        self._received_m = faces_m
-        for face, measured_m in enumerate(faces_m):
-            if math.isfinite(measured_m):
-                self._smooth_m[face] = self._smoothed(face, measured_m, now_ns)
-                self._at_ns[face] = now_ns
+        self._received_m = [math.inf] * FACES
+        for face, measured_m in settings:
+            self._received_m[face] = measured_m
+            self._smooth_m[face] = self._smoothed(face, measured_m, now_ns)
+            self._at_ns[face] = now_ns
 
     def _smoothed(self, face: int, measured_m: float, now_ns: int) -> float:
         before_ns = self._at_ns[face]
