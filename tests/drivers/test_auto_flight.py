@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drivers.mavlink import commands
 from drivers.mavlink.dialect import dialect
@@ -15,6 +16,7 @@ from drivers.simulation.firmware_models.auto_flight import (
     COPTER_AUTO,
     COPTER_GUIDED,
     DENIED,
+    DRAG_PER_S,
     FAILED,
     PX4_HOLD,
     PX4_MISSION,
@@ -22,7 +24,9 @@ from drivers.simulation.firmware_models.auto_flight import (
     AutoFlight,
     CopterAutoFlight,
     Px4AutoFlight,
+    Yaw,
 )
+from drivers.simulation.firmware_models.px4_position_mode import GRAVITY_M_S2
 from drivers.simulation.wind import Wind
 
 FAR = np.array([[300.0, 0.0]])
@@ -124,6 +128,35 @@ def test_it_leans_forward_in_flight_and_back_when_it_brakes() -> None:
 
 
 NOTHING = np.zeros(2)
+
+
+@pytest.mark.parametrize("make", [px4, copter])
+def test_its_rates_are_those_of_its_attitude_while_it_brakes_and_turns(make: object) -> None:
+    """R(t) turned by the body rates for one step is R(t + step), also where roll, pitch and heading change at once."""
+    assert callable(make)
+    flight = make(5.0, waypoints=np.array([[30.0, 0.0], [30.0, 60.0]]))
+    flight.acceptance_m, flight.yaw = 3.0, Yaw.PATH
+    worst, fastest = 0.0, 0.0
+    for _ in range(800):
+        before = flight.state()
+        flight.step(0.02)
+        now = flight.state()
+        rates = np.array(now.rates_frd_rad_s)
+        turned = Rotation.from_matrix(before.R_ned_frd.T @ now.R_ned_frd).as_rotvec() / 0.02
+        worst, fastest = max(worst, float(np.abs(turned - rates).max())), max(fastest, float(np.abs(turned).max()))
+    assert fastest > 0.3
+    assert worst < 0.05
+
+
+def test_its_attitude_carries_its_acceleration() -> None:
+    """The thrust along -z of the body, divided by its vertical part and times g, is the acceleration without the drag."""
+    flight = fly(px4(5.0), 0.6)
+    flight.heading_rad = 0.8
+    m = flight.state()
+    thrust = -m.R_ned_frd[:, 2]
+    lean = flight._acceleration + DRAG_PER_S * flight.velocity_m_s
+    assert np.linalg.norm(lean) > 1.0
+    np.testing.assert_allclose(thrust[:2] / -thrust[2] * GRAVITY_M_S2, lean, atol=1e-9)
 
 
 def test_a_steady_wind_leans_the_vehicle_and_does_not_move_it() -> None:
