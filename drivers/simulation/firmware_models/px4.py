@@ -1,8 +1,8 @@
 """Model of PX4's obstacle map in collision prevention, for tests and the simulated autopilot.
 
-The map has 72 bins of 5 degrees in PX4 v1.16 and 36 bins of 10 degrees up to v1.15. A bin reads the element of
-OBSTACLE_DISTANCE at its own angle; 65535 leaves the bin unchanged until its value is 0.5 s old. The reaction of the vehicle in
-Position mode is modelled in `px4_position_mode`.
+The map has 72 bins of 5 degrees in PX4 v1.16 and 36 bins of 10 degrees up to v1.15, clockwise from the nose. A bin reads the
+element of OBSTACLE_DISTANCE at its own angle; 65535 leaves the bin unchanged until its value is 0.5 s old. The reaction of the
+vehicle in Position mode is modelled in `px4_position_mode`. Not modelled: DISTANCE_SENSOR, messages in a frame aligned with north.
 
 Source: CollisionPrevention.cpp of PX4 v1.14.3 (equal in v1.15.4) and v1.16.0.
 """
@@ -15,7 +15,9 @@ from typing import Any
 NS = 1_000_000_000
 UNKNOWN = 65535
 STALE_NS = NS // 2
+"""RANGE_STREAM_TIMEOUT_US."""
 HOLD_NS = 5 * NS
+"""TIMEOUT_HOLD_US."""
 BODY_FRD = 12
 
 
@@ -38,22 +40,13 @@ class Px4Reader:
             return
         self._newest_ns = now_ns
         self.min_cm = min(self.min_cm, message.min_distance)
+        cached = self.bins_cm(now_ns)
         for i in range(len(self._cm)):
             at = (i * self.bin_deg - message.angle_offset) % 360.0
             value = message.distances[math.ceil(at / message.increment_f)]
-            if value != UNKNOWN and self._accepts(i, value, message.max_distance):
+            if value != UNKNOWN and _accepts(cached[i], self.ranges_cm[i], value, message.max_distance):
                 self._cm[i], self.ranges_cm[i], self.updated_ns[i] = value, message.max_distance, now_ns
                 self.ever_known[i] = True
-
-    def _accepts(self, i: int, value: int, range_cm: int) -> bool:
-        """Whether a value replaces the value of bin i. A sensor must not change its range: an obstacle replaces an obstacle
-        only of the same or a longer range, and clear replaces an obstacle only of the same range."""
-        cached, cached_range = self._cm[i], self.ranges_cm[i]
-        if value < range_cm:
-            return cached >= cached_range or range_cm <= cached_range
-        return (cached >= cached_range and range_cm >= cached_range) or (
-            cached < cached_range and range_cm == cached_range
-        )
 
     @property
     def keep_m(self) -> float:
@@ -88,3 +81,13 @@ class Px4Reader:
             if cm > self.min_cm and cm < self.ranges_cm[i] and towards > 0.1:
                 room_m = min(room_m, max(0.0, cm / 100.0 - self.keep_m) / towards)
         return room_m
+
+
+def _accepts(cached_cm: int, cached_range_cm: int, value_cm: int, range_cm: int) -> bool:
+    """Whether a value of a sensor with this range replaces the value of a bin (_enterData). A sensor must not change its range:
+    an obstacle replaces an obstacle only of the same or a longer range, and clear replaces an obstacle only of the same range.
+    A bin without fresh data, 65535, takes both."""
+    had_obstacle = cached_cm < cached_range_cm
+    if value_cm < range_cm:
+        return not had_obstacle or range_cm <= cached_range_cm
+    return range_cm == cached_range_cm if had_obstacle else range_cm >= cached_range_cm

@@ -1,0 +1,27 @@
+"""The model of PX4's obstacle map against the rules of CollisionPrevention.cpp."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from drivers.mavlink.dialect import dialect
+from drivers.simulation.firmware_models.px4 import Px4Reader
+
+NS = 1_000_000_000
+
+
+def message(cm: int, max_cm: int) -> Any:
+    return dialect.MAVLink_obstacle_distance_message(0, 0, [cm] * 72, 5, 20, max_cm, 5.0, 0.0, 12)
+
+
+@pytest.mark.parametrize("cm", [500, 1201])
+def test_a_bin_without_fresh_data_takes_any_range(cm: int) -> None:
+    """PX4 resets a stale bin to 65535, and then accepts an obstacle of any range, and clear of a longer one (_enterData)."""
+    px4 = Px4Reader()
+    px4.read(message(300, 600), NS)
+    px4.read(message(cm, 1200), NS + NS // 4)
+    assert set(px4.bins_cm(NS + NS // 4)) == {300}  # a sensor of a longer range does not replace a fresh obstacle
+    px4.read(message(cm, 1200), 2 * NS)
+    assert set(px4.bins_cm(2 * NS)) == {cm}
