@@ -192,7 +192,12 @@ class CameraConfig:
                 f'[[camera]] "{self.name}": min_range_m = {self.min_range_m:g} must be less than '
                 f"max_range_m = {self.max_range_m:g}"
             )
-        if self.sky_is_far and (self.kind != "simulated" or (self.render == "stereo" and not self.follow)):
+        if self.follow and self.render == "stereo":
+            raise ValueError(
+                f'[[camera]] "{self.name}": render = "stereo" is not available with follow: the camera that follows an '
+                "autopilot renders depth with the noise model; remove render"
+            )
+        if self.sky_is_far and (self.kind != "simulated" or self.render == "stereo"):
             raise ValueError(
                 f'[[camera]] "{self.name}": sky_is_far = true is for kind "simulated" with render = "depth"; remove it'
             )
@@ -221,7 +226,7 @@ class CameraConfig:
     @property
     def can_mark(self) -> bool:
         """Whether the driver of such a camera marks pixels."""
-        return self.matched_on_host or (self.kind == "simulated" and self.render == "stereo" and not self.follow)
+        return self.matched_on_host or (self.kind == "simulated" and self.render == "stereo")
 
     @property
     def marks_smooth(self) -> bool:

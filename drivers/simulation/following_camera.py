@@ -2,7 +2,8 @@
 position that the autopilot reports on a link of the camera's own.
 
 A frame is stamped with the instant of the attitude it was rendered for, so that no attitude is interpolated; the position is
-carried to that instant by the velocity. The origin of the autopilot's local frame is the origin of the scene, on its ground.
+carried to that instant by the velocity. The origin of the autopilot's local frame is the origin of the scene, on its ground. Of the
+flight's plan the scene and the sensor are used; things that move stand at their places of time 0, and nothing fails.
 """
 
 from __future__ import annotations
@@ -132,7 +133,8 @@ class FollowingDepthSource:
         lever_m = np.array([mount.x_m, mount.y_m, mount.z_m], np.float64)
         at = np.array(pose.position_ned_m, np.float64) + dt_s * velocity + R_ned_frd @ lever_m
         truth = look(self._plan.scene, self._info, R_ned_frd @ rotation_frd_optical(mount), at)
-        depth_mm = measure(truth.depth_m, self._info, self._plan.sensor, self._settings.seed, self._sequence)
+        sensor = self._plan.sensor.scaled_to(self._info.intrinsics.width)
+        depth_mm = measure(truth.depth_m, self._info, sensor, self._settings.seed, self._sequence)
         return DepthFrame(
             camera=self._info.camera,
             sequence=self._sequence,

@@ -460,6 +460,12 @@ def test_a_far_sky_is_refused_where_it_has_no_effect(given: dict[str, Any]) -> N
         CameraConfig(name="front", sky_is_far=True, **given)
 
 
+def test_a_camera_that_follows_an_autopilot_renders_no_stereo() -> None:
+    """It would deliver depth of the noise model under the description of a stereo camera."""
+    with pytest.raises(ValueError, match='render = "stereo" is not available with follow'):
+        CameraConfig(name="front", kind="simulated", follow="udpin:127.0.0.1:14551", render="stereo")
+
+
 def test_a_recording_is_no_live_camera() -> None:
     with pytest.raises(ValueError, match="is not a live camera"):
         make_source(CameraConfig(name="a", kind="mcap"))

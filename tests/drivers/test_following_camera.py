@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from core.frames import quaternion_from_euler
-from core.types import AttitudeSample, CameraMount, PoseSample
+from core.types import UNKNOWN_MM, AttitudeSample, CameraMount, PoseSample
 from drivers.base import DeviceNotFound
 from drivers.simulation import following_camera
 from drivers.simulation.autopilot import PX4, FirmwareProfile, SimulatedAutopilot
@@ -19,7 +19,7 @@ from drivers.simulation.flight_path import VehicleState
 from drivers.simulation.flights import flight_plan
 from drivers.simulation.following_camera import FollowingDepthSource, FollowSettings
 from drivers.simulation.scenes import SceneBuilder
-from drivers.simulation.sensor_model import PERFECT
+from drivers.simulation.sensor_model import PERFECT, SensorModel
 from drivers.simulation.source import camera_info
 from tests.ports import free_port
 
@@ -63,6 +63,18 @@ def depth_at(position_ned_m: tuple[float, float, float], yaw_deg: float = 0.0, m
 def test_it_renders_what_is_seen_from_there(north_m: float, yaw_deg: float, depth_mm: int) -> None:
     """The position is 0.1 s older than the attitude, and moves at 1 m/s. Depth is along the optical axis."""
     assert depth_at((north_m, 0.0, -5.0), yaw_deg) == pytest.approx(depth_mm, rel=0.01)
+
+
+def test_its_faults_are_those_of_its_width() -> None:
+    """As those of the camera that flies a path: lengths in pixels are stated for 640 px."""
+    plan = replace(walled(), sensor=SensorModel(blind_left_px=160))
+    camera = FollowingDepthSource(plan, INFO, FollowSettings(address="udpin:127.0.0.1:1"), lambda: 5 * NS)
+    q = quaternion_from_euler(0.0, 0.0, 0.0)
+    camera.deliver([PoseSample(5 * NS, 5 * NS, (0.0, 0.0, -5.0)), AttitudeSample(5 * NS, 5 * NS, q, (0.0, 0.0, 0.0))])
+    frame = camera.read(0.0)
+    assert frame is not None
+    assert (frame.depth_mm[30, :20] == UNKNOWN_MM).all()
+    assert (frame.depth_mm[30, 20:] > 0).all()
 
 
 def test_the_mount_counts() -> None:
