@@ -75,7 +75,7 @@ class Flight:
 
     def __post_init__(self) -> None:
         px4 = self.autopilot == "PX4"
-        self.reader = Px4Reader(cp_dist_m=MARGIN_M) if px4 else ArduPilotReader(margin_m=MARGIN_M)
+        self.reader = Px4Reader(cp_dist_m=MARGIN_M) if px4 else ArduPilotReader(margin_m=MARGIN_M, filter_hz=1.0)
         self.pipeline = Pipeline((CAMERA,), lambda info: Extractor())
         self.builder = ObstacleReportBuilder(AVOID, SeenCameras(cameras=(CAMERA.camera,), timeout_s=0.3))
         self.builder.announce(CAMERA)

@@ -17,6 +17,8 @@ from drivers.simulation.firmware_models.px4_position_mode import PositionMode, P
 
 MARGIN_M = 3.0
 """CP_DIST and AVOID_MARGIN."""
+PRX_FILT_HZ = 1.0
+"""The lower of the values of docs/how-to/connect-ardupilot.md: the slower one."""
 ACCELERATION_M_S2 = 2.5
 AUTOPILOTS = ("PX4", "PX4 1.16", "ArduPilot")
 Vector = NDArray[np.float64]
@@ -61,22 +63,25 @@ class Px4Vehicle:
 
 @dataclass(slots=True)
 class CopterVehicle:
-    """ArduCopter in LOITER: its velocity follows what simple avoidance allows."""
+    """ArduCopter in LOITER: its velocity follows what simple avoidance allows. It stands until the first message, without which
+    it does not arm, and flies on when messages stop."""
 
-    reader: ArduPilotReader = field(default_factory=lambda: ArduPilotReader(margin_m=MARGIN_M))
+    reader: ArduPilotReader = field(default_factory=lambda: ArduPilotReader(margin_m=MARGIN_M, filter_hz=PRX_FILT_HZ))
     heading_rad: float = 0.0
     position_m: Vector = field(default_factory=lambda: np.zeros(2))
     velocity_m_s: Vector = field(default_factory=lambda: np.zeros(2))
+    _armed: bool = False
 
     def read(self, message: Any, now_ns: int) -> None:
         """Takes a message."""
+        self._armed = True
         self.reader.read(message, now_ns)
 
     def step(self, stick_m_s: Vector, turn_rad: float, dt_s: float, now_ns: int) -> tuple[Vector, Vector]:
         """(position in m, velocity in m/s) after a step in which the heading turns clockwise by turn_rad."""
         self.heading_rad += turn_rad
         allowed = np.zeros(2)
-        if self.reader.healthy(now_ns):
+        if self._armed:
             allowed = np.array(self.reader.velocity_m_s((float(stick_m_s[0]), float(stick_m_s[1])), now_ns))
         change = rotated(allowed, self.heading_rad) - self.velocity_m_s
         slows = float(change @ self.velocity_m_s) < 0.0

@@ -40,6 +40,19 @@ def test_a_vehicle_without_data_stands_and_one_with_clear_sectors_flies(autopilo
         assert flies or x_m < 0.01
 
 
+def test_arducopter_flies_on_when_the_messages_stop() -> None:
+    """Without a first message it does not arm."""
+    model, x_m = vehicle_of("ArduPilot"), []
+    near = np.full(72, 320, np.uint16)
+    for step in range(150):
+        now_ns = 10 * NS + step * NS // 50
+        if step < 50 and step % 3 == 0:
+            model.read(obstacle_distance_message(near, 0, AvoidParams(max_distance_m=10.0)), now_ns)
+        x_m.append(float(model.step(AHEAD, 0.0, 0.02, now_ns)[0][0]))
+    assert x_m[60] < 0.1
+    assert x_m[-1] > 2.0
+
+
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_vehicle_that_turns_keeps_its_course_and_flies_on_to_where_it_faces(autopilot: str) -> None:
     """It turns by 90 degrees at once: its velocity in north and east stays, then follows the stick."""
