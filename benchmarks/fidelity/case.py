@@ -28,10 +28,12 @@ FAULTS: dict[str, SensorModel] = {
     "all": TYPICAL,
     "white": replace(TYPICAL, noise_length_px=0.0),
     "smeared": replace(PERFECT, smear_px=9.0),
+    "hidden": replace(TYPICAL, baseline_m=0.12),
 }
 """Image faults besides noise, single and combined: 5 % dropout, blob holes, 0.2 % of 2x2 mismatches, flying pixels at
 depth edges. "all" also lacks the left columns that the second imager does not see; these are not scored. "white": as
-"all", with noise that is independent between pixels. "smeared": noise and ramped edges like those of a D435."""
+"all", with noise that is independent between pixels. "smeared": noise and ramped edges like those of a D435. "hidden": as "all",
+without what the second imager, 0.12 m to the right, does not see beside near things."""
 
 
 FRAMES = 4

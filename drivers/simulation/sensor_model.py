@@ -1,5 +1,10 @@
 """What a stereo depth camera makes of exact depth: noise constant in disparity, holes, wrong matches, the
-range clip."""
+range clip.
+
+Z = f B / d, so sigma_Z = Z^2 / (f B) sigma_d = ke Z^2 with ke = sigma_d / (f B): normal noise of ke in 1/Z at any range. Depth is
+along the optical axis; one ray through the middle of each pixel. Not modelled: steps of the disparity (1/8 to 1/32 px in
+cameras; depth is rounded to mm), errors that depend on texture and stay from frame to frame, calibration, exposure time. Rendered
+stereo (`stereo`) has the first two."""
 
 from __future__ import annotations
 
@@ -32,7 +37,8 @@ class SensorModel:
     measurement. holes: elliptic blobs of about hole_radius_px without one. blind_left_px: columns that the
     second imager does not see. mismatch_share: share of the pixels overwritten by 2x2 blocks of a disparity
     drawn uniformly from the sensor's range. smear_px: width of the window over which a matcher averages 1/Z, after near
-    surfaces have grown by a third of it on each side; 0: edges are sharp. flying_share: share of the pixels at a depth edge that lie
+    surfaces have grown by a third of it on each side; 0: edges are sharp. baseline_m: distance of the second imager to the right,
+    which does not see what near surfaces cover left of them, see `_hidden`; 0: it sees everything. flying_share: share of the pixels at a depth edge that lie
     somewhere between its two sides. saturated_share: pixels written as 65535. sky_is_far: beyond the range
     the sensor says "far" instead of "no measurement"."""
 
@@ -47,6 +53,7 @@ class SensorModel:
     saturated_share: float = 0.0
     sky_is_far: bool = False
     smear_px: float = 0.0
+    baseline_m: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.ke_per_m <= 0.05:
@@ -58,6 +65,8 @@ class SensorModel:
         for name in ("dropout_share", "mismatch_share", "flying_share", "saturated_share"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"sensor model: {name}={getattr(self, name):g}, expected 0..1")
+        if not 0.0 <= self.baseline_m <= 2.0:
+            raise ValueError(f"sensor model: baseline_m={self.baseline_m:g}, expected 0..2")
         if self.holes < 0 or self.blind_left_px < 0 or not self.hole_radius_px > 0.0:
             raise ValueError("sensor model: holes and blind_left_px must be >= 0, hole_radius_px > 0")
 
@@ -93,6 +102,7 @@ def measure(depth_m: NDArray[np.float64], info: CameraInfo, model: SensorModel, 
     or, with sky_is_far, FAR_MM."""
     rng = generator(seed, frame)
     inverse = 1.0 / depth_m
+    hidden = _hidden(inverse, info.intrinsics.fx * model.baseline_m) if model.baseline_m > 0.0 else None
     if model.smear_px > 1.0:
         inverse = _smeared(inverse, round(model.smear_px))
     if model.flying_share > 0.0:
@@ -110,6 +120,8 @@ def measure(depth_m: NDArray[np.float64], info: CameraInfo, model: SensorModel, 
     out[z_m > info.max_range_m] = far
     measured = (z_m >= info.min_range_m) & (z_m <= info.max_range_m)
     out[measured] = np.rint(1000.0 * z_m[measured]).astype(np.uint16)
+    if hidden is not None:
+        out[hidden] = UNKNOWN_MM
     return _holes(out, model, rng)
 
 
@@ -136,6 +148,18 @@ def _box_sum(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     total = np.zeros((len(values) + 1, values.shape[1]))
     np.cumsum(values, axis=0, out=total[1:])
     return np.asarray(total[width:] - total[:-width])
+
+
+def _hidden(inverse: NDArray[np.float64], f_b_px_m: float) -> NDArray[np.bool_]:
+    """(H, W) whether the second imager of a rectified pair does not see what the first one sees there.
+
+    A pixel in column u with disparity d = f B / Z lies in column u - d of the second image. It is hidden where a pixel farther to the
+    right lies in that column or left of it. inverse: 1/Z (H, W); f_b_px_m: focal length times baseline, px m."""
+    place = np.arange(inverse.shape[1]) - f_b_px_m * inverse
+    leftmost = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1]
+    hidden = np.zeros(inverse.shape, np.bool_)
+    hidden[:, :-1] = place[:, :-1] >= leftmost[:, 1:]
+    return hidden
 
 
 def _smeared(inverse: NDArray[np.float64], width: int) -> NDArray[np.float64]:

@@ -149,3 +149,27 @@ def test_a_smearing_camera_turns_steps_into_ramps_and_keeps_what_borders_on_noth
     depth_m[:, 40:80] = 2.0
     steep = measure(depth_m, info, SensorModel(smear_px=9.0), 1)[:, :120]
     assert not ((steep > 2100) & (steep < 8900)).any(), "larger steps stay sharp"
+
+
+@pytest.mark.parametrize("baseline_m", [0.0, 0.12])
+def test_the_left_side_of_a_near_thing_hides_what_is_behind_from_the_second_imager(baseline_m: float) -> None:
+    """Its disparity is fx B / Z: the shadow is as wide as the disparities differ, whether a wall or the sky is behind."""
+    info = camera_info(640, 24, max_range_m=20.0)
+    for behind_m in (9.0, math.inf):
+        depth_m = np.full((24, 640), behind_m)
+        depth_m[:, 300:340] = 3.0
+        seen = measure(depth_m, info, SensorModel(baseline_m=baseline_m, sky_is_far=True), 1) != UNKNOWN_MM
+        width = info.intrinsics.fx * baseline_m * (1.0 / 3.0 - 1.0 / behind_m)
+        assert abs(int((~seen[12]).sum()) - width) <= 1.0
+        assert seen[:, 300:].all()
+        assert seen[:, : 299 - math.ceil(width)].all()
+
+
+def test_one_surface_hides_nothing_of_itself() -> None:
+    """Ground, and walls at an angle that both imagers see."""
+    for scene in ("open", "wall"):
+        hidden, whole = (
+            render(scene, INFO, sensor=SensorModel(baseline_m=b), pitch_rad=-0.4, yaw_rad=0.3).depth_mm
+            for b in (0.12, 0.0)
+        )
+        np.testing.assert_array_equal(hidden[:, 1:], whole[:, 1:])
