@@ -330,7 +330,7 @@ class SimulatedAutopilot:
         values = bins + [UNKNOWN] * (72 - len(bins))
         return [
             dialect.MAVLink_obstacle_distance_message(
-                now_ns // 1000,
+                self.boot_ns(now_ns) // 1000,
                 0,
                 values,
                 step,

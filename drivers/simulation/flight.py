@@ -3,6 +3,9 @@
 from drivers.simulation.flight import SimulatedFlight
 flight = SimulatedFlight("demo", width=320, height=240)
 for event in flight.events(): ...   # DepthFrame, AttitudeSample, PoseSample in order of arrival
+
+Attitude, rates, position and velocity are the true ones at their stamps, on the companion's clock; only their arrival is late. An
+exposure is an instant. Errors of mount, clock and noise of the velocity are put in by the benchmarks that study them.
 """
 
 from __future__ import annotations

@@ -3,7 +3,12 @@ tests and for the simulated autopilot.
 
 Five layers of 30 degrees of height, each of eight faces; the nearest point of each counts, by its distance in space.
 Messages of one time are one scan. It counts once the first message of the next scan comes; of version 4.1 the faces are
-emptied by that message, and filled as points come.
+emptied by that message, and filled as points come. Newer versions keep a face without a point of the scan for 1.0 to 1.75 s
+(AP_Proximity_Temp_Boundary::update_3D_boundary, check_face_timeout); here it is clear at once, so that an obstacle that is not
+sent again is noticed at once.
+
+Sources: AP_Proximity_MAV.cpp (handle_obstacle_distance_3d_msg, handle_distance_sensor_msg), AP_Proximity_Boundary_3D.cpp
+(get_face).
 """
 
 from __future__ import annotations
