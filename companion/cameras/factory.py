@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from core.types import CameraInfo, Intrinsics
 from drivers.base import DepthSource
@@ -19,13 +20,13 @@ if TYPE_CHECKING:
 
 def make_source(section: CameraConfig) -> DepthSource:
     """The source, not yet opened. Raises ValueError for a kind that is not a live camera."""
-    makers = {"simulated": _simulated, "oak": _oak, "zed": _zed, "v4l2": _v4l2}
-    if section.kind in makers:
-        return makers[section.kind](section)
-    raise ValueError(
-        f'[[camera]] "{section.name}": kind = "{section.kind}" is not a live camera; use `companion replay` for '
-        "recordings"
-    )
+    make = MAKERS.get(section.kind)
+    if make is None:
+        raise ValueError(
+            f'[[camera]] "{section.name}": kind = "{section.kind}" is not a live camera; use `companion replay` for '
+            "recordings"
+        )
+    return make(section)
 
 
 def _oak(section: CameraConfig) -> DepthSource:
@@ -133,3 +134,12 @@ def _simulated(section: CameraConfig) -> DepthSource:
     )
     flight = LoopingFlight(plan)
     return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)
+
+
+MAKERS: Final[dict[str, Callable[[CameraConfig], DepthSource]]] = {
+    "oak": _oak,
+    "zed": _zed,
+    "v4l2": _v4l2,
+    "simulated": _simulated,
+}
+"""Kind, as in `companion/config/camera_kinds.py` -> what creates its source."""

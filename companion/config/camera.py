@@ -9,6 +9,8 @@ from typing import Any
 from core.param_field import choice, critical, number, switch, text
 from core.types import MOST_BIAS_PER_M, CameraInfo, CameraMount
 
+from .camera_kinds import CAMERA_KINDS, RECORDED
+
 _CORNER = r"-?\d+(?:\.\d+)?,-?\d+(?:\.\d+)?"
 _POLYGON = rf"{_CORNER}(?: +{_CORNER})+"
 
@@ -22,8 +24,8 @@ class CameraConfig:
         metadata={"pattern": r"^[A-Za-z0-9._-]+$", "unit": "", "doc": "letters, digits, dot, dash, underscore"}
     )
     kind: str = choice(
-        "mcap",
-        ("mcap", "simulated", "oak", "zed", "v4l2"),
+        RECORDED,
+        (RECORDED, *CAMERA_KINDS),
         "source of the frames: a recording, the simulator, or a camera",
     )
     required: bool = switch(
@@ -201,8 +203,8 @@ class CameraConfig:
             raise ValueError(
                 f'[[camera]] "{self.name}": sky_is_far = true is for kind "simulated" with render = "depth"; remove it'
             )
-        needs = {"zed": ("device", "calibration"), "v4l2": ("device", "fx_px", "fy_px", "cx_px", "cy_px")}
-        missing = [key for key in needs.get(self.kind, ()) if getattr(self, key) in ("", None)]
+        kind = CAMERA_KINDS.get(self.kind)
+        missing = [key for key in kind.needs if getattr(self, key) in ("", None)] if kind is not None else []
         if missing:
             raise ValueError(f'[[camera]] "{self.name}" of kind "{self.kind}" needs {", ".join(missing)}')
 

@@ -11,20 +11,13 @@ from core.types import CameraInfo, Intrinsics
 
 from ..console import fail, print_json, print_line, warn
 from .camera import CameraConfig
+from .camera_kinds import CAMERA_KINDS, RECORDED
 from .clear_reach import clear_reach_texts
 from .devices import device_problems
 from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
 from .template_intrinsics import template_texts
-
-_TYPICAL = {
-    "zed": (15.0, 0.0071, 0.0037),
-    "oak": (15.0, 0.0076, 0.0045),
-    "v4l2": (10.0, 0.005, 0.01),
-    "simulated": (20.0, 0.0015, 0.0),
-}
-"""Greatest range, noise and bias that the drivers set for common models: ZED 2, OAK-D, RealSense D435; simulated camera."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -57,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     for camera in config.cameras:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
-    described = [_described(camera) for camera in config.cameras if camera.kind != "mcap"]
+    described = [_described(camera) for camera in config.cameras if camera.kind != RECORDED]
     for text in clear_reach_texts(described, config.avoid, config.extractor) if config.avoid.send else ():
         warn(text)
     for difference in found:
@@ -72,7 +65,7 @@ def _range_line(camera: CameraConfig) -> str:
     info = _described(camera)
     how = ""
     if camera.ke_per_m is None:
-        recorded = camera.kind == "mcap"
+        recorded = camera.kind == RECORDED
         how = " (assumed; the value in the recording counts)" if recorded else " (typical of its driver)"
     return (
         f"{camera.name}: obstacles are found up to {obstacle_range_m(info):.1f} m of max_range_m = {info.max_range_m:g}, "
@@ -82,9 +75,15 @@ def _range_line(camera: CameraConfig) -> str:
 
 def _described(camera: CameraConfig) -> CameraInfo:
     """A camera with typical values of its driver for all that its configuration leaves out."""
-    max_range_m, ke_per_m, bias_per_m = _TYPICAL.get(camera.kind, (20.0, 0.005, 0.0))
     info = CameraInfo(camera.name, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5))
-    return camera.applied_to(replace(info, max_range_m=max_range_m, ke_per_m=ke_per_m, bias_per_m=bias_per_m))
+    if (kind := CAMERA_KINDS.get(camera.kind)) is not None:
+        info = replace(
+            info,
+            max_range_m=kind.typical_range_m,
+            ke_per_m=kind.typical_ke_per_m,
+            bias_per_m=kind.typical_bias_per_m,
+        )
+    return camera.applied_to(info)
 
 
 def _as_json(found: list[Difference]) -> dict[str, dict[str, dict[str, Any]]]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 
 from .camera import CameraConfig
+from .camera_kinds import CAMERA_KINDS
 
 _ENUMERATED = re.compile(r"/dev/video\d+")
 """Numbered in the order in which the devices appear: after a reset of the bus two cameras may have changed their numbers."""
@@ -20,14 +21,14 @@ def _recordings(cameras: Sequence[CameraConfig]) -> list[str]:
     return [
         f'[[camera]] "{c.name}": device = "{c.device}" is no device but a file, whose images would count as taken now; set the '
         "path of a camera, best in /dev/v4l/by-id"
-        for c in cameras
-        if c.kind in ("zed", "v4l2") and not c.device.startswith("/dev/")
+        for c in _video(cameras)
+        if not c.device.startswith("/dev/")
     ]
 
 
 def _shared(cameras: Sequence[CameraConfig]) -> list[str]:
-    live = [c for c in cameras if c.kind in ("oak", "zed", "v4l2") and c.device]
-    shared = {c.device: [d.name for d in live if d.device == c.device] for c in live}
+    owners = [c for c in cameras if c.device and c.kind in CAMERA_KINDS and CAMERA_KINDS[c.kind].owns_device]
+    shared = {c.device: [d.name for d in owners if d.device == c.device] for c in owners}
     return [
         f'[[camera]] {", ".join(names)}: device = "{device}" occurs {len(names)} times; give each camera its own'
         for device, names in shared.items()
@@ -48,10 +49,14 @@ def _unnamed(cameras: Sequence[CameraConfig]) -> list[str]:
 
 
 def _numbered(cameras: Sequence[CameraConfig]) -> list[str]:
-    video = [c for c in cameras if c.kind in ("zed", "v4l2")]
+    video = _video(cameras)
     return [
         f'[[camera]] "{c.name}": device = "{c.device}" may be another camera after each start or reset, with {len(video)} video '
         "devices configured; set a path in /dev/v4l/by-id, or in /dev/v4l/by-path for cameras without a serial number"
         for c in video
         if len(video) > 1 and _ENUMERATED.fullmatch(c.device)
     ]
+
+
+def _video(cameras: Sequence[CameraConfig]) -> list[CameraConfig]:
+    return [c for c in cameras if c.kind in CAMERA_KINDS and CAMERA_KINDS[c.kind].is_video]

@@ -24,6 +24,8 @@ from core.world.params import WorldParams
 
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
+from .camera_kinds import RECORDED
+from .camera_kinds import RECORDED
 from .file_model import file_model
 from .guard import GuardParams
 from .mistakes import TOO_DEEP, TOO_LONG, mistake_text
@@ -116,7 +118,7 @@ def check_open_sky(config: Config) -> None:
             '[open_sky] mode = "presume" with [mount_check] enabled = false: nothing is presumed free before the mount is '
             'verified; set enabled = true, or mode = "off"'
         )
-    if all(not c.marks_smooth and c.kind != "mcap" for c in config.cameras) and config.cameras:
+    if all(not c.marks_smooth and c.kind != RECORDED for c in config.cameras) and config.cameras:
         raise ValueError(
             '[open_sky] mode = "presume" needs the marks of a stereo camera, and no [[camera]] writes the marks: '
             f"{'; '.join(_why_unmarked(c) for c in config.cameras)}"

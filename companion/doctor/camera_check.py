@@ -13,6 +13,7 @@ from ..autopilot.clear_sectors import OpenedCamera, never_clear_texts
 from ..cameras.masks import unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
+from ..config.camera_kinds import RECORDED, live_kinds
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from .finding import Finding
@@ -42,8 +43,8 @@ def camera_findings(config: Config, patience_s: float) -> Iterator[Finding]:
 def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> tuple[Finding, CameraInfo | None]:
     """Whether a camera opens, its frame rate and the share of measured pixels; and the camera's description, if it opened."""
     part = f"camera {section.name}"
-    if section.kind == "mcap":
-        text = 'kind = "mcap" is a recording; set the kind of a live camera: oak, zed, v4l2 or simulated'
+    if section.kind == RECORDED:
+        text = f'kind = "{RECORDED}" is a recording; set the kind of a live camera: {live_kinds()}'
         return Finding(part, False, text, DiagnosticCode.NOT_A_LIVE_CAMERA), None
     frames: list[DepthFrame] = []
     infos: list[CameraInfo] = []

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from ..common_options import add_config
+from ..config.camera_kinds import RECORDED, live_kinds
 from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
@@ -124,11 +125,11 @@ def check_live(config: Config, source: Path) -> None:
     """Raises ConfigError where a camera is a recording, which the service would wait for in vain or take for the present, and
     where one could open the device of another."""
     problems = [
-        f'[[camera]] "{camera.name}": kind = "mcap" is a recording, not a camera. Set kind to oak, zed, v4l2 or simulated; '
+        f'[[camera]] "{camera.name}": kind = "{RECORDED}" is a recording, not a camera. Set kind to {live_kinds()}; '
         "`companion setup` writes such a configuration, `companion configs` lists examples. `companion replay` processes a "
         "recording"
         for camera in config.cameras
-        if camera.kind == "mcap"
+        if camera.kind == RECORDED
     ] + device_problems(config.cameras)
     if problems:
         raise ConfigError(str(source), problems)

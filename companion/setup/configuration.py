@@ -8,16 +8,7 @@ from typing import Any
 
 from drivers.cameras.realsense_calibration import DepthCalibration
 
-SIZES = {
-    "oak": (640, 400, 30.0, 15.0),
-    "zed": (672, 376, 15.0, 12.0),
-    "v4l2": (640, 480, 30.0, 6.0),
-    "simulated": (640, 480, 30.0, 20.0),
-}
-"""Width and height in px, frames per second and range in metres, as in the shipped configurations."""
-CLEAR_M = {"oak": 9.0, "zed": 8.0, "v4l2": 4.5, "simulated": 12.0}
-"""Distance to which a clear sector is seen free: less than what the noise and the bias leave of the range, so that more
-noise than assumed does not close every direction."""
+from ..config.camera_kinds import CAMERA_KINDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +48,7 @@ def configuration_text(answers: Answers) -> str:
         "",
         "[avoid]",
         _line("send", a.send, "send obstacles to the autopilot; `companion doctor` names the parameters it needs"),
-        _line("max_distance_m", CLEAR_M[a.kind], "a clear direction must be seen free to here; less than the camera's range"),
+        _line("max_distance_m", CAMERA_KINDS[a.kind].clear_m, "a clear direction must be seen free to here; less than the camera's range"),
         _line("radius_m", round(a.width_m / 2.0, 3), "of the vehicle, rotors included"),
         _line("band_above_m", round(max(0.8, a.height_m / 2.0 + 0.5), 2), "obstacles in this band of heights stop the vehicle"),
         _line("band_below_m", round(max(0.8, a.height_m / 2.0 + 0.5), 2)),
@@ -72,12 +63,12 @@ def configuration_text(answers: Answers) -> str:
 
 
 def _camera(a: Answers) -> list[str]:
-    width, height, fps, range_m = SIZES[a.kind]
+    kind = CAMERA_KINDS[a.kind]
     forward, right, down = a.position_m
     lines = ["[[camera]]", _line("name", "front"), _line("kind", a.kind)]
     if a.device:
         lines.append(_line("device", a.device))
-    lines += [_line("width_px", width), _line("height_px", height), _line("fps", fps)]
+    lines += [_line("width_px", kind.width_px), _line("height_px", kind.height_px), _line("fps", kind.fps)]
     if a.kind == "zed":
         lines.append(_line("calibration", a.calibration_file, "SN<serial>.conf of this camera, from the maker's site"))
     if a.kind == "v4l2":
@@ -89,7 +80,7 @@ def _camera(a: Answers) -> list[str]:
         _line("x_m", forward, "position relative to the autopilot: forward, right, down"),
         _line("y_m", right),
         _line("z_m", down),
-        _line("max_range_m", range_m, "farthest depth that is used"),
+        _line("max_range_m", kind.max_range_m, "farthest depth that is used"),
     ]
 
 

@@ -16,13 +16,14 @@ from drivers.mavlink.address import parse_address
 from drivers.shell_word import shell_word
 
 from ..argument_types import checked_by, number_in
+from ..config.camera_kinds import CAMERA_KINDS
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import examine, print_findings
 from ..install.steps import install_paths, start_command
 from ..usage_error import UsageError
 from ..whole_file import write_whole
-from .configuration import SIZES, Answers, configuration_text
+from .configuration import Answers, configuration_text
 from .devices import FoundCamera, find_cameras, find_serial_ports
 from .listen import candidates, find_autopilot
 
@@ -56,7 +57,7 @@ def add_parser(subparsers: Any) -> None:
         "--camera",
         type=checked_by(_check_camera),
         metavar="KIND[:DEVICE]",
-        help=f"kind of the camera ({', '.join(SIZES)}) and its device (default: the one that is found)",
+        help=f"kind of the camera ({', '.join(CAMERA_KINDS)}) and its device (default: the one that is found)",
     )
     parser.add_argument(
         "--autopilot",
@@ -193,8 +194,8 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
 
 def _check_camera(text: str) -> None:
     """Raises ValueError for a kind of camera that does not exist."""
-    if text.partition(":")[0] not in SIZES:
-        raise ValueError(f"{text!r}: expected one of {', '.join(SIZES)}, such as v4l2:/dev/v4l/by-id/NAME")
+    if text.partition(":")[0] not in CAMERA_KINDS:
+        raise ValueError(f"{text!r}: expected one of {', '.join(CAMERA_KINDS)}, such as v4l2:/dev/v4l/by-id/NAME")
 
 
 def _check_autopilot(text: str) -> None:
@@ -251,8 +252,8 @@ def _calibration_file(name: str, kind: str) -> str:
             f"--calibration {name}: no such file; download the camera's SN<serial>.conf from the manufacturer's site"
         )
     if name:
-        width_px, height_px, *_ = SIZES["zed"]
-        load_zed_calibration(Path(name), width_px, height_px)
+        zed = CAMERA_KINDS["zed"]
+        load_zed_calibration(Path(name), zed.width_px, zed.height_px)
     return str(Path(name).absolute()) if name else ""
 
 
@@ -260,9 +261,9 @@ def _calibration(camera: FoundCamera) -> DepthCalibration | None:
     """Of a RealSense, where it can be read."""
     if camera.kind != "v4l2":
         return None
-    width_px, height_px, *_ = SIZES["v4l2"]
+    size = CAMERA_KINDS["v4l2"]
     try:
-        calibration = read_calibration(width_px, height_px, camera.serial)
+        calibration = read_calibration(size.width_px, size.height_px, camera.serial)
     except DriverError as error:
         warn(str(error))
         return None

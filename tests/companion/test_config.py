@@ -83,7 +83,7 @@ def test_all_mistakes_at_once() -> None:
     assert "[cameras]: no such section; did you mean camera?" in text
     assert "[[camera]] number 1: name is missing" in text
     assert "[[camera]] number 1: nmae: no such key; did you mean name?" in text
-    assert '[[camera]] number 2: kind = "sonar": expected one of "mcap", "simulated"' in text
+    assert '[[camera]] number 2: kind = "sonar": expected one of "mcap", "oak"' in text
     assert '[[camera]] number 2: x_m = "1": expected a number without quotes and unit, -10..10 m' in text
     assert "max_extrapolation_s: belongs under [sync]" in text
 

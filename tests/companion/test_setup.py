@@ -13,10 +13,11 @@ import pytest
 import companion.setup.setup as setup
 from companion.cli import main
 from companion.config.camera import CameraConfig
+from companion.config.camera_kinds import CAMERA_KINDS
 from companion.config.loader import load_config
 from companion.diagnostic import DiagnosticCode
 from companion.doctor import intrinsics_check
-from companion.setup.configuration import SIZES, Answers, configuration_text
+from companion.setup.configuration import Answers, configuration_text
 from companion.setup.devices import FoundCamera, find_cameras, find_serial_ports
 from companion.setup.listen import candidates
 from core.types import Intrinsics
@@ -103,7 +104,7 @@ def test_an_adapter_is_tried_at_several_speeds_and_an_autopilot_at_one() -> None
     assert tried[-1].startswith("udpin:")
 
 
-@pytest.mark.parametrize("kind", list(SIZES))
+@pytest.mark.parametrize("kind", list(CAMERA_KINDS))
 def test_the_written_configuration_is_usable(kind: str, tmp_path: Path) -> None:
     answers = Answers(
         kind=kind,

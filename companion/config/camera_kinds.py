@@ -1,0 +1,89 @@
+"""The kinds of live cameras: one entry each, read by the configuration, its checks and `companion setup`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraKind:
+    """One kind of live camera. CONTRIBUTING describes how to add one.
+
+    Attributes:
+        needs: keys of `[[camera]]` that must be set, since neither the device nor a default gives them.
+        is_video: its device is a path below /dev; another path is a file, whose images would count as taken now.
+        owns_device: no two cameras may have the same device.
+        width_px, height_px, fps, max_range_m: written by `companion setup`, as in the shipped configuration.
+        clear_m: distance to which a clear sector is seen free, written by `companion setup` as `[avoid] max_distance_m`. Less
+            than what noise and bias leave of the range, so that more noise than assumed does not close every direction.
+        typical_range_m, typical_ke_per_m, typical_bias_per_m: what its driver reports of a common model, for checks that do
+            not open the device."""
+
+    needs: tuple[str, ...] = ()
+    is_video: bool = False
+    owns_device: bool = True
+    width_px: int
+    height_px: int
+    fps: float = 30.0
+    max_range_m: float
+    clear_m: float
+    typical_range_m: float
+    typical_ke_per_m: float
+    typical_bias_per_m: float
+
+
+CAMERA_KINDS: Final = {
+    "oak": CameraKind(
+        width_px=640,
+        height_px=400,
+        max_range_m=15.0,
+        clear_m=9.0,
+        typical_range_m=15.0,  # OAK-D
+        typical_ke_per_m=0.0076,
+        typical_bias_per_m=0.0045,
+    ),
+    "zed": CameraKind(
+        needs=("device", "calibration"),
+        is_video=True,
+        width_px=672,
+        height_px=376,
+        fps=15.0,
+        max_range_m=12.0,
+        clear_m=8.0,
+        typical_range_m=15.0,  # ZED 2
+        typical_ke_per_m=0.0071,
+        typical_bias_per_m=0.0037,
+    ),
+    "v4l2": CameraKind(
+        needs=("device", "fx_px", "fy_px", "cx_px", "cy_px"),
+        is_video=True,
+        width_px=640,
+        height_px=480,
+        max_range_m=6.0,
+        clear_m=4.5,
+        typical_range_m=10.0,  # RealSense D435
+        typical_ke_per_m=0.005,
+        typical_bias_per_m=0.01,
+    ),
+    "simulated": CameraKind(
+        owns_device=False,
+        width_px=640,
+        height_px=480,
+        max_range_m=20.0,
+        clear_m=12.0,
+        typical_range_m=20.0,
+        typical_ke_per_m=0.0015,
+        typical_bias_per_m=0.0,
+    ),
+}
+"""Kind, as in `[[camera]] kind` -> what is known of it. companion/cameras/factory.py creates the source of each."""
+
+RECORDED: Final = "mcap"
+"""The kind of a camera whose frames come from a log."""
+
+
+def live_kinds() -> str:
+    """The kinds of live cameras as text, such as "oak, zed or simulated"."""
+    *others, last = CAMERA_KINDS
+    return f"{', '.join(others)} or {last}"
