@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import pwd
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,6 @@ from core.world.params import WorldParams
 
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
-from .camera_kinds import RECORDED
 from .camera_kinds import RECORDED
 from .file_model import file_model
 from .guard import GuardParams
@@ -151,7 +152,10 @@ def load_config(path: Path) -> Config:
     except UnicodeDecodeError as error:
         raise ConfigError(str(path), ["not a text file in UTF-8; a configuration is a TOML file"]) from error
     except OSError as error:
-        problem = f"cannot be read ({error.strerror}); check the path; `companion configs` lists examples"
+        remedy = "check the path; `companion configs` lists examples"
+        if isinstance(error, PermissionError):
+            remedy = f"give the user {_user()} the permission to read it and its folders"
+        problem = f"cannot be read ({error.strerror}); {remedy}"
         raise ConfigError(str(path), [problem]) from error
     try:
         content = tomllib.loads(text)
@@ -174,6 +178,14 @@ def load_config(path: Path) -> Config:
     for warning in warnings:
         log.warning("%s: %s", path, warning)
     return config_of(current, str(path))
+
+
+def _user() -> str:
+    """Name of the user of this process; its number where it has no name."""
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return str(os.geteuid())
 
 
 def config_text(config: Config) -> str:
@@ -208,13 +220,22 @@ def config_of(content: Mapping[str, Any], source: str) -> Config:
         valid = file_model(frozenset(content) & frozenset(SECTIONS)).model_validate(dict(content)).model_dump()
     except ValidationError as error:
         raise ConfigError(source, [mistake_text(e, content) for e in error.errors(include_url=False)]) from error
-    try:
-        single = {name: kind(**valid.get(name, {})) for name, kind in SECTIONS.items() if name not in _COMBINED}
-        extractor = Params(**valid.get("extractor", {}), **valid.get("expert", {}))
-        cameras = tuple(CameraConfig(**section) for section in valid.get("camera", ()))
-        return Config(cameras=cameras, extractor=extractor, **single)
-    except ValueError as error:  # what concerns several keys at once
-        raise ConfigError(source, [str(error)]) from error
+    problems: list[str] = []  # what concerns several keys at once
+
+    def made(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
+        try:
+            return kind(**values)
+        except ValueError as error:
+            problems.append(str(error))
+            return None
+
+    sections = {name: made(kind, valid.get(name, {})) for name, kind in SECTIONS.items() if name not in _COMBINED}
+    sections["extractor"] = made(Params, valid.get("extractor", {}) | valid.get("expert", {}))
+    sections["cameras"] = tuple(made(CameraConfig, section) for section in valid.get("camera", ()))
+    config: Config | None = None if problems else made(Config, sections)
+    if config is None:
+        raise ConfigError(source, problems)
+    return config
 
 
 def values_of(config: Config, section: str) -> Any:

@@ -283,8 +283,10 @@ def run(args: argparse.Namespace) -> int:
         from .live_server import run as run_live  # imports a web server: only where requested
 
         return run_live(args)
-    if args.input is None or args.output is None:
+    if args.input is None:
         raise UsageError("give FILE.mcap and -o DIR, or --live")
+    if args.output is None:
+        raise UsageError(f"-o DIR is missing: where to draw {args.input}")
     if option := given_option(args, _LIVE_ONLY):
         raise UsageError(f"{option} needs --live: it has no effect on the drawings of a log")
     if args.no_png and (option := given_option(args, ("every", "frame"))):

@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 DEFAULT_BAUD = 921_600
+LEAST_BAUD, GREATEST_BAUD = 1200, 12_000_000
+"""No MAVLink line is slower, and no serial adapter faster. A rate of 0 would hang the line up."""
 SocketAddress = tuple[str, int] | tuple[str, int, int, int]
 """Host, port, and for IPv6 flow and scope."""
 
@@ -41,8 +43,14 @@ def parse_address(text: str) -> Address:
     if kind == "serial" and rest.startswith("/"):
         if not place:
             return Address(kind, rest, DEFAULT_BAUD)
-        # by-path names hold colons of their own
-        return Address(kind, place, int(number)) if number.isdecimal() else Address(kind, rest, DEFAULT_BAUD)
+        if not number.isdecimal():  # by-path names hold colons of their own
+            return Address(kind, rest, DEFAULT_BAUD)
+        if not LEAST_BAUD <= int(number) <= GREATEST_BAUD:
+            raise ValueError(
+                f'"{text}" is not an address: the baud rate is {number}, expected {LEAST_BAUD} to {GREATEST_BAUD}, such as '
+                f"{DEFAULT_BAUD}"
+            )
+        return Address(kind, place, int(number))
     if kind in ("udpin", "udpout", "tcp") and is_host(place) and number.isdecimal() and 0 < int(number) < 65536:
         return Address(kind, place, int(number))
     near = f"; did you mean serial:{text}?" if text.startswith("/dev/") else ""

@@ -3,8 +3,10 @@ configuration."""
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -88,6 +90,29 @@ def test_all_mistakes_at_once() -> None:
     assert "max_extrapolation_s: belongs under [sync]" in text
 
 
+def test_all_mistakes_that_concern_several_keys_at_once() -> None:
+    found = problems(
+        {
+            "camera": [
+                {"name": "a", "min_range_m": 9.0, "max_range_m": 5.0},
+                {"name": "b", "kind": "zed"},
+            ],
+            "publish": {"prisms": "tcp://0.0.0.0"},
+        }
+    )
+    assert len(found) == 3
+    text = "\n".join(found)
+    assert 'prisms = "tcp://0.0.0.0": expected' in text
+    assert '"a": min_range_m = 9 must be less than max_range_m = 5' in text
+    assert '"b" of kind "zed" needs device, calibration' in text
+
+
+@pytest.mark.parametrize("baud", ["0", "9600000000", "115"])
+def test_a_baud_rate_that_no_port_has_is_a_mistake(baud: str) -> None:
+    (text,) = problems({"autopilot": {"address": f"serial:/dev/ttyACM0:{baud}"}})
+    assert f"the baud rate is {baud}, expected 1200 to 12000000" in text
+
+
 @pytest.mark.parametrize(
     ("content", "text"),
     [
@@ -153,6 +178,17 @@ def test_a_mark_before_the_text_is_no_part_of_it(tmp_path: Path) -> None:
 def test_a_number_of_thousands_of_digits_in_a_log_is_refused() -> None:
     with pytest.raises(ConfigError, match="the log is damaged"):
         config_from_text('{"service": {"metrics_port": ' + "1" * 5000 + "}}")
+
+
+def test_a_file_that_the_user_may_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Root may read every file, and tests may run as root: the refusal is made up."""
+
+    def refuse(path: Path, **options: object) -> str:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    with pytest.raises(ConfigError, match=r"Permission denied\); give the user \S+ the permission to read it"):
+        load_config(tmp_path / "private.toml")
 
 
 def test_no_file(tmp_path: Path) -> None:

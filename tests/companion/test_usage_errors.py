@@ -53,7 +53,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
     "status": (("--timeout nan", "expected 0.1..3600"), ("--timeout -3", "expected 0.1..3600")),
     "view": (
         ("", "give FILE.mcap and -o DIR, or --live"),
-        ("log.mcap", "give FILE.mcap and -o DIR, or --live"),
+        ("log.mcap", "-o DIR is missing: where to draw log.mcap"),
         ("log.mcap -o out --live", "leave FILE.mcap and -o away"),
         ("log.mcap -o out --every x", "expected 1..1000000"),
         ("log.mcap -o out --frame x", "--frame"),
