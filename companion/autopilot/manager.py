@@ -46,7 +46,9 @@ ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
 ECHOES = {PX4: 330, ARDUPILOT: 132}
 """The message that each autopilot sends back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 PARAM_VALUE = 22
-READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, EXTENDED_SYS_STATE, *ECHOES.values()})
+REQUESTED = (EXTENDED_SYS_STATE,)
+"""Ids of messages that both autopilots are asked to send, as often as their echo."""
+READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, *REQUESTED, *ECHOES.values()})
 """Ids of the autopilot's messages that `message` handles."""
 PX4_POSITION_MODE = 3
 
@@ -155,7 +157,7 @@ class Avoidance:
             self._line.post(request)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
             self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
-            for message_id in (ECHOES[vehicle.autopilot], EXTENDED_SYS_STATE):
+            for message_id in (ECHOES[vehicle.autopilot], *REQUESTED):
                 self._line.post(set_message_interval(vehicle.system_id, message_id, ECHO_HZ))
 
     def _notes(self, now_ns: int) -> dict[str, str]:
