@@ -187,12 +187,15 @@ def run(args: argparse.Namespace) -> int:
     here = folders()
     log.info(record_note(config, here))
     service = Service(config, here, warm_up, lambda: loading.text)
+    opened = False
     try:
         service.open()
+        opened = True
         return serve(service, notifier, stop, 1.0 / BLIND_HZ)
     finally:
         notifier.stopping()
         try:
             service.close()
         finally:
-            print_line("stopped")
+            if opened:
+                print_line("stopped")
