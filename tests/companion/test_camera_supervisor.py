@@ -400,6 +400,16 @@ def test_any_pixel_that_changes_shows_a_live_image() -> None:
         assert detector.check(frame_of(image, k)) == ""
 
 
+def test_stamps_that_do_not_advance_four_times_are_frozen() -> None:
+    rng = np.random.Generator(np.random.PCG64(0))
+    detector, texts = FrozenFrameDetector(4), []
+    for t_ns in (7, 7, 7, 7, 8, 8, 8, 7, 7, 9):
+        depth = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
+        frame = DepthFrame(camera="a", sequence=0, t_exposure_ns=t_ns, t_arrival_ns=t_ns, depth_mm=depth)
+        texts.append(detector.check(frame))
+    assert texts == [""] * 8 + ["its stamps have not moved for 4 frames", ""]
+
+
 @pytest.mark.parametrize(("hz", "repetitions"), [(60, 4), (15, 4), (10, 3), (5, 2), (2, 2)])
 def test_a_slow_camera_is_frozen_after_fewer_repetitions(hz: int, repetitions: int) -> None:
     """At 5 Hz an image of 0.8 s ago was still used."""
