@@ -91,24 +91,29 @@ class Guarded:
         self.live, self.line, self.flight = live, line, flight
         self._mission = flight.mode
 
-    def state(self) -> str:
-        """In the state folder."""
+    def memory(self) -> dict[str, Any]:
+        """In the state folder; empty: there is none yet."""
         try:
-            return str(json.loads((self.live.folder / "state" / "guard.json").read_text())["memory"]["state"])
+            content: dict[str, Any] = json.loads((self.live.folder / "state" / "guard.json").read_text())["memory"]
+            return content
         except (OSError, ValueError):
-            return ""
+            return {}
+
+    def state(self) -> str:
+        return str(self.memory().get("state", ""))
 
     def comes_to(self, *states: str) -> bool:
         return until(lambda: self.state() in states)
 
     def ready(self, *states: str) -> None:
         """Waits for one of the states while the vehicle stands in its mission. On a busy machine the first frames are so old
-        that the guard stops the vehicle: then the pilot selects the mission again."""
+        that the guard stops the vehicle: then the pilot selects the mission again, and the guard must have seen the path since."""
 
         def reached() -> bool:
             if self.state() == "holding":
                 self.do(lambda: self.flight.enter(self._mission))
-            return self.state() in states
+            memory = self.memory()
+            return memory.get("state") in states and not memory["blind_stop"]
 
         assert until(reached), self.live.output()
 
