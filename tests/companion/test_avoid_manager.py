@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from companion.autopilot import manager
+from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
-from companion.autopilot.obstacle_report import ObstacleReport
+from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
 from drivers.mavlink.dialect import dialect
@@ -21,6 +22,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 HOLD_S = 3.0
+SEEN = SeenCameras(cameras=("front",), timeout_s=0.3)
 WALL = ObstacleReport(NS, np.full(72, 212, np.uint16), {"front": "the service stops"}, "stop")
 
 
@@ -32,7 +34,7 @@ class Stop:
         self.armed: Callable[[float], bool] = lambda after_s: armed
         monkeypatch.setattr(manager, "time", SimpleNamespace(monotonic_ns=lambda: self.now_ns, sleep=self._sleep))
         avoid = AvoidParams(send=True, stop_hold_s=HOLD_S)
-        self.part = Avoidance(avoid, ("front",), 0.3, self._vehicle, self.posted.append)
+        self.part = Avoidance(avoid, SEEN, AutopilotLine(self._vehicle, self.posted.append))
         self.sender = SimpleNamespace(report=report, running=True, close=self._close, sent=0)
         monkeypatch.setattr(self.part, "sender", self.sender)
 
@@ -110,7 +112,7 @@ def test_messages_that_the_check_needs_are_requested_every_ten_seconds(kind: str
             assert message.param2 == pytest.approx(500_000.0), "2 Hz"
             requested.append((now_ns // NS, int(message.param1)))
 
-    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: Vehicle(1, kind, 2, True, 5, 0), post)
+    part = Avoidance(AvoidParams(send=True), SEEN, AutopilotLine(lambda: Vehicle(1, kind, 2, True, 5, 0), post))
     for step in range(250):
         now_ns = NS + step * NS // 10
         part.tick(now_ns)
@@ -118,7 +120,7 @@ def test_messages_that_the_check_needs_are_requested_every_ten_seconds(kind: str
 
 
 def test_what_the_autopilot_sends_back_is_in_the_health_report() -> None:
-    part = Avoidance(AvoidParams(send=True), ("front",), 0.3, lambda: None, lambda message: None)
+    part = Avoidance(AvoidParams(send=True), SEEN, AutopilotLine(lambda: None, lambda message: None))
     echo = dialect.MAVLink_obstacle_distance_message(0, 4, [65535] * 71 + [300], 5, 20, 1000, 5.0, 0.0, 12)
     part.message(echo, NS)
     health = pb.AutopilotHealth()
