@@ -1,5 +1,7 @@
 """Census matching along image rows with path penalties, as cameras do it in hardware: cost, paths, confidence, subpixel,
-left-right check. Written from public descriptions of the method; no camera's own code or exact tables are known."""
+left-right check. Written from public descriptions of the method; no camera's own code or exact tables are known. A bit of the
+census compares a pixel with the centre of the window; an OAK compares with the mean of the window by default (DepthAI 3.12,
+CensusTransform.enableMeanMode)."""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ class CensusParams:
     window only by more than this. p1, p2: penalties of a step of one and of more, in bits. paths: 4 (both directions of rows and
     columns) or 2 (rows only). least_margin:
     the best cost must lie this share below the best one elsewhere. most_cost: share of the census bits that may differ.
-    check_px: left and right agree within. subpixel_bits: steps of 1 / 2^bits px. median: side of a median filter, 0 none.
+    check_px: left and right agree within. subpixel_bits: steps of 1 / 2^bits px (5 by default in DepthAI 3.12 and in a D400).
     speckle_px: smaller patches are dropped, 0 none."""
 
     disparities: int = 96
@@ -35,7 +37,6 @@ class CensusParams:
     most_cost: float = 0.35
     check_px: float = 1.0
     subpixel_bits: int = 3
-    median: int = 0
     speckle_px: int = 0
 
 
@@ -177,9 +178,6 @@ def census_disparity(left: Gray, right: Gray, p: CensusParams) -> NDArray[np.flo
     _paths(cost, p.p1, p.p2, p.paths == 4, total)
     found, scratch = np.empty(left.shape, np.float32), np.empty(left.shape, np.int32)
     _choose(total, cost, p.least_margin, p.most_cost * bits, p.check_px, found, scratch)
-    if p.median:
-        smooth = cv2.medianBlur(found, p.median)
-        found = np.where(found >= 0.0, smooth, found)
     step = float(1 << p.subpixel_bits)
     found = np.where(found >= 0.0, np.rint(found * step) / step, np.float32(_NONE)).astype(np.float32)
     if p.speckle_px:
