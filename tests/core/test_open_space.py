@@ -166,6 +166,18 @@ def test_what_stands_beside_a_column_limits_it() -> None:
     assert clear(model_of(depth)) < clear(model_of(depth, neighbours=False))
 
 
+@pytest.mark.parametrize(("edge_deg", "is_open"), [(0.0, True), (10.0, False)])
+def test_the_sky_of_narrow_columns_without_ground_is_open_where_it_ends_beside_that_of_the_others(
+    edge_deg: float, is_open: bool
+) -> None:
+    """Eight columns below whose edge nothing is known: above the horizon it may be the lower edge of a blank thing."""
+    depth = field()
+    depth[row_at(edge_deg) :, 96:104] = UNKNOWN_MM
+    f = model_of(depth).free
+    d = int(np.searchsorted(f.azimuth_edges_rad, 0.0, side="right")) - 1
+    assert (f.open_to_dm[d].max() > 0) == is_open
+
+
 def test_textureless_pixels_below_something_else_are_not_open() -> None:
     depth = field()
     depth[: row_at(20.0)] = UNKNOWN_MM
