@@ -18,18 +18,17 @@ from typing import Final
 CPU_NAME: Final = "NUMBA_CPU_NAME"
 CPU_FEATURES: Final = "NUMBA_CPU_FEATURES"
 CPUINFO = Path("/proc/cpuinfo")
-"""Lists the instructions that the processor and the system support."""
+"""Lists the instructions of an x86-64 processor in lines `flags`."""
 AUXV = Path("/proc/self/auxv")
-"""What the system passes to each process: pairs of a type and a value."""
-_FLAGS: Final = ("flags", "Features")
-"""Names of the line with the instructions on x86-64 and on ARM."""
+"""What the system passes to each process: pairs of a type and a value. It names the instructions of an ARM processor, of
+an emulated one too, in which CPUINFO describes the emulating computer."""
 _AT_HWCAP: Final = 16
 """Type of the entry of AUXV with the instructions, one bit each."""
 _ARM_HWCAP: Final = {
     0: "fp", 1: "asimd", 3: "aes", 4: "pmull", 5: "sha1", 6: "sha2", 7: "crc32", 8: "atomics", 9: "fphp", 10: "asimdhp",
     12: "asimdrdm", 15: "lrcpc", 16: "dcpop", 20: "asimddp",
 }  # fmt: skip
-"""Bit -> name in CPUINFO, on 64-bit ARM."""
+"""Bit -> name of the instructions, on 64-bit ARM."""
 _X86_64_V2: Final = frozenset(["cx16", "lahf_lm", "pni", "popcnt", "sse4_1", "sse4_2", "ssse3"])
 _X86_64_V3: Final = _X86_64_V2 | frozenset(["abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"])
 _ARMV8_0: Final = frozenset(["asimd", "fp"])
@@ -40,7 +39,7 @@ _LEVELS: Final = {
     "x86_64": {"x86-64-v3": _X86_64_V3, "x86-64-v2": _X86_64_V2},
     "aarch64": {"cortex-a76": _CORTEX_A76, "generic": _ARMV8_0},
 }
-"""By machine the levels, best first, and the flags in CPUINFO that each needs."""
+"""By machine the levels, best first, and the names of the instructions that each needs."""
 
 
 def levels(machine: str | None = None) -> tuple[str, ...]:
@@ -48,32 +47,30 @@ def levels(machine: str | None = None) -> tuple[str, ...]:
     return tuple(_LEVELS.get(machine or os.uname().machine, {}))
 
 
-def levels_of(machine: str, cpuinfo: str) -> tuple[str, ...]:
-    """Returns the levels that a processor can run, best first. cpuinfo: the text of its /proc/cpuinfo."""
-    lines = (line.partition(":") for line in cpuinfo.splitlines())
-    flags = next((set(value.split()) for name, _, value in lines if name.strip() in _FLAGS), set())
-    return tuple(level for level, needed in _LEVELS.get(machine, {}).items() if needed <= flags)
-
-
 def own_levels() -> tuple[str, ...]:
     """Returns the levels that this processor can run, best first."""
-    machine = os.uname().machine
+    found = instructions()
+    return tuple(level for level, needed in _LEVELS.get(os.uname().machine, {}).items() if needed <= found)
+
+
+def instructions() -> set[str]:
+    """Returns the names of the instructions of this processor; none for other machines than those with levels."""
     try:
-        return levels_of(machine, CPUINFO.read_text(encoding="utf-8", errors="replace")) or _emulated_levels(machine)
+        return _arm_instructions() if os.uname().machine == "aarch64" else _x86_instructions()
     except OSError:
-        return ()
+        return set()
 
 
-def _emulated_levels(machine: str) -> tuple[str, ...]:
-    """Returns the levels of an emulated ARM processor: an image for ARM that is built on x86-64 reads the CPUINFO of the
-    x86-64 processor. Raises OSError."""
-    if machine != "aarch64":
-        return ()
+def _x86_instructions() -> set[str]:
+    lines = (line.partition(":") for line in CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines())
+    return next((set(value.split()) for name, _, value in lines if name.strip() == "flags"), set())
+
+
+def _arm_instructions() -> set[str]:
     content = AUXV.read_bytes()
     entries = dict(struct.iter_unpack("=QQ", content[: len(content) // 16 * 16]))
     bits = entries.get(_AT_HWCAP, 0)
-    named = " ".join(name for bit, name in _ARM_HWCAP.items() if bits >> bit & 1)
-    return levels_of(machine, f"Features: {named}")
+    return {name for bit, name in _ARM_HWCAP.items() if bits >> bit & 1}
 
 
 def level_variables(level: str) -> dict[str, str]:
