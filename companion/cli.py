@@ -132,7 +132,7 @@ def _expected_errors() -> tuple[type[Exception], ...]:
     from drivers.base import DriverError
 
     from .config.loader import ConfigError
-    from .kernels.child_process import WarmupError
+    from .kernels.compilation import WarmupError
 
     return DriverError, ConfigError, WarmupError, ValueError, OSError
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from drivers.base import BadData, DriverError
 
 from ..config.loader import Config, ConfigError
-from ..kernels.child_process import WarmupError
+from ..kernels.compilation import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..log.provenance import software
 from ..replay.replay import Options, replay

@@ -22,7 +22,7 @@ from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig, RecordParams, SupervisorParams
 from ..console import fail, print_json, print_line, progress, warn
 from ..install.steps import packaged_file
-from ..kernels.child_process import WarmupError
+from ..kernels.compilation import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..live.message_json import message_json
 from ..live.status import status_lines

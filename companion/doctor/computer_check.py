@@ -9,13 +9,14 @@ from pathlib import Path
 
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
-from ..kernels.cache_state import discard_damaged
-from ..kernels.loading import COMPILED_S
 from ..kernels.run_kernels import run_kernels
 from ..kernels.warmup import ensure_compiled
 from ..log.log_directory import free_bytes
 from ..paths import FolderError, folders
 from .finding import Finding
+
+COMPILED_S = 5.0
+"""Loading cached kernels takes less time than this, compiling them much more."""
 
 
 def computer_findings(config: Config) -> Iterator[Finding]:
@@ -30,12 +31,11 @@ def computer_findings(config: Config) -> Iterator[Finding]:
             yield Finding("log", False, str(error), DiagnosticCode.LOG_NOT_WRITABLE)
         else:
             yield _log_finding(folder, record.least_free_mb)
-    if discarded := discard_damaged():
-        text = f"{discarded} damaged files were deleted; they are compiled again now"
+    if deleted := ensure_compiled("extractor"):
+        text = f"{deleted} damaged files were deleted and compiled again"
         yield Finding("kernel cache", False, text, DiagnosticCode.KERNEL_CACHE_DAMAGED)
-    ensure_compiled("extractor")
     begun_s = time.process_time()  # processor time: independent of the load by other programs
-    run_kernels(("extractor",), metres=False)
+    run_kernels(("extractor",))
     took_s = time.process_time() - begun_s
     if took_s > COMPILED_S:
         text = f"were not compiled before ({took_s:.0f} s); run `companion warmup` as the service's user"

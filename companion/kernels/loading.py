@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import gc
 import logging
-import os
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from .cache_state import cache_warning, discard_damaged, mark_complete
-from .child_process import CancelledError, WarmupError
-from .jit_cache import VARIABLE
-from .manifest import MANIFEST
+from .compilation import POLL_S, WarmupError, cache_warning, compile_kernels
+from .jit_cache import state_in_use
 from .progress import LOG_EVERY_S, Report, progress_text
 from .run_kernels import run_kernels
-from .warmup import CHILDREN, compile_missing, warm_up
 
 log = logging.getLogger("companion")
 
 MARK = "loading"
-"""A file beside the cached kernels while a service loads them."""
-COMPILED_S = 5.0
-"""Loading cached kernels takes less time than this, compiling them much more."""
+"""A file in the directory of the kernels while a service loads them."""
 
 
 class Loading(threading.Thread):
@@ -34,17 +27,22 @@ class Loading(threading.Thread):
     Attributes:
         text: the present activity, for the status of the service."""
 
-    def __init__(self, *modes: str) -> None:
+    def __init__(self, *groups: str) -> None:
         super().__init__(name="loading", daemon=True)
-        self._modes, self._done = modes, False
+        self._groups = groups
+        self._error: WarmupError | None = WarmupError(
+            "the kernels could not be loaded: the cause is printed above; run `companion warmup`"
+        )
+        self._cancelled = False
         self._next_log_s = 0.0
         self.text = "loading kernels"
-        """What is being done, for the status of the service."""
 
     def run(self) -> None:
-        with contextlib.suppress(CancelledError):  # `finish` raises instead
-            make_ready(*self._modes, report=self._report)
-            self._done = True
+        try:
+            make_ready(*self._groups, report=self._report)
+            self._error = None
+        except WarmupError as error:
+            self._error = error
 
     def _report(self, done: int, total: int) -> None:
         self.text = progress_text(done, total)
@@ -53,42 +51,32 @@ class Loading(threading.Thread):
             log.info(self.text)
 
     def cancel(self) -> None:
-        """Ends a compiling child process; `finish` then raises. Loading in this process continues."""
-        CHILDREN.cancel()
+        """Makes `finish` return, so that this process can end. A compiling child process ends with it."""
+        self._cancelled = True
 
     def finish(self) -> None:
-        """Waits until the kernels are loaded. Raises WarmupError if that fails."""
-        self.join()
-        if not self._done:
-            raise WarmupError("the kernels could not be loaded: the cause is printed above; run `companion warmup`")
+        """Waits until the kernels are loaded. Raises WarmupError if that fails, or after `cancel`."""
+        while self.is_alive():
+            if self._cancelled:
+                raise WarmupError("the kernels are not loaded: the process is shutting down")
+            self.join(POLL_S)
+        if self._error is not None:
+            raise self._error
 
 
-def make_ready(*modes: str, report: Report = lambda done, total: None) -> None:
-    """Loads the kernels of these groups. Missing ones are compiled by a child process, since compiling leaves about 1
-    GB allocated.
+def make_ready(*groups: str, report: Report = lambda done, total: None) -> None:
+    """Loads the kernels of these groups, after a child process has compiled the missing ones. Raises WarmupError.
 
     A service that ended while it loaded may have met a damaged cache and would end again at each start: a mark file
-    makes the next start run `warm_up` first. The objects of the start are frozen (`gc.freeze`), since full garbage
-    collections would otherwise scan them and stop the other threads. Raises WarmupError."""
-    begun_s = time.monotonic()
-    if warning := cache_warning(modes):
+    makes the next start run the kernels in a child process first."""
+    if warning := cache_warning(groups):
         log.warning(warning)
-    named = os.environ.get(VARIABLE)
-    mark = Path(named) / MARK if named else None
-    died = mark is not None and mark.exists()
-    if died:
-        warm_up()
-    elif mark is not None:
-        if discarded := discard_damaged():
-            log.warning("the cache of compiled kernels is damaged: %d files deleted, compiling them again", discarded)
-        compiled = compile_missing(mark.parent, modes, report)
-        if not compiled and not (mark.parent / MANIFEST).exists():
-            mark_complete(*modes)  # compiled by a version without a manifest
+    folder = state_in_use()
+    mark = folder / MARK if folder else None
+    if deleted := compile_kernels(groups, report, check=mark is not None and mark.exists()):
+        log.warning("the cache of compiled kernels was damaged: %d files deleted, compiled again", deleted)
     with _marked(mark):
-        run_kernels(modes, metres=False)
-    if time.monotonic() - begun_s > COMPILED_S:
-        gc.collect()  # compiling leaves much garbage, loading little
-    gc.freeze()
+        run_kernels(groups)
 
 
 @contextlib.contextmanager
@@ -104,7 +92,7 @@ def _marked(mark: Path | None) -> Iterator[None]:
     def remove() -> None:
         mark.unlink(missing_ok=True)
 
-    with contextlib.suppress(OSError):  # a cache that cannot be written cannot be damaged by this process
+    with contextlib.suppress(OSError):  # as on a full disk
         mark.touch()
     atexit.register(remove)
     yield

@@ -1,142 +1,108 @@
-"""SHA-256 of every compiled kernel in a cache directory, checked before a service loads them.
+"""The manifest of a directory of kernels: what is compiled in it, and the SHA-256 of each file.
 
-numba checks that a kernel's source has not changed, but not that the cached file is complete: a damaged file can end
-the process or give wrong results. The manifest is written when all kernels are compiled and on the disk. Kernels
-written later are not checked until the manifest is written again."""
+numba checks that a kernel's source has not changed, but not that the cached file is whole: a damaged file can end the
+process or give wrong results. The manifest is written when all kernels of a group are compiled and on the disk. What
+numba writes later is not checked until the manifest is written again."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-import re
-import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final
 
+from ..whole_file import write_whole
+from .source_state import Closure
+
 MANIFEST: Final = "manifest.json"
-CACHED: Final = ("*.nbi", "*.nbc")
-"""Patterns of numba's index and code files: no other files are deleted."""
-ENDING: Final = re.compile(r"(\.\d+)?\.nb[ic]$")
-_TICK_S: Final = 0.02
-"""More than the step of a file system's stamps (Linux: 1 to 10 ms)."""
-Entry = tuple[int, int, str]
-"""Size in bytes, modification time in ns, SHA-256."""
+"""Its first line is the SHA-256 of the others."""
 
 
-class UnreadableManifest(Exception):
-    """The manifest exists but is damaged."""
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """Content of a manifest.
+
+    Attributes:
+        closures: the import closures of the modules, by which the folders of their kernels are named.
+        groups: the groups whose kernels are all compiled.
+        files: modification time in ns and SHA-256 of each file of kernels, by its path relative to the directory."""
+
+    closures: dict[str, Closure] = field(default_factory=dict)
+    groups: Sequence[str] = ()
+    files: dict[str, tuple[int, str]] = field(default_factory=dict)
 
 
-def write_manifest(folder: Path) -> None:
-    """Adds the kernels that are not in the manifest, and removes those that no longer exist. Raises OSError."""
+def read_manifest(folder: Path) -> Manifest | None:
+    """Returns the manifest of a directory; None if there is none, or a damaged one."""
     try:
-        before = _entries(folder)
-    except UnreadableManifest:
-        before = {}
+        digest, _, text = (folder / MANIFEST).read_bytes().partition(b"\n")
+    except OSError:
+        return None
+    return Manifest(**json.loads(text)) if digest.decode(errors="replace") == _sha256(text) else None
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Replaces the manifest. Raises OSError."""
+    text = json.dumps(asdict(manifest))
+    write_whole(folder / MANIFEST, f"{_sha256(text.encode())}\n{text}")
+
+
+def missing_groups(folder: Path, groups: Iterable[str]) -> list[str]:
+    """Returns the groups of which kernels may be missing in a directory."""
+    compiled = (read_manifest(folder) or Manifest()).groups
+    return [group for group in groups if group not in compiled]
+
+
+def add_groups(folder: Path, groups: Iterable[str]) -> None:
+    """Enters groups of which all kernels are compiled now, and all files. Raises OSError."""
     os.sync()  # a power failure must not leave a manifest of files whose content was not written
-    began_ns = _time_ns(folder)
-    _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in kernels_in(folder)}, began_ns)
+    known = read_manifest(folder) or Manifest()
+    # the time before the content: a file that replaces it meanwhile is newer
+    files = {str(f.relative_to(folder)): (f.stat().st_mtime_ns, _sha256(f.read_bytes())) for f in kernels_in(folder)}
+    write_manifest(folder, Manifest(known.closures, sorted({*known.groups, *groups}), files))
 
 
-def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
-    """Copies the entries of files that were linked into another directory, except of those that numba has written since
-    the manifest. names: relative paths. Raises OSError."""
-    try:
-        there, here = _entries(source), _entries(target)
-    except UnreadableManifest:
-        return
-    if not there:
-        return
-    written_ns = (source / MANIFEST).stat().st_mtime_ns
-    known = [name for name in names if name in there and (source / name).stat().st_mtime_ns < written_ns]
-    taken = {name: there[name] for name in known}
-    if taken:
-        _write(target, {**here, **taken}, _time_ns(target))
+def discard_damaged(folder: Path) -> int:
+    """Deletes all kernels of each module with a file that is missing or damaged; all kernels if the manifest is damaged.
 
-
-def damaged_kernels(folder: Path) -> list[Path]:
-    """Kernels that differ from the manifest; all kernels where the manifest cannot be read; none without a manifest."""
-    path = folder / MANIFEST
-    try:
-        entries = _entries(folder)
-        written_ns = path.stat().st_mtime_ns if entries else 0
-    except (UnreadableManifest, OSError):
-        return kernels_in(folder)
-    return [folder / name for name, entry in entries.items() if _is_damaged(folder / name, entry, written_ns)]
-
-
-def delete_kernels(files: Iterable[Path]) -> int:
-    """Deletes all files of the functions that these files belong to; returns their number."""
-    deleted = 0
-    for stem in {(f.parent, ENDING.sub("", f.name)) for f in files}:
-        for file in [f for f in kernels_in(stem[0]) if ENDING.sub("", f.name) == stem[1]]:
-            file.unlink(missing_ok=True)
-            deleted += 1
+    No group counts as compiled then. Returns the number of deleted files. Raises OSError."""
+    manifest = read_manifest(folder)
+    if manifest is None:
+        deleted = delete_kernels(folder)
+        write_manifest(folder, Manifest())
+        return deleted
+    damaged = {Path(name).parent for name, entry in manifest.files.items() if _is_damaged(folder / name, *entry)}
+    if not damaged:
+        return 0
+    deleted = sum(delete_kernels(folder, module) for module in damaged)
+    kept = {name: entry for name, entry in manifest.files.items() if Path(name).parent not in damaged}
+    write_manifest(folder, Manifest(manifest.closures, (), kept))
     return deleted
 
 
-def kernels_in(folder: Path) -> list[Path]:
-    """numba's index and code files in a directory and below it."""
-    return sorted(f for pattern in CACHED for f in folder.rglob(pattern))
-
-
-def _is_damaged(file: Path, entry: Entry, written_ns: int) -> bool:
-    size, changed_ns, digest = entry
+def _is_damaged(file: Path, entered_ns: int, digest: str) -> bool:
+    """True if a file is not the one that was entered, unless numba has replaced it since."""
     try:
-        now = file.stat()
-        if now.st_size == size and hashlib.sha256(file.read_bytes()).hexdigest() == digest:
-            return False  # also in a copy of the directory, with other times
-    except FileNotFoundError:
-        return False  # numba compiles it again
+        return _sha256(file.read_bytes()) != digest and file.stat().st_mtime_ns <= entered_ns
     except OSError:
         return True
-    # unless numba has written a newer one
-    return now.st_mtime_ns < written_ns or now.st_mtime_ns == changed_ns
 
 
-def _entry(folder: Path, file: Path, before: dict[str, Entry]) -> Entry:
-    now = file.stat()
-    known = before.get(str(file.relative_to(folder)))
-    if known is not None and known[:2] == (now.st_size, now.st_mtime_ns):
-        return known
-    return now.st_size, now.st_mtime_ns, hashlib.sha256(file.read_bytes()).hexdigest()
+def kernels_in(folder: Path, module: Path = Path("*")) -> list[Path]:
+    """Returns numba's index and code files in the folder of a module, or of each."""
+    return sorted(folder.glob(f"{module}/*.nb[ic]"))
 
 
-def _entries(folder: Path) -> dict[str, Entry]:
-    """Relative path -> entry; empty without a manifest. Raises UnreadableManifest."""
-    try:
-        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        if any("\0" in name for name in content):
-            raise ValueError("no name of a file")
-        return {str(name): (int(size), int(ns), str(digest)) for name, (size, ns, digest) in content.items()}
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise UnreadableManifest(str(folder / MANIFEST)) from error
+def delete_kernels(folder: Path, module: Path = Path("*")) -> int:
+    """Deletes these files and returns their number. The folders stay: other processes write there. Raises OSError."""
+    files = kernels_in(folder, module)
+    for file in files:
+        file.unlink(missing_ok=True)
+    return len(files)
 
 
-def _time_ns(folder: Path) -> int:
-    """The time with which the file system stamps a file that is written now. It can be a tick behind the system's time:
-    the stamps of earlier files are smaller than this one, those of later files equal or greater."""
-    time.sleep(_TICK_S)
-    part = _part(folder)
-    part.write_bytes(b"")
-    return part.stat().st_mtime_ns
-
-
-def _part(folder: Path) -> Path:
-    return folder / f"{MANIFEST}.{os.getpid()}.part"
-
-
-def _write(folder: Path, entries: dict[str, Entry], began_ns: int) -> None:
-    """Writes the manifest. Its modification time is when the files began to be read, so that a file which another
-    process has replaced since counts as newer and not as damaged."""
-    part = _part(folder)
-    with part.open("w", encoding="utf-8") as stream:
-        json.dump(entries, stream)
-        stream.flush()
-        os.fsync(stream.fileno())
-    os.utime(part, ns=(began_ns, began_ns))
-    part.replace(folder / MANIFEST)
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

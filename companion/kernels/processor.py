@@ -82,12 +82,3 @@ def use_level() -> None:
     """Sets numba's variables to the best level of this processor, unless the user has set one of them."""
     if not {CPU_NAME, CPU_FEATURES} & os.environ.keys() and (own := own_levels()):
         os.environ.update(level_variables(own[0]))
-
-
-def processor() -> str:
-    """Name and features, as in numba's own key of a cached kernel: kernels of another processor are not used."""
-    from llvmlite import binding
-
-    name = os.environ.get(CPU_NAME) or binding.get_host_cpu_name()
-    features = os.environ.get(CPU_FEATURES)
-    return f"{name} {binding.get_host_cpu_features().flatten() if features is None else features}"

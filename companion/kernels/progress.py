@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 import time
@@ -10,8 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from .jit_cache import ROOT
-from .source_state import cache_subfolder, kernel_files
+from .jit_cache import ROOT, kernel_folder
+from .source_state import kernel_files
 
 _DECORATED: Final = re.compile(r"^@(?:_?kernel|kernel_ieee|inner|inner_inline|inner_ieee|inline_ieee)$", re.MULTILINE)
 """The decorators of core/jit.py and of drivers/simulation/ray_caster.py."""
@@ -22,27 +21,20 @@ Report = Callable[[int, int], None]
 
 
 class CompiledCount:
-    """Counts numba's index files, of which each kernel has one."""
+    """Counts the compiled kernels of groups: each has one index file of numba.
+
+    Attributes:
+        total: the number of all kernels of the groups.
+        folders: where they are."""
 
     def __init__(self, folder: Path, groups: Sequence[str]) -> None:
-        sources = [path.relative_to(ROOT) for path in kernel_files(ROOT) if _group_of(path.relative_to(ROOT)) in groups]
-        self.total = sum(len(_DECORATED.findall((ROOT / path).read_text(encoding="utf-8"))) for path in sources)
-        self._modules: dict[Path, set[str]] = {}
-        for path in sources:
-            self._modules.setdefault(folder / cache_subfolder(path), set()).add(path.stem)
+        sources = [path for path in kernel_files(ROOT) if _group_of(path.relative_to(ROOT)) in groups]
+        self.total = sum(len(_DECORATED.findall(path.read_text(encoding="utf-8"))) for path in sources)
+        self.folders = [folder / kernel_folder(path, folder) for path in sources]
 
     def done(self) -> int:
         """Returns the number of compiled kernels."""
-        return min(self.total, sum(_indices(folder, modules) for folder, modules in self._modules.items()))
-
-
-def _indices(folder: Path, modules: set[str]) -> int:
-    """Returns the index files of these modules, such as `level.pool_columns-34.py311.nbi`."""
-    try:
-        names = os.listdir(folder)
-    except OSError:
-        return 0
-    return sum(name.endswith(".nbi") and name.partition(".")[0] in modules for name in names)
+        return min(self.total, sum(len(list(folder.glob("*.nbi"))) for folder in self.folders))
 
 
 def _group_of(source: Path) -> str:

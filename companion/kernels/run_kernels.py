@@ -3,53 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
-from core.types import CameraInfo, ExtractorState, Ground, Intrinsics
+from core.types import CameraInfo, ExtractorState, FrameModel, Ground, Intrinsics
 
-MODES = ("extractor", "world", "tracking", "sharing", "simulated")
+GROUPS = ("extractor", "world", "tracking", "sharing", "simulated")
 """Groups of kernels: the extractor, the merged world, the tracked obstacles, the alignment with neighbours and the
 simulated camera."""
+LEVEL: Final = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""Rotation of a camera that looks ahead."""
 
 
-def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
-    """Runs the kernels of these groups on small frames: uint16 millimetres, as cameras deliver, and for the extractor
-    optionally float32 metres."""
+def run_kernels(groups: Sequence[str] = GROUPS) -> None:
+    """Runs the kernels of these groups on small frames."""
+    run = {
+        "extractor": _run_extractor_kernels,
+        "world": _run_world_kernels,
+        "tracking": _run_tracking_kernels,
+        "sharing": _run_sharing_kernels,
+        "simulated": _run_simulation_kernels,
+    }
+    for group in groups:
+        run[group]()
+
+
+def _run_extractor_kernels() -> None:
+    """Extracts a frame, level and tilted, and runs what only some frames need."""
     from core.extractor import Extractor
     from core.open_sky_params import OpenSkyParams
     from core.params import Params
 
-    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5), marks_smooth=True)
-    tilt = 0.2
-    c, s = np.cos(tilt), np.sin(tilt)
-    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    tilted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ level
-    frame = _frame()
-    for mode in modes:
-        if mode == "world":
-            _run_world_kernels()
-            continue
-        if mode == "simulated":
-            _run_simulation_kernels()
-            continue
-        if mode == "tracking":
-            _run_tracking_kernels()
-            continue
-        if mode == "sharing":
-            _run_sharing_kernels()
-            continue
-        extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
-        for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
-            state = ExtractorState()
-            for R in (level, tilted):
-                _, state = extractor.extract(depth, info, R, state, keep_strips=True)
-        _run_rare_kernels(frame, info)
+    info, frame = _camera(), _frame()
+    c, s = np.cos(0.2), np.sin(0.2)
+    tilted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ LEVEL
+    extractor, state = Extractor(Params(), OpenSkyParams(mode="presume")), ExtractorState()
+    for R in (LEVEL, tilted):
+        _, state = extractor.extract(frame, info, R, state, keep_strips=True)
+    _run_rare_kernels(frame, info)
 
 
 def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
-    """Runs kernels that only some frames or parameters need: noise over time, noise check, ramps at smeared
-    edges, pooling of columns."""
+    """Runs kernels that only some frames or parameters need: depth in metres, noise over time, noise check, ramps at
+    smeared edges, pooling of columns."""
     from core.buffers import Buffers
     from core.params import Params
     from core.self_check.depth_registration import inverse_depth_grid, rotation_between
@@ -61,10 +58,11 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     from core.stages.smeared_edges import drop_smeared_edges
     from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
 
-    find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)
+    find_surfaces(depth, info, LEVEL, info.ke_per_m)
     p, ke = Params(), info.ke_per_m
     samples = np.full((SAMPLE_ROWS, SAMPLE_COLS), 3000, np.uint16)
     still_sigma(samples, samples, (1, 60000), p)
+    depth_to_mm((depth / 1000.0).astype(np.float32), np.empty(depth.shape, np.uint16))
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
     flying_off_ramps(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke)
@@ -77,14 +75,10 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
 
 def _run_world_kernels() -> None:
     """Runs the merged world on two small frames, and on its own planes as saved ones."""
-    from core.extractor import Extractor
-    from core.params import Params
     from core.world.params import WorldParams
     from core.world.world import Observation, World
 
-    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
-    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    model, _ = Extractor(Params()).extract(_frame(), info, level)
+    model = _model()
     world = World(WorldParams(most_planes=1024, most_free_blocks=64))
     for k in range(2):
         world.add(Observation(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
@@ -101,8 +95,6 @@ def _run_simulation_kernels() -> None:
 
 def _run_tracking_kernels() -> None:
     """Tracks the obstacles of small frames, with a position and without."""
-    from core.extractor import Extractor
-    from core.params import Params
     from core.tracking.free_view import free_view
     from core.tracking.movers import support_by_view
     from core.tracking.objects import OBJECT
@@ -110,9 +102,7 @@ def _run_tracking_kernels() -> None:
     from core.tracking.snapshot import TrackingFrame
     from core.tracking.tracker import Tracker, rules_of
 
-    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
-    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    model, _ = Extractor(Params()).extract(_frame(), info, level)
+    model = _model()
     tracker = Tracker()
     for k, positioned in enumerate((True, True, False, False)):
         tracker.observe(TrackingFrame(model=model, camera_m=(0.0, 0.0, 0.0), t_ns=k, positioned=positioned))
@@ -131,6 +121,17 @@ def _run_sharing_kernels() -> None:
     scores(points, np.zeros((1, 2)), np.zeros(1), 1.0, points, Grid(0.4, 0.01, 0.3))
     none = SharedPlanes.empty().box  # read-only, as all planes to send
     covered(none, np.zeros(0, np.intp), np.zeros((0, 6)), np.zeros(0, np.bool_), np.zeros(0, np.int64))
+
+
+def _model() -> FrameModel:
+    from core.extractor import Extractor
+    from core.params import Params
+
+    return Extractor(Params()).extract(_frame(), _camera(), LEVEL)[0]
+
+
+def _camera() -> CameraInfo:
+    return CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5), marks_smooth=True)
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

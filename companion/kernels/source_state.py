@@ -1,4 +1,4 @@
-"""Hashes of the sources of the compiled kernels, by which `jit_cache` decides which of them are up to date.
+"""Hashes of the sources of the compiled kernels, by which `jit_cache` names its directories.
 
 `source_key` contains all sources as they are. `import_closures` has a hash for each module: of its syntax tree and of
 those of the modules that it imports. Docstrings and comments are no part of it."""
@@ -14,19 +14,23 @@ from importlib import metadata
 from pathlib import Path
 from typing import Final
 
+from .processor import CPU_FEATURES, CPU_NAME, instructions
+
 CODE_OPTIONS: Final = (
     "NUMBA_BOUNDSCHECK",
     "NUMBA_OPT",
     "NUMBA_LOOP_VECTORIZE",
     "NUMBA_SLP_VECTORIZE",
     "NUMBA_DEBUGINFO",
-    "NUMBA_CPU_NAME",
-    "NUMBA_CPU_FEATURES",
+    CPU_NAME,
+    CPU_FEATURES,
 )
-"""Environment variables of numba that change the machine code. Those of the processor are also in numba's own key of a
-cached kernel; here they give each level of processors a directory of its own."""
+"""Environment variables of numba that change the machine code. Those of the processor give each level of processors a
+directory of its own."""
 KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py",)
 """Files with kernels outside of core, relative to the root."""
+_LAYOUT: Final = "2"
+"""Changes with the layout of the directories of kernels."""
 _NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world.params"})
 """Modules of parameter classes. Kernels cannot read them, so they do not affect machine code."""
 
@@ -48,11 +52,6 @@ def source_key(root: Path) -> str:
 def kernel_files(root: Path) -> list[Path]:
     """Returns the sources whose content affects the machine code of the kernels."""
     return [*sorted((root / "core").rglob("*.py")), *(root / name for name in KERNELS_OUTSIDE_CORE)]
-
-
-def cache_subfolder(source: Path) -> str:
-    """Returns the directory of the kernels of a source file, relative to the cache. source: relative to the root."""
-    return ".".join(source.parent.parts) or "root"
 
 
 def import_closures(root: Path) -> dict[str, Closure]:
@@ -79,18 +78,27 @@ def import_closures(root: Path) -> dict[str, Closure]:
             reached |= new
             todo += new
         text = "\n".join([version, *tuples, name, *(dumped[other] for other in sorted(reached))])
-        closures[name] = hashlib.sha256(text.encode()).hexdigest()[:16], content_hash(files[name])
+        closures[name] = text_hash(text), content_hash(files[name])
     return closures
 
 
 def content_hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """Returns 16 hex digits for the content of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def text_hash(text: str) -> str:
+    """Returns 16 hex digits for a text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _compiler() -> str:
-    """Returns what affects the machine code besides the sources. numba's own key contains the processor."""
+    """Returns what affects the machine code besides the sources.
+
+    numba compiles for the processor of this computer unless both variables name another one."""
     options = [f"{name}={os.environ[name]}" for name in CODE_OPTIONS if name in os.environ]
-    return " ".join([metadata.version("numba"), str(sys.implementation.cache_tag), *options])
+    host = () if {CPU_NAME, CPU_FEATURES} <= os.environ.keys() else sorted(instructions())
+    return " ".join([_LAYOUT, metadata.version("numba"), str(sys.implementation.cache_tag), *options, *host])
 
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:

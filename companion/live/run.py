@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
     path = config_path(args.config)
     config = load_config(path)
     check_live(config, path)
-    from ..kernels.child_process import WarmupError
+    from ..kernels.compilation import WarmupError
     from ..kernels.loading import Loading
 
     world = ("world",) if config.publish.world else ()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.kernels.run_kernels import MODES
+from companion.kernels.run_kernels import GROUPS
 from companion.kernels.warmup import ensure_compiled
 from companion.viewer.live_page import LivePage
 from companion.viewer.subscriber import LiveSubscriber
@@ -19,7 +19,7 @@ from .scripted_service import ScriptedService
 @pytest.fixture(scope="session")
 def renders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where simulated cameras of all workers keep what they rendered; kernels are compiled before, so that starts are quick."""
-    ensure_compiled(*MODES)
+    ensure_compiled(*GROUPS)
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "renders"
     folder.mkdir(exist_ok=True)

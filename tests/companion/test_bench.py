@@ -18,7 +18,7 @@ from companion.bench.frames import FrameSequence, Measured, measure, render_sequ
 from companion.bench.host_info import HostInfo, host_info, processor_model, versions
 from companion.bench.timing import Clock, Times, one_core
 from companion.cli import main
-from companion.kernels.child_process import WarmupError
+from companion.kernels.compilation import WarmupError
 from core.extractor import Extractor
 
 BOARD = HostInfo(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,9 +15,18 @@ from pathlib import Path
 import pytest
 
 import companion.kernels.jit_cache as jit_cache
-from companion.kernels.jit_cache import VARIABLE, base_of, prune, seed, use_own_cache
-from companion.kernels.manifest import delete_kernels
+import companion.kernels.state_folders as state_folders
+from companion.kernels.jit_cache import VARIABLE, kernel_folder, use_own_cache
+from companion.kernels.manifest import (
+    Manifest,
+    add_groups,
+    delete_kernels,
+    missing_groups,
+    read_manifest,
+    write_manifest,
+)
 from companion.kernels.source_state import CODE_OPTIONS, import_closures, source_key
+from companion.kernels.state_folders import base_of, prune
 
 from .small_core import CALLER, KEYED, RUN, python, sources
 
@@ -31,7 +40,7 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir()
     monkeypatch.setenv(VARIABLE, str(folder))
     monkeypatch.delitem(sys.modules, "numba", raising=False)
-    monkeypatch.setattr(jit_cache, "_held", [])
+    monkeypatch.setattr(state_folders, "_held", [])
     monkeypatch.setattr(jit_cache, "_unwritable", [])
     return folder
 
@@ -52,6 +61,16 @@ def test_every_module_of_the_service_has_it(tmp_path: Path) -> None:
     printed = python("import companion.pipeline.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
     assert Path(printed) == tmp_path / f"kernels-{source_key(jit_cache.ROOT)}"
     assert python("import companion.cli, sys; print('numba' in sys.modules)", tmp_path) == "False"
+
+
+def state_of(root: Path, cache: Path) -> Path:
+    """The directory in a cache for the present state of the sources."""
+    return cache / f"kernels-{source_key(root)}"
+
+
+def run(root: Path, cache: Path) -> str:
+    """What the small core prints, with its kernels in a cache."""
+    return python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), cache)
 
 
 def kernels(folder: Path) -> set[str]:
@@ -77,7 +96,7 @@ def test_a_new_directory_starts_with_the_kernels_that_did_not_change(
     with (root / changed).open("a") as file:
         file.write(added)
     python(open_cache, cache)
-    assert kernels(cache / f"kernels-{source_key(root)}") == kept
+    assert kernels(state_of(root, cache)) == kept
     assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
 
 
@@ -166,16 +185,110 @@ def test_a_second_installation_uses_the_kernels_of_the_first(tmp_path: Path) -> 
     assert {f: f.stat().st_mtime_ns for f in compiled(cache)} == kernels
 
 
-def test_kernels_of_the_installation_are_taken_over(tmp_path: Path) -> None:
+@pytest.fixture
+def shipped(base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The directory of an installation with all kernels of the small core in `project`."""
     root = sources(tmp_path / "project", factor=2)
-    shared, own = tmp_path / "shared", tmp_path / "own"
-    assert python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), shared) == "21"
-    (state,) = [f for f in shared.iterdir() if compiled(f)]
-    (state / "complete-extractor").write_text("some processor")
-    (own / state.name).mkdir(parents=True)
-    seed((own, shared), own / state.name, root)
-    assert {f.relative_to(own) for f in compiled(own)} == {f.relative_to(shared) for f in compiled(shared)}
-    assert (own / state.name / "complete-extractor").read_text() == "some processor"
+    assert run(root, tmp_path / "shared") == "21"
+    add_groups(state_of(root, tmp_path / "shared"), ["extractor"])
+    monkeypatch.setattr(jit_cache, "ROOT", root)
+    monkeypatch.setattr(jit_cache, "SHARED", tmp_path / "shared")
+    return state_of(root, tmp_path / "shared")
+
+
+def test_kernels_of_the_installation_are_taken_over(shipped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is computed either: the import closures take a second on a fast computer."""
+    monkeypatch.setattr(jit_cache, "import_closures", lambda root: pytest.fail("computed"))
+    folder = use_own_cache()
+    assert folder is not None
+    assert kernels(folder) == kernels(shipped) == {"inner.inner", "outer.outer"}
+    assert read_manifest(folder) == read_manifest(shipped)
+    assert not any(file.is_symlink() for file in compiled(folder))
+    assert compiled(folder)
+
+
+def test_kernels_of_an_installation_that_lacks_some_are_not_taken_over(shipped: Path) -> None:
+    """As after an interrupted installation: the directory would be complete in name only."""
+    manifest = read_manifest(shipped)
+    assert manifest is not None
+    write_manifest(shipped, Manifest(manifest.closures, (), manifest.files))
+    folder = use_own_cache()
+    assert folder is not None
+    assert kernels(folder) == set()
+
+
+def test_a_directory_that_exists_is_whole(shipped: Path, base: Path) -> None:
+    """A start that was killed while it copied, as by systemd, leaves none; the next one copies all and deletes what was
+    left."""
+    code = f"""
+import os, shutil
+jit_cache.SHARED = Path({str(shipped.parent)!r})
+copies = []
+def copy(file, place):
+    copies.append(file)
+    os.link(file, place) if len(copies) < 3 else os.kill(os.getpid(), 9)
+shutil.copy2 = copy
+"""
+    text = KEYED.format(root=str(jit_cache.ROOT)).replace("assert", code + "assert")
+    with pytest.raises(AssertionError):  # ended by the signal
+        python(text, base)
+    left = [f for f in base.glob("osape-companion-kernels-*") if len(list(f.rglob("*.nb?"))) == 2]
+    assert len(left) == 1
+    assert not (base / shipped.name).exists()
+    folder = use_own_cache()
+    assert folder is not None
+    assert len(kernels(folder)) == 2
+    assert not left[0].exists()
+
+
+def test_of_two_starts_the_later_one_uses_the_directory_of_the_earlier(
+    shipped: Path, base: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = shutil.copy2
+
+    def copy_late(file: Path, place: Path) -> None:
+        (base / shipped.name / "of-the-earlier").mkdir(parents=True, exist_ok=True)
+        copy(file, place)
+
+    monkeypatch.setattr(shutil, "copy2", copy_late)
+    assert use_own_cache() == base / shipped.name
+    assert [f.name for f in (base / shipped.name).iterdir() if f.is_dir()] == ["of-the-earlier"]
+    assert [f.name for f in base.iterdir()] == [shipped.name]
+
+
+def test_the_kernels_of_a_module_are_of_one_directory(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba writes the index of a kernel first, and ends on a full disk before its code. It takes any code of that name:
+    that of other arguments, if the two directories were filled in another order."""
+    root = sources(tmp_path / "project", factor=2)
+    monkeypatch.setattr(jit_cache, "ROOT", root)
+    module = f"core.inner-{import_closures(root)['core.inner'][0]}"
+    made(base, 60, 30)
+    older, newer = base / f"kernels-{60:016x}" / module, base / f"kernels-{30:016x}" / module
+    for folder, names in ((older, ("f.nbi", "f.1.nbc")), (newer, ("f.nbi",))):
+        folder.mkdir()
+        for name in names:
+            (folder / name).write_text(str(folder))
+        os.utime(folder.parent, (1_000_000_000, 1_000_000_000 + (folder == newer)))
+    state = use_own_cache()
+    assert state is not None
+    assert {f.name: f.read_text() for f in (state / module).iterdir()} == {"f.nbi": str(newer)}
+
+
+def test_a_file_that_is_changed_while_a_process_starts_has_other_kernels(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = sources(tmp_path / "project", factor=2)
+    monkeypatch.setattr(jit_cache, "ROOT", root)
+    state = use_own_cache()
+    assert state is not None
+    closures = import_closures(root)
+    assert kernel_folder(root / "core" / "outer.py", state) == f"core.outer-{closures['core.outer'][0]}"
+    sources(root, factor=3)
+    assert kernel_folder(root / "core" / "inner.py", state) not in {
+        f"core.inner-{closure['core.inner'][0]}" for closure in (closures, import_closures(root))
+    }
 
 
 @pytest.mark.parametrize("variable", CODE_OPTIONS)
@@ -235,7 +348,7 @@ def made(base: Path, *ages: int) -> list[Path]:
 
 def test_old_states_are_forgotten(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     oldest, older, newest = made(base, 90, 60, 30)
-    monkeypatch.setattr(jit_cache, "MAX_CACHES", 3)
+    monkeypatch.setattr(state_folders, "MAX_STATES", 3)
     foreign_files = [base / "core_0123456789abcdef", base / "kernels-notes", base / "notes.txt"]
     for foreign in foreign_files[:2]:
         foreign.mkdir()
@@ -246,11 +359,11 @@ def test_old_states_are_forgotten(base: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_what_another_process_uses_stays(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jit_cache, "MAX_CACHES", 3)
+    monkeypatch.setattr(state_folders, "MAX_STATES", 3)
     folders = made(base, *range(1, 7))
     with (folders[4] / "in-use").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_SH)
-        prune(base, folders[5])
+        prune(folders[5])
     assert [f.exists() for f in folders] == [True, True, False, False, True, True]
 
 
@@ -288,8 +401,7 @@ def test_a_temporary_directory_stands_in_for_one_that_cannot_be_written(
     assert folder is not None
     assert folder.is_relative_to(tmp_path)
     assert os.environ[VARIABLE] == str(folder)
-    assert jit_cache.is_temporary_copy(folder)
-    assert jit_cache.unwritable_bases() == [tmp_path / "file" / "cache"]
+    assert jit_cache.unwritable_text() == f"compiled kernels cannot be stored in {tmp_path / 'file' / 'cache'}"
     assert jit_cache.no_place_text() == ""
 
 
@@ -304,77 +416,30 @@ def test_where_nothing_can_be_written_the_remedy_is_named(
     assert f"set {VARIABLE}" in jit_cache.no_place_text()
 
 
-def test_a_start_that_was_ended_while_it_linked_is_continued(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """systemd ends a slow start; the next one would have compiled all kernels that were not linked yet."""
-    linked: list[Path] = []
-    monkeypatch.setattr(jit_cache, "seed", lambda bases, folder, root: linked.append(folder))
-    folder = use_own_cache()
-    assert folder is not None
-    assert use_own_cache() == folder
-    (folder / "closures.json").write_text("{}")
-    assert use_own_cache() == folder
-    assert linked == [folder, folder]
-
-
-def test_of_the_same_state_nothing_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root = sources(tmp_path / "project", factor=2)
-    python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), tmp_path / "first")
-    monkeypatch.setattr(jit_cache, "import_closures", lambda root: pytest.fail("computed"))
-    folder = tmp_path / "second" / f"kernels-{source_key(root)}"
-    folder.mkdir(parents=True)
-    seed((tmp_path / "first",), folder, root)
-    assert kernels(folder) == {"inner.inner", "outer.outer"}
-
-
-@pytest.mark.parametrize("shipped", [True, False])
+@pytest.mark.parametrize("complete", [True, False])
 def test_on_a_full_disk_the_kernels_of_the_installation_are_used(
-    base: Path, tmp_path: Path, shipped: bool, monkeypatch: pytest.MonkeyPatch
+    shipped: Path, base: Path, tmp_path: Path, complete: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At the first start after an update they could not be copied, and the service did not start."""
 
     def refuse(file: Path, place: Path) -> None:
+        place.write_bytes(file.read_bytes()[:10])
         raise OSError(errno.ENOSPC, "No space left on device", str(place))
 
-    key = f"kernels-{source_key(jit_cache.ROOT)}"
-    kernel = tmp_path / "shared" / key / "core.stages" / "level.pool-0.py311.nbi"
-    kernel.parent.mkdir(parents=True)
-    kernel.write_text("")
-    (kernel.parents[1] / "closures.json").write_text(json.dumps(import_closures(jit_cache.ROOT)))
-    if shipped:
-        (kernel.parents[1] / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
-    monkeypatch.setattr(jit_cache, "SHARED", tmp_path / "shared")
-    monkeypatch.setattr(jit_cache, "_link_or_copy", refuse)
+    if not complete:
+        write_manifest(shipped, Manifest())
+    monkeypatch.setattr(shutil, "copy2", refuse)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "full"))
     (tmp_path / "run").mkdir()
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / "run"))
     folder = use_own_cache()
     assert folder is not None
-    if shipped:
+    if complete:
         assert folder.parents[1] == tmp_path / "run"
-        assert (folder / "core.stages" / kernel.name).resolve() == kernel
+        assert {file.resolve() for file in compiled(folder)} == compiled(shipped)
+        assert list(base.iterdir()) == []  # the space is needed
     else:
-        assert folder == base / key
-
-
-def test_a_complete_directory_is_used_where_older_kernels_cannot_be_copied(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Links in a temporary directory were empty, since their kernels belong to the content of the sources."""
-
-    def refuse(file: Path, place: Path) -> None:
-        raise OSError(errno.EACCES, "Permission denied", str(file))
-
-    key = f"kernels-{source_key(jit_cache.ROOT)}"
-    older = base / ("kernels-" + "0" * 16)
-    (older / "core.stages").mkdir(parents=True)
-    (older / "core.stages" / "level.pool-0.py311.nbi").write_text("")
-    (older / "closures.json").write_text(json.dumps(import_closures(jit_cache.ROOT)))
-    (base / key).mkdir()
-    (base / key / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
-    monkeypatch.setattr(jit_cache, "_link_or_copy", refuse)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
-    assert use_own_cache() == base / key
+        assert folder == base / shipped.name
 
 
 def test_without_a_usable_runtime_directory_the_usual_temporary_one_stands_in(
@@ -389,17 +454,6 @@ def test_without_a_usable_runtime_directory_the_usual_temporary_one_stands_in(
     folder = use_own_cache()
     assert folder is not None
     assert folder.parents[1] == tmp_path
-    assert jit_cache.is_temporary_copy(folder)
-
-
-def test_a_copy_that_fails_leaves_nothing(tmp_path: Path) -> None:
-    """On a full disk each start left another part of a kernel, in the space that the recording had freed."""
-    kernel, place = tmp_path / "kernel.nbc", tmp_path / "new" / "kernel.nbc"
-    kernel.write_text("")
-    place.mkdir(parents=True)  # nothing can be put there
-    with pytest.raises(OSError):
-        jit_cache._link_or_copy(kernel, place)
-    assert list(place.parent.iterdir()) == [place]
 
 
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give directories to another user")
@@ -413,14 +467,16 @@ def test_a_directory_that_another_user_has_made_is_not_used(
     """In a folder that all users can write, such as /tmp, its name can be guessed, and kernels are machine code."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     foreign = base / f"kernels-{source_key(jit_cache.ROOT)}"
-    foreign.mkdir()
-    (foreign / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
+    (foreign / "core.outer-0").mkdir(parents=True)
+    (foreign / "core.outer-0" / "outer.nbi").write_text("")
+    add_groups(foreign, ["extractor"])
     foreign.chmod(0o777)
     os.chown(foreign, ANOTHER_USER, ANOTHER_USER)
     folder = use_own_cache()
     assert folder is not None
-    assert jit_cache.is_temporary_copy(folder)
-    assert list(folder.iterdir()) == []
+    assert folder.parents[1] == tmp_path
+    assert kernels(folder) == set()
+    assert missing_groups(folder, ["extractor"]) == ["extractor"]
 
 
 @needs_root
@@ -436,7 +492,7 @@ def test_a_link_that_another_user_has_made_is_not_followed(
     os.chown(foreign, ANOTHER_USER, ANOTHER_USER, follow_symlinks=False)
     folder = use_own_cache()
     assert folder is not None
-    assert jit_cache.is_temporary_copy(folder)
+    assert folder.parents[1] == tmp_path
     assert list(own.iterdir()) == []
 
 
@@ -445,7 +501,7 @@ def test_old_directories_of_another_user_are_left_alone(
     base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A link in the place of its lock made root create, or lock, any file of the system."""
-    monkeypatch.setattr(jit_cache, "MAX_CACHES", 1)
+    monkeypatch.setattr(state_folders, "MAX_STATES", 1)
     foreign, old = made(base, 90, 60)
     (foreign / "in-use").unlink()
     (foreign / "in-use").symlink_to(tmp_path / "nologin")
@@ -456,15 +512,12 @@ def test_old_directories_of_another_user_are_left_alone(
 
 @needs_root
 @pytest.mark.parametrize("owner_of_base", [0, ANOTHER_USER])
-def test_no_kernels_are_taken_over_from_another_user(tmp_path: Path, owner_of_base: int) -> None:
+def test_no_kernels_are_taken_over_from_another_user(shipped: Path, owner_of_base: int) -> None:
     """Except where the whole cache is that user's, which NUMBA_CACHE_DIR then names."""
-    root = sources(tmp_path / "project", factor=2)
-    python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), tmp_path / "first")
-    os.chown(tmp_path / "first", owner_of_base, owner_of_base)
-    os.chown(tmp_path / "first" / f"kernels-{source_key(root)}", ANOTHER_USER, ANOTHER_USER)
-    folder = tmp_path / "second" / f"kernels-{source_key(root)}"
-    folder.mkdir(parents=True)
-    seed((tmp_path / "first",), folder, root)
+    for folder, owner in ((shipped.parent, owner_of_base), (shipped, ANOTHER_USER)):
+        os.chown(folder, owner, owner)
+    folder = use_own_cache()
+    assert folder is not None
     assert kernels(folder) == ({"inner.inner", "outer.outer"} if owner_of_base else set())
 
 
@@ -515,8 +568,7 @@ def read_only(tmp_path: Path) -> Iterator[Path]:
     root = sources(tmp_path / "project", factor=2)
     cache = tmp_path / "read-only"
     python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), cache)
-    state = f"kernels-{source_key(root)}"
-    (cache / state / f"{jit_cache.COMPLETE}extractor").write_text("this processor")
+    add_groups(state_of(root, cache), ["extractor"])
     set_mode(cache, 0o555)
     yield cache
     set_mode(cache, 0o755)
@@ -551,7 +603,7 @@ def test_two_starts_delete_what_a_killed_process_left(tmp_path: Path) -> None:
     kept = tmp_path / "osape-companion-kernels-4194305-kept"
     gone.symlink_to("nowhere")  # listed, and not there: the other process has deleted it
     kept.mkdir()
-    jit_cache._delete_left_over(tmp_path)
+    assert state_folders.make_temporary(tmp_path).is_dir()
     assert not kept.exists()
 
 
@@ -569,9 +621,9 @@ def test_deleting_a_linked_kernel_deletes_the_link(tmp_path: Path) -> None:
     """A damaged kernel is compiled again, and the directory that cannot be written is not touched."""
     kernel = tmp_path / "level.pool-34.py311.1.nbc"
     kernel.write_bytes(b"damaged")
-    (tmp_path / "copy").mkdir()
-    link = tmp_path / "copy" / kernel.name
+    (tmp_path / "copy" / "core.level").mkdir(parents=True)
+    link = tmp_path / "copy" / "core.level" / kernel.name
     link.symlink_to(kernel)
-    assert delete_kernels([link]) == 1
+    assert delete_kernels(tmp_path / "copy") == 1
     assert not link.is_symlink()
     assert kernel.exists()

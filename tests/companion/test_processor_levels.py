@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import subprocess
 import sys
@@ -16,6 +15,7 @@ import companion.kernels.processor as processor_module
 import companion.kernels.warmup as warmup
 from companion.cli import main
 from companion.kernels.jit_cache import VARIABLE
+from companion.kernels.manifest import add_groups, kernels_in
 from companion.kernels.processor import CPU_NAME, level_variables, levels, own_levels
 
 from .small_core import RUN, python, sources
@@ -124,6 +124,13 @@ class Installation:
         assert result == "21"
         return outcome
 
+    def ship(self, flags: str, **variables: str) -> None:
+        """Puts the kernels of a processor into `shared`, as complete."""
+        self.start(flags, "shared", **variables)
+        for state in self.shared.iterdir():
+            if kernels_in(state):
+                add_groups(state, ["extractor"])
+
 
 @pytest.fixture
 def installation(tmp_path: Path) -> Installation:
@@ -134,7 +141,7 @@ def installation(tmp_path: Path) -> Installation:
 @needs_v3
 def test_an_empty_cache_starts_with_the_shipped_kernels_of_the_level(installation: Installation) -> None:
     for flags in (V2, V3):
-        installation.start(flags, "shared")
+        installation.ship(flags)
     assert installation.start(V3, "of v3") == "x86-64-v3 1 0"
     assert installation.start(V2, "of v2") == "x86-64-v2 1 0"
     shipped, own = (set(installation.folder.joinpath(name).rglob("*.nbc")) for name in ("shared", "of v3"))
@@ -144,7 +151,7 @@ def test_an_empty_cache_starts_with_the_shipped_kernels_of_the_level(installatio
 @pytest.mark.process
 @needs_v3
 def test_shipped_kernels_of_another_level_are_not_used(installation: Installation) -> None:
-    installation.start(V3, "shared")
+    installation.ship(V3)
     assert installation.start(V2, "own") == "x86-64-v2 0 1"
     assert installation.start(V3, "own") == "x86-64-v3 1 0"  # one directory may serve several computers
     assert installation.start(V2, "own") == "x86-64-v2 1 0"
@@ -154,13 +161,15 @@ def test_shipped_kernels_of_another_level_are_not_used(installation: Installatio
 @needs_v3
 def test_a_processor_below_all_levels_compiles_for_itself(installation: Installation) -> None:
     for flags in (V2, V3):
-        installation.start(flags, "shared")
+        installation.ship(flags)
     assert installation.start("fpu sse sse2", "own") == "None 0 1"
+    assert installation.start("fpu sse sse2 popcnt", "own") == "None 0 1"  # a disk that was moved to another computer
+    assert installation.start("fpu sse sse2", "own") == "None 1 0"
 
 
 @pytest.mark.process
 def test_the_processor_that_the_user_names_is_kept(installation: Installation) -> None:
-    installation.start(V3, "shared", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="")
+    installation.ship(V3, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="")
     assert installation.start(V3, "own", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == "generic 1 0"
 
 
@@ -209,23 +218,19 @@ def test_results_are_the_same_bits_at_each_level(tmp_path: Path) -> None:
 
 @pytest.mark.process
 def test_warmup_for_each_level_starts_a_process_with_its_variables(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     code = """
-import json, os
-cache = [os.environ[name] for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_CACHE_DIR")]
-print(json.dumps({"cache": cache, "deleted": 0, "cached": 2}))
+import os, sys
+print(sys.argv[1:], *(os.environ[name] for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_CACHE_DIR")))
 """
     monkeypatch.setattr(warmup, "LEVEL_CHILD", code)
     monkeypatch.setenv(VARIABLE, str(tmp_path / "kernels-0123456789abcdef"))
     monkeypatch.setenv(CPU_NAME, "generic")
     monkeypatch.setattr(warmup, "own_levels", lambda: levels()[1:])
     assert main(["warmup", "--levels", "--json"]) == 0
-    printed = capsys.readouterr()
-    level = levels()[1]
-    assert json.loads(printed.out)["levels"] == {
-        level: {"cache": [level, "", str(tmp_path)], "deleted": 0, "cached": 2}
-    }
+    printed = capfd.readouterr()
+    assert printed.out == f"['--json'] {levels()[1]}  {tmp_path}\n"
     assert f"no kernels for {levels()[0]}" in printed.err
 
 

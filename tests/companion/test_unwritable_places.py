@@ -18,10 +18,9 @@ from companion.config.service import RecordParams
 from companion.doctor.autopilot_check import autopilot_findings
 from companion.doctor.computer_check import computer_findings
 from companion.kernels import jit_cache
-from companion.kernels.cache_state import cache_warning
-from companion.kernels.child_process import WarmupError
-from companion.kernels.processor import processor
-from companion.kernels.run_kernels import MODES
+from companion.kernels.compilation import WarmupError, cache_warning
+from companion.kernels.manifest import Manifest, add_groups, write_manifest
+from companion.kernels.run_kernels import GROUPS
 from companion.kernels.warmup import warm_up
 from companion.paths import FolderError, cache_folder, folders
 from companion.whole_file import whole_file, write_whole
@@ -257,23 +256,23 @@ def companion_without_cache(cache: Path, *arguments: str) -> subprocess.Complete
     )
 
 
-def test_a_writable_cache_is_not_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(jit_cache.VARIABLE, str(tmp_path))
-    assert cache_warning(MODES) == ""
-
-
+@pytest.mark.parametrize("unwritable", [True, False])
 def test_a_read_only_cache_is_announced_where_kernels_are_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, unwritable: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = tmp_path / "osape-companion-kernels-1-a" / "kernels-0123456789abcdef"
-    folder.mkdir(parents=True)
+    folder = tmp_path / "kernels-0123456789abcdef"
+    folder.mkdir()
+    write_manifest(folder, Manifest())
     monkeypatch.setenv(jit_cache.VARIABLE, str(folder))
-    for mode in MODES[:-1]:
-        (folder / f"{jit_cache.COMPLETE}{mode}").write_text(processor())
-    assert cache_warning(MODES[:-1]) == ""
-    assert f"those of {MODES[-1]} are missing" in cache_warning(MODES)
-    with pytest.raises(WarmupError, match="NUMBA_CACHE_DIR"):
-        warm_up()
+    monkeypatch.setattr(jit_cache, "_unwritable", [tmp_path / "cache"] if unwritable else [])
+    add_groups(folder, GROUPS[:-1])
+    assert cache_warning(GROUPS[:-1]) == ""
+    if unwritable:
+        assert f"stored in {tmp_path / 'cache'}, and those of {GROUPS[-1]} are missing" in cache_warning(GROUPS)
+        with pytest.raises(WarmupError, match="NUMBA_CACHE_DIR"):
+            warm_up()
+    else:
+        assert cache_warning(GROUPS) == ""
 
 
 def test_a_failure_between_leaves_the_file_of_before(tmp_path: Path) -> None:
