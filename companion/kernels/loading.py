@@ -67,8 +67,8 @@ class Loading(threading.Thread):
 def make_ready(*groups: str, report: Report = lambda done, total: None) -> None:
     """Loads the kernels of these groups, after a child process has compiled the missing ones. Raises WarmupError.
 
-    A service that ended while it loaded may have met a damaged cache and would end again at each start: a mark file
-    makes the next start run the kernels in a child process first."""
+    A service that failed or ended while it loaded may have met a damaged cache and would end again at each start: a mark
+    file makes the next start run the kernels in a child process first."""
     if warning := cache_warning(groups):
         log.warning(warning)
     folder = state_in_use()
@@ -83,8 +83,8 @@ def make_ready(*groups: str, report: Report = lambda done, total: None) -> None:
 def _marked(mark: Path | None) -> Iterator[None]:
     """Keeps a mark file while kernels are loaded.
 
-    It remains only if the process crashes or is killed. If the main thread fails or is stopped while another thread
-    loads, it is removed at exit."""
+    It remains if loading fails, and if the process crashes or is killed. If the main thread fails or is stopped while
+    another thread loads, it is removed at exit."""
     if mark is None:
         yield
         return
@@ -95,6 +95,8 @@ def _marked(mark: Path | None) -> Iterator[None]:
     with contextlib.suppress(OSError):  # as on a full disk
         mark.touch()
     atexit.register(remove)
-    yield
+    try:
+        yield
+    finally:
+        atexit.unregister(remove)
     remove()
-    atexit.unregister(remove)

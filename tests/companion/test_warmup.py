@@ -221,7 +221,7 @@ def test_every_kernel_that_python_calls_is_run_for_any_parameters() -> None:
 # ---- the start of the service -------------------------------------------------------------------------------------
 
 FAILS_WHILE_LOADING = """
-import os, sys
+import os, pickle, sys
 import companion.kernels.loading as loading
 
 def fail(groups):
@@ -380,7 +380,7 @@ def run_service_start(code: str, folder: Path) -> int:
     return subprocess.run([sys.executable, "-c", named + code], env=environment, check=False).returncode
 
 
-@pytest.mark.parametrize(("failure", "status"), [("os._exit(9)", 9)])
+@pytest.mark.parametrize(("failure", "status"), [("os._exit(9)", 9), ("pickle.loads(b'')", 1)])
 def test_after_a_failure_to_load_a_damaged_cache_is_mended(
     filled: Path, failure: str, status: int, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
