@@ -6,15 +6,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from .expert import expert_fields
-from .retired_constants import CONSTANTS, OTHER_CONSTANTS
+from .retired_constants import CONSTANTS_OF
 
 _CPU_IDLE: Final = "use cpupower or tuned to limit the idle states of the processor"
 _LEVEL_MEMORY: Final = "it has no effect any more; a planner gives it to osape_client.LevelMemory; remove the line"
 
-_CONSTANTS: Final[Mapping[tuple[str, str], float]] = {
-    **OTHER_CONSTANTS,
-    **{(section, key): value for section in ("extractor", "expert") for key, value in CONSTANTS.items()},
-}
 RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("service", "idle_latency_us"): f"it has no effect any more; {_CPU_IDLE}; remove the line",
     (
@@ -27,7 +23,11 @@ RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("record", "drawings"): "[output] scene and transforms decide what each log holds; remove the line",
     ("world", "level_memory_s"): _LEVEL_MEMORY,
     ("world", "level_speed_m_s"): _LEVEL_MEMORY,
-    **dict.fromkeys(_CONSTANTS, "it is a constant now; remove the line"),
+    **{
+        (section, key): "it is a constant now; remove the line"
+        for section, constants in CONSTANTS_OF.items()
+        for key in constants
+    },
 }
 """(section, key) -> what to do about it."""
 
@@ -44,23 +44,18 @@ def refused_values(content: Mapping[str, Any]) -> list[str]:
     if mode == "paper":
         return [_PAPER]
     changed = [
-        f"[{section}] {key} = {table[key]!r} is not available any more: it is a constant, {value:g}. Remove the line. "
-        "A log recorded with it can be replayed by the version that recorded it"
-        for (section, key), value in _CONSTANTS.items()
-        if isinstance(table := content.get(section), Mapping) and table.get(key, value) != value
+        f"[{section}] {key} = {table[key]!r} is not available any more: it is a constant, {value:g}. "
+        "Remove the line. A log recorded with it can be replayed by the version that recorded it"
+        for section, constants in CONSTANTS_OF.items()
+        if isinstance(table := content.get(section), Mapping)
+        for key, value in constants.items()
+        if table.get(key, value) != value
     ]
     return changed if mode == "safe" else [*changed, "[extractor] mode is retired; remove the line"]
 
 
 RENAMED: Final[Mapping[tuple[str, str], tuple[str, str]]] = {
     ("service", "stale_s"): ("service", "timeout_s"),
-    ("world", "clear_after"): ("world", "free_evidence_limit"),
-    ("world", "clear_trust"): ("world", "free_evidence_limit_extra"),
-    ("world", "clear_hit"): ("world", "free_evidence_per_hit"),
-    ("world", "clear_behind_m"): ("world", "free_evidence_behind_m"),
-    ("world", "clear_sigmas"): ("world", "free_evidence_sigmas"),
-    ("world", "clear_share"): ("world", "free_evidence_share"),
-    ("world", "clear_step_m"): ("world", "free_evidence_step_m"),
     **{("extractor", f.name): ("expert", f.name) for f in expert_fields()},
 }
 """(section, key) -> (section, key) of today."""

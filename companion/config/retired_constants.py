@@ -90,14 +90,62 @@ CONSTANTS: Final[Mapping[str, float]] = {
 }
 """Key of [extractor] or [expert] -> value."""
 
-OTHER_CONSTANTS: Final[Mapping[tuple[str, str], float]] = {
-    ("avoid", "seen_share"): 0.4,
-    ("avoid", "stop_inside_m"): 0.04,
-    ("guard", "limit_ahead_s"): 1.0,
-    ("guard", "least_limit_m_s"): 1.0,
-    ("guard", "blind_speed_m_s"): 0.7,
-    ("guard", "keep_free_s"): 0.35,
-    ("guard", "raise_after_s"): 3.0,
-    ("service", "blind_hz"): 12.5,
+_TRACKING: Final[Mapping[str, float]] = {
+    "gate_sigmas": 2.0,
+    "gate_min_m": 0.15,
+    "gate_max_m": 0.4,
+    "pose_sigma_m": 0.03,
+    "drift_m": 0.03,
+    "turn_deg": 1.0,
+    "shrink_share": 0.1,
+    "free_evidence_frames": 4,
+    "free_evidence_behind_m": 0.3,
+    "free_evidence_sigmas": 2.0,
+    "mover_min_speed_m_s": 0.5,
+    "mover_max_speed_m_s": 15.0,
+    "mover_sigmas": 4.0,
+    "mover_max_size_m": 7.0,
 }
-"""(section, key) -> value."""
+
+_WORLD: Final[Mapping[str, float]] = {
+    "plane_angle_deg": 20.0,
+    "join_m": 0.3,
+    "join_sigmas": 2.0,
+    "join_noise_cap_m": 0.5,
+    "join_corner_m": 0.5,
+    "short_m": 1.0,
+    "memory_frames": 40.0,
+    "free_evidence_limit": 5,
+    "free_evidence_limit_extra": 15,
+    "free_evidence_per_hit": 2,
+    "free_evidence_behind_m": 0.5,
+    "free_evidence_sigmas": 3.0,
+    "free_evidence_share": 0.5,
+    "free_evidence_step_m": 0.25,
+    "clear_after": 5,
+    "clear_trust": 15,
+    "clear_hit": 2,
+    "clear_behind_m": 0.5,
+    "clear_sigmas": 3.0,
+    "clear_share": 0.5,
+    "clear_step_m": 0.25,
+    "jump_gap_s": 5.0,
+    "restart_s": 1.0,
+}
+
+CONSTANTS_OF: Final[Mapping[str, Mapping[str, float]]] = {
+    "avoid": {"seen_share": 0.4, "stop_inside_m": 0.04},
+    "guard": {
+        "limit_ahead_s": 1.0,
+        "least_limit_m_s": 1.0,
+        "blind_speed_m_s": 0.7,
+        "keep_free_s": 0.35,
+        "raise_after_s": 3.0,
+    },
+    "service": {"blind_hz": 12.5},
+    "extractor": CONSTANTS,
+    "expert": CONSTANTS,
+    "tracking": _TRACKING,
+    "world": _WORLD,
+}
+"""Section -> key -> value."""

@@ -98,9 +98,8 @@ def _run_tracking_kernels() -> None:
     from core.tracking.free_view import free_view
     from core.tracking.movers import support_by_view
     from core.tracking.objects import OBJECT
-    from core.tracking.params import TrackingParams
     from core.tracking.snapshot import TrackingFrame
-    from core.tracking.tracker import Tracker, rules_of
+    from core.tracking.tracker import Tracker
 
     model = _model()
     tracker = Tracker()
@@ -108,7 +107,7 @@ def _run_tracking_kernels() -> None:
         tracker.observe(TrackingFrame(model=model, camera_m=(0.0, 0.0, 0.0), t_ns=k, positioned=positioned))
     Tracker(state=tracker.state())
     # only obstacles that have begun to move are compared with earlier views
-    support_by_view(np.zeros(1, OBJECT), rules_of(TrackingParams())[0], free_view(model, (0.0, 0.0, 0.0)))
+    support_by_view(np.zeros(1, OBJECT), free_view(model, (0.0, 0.0, 0.0)))
 
 
 def _run_sharing_kernels() -> None:

@@ -8,6 +8,7 @@ taken in the order of their overlap, the best first.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,23 @@ _TALLER_M = 0.5
 SIDEWAYS_M = 0.15
 """A detection is seen at most this far beside the line of its track."""
 CONTINUES, COVERS = 1, 2
+GATE_MIN_M, GATE_MAX_M = 0.15, 0.4
+"""Distance from the line of a track that is always accepted, and one that is never exceeded."""
+_GATE_SIGMAS = 2.0
+"""Between them, the largest distance in standard deviations."""
+_WIDE = 1.6
+"""Factor of the gate while the motion of the vehicle is estimated."""
+
+
+class Gate(NamedTuple):
+    """Limits of the distance of a detection from the line of a track: least_m is always accepted, most_m never exceeded."""
+
+    least_m: Any
+    most_m: Any
+
+
+GATE, WIDE_GATE = Gate(GATE_MIN_M, GATE_MAX_M), Gate(GATE_MAX_M, _WIDE * GATE_MAX_M)
+"""With a known motion of the vehicle, and while it is estimated."""
 
 
 @inner
@@ -45,10 +63,10 @@ def heights_overlap(d, track):
 
 
 @inner
-def gate(track, d, s, rules):
+def gate_at(track, d, s, gate):
     """Largest accepted distance of a detection's point at s from the track's line, m."""
     sigma = math.sqrt(max(0.0, variance_at(track, s)) + d.sigma_m**2)
-    return min(rules.gate_max_m, max(rules.gate_min_m, rules.gate_sigmas * sigma))
+    return min(gate.most_m, max(gate.least_m, _GATE_SIGMAS * sigma))
 
 
 @inner
@@ -87,14 +105,14 @@ def lies_along(d, track, reach_m):
 
 
 @inner
-def continues(d, track, rules, eye_x, eye_y):
+def continues(d, track, gate, eye_x, eye_y):
     """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye_x,
     eye_y: of the camera; the track must hide what the detection hides from it."""
     off_a = abs(offset(track, d.ax_m, d.ay_m))
-    if off_a > rules.gate_max_m:
+    if off_a > gate.most_m:
         return 0.0
     off_b = abs(offset(track, d.bx_m, d.by_m))
-    if off_b > rules.gate_max_m:
+    if off_b > gate.most_m:
         return 0.0
     if sideways(track, d.ax_m, d.ay_m, off_a, eye_x, eye_y) > SIDEWAYS_M:
         return 0.0
@@ -109,27 +127,27 @@ def continues(d, track, rules, eye_x, eye_y):
         return 0.0
     if not fits_one_rectangle(min(sa, sb), max(sa, sb), d.top_m, d.bottom_m, track):
         return 0.0
-    far = max(off_a / gate(track, d, sa, rules), off_b / gate(track, d, sb, rules))
+    far = max(off_a / gate_at(track, d, sa, gate), off_b / gate_at(track, d, sb, gate))
     if far > 1.0:
         return 0.0
     return (max(over, 0.0) + 0.05) * min(height, 1.0) * (1.0 - 0.7 * far)
 
 
 @inner
-def covers(d, track, rules):
+def covers(d, track, gate):
     """Whether a detection covers a track: it reaches over most of its length and height, no more than the gate in front of
     it and no more than its own margin behind it."""
     height = min(d.bottom_m, track.bottom_m) - max(d.top_m, track.top_m)
     if height < 0.8 * (track.bottom_m - track.top_m) or is_much_taller(d, d.plane_flags, track):
         return False
-    front = max(rules.gate_min_m, min(_FRONT_M, d.margin_m))
+    front = max(gate.least_m, min(_FRONT_M, d.margin_m))
     x0, y0 = track.x_m + track.s0_m * track.tx, track.y_m + track.s0_m * track.ty
     near0 = (y0 - d.ay_m) * d.tx - (x0 - d.ax_m) * d.ty
-    if near0 > front or near0 < -rules.gate_max_m:
+    if near0 > front or near0 < -gate.most_m:
         return False
     x1, y1 = track.x_m + track.s1_m * track.tx, track.y_m + track.s1_m * track.ty
     near1 = (y1 - d.ay_m) * d.tx - (x1 - d.ax_m) * d.ty
-    if near1 > front or near1 < -rules.gate_max_m:
+    if near1 > front or near1 < -gate.most_m:
         return False
     q0 = (x0 - d.ax_m) * d.tx + (y0 - d.ay_m) * d.ty
     q1 = (x1 - d.ax_m) * d.tx + (y1 - d.ay_m) * d.ty
@@ -140,23 +158,23 @@ def covers(d, track, rules):
 
 
 @kernel
-def find_pairs(detections, tracks, rules, eye_x, eye_y, pairs, scores):
+def find_pairs(detections, tracks, gate, eye_x, eye_y, pairs, scores):
     """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, slot of the track,
-    relation; scores (P,) float64. eye_x, eye_y: of the camera. Returns (number of pairs, number of pairs that did not fit)."""
+    relation; scores (P,) float64. gate: Gate; eye_x, eye_y: of the camera. Returns (number of pairs, number of pairs that did not fit)."""
     boxes, slots = track_boxes(tracks), tracks.shape[0]
     near, found = np.empty(slots, np.bool_), np.empty(slots + 1, np.int64)
-    reach = rules.gate_max_m + _TOUCH_M
+    reach = gate.most_m + _TOUCH_M
     count, lost = 0, 0
     for i in range(detections.shape[0]):
         d = detections[i]
         for j in found[: find_near(d, boxes, reach, 0.0, near, found)]:
-            if not lies_along(d, tracks[j], rules.gate_max_m):
+            if not lies_along(d, tracks[j], gate.most_m):
                 continue
-            score = continues(d, tracks[j], rules, eye_x, eye_y)
+            score = continues(d, tracks[j], gate, eye_x, eye_y)
             relation = CONTINUES
             if score <= 0.0:
                 relation = COVERS
-                score = 1e-3 if covers(d, tracks[j], rules) else 0.0
+                score = 1e-3 if covers(d, tracks[j], gate) else 0.0
             if score <= 0.0:
                 continue
             if count == pairs.shape[0]:

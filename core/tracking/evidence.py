@@ -13,6 +13,7 @@ from .intervals import index_intervals
 from .observed import (
     CLEAR,
     EXPLAINED,
+    FREE_BEHIND_M,
     HIDDEN,
     OUT_OF_VIEW,
     classify,
@@ -34,13 +35,15 @@ NEW_HITS = 3
 _LEAST_MEMORY_NS = 200_000_000
 """Nothing is forgotten sooner."""
 _RATE_STEP = 0.1
+_FREE_FRAMES = 4
+"""Frames that must observe free space through an obstacle; fewer where it was observed less often."""
 _IN_VIEW_SHARE, _PROVEN_SHARE = 0.5, 0.75
 """Shares of the height above the ground. With less of it between the highest and the lowest measured ray a place is
 out of view; so much must lie there for free space to remove all of it."""
 
 
 @kernel
-def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
+def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
     """Evidence of one frame on all cells that it did not observe; removes cells that are clear, or older than the memory.
     Sets the state of each track. Returns the number of cells removed.
 
@@ -57,7 +60,7 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
         if t.hits == 0:
             continue
         if t.seen_ns == t_ns:
-            shrink(table, j, detections, rules, view, limits)
+            shrink(table, j, detections, view, limits)
         best, missed, gap = OUT_OF_VIEW, False, is_gap(t)
         for k in range(t.cells):
             c = table.cells[j, k]
@@ -65,9 +68,9 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
                 continue
             s = cell_middle(t, k)
             place = seen_from(t.x_m + s * t.tx, t.y_m + s * t.ty, view)
-            seen = classify(place, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view)
+            seen = classify(place, t.top_m, t.bottom_m, FREE_BEHIND_M + t.margin_m, view)
             if seen != CLEAR and is_seen_through(
-                place, t, detections, spans, index, middle, rules.behind_m, view, eye_z
+                place, t, detections, spans, index, middle, FREE_BEHIND_M, view, eye_z
             ):
                 seen = CLEAR
             if seen == CLEAR and share_in_view(place, t.top_m, t.bottom_m, eye_z, view, heights) < _PROVEN_SHARE:
@@ -82,7 +85,7 @@ def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
                 if beside or share_in_view(place, t.top_m, t.bottom_m, eye_z, view, heights) < _IN_VIEW_SHARE:
                     share = 1.0
             too_old = t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory_ns * share)
-            if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or too_old:
+            if c.against >= 2 * min(_FREE_FRAMES, 1 + c.hits) or too_old:
                 c.hits = 0
                 removed += 1
         if gap and missed and t.hits == 1 and t.seen_ns != t_ns:

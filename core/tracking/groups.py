@@ -8,10 +8,12 @@ import numpy as np
 
 from ..jit import inner, kernel, record
 from .observed import is_gap, measured_limits, turn_between
-from .tables import CUT_LEFT, CUT_RIGHT
+from .tables import CUT_LEFT, CUT_RIGHT, POSE_SIGMA_M
 
 GAP_M = 0.4
 """Detections closer together belong to one group."""
+_MOST_SIZE_M = 7.0
+"""Larger groups are static."""
 _CUT_SIDES = CUT_LEFT | CUT_RIGHT
 _BORDER_RAD = 0.01
 """What ends so close to the border of the measured directions may continue."""
@@ -66,7 +68,7 @@ def root(parents, i):
 
 
 @kernel
-def find_groups(detections, view, pose_sigma_m, groups):
+def find_groups(detections, view, groups):
     """Fills groups (G,) GROUP from detections, ordered by their least x, and sets their `group`; returns how many.
 
     view: FreeView of the frame."""
@@ -125,7 +127,7 @@ def find_groups(detections, view, pose_sigma_m, groups):
         if detections[i].group >= 0:
             approach(groups[detections[i].group], detections[i], x_m, y_m)
     for g in range(count):
-        end_group(groups[g], x_m, y_m, view.ke_per_m, pose_sigma_m)
+        end_group(groups[g], x_m, y_m, view.ke_per_m)
     return count
 
 
@@ -209,7 +211,7 @@ def approach(g, d, x_m, y_m):
 
 
 @inner
-def end_group(g, x_m, y_m, ke_per_m, pose_sigma_m):
+def end_group(g, x_m, y_m, ke_per_m):
     """Place and error of a complete group. The error along the ray is a third of that of one pixel: the noise of a stereo
     camera is correlated over 10 px, so that a group holds few independent samples. Between its planes the group's
     middle is used."""
@@ -219,12 +221,12 @@ def end_group(g, x_m, y_m, ke_per_m, pose_sigma_m):
         g.range_m = math.sqrt((g.x_m - x_m) ** 2 + (g.y_m - y_m) ** 2)
     g.x_m = x_m + g.range_m * math.cos(g.azimuth_rad)
     g.y_m = y_m + g.range_m * math.sin(g.azimuth_rad)
-    least2 = _LEAST_SIGMA_M**2 + pose_sigma_m**2 + (_SIGMA_OF_SIZE * g.size_m) ** 2
+    least2 = _LEAST_SIGMA_M**2 + POSE_SIGMA_M**2 + (_SIGMA_OF_SIZE * g.size_m) ** 2
     g.radial_sigma_m = math.sqrt(least2 + (0.33 * ke_per_m * g.range_m * g.range_m) ** 2)
     g.tangential_sigma_m = math.sqrt(least2 + (_SIGMA_OF_RANGE * g.range_m) ** 2)
 
 
 @inner
-def may_move(g, rules):
+def may_move(g):
     """Whether a group may be a moving obstacle: small, and not cut by the left or right border of the image."""
-    return g.size_m <= rules.max_size_m and g.plane_flags & _CUT_SIDES == 0
+    return g.size_m <= _MOST_SIZE_M and g.plane_flags & _CUT_SIDES == 0

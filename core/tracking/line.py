@@ -11,6 +11,8 @@ EDGE_ON = 0.4
 """Sine of the angle between a viewing ray and a line that is seen edge-on."""
 _SLOPE_VARIANCE = 0.25
 """Variance of the slope of a line without a direction, rad^2."""
+_DRIFT_M, _TURN_RAD = 0.03, math.radians(1.0)
+"""Change of a track's place, and of its direction, within one second, standard deviations."""
 
 
 @inner
@@ -118,10 +120,10 @@ def shift_line(track, delta_m, slope):
 
 
 @inner
-def predict_line(track, dt_s, rules):
+def predict_line(track, dt_s):
     """Lets the covariance grow over dt_s about the middle of the track."""
-    track.p00 += rules.drift_m**2 * dt_s
-    turn = max(0.0, min(rules.turn_rad**2 * dt_s, _SLOPE_VARIANCE - track.p11))
+    track.p00 += _DRIFT_M**2 * dt_s
+    turn = max(0.0, min(_TURN_RAD**2 * dt_s, _SLOPE_VARIANCE - track.p11))
     s = 0.5 * (track.s0_m + track.s1_m)
     track.p11 += turn
     track.p01 -= s * turn

@@ -14,7 +14,7 @@ _MERGE_M = 0.2
 
 
 @inner
-def merge_pairs(table, detections, pairs, order, rules, eye):
+def merge_pairs(table, detections, pairs, order, eye):
     """Merges a track into that of a detection which covers it, or which continues both."""
     tracks = table.tracks
     for n in order:
@@ -27,12 +27,12 @@ def merge_pairs(table, detections, pairs, order, rules, eye):
         if pairs[n, 2] == COVERS:
             if tracks[j].first_detection == NONE:
                 absorb(table, detections, k, j, eye)
-        elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], rules, eye[0], eye[1]):
+        elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], eye[0], eye[1]):
             absorb(table, detections, k, j, eye)
 
 
 @inner
-def same_surface(t, other, rules, eye_x, eye_y):
+def same_surface(t, other, eye_x, eye_y):
     """Whether another track lies on this one's line, overlaps it, and is not observed beside it in this frame."""
     if t.tx * other.tx + t.ty * other.ty < 0.0:
         return False
@@ -46,7 +46,7 @@ def same_surface(t, other, rules, eye_x, eye_y):
         far = max(far, abs(off))
         if sideways(t, x, y, off, eye_x, eye_y) > SIDEWAYS_M:
             return False
-    if far > min(_MERGE_M, rules.gate_max_m):
+    if far > _MERGE_M:
         return False
     if other.hits < STEADY_HITS and is_much_taller(other, other.plane_flags, t):
         return False

@@ -22,6 +22,10 @@ OLD_S = 0.35
 """Least age of an earlier place, and of an earlier view, that is compared with the present one."""
 NO_EVIDENCE, WAITING, SUPPORTED = 0, 1, 2
 """Evidence of a frame for the motion of an object."""
+_MIN_SPEED_M_S, _MAX_SPEED_M_S = 0.5, 15.0
+"""A slower obstacle is static. A faster motion is an error of association."""
+_SPEED_SIGMAS = 4.0
+"""Least speed of a moving obstacle, as a multiple of its error."""
 _LEAST_HITS = 4
 _SUPPORT = 3
 """Observations in a row that support the motion, before it is declared."""
@@ -34,7 +38,7 @@ _SMALL_M = 0.3
 
 
 @kernel
-def update_objects(groups, count, objects, history, next_id, t_ns, rules, track_rules, view):
+def update_objects(groups, count, objects, history, next_id, t_ns, view):
     """Filters the objects by their groups and begins new ones. Returns (next id, number of objects that may have begun to
     move and whose present place has to be compared with earlier views: see `support_by_view`).
 
@@ -45,7 +49,7 @@ def update_objects(groups, count, objects, history, next_id, t_ns, rules, track_
             update_object(objects[groups[g].object], groups[g], t_ns)
     for g in range(count):
         group, m = groups[g], groups[g].object
-        if m == NONE and may_move(group, rules):
+        if m == NONE and may_move(group):
             m = object_lost_at(group, objects, t_ns)
             if m != NONE:
                 if objects[m].missed < TAKEN_AFTER:
@@ -61,28 +65,28 @@ def update_objects(groups, count, objects, history, next_id, t_ns, rules, track_
             continue
         o = objects[m]
         o.evidence = NO_EVIDENCE
-        if moves_regularly(o, rules, view):
-            o.evidence = left_place(o, history[m], track_rules, view, t_ns)
+        if moves_regularly(o, view):
+            o.evidence = left_place(o, history[m], view, t_ns)
         waiting += 1 if o.evidence == WAITING and o.moving_ns == 0 else 0
         add_place(o, history[m], t_ns)
-    end_passed(objects, track_rules, view, t_ns)
+    end_passed(objects, view, t_ns)
     return next_id, waiting
 
 
 @inner
-def end_passed(objects, rules, view, t_ns):
+def end_passed(objects, view, t_ns):
     """Ends the objects that this frame did not observe, and whose predicted place it observed to be free: they are not where
     their velocity would have brought them."""
     for m in range(objects.shape[0]):
         o = objects[m]
         if o.hits == 0 or o.seen_ns == t_ns:
             continue
-        if classify(seen_from(o.x_m, o.y_m, view), o.top_m, o.bottom_m, _SMALL_M, rules, view) == CLEAR:
+        if classify(seen_from(o.x_m, o.y_m, view), o.top_m, o.bottom_m, _SMALL_M, view) == CLEAR:
             o.hits = 0
 
 
 @kernel
-def support_by_view(objects, rules, earlier):
+def support_by_view(objects, earlier):
     """Supports the motion of objects that stand where an earlier view observed free space. earlier: FreeView. Returns how
     many still wait for evidence."""
     waiting = 0
@@ -90,7 +94,7 @@ def support_by_view(objects, rules, earlier):
         o = objects[m]
         if o.hits == 0 or o.evidence != WAITING or o.moving_ns != 0:
             continue
-        if classify(seen_from(o.x_m, o.y_m, earlier), o.top_m, o.bottom_m, _SMALL_M, rules, earlier) == CLEAR:
+        if classify(seen_from(o.x_m, o.y_m, earlier), o.top_m, o.bottom_m, _SMALL_M, earlier) == CLEAR:
             o.evidence = SUPPORTED
         else:
             waiting += 1
@@ -98,7 +102,7 @@ def support_by_view(objects, rules, earlier):
 
 
 @kernel
-def declare_objects(objects, t_ns, rules):
+def declare_objects(objects, t_ns):
     """Declares objects with enough support moving, and slow ones static."""
     for m in range(objects.shape[0]):
         o = objects[m]
@@ -107,23 +111,23 @@ def declare_objects(objects, t_ns, rules):
         o.support = o.support + 1 if o.evidence == SUPPORTED else 0
         if o.moving_ns == 0 and o.support >= _SUPPORT:
             o.moving_ns = t_ns
-        elif o.moving_ns != 0 and math.hypot(o.vx_m_s, o.vy_m_s) < 0.5 * rules.min_speed_m_s:
+        elif o.moving_ns != 0 and math.hypot(o.vx_m_s, o.vy_m_s) < 0.5 * _MIN_SPEED_M_S:
             o.moving_ns, o.support = 0, 0
 
 
 @inner
-def moves_regularly(o, rules, view):
+def moves_regularly(o, view):
     """Whether the observations of an object agree with a motion faster than its error. view: FreeView of this frame."""
     speed = math.sqrt(o.vx_m_s**2 + o.vy_m_s**2)
-    if o.hits < _LEAST_HITS or speed < rules.min_speed_m_s or speed > rules.max_speed_m_s:
+    if o.hits < _LEAST_HITS or speed < _MIN_SPEED_M_S or speed > _MAX_SPEED_M_S:
         return False
     if o.misfit > _MOST_MISFIT or o.hits < _OBSERVED_SHARE * o.frames:
         return False
-    return speed >= rules.sigmas * math.sqrt(speed_variance(o, view.x_m, view.y_m))
+    return speed >= _SPEED_SIGMAS * math.sqrt(speed_variance(o, view.x_m, view.y_m))
 
 
 @inner
-def left_place(o, places, rules, view, t_ns):
+def left_place(o, places, view, t_ns):
     """Evidence of one frame that an object has moved: SUPPORTED where an earlier place that agrees with its velocity is free
     now, WAITING where one agrees, NO_EVIDENCE elsewhere."""
     evidence = NO_EVIDENCE
@@ -136,7 +140,7 @@ def left_place(o, places, rules, view, t_ns):
         if miss > 0.5 * math.sqrt(dx * dx + dy * dy):
             continue
         place = seen_from(places[n, 1], places[n, 2], view)
-        if classify(place, o.top_m, o.bottom_m, _SMALL_M, rules, view) == CLEAR:
+        if classify(place, o.top_m, o.bottom_m, _SMALL_M, view) == CLEAR:
             return SUPPORTED
         evidence = WAITING
     return evidence

@@ -72,13 +72,6 @@ high_dy_m: its box from (x_m, y_m); hits: 0: empty; support: observations in a r
 entries of its history; frames: since the first observation; evidence: of the newest observation for a motion. missed: frames in a
 row that did not observe it."""
 
-MOVER_RULES = record(
-    ("min_speed_m_s", np.float64),
-    ("max_speed_m_s", np.float64),
-    ("sigmas", np.float64),
-    ("max_size_m", np.float64),
-)
-
 
 @kernel
 def predict_objects(objects, dt_s, t_ns, observing):
@@ -106,13 +99,13 @@ def predict_objects(objects, dt_s, t_ns, observing):
 
 
 @kernel
-def assign_groups(groups, count, objects, rules):
+def assign_groups(groups, count, objects):
     """Gives each group the object that explains it best, the best pair first."""
     pairs, costs = np.empty((count * objects.shape[0], 2), np.int64), np.empty(count * objects.shape[0])
     found = 0
     for g in range(count):
         for m in range(objects.shape[0]):
-            cost = pair_cost(groups[g], objects[m], rules)
+            cost = pair_cost(groups[g], objects[m])
             if cost < math.inf:
                 pairs[found, 0], pairs[found, 1], costs[found] = g, m, cost
                 found += 1
@@ -124,9 +117,9 @@ def assign_groups(groups, count, objects, rules):
 
 
 @inner
-def pair_cost(g, o, rules):
+def pair_cost(g, o):
     """Twice the negative logarithm of the likelihood of a group's place, without its constant; inf: they cannot be one."""
-    if o.hits == 0 or not may_move(g, rules) or not alike(g, o):
+    if o.hits == 0 or not may_move(g) or not alike(g, o):
         return math.inf
     dx, dy = g.x_m - o.x_m, g.y_m - o.y_m
     if dx * dx + dy * dy > _REACH_M**2:

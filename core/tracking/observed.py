@@ -21,6 +21,9 @@ _OBSTACLE = 1
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
 """Shares of a place's height."""
+FREE_BEHIND_M, FREE_SIGMAS = 0.3, 2.0
+"""Observed free space must reach this far behind an obstacle and its margin, and farther by this many standard deviations of
+its distance."""
 _SPAN_SLACK_RAD = 1e-6
 """For the rounding of directions."""
 
@@ -70,10 +73,10 @@ def lowest_free(x, y, r, view):
 
 
 @inner
-def classify(place, top, bottom, slack, rules, view):
+def classify(place, top, bottom, slack, view):
     """How a frame observed a place (of `seen_from`) with heights top..bottom: CLEAR, EXPLAINED, HIDDEN or OUT_OF_VIEW. slack:
     how far behind the place it must be free, m, without noise."""
-    clear, explained, hidden = observed_heights(place, top, bottom, slack, rules, view)
+    clear, explained, hidden = observed_heights(place, top, bottom, slack, view)
     if explained > _EXPLAINED_SHARE * (bottom - top):
         return EXPLAINED
     if clear >= _CLEAR_SHARE * (bottom - top):
@@ -82,7 +85,7 @@ def classify(place, top, bottom, slack, rules, view):
 
 
 @inner
-def observed_heights(place, top, bottom, slack, rules, view):
+def observed_heights(place, top, bottom, slack, view):
     """How much of the height of a place (of `seen_from`) is (clear, explained, hidden), m; zeros out of view."""
     dx, dy, r, azimuth = place
     clear, explained, hidden = 0.0, 0.0, 0.0
@@ -91,7 +94,7 @@ def observed_heights(place, top, bottom, slack, rules, view):
     d = direction_of(view.edges_rad, azimuth)
     if d == NONE:
         return clear, explained, hidden
-    off = slack + rules.free_sigmas * view.ke_per_m * r * r
+    off = slack + FREE_SIGMAS * view.ke_per_m * r * r
     lowest = lowest_free(dx, dy, r, view)
     for k in range(view.layers_m.shape[0] - 1):
         upper, lower = max(top, view.layers_m[k]), min(bottom, view.layers_m[k + 1])
@@ -109,7 +112,7 @@ def observed_heights(place, top, bottom, slack, rules, view):
 
 
 @inner
-def is_unobserved(x, y, top, bottom, slack, rules, view, limits):
+def is_unobserved(x, y, top, bottom, slack, view, limits):
     """Whether a frame did not observe most of a place above the ground: an obstacle hides it, it lies beyond the range, or out
     of the measured directions. limits: of `measured_limits`."""
     place = seen_from(x, y, view)
@@ -119,7 +122,7 @@ def is_unobserved(x, y, top, bottom, slack, rules, view, limits):
     bottom = min(bottom, lowest_free(dx, dy, r, view))
     if bottom <= top:
         return False
-    return observed_heights(place, top, bottom, slack, rules, view)[2] > 0.5 * (bottom - top)
+    return observed_heights(place, top, bottom, slack, view)[2] > 0.5 * (bottom - top)
 
 
 @inner

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
-from .association import SIDEWAYS_M, STEADY_HITS
+from .association import GATE_MAX_M, SIDEWAYS_M, STEADY_HITS
 from .line import along, offset, seen_at, shift_line, sideways, update_line
 
 _LOST_M = 0.02
@@ -17,10 +17,10 @@ _WITHIN = 0.95
 
 
 @inner
-def lies_on(t, d, rules, eye_x, eye_y):
+def lies_on(t, d, eye_x, eye_y):
     """Whether both ends of a detection lie on the line of a track."""
     off_a, off_b = offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m)
-    if max(abs(off_a), abs(off_b)) > rules.gate_max_m:
+    if max(abs(off_a), abs(off_b)) > GATE_MAX_M:
         return False
     return beside(t, d, eye_x, eye_y) <= SIDEWAYS_M
 
@@ -33,9 +33,9 @@ def beside(t, d, eye_x, eye_y):
 
 
 @inner
-def represents(t, d, rules, eye_x, eye_y):
+def represents(t, d, eye_x, eye_y):
     """Whether a track hides what a detection hides from the camera, so that nothing of a frame is lost."""
-    if t.hits == 0 or not lies_on(t, d, rules, eye_x, eye_y):
+    if t.hits == 0 or not lies_on(t, d, eye_x, eye_y):
         return False
     if d.top_m < t.top_m - _LOST_M or d.bottom_m > t.bottom_m + _LOST_M:
         return False
@@ -60,18 +60,18 @@ def width_of(ax, ay, bx, by, eye_x, eye_y):
 
 
 @inner
-def correct_line(t, d, rules, eye_x, eye_y):
+def correct_line(t, d, eye_x, eye_y):
     """Corrects the line of a track by a detection; returns False where the detection needs another line. One observation
     that lies beside the line of a track observed often does not replace it: the line is moved just so far that it hides
     what the detection hides."""
-    if lies_on(t, d, rules, eye_x, eye_y):
+    if lies_on(t, d, eye_x, eye_y):
         update_line(t, d)
         return True
     if t.hits < STEADY_HITS or t.tx * d.tx + t.ty * d.ty < _SAME_COS:
         return False
     update_line(t, d)
-    move_towards(t, d, rules.gate_max_m, eye_x, eye_y)
-    return lies_on(t, d, rules, eye_x, eye_y)
+    move_towards(t, d, GATE_MAX_M, eye_x, eye_y)
+    return lies_on(t, d, eye_x, eye_y)
 
 
 @inner

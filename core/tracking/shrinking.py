@@ -6,8 +6,8 @@ import math
 
 from ..jit import inner
 from .line import EDGE_ON, facing
-from .observed import is_unobserved
-from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, MEMORY_HITS, NONE
+from .observed import FREE_BEHIND_M, is_unobserved
+from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, MEMORY_HITS, NONE, SHRINK_SHARE
 
 _REACH_M = 0.75
 """An end that is observed farther inside belongs to a part of the surface."""
@@ -16,16 +16,16 @@ _WHOLE_SHARE, _PART_SHARE = 0.6, 0.3
 
 
 @inner
-def shrink(table, j, detections, rules, view, limits):
+def shrink(table, j, detections, view, limits):
     """Lets the extent of slot j, an observed track, shrink by a share of the difference. An end that the border of the image
     cut, that a nearer obstacle hides or that lies out of the measured directions stays. limits: of `measured_limits`."""
     t = table.tracks[j]
-    cut, share = flags_of(detections, t.first_detection), rules.shrink_share
+    cut, share = flags_of(detections, t.first_detection), SHRINK_SHARE
     if cut & (CUT_LEFT | CUT_RIGHT) == 0:
         low, high = t.frame_s0_m - t.s0_m, t.s1_m - t.frame_s1_m
-        if low < _REACH_M and not is_end_hidden(table, j, t.s0_m, t.frame_s0_m, rules, view, limits):
+        if low < _REACH_M and not is_end_hidden(table, j, t.s0_m, t.frame_s0_m, view, limits):
             t.s0_m += share * low
-        if high < _REACH_M and not is_end_hidden(table, j, t.s1_m, t.frame_s1_m, rules, view, limits):
+        if high < _REACH_M and not is_end_hidden(table, j, t.s1_m, t.frame_s1_m, view, limits):
             t.s1_m -= share * high
     whole = t.frame_bottom_m - t.frame_top_m >= _WHOLE_SHARE * (t.bottom_m - t.top_m)
     share = share if whole else _PART_SHARE * share
@@ -48,7 +48,7 @@ def flags_of(detections, first):
 
 
 @inner
-def is_end_hidden(table, j, end_s, frame_s, rules, view, limits):
+def is_end_hidden(table, j, end_s, frame_s, view, limits):
     """Whether the frame did not observe a track's line from the end of its detections, frame_s, to its own end, end_s (m), and
     the end is known from enough frames. Where the line is seen edge-on the noise moves its ends by metres: they are known from
     no frame."""
@@ -60,4 +60,4 @@ def is_end_hidden(table, j, end_s, frame_s, rules, view, limits):
     x, y = t.x_m + s * t.tx, t.y_m + s * t.ty
     if facing(t, x, y, view.x_m, view.y_m) < EDGE_ON:
         return False
-    return is_unobserved(x, y, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view, limits)
+    return is_unobserved(x, y, t.top_m, t.bottom_m, FREE_BEHIND_M + t.margin_m, view, limits)

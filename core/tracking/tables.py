@@ -1,4 +1,4 @@
-"""Tables of the tracker: tracks with their cells, detections of one frame, and the rules that kernels use.
+"""Tables of the tracker: tracks with their cells, detections of one frame.
 
 A track is a vertical rectangle on a line. The line is an anchor point and a unit tangent; s is the distance from the
 anchor along the tangent, and free space lies on the side of the normal (-ty, tx). Cells divide the line into equal
@@ -32,6 +32,10 @@ _RATE_STEP = 0.1
 _MOST_HITS = 1 << 20
 _CONFIRMING_SHARE = 0.3
 """An observation of less of a cell's height does not confirm the cell."""
+POSE_SIGMA_M = 0.03
+"""Error of position and attitude from frame to frame."""
+SHRINK_SHARE = 0.1
+"""Share of the difference by which a track shrinks to a smaller observation, each frame."""
 MEMORY_HITS = 10
 """Observations after which a cell is kept for the whole memory."""
 _HIT_WEIGHT = 4
@@ -103,19 +107,6 @@ DETECTION = record(
 """A plane of the frame. sigma_m: standard deviation of its place; track: slot that it updates; next: the next detection of
 the same track; group: of detections close together."""
 
-RULES = record(
-    ("gate_sigmas", np.float64),
-    ("gate_min_m", np.float64),
-    ("gate_max_m", np.float64),
-    ("drift_m", np.float64),
-    ("turn_rad", np.float64),
-    ("shrink_share", np.float64),
-    ("behind_m", np.float64),
-    ("free_sigmas", np.float64),
-    ("free_frames", np.int32),
-)
-"""What kernels use of TrackingParams."""
-
 
 class TrackTable(NamedTuple):
     """tracks: (T,) TRACK; cells: (T, CELLS) CELL."""
@@ -134,18 +125,17 @@ def detections_of(
     margin_m: NDArray[np.float32],
     flags: NDArray[np.uint8],
     cluster: NDArray[np.int32],
-    pose_sigma_m: float,
 ) -> NDArray[Any]:
     """(N,) DETECTION of the planes (P, 6) of a frame, by their least x. Planes that are not finite, or shorter than 1 mm, are
     left out."""
     rows = np.ascontiguousarray(planes, np.float32)
     order = np.argsort(np.minimum(rows[:, 0], rows[:, 2]), kind="stable")
     out = np.zeros(len(rows), DETECTION)
-    return out[: fill_detections(rows, margin_m, flags, cluster, order, pose_sigma_m, out)]
+    return out[: fill_detections(rows, margin_m, flags, cluster, order, out)]
 
 
 @inner
-def fill_detections(planes, margin_m, flags, cluster, order, pose_sigma_m, out):
+def fill_detections(planes, margin_m, flags, cluster, order, out):
     """Fills out (P,) DETECTION with the planes in this order; returns how many are valid."""
     count = 0
     for p in order:
@@ -164,7 +154,7 @@ def fill_detections(planes, margin_m, flags, cluster, order, pose_sigma_m, out):
         d.length_m, d.tx, d.ty = length, (bx - ax) / length, (by - ay) / length
         d.margin_m = margin
         d.sigma_m = math.sqrt(
-            0.25 * margin**2 + pose_sigma_m**2 + 1e-4
+            0.25 * margin**2 + POSE_SIGMA_M**2 + 1e-4
         )  # 95 % of the true points lie within the margin
         d.plane_flags, d.cluster = flags[p], cluster[p]
         d.track = d.next = d.group = NONE

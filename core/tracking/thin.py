@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel
-from .association import fits_one_rectangle
+from .association import GATE_MIN_M, fits_one_rectangle
 from .line import (
     EDGE_ON,
     ahead,
@@ -33,7 +33,16 @@ from .line import (
 )
 from .merging import absorb
 from .publish import BEHIND_M, WIDE_M
-from .tables import NONE, THIN_M, append_detections, copy_cell, count_observation, make_room, observe_cells
+from .tables import (
+    NONE,
+    SHRINK_SHARE,
+    THIN_M,
+    append_detections,
+    copy_cell,
+    count_observation,
+    make_room,
+    observe_cells,
+)
 
 _TOUCH_M = 0.1
 """Fragments this close touch."""
@@ -45,7 +54,7 @@ _SAME_ROWS = 0.3
 
 
 @kernel
-def join_lines(table, detections, rules, eye, t_ns):
+def join_lines(table, detections, eye, t_ns):
     """Joins the thin tracks of one line, those observed most often first, where this frame observed one of them. eye: x, y, z
     of the camera."""
     thin = thin_tracks(table.tracks, eye)
@@ -56,7 +65,7 @@ def join_lines(table, detections, rules, eye, t_ns):
                 break
             if o.hits == 0 or max(t.seen_ns, o.seen_ns) < t_ns or min(t.first_ns, o.first_ns) == t_ns:
                 continue
-            if is_one_line(t, o, rules, eye):
+            if is_one_line(t, o, eye):
                 join(table, detections, thin[a], thin[b], eye, t_ns)
 
 
@@ -72,7 +81,7 @@ def thin_tracks(tracks, eye):
 
 
 @inner
-def is_one_line(t, o, rules, eye):
+def is_one_line(t, o, eye):
     """Whether a thin track lies on the line of another one within the covariance of both, and touches it in the image."""
     if t.object_id != o.object_id:
         return False
@@ -83,7 +92,7 @@ def is_one_line(t, o, rules, eye):
         if facing(t, x, y, eye[0], eye[1]) < EDGE_ON:
             return False
         variance = max(0.0, variance_at(t, along(t, x, y))) + max(0.0, variance_at(o, s))
-        if abs(offset(t, x, y)) > max(rules.gate_min_m, o.margin_m, _SIGMAS * math.sqrt(variance)):
+        if abs(offset(t, x, y)) > max(GATE_MIN_M, o.margin_m, _SIGMAS * math.sqrt(variance)):
             return False
         at = seen_at(t, x, y, eye[0], eye[1])
         low, high = min(low, at), max(high, at)
@@ -211,7 +220,7 @@ def is_line(t, eye):
 
 
 @inner
-def end_line(t, detections, eye, shrink_share):
+def end_line(t, detections, eye):
     """How much nearer than its line the plane of a thin track is published, and its margin: it lies behind no detection of
     this frame by more than the margin of that, and with its own margin reaches as far as each of them with theirs."""
     reach, k = t.margin_m, t.first_detection
@@ -222,5 +231,5 @@ def end_line(t, detections, eye, shrink_share):
         behind = max(ahead(t, d.ax_m, d.ay_m, eye[0], eye[1]), ahead(t, d.bx_m, d.by_m, eye[0], eye[1]))
         reach = max(reach, behind + d.margin_m)
         k = d.next
-    t.nearer_m = max((1.0 - shrink_share) * t.nearer_m, needed_move(t, detections, t.first_detection, eye)[0])
+    t.nearer_m = max((1.0 - SHRINK_SHARE) * t.nearer_m, needed_move(t, detections, t.first_detection, eye)[0])
     t.excess_m = max(t.excess_m, reach - t.margin_m)

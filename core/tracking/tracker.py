@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import record_of
-from .association import assign, find_pairs
+from .association import GATE, WIDE_GATE, Gate, assign, find_pairs
 from .ego_motion import common_shift
 from .evidence import collect_evidence
 from .free_view import free_view, view_bytes, view_from_bytes
@@ -29,13 +28,13 @@ from .movers import (
     support_by_view,
     update_objects,
 )
-from .objects import MOST_OBJECTS, MOVER_RULES, OBJECT, assign_groups, predict_objects
+from .objects import MOST_OBJECTS, OBJECT, assign_groups, predict_objects
 from .observed import FreeView
 from .params import TrackingParams
 from .publish import snapshot_of
 from .snapshot import STATE_VERSION, TrackerState, TrackingFrame, TrackSnapshot
 from .splitting import split_tracks
-from .tables import CELL, CELLS, DETECTION, RULES, TRACK, TrackTable, detections_of, empty_table
+from .tables import CELL, CELLS, DETECTION, TRACK, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 
 NS = 1_000_000_000
@@ -46,8 +45,6 @@ _GROUPS = 128
 """Groups of a frame that may move."""
 _JUMP_M, _JUMP_SPEED_M_S = 1.0, 30.0
 """A position that steps by more has been reset."""
-_WIDE = 1.6
-"""Factor of the gate while the motion of the vehicle is estimated."""
 _VELOCITY_SHARE = 0.4
 """Weight of a frame in the estimated velocity of a vehicle without a position."""
 _SPARE_SLOTS = 64
@@ -59,34 +56,11 @@ _VIEWS, _VIEW_STEP_NS = 9, NS // 5
 """Earlier free ranges that are kept, and the least time between them."""
 
 
-def rules_of(p: TrackingParams) -> NDArray[Any]:
-    """(1,) RULES of the parameters."""
-    return record_of(
-        RULES,
-        p,
-        turn_rad=math.radians(p.turn_deg),
-        behind_m=p.free_evidence_behind_m,
-        free_sigmas=p.free_evidence_sigmas,
-        free_frames=p.free_evidence_frames,
-    )
-
-
 class Tracker:
     """The tracks of one camera. counts: tracks removed for want of slots, detections left out, pairs left out."""
 
     def __init__(self, params: TrackingParams | None = None, state: TrackerState | None = None) -> None:
-        self.params = p = params or TrackingParams()
-        self._rules = rules_of(p)
-        self._wide = self._rules.copy()
-        self._wide["gate_max_m"], self._wide["gate_min_m"] = _WIDE * p.gate_max_m, p.gate_max_m
-        self._mover_rules = record_of(
-            MOVER_RULES,
-            p,
-            min_speed_m_s=p.mover_min_speed_m_s,
-            max_speed_m_s=p.mover_max_speed_m_s,
-            sigmas=p.mover_sigmas,
-            max_size_m=p.mover_max_size_m,
-        )
+        self.params = params or TrackingParams()
         self.counts = {"tracks_evicted": 0, "detections_left_out": 0, "pairs_left_out": 0}
         self._pairs, self._scores = np.zeros((_LEAST_PAIRS, 3), np.int32), np.zeros(_LEAST_PAIRS)
         self._no_detections = np.zeros(0, DETECTION)
@@ -120,7 +94,7 @@ class Tracker:
         before = dict(self.counts)
         self._limit_table(len(frame.model.planes))
         aligned = self._align(frame, dt_s)
-        begin_frame(self._table, dt_s, self._rules[0])
+        begin_frame(self._table, dt_s)
         followed = aligned and frame.positioned
         if followed:
             predict_objects(self._objects, dt_s, frame.t_ns, frame.model.valid)
@@ -129,15 +103,13 @@ class Tracker:
         detections = self._no_detections
         if frame.model.valid:
             m = frame.model
-            detections = detections_of(m.planes, m.margin_m, m.flags, m.cluster, self.params.pose_sigma_m)
+            detections = detections_of(m.planes, m.margin_m, m.flags, m.cluster)
             if not followed:
                 self._estimate_motion(detections, dt_s, view)
             self._associate(detections, frame, view)
         release_tracks(self._table.tracks, self._objects)
         memory_s = self.params.memory_s if frame.positioned else self.params.memory_without_position_s
-        collect_evidence(
-            self._table, detections, self._rules[0], view, frame.camera_m[2], frame.t_ns, round(memory_s * NS)
-        )
+        collect_evidence(self._table, detections, view, frame.camera_m[2], frame.t_ns, round(memory_s * NS))
         self._next_id, self._used, evicted = split_tracks(self._all, len(self._table.tracks), self._next_id, frame.t_ns)
         self._limit_table(0)
         self.counts["tracks_evicted"] += evicted
@@ -229,7 +201,7 @@ class Tracker:
 
     def _estimate_motion(self, detections: NDArray[Any], dt_s: float, view: FreeView) -> None:
         """Moves the tracks by the common shift of the detections, and corrects the estimated velocity."""
-        count = self._find_pairs(detections, self._wide[0], view)
+        count = self._find_pairs(detections, WIDE_GATE, view)
         pairs, scores = self._pairs[:count], self._scores[:count]
         x, y, z = map(float, common_shift(detections, self._table.tracks, pairs, scores, dt_s))
         self._shift(x, y, z)
@@ -240,17 +212,17 @@ class Tracker:
 
     # ---- detections ---------------------------------------------------------------------------------------------------
 
-    def _find_pairs(self, detections: NDArray[Any], rules: Any, view: FreeView) -> int:
+    def _find_pairs(self, detections: NDArray[Any], gate: Gate, view: FreeView) -> int:
         most = max(_LEAST_PAIRS, _PAIRS_PER_DETECTION * len(detections))
         if len(self._pairs) < most:
             self._pairs, self._scores = np.zeros((most, 3), np.int32), np.zeros(most)
         tracks = self._all.tracks[: self._used]
-        count, lost = find_pairs(detections, tracks, rules, view.x_m, view.y_m, self._pairs, self._scores)
+        count, lost = find_pairs(detections, tracks, gate, view.x_m, view.y_m, self._pairs, self._scores)
         self.counts["pairs_left_out"] += lost
         return int(count)
 
     def _associate(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
-        count = self._find_pairs(detections, self._rules[0], view)
+        count = self._find_pairs(detections, GATE, view)
         order = np.argsort(-self._scores[:count], kind="stable")
         assign(detections, self._table.tracks, self._pairs, order)
         self._next_id, evicted, left_out = apply_detections(
@@ -258,7 +230,6 @@ class Tracker:
             detections,
             self._pairs,
             order,
-            self._rules[0],
             frame.camera_m,
             self._next_id,
             frame.t_ns,
@@ -271,17 +242,16 @@ class Tracker:
 
     def _follow_movers(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
         groups = self._groups
-        count = find_groups(detections, view, self.params.pose_sigma_m, groups)
-        assign_groups(groups, count, self._objects, self._mover_rules[0])
-        rules, motion = self._rules[0], self._mover_rules[0]
+        count = find_groups(detections, view, groups)
+        assign_groups(groups, count, self._objects)
         self._next_object_id, waiting = update_objects(
-            groups, count, self._objects, self._history, self._next_object_id, frame.t_ns, motion, rules, view
+            groups, count, self._objects, self._history, self._next_object_id, frame.t_ns, view
         )
         newest_ns = frame.t_ns - round(OLD_S * NS)
         for t_ns, earlier in self._views:
             if waiting and t_ns <= newest_ns:
-                waiting = support_by_view(self._objects, rules, earlier)
-        declare_objects(self._objects, frame.t_ns, motion)
+                waiting = support_by_view(self._objects, earlier)
+        declare_objects(self._objects, frame.t_ns)
         mark_tracks(detections, groups, self._objects, self._table.tracks)
 
     def _keep_view(self, view: FreeView, frame: TrackingFrame) -> None:

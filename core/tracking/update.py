@@ -5,13 +5,24 @@ from __future__ import annotations
 import math
 
 from ..jit import inner, kernel
+from .association import GATE_MAX_M
 from .boxes import set_box
 from .cover import begin_search, is_hidden, support
 from .line import along, begin_line, is_thin, offset, predict_line, seen_at, seen_heights
 from .merging import merge_pairs
 from .publish import BEHIND_M
 from .representation import correct_line, lies_on, represents
-from .tables import CELL_M, NONE, clear_cell, count_observation, free_slot, make_room, observe_cells, remove_detection
+from .tables import (
+    CELL_M,
+    NONE,
+    SHRINK_SHARE,
+    clear_cell,
+    count_observation,
+    free_slot,
+    make_room,
+    observe_cells,
+    remove_detection,
+)
 from .thin import end_line, is_line, join_lines
 
 _SHORT_M, _TURN_COS = 0.6, 0.9
@@ -19,20 +30,20 @@ _SHORT_M, _TURN_COS = 0.6, 0.9
 
 
 @kernel
-def begin_frame(table, dt_s, rules):
+def begin_frame(table, dt_s):
     """Prepares all tracks for the detections of a frame dt_s after the one before."""
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
         if t.hits == 0:
             continue
-        predict_line(t, dt_s, rules)
+        predict_line(t, dt_s)
         t.first_detection = NONE
         t.frame_s0_m, t.frame_s1_m = math.inf, -math.inf
         t.frame_top_m, t.frame_bottom_m = math.inf, -math.inf
 
 
 @kernel
-def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns, joins):
+def apply_detections(table, detections, pairs, order, eye, next_id, t_ns, joins):
     """Updates, begins and merges tracks. eye: x, y, z of the camera; joins: whether fragments of thin obstacles are joined.
     Returns (next id, tracks removed for want of slots, detections left out)."""
     removed, left_out = 0, 0
@@ -41,20 +52,20 @@ def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns,
         j = detections[i].track
         if j == NONE:
             continue  # it is hidden by several tracks, or gets a track of its own below
-        if table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], rules, eye_x, eye_y):
+        if table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], eye_x, eye_y):
             continue  # another detection of this frame has moved the line
-        observe(table, j, detections[i], rules, eye, t_ns)
-    merge_pairs(table, detections, pairs, order, rules, eye)
+        observe(table, j, detections[i], eye, t_ns)
+    merge_pairs(table, detections, pairs, order, eye)
     for i in range(detections.shape[0]):  # before a new track takes the slot of a merged one
         detections[i].track = present_slot(table.tracks, detections[i].track)
     search = begin_search(table.tracks)
     for i in range(detections.shape[0]):
         j = detections[i].track
-        if j != NONE and represents(table.tracks[j], detections[i], rules, eye_x, eye_y):
+        if j != NONE and represents(table.tracks[j], detections[i], eye_x, eye_y):
             continue
         if j != NONE:  # it is no part of that track
             table.tracks[j].first_detection = remove_detection(detections, table.tracks[j].first_detection, i)
-        count = is_hidden(table.tracks, detections[i], rules.gate_max_m, eye, search)
+        count = is_hidden(table.tracks, detections[i], GATE_MAX_M, eye, search)
         if count > 0:
             support(table, detections[i], count, eye, t_ns, search)
             continue
@@ -66,15 +77,15 @@ def apply_detections(table, detections, pairs, order, rules, eye, next_id, t_ns,
         detections[i].track, detections[i].next = j, NONE
         begin_track(table, j, detections[i], i, next_id, t_ns)
         next_id += 1
-        observe(table, j, detections[i], rules, eye, t_ns)
+        observe(table, j, detections[i], eye, t_ns)
         set_box(search.boxes, j, table.tracks[j])
     if joins:
-        join_lines(table, detections, rules, eye, t_ns)
+        join_lines(table, detections, eye, t_ns)
     for i in range(detections.shape[0]):
         detections[i].track = present_slot(table.tracks, detections[i].track)
     for j in range(table.tracks.shape[0]):
         if table.tracks[j].hits > 0 and table.tracks[j].seen_ns == t_ns:
-            end_observation(table.tracks[j], detections, rules, eye)
+            end_observation(table.tracks[j], detections, eye)
     return next_id, removed, left_out
 
 
@@ -106,12 +117,12 @@ def begin_track(table, j, d, i, track_id, t_ns):
 
 
 @inner
-def observe(table, j, d, rules, eye, t_ns):
+def observe(table, j, d, eye, t_ns):
     """One observation of a track: its line, extent, cells and margin. Extents grow at once."""
     t = table.tracks[j]
     if t.hits > 0:
         turned = abs(t.tx * d.tx + t.ty * d.ty) < _TURN_COS and max(d.length_m, t.s1_m - t.s0_m) < _SHORT_M
-        if turned or not correct_line(t, d, rules, eye[0], eye[1]):
+        if turned or not correct_line(t, d, eye[0], eye[1]):
             replace_line(table, j, d)
     if t.seen_ns != t_ns:
         t.plane_flags = d.plane_flags
@@ -129,7 +140,7 @@ def observe(table, j, d, rules, eye, t_ns):
     if t.seen_ns != t_ns:
         t.excess_m, t.cluster = 0.0, d.cluster  # end_observation completes the first
         if d.margin_m < t.margin_m:
-            t.margin_m += rules.shrink_share * (d.margin_m - t.margin_m)
+            t.margin_m += SHRINK_SHARE * (d.margin_m - t.margin_m)
     count_observation(t, t_ns)
     t.margin_m = max(t.margin_m, d.margin_m)
 
@@ -186,10 +197,10 @@ def reach_detections(t, detections):
 
 
 @inner
-def end_observation(t, detections, rules, eye):
+def end_observation(t, detections, eye):
     """Lets the published plane of an observed track return to its line."""
     reach_detections(t, detections)
     if is_line(t, eye):
-        end_line(t, detections, eye, rules.shrink_share)
+        end_line(t, detections, eye)
     else:
-        t.nearer_m = max((1.0 - rules.shrink_share) * t.nearer_m, t.excess_m - most_behind(t, eye[0], eye[1]))
+        t.nearer_m = max((1.0 - SHRINK_SHARE) * t.nearer_m, t.excess_m - most_behind(t, eye[0], eye[1]))

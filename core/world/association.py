@@ -10,6 +10,8 @@ from ..jit import inner, record
 from ..types import PlaneFlags
 from .evidence import count_hit, erase_outside, merge_steps, steps_of
 from .join_cost import (
+    CORNER_M,
+    JOIN_M,
     Box,
     Moments,
     ahead_of,
@@ -74,7 +76,7 @@ def put_moments(plane, m):
 def put_box(tables, i, box):
     """Changes the box of slot i and its links. The evidence along it keeps its place."""
     plane = tables.planes[i]
-    erase_outside(tables, i, steps_of(box, float(plane.anchor_x_m), float(plane.anchor_y_m), tables.state[0].step_m))
+    erase_outside(tables, i, steps_of(box, float(plane.anchor_x_m), float(plane.anchor_y_m)))
     set_links(tables, i, False)
     plane.ax_m, plane.ay_m, plane.bx_m, plane.by_m = box.ax, box.ay, box.bx, box.by
     plane.top_m, plane.bottom_m = box.top, box.bottom
@@ -92,7 +94,7 @@ def new_plane(tables, seen, t_ns):
     a = shifted(box, float(plane.anchor_x_m), float(plane.anchor_y_m))
     put_moments(plane, segment_moments(a, seen.weight * length_of(a.ax, a.ay, a.bx, a.by), seen.sigma_m))
     put_box(tables, i, box)
-    count_hit(tables, i, box, 0)
+    count_hit(tables, i, box)
     return i
 
 
@@ -130,7 +132,7 @@ def add_observation(tables, i, seen, frame, memory, t_ns):
     x, y = float(plane.anchor_x_m), float(plane.anchor_y_m)
     box = box_of(seen)
     b = shifted(box, x, y)
-    found = widened(found, b, frame.x_m - x, frame.y_m - y, rules.join_m)
+    found = widened(found, b, frame.x_m - x, frame.y_m - y, JOIN_M)
     weight = seen.weight * length_of(b.ax, b.ay, b.bx, b.by)
     m = together(moments_of(plane, x, y), segment_moments(b, weight, seen.sigma_m), share)
     part = weight / m.w
@@ -141,12 +143,12 @@ def add_observation(tables, i, seen, frame, memory, t_ns):
     plane.margin_m = max(mean, max(ahead, moved))
     plane.noise_m = max((1.0 - part) * float(plane.noise_m) + part * seen.margin_m, ahead)
     measured = seen.plane_flags & _INFERRED == 0 and length_of(b.ax, b.ay, b.bx, b.by) >= _WHOLE * length
-    inferred = found.gap > rules.corner_m or ((plane.plane_flags | seen.plane_flags) & _INFERRED != 0 and not measured)
+    inferred = found.gap > CORNER_M or ((plane.plane_flags | seen.plane_flags) & _INFERRED != 0 and not measured)
     plane.plane_flags = joined_flags(plane.plane_flags, seen.plane_flags, inferred)
     plane.cut = joined_cuts(found, shifted(box_of(plane), x, y), plane.cut, b, 0)
     put_box(tables, i, join_box(found, plane, box))
     plane.hits = min(plane.hits + 1, 1 << 30)
-    count_hit(tables, i, box, int(rules.free_evidence_per_hit))
+    count_hit(tables, i, box)
     seen_again(tables, i, t_ns)
 
 
@@ -176,12 +178,12 @@ def absorb_plane(tables, i, k, rules):
     ahead = max(ahead_of(found, shifted(box_of(plane), x, y)), ahead_of(found, shifted(box_of(other), x, y)))
     plane.margin_m = max(max(float(plane.margin_m), float(other.margin_m)), ahead)
     plane.noise_m = max(plane.noise_m, other.noise_m)
-    inferred = found.gap > rules.corner_m or (plane.plane_flags | other.plane_flags) & _INFERRED != 0
+    inferred = found.gap > CORNER_M or (plane.plane_flags | other.plane_flags) & _INFERRED != 0
     plane.plane_flags = joined_flags(plane.plane_flags, other.plane_flags, inferred)
     b = shifted(box_of(other), x, y)
     plane.cut = joined_cuts(found, shifted(box_of(plane), x, y), plane.cut, b, other.cut)
     plane.hits = max(plane.hits, other.hits)
-    merge_steps(tables, i, k, box, int(rules.free_evidence_per_hit))
+    merge_steps(tables, i, k, box)
     set_links(tables, k, False)
     remove(tables, k)
     tables.state[0].joined += 1

@@ -20,6 +20,13 @@ STEP = record(
     ("clears", np.uint16),  # observations as clear, less those that observations cancelled
 )
 """A step of a plane."""
+STEP_M = 0.25
+"""Length of a step."""
+CLEAR_LIMIT, _MOST_EXTRA = 5, 15
+"""Observations as clear after which a step is removed, less those that observations of it cancelled; and by how much this
+grows with earlier observations, at most."""
+CLEARS_PER_HIT = 2
+"""Observations as clear that one observation of a step cancels."""
 _MOST = 65535
 _EDGE = 0.01
 """Share of a step by which a plane may extend into the next one without having a part of it."""
@@ -44,19 +51,19 @@ class Steps(NamedTuple):
     dy: Any
 
 
-def empty_steps(most_planes: int, longest_m: float, step_m: float) -> NDArray[Any]:
+def empty_steps(most_planes: int, longest_m: float) -> NDArray[Any]:
     """Returns (P, N) STEP for planes of up to longest_m. Pages that are never written take no memory."""
-    return np.zeros((most_planes, math.ceil(longest_m / step_m) + 2), STEP)
+    return np.zeros((most_planes, math.ceil(longest_m / STEP_M) + 2), STEP)
 
 
 @inner
-def steps_of(box, anchor_x, anchor_y, step):
-    """Returns the Steps of a Box. anchor_x, anchor_y: of its plane; step: length of a step, m."""
+def steps_of(box, anchor_x, anchor_y):
+    """Returns the Steps of a Box. anchor_x, anchor_y: of its plane."""
     length = length_of(box.ax, box.ay, box.bx, box.by)
     dx, dy = (box.bx - box.ax) / length, (box.by - box.ay) / length
     begin = (box.ax - anchor_x) * dx + (box.ay - anchor_y) * dy
-    first = int(math.floor(begin / step + _EDGE))
-    end = max(first + 1, int(math.ceil((begin + length) / step - _EDGE)))
+    first = int(math.floor(begin / STEP_M + _EDGE))
+    end = max(first + 1, int(math.ceil((begin + length) / STEP_M - _EDGE)))
     return Steps(first, end, begin, length, dx, dy)
 
 
@@ -65,7 +72,7 @@ def plane_steps(tables, i):
     """Returns the Steps of slot i."""
     p = tables.planes[i]
     box = Box(float(p.ax_m), float(p.ay_m), float(p.bx_m), float(p.by_m), float(p.top_m), float(p.bottom_m))
-    return steps_of(box, float(p.anchor_x_m), float(p.anchor_y_m), tables.state[0].step_m)
+    return steps_of(box, float(p.anchor_x_m), float(p.anchor_y_m))
 
 
 @inner
@@ -75,9 +82,9 @@ def has_evidence(tables, steps):
 
 
 @inner
-def part_of(steps, k, step):
+def part_of(steps, k):
     """Returns begin and end of step k of a plane, in metres from its end a."""
-    return max(0.0, k * step - steps.begin_m), min(steps.length_m, (k + 1) * step - steps.begin_m)
+    return max(0.0, k * STEP_M - steps.begin_m), min(steps.length_m, (k + 1) * STEP_M - steps.begin_m)
 
 
 @inner
@@ -102,9 +109,9 @@ def erase_outside(tables, i, steps):
 
 
 @inner
-def count_hit(tables, i, box, per_hit):
-    """Counts an observation of the steps of slot i beside a Box, which cancels per_hit observations as clear."""
-    rows, steps, step = tables.steps, plane_steps(tables, i), tables.state[0].step_m
+def count_hit(tables, i, box):
+    """Counts an observation of the steps of slot i beside a Box, which cancels CLEARS_PER_HIT observations as clear."""
+    rows, steps = tables.steps, plane_steps(tables, i)
     if not has_evidence(tables, steps):
         return
     plane, size = tables.planes[i], rows.shape[1]
@@ -112,11 +119,11 @@ def count_hit(tables, i, box, per_hit):
     s0 = (box.ax - ax) * steps.dx + (box.ay - ay) * steps.dy
     s1 = (box.bx - ax) * steps.dx + (box.by - ay) * steps.dy
     for k in range(steps.first, steps.end):
-        begin, end = part_of(steps, k, step)
+        begin, end = part_of(steps, k)
         if min(max(s0, s1), end) >= max(min(s0, s1), begin):
             row = rows[i, k % size]
             row.hits = min(_MOST, int(row.hits) + 1)  # without a compiler, uint16 would overflow
-            row.clears = max(0, int(row.clears) - per_hit)
+            row.clears = max(0, int(row.clears) - CLEARS_PER_HIT)
 
 
 @inner
@@ -129,28 +136,30 @@ def set_hits(tables, i, hits):
 
 
 @inner
-def merge_steps(tables, i, k, box, per_hit):
+def merge_steps(tables, i, k, box):
     """Adds the evidence of slot k to that of slot i, whose Box is going to be `box`.
 
-    Where both planes are, each observation of one cancels per_hit observations of the other as clear."""
-    rows, step, plane, other = tables.steps, tables.state[0].step_m, tables.planes[i], tables.planes[k]
+    Where both planes are, each observation of one cancels CLEARS_PER_HIT observations of the other as clear."""
+    rows, plane, other = tables.steps, tables.planes[i], tables.planes[k]
     old, more = plane_steps(tables, i), plane_steps(tables, k)
-    new = steps_of(box, float(plane.anchor_x_m), float(plane.anchor_y_m), step)
+    new = steps_of(box, float(plane.anchor_x_m), float(plane.anchor_y_m))
     erase_outside(tables, i, new)
     if not has_evidence(tables, new):
         return
     size = rows.shape[1]
     for n in range(new.first, new.end):
-        along = (n + 0.5) * step - new.begin_m
+        along = (n + 0.5) * STEP_M - new.begin_m
         x, y = box.ax + along * new.dx - float(other.anchor_x_m), box.ay + along * new.dy - float(other.anchor_y_m)
-        m = int(math.floor((x * more.dx + y * more.dy) / step))
+        m = int(math.floor((x * more.dx + y * more.dy) / STEP_M))
         if m < more.first or m >= more.end or not has_evidence(tables, more):
             continue
         row, added = rows[i, n % size], rows[k, m % size]
         if n < old.first or n >= old.end:
             row.hits, row.clears = added.hits, added.clears
         else:
-            left = max(int(row.clears) - per_hit * int(added.hits), int(added.clears) - per_hit * int(row.hits))
+            left = max(
+                int(row.clears) - CLEARS_PER_HIT * int(added.hits), int(added.clears) - CLEARS_PER_HIT * int(row.hits)
+            )
             row.hits, row.clears = max(int(row.hits), int(added.hits)), max(0, left)
 
 
@@ -171,7 +180,7 @@ def count_clear(row):
 
 
 @inner
-def is_refuted(row, rules):
-    """True if a step was observed as clear often enough to be removed. row: STEP; rules: a record of WORLD_RULES."""
-    extra = min(float(row.hits // _HITS_PER_CLEAR), rules.free_evidence_limit_extra)
-    return row.clears >= rules.free_evidence_limit + extra
+def is_refuted(row):
+    """True if a step was observed as clear often enough to be removed. row: STEP."""
+    extra = min(row.hits // _HITS_PER_CLEAR, _MOST_EXTRA)
+    return row.clears >= CLEAR_LIMIT + extra

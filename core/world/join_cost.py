@@ -19,25 +19,14 @@ REFUSED = 2.0
 TALLEST_M = 650.0
 """No joined plane is higher: messages and files hold up to 655 m."""
 END_A, END_B = 1, 2
-WORLD_RULES = record(
-    ("turn_cos", np.float64),  # cosine of `plane_angle_deg`
-    ("gap_m", np.float64),  # `passable_width_m`
-    ("join_m", np.float64),
-    ("join_sigmas", np.float64),
-    ("noise_cap_m", np.float64),  # `join_noise_cap_m`
-    ("corner_m", np.float64),  # `join_corner_m`
-    ("short_m", np.float64),
-    ("longest_m", np.float64),
-    ("memory_frames", np.float64),
-    ("free_evidence_limit", np.float64),
-    ("free_evidence_per_hit", np.float64),
-    ("behind_m", np.float64),  # `free_evidence_behind_m`
-    ("free_evidence_sigmas", np.float64),
-    ("free_evidence_share", np.float64),
-    ("pose_sigma_m", np.float64),
-    ("free_evidence_limit_extra", np.float64),
-)
-"""Rules of the merged world, see `update.rules_of`. Fields without a comment are the parameters of the same names."""
+WORLD_RULES = record(("gap_m", np.float64), ("longest_m", np.float64), ("pose_sigma_m", np.float64))
+"""What kernels use of WorldParams. gap_m: `passable_width_m`; the others are the parameters of the same names."""
+JOIN_M, _JOIN_SIGMAS, _MOST_NOISE_M = 0.3, 2.0, 0.5
+"""Greatest distance of the ends from a joined plane, and the noise of the farther plane that is added to it, at most."""
+CORNER_M = 0.5
+"""A joined plane contains no empty square of this side at a corner."""
+_TURN_COS, _SHORT_M = math.cos(math.radians(20.0)), 1.0
+"""Planes within this angle may be one; shorter ones at any angle below 90 degrees."""
 
 _GAP_POINTS = 3
 """Number of places along a gap, and of heights, at which free space is tested."""
@@ -140,10 +129,10 @@ def shifted(box, x, y):
 
 
 @inner
-def line_of(m, ux, uy, least_cos):
+def line_of(m, ux, uy):
     """Returns (x, y, dx, dy), middle and direction of the line that fits these moments best, by total least squares.
 
-    The direction is that of (ux, uy). A line that is turned from it by more than least_cos allows belongs to a short
+    The direction is that of (ux, uy). A line that is turned from it by more than _TURN_COS allows belongs to a short
     plane, which keeps (ux, uy)."""
     x, y = m.x / m.w, m.y / m.w
     cxx, cxy, cyy = m.xx / m.w - x * x, m.xy / m.w - x * y, m.yy / m.w - y * y
@@ -152,7 +141,7 @@ def line_of(m, ux, uy, least_cos):
     along = dx * ux + dy * uy
     if along < 0.0:
         dx, dy, along = -dx, -dy, -along
-    if along < least_cos:
+    if along < _TURN_COS:
         dx, dy = ux, uy
     return x, y, dx, dy
 
@@ -167,9 +156,9 @@ class Extent(NamedTuple):
 
 
 @inner
-def corner_cost(p, q, most):
-    """Returns the side of the largest empty corner in the rectangle around the Extents p and q, over `most`; 1 or
-    more: too large.
+def corner_cost(p, q):
+    """Returns the side of the largest empty corner in the rectangle around the Extents p and q, over
+    CORNER_M; 1 or more: too large.
 
     At each end one of the two extends farther. If the other one is taller, a corner beside it is empty."""
     worst = 0.0
@@ -180,7 +169,7 @@ def corner_cost(p, q, most):
         else:
             tall = max(q.top - p.top, p.bottom - q.bottom)
         worst = max(worst, min(abs(reach), tall))
-    return worst / most
+    return worst / CORNER_M
 
 
 @inner
@@ -193,9 +182,9 @@ def off_line(box, x, y, dx, dy):
 
 
 @inner
-def reach_of(sigma, rules):
+def reach_of(sigma):
     """Returns how far an end may lie from the line of a joined plane. sigma: its noise."""
-    return rules.join_m + min(rules.join_sigmas * sigma, rules.noise_cap_m)
+    return JOIN_M + min(_JOIN_SIGMAS * sigma, _MOST_NOISE_M)
 
 
 @inner
@@ -220,10 +209,10 @@ def joined(a, b, m, sigma, rules):
     la, lb = length_of(a.ax, a.ay, a.bx, a.by), length_of(b.ax, b.ay, b.bx, b.by)
     uax, uay, ubx, uby = (a.bx - a.ax) / la, (a.by - a.ay) / la, (b.bx - b.ax) / lb, (b.by - b.ay) / lb
     facing = uax * ubx + uay * uby
-    if facing <= 0.0 or (min(la, lb) > rules.short_m and facing < rules.turn_cos):
+    if facing <= 0.0 or (min(la, lb) > _SHORT_M and facing < _TURN_COS):
         return no
     ux, uy = (uax, uay) if la >= lb else (ubx, uby)
-    x, y, dx, dy = line_of(m, ux, uy, rules.turn_cos)
+    x, y, dx, dy = line_of(m, ux, uy)
     p = Extent((a.ax - x) * dx + (a.ay - y) * dy, (a.bx - x) * dx + (a.by - y) * dy, a.top, a.bottom)
     q = Extent((b.ax - x) * dx + (b.ay - y) * dy, (b.bx - x) * dx + (b.by - y) * dy, b.top, b.bottom)
     begin, end = min(p.begin, q.begin), max(p.end, q.end)
@@ -231,8 +220,8 @@ def joined(a, b, m, sigma, rules):
     if gap >= rules.gap_m or end - begin > rules.longest_m:
         return no
     off = max(off_line(a, x, y, dx, dy), off_line(b, x, y, dx, dy))
-    off /= reach_of(sigma, rules)
-    corner = corner_cost(p, q, rules.corner_m)
+    off /= reach_of(sigma)
+    corner = corner_cost(p, q)
     if off >= 1.0 or corner >= 1.0:
         return no
     cost = 0.5 * off + 0.3 * gap / rules.gap_m + 0.2 * corner
@@ -240,7 +229,7 @@ def joined(a, b, m, sigma, rules):
 
 
 @inner
-def stands_for(found, box, sigma, x, y, rules):
+def stands_for(found, box, sigma, x, y):
     """True if a joined plane may stand for what a camera at (x, y) observed as a Box.
 
     The plane must be near the box, and not far behind it along the viewing rays; and the camera must see the plane from
@@ -251,10 +240,10 @@ def stands_for(found, box, sigma, x, y, rules):
     width /= length_of(box.ax, box.ay, box.bx, box.by)
     seen = mx * (found.by - found.ay) - my * (found.bx - found.ax)
     seen /= length_of(found.ax, found.ay, found.bx, found.by)
-    if seen < _LEAST_WIDTH * width or distance_of(found, box) >= reach_of(sigma, rules):
+    if seen < _LEAST_WIDTH * width or distance_of(found, box) >= reach_of(sigma):
         return False
     facing = seen / math.sqrt(mx * mx + my * my) if seen > 0.0 else 0.0
-    return ahead_of(found, box) < reach_of(0.5 * sigma, rules) * max(facing, _LEAST_WIDTH)
+    return ahead_of(found, box) < reach_of(0.5 * sigma) * max(facing, _LEAST_WIDTH)
 
 
 @inner
@@ -310,7 +299,7 @@ def joined_cuts(found, a, cut_a, b, cut_b):
 
 
 @inner
-def stays_open(free, a, cut_a, b, cut_b, flags, gap, rules):
+def stays_open(free, a, cut_a, b, cut_b, flags, gap):
     """True if the gap between the boxes of two planes must stay open.
 
     It must if a removed part lies in it. A wide one must if it was observed free at any place at the heights of both, or
@@ -322,7 +311,7 @@ def stays_open(free, a, cut_a, b, cut_b, flags, gap, rules):
     cut = (cut_a & END_B) | (cut_b & END_A) if ab < ba else (cut_a & END_A) | (cut_b & END_B)
     if gap > 0.0 and cut != 0:
         return True
-    if gap <= rules.corner_m:
+    if gap <= CORNER_M:
         return False
     if flags & _IRREGULAR:
         return True

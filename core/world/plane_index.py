@@ -55,7 +55,6 @@ TABLE_STATE = record(
     ("looks", np.int64),  # searches
     ("live", np.int64),  # planes
     ("frame", np.int64),  # frames
-    ("step_m", np.float64),  # length of a step of a plane, see evidence.py
     ("dropped", np.int64),  # counts for the log
     ("cleared", np.int64),
     ("joined", np.int64),
@@ -81,18 +80,15 @@ class Tables(NamedTuple):
     state: NDArray[Any]
 
 
-def empty_tables(most: int, longest_m: float = 100.0, step_m: float = 0.25) -> Tables:
+def empty_tables(most: int, longest_m: float = 100.0) -> Tables:
     """Returns empty tables for this number of planes. Pages that are never written take no memory.
 
-    longest_m: length of the longest joined plane; step_m: of a step of a plane."""
+    longest_m: length of the longest joined plane."""
     heads = np.full(1 << max(6, math.ceil(math.log2(max(1, most // 4)))), NONE, np.int32)
     state = np.zeros(1, TABLE_STATE)
     for name in ("free_slot", "oldest", "newest", "free_link"):
         state[name] = NONE
-    state["step_m"] = step_m
-    return Tables(
-        np.zeros(most, SLOT), empty_steps(most, longest_m, step_m), heads, np.zeros(_LINKS * most, LINK), state
-    )
+    return Tables(np.zeros(most, SLOT), empty_steps(most, longest_m), heads, np.zeros(_LINKS * most, LINK), state)
 
 
 def plane_bytes(tables: Tables) -> float:

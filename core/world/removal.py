@@ -17,6 +17,11 @@ from .join_cost import END_A, END_B, Box
 from .plane_index import insert, lru_insert, lru_remove, new_slot, remove, set_links
 
 _OBSTACLE = 1
+_BEHIND_M, _CLEAR_SIGMAS = 0.5, 3.0
+"""Observed free space must reach this far behind a plane and its margin, and farther by this many standard deviations of its
+distance."""
+_CLEAR_SHARE = 0.5
+"""Least share of the height of a plane that must be observed free."""
 _LEAST_M = 0.1
 """A remaining part of a plane is kept if it is longer."""
 
@@ -45,7 +50,7 @@ class FrameView(NamedTuple):
 
 
 @inner
-def is_observed_clear(x, y, top, bottom, slack, rules, view):
+def is_observed_clear(x, y, top, bottom, slack, pose_sigma_m, view):
     """True if a profile is free beyond a place over enough of the heights top..bottom.
 
     It is not if any layer there ends at an obstacle at about that range, which may be the plane itself. A layer that
@@ -56,7 +61,7 @@ def is_observed_clear(x, y, top, bottom, slack, rules, view):
         x, y: the place, relative to the camera.
         top, bottom: heights.
         slack: distance behind the place to which it must be free, without noise.
-        rules: a record of WORLD_RULES.
+        pose_sigma_m: error of the position of the camera.
         view: FrameView."""
     edges, layers, near_m, far_m = view.edges_rad, view.layers_m, view.near_m, view.far_m
     r = math.sqrt(x * x + y * y)
@@ -65,53 +70,53 @@ def is_observed_clear(x, y, top, bottom, slack, rules, view):
     if azimuth >= edges[edges.shape[0] - 1]:
         return False
     d = direction_of(edges, azimuth)
-    off = slack + rules.free_evidence_sigmas * view.ke_per_m * r * r
+    off = slack + _CLEAR_SIGMAS * view.ke_per_m * r * r
     through, lowest = 0.0, lowest_free(x, y, r, view.plane)
     for k in range(layers.shape[0] - 1):
         over = min(bottom, layers[k + 1]) - max(top, layers[k])
         if over <= 0.0:
             continue
-        if near_m[d, k] <= r - (off - slack + rules.pose_sigma_m) and far_m[d, k] >= r + off:
+        if near_m[d, k] <= r - (off - slack + pose_sigma_m) and far_m[d, k] >= r + off:
             through += max(0.0, min(bottom, layers[k + 1], lowest) - max(top, layers[k]))
         elif view.end[d, k] == _OBSTACLE and abs(far_m[d, k] - r) < off:
             return False
-    return through >= rules.free_evidence_share * (bottom - top)
+    return through >= _CLEAR_SHARE * (bottom - top)
 
 
 @inner
-def count_clear_view(tables, i, rules, view):
+def count_clear_view(tables, i, pose_sigma_m, view):
     """Counts one observation as clear of each step of slot i that a frame observed to be clear. view: FrameView."""
-    steps, step, rows = plane_steps(tables, i), tables.state[0].step_m, tables.steps
+    steps, rows = plane_steps(tables, i), tables.steps
     if not has_evidence(tables, steps):
         return
     plane = tables.planes[i]
     top, bottom = float(plane.top_m), float(plane.bottom_m)
     x, y = float(plane.ax_m) - view.x_m, float(plane.ay_m) - view.y_m
-    slack = rules.behind_m + rules.pose_sigma_m + float(plane.margin_m)
+    slack = _BEHIND_M + pose_sigma_m + float(plane.margin_m)
     for k in range(steps.first, steps.end):
-        begin, end = part_of(steps, k, step)
+        begin, end = part_of(steps, k)
         along = 0.5 * (begin + end)
-        if is_observed_clear(x + along * steps.dx, y + along * steps.dy, top, bottom, slack, rules, view):
+        if is_observed_clear(x + along * steps.dx, y + along * steps.dy, top, bottom, slack, pose_sigma_m, view):
             count_clear(rows[i, k % rows.shape[1]])
 
 
 @inner
-def refuted_run(tables, i, steps, rules):
+def refuted_run(tables, i, steps):
     """Returns begin and end of the first run of steps of slot i that are to be removed; the same number: none."""
     rows = tables.steps
     size, begin = rows.shape[1], steps.end
     for k in range(steps.first, steps.end):
-        if is_refuted(rows[i, k % size], rules):
+        if is_refuted(rows[i, k % size]):
             begin = k
             break
     end = begin
-    while end < steps.end and is_refuted(rows[i, end % size], rules):
+    while end < steps.end and is_refuted(rows[i, end % size]):
         end += 1
     return begin, end
 
 
 @inner
-def cut_cleared(tables, i, rules):
+def cut_cleared(tables, i):
     """Removes the steps of slot i that were observed to be clear often enough.
 
     Each part between two removed ones gets a new slot."""
@@ -121,7 +126,7 @@ def cut_cleared(tables, i, rules):
         steps = plane_steps(tables, i)
         if not has_evidence(tables, steps):
             return
-        first, after = refuted_run(tables, i, steps, rules)
+        first, after = refuted_run(tables, i, steps)
         if first == after:
             return
         i = cut_run(tables, i, steps, first, after)
@@ -130,10 +135,10 @@ def cut_cleared(tables, i, rules):
 @inner
 def cut_run(tables, i, steps, first, after):
     """Removes the steps first..after - 1 of slot i; returns the slot of the part behind them."""
-    a, step = box_of(tables.planes[i]), tables.state[0].step_m
+    a = box_of(tables.planes[i])
     dx, dy, length = steps.dx, steps.dy, steps.length_m
-    begin, _end = part_of(steps, first, step)
-    _begin, end = part_of(steps, after - 1, step)
+    begin, _end = part_of(steps, first)
+    _begin, end = part_of(steps, after - 1)
     tables.state[0].cleared += 1
     erase(tables, i, first, after)
     left, right = begin > _LEAST_M, length - end > _LEAST_M

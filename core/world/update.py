@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,18 +36,13 @@ _SHORT_MEMORY = 0.1
 _JOINS = 4
 """Greatest number of neighbours that one plane absorbs per frame; others follow with later frames."""
 
+_MEMORY_FRAMES = 40.0
+"""Earlier observations of a plane count at most as this many new ones, so that drift is followed."""
+
 
 def rules_of(p: WorldParams) -> NDArray[Any]:
     """Returns (1,) WORLD_RULES."""
-    return record_of(
-        WORLD_RULES,
-        p,
-        turn_cos=math.cos(math.radians(p.plane_angle_deg)),
-        gap_m=p.passable_width_m,
-        noise_cap_m=p.join_noise_cap_m,
-        corner_m=p.join_corner_m,
-        behind_m=p.free_evidence_behind_m,
-    )
+    return record_of(WORLD_RULES, p, gap_m=p.passable_width_m)
 
 
 def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: WorldParams) -> NDArray[Any]:
@@ -104,13 +98,13 @@ def fitted(plane, seen, frame):
     Where the past keeps the plane away from the observation, as while the position drifts, most of it is given up.
     plane: a record of SLOT; seen: a record of OBSERVATION; frame: Frame."""
     x, y, rules = float(plane.anchor_x_m), float(plane.anchor_y_m), frame.rules
-    box, memory = shifted(box_of(seen), x, y), rules.memory_frames
+    box, memory = shifted(box_of(seen), x, y), _MEMORY_FRAMES
     found, _share = score_observation(plane, seen, rules, memory)
-    if found.cost >= 1.0 or stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y, rules):
+    if found.cost >= 1.0 or stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y):
         return found, memory
     memory *= _SHORT_MEMORY
     found, _share = score_observation(plane, seen, rules, memory)
-    if found.cost < 1.0 and not stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y, rules):
+    if found.cost < 1.0 and not stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y):
         found = Joined(REFUSED, found.ax, found.ay, found.bx, found.by, found.gap)
     return found, memory
 
@@ -123,14 +117,14 @@ def add_observations(tables, free, frame, t_ns, near):
         seen = observations[j]
         b = box_of(seen)
         n = gather_around(tables, b, rules.gap_m, near)
-        best, best_cost, best_memory = -1, 1.0, rules.memory_frames
+        best, best_cost, best_memory = -1, 1.0, _MEMORY_FRAMES
         for m in range(n):
             plane = planes[near[m]]
             found, memory = fitted(plane, seen, frame)
             if not found.cost < best_cost:
                 continue
             flags = plane.plane_flags | seen.plane_flags
-            if stays_open(free, box_of(plane), plane.cut, b, 0, flags, found.gap, rules):
+            if stays_open(free, box_of(plane), plane.cut, b, 0, flags, found.gap):
                 continue
             best, best_cost, best_memory = near[m], found.cost, memory
         if best >= 0 and planes[best].hits > 0:
@@ -151,7 +145,7 @@ def keeps_observed(found, plane, i, k, frame):
         if frame.touched[j] == i or frame.touched[j] == k:
             seen = frame.observations[j]
             box = shifted(box_of(seen), x, y)
-            if not stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y, frame.rules):
+            if not stands_for(found, box, seen.sigma_m, frame.x_m - x, frame.y_m - y):
                 return False
     return True
 
@@ -175,7 +169,7 @@ def join_neighbours(tables, free, i, frame, near):
             if not found.cost < best_cost or not keeps_observed(found, plane, i, near[m], frame):
                 continue
             flags = plane.plane_flags | other.plane_flags
-            if stays_open(free, a, plane.cut, box_of(other), other.cut, flags, found.gap, rules):
+            if stays_open(free, a, plane.cut, box_of(other), other.cut, flags, found.gap):
                 continue
             best, best_cost = near[m], found.cost
         if best < 0:
@@ -212,9 +206,9 @@ def add_frame(tables, free, observations, arrived, settings, t_ns, view):
             reach = max(reach, view.far_m[d, k])
     n = gather(tables, x - reach, y - reach, x + reach, y + reach, layers[0], layers[layers.shape[0] - 1], near)
     for m in range(n):
-        count_clear_view(tables, near[m], rules, view)
+        count_clear_view(tables, near[m], rules.pose_sigma_m, view)
     for m in range(n):
-        cut_cleared(tables, near[m], rules)
+        cut_cleared(tables, near[m])
 
 
 SAVED_PLANE = record(

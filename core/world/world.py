@@ -28,6 +28,10 @@ from .snapshot import WorldSnapshot
 from .update import add_frame, observations_of, put_saved, rules_of
 
 NS = 1_000_000_000
+RESTART_S = 1.0
+"""Timestamps that step back by more than this, for as long, mean a restart: a new section begins."""
+_GAP_S = 5.0
+"""After a longer time without a position, too."""
 FARTHEST_M = 1e6
 """Greatest distance from the origin: beyond it float32 does not resolve decimetres, and the position estimate is
 wrong."""
@@ -240,10 +244,10 @@ class World:
     def _is_late(self, observation: Observation) -> bool:
         """Whether a frame is left out because of its stamp.
 
-        It lies more than restart_s before the newest one, and not all frames of the last restart_s do: its stamp is wrong,
+        It lies more than RESTART_S before the newest one, and not all frames of the last RESTART_S do: its stamp is wrong,
         or it was read late. Or it is of another estimate and was exposed before the section began: one camera's frame from
         before a jump that arrives after another camera's from after it. Its coordinates are not those of the section."""
-        section, restart_ns = self.section, round(self.params.restart_s * NS)
+        section, restart_ns = self.section, round(RESTART_S * NS)
         if section is None or section.vouched:
             return False
         if section.newest_ns - observation.t_ns > restart_ns:
@@ -254,7 +258,7 @@ class World:
         self._back_since_ns = None
         before_s = (section.begun_ns - observation.t_ns) / NS
         other = (observation.reset_counter, observation.estimate) != (section.reset_counter, section.estimate)
-        return other and 0.0 < before_s <= self.params.restart_s
+        return other and 0.0 < before_s <= RESTART_S
 
     def _section_for(self, observation: Observation) -> Section:
         section = self.section
@@ -276,7 +280,7 @@ class World:
         """Begins a section; the one before is kept apart."""
         if self.section is not None:
             # nothing is added to it any more
-            self.section.tables = self.section.tables._replace(steps=empty_steps(0, 0.0, 1.0))
+            self.section.tables = self.section.tables._replace(steps=empty_steps(0, 0.0))
             self.past.append(self.section)
             while len(self.past) > self.params.most_sections:
                 self.past.popleft()
@@ -285,7 +289,7 @@ class World:
         self.counts.why[why] = self.counts.why.get(why, 0) + 1
         self.section = Section(
             number=self._first_section + self.counts.sections - 1,
-            tables=empty_tables(self.params.most_planes, self.params.longest_m, self.params.free_evidence_step_m),
+            tables=empty_tables(self.params.most_planes, self.params.longest_m),
             free=empty_free(self.params.most_free_blocks),
             begun_ns=t_ns,
             reset_counter=reset_counter,
@@ -301,9 +305,9 @@ class World:
             return "the estimate of the position was reset"
         if observation.estimate != section.estimate:
             return "the estimate of position or heading jumped"
-        if dt_s < -p.restart_s:
+        if dt_s < -RESTART_S:
             return "the clock went back"
-        if dt_s > p.jump_gap_s:
+        if dt_s > _GAP_S:
             return "there was no position for too long"
         if math.dist(observation.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
             return "the position stepped"

@@ -57,7 +57,7 @@ attitude_hz = 50.0
 [publish]
 depth_hz = 2.0
 [world]
-free_evidence_limit = 1
+free_age_s = 120.0
 [record]
 zstd_level = 3
 [supervision]
@@ -86,7 +86,7 @@ def test_every_section_is_compared_and_safety_keys_are_marked(
         '[[camera]] "front" required = false (default true)',
         "[avoid] clear_share = 0.5 (default 0.8)",
         "[avoid] silence_s = 9 s (default 2 s)",
-        "[world] free_evidence_limit = 1 (default 5)",
+        "[world] free_age_s = 120 s (default 60 s)",
         "[supervision] frozen_frames = 100 (default 4)",
         "[service] timeout_s = 0.25 s (default 0.3 s)",
     ]

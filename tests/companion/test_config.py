@@ -18,7 +18,7 @@ from companion.config.camera import CameraConfig
 from companion.config.docs import tables, with_tables
 from companion.config.loader import Config, ConfigError, config_from_text, config_of, config_text, load_config
 from companion.config.retired import RENAMED, without_retired
-from companion.config.retired_constants import CONSTANTS, OTHER_CONSTANTS
+from companion.config.retired_constants import CONSTANTS_OF
 from companion.config.sections import SECTIONS, fields_of
 from companion.config.sync import SyncParams
 from core.params import Params
@@ -263,36 +263,23 @@ def test_a_log_with_a_retired_key_can_still_be_replayed(caplog: pytest.LogCaptur
     assert not caplog.records
 
 
-@pytest.mark.parametrize("section", ["extractor", "expert"])
+@pytest.mark.parametrize("section", CONSTANTS_OF)
 def test_a_key_that_became_a_constant_is_accepted_with_its_value_only(
     section: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = tmp_path / "old.toml"
-    path.write_text(f"[{section}]\n" + "\n".join(f"{key} = {value}" for key, value in CONSTANTS.items()))
+    path, constants = tmp_path / "old.toml", CONSTANTS_OF[section]
+    path.write_text(f"[{section}]\n" + "\n".join(f"{key} = {value}" for key, value in constants.items()))
     assert load_config(path) == Config()
-    assert len(caplog.records) == len(CONSTANTS)
-    path.write_text(f"[{section}]\nnoise_grid = 0.1\n")
+    assert len(caplog.records) == len(constants)
+    key = next(iter(constants))
+    path.write_text(f"[{section}]\n{key} = 0.123\n")
     with pytest.raises(ConfigError) as caught:
         load_config(path)
     (problem,) = caught.value.problems
-    assert problem.startswith(f"[{section}] noise_grid = 0.1 is not available any more")
+    assert problem.startswith(f"[{section}] {key} = 0.123 is not available any more")
     content = json.loads(config_text(Config()))
-    content[section] |= CONSTANTS
+    content[section] |= constants
     assert config_from_text(json.dumps(content)) == Config()
-
-
-def test_other_keys_that_became_constants_are_accepted_with_their_value_only(tmp_path: Path) -> None:
-    content = json.loads(config_text(Config()))
-    for (section, key), value in OTHER_CONSTANTS.items():
-        assert key not in content[section]
-        content[section][key] = value
-    assert config_from_text(json.dumps(content)) == Config()
-    path = tmp_path / "old.toml"
-    for section, key in OTHER_CONSTANTS:
-        path.write_text(f"[{section}]\n{key} = 0.55\n")
-        with pytest.raises(ConfigError, match="is not available any more: it is a constant") as caught:
-            load_config(path)
-        assert caught.value.problems[0].startswith(f"[{section}] {key} = 0.55")
 
 
 def test_the_two_tables_of_the_algorithm_hold_each_parameter_once() -> None:

@@ -23,7 +23,7 @@ MARKED = {
     "camera": {"required", "masks", "max_range_m", "min_range_m", "ke_per_m", "unmatched_left_px"},
     "avoid": {"clear_share", "silence_s", "remember_s", "remember_m", "remember_free_s", "radius_m", "blind",
               "unseen", "recover_frames", "stop_hold_s", "avoid_margin_m"},
-    "world": {"free_evidence_share", "free_evidence_limit", "free_age_s", "memory_frames"},
+    "world": {"free_age_s", "pose_sigma_m", "passable_width_m", "jump_m"},
     "supervision": {"silent_s", "frozen_frames"},
     "service": {"timeout_s", "hang_s"},
     "mount_check": {"enabled", "degraded_deg", "invalid_deg", "unverified_deg", "interval_s", "terrain_deg_per_sqrt_s"},

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from core.tracking.association import GATE_MAX_M
 from core.tracking.params import TrackingParams
 from core.tracking.snapshot import STATES, TrackingFrame, TrackSnapshot, TrackState
 from core.tracking.tracker import Tracker
@@ -127,7 +128,7 @@ def test_every_detection_of_the_frame_is_covered_by_the_tracks() -> None:
         s = tracker.observe(f)
         for ax, ay, bx, by, *_ in f.model.planes.tolist():
             for share in (0.0, 0.5, 1.0):
-                assert distance(s, ax + share * (bx - ax), ay + share * (by - ay)) <= SMALL.gate_max_m + 1e-6
+                assert distance(s, ax + share * (bx - ax), ay + share * (by - ay)) <= GATE_MAX_M + 1e-6
 
 
 def test_pieces_of_one_wall_are_one_track_and_one_piece_is_not_two() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.tracking.association import GATE_MAX_M
 from core.tracking.snapshot import TrackingFrame
 from core.tracking.tracker import Tracker
 
@@ -77,7 +78,7 @@ def test_a_gap_between_the_tracks_is_covered_where_a_detection_lies_in_it(gap_m:
     tracker = settled([left, right])
     s = tracker.observe(only([wall(6.05, -1.2, 6.45, 1.2)], 10))
     for y in np.linspace(-1.2, 1.2, 25):
-        assert distance(s, 6.05 + (y + 1.2) / 6.0, float(y)) <= SMALL.gate_max_m + 0.01
+        assert distance(s, 6.05 + (y + 1.2) / 6.0, float(y)) <= GATE_MAX_M + 0.01
         angle = math.atan2(y, 6.25)
         assert any(
             min(math.atan2(b, a), math.atan2(d, c)) <= angle + 1e-3

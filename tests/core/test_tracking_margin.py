@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from core.tracking.line import begin_line, predict_line, variance_at
-from core.tracking.params import TrackingParams
 from core.tracking.snapshot import TrackSnapshot
 from core.tracking.tables import TRACK, detections_of
-from core.tracking.tracker import Tracker, rules_of
+from core.tracking.tracker import Tracker
 
 from .test_tracking import SMALL, frame
 from .worlds import wall
@@ -62,11 +61,10 @@ def test_the_covariance_of_a_line_stays_positive_while_nothing_is_observed() -> 
     """The variance of the slope has a limit. That of the place must not lose what the limit takes."""
     t = np.zeros(1, TRACK)[0]
     planes = np.array([wall(8.0, -0.05, 8.0, 0.05)], np.float32)
-    d = detections_of(planes, np.full(1, 0.1, np.float32), np.zeros(1, np.uint8), np.zeros(1, np.int32), 0.03)[0]
+    d = detections_of(planes, np.full(1, 0.1, np.float32), np.zeros(1, np.uint8), np.zeros(1, np.int32))[0]
     begin_line(t, d)
     t["s0_m"], t["s1_m"] = 3.0, 3.1
-    rules = rules_of(TrackingParams(turn_deg=30.0))[0]
     for _ in range(100):
-        predict_line(t, 0.1, rules)
+        predict_line(t, 100.0)  # the slope turns by 10 degrees each time
         assert t["p00"] * t["p11"] >= t["p01"] ** 2
         assert variance_at(t, 3.05) > 0.0

@@ -11,7 +11,7 @@ import pytest
 
 from core.tracking.free_view import free_view
 from core.tracking.groups import GROUP, find_groups
-from core.tracking.objects import MOVER_RULES, OBJECT, assign_groups, turn_covariance
+from core.tracking.objects import OBJECT, assign_groups, turn_covariance
 from core.tracking.observed import FreeView, measured_limits
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import detections_of
@@ -153,7 +153,7 @@ def rows_of(walls: list[list[float]], flags: list[int]) -> np.ndarray:
     """(N,) DETECTION."""
     n = len(walls)
     planes = np.array(walls, np.float32)
-    return detections_of(planes, np.full(n, 0.1, np.float32), np.array(flags, np.uint8), np.zeros(n, np.int32), 0.03)
+    return detections_of(planes, np.full(n, 0.1, np.float32), np.array(flags, np.uint8), np.zeros(n, np.int32))
 
 
 def groups_of(detections: np.ndarray, view_rad: float = 0.7) -> np.ndarray:
@@ -162,18 +162,17 @@ def groups_of(detections: np.ndarray, view_rad: float = 0.7) -> np.ndarray:
     edges, layers = np.array([-view_rad, view_rad]), np.array([-9.0, 9.0])
     view = FreeView(0.0, 0.0, 0.001, edges, layers, near, far, end, math.inf, 0.0, 0.0, 0.0, 0.0)
     groups = np.zeros(8, GROUP)
-    return groups[: find_groups(detections, view, 0.03, groups)]
+    return groups[: find_groups(detections, view, groups)]
 
 
 def test_a_group_takes_the_object_whose_place_is_known_best() -> None:
     """An object seen once, nearer as a share of its own wide gate, does not take the group of one that is followed."""
-    objects, rules = np.zeros(2, OBJECT), np.zeros(1, MOVER_RULES)
-    rules["max_size_m"] = 7.0
+    objects = np.zeros(2, OBJECT)
     for o, y, variance in zip(objects, (0.12, 0.3), (0.01, 1.0), strict=True):
         o["hits"], o["x_m"], o["y_m"], o["size_m"], o["top_m"], o["bottom_m"] = 5, 6.0, y, 0.5, -1.0, 1.0
         o["r00"] = o["t00"] = variance
     groups = groups_of(rows_of([face(6.0, 0.0)], [2]))
-    assign_groups(groups, 1, objects, rules[0])
+    assign_groups(groups, 1, objects)
     assert groups[0].object == 0
 
 

@@ -11,6 +11,7 @@ from core.tracking.intervals import index_intervals
 from core.tracking.observed import (
     CLEAR,
     EXPLAINED,
+    FREE_SIGMAS,
     HIDDEN,
     OUT_OF_VIEW,
     FreeView,
@@ -24,14 +25,10 @@ from core.tracking.observed import (
     observed_heights,
     seen_from,
 )
-from core.tracking.params import TrackingParams
 from core.tracking.tables import TRACK, detections_of
-from core.tracking.tracker import rules_of
 from core.types import FreeEnd, PlaneFlags
 
 pytestmark = pytest.mark.nojit
-PARAMS = TrackingParams()
-RULES = rules_of(PARAMS)[0]
 SLACK_M, RANGE_M = 0.5, 5.0
 OBSTACLE, UNKNOWN = int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN)
 
@@ -49,12 +46,12 @@ def view(
 
 def heights(seen: FreeView, top_m: float = -1.0, bottom_m: float = 1.0) -> tuple[float, float, float]:
     """(clear, explained, hidden) of a place 5 m ahead."""
-    clear, explained, hidden = observed_heights(seen_from(RANGE_M, 0.0, seen), top_m, bottom_m, SLACK_M, RULES, seen)
+    clear, explained, hidden = observed_heights(seen_from(RANGE_M, 0.0, seen), top_m, bottom_m, SLACK_M, seen)
     return round(clear, 6), round(explained, 6), round(hidden, 6)
 
 
 def kind(seen: FreeView, y_m: float = 0.0) -> int:
-    return int(classify(seen_from(RANGE_M, y_m, seen), -1.0, 1.0, SLACK_M, RULES, seen))
+    return int(classify(seen_from(RANGE_M, y_m, seen), -1.0, 1.0, SLACK_M, seen))
 
 
 def test_a_place_is_clear_where_it_is_free_well_before_and_behind_it() -> None:
@@ -66,7 +63,7 @@ def test_a_place_is_clear_where_it_is_free_well_before_and_behind_it() -> None:
 
 
 def test_the_noise_at_its_range_must_be_free_behind_it_too() -> None:
-    noise_m = PARAMS.free_evidence_sigmas * 0.01 * RANGE_M**2
+    noise_m = FREE_SIGMAS * 0.01 * RANGE_M**2
     end_m = RANGE_M + SLACK_M + noise_m
     assert heights(view(end_m + 0.01, end_m - 0.01, ke_per_m=0.01)) == (1.0, 0.0, 0.0)
 
@@ -104,7 +101,7 @@ def test_a_place_beside_the_measured_directions_is_unobserved() -> None:
     assert is_beside(seen_from(5.0, 0.0, nothing), measured_limits(nothing))
 
     def unobserved(seen: FreeView, y_m: float = 0.0, top_m: float = -1.0) -> bool:
-        return bool(is_unobserved(RANGE_M, y_m, top_m, 1.0, SLACK_M, RULES, seen, measured_limits(seen)))
+        return bool(is_unobserved(RANGE_M, y_m, top_m, 1.0, SLACK_M, seen, measured_limits(seen)))
 
     assert unobserved(view(8.0, 8.0), 3.0)
     assert not unobserved(view(8.0, 8.0))
@@ -125,9 +122,7 @@ def seen_through(*planes: tuple[float, ...], inferred: tuple[int, ...] = ()) -> 
     n, seen = len(planes), view(0.0, 0.0)
     flags = np.zeros(n, np.uint8)
     flags[list(inferred)] = int(PlaneFlags.INFERRED)
-    detections = detections_of(
-        np.array(planes, np.float32), np.full(n, 0.1, np.float32), flags, np.zeros(n, np.int32), 0.0
-    )
+    detections = detections_of(np.array(planes, np.float32), np.full(n, 0.1, np.float32), flags, np.zeros(n, np.int32))
     spans = np.empty((2, n))
     find_spans(detections, seen, spans)
     track = np.zeros(1, TRACK)[0]

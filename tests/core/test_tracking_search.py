@@ -22,7 +22,7 @@ def random_detections(rng: np.random.Generator, n: int) -> np.ndarray:
     b = a + rng.uniform(-2.0, 2.0, (n, 2))
     top = rng.uniform(-3.0, 0.0, n)
     planes = np.column_stack([a, b, top, top + rng.uniform(0.2, 2.0, n)]).astype(np.float32)
-    return detections_of(planes, np.full(n, 0.1, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.int32), 0.03)
+    return detections_of(planes, np.full(n, 0.1, np.float32), np.zeros(n, np.uint8), np.zeros(n, np.int32))
 
 
 def test_overlapping_boxes() -> None:
@@ -97,7 +97,7 @@ def test_the_index_of_no_interval_and_of_equal_places() -> None:
 
 def test_the_common_shift_of_three_walls() -> None:
     walls = np.array([[8, -4, 8, 4, -3, 0], [0, -4, 8, -4, -3, 0], [8, 4, 0, 4, -3, 0]], np.float32)
-    d = detections_of(walls, np.full(3, 0.05, np.float32), np.zeros(3, np.uint8), np.zeros(3, np.int32), 0.03)
+    d = detections_of(walls, np.full(3, 0.05, np.float32), np.zeros(3, np.uint8), np.zeros(3, np.int32))
     tracks = np.zeros(3, TRACK)
     for name, value in (
         ("tx", d["tx"]),

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from core.tracking.association import assign, find_pairs
+from core.tracking.association import GATE, assign, find_pairs
 from core.tracking.params import TrackingParams
 from core.tracking.splitting import split_tracks
 from core.tracking.tables import TrackTable, detections_of, empty_table
-from core.tracking.tracker import Tracker, rules_of
+from core.tracking.tracker import Tracker
 from core.tracking.update import apply_detections, begin_frame
 
 from .test_tracking import frame
@@ -19,7 +19,6 @@ from .test_tracking_proof import planes_of
 from .worlds import wall
 
 pytestmark = pytest.mark.nojit
-RULES = rules_of(TrackingParams())[0]
 EYE = (0.0, 0.0, 0.0)
 
 
@@ -27,13 +26,13 @@ def apply(table: TrackTable, walls: list[list[float]], t_ns: int, next_id: int) 
     """The detections of a frame after they were applied to the table."""
     n = len(walls)
     margins, zeros = np.full(n, 0.05, np.float32), np.zeros(n, np.int32)
-    d = detections_of(np.array(walls, np.float32), margins, zeros.astype(np.uint8), zeros, 0.03)
-    begin_frame(table, 0.1, RULES)
+    d = detections_of(np.array(walls, np.float32), margins, zeros.astype(np.uint8), zeros)
+    begin_frame(table, 0.1)
     pairs, scores = np.zeros((256, 3), np.int32), np.zeros(256)
-    count, _ = find_pairs(d, table.tracks, RULES, 0.0, 0.0, pairs, scores)
+    count, _ = find_pairs(d, table.tracks, GATE, 0.0, 0.0, pairs, scores)
     order = np.argsort(-scores[:count], kind="stable")
     assign(d, table.tracks, pairs, order)
-    apply_detections(table, d, pairs, order, RULES, EYE, next_id, t_ns, True)
+    apply_detections(table, d, pairs, order, EYE, next_id, t_ns, True)
     return d
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from core.types import PlaneFlags
+from core.world.evidence import CLEAR_LIMIT
 from core.world.params import WorldParams
 from core.world.snapshot import WorldSnapshot
 from core.world.world import Observation, World
@@ -172,7 +173,7 @@ def test_what_moved_away_is_gone_after_some_looks_and_then_free() -> None:
     for k in range(10, 20):
         world.add(seen(np.array([back]), (0.0, 0.0), 0.0, k * STEP))
         answer = WorldSpace(world.picture(k * STEP)).points([[7, 0, 0]], 0.3)[0]
-        gone = k - 9 >= world.params.free_evidence_limit + 10 // 4  # ten looks onto it before
+        gone = k - 9 >= CLEAR_LIMIT + 10 // 4  # ten looks onto it before
         assert answer == (Occupancy.FREE if gone else Occupancy.OCCUPIED)
     assert len(world.picture(20 * STEP).planes) == 1
     assert world.numbers()["cleared"] == 1

@@ -118,8 +118,8 @@ def test_what_does_not_fit_is_counted() -> None:
 
 
 def test_a_plane_takes_no_more_than_256_bytes_and_4_for_each_step_of_the_longest() -> None:
-    assert plane_bytes(empty_tables(1 << 16, 100.0, 0.25)) <= 256 + 4 * (400 + 2)
-    assert plane_bytes(empty_tables(1 << 16, 0.0, 0.25)) <= 256
+    assert plane_bytes(empty_tables(1 << 16, 100.0)) <= 256 + 4 * (400 + 2)
+    assert plane_bytes(empty_tables(1 << 16, 0.0)) <= 256
 
 
 def test_parameters_are_checked() -> None:

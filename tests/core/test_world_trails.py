@@ -12,7 +12,6 @@ from core.world.free_grid import empty_free
 from core.world.join_cost import END_A, END_B, Box, Joined, joined_cuts, stands_for, stays_open, widened
 from core.world.params import WorldParams
 from core.world.plane_index import Tables, empty_tables, new_slot
-from core.world.update import rules_of
 from core.world.world import World
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
@@ -21,7 +20,6 @@ from .worlds import NS, seen, wall
 
 STEP_NS = NS // 10
 BACK = wall(15.0, -8.0, 15.0, 8.0)
-RULES = rules_of(WorldParams())[0]
 
 
 def person(x: float, y: float) -> list[float]:
@@ -127,7 +125,7 @@ def line(ax: float, ay: float, bx: float, by: float) -> Joined:
 )
 def test_which_planes_may_stand_for_an_observation(found: Joined, expected: bool) -> None:
     """The observation is 0.5 m wide at x = 10, the camera at the origin, the noise 0.02 m."""
-    assert bool(stands_for(found, box(10.0, -0.25, 10.0, 0.25), 0.02, 0.0, 0.0, RULES)) == expected
+    assert bool(stands_for(found, box(10.0, -0.25, 10.0, 0.25), 0.02, 0.0, 0.0)) == expected
 
 
 @pytest.mark.nojit
@@ -149,9 +147,9 @@ def test_a_plane_behind_an_observation_hides_the_same_directions(heading: float)
 def test_a_gap_beside_a_removed_part_stays_open() -> None:
     free, a, b = empty_free(64), box(0.0, 0.0, 2.0, 0.0), box(2.3, 0.0, 4.0, 0.0)
     for cut_a, cut_b, expected in ((0, 0, False), (END_B, 0, True), (0, END_A, True), (END_A, END_B, False)):
-        assert bool(stays_open(free, a, cut_a, b, cut_b, 0, 0.3, RULES)) == expected
-        assert bool(stays_open(free, b, cut_b, a, cut_a, 0, 0.3, RULES)) == expected
-    assert not stays_open(free, a, END_B, box(1.9, 0.0, 4.0, 0.0), 0, 0, 0.0, RULES)  # an observation reaches into it
+        assert bool(stays_open(free, a, cut_a, b, cut_b, 0, 0.3)) == expected
+        assert bool(stays_open(free, b, cut_b, a, cut_a, 0, 0.3)) == expected
+    assert not stays_open(free, a, END_B, box(1.9, 0.0, 4.0, 0.0), 0, 0, 0.0)  # an observation reaches into it
 
 
 @pytest.mark.nojit
@@ -167,7 +165,7 @@ def test_the_ends_of_a_joined_plane_are_those_of_its_parts() -> None:
 
 def table(*boxes: Box, longest_m: float = 10.0) -> Tables:
     """Planes with these boxes, their anchors in the middle; not in the index."""
-    tables = empty_tables(64, longest_m, 0.25)
+    tables = empty_tables(64, longest_m)
     for b in boxes:
         p = tables.planes[new_slot(tables, 0)]
         p.ax_m, p.ay_m, p.bx_m, p.by_m, p.top_m, p.bottom_m = b
@@ -189,12 +187,12 @@ def put(tables: Tables, i: int, name: str, value: int) -> None:
 def test_an_observation_counts_for_the_steps_that_it_touches() -> None:
     tables = table(box(0.0, 0.0, 2.0, 0.0))
     put(tables, 0, "clears", 3)
-    count_hit(tables, 0, box(0.6, 0.1, 1.1, 0.1), 2)
+    count_hit(tables, 0, box(0.6, 0.1, 1.1, 0.1))
     assert column(tables, 0, "hits") == [0, 0, 1, 1, 1, 0, 0, 0]
     assert column(tables, 0, "clears") == [3, 3, 1, 1, 1, 3, 3, 3]
-    count_hit(tables, 0, box(0.6, 0.1, 1.1, 0.1), 2)
+    count_hit(tables, 0, box(0.6, 0.1, 1.1, 0.1))
     assert column(tables, 0, "clears") == [3, 3, 0, 0, 0, 3, 3, 3]
-    count_hit(tables, 0, box(3.0, 0.1, 4.0, 0.1), 2)
+    count_hit(tables, 0, box(3.0, 0.1, 4.0, 0.1))
     assert column(tables, 0, "hits") == [0, 0, 2, 2, 2, 0, 0, 0]
 
 
@@ -202,7 +200,7 @@ def test_an_observation_counts_for_the_steps_that_it_touches() -> None:
 def test_counts_end_at_their_greatest_value() -> None:
     tables = table(box(0.0, 0.0, 2.0, 0.0))
     put(tables, 0, "hits", np.iinfo(STEP["hits"]).max)
-    count_hit(tables, 0, box(0.0, 0.0, 2.0, 0.0), 0)
+    count_hit(tables, 0, box(0.0, 0.0, 2.0, 0.0))
     assert column(tables, 0, "hits") == [65535] * 8
 
 
@@ -210,7 +208,7 @@ def test_counts_end_at_their_greatest_value() -> None:
 def test_steps_outside_of_a_plane_are_erased() -> None:
     tables = table(box(0.0, 0.0, 2.0, 0.0))
     put(tables, 0, "clears", 3)
-    erase_outside(tables, 0, steps_of(box(0.5, 0.0, 1.25, 0.0), 1.0, 0.0, 0.25))
+    erase_outside(tables, 0, steps_of(box(0.5, 0.0, 1.25, 0.0), 1.0, 0.0))
     assert column(tables, 0, "clears") == [0, 0, 3, 3, 3, 0, 0, 0]
     assert tables.steps["clears"][0].sum() == 9
 
@@ -218,18 +216,18 @@ def test_steps_outside_of_a_plane_are_erased() -> None:
 @pytest.mark.nojit
 def test_joined_planes_keep_the_evidence_that_no_observation_cancels() -> None:
     tables = table(box(0.0, 0.0, 2.0, 0.0), box(1.0, 0.05, 3.0, 0.05))
-    put(tables, 0, "clears", 4)
+    put(tables, 0, "clears", 7)
     put(tables, 0, "hits", 1)
     put(tables, 1, "clears", 1)
     put(tables, 1, "hits", 3)
     whole = box(0.0, 0.0, 3.0, 0.05)
-    merge_steps(tables, 0, 1, whole, 1)
+    merge_steps(tables, 0, 1, whole)
     plane = tables.planes[0]
     plane.bx_m, plane.by_m = 3.0, 0.05
     assert column(tables, 0, "hits") == [1] * 4 + [3] * 8
-    assert column(tables, 0, "clears") == [4] * 4 + [1] * 8
+    assert column(tables, 0, "clears") == [7] * 4 + [1] * 8
     put(tables, 0, "clears", 4)
-    merge_steps(tables, 0, 1, whole, 2)
+    merge_steps(tables, 0, 1, whole)
     assert column(tables, 0, "clears") == [4] * 4 + [0] * 8
 
 
@@ -237,8 +235,8 @@ def test_joined_planes_keep_the_evidence_that_no_observation_cancels() -> None:
 def test_a_row_is_used_as_a_ring_and_no_longer_plane_has_evidence() -> None:
     tables = table(box(-100.0, 0.0, -90.0, 0.0), box(0.0, 0.0, 12.0, 0.0))
     tables.planes[0].anchor_x_m = 0.0  # its steps are numbered from -400
-    count_hit(tables, 0, box(-100.0, 0.0, -99.5, 0.0), 0)
+    count_hit(tables, 0, box(-100.0, 0.0, -99.5, 0.0))
     assert column(tables, 0, "hits")[:4] == [1, 1, 1, 0]
-    count_hit(tables, 1, box(0.0, 0.0, 12.0, 0.0), 0)
+    count_hit(tables, 1, box(0.0, 0.0, 12.0, 0.0))
     assert not has_evidence(tables, plane_steps(tables, 1))
     assert tables.steps["hits"][1].sum() == 0
