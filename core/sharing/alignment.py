@@ -245,10 +245,10 @@ def _judged(found: _Posterior, matches: _Matches, centre: Floats, prior: Placeme
     if matches.agreeing < LEAST_AGREEING:
         return FitResult.INCONSISTENT
     rivals = found.rivals
-    if (
-        rivals.log_odds < LEAST_LOG_ODDS
-        or rivals.share > MOST_RIVAL_SHARE
-        or rivals.fair_log_odds < LEAST_FAIR_LOG_ODDS
+    if not (
+        rivals.log_odds >= LEAST_LOG_ODDS
+        and rivals.share <= MOST_RIVAL_SHARE
+        and rivals.fair_log_odds >= LEAST_FAIR_LOG_ODDS
     ):
         return FitResult.AMBIGUOUS
     if found.sigma_m > MAX_SIGMA_M or found.sigma_yaw_rad > MAX_SIGMA_YAW_RAD:
@@ -258,7 +258,7 @@ def _judged(found: _Posterior, matches: _Matches, centre: Floats, prior: Placeme
     far = math.hypot(x - by_position[0], y - by_position[1]) > POSITION_SIGMAS * prior.sigma_m
     if far or found.edge > MOST_EDGE:
         return FitResult.AGAINST_POSITION
-    return FitResult.ACCEPTED if found.rivals.fair_log_odds >= LEAST_FAIR_LOG_ODDS else FitResult.AMBIGUOUS
+    return FitResult.ACCEPTED
 
 
 def _height(other_box: Floats, own_box: Floats, matches: _Matches, prior: Placement) -> tuple[float, float]:
