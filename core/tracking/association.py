@@ -209,11 +209,11 @@ def is_apart(detections, i, track):
 
 
 @kernel
-def assign(detections, tracks, pairs, order):
+def assign(detections, tracks, pairs):
     """Gives each detection at most one track: the best pair first. A detection that continues no track takes a track that
-    it covers and that no other detection observed."""
+    it covers and that no other detection observed. pairs: of `find_pairs`, the best first."""
     for relation in (CONTINUES, COVERS):
-        for n in order:
+        for n in range(pairs.shape[0]):
             if pairs[n, 2] != relation:
                 continue
             i, j = pairs[n, 0], pairs[n, 1]

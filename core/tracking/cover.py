@@ -41,6 +41,15 @@ PART = record(
 hits: its observations."""
 
 
+class Piece(NamedTuple):
+    """A piece of a detection that one track hides: s0_m..s1_m along it from its first end, at heights top_m..bottom_m."""
+
+    s0_m: Any
+    s1_m: Any
+    top_m: Any
+    bottom_m: Any
+
+
 class Search(NamedTuple):
     """What `is_hidden` searches, and its scratch. boxes: of `track_boxes`; near, found: of `find_near`; parts: (MOST_PARTS,) PART;
     borders: float64, of the pieces."""
@@ -224,9 +233,9 @@ def range_share(t, d, s, eye):
 
 
 @inner
-def support(table, d, count, eye, t_ns, search):
+def support(table, d, count, exposure, search):
     """Observes the tracks that hide a detection. Their lines and extents remain, and their margins reach its nearest face."""
-    parts, borders = search.parts, search.borders
+    parts, borders, eye = search.parts, search.borders, exposure.eye
     n = find_borders(parts, count, d, borders)
     for k in range(n - 1):
         if borders[k + 1] - borders[k] < _EXACT_M:
@@ -241,19 +250,22 @@ def support(table, d, count, eye, t_ns, search):
                 break
             j, low = parts[best].slot, z
             z = max(z, lower_edge(table.tracks[j], d, middle, eye))
-            support_part(table, j, d, borders[k], borders[k + 1], low, min(z, d.bottom_m), eye, t_ns)
+            piece = Piece(borders[k], borders[k + 1], low, min(z, d.bottom_m))
+            support_part(table, j, d, piece, exposure)
 
 
 @inner
-def support_part(table, j, d, s0, s1, top, bottom, eye, t_ns):
-    """One track over one piece of a detection, at heights top..bottom of it."""
-    t = table.tracks[j]
+def support_part(table, j, d, piece, exposure):
+    """One track over a Piece of a detection."""
+    t, eye, t_ns = table.tracks[j], exposure.eye, exposure.t_ns
+    s0, s1 = piece.s0_m, piece.s1_m
     ax, ay = d.ax_m + s0 * d.tx, d.ay_m + s0 * d.ty
     bx, by = d.ax_m + s1 * d.tx, d.ay_m + s1 * d.ty
     sa, sb = seen_at(t, ax, ay, eye[0], eye[1]), seen_at(t, bx, by, eye[0], eye[1])
     low, high = min(sa, sb), max(sa, sb)
     share = range_share(t, d, 0.5 * (s0 + s1), eye)
-    top, bottom = eye[2] + share * (top - _EXACT_M - eye[2]), eye[2] + share * (bottom + _EXACT_M - eye[2])
+    top = eye[2] + share * (piece.top_m - _EXACT_M - eye[2])
+    bottom = eye[2] + share * (piece.bottom_m + _EXACT_M - eye[2])
     low, high = max(t.s0_m, low), min(t.s1_m, high)
     top, bottom = max(t.top_m, top), min(t.bottom_m, bottom)
     if high < low:

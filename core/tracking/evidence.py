@@ -6,23 +6,19 @@ cells collect evidence; hidden ones and those out of view are kept until they ar
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..jit import inner, kernel
-from .intervals import index_intervals
 from .observed import (
     CLEAR,
     EXPLAINED,
     FREE_BEHIND_M,
     HIDDEN,
     OUT_OF_VIEW,
+    by_direction,
     classify,
-    find_spans,
     is_beside,
     is_gap,
     is_seen_through,
     measured_limits,
-    middle_azimuth,
     seen_from,
 )
 from .shrinking import shrink
@@ -51,10 +47,8 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
     their square: what flickers does not accumulate where it is hidden. Beside the measured directions, and above or below
     what was measured in them, it has the whole memory, unless one frame alone has observed it: it may have left the view as
     soon as it was in it."""
-    removed, middle, limits, heights = 0, middle_azimuth(view), measured_limits(view), vertical_limits(view, eye_z)
-    spans = np.empty((2, detections.shape[0]))
-    find_spans(detections, view, spans)
-    index = index_intervals(spans[0], spans[1])
+    removed, limits, heights = 0, measured_limits(view), vertical_limits(view, eye_z)
+    index = by_direction(detections, view)
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
         if t.hits == 0:
@@ -69,9 +63,7 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
             s = cell_middle(t, k)
             place = seen_from(t.x_m + s * t.tx, t.y_m + s * t.ty, view)
             seen = classify(place, t.top_m, t.bottom_m, FREE_BEHIND_M + t.margin_m, view)
-            if seen != CLEAR and is_seen_through(
-                place, t, detections, spans, index, middle, FREE_BEHIND_M, view, eye_z
-            ):
+            if seen != CLEAR and is_seen_through(place, t, index, view, eye_z):
                 seen = CLEAR
             if seen == CLEAR and share_in_view(place, t.top_m, t.bottom_m, eye_z, view, heights) < _PROVEN_SHARE:
                 seen = OUT_OF_VIEW

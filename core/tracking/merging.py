@@ -14,10 +14,10 @@ _MERGE_M = 0.2
 
 
 @inner
-def merge_pairs(table, detections, pairs, order, eye):
-    """Merges a track into that of a detection which covers it, or which continues both."""
+def merge_pairs(table, detections, pairs, eye):
+    """Merges a track into that of a detection which covers it, or which continues both. pairs: the best first."""
     tracks = table.tracks
-    for n in order:
+    for n in range(pairs.shape[0]):
         i, j = pairs[n, 0], pairs[n, 1]
         k = detections[i].track
         if k == NONE or tracks[k].hits == 0:

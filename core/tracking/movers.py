@@ -38,16 +38,16 @@ _SMALL_M = 0.3
 
 
 @kernel
-def update_objects(groups, count, objects, history, next_id, t_ns, view):
+def update_objects(groups, objects, history, next_id, t_ns, view):
     """Filters the objects by their groups and begins new ones. Returns (next id, number of objects that may have begun to
     move and whose present place has to be compared with earlier views: see `support_by_view`).
 
     history: (M, HISTORY, 3) float64 time (s), x, y; view: FreeView of this frame."""
     waiting = 0
-    for g in range(count):
+    for g in range(groups.shape[0]):
         if groups[g].object != NONE:
             update_object(objects[groups[g].object], groups[g], t_ns)
-    for g in range(count):
+    for g in range(groups.shape[0]):
         group, m = groups[g], groups[g].object
         if m == NONE and may_move(group):
             m = object_lost_at(group, objects, t_ns)

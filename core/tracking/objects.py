@@ -99,11 +99,12 @@ def predict_objects(objects, dt_s, t_ns, observing):
 
 
 @kernel
-def assign_groups(groups, count, objects):
+def assign_groups(groups, objects):
     """Gives each group the object that explains it best, the best pair first."""
-    pairs, costs = np.empty((count * objects.shape[0], 2), np.int64), np.empty(count * objects.shape[0])
+    most = groups.shape[0] * objects.shape[0]
+    pairs, costs = np.empty((most, 2), np.int64), np.empty(most)
     found = 0
-    for g in range(count):
+    for g in range(groups.shape[0]):
         for m in range(objects.shape[0]):
             cost = pair_cost(groups[g], objects[m])
             if cost < math.inf:

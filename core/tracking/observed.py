@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inner
-from .intervals import at_value
+from ..jit import inner, kernel
+from .intervals import at_value, index_intervals
 from .tables import NONE
 
 OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
@@ -46,6 +46,16 @@ class FreeView(NamedTuple):
     slope_y: Any
     tolerance_m: Any
     noise_per_m: Any
+
+
+class DetectionIndex(NamedTuple):
+    """The detections of a frame by their directions, to see what lies behind a place. detections: (N,) DETECTION; spans: of
+    `find_spans`; intervals: index of the spans; middle_rad: azimuth of the middle of the view, from which directions count."""
+
+    detections: Any
+    spans: Any
+    intervals: Any
+    middle_rad: Any
 
 
 @inner
@@ -154,6 +164,14 @@ def find_spans(detections, view, spans):
         spans[0, i], spans[1, i] = min(a, b) - _SPAN_SLACK_RAD, max(a, b) + _SPAN_SLACK_RAD
 
 
+@kernel
+def by_direction(detections, view):
+    """The DetectionIndex of a frame. view: FreeView."""
+    spans = np.empty((2, detections.shape[0]))
+    find_spans(detections, view, spans)
+    return DetectionIndex(detections, spans, index_intervals(spans[0], spans[1]), middle_azimuth(view))
+
+
 @inner
 def middle_azimuth(view):
     """Middle of the observed directions, 0 where there are none."""
@@ -183,23 +201,23 @@ def turn_between(start, end):
 
 
 @inner
-def is_seen_through(place, track, detections, spans, index, middle, behind, view, eye_z):
+def is_seen_through(place, track, index, view, eye_z):
     """Whether detections of the frame lie behind a place (of `seen_from`) of a track, as seen from the camera, over most of its
-    height, none lies at it, and none hides it. Gaps that were filled do not count: nothing was measured in them. spans: of
-    `find_spans`; index: of their directions; middle: azimuth of the middle of the view."""
+    height, none lies at it, and none hides it. Gaps that were filled do not count: nothing was measured in them. index:
+    DetectionIndex of the frame; eye_z: height of the camera."""
     dx, dy, r, azimuth = place
     if r < 1e-3:
         return False
-    azimuth, dx, dy = turn_between(middle, azimuth), dx / r, dy / r
-    first, end = at_value(index, azimuth)
+    azimuth, dx, dy = turn_between(index.middle_rad, azimuth), dx / r, dy / r
+    first, end = at_value(index.intervals, azimuth)
     passed, at, hidden, height = 0.0, 0.0, 0.0, track.bottom_m - track.top_m
-    for i in index.items[first:end]:
-        if not crosses(spans, i, azimuth):
+    for i in index.intervals.items[first:end]:
+        if not crosses(index.spans, i, azimuth):
             continue
-        d = detections[i]
+        d = index.detections[i]
         far = range_along(d, dx, dy, view)
         over = height_over(d, track, far, r, eye_z)
-        reach = behind + track.margin_m + d.margin_m
+        reach = FREE_BEHIND_M + track.margin_m + d.margin_m
         if over <= 0.0:
             continue
         if far >= r + reach:

@@ -115,6 +115,15 @@ class TrackTable(NamedTuple):
     cells: NDArray[Any]
 
 
+class Exposure(NamedTuple):
+    """From where and when a frame was observed. eye: x, y, z of the camera; t_ns: exposure; positioned: its place is known,
+    so that fragments of thin obstacles are joined."""
+
+    eye: Any
+    t_ns: Any
+    positioned: Any
+
+
 def empty_table(most: int) -> TrackTable:
     """A table of so many empty slots."""
     return TrackTable(np.zeros(most, TRACK), np.zeros((most, CELLS), CELL))

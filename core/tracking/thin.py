@@ -54,9 +54,9 @@ _SAME_ROWS = 0.3
 
 
 @kernel
-def join_lines(table, detections, eye, t_ns):
-    """Joins the thin tracks of one line, those observed most often first, where this frame observed one of them. eye: x, y, z
-    of the camera."""
+def join_lines(table, detections, exposure):
+    """Joins the thin tracks of one line, those observed most often first, where this frame observed one of them."""
+    eye, t_ns = exposure.eye, exposure.t_ns
     thin = thin_tracks(table.tracks, eye)
     for a in range(thin.shape[0]):
         for b in range(a + 1, thin.shape[0]):
@@ -66,7 +66,7 @@ def join_lines(table, detections, eye, t_ns):
             if o.hits == 0 or max(t.seen_ns, o.seen_ns) < t_ns or min(t.first_ns, o.first_ns) == t_ns:
                 continue
             if is_one_line(t, o, eye):
-                join(table, detections, thin[a], thin[b], eye, t_ns)
+                join(table, detections, thin[a], thin[b], exposure)
 
 
 @kernel
@@ -109,10 +109,10 @@ def is_one_line(t, o, eye):
 
 
 @inner
-def join(table, detections, j, other, eye, t_ns):
+def join(table, detections, j, other, exposure):
     """Joins the slot `other` to the line of slot j, unless the line would then lie behind either of them, or a detection of
     either, by more than its margin."""
-    t, o = table.tracks[j], table.tracks[other]
+    t, o, eye = table.tracks[j], table.tracks[other], exposure.eye
     before = t.x_m, t.y_m, t.tx, t.ty, t.p00, t.p01, t.p11
     ax, ay = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
     bx, by = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
@@ -134,7 +134,7 @@ def join(table, detections, j, other, eye, t_ns):
     t.margin_m = max(t.margin_m, o.margin_m + behind_o)
     t.first_detection = append_detections(detections, t.first_detection, o.first_detection)
     o.first_detection = NONE
-    observe_again(table, detections, j, eye, t_ns)
+    observe_again(table, detections, j, exposure)
     absorb(table, detections, j, other, eye)
 
 
@@ -185,9 +185,9 @@ def widen(table, j, sa, sb):
 
 
 @inner
-def observe_again(table, detections, j, eye, t_ns):
+def observe_again(table, detections, j, exposure):
     """Extents and cells of a track from this frame's detections, after its line has moved."""
-    t = table.tracks[j]
+    t, eye, t_ns = table.tracks[j], exposure.eye, exposure.t_ns
     if t.first_detection == NONE:
         return
     t.frame_s0_m, t.frame_s1_m = math.inf, -math.inf

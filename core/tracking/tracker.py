@@ -34,7 +34,7 @@ from .params import TrackingParams
 from .publish import snapshot_of
 from .snapshot import STATE_VERSION, TrackerState, TrackingFrame, TrackSnapshot
 from .splitting import split_tracks
-from .tables import CELL, CELLS, DETECTION, TRACK, TrackTable, detections_of, empty_table
+from .tables import CELL, CELLS, DETECTION, TRACK, Exposure, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 
 NS = 1_000_000_000
@@ -224,28 +224,20 @@ class Tracker:
     def _associate(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
         count = self._find_pairs(detections, GATE, view)
         order = np.argsort(-self._scores[:count], kind="stable")
-        assign(detections, self._table.tracks, self._pairs, order)
-        self._next_id, evicted, left_out = apply_detections(
-            self._table,
-            detections,
-            self._pairs,
-            order,
-            frame.camera_m,
-            self._next_id,
-            frame.t_ns,
-            frame.positioned,
-        )
+        pairs = self._pairs[order]
+        assign(detections, self._table.tracks, pairs)
+        exposure = Exposure(frame.camera_m, frame.t_ns, frame.positioned)
+        self._next_id, evicted, left_out = apply_detections(self._table, detections, pairs, exposure, self._next_id)
         self.counts["tracks_evicted"] += evicted
         self.counts["detections_left_out"] += left_out
         if frame.positioned:
             self._follow_movers(detections, frame, view)
 
     def _follow_movers(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
-        groups = self._groups
-        count = find_groups(detections, view, groups)
-        assign_groups(groups, count, self._objects)
+        groups = self._groups[: find_groups(detections, view, self._groups)]
+        assign_groups(groups, self._objects)
         self._next_object_id, waiting = update_objects(
-            groups, count, self._objects, self._history, self._next_object_id, frame.t_ns, view
+            groups, self._objects, self._history, self._next_object_id, frame.t_ns, view
         )
         newest_ns = frame.t_ns - round(OLD_S * NS)
         for t_ns, earlier in self._views:

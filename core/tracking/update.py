@@ -43,10 +43,11 @@ def begin_frame(table, dt_s):
 
 
 @kernel
-def apply_detections(table, detections, pairs, order, eye, next_id, t_ns, joins):
-    """Updates, begins and merges tracks. eye: x, y, z of the camera; joins: whether fragments of thin obstacles are joined.
-    Returns (next id, tracks removed for want of slots, detections left out)."""
+def apply_detections(table, detections, pairs, exposure, next_id):
+    """Updates, begins and merges tracks. pairs: of `find_pairs`, the best first. Returns (next id, tracks removed for want of
+    slots, detections left out)."""
     removed, left_out = 0, 0
+    eye, t_ns = exposure.eye, exposure.t_ns
     eye_x, eye_y = eye[0], eye[1]
     for i in range(detections.shape[0]):
         j = detections[i].track
@@ -54,8 +55,8 @@ def apply_detections(table, detections, pairs, order, eye, next_id, t_ns, joins)
             continue  # it is hidden by several tracks, or gets a track of its own below
         if table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], eye_x, eye_y):
             continue  # another detection of this frame has moved the line
-        observe(table, j, detections[i], eye, t_ns)
-    merge_pairs(table, detections, pairs, order, eye)
+        observe(table, j, detections[i], exposure)
+    merge_pairs(table, detections, pairs, eye)
     for i in range(detections.shape[0]):  # before a new track takes the slot of a merged one
         detections[i].track = present_slot(table.tracks, detections[i].track)
     search = begin_search(table.tracks)
@@ -67,7 +68,7 @@ def apply_detections(table, detections, pairs, order, eye, next_id, t_ns, joins)
             table.tracks[j].first_detection = remove_detection(detections, table.tracks[j].first_detection, i)
         count = is_hidden(table.tracks, detections[i], GATE_MAX_M, eye, search)
         if count > 0:
-            support(table, detections[i], count, eye, t_ns, search)
+            support(table, detections[i], count, exposure, search)
             continue
         j, evicted = free_slot(table, t_ns)
         removed += 1 if evicted else 0
@@ -77,10 +78,10 @@ def apply_detections(table, detections, pairs, order, eye, next_id, t_ns, joins)
         detections[i].track, detections[i].next = j, NONE
         begin_track(table, j, detections[i], i, next_id, t_ns)
         next_id += 1
-        observe(table, j, detections[i], eye, t_ns)
+        observe(table, j, detections[i], exposure)
         set_box(search.boxes, j, table.tracks[j])
-    if joins:
-        join_lines(table, detections, eye, t_ns)
+    if exposure.positioned:
+        join_lines(table, detections, exposure)
     for i in range(detections.shape[0]):
         detections[i].track = present_slot(table.tracks, detections[i].track)
     for j in range(table.tracks.shape[0]):
@@ -117,9 +118,9 @@ def begin_track(table, j, d, i, track_id, t_ns):
 
 
 @inner
-def observe(table, j, d, eye, t_ns):
+def observe(table, j, d, exposure):
     """One observation of a track: its line, extent, cells and margin. Extents grow at once."""
-    t = table.tracks[j]
+    t, eye, t_ns = table.tracks[j], exposure.eye, exposure.t_ns
     if t.hits > 0:
         turned = abs(t.tx * d.tx + t.ty * d.ty) < _TURN_COS and max(d.length_m, t.s1_m - t.s0_m) < _SHORT_M
         if turned or not correct_line(t, d, eye[0], eye[1]):

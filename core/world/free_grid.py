@@ -58,6 +58,29 @@ GroundPlane = tuple[float, float, float, float, float]
 tolerance_m, noise_per_m."""
 
 
+class FrameView(NamedTuple):
+    """A frame with its free ranges, in the frame of the world.
+
+    Attributes:
+        x_m, y_m: place of the camera.
+        ke_per_m: noise coefficient, 1/m.
+        edges_rad: (D + 1,) float64 azimuths of its FreeProfile.
+        layers_m: (L + 1,) float64 heights.
+        near_m, far_m: (D, L) float32 free ranges.
+        end: (D, L) uint8.
+        plane: its GroundPlane."""
+
+    x_m: Any
+    y_m: Any
+    ke_per_m: Any
+    edges_rad: Any
+    layers_m: Any
+    near_m: Any
+    far_m: Any
+    end: Any
+    plane: Any
+
+
 def empty_free(most: int) -> FreeTables:
     """Returns empty tables for this number of blocks."""
     heads = np.full(1 << max(6, math.ceil(math.log2(most))), NO_BLOCK, np.int32)
@@ -187,20 +210,18 @@ def lowest_free(x, y, r, plane):
 
 
 @inner
-def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
+def column_free(view, x, y, low_bin, span):
     """Adds the cells of a column that a profile shows free to `span`, as bits from cell low_bin on.
 
     A cell is free if its circle, seen from above, and its heights are in directions and layers that are free there,
     above the ground.
 
     Args:
+        view: FrameView.
         x, y: the column, relative to the camera.
-        edges: (D + 1,) azimuths.
-        layers: (L + 1,) heights.
-        near_m, far_m: (D, L) free ranges.
-        plane: GroundPlane.
         low_bin: index of the first cell.
         span: (2,) uint64 out."""
+    edges, layers, near_m, far_m = view.edges_rad, view.layers_m, view.near_m, view.far_m
     span[0] = span[1] = np.uint64(0)
     r = math.sqrt(x * x + y * y)
     if r <= 2.0 * HALF_M:
@@ -211,7 +232,7 @@ def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
     if azimuth + 2.0 * half >= edges[edges.shape[0] - 1]:
         return
     d0, d1 = direction_of(edges, azimuth), direction_of(edges, azimuth + 2.0 * half)
-    lowest = lowest_free(x, y, r, plane)
+    lowest = lowest_free(x, y, r, view.plane)
     begin = -1
     for k in range(layers.shape[0]):
         ok = k < layers.shape[0] - 1
@@ -261,26 +282,22 @@ def beside_ground(free, bx, by, low, c, found, span):
 
 
 @kernel
-def see_free(free, x, y, edges, layers, near_m, far_m, plane):
-    """Adds the free space that a profile shows from (x, y).
+def see_free(free, view):
+    """Adds the free space that a frame shows.
 
     A frame without ground frees nothing at or below remembered ground, which it may have failed to detect. A frame
     with ground that shows the cell of a remembered ground free deletes that ground.
 
     Args:
         free: FreeTables.
-        x, y: place of the camera.
-        edges: (D + 1,) float64 azimuths in the frame of the world.
-        layers: (L + 1,) float64 heights in the frame of the world.
-        near_m, far_m: (D, L) float32 free ranges.
-        plane: GroundPlane of the frame."""
-    masks = free.masks
+        view: FrameView."""
+    masks, x, y, far_m = free.masks, view.x_m, view.y_m, view.far_m
     span = np.zeros(2, np.uint64)
     reach = 0.0
     for d in range(far_m.shape[0]):
         for k in range(far_m.shape[1]):
             reach = max(reach, far_m[d, k])
-    low = int(math.floor(layers[0] / CELL_M)) >> 6
+    low = int(math.floor(view.layers_m[0] / CELL_M)) >> 6
     for bx in range(cell(x - reach) >> 4, (cell(x + reach) >> 4) + 1):
         for by in range(cell(y - reach) >> 4, (cell(y + reach) >> 4) + 1):
             first, second = NO_BLOCK, NO_BLOCK
@@ -288,9 +305,9 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
                 cx, cy = (bx * SIDE + (c >> 4) + 0.5) * CELL_M - x, (by * SIDE + (c & 15) + 0.5) * CELL_M - y
                 if cx * cx + cy * cy > reach * reach:
                     continue
-                column_free(cx, cy, edges, layers, near_m, far_m, plane, low * TALL, span)
+                column_free(view, cx, cy, low * TALL, span)
                 if span[0] | span[1] != 0:
-                    beside_ground(free, bx, by, low, c, math.isfinite(plane[0]), span)
+                    beside_ground(free, bx, by, low, c, math.isfinite(view.plane[0]), span)
                 if span[0] != 0:
                     if first == NO_BLOCK:
                         first = block_for(free, bx, by, low)

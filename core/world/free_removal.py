@@ -34,12 +34,13 @@ def in_column(free, ix, iy, low, high, clear):
 
 
 @inner
-def stand_in(free, ax, ay, bx, by, top, bottom, clear):
-    """True if any cell that a plane crosses is free. clear: none of them is free any more."""
+def stand_in(free, b, clear):
+    """True if any cell that a plane, a record of OBSERVATION, crosses is free. clear: none of them is free any more."""
+    ax, ay, bx, by = b.ax_m, b.ay_m, b.bx_m, b.by_m
     if bx < ax:
         ax, ay, bx, by = bx, by, ax, ay
     slope, found = (by - ay) / (bx - ax) if bx - ax > EDGE_M else 0.0, False
-    low, high = cell(top - EDGE_M), cell(bottom + EDGE_M)
+    low, high = cell(b.top_m - EDGE_M), cell(b.bottom_m + EDGE_M)
     for ix in range(cell(ax - EDGE_M), cell(bx + EDGE_M) + 1):
         if slope == 0.0:
             y0, y1 = ay, by
@@ -52,13 +53,13 @@ def stand_in(free, ax, ay, bx, by, top, bottom, clear):
 
 
 @inner
-def clear_behind(free, x, y, ax, ay, bx, by, top, bottom):
-    """Clears the free cells up to _BODY_M behind a plane, as seen from (x, y), at its heights."""
-    ax, ay, bx, by = ax - x, ay - y, bx - x, by - y
+def clear_behind(free, x, y, b):
+    """Clears the free cells up to _BODY_M behind a plane, a record of OBSERVATION, as seen from (x, y), at its heights."""
+    ax, ay, bx, by = b.ax_m - x, b.ay_m - y, b.bx_m - x, b.by_m - y
     ra, rb = max(math.sqrt(ax * ax + ay * ay), EDGE_M), max(math.sqrt(bx * bx + by * by), EDGE_M)
     reach = max(ra, rb) + _BODY_M
     wide = 1.0 if ax * by - ay * bx >= 0.0 else -1.0
-    low, high = cell(top - EDGE_M), cell(bottom + EDGE_M)
+    low, high = cell(b.top_m - EDGE_M), cell(b.bottom_m + EDGE_M)
     first_x, last_x = x + min(ax, bx) - _BODY_M, x + max(ax, bx) + _BODY_M
     first_y, last_y = y + min(ay, by) - _BODY_M, y + max(ay, by) + _BODY_M
     for ix in range(cell(first_x), cell(last_x) + 1):
@@ -79,8 +80,7 @@ def arrived_in_free(free, observations):
     """Returns (N,) bool, which of the observations, (N,) OBSERVATION, stand in a cell that was free before their frame."""
     out = np.zeros(observations.shape[0], np.bool_)
     for j in range(observations.shape[0]):
-        b = observations[j]
-        out[j] = stand_in(free, b.ax_m, b.ay_m, b.bx_m, b.by_m, b.top_m, b.bottom_m, False)
+        out[j] = stand_in(free, observations[j], False)
     return out
 
 
@@ -90,7 +90,6 @@ def remove_free(free, observations, arrived, x, y):
 
     observations: (N,) OBSERVATION; arrived: (N,) bool, see `arrived_in_free`; x, y: place of the camera."""
     for j in range(observations.shape[0]):
-        b = observations[j]
-        stand_in(free, b.ax_m, b.ay_m, b.bx_m, b.by_m, b.top_m, b.bottom_m, True)
+        stand_in(free, observations[j], True)
         if arrived[j]:
-            clear_behind(free, x, y, b.ax_m, b.ay_m, b.bx_m, b.by_m, b.top_m, b.bottom_m)
+            clear_behind(free, x, y, observations[j])

@@ -92,16 +92,15 @@ def measured_at(x, y, edges, seen_from, seen_to):
 
 
 @kernel
-def see_ground(free, x, y, edges, seen_from, seen_to, plane):
-    """Stores the ground that a frame measured from (x, y), and clears the free bits at and below it.
+def see_ground(free, view, seen_from, seen_to):
+    """Stores the ground that a frame measured, and clears the free bits at and below it.
 
     Args:
         free: FreeTables.
-        x, y: place of the camera.
-        edges: (D + 1,) float64 azimuths in the frame of the world.
-        seen_from, seen_to: (D,) float64 ranges at which the ground was measured.
-        plane: GroundPlane of the frame."""
-    z, slope_x, slope_y, _tolerance, noise = plane
+        view: FrameView of the frame.
+        seen_from, seen_to: (D,) float64 ranges at which the ground was measured."""
+    x, y, edges = view.x_m, view.y_m, view.edges_rad
+    z, slope_x, slope_y, _tolerance, noise = view.plane
     reach = 0.0
     for d in range(len(seen_to)):
         reach = max(reach, seen_to[d])

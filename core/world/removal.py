@@ -7,7 +7,6 @@ many. The trail of a moving object is removed step by step behind it."""
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 from ..jit import inner
 from .association import box_of, put_box
@@ -24,29 +23,6 @@ _CLEAR_SHARE = 0.5
 """Least share of the height of a plane that must be observed free."""
 _LEAST_M = 0.1
 """A remaining part of a plane is kept if it is longer."""
-
-
-class FrameView(NamedTuple):
-    """A frame as removal needs it.
-
-    Attributes:
-        x_m, y_m: place of the camera.
-        ke_per_m: noise coefficient, 1/m.
-        edges_rad: (D + 1,) float64 of its FreeProfile.
-        layers_m: (L + 1,) float64.
-        near_m, far_m: (D, L) free ranges.
-        end: (D, L) uint8.
-        plane: its GroundPlane."""
-
-    x_m: Any
-    y_m: Any
-    ke_per_m: Any
-    edges_rad: Any
-    layers_m: Any
-    near_m: Any
-    far_m: Any
-    end: Any
-    plane: Any
 
 
 @inner

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from ..types import FrameModel
 from .association import OBSERVATION
 from .evidence import empty_steps
-from .free_grid import FreeTables, GroundPlane, empty_free, held_blocks, see_free, seen_blocks
+from .free_grid import FrameView, FreeTables, empty_free, held_blocks, see_free, seen_blocks
 from .free_removal import arrived_in_free
 from .ground import ground_plane, see_ground
 from .params import WorldParams
 from .plane_index import BOX, columns, empty_tables
-from .removal import FrameView
 from .section import Section, planes_to_load, saved_section
 from .serialize import SavedSection, fitting
 from .snapshot import WorldSnapshot
@@ -119,28 +118,32 @@ class World:
         observations = observations_of(observation.model, observation.place_m, self.params)
         self.counts.bad_planes += len(observation.model.planes) - len(observations)
         arrived = arrived_in_free(free, observations)
-        profile, (x, y, _) = observation.model.free, observation.place_m
-        edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
-        plane = ground_plane(observation.model, observation.place_m[2])
-        near_m, far_m = profile.free_from_m, profile.free_to_m
-        if all(np.isfinite(a).all() for a in (edges, layers, near_m, far_m)) and not np.isnan(plane).any():
-            see_free(free, x, y, edges, layers, near_m, far_m, plane)
-            self._see_ground(free, observation, edges, plane)
-        else:  # a profile that is not finite neither frees cells nor removes planes
-            near_m = far_m = np.zeros_like(near_m)
-        ke, end = observation.model.ke_per_m, profile.end
-        view = FrameView(float(x), float(y), float(ke), edges, layers, near_m, far_m, end, plane)
+        view, is_finite = self._view_of(observation)
+        if is_finite:
+            see_free(free, view)
+            self._see_ground(free, observation, view)
         add_frame(tables, free, observations, arrived, self._rules, observation.t_ns, view)
         section.newest_ns = max(section.newest_ns, observation.t_ns)
         section.place_m = observation.place_m
 
-    def _see_ground(
-        self, free: FreeTables, observation: Observation, edges: NDArray[np.float64], plane: GroundPlane
-    ) -> None:
-        ground, (x, y, _) = observation.model.ground, observation.place_m
-        fits = len(ground.seen_from_m) == len(ground.seen_to_m) == len(edges) - 1
-        if ground.seen and fits and bool(np.isfinite([*plane, *ground.seen_from_m, *ground.seen_to_m]).all()):
-            see_ground(free, x, y, edges, np.array(ground.seen_from_m), np.array(ground.seen_to_m), plane)
+    @staticmethod
+    def _view_of(observation: Observation) -> tuple[FrameView, bool]:
+        """(free ranges of a frame, whether they are finite): one whose ranges are not neither frees cells nor removes planes."""
+        profile, (x, y, z) = observation.model.free, observation.place_m
+        edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
+        plane, near_m, far_m = ground_plane(observation.model, z), profile.free_from_m, profile.free_to_m
+        is_finite = all(np.isfinite(a).all() for a in (edges, layers, near_m, far_m)) and not np.isnan(plane).any()
+        if not is_finite:
+            near_m = far_m = np.zeros_like(near_m)
+        ke = float(observation.model.ke_per_m)
+        return FrameView(float(x), float(y), ke, edges, layers, near_m, far_m, profile.end, plane), is_finite
+
+    @staticmethod
+    def _see_ground(free: FreeTables, observation: Observation, view: FrameView) -> None:
+        ground = observation.model.ground
+        fits = len(ground.seen_from_m) == len(ground.seen_to_m) == len(view.edges_rad) - 1
+        if ground.seen and fits and bool(np.isfinite([*view.plane, *ground.seen_from_m, *ground.seen_to_m]).all()):
+            see_ground(free, view, np.array(ground.seen_from_m), np.array(ground.seen_to_m))
 
     def picture(self, now_ns: int) -> WorldSnapshot:
         """Returns the present state. Free space that is too old at now_ns is left out."""

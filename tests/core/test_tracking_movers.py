@@ -172,7 +172,7 @@ def test_a_group_takes_the_object_whose_place_is_known_best() -> None:
         o["hits"], o["x_m"], o["y_m"], o["size_m"], o["top_m"], o["bottom_m"] = 5, 6.0, y, 0.5, -1.0, 1.0
         o["r00"] = o["t00"] = variance
     groups = groups_of(rows_of([face(6.0, 0.0)], [2]))
-    assign_groups(groups, 1, objects)
+    assign_groups(groups, objects)
     assert groups[0].object == 0
 
 

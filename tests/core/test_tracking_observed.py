@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from core.tracking.intervals import index_intervals
 from core.tracking.observed import (
     CLEAR,
     EXPLAINED,
@@ -15,13 +14,12 @@ from core.tracking.observed import (
     HIDDEN,
     OUT_OF_VIEW,
     FreeView,
+    by_direction,
     classify,
-    find_spans,
     is_beside,
     is_seen_through,
     is_unobserved,
     measured_limits,
-    middle_azimuth,
     observed_heights,
     seen_from,
 )
@@ -123,18 +121,15 @@ def seen_through(*planes: tuple[float, ...], inferred: tuple[int, ...] = ()) -> 
     flags = np.zeros(n, np.uint8)
     flags[list(inferred)] = int(PlaneFlags.INFERRED)
     detections = detections_of(np.array(planes, np.float32), np.full(n, 0.1, np.float32), flags, np.zeros(n, np.int32))
-    spans = np.empty((2, n))
-    find_spans(detections, seen, spans)
     track = np.zeros(1, TRACK)[0]
     track.top_m, track.bottom_m, track.margin_m = -1.0, 1.0, 0.1
-    index, middle = index_intervals(spans[0], spans[1]), middle_azimuth(seen)
     place = seen_from(RANGE_M, 0.0, seen)
-    return bool(is_seen_through(place, track, detections, spans, index, middle, SLACK_M, seen, 0.0))
+    return bool(is_seen_through(place, track, by_direction(detections, seen), seen, 0.0))
 
 
 def test_a_place_is_seen_through_where_something_is_measured_well_behind_it() -> None:
-    assert seen_through(across(5.75))
-    assert not seen_through(across(5.65)), "within both margins and the slack"
+    assert seen_through(across(5.55))
+    assert not seen_through(across(5.45)), "within both margins and FREE_BEHIND_M"
     assert not seen_through(across(4.5, -0.3, 0.1), across(10.0)), "a fifth of it is at its range"
     assert not seen_through(across(10.0), inferred=(0,)), "in a filled gap nothing was measured"
     assert not seen_through(across(10.0, 0.1, 6.0)), "less than half of its height"

@@ -10,7 +10,7 @@ import pytest
 from core.tracking.association import GATE, assign, find_pairs
 from core.tracking.params import TrackingParams
 from core.tracking.splitting import split_tracks
-from core.tracking.tables import TrackTable, detections_of, empty_table
+from core.tracking.tables import Exposure, TrackTable, detections_of, empty_table
 from core.tracking.tracker import Tracker
 from core.tracking.update import apply_detections, begin_frame
 
@@ -31,8 +31,8 @@ def apply(table: TrackTable, walls: list[list[float]], t_ns: int, next_id: int) 
     pairs, scores = np.zeros((256, 3), np.int32), np.zeros(256)
     count, _ = find_pairs(d, table.tracks, GATE, 0.0, 0.0, pairs, scores)
     order = np.argsort(-scores[:count], kind="stable")
-    assign(d, table.tracks, pairs, order)
-    apply_detections(table, d, pairs, order, EYE, next_id, t_ns, True)
+    assign(d, table.tracks, pairs[order])
+    apply_detections(table, d, pairs[order], Exposure(EYE, t_ns, True), next_id)
     return d
 
 

@@ -16,7 +16,7 @@ from core.world.world import World
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
 
-from .test_world_free import cells, look, profile
+from .test_world_free import cells, look, observations_at, profile
 from .worlds import NS, house, seen, wall
 
 STEP = NS // 15
@@ -61,8 +61,8 @@ def test_behind_a_house_that_always_stood_there_what_was_seen_free_stays_free() 
 
 
 @kernel
-def clear_one(free, x, y, row):
-    clear_behind(free, x, y, row[0], row[1], row[2], row[3], row[4], row[5])
+def clear_one(free, x, y, observations):
+    clear_behind(free, x, y, observations[0])
 
 
 @kernel
@@ -103,7 +103,7 @@ def test_cells_behind_a_plane_by_a_ray_to_each(seed: int) -> None:
     z = float(p.layer_edges_m[0])
     row = np.concatenate([rng.uniform(-6, 6, 4), z + rng.uniform(0, 2, 1), z + rng.uniform(2, 4, 1)])
     x, y = rng.uniform(-1.0, 1.0, 2)
-    clear_one(free, x, y, row)
+    clear_one(free, x, y, observations_at(row[None]))
     after = cells(free, 1)
     assert after <= before
     a, b, camera = row[0:2], row[2:4], np.array([x, y])

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from core.jit import kernel
 from core.types import FreeProfile
-from core.world.free_grid import CELL_M, any_free, bits, empty_free, see_free, seen_blocks
+from core.world.association import OBSERVATION
+from core.world.free_grid import CELL_M, FrameView, any_free, bits, empty_free, see_free, seen_blocks
 from core.world.free_removal import stand_in
+from core.world.plane_index import BOX
 from osape_client.query.space import balls_free
 
 pytestmark = pytest.mark.nojit
@@ -35,7 +37,7 @@ def profile(rng: np.random.Generator) -> FreeProfile:
 
 def look(free, p: FreeProfile, x: float, y: float) -> None:
     edges, layers = p.azimuth_edges_rad.astype(float), p.layer_edges_m.astype(float)
-    see_free(free, x, y, edges, layers, p.free_from_m, p.free_to_m, NO_GROUND)
+    see_free(free, FrameView(x, y, 0.0, edges, layers, p.free_from_m, p.free_to_m, p.end, NO_GROUND))
 
 
 def cells(free, now: int = 0) -> set[tuple[int, int, int]]:
@@ -149,9 +151,17 @@ def asked(free, points, out):
 
 
 @kernel
-def block_all(free, rows):
-    for k in range(rows.shape[0]):
-        stand_in(free, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], True)
+def block_all(free, observations):
+    for k in range(observations.shape[0]):
+        stand_in(free, observations[k], True)
+
+
+def observations_at(rows: np.ndarray) -> np.ndarray:
+    """(N,) OBSERVATION of planes (N, 6)."""
+    out = np.zeros(len(rows), OBSERVATION)
+    for name, column in zip(BOX, rows.T, strict=True):
+        out[name] = column
+    return out
 
 
 @settings(max_examples=10)
@@ -163,7 +173,7 @@ def test_where_an_obstacle_stands_nothing_is_free(seed: int) -> None:
     before = cells(free)
     z = float(p.layer_edges_m[0])
     rows = np.column_stack([rng.uniform(-8, 8, (5, 4)), z + rng.uniform(0, 3, 5), z + rng.uniform(3, 6, 5)])
-    block_all(free, rows)
+    block_all(free, observations_at(rows))
     after = cells(free)
     assert after <= before
     s = np.linspace(0, 1, 50)
