@@ -82,13 +82,13 @@ def fits_one_rectangle(low, high, top, bottom, track):
 
 
 @inner
-def is_much_taller(d, flags, track):
-    """Whether a detection, or another track, reaches far beyond the upper or lower edge of a steady track: one detection of
-    a crown with its trunk would hide the open space beside the trunk for long. Where the border of the image cut either of
-    them, the rest may be the same surface. flags: of d."""
+def is_much_taller(d, track):
+    """Whether a detection reaches far beyond the upper or lower edge of a steady track: one detection of a crown with its trunk
+    would hide the open space beside the trunk for long. Where the border of the image cut either of them, the rest may be the
+    same surface."""
     if track.hits < STEADY_HITS:
         return False
-    cut = flags | track.plane_flags
+    cut = d.plane_flags | track.plane_flags
     above = track.top_m - d.top_m > _TALLER_M and cut & CUT_TOP == 0
     return above or (d.bottom_m - track.bottom_m > _TALLER_M and cut & CUT_BOTTOM == 0)
 
@@ -123,7 +123,7 @@ def continues(d, track, gate, eye_x, eye_y):
     sa, sb = along(track, d.ax_m, d.ay_m), along(track, d.bx_m, d.by_m)
     over = min(max(sa, sb), track.s1_m) - max(min(sa, sb), track.s0_m)
     height = heights_overlap(d, track)
-    if over < -_TOUCH_M or height < 0.3 or is_much_taller(d, d.plane_flags, track):
+    if over < -_TOUCH_M or height < 0.3 or is_much_taller(d, track):
         return 0.0
     if not fits_one_rectangle(min(sa, sb), max(sa, sb), d.top_m, d.bottom_m, track):
         return 0.0
@@ -138,7 +138,7 @@ def covers(d, track, gate):
     """Whether a detection covers a track: it reaches over most of its length and height, no more than the gate in front of
     it and no more than its own margin behind it."""
     height = min(d.bottom_m, track.bottom_m) - max(d.top_m, track.top_m)
-    if height < 0.8 * (track.bottom_m - track.top_m) or is_much_taller(d, d.plane_flags, track):
+    if height < 0.8 * (track.bottom_m - track.top_m) or is_much_taller(d, track):
         return False
     front = max(gate.least_m, min(_FRONT_M, d.margin_m))
     x0, y0 = track.x_m + track.s0_m * track.tx, track.y_m + track.s0_m * track.ty

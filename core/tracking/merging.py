@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
-from .association import CONTINUES, COVERS, SIDEWAYS_M, STEADY_HITS, fits_one_rectangle, heights_overlap, is_much_taller
+from .association import CONTINUES, COVERS, SIDEWAYS_M, fits_one_rectangle, heights_overlap
 from .line import along, is_thin, middle_share, offset, seen_at, seen_height, sideways
 from .tables import NONE, append_detections, make_room
 
@@ -47,10 +47,6 @@ def same_surface(t, other, eye_x, eye_y):
         if sideways(t, x, y, off, eye_x, eye_y) > SIDEWAYS_M:
             return False
     if far > _MERGE_M:
-        return False
-    if other.hits < STEADY_HITS and is_much_taller(other, other.plane_flags, t):
-        return False
-    if t.hits < STEADY_HITS and is_much_taller(t, t.plane_flags, other):
         return False
     if min(high, t.s1_m) - max(low, t.s0_m) <= 0.0 or heights_overlap(other, t) < 0.5:
         return False

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel
-from .association import GATE_MIN_M, fits_one_rectangle
+from .association import GATE_MIN_M
 from .line import (
     EDGE_ON,
     ahead,
@@ -103,9 +103,7 @@ def is_one_line(t, o, eye):
     if max(bottom, t.bottom_m) - min(top, t.top_m) > THIN_M:
         return False
     over = min(bottom, t.bottom_m) - max(top, t.top_m)
-    if over < _SAME_ROWS * min(bottom - top, t.bottom_m - t.top_m):
-        return False
-    return fits_one_rectangle(low, high, top, bottom, t)
+    return over >= _SAME_ROWS * min(bottom - top, t.bottom_m - t.top_m)
 
 
 @inner
