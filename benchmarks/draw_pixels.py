@@ -12,7 +12,7 @@ from companion.viewer.colors import depth_rgb
 from core.extractor import Extractor
 from core.stages.density import MAX_PEAKS, find_peaks
 from core.stages.spatial_noise import noise_tiles
-from core.stages.strips import HORIZONTAL, IRREGULAR, MERGED, ROUGH, SMOOTH
+from core.stages.strips import IRREGULAR, MERGED, ROUGH, SMOOTH
 from core.types import FAR_MM, UNKNOWN_MM
 from drivers.simulation.source import Rendered
 
@@ -20,10 +20,9 @@ KIND_RGB = {
     SMOOTH: (38, 110, 190),
     ROUGH: (230, 140, 30),
     IRREGULAR: (200, 60, 110),
-    HORIZONTAL: (90, 160, 60),
     MERGED: (90, 90, 90),
 }
-KIND_NAME = {SMOOTH: "smooth", ROUGH: "rough", IRREGULAR: "irregular rest", HORIZONTAL: "horizontal", MERGED: "merged"}
+KIND_NAME = {SMOOTH: "smooth", ROUGH: "rough", IRREGULAR: "irregular rest", MERGED: "merged"}
 PALE = 235
 
 

@@ -345,17 +345,6 @@ class Params:
         "strips of neighbouring columns share near edges when their disparities differ by less than this share",
     )
     smooth_sigmas: float = number(3.0, 0.0, 10.0, "sigma", "noise of the strip that is added to that limit")
-    horizontal_correlation: float = number(
-        0.05, 0.001, 0.5, "", "a surface is horizontal when 1 - |r| of its rows and disparities is below this [eps_r]"
-    )
-    horizontal_centre_px: float = number(
-        20.0,
-        1.0,
-        200.0,
-        "px",
-        "greatest distance of the vanishing row of a horizontal surface from the horizon [eps_v]",
-    )
-    horizontal_min_px: int = number(6, 3, 100, "px", "least number of pixels of a horizontal surface")
 
     # Straight pieces and planes
     height_step_m: float = number(

@@ -1,40 +1,19 @@
 """Irregular objects (Section 4.3): divides the pixels of a column that no window took into segments, each a strip.
 
-Input: the list of the remaining pixels of a column. Output: strips of the kinds IRREGULAR and HORIZONTAL. The paper
-divides them at constant height intervals Hd; here a segment also ends at gaps and depth jumps."""
+Input: the list of the remaining pixels of a column. Output: strips of the kind IRREGULAR. The paper divides
+them at constant height intervals Hd; here a segment also ends at gaps and depth jumps. The paper then drops segments on
+horizontal surfaces (Eq. 12-14); here the ground is removed before, and other horizontal surfaces are obstacles."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from ..jit import inner, inner_inline
+from ..jit import inner_inline
 from .row_mask import CODE, ROW
-from .strips import HORIZONTAL, IRREGULAR, Pixels, emit
+from .strips import IRREGULAR, Pixels, emit
 
 _JUMP_SHARE = 0.08
 """Step of the disparity between rows, as a share, that ends a segment."""
-
-
-@inner
-def is_horizontal(px, first, last, settings):
-    """True if the pixels first..last - 1 lie on a horizontal surface (Eq. 12-14).
-
-    Disparity and row must correlate, and their line must meet the horizon at disparity 0. In the levelled view the
-    horizon is the row of the principal point for any pitch. settings: a record of STRIP_SETTINGS."""
-    n = last - first
-    sd, sv, sdd, svv, sdv = np.int64(0), np.int64(0), np.int64(0), np.int64(0), np.int64(0)
-    for i in range(np.uint64(first), np.uint64(last)):
-        d, v = np.int64(px[CODE, i]), np.int64(px[ROW, i])
-        sd, sv, sdd, svv, sdv = sd + d, sv + v, sdd + d * d, svv + v * v, sdv + d * v
-    var_d, var_v, cov = n * sdd - sd * sd, n * svv - sv * sv, n * sdv - sd * sv
-    if var_d <= 0 or var_v <= 0:
-        return False
-    r = cov / (math.sqrt(var_d) * math.sqrt(var_v))
-    centre = (1.0 * sv * sdd - 1.0 * sd * sdv) / var_d
-    correlated = 1.0 - abs(r) < settings.horizontal_correlation
-    return correlated and abs(centre - settings.horizon_row) < settings.horizontal_centre_px
 
 
 @inner_inline
@@ -79,8 +58,5 @@ def irregular_rest(px, n, column, settings, buffer, out):
 @inner_inline
 def close_irregular(px, first, last, total, column, settings, buffer, out):
     """Makes a strip of one irregular segment, at its near side."""
-    count = last - first
-    horizontal = count >= settings.horizontal_min_px and is_horizontal(px, first, last, settings)
-    kind = HORIZONTAL if horizontal else IRREGULAR
-    pixels = Pixels(px[CODE], first, last, count, total, px[ROW, first], px[ROW, last - 1], 0)
-    emit(pixels, True, kind, column, settings, buffer, out)
+    pixels = Pixels(px[CODE], first, last, last - first, total, px[ROW, first], px[ROW, last - 1], 0)
+    emit(pixels, True, IRREGULAR, column, settings, buffer, out)

@@ -23,7 +23,6 @@ from .view_geometry import ViewGeometry
 STRIP_SETTINGS = record(
     ("sigma_d_px", np.float64),  # noise of disparity, 1 sigma
     ("f_px", np.float64),  # focal length of the view
-    ("horizon_row", np.float64),  # row of its principal point
     ("lsb_per_px", np.float64),  # quantised disparity per pixel of disparity
     ("depth_noise_coeff", np.float64),  # ke, 1/m
     ("noise_alike_px", np.float64),
@@ -44,8 +43,6 @@ STRIP_SETTINGS = record(
     ("band_sigmas", np.float64),
     ("irregular_depth_m", np.float64),
     ("irregular_sigmas", np.float64),
-    ("horizontal_correlation", np.float64),
-    ("horizontal_centre_px", np.float64),
     ("support_sigmas", np.float64),
     ("support_relative", np.float64),
     ("support_tail_sigmas", np.float64),
@@ -56,7 +53,6 @@ STRIP_SETTINGS = record(
     ("near_rank", np.int64),
     ("band_rows", np.int64),
     ("irregular_gap_px", np.int64),
-    ("horizontal_min_px", np.int64),
     ("min_support_px", np.int64),
     ("support_columns", np.int64),
     ("support_rows", np.int64),
@@ -91,7 +87,7 @@ class Settings:
 def settings_of(
     view: ViewGeometry, ke_per_m: float, p: Params, last: Settings | None, smeared: bool = False
 ) -> Settings:
-    """Returns the settings of a view. If `last` is valid for it, returns that with the horizon updated.
+    """Returns the settings of a view. If `last` is valid for it, returns that.
 
     Args:
         view: geometry of the levelled view, with pooled columns.
@@ -102,7 +98,6 @@ def settings_of(
     column_px = float(view.lateral[0])
     key = (view.f_px, view.lsb_per_px, column_px, ke_per_m, float(smeared))
     if last is not None and last.valid_for == key:
-        last.strips["horizon_row"] = view.cv
         return last
     sigma_d_px = max(ke_per_m * view.f_px, p.min_sigma_px)
     return Settings(
@@ -122,7 +117,6 @@ def strip_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Pa
         p,
         sigma_d_px=sigma_d_px,
         f_px=view.f_px,
-        horizon_row=view.cv,
         lsb_per_px=view.lsb_per_px,
         depth_noise_coeff=ke_per_m,
         support_per_px=PX * p.min_support_m,

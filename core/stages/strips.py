@@ -35,9 +35,9 @@ STRIP = record(
 )
 """A strip."""
 
-SMOOTH, ROUGH, IRREGULAR, HORIZONTAL, MERGED = range(5)
-"""Kinds of strips: the depth varies by noise only; it varies by more; made of pixels outside of all windows; the
-same, on a horizontal surface; several strips of a full column."""
+SMOOTH, ROUGH, IRREGULAR, MERGED = range(4)
+"""Kinds of strips: the depth varies by noise only; it varies by more; made of pixels outside of all windows; several
+strips of a full column."""
 CUT_TOP, CUT_BOTTOM = 1, 2
 """Bits of `cut`: the border of the image cuts the strip there."""
 

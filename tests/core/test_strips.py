@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages import irregular
 from core.stages import strips as s
 from core.stages import windows as w
-from core.stages.row_mask import CODE, NO_PEAK, ROW
+from core.stages.row_mask import CODE, NO_PEAK
 
 from . import naive
-from .columns import QUANTUM, Column, F, code, view
+from .columns import QUANTUM, Column, F, code
 from .views import INFO, extract, flat_wall
 
 pytestmark = pytest.mark.nojit
@@ -209,25 +208,6 @@ def test_the_irregular_rest_against_its_definition(seed: int, sigma: float, sigm
         assert d <= own.max() * (1 + 1e-5)
 
 
-@pytest.mark.parametrize(("tilt", "expected"), [(0.0, True), (0.3, False)])
-def test_horizontal_surfaces_correlate_and_vanish_at_the_horizon(tilt: float, expected: bool) -> None:
-    """Disparity of a horizontal surface grows linearly from 0 at the horizon row; of a ramp from elsewhere."""
-    v = np.arange(100.0)
-    c = Column(np.full(100, 5.0), params=Params(horizontal_centre_px=10.0))
-    rows = v[60:100]
-    c.line[60:] = np.rint(QUANTUM * (F * tilt + rows - 49.5) / 2.0).astype(np.uint16)
-    c.gather()
-    assert irregular.is_horizontal(c.px, 60, 100, c.settings) == expected
-    assert not irregular.is_horizontal(c.px, 0, 51, c.settings)  # a wall: no correlation
-    for last, least, kind in ((65, 6, s.HORIZONTAL if expected else s.IRREGULAR), (64, 6, s.IRREGULAR)):
-        assert least == c.params.horizontal_min_px
-        c.counts[:] = np.zeros(1, s.COUNTS)
-        total = int(c.px[CODE, 60 : last + 1].sum())
-        irregular.close_irregular(c.px, 60, last + 1, total, c.column, c.settings, c.buffers.codes[0], c.out)
-        assert c.strips["kind"][0] == kind
-        assert (c.strips["top_row"][0], c.strips["bottom_row"][0]) == (c.px[ROW, 60], c.px[ROW, last])
-
-
 def test_strips_of_a_wall_stand_at_its_distance_in_every_column() -> None:
     model = extract(flat_wall(INFO, 5.0), INFO, keep_strips=True)
     t = model.strips
@@ -248,7 +228,7 @@ def test_settings_have_their_names() -> None:
     p = c.params
     g = c.settings
     assert (g.sigma_d_px, g.f_px, g.passable_height_m) == (0.3, F, p.passable_height_m)
-    assert (g.horizon_row, g.lsb_per_px) == (view(10).cv, QUANTUM)
+    assert g.lsb_per_px == QUANTUM
     assert (g.near_rank, g.irregular_gap_px) == (p.near_rank, p.irregular_gap_px)
 
 

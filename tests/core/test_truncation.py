@@ -69,7 +69,7 @@ def test_nothing_moves_beyond_the_clip_nor_nearer_and_far_from_it_nothing_moves(
     assert moved(6.0, 0.005, clear_m) == pytest.approx((6.0, 5.9))
 
 
-@pytest.mark.parametrize("kind", [s.ROUGH, s.IRREGULAR, s.HORIZONTAL, s.MERGED])
+@pytest.mark.parametrize("kind", [s.ROUGH, s.IRREGULAR, s.MERGED])
 def test_what_is_no_smooth_surface_stays(kind: int) -> None:
     """Its noise is not normal: a near side is no mean."""
     assert moved(14.0, 0.005, 15.0, kind=kind)[0] == pytest.approx(14.0)
