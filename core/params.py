@@ -356,9 +356,6 @@ class Params:
     link_slope_px: float = number(
         1.2, 0.1, 10.0, "px", "greatest change of disparity from one column to the next on one surface"
     )
-    rough_slope_px: float = number(
-        1.2, 0.1, 10.0, "px", "the same in a growing piece with a rough strip, where scattered leaves are no slope"
-    )
     link_gap_px: int = number(4, 1, 64, "px", "number of columns that one surface may miss; larger: gaps are bridged")
     plane_angle_deg: float = number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
     merge_distance_m: float = number(

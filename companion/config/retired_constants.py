@@ -66,6 +66,7 @@ CONSTANTS: Final[Mapping[str, float]] = {
     "horizontal_min_px": 6,
     "line_sigmas": 3.0,
     "roughness_m": 0.02,
+    "rough_slope_px": 1.2,
     "track_jump": 0.1,
     "track_jump_sigmas": 3.0,
     "merge_empty_weight": 0.5,

@@ -24,7 +24,6 @@ PLANE_SETTINGS = record(
     ("height_step_m", np.float64),
     ("line_tolerance_m", np.float64),
     ("link_slope_px", np.float64),
-    ("rough_slope_px", np.float64),
     ("safe_distance_m", np.float64),
     ("safe_along_m", np.float64),
     ("rough_near_sigmas", np.float64),

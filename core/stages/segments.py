@@ -6,8 +6,7 @@ Input: the table of strips. Output: the table of tracks, and the track of each s
 Algorithm 2 fits a line to a whole cluster and splits it at the greatest error. Here a strip is added to the track
 whose line predicts it within line_tolerance_m and the noise of both, if the heights continue; otherwise it begins a
 track. The misfit is measured along the viewing ray, so that walls seen edge-on are judged as strictly as walls seen
-face-on. The slope of a track with a rough strip has a stronger prior, because the scattered near sides of foliage
-would otherwise form walls along the rays."""
+face-on."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from ..jit import inner, inner_inline, record
 from .line_fit import LINE_SIGMAS, add_point, clear_moments, fit_line
 from .openings import cell_of, layer_of
-from .strips import CUT_BOTTOM, CUT_TOP, SMOOTH
+from .strips import CUT_BOTTOM, CUT_TOP
 
 TRACK = record(
     ("first_t", np.float64),  # tangents of azimuth of the first and last strip
@@ -34,7 +33,6 @@ TRACK = record(
     ("mean_t", np.float64),
     ("scatter", np.float64),  # weighted sum of squares of t - mean_t, with the prior
     ("variance", np.float64),  # of the line at mean_t
-    ("prior", np.float64),  # weight of a slope of 0
     ("sum_w", np.float64),  # moments, see line_fit.py
     ("sum_t", np.float64),
     ("sum_s", np.float64),
@@ -175,7 +173,6 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
     front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near
     f = view.f_px
     prior = 1.0 / (settings.link_slope_px * settings.link_slope_px)
-    rough_prior = 1.0 / (settings.rough_slope_px * settings.rough_slope_px)
     for u in range(view.cols):
         size = _continuing(u, settings.link_gap_px, strips, front, size)
         for i in range(first_of_column[u], first_of_column[u + 1]):
@@ -211,23 +208,21 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
                 best = size
                 size += 1
                 front_track[best] = count
-                begin_track(tracks[count], t, prior)
+                begin_track(tracks[count], t)
                 count += 1
             k = front_track[best]
             front_strip[best], front_top[best] = i, BEYOND
             strip.track = k
             _extend_track(tracks[k], t, ends)
-            if strip.kind != SMOOTH:
-                tracks[k].prior = rough_prior
-            _add_to_line(tracks[k], t, s, 1.0 / variance)
+            _add_to_line(tracks[k], t, s, 1.0 / variance, prior)
     return count
 
 
 @inner_inline
-def begin_track(track, t, prior):
+def begin_track(track, t):
     """Resets a record of TRACK to an empty track at tangent t."""
     clear_moments(track)
-    track.first_t, track.prior = t, prior
+    track.first_t = t
     track.top_min_m, track.top_max_m = 1e9, -1e9
     track.bottom_min_m, track.bottom_max_m = 1e9, -1e9
 
@@ -302,8 +297,8 @@ def _continuing(u, link, strips, front, size):
 
 
 @inner
-def _add_to_line(track, t, s, weight):
-    """Adds the point (t, s) to the moments of a track and fits its line again."""
+def _add_to_line(track, t, s, weight, prior):
+    """Adds the point (t, s) to the moments of a track and fits its line again. prior: weight of a slope of 0."""
     add_point(track, t, s, weight)
-    track.a, track.b, track.mean_t, scatter = fit_line(track, track.prior)
-    track.scatter, track.variance = scatter + track.prior, 1.0 / track.sum_w
+    track.a, track.b, track.mean_t, scatter = fit_line(track, prior)
+    track.scatter, track.variance = scatter + prior, 1.0 / track.sum_w

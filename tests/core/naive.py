@@ -351,7 +351,7 @@ def runs(strips, link, meets):
 
 
 def tracks(strips, p, f):
-    """Number of the track of each strip (u, top, bottom, t, d, sigma, cluster, cut, smooth, z0, z1), in order of columns:
+    """Number of the track of each strip (u, top, bottom, t, d, sigma, cluster, cut, z0, z1), in order of columns:
     the one out of all tracks of its cluster that it fits best, of equals the oldest. No opening is anywhere."""
     found, numbers = [], []
     for strip in strips:
@@ -367,11 +367,11 @@ def tracks(strips, p, f):
 
 def _misfit_of(strip, track, p, f):
     """Misfit of a strip to the line of a track, over what is allowed; infinite where it cannot go on with it."""
-    u, top, bottom, t, d, sigma, cluster, _, _, _, _ = strip
+    u, top, bottom, t, d, sigma, cluster, _, _, _ = strip
     last = track[-1]
     together = [*track, strip]
-    tops, bottoms = [s[9] for s in together], [s[10] for s in together]
-    ends = [s[9] for s in together if not s[7] & 1], [s[10] for s in together if not s[7] & 2]
+    tops, bottoms = [s[8] for s in together], [s[9] for s in together]
+    ends = [s[8] for s in together if not s[7] & 1], [s[9] for s in together if not s[7] & 2]
     if (
         not 0 < u - last[0] <= p.link_gap_px
         or top > last[2]
@@ -385,7 +385,7 @@ def _misfit_of(strip, track, p, f):
     s = np.array([q[4] for q in track]) / f
     at = np.array([q[3] for q in track])
     w = np.array([1.0 / ((q[5] / f) ** 2 + (ROUGHNESS_M * (q[4] / f) ** 2) ** 2) for q in track])
-    prior = (p.link_slope_px if all(q[8] for q in track) else p.rough_slope_px) ** -2
+    prior = p.link_slope_px**-2
     mean = np.average(at, weights=w)
     scatter = np.sum(w * (at - mean) ** 2) + prior
     b = np.sum(w * (at - mean) * (s - np.average(s, weights=w))) / scatter

@@ -77,11 +77,10 @@ class Strips:
         hs: float = 1.0,
         line_m: float = 0.12,
         link: int = 4,
-        rough_px: float = 1.2,
         masks: OpeningMasks = CLOSED,
     ) -> int:
         """grow; returns the number of tracks, which are in `tracks`."""
-        p = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link, rough_slope_px=rough_px)
+        p = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link)
         self.tracks, front = np.zeros(self.n + 1, tracks.TRACK), tracks.front_buffers(self.n)
         settings = plane_settings(F, 1.0, p)[0]
         return tracks.grow(self.strips, self.view, self.columns, settings, masks, self.tracks, front)
