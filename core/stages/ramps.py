@@ -6,7 +6,7 @@ Used by smeared_edges.py, which decides if the camera smears its edges.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,7 @@ _SIGMAS, _JUDGED_SIGMAS = 2.0, 5.0
 """Least rise of a ramp on each side, in noise: to be removed, and to count in the judgement of the camera."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RampLimits:
+class RampLimits(NamedTuple):
     """Limits that define a ramp.
 
     Attributes:
@@ -50,6 +49,29 @@ class RampLimits:
     straight: float
 
 
+class Slopes(NamedTuple):
+    """Limits of `on_ramp`, float32: `step_per_m` or `judged_per_m`, `relative` and `straight` of RampLimits."""
+
+    least: Any
+    relative: Any
+    straight: Any
+
+
+class HeightLine(NamedTuple):
+    """Height of pixels below the camera along the normal of the ground.
+
+    A point at pixel (u, v) lies across u + down v + first below the camera per metre of depth.
+
+    Attributes:
+        across, down, first: see above.
+        keep_m: pixels that lie lower than this are part of the ground."""
+
+    across: float
+    down: float
+    first: float
+    keep_m: float
+
+
 def ramp_limits(info: CameraInfo, ke_per_m: float) -> RampLimits:
     """Returns the limits for a camera and the noise coefficient in use."""
     k = info.intrinsics
@@ -67,7 +89,7 @@ def ramp_limits(info: CameraInfo, ke_per_m: float) -> RampLimits:
 
 
 @inner_inline
-def on_ramp(left, middle, right, far_left, far_right, least, relative, straight):
+def on_ramp(left, middle, right, far_left, far_right, slopes):
     """True if the middle of five values of 1/Z along a line lies on a ramp.
 
     If 1/Z beyond the near end is unknown, a slanted surface looks the same, and the result is False.
@@ -75,16 +97,16 @@ def on_ramp(left, middle, right, far_left, far_right, least, relative, straight)
     Args:
         left, middle, right: 1/Z in 1/m, span_px apart; 0: far, negative: unknown.
         far_left, far_right: 1/Z reach_px from the middle.
-        least, relative, straight: step_per_m, relative and straight of `RampLimits`."""
+        slopes: Slopes."""
     low, high = min(left, right), max(left, right)
-    step = max(least, relative * middle)
+    step = max(slopes.least, slopes.relative * middle)
     beyond = far_left if left > right else far_right
     return (
         (low >= np.float32(0.0))
         & (middle - low > step)
         & (high - middle > step)
         & (beyond >= np.float32(0.0))
-        & (beyond - middle <= straight * (high - middle))
+        & (beyond - middle <= slopes.straight * (high - middle))
     )
 
 
@@ -102,16 +124,17 @@ def signed_inverse(mm, out):
 
 
 @kernel
-def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
+def count_edges(depth_mm, row_step, limits):
     """Returns (ramps, rising, steps) along every row_step-th row of depth_mm, (H, W) uint16.
 
-    A ramp is a run of pixels for which `on_ramp` is True; 1/Z of the rising ones is greater to the right. A step is a change from one pixel to the next that is as
-    large as the least ramp from end to end. One of its two pixels may be far. The other arguments are those of
-    `RampLimits`."""
+    A ramp is a run of pixels for which `on_ramp` is True; 1/Z of the rising ones is greater to the right. A step is a
+    change from one pixel to the next that is as large as the least ramp from end to end. One of its two pixels may be
+    far. limits: RampLimits; the least step is judged_per_m."""
     rows, cols = depth_mm.shape
+    span, reach = limits.span_px, limits.reach_px
     line = np.full(cols + 2 * reach, np.float32(-1.0), np.float32)
     on = np.zeros(cols + 1, np.uint8)
-    least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
+    slopes = Slopes(np.float32(limits.judged_per_m), np.float32(limits.relative), np.float32(limits.straight))
     ramps, rising, steps = np.int64(0), np.int64(0), np.int64(0)
     for v in range(row_step // 2, rows, row_step):
         signed_inverse(depth_mm[v], line[reach : reach + cols])
@@ -120,12 +143,12 @@ def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
         following = line[reach + 1 :]
         row_ramps, row_rising, row_steps = np.int32(0), np.int32(0), np.int32(0)
         for u in range(cols):
-            here = on_ramp(left[u], middle[u], right[u], far_left[u], far_right[u], least, relative, straight)
+            here = on_ramp(left[u], middle[u], right[u], far_left[u], far_right[u], slopes)
             on[u + 1] = np.uint8(here)
         for u in range(cols):
             a, b = middle[u], following[u]
             low, high = min(a, b), max(a, b)
-            sharp = (low >= np.float32(0.0)) & (high - low > np.float32(2.0) * max(least, relative * low))
+            sharp = (low >= np.float32(0.0)) & (high - low > np.float32(2.0) * max(slopes.least, slopes.relative * low))
             row_steps = np.int32(row_steps + np.int32(sharp))
             begins = np.int32(on[u + 1] & ~on[u] & np.uint8(1))
             row_ramps = np.int32(row_ramps + begins)
@@ -164,24 +187,9 @@ def near_end_inverse(inverse, row, column, span, reach, middle):
     return near
 
 
-@kernel
-def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, keep_m, marks, free_marks):
-    """Makes the pixels of ramps along rows or columns unknown; returns how many of them were measured and how many
-    far.
-
-    A pixel more than keep_m below the camera is part of the ground and is kept, and so are horizontal surfaces at any
-    height.
-
-    Args:
-        depth_mm: (H, W) uint16 as delivered, so that the far end of a ramp may lie beyond the clear range.
-        inverse: (H + 2 reach, W + 2 reach) float32 scratch.
-        span, reach, least, relative, straight: see `RampLimits`.
-        down: (3,) float64. A point at pixel (u, v) lies down[0] u + down[1] v + down[2] below the camera per metre of
-            depth, along the normal of the ground.
-        keep_m: height below the camera.
-        marks: (H, W) uint16 of `classify`, in and out.
-        free_marks: (H, W) uint16 out: the marks before the removal, with the depth of the near end at each pixel of a
-            ramp. The ray is measured up to that depth."""
+@inner
+def inverse_with_border(depth_mm, reach, inverse):
+    """Fills `inverse` (H + 2 reach, W + 2 reach) by `signed_inverse` of depth_mm (H, W); the border is unknown."""
     rows, cols = depth_mm.shape
     nothing = np.float32(-1.0)
     inverse[:reach] = nothing
@@ -190,8 +198,29 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
     inverse[:, cols + reach :] = nothing
     for v in range(rows):
         signed_inverse(depth_mm[v], inverse[reach + v, reach : reach + cols])
-    least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
-    keep, across, along, twice = np.float32(keep_m), np.float32(down[0]), np.float32(down[1]), np.float32(2 * span)
+
+
+@kernel
+def drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks):
+    """Makes the pixels of ramps along rows or columns unknown; returns how many of them were measured and how many
+    far.
+
+    The ground is kept, and so are horizontal surfaces at any height.
+
+    Args:
+        depth_mm: (H, W) uint16 as delivered, so that the far end of a ramp may lie beyond the clear range.
+        inverse: (H + 2 reach, W + 2 reach) float32 scratch.
+        limits: RampLimits; the least step is step_per_m.
+        heights: HeightLine.
+        marks: (H, W) uint16 of `classify`, in and out.
+        free_marks: (H, W) uint16 out: the marks before the removal, with the depth of the near end at each pixel of a
+            ramp. The ray is measured up to that depth."""
+    rows, cols = depth_mm.shape
+    span, reach = limits.span_px, limits.reach_px
+    inverse_with_border(depth_mm, reach, inverse)
+    slopes = Slopes(np.float32(limits.step_per_m), np.float32(limits.relative), np.float32(limits.straight))
+    keep, across, along = np.float32(heights.keep_m), np.float32(heights.across), np.float32(heights.down)
+    twice = np.float32(2 * span)
     column, on = np.arange(cols).astype(np.float32), np.zeros(cols, np.uint8)
     measured, far = 0, 0
     for v in range(rows):
@@ -200,15 +229,15 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
         middle, right, far_right = row[reach : reach + cols], row[reach + span :], row[2 * reach :]
         far_above, above = inverse[v, reach:], inverse[reach + v - span, reach:]
         below, far_below = inverse[reach + v + span, reach:], inverse[v + 2 * reach, reach:]
-        first = np.float32(down[1] * v + down[2])
+        first = np.float32(heights.down * v + heights.first)
         line, seen = marks[v], free_marks[v]
         count = np.int32(0)
         for u in range(cols):
             m = middle[u]
             height = first + across * column[u]
-            ramp = on_ramp(left[u], m, right[u], far_left[u], far_right[u], least, relative, straight)
+            ramp = on_ramp(left[u], m, right[u], far_left[u], far_right[u], slopes)
             ramp &= ~is_level(right[u] - left[u], m, height, twice * across)
-            steep = on_ramp(above[u], m, below[u], far_above[u], far_below[u], least, relative, straight)
+            steep = on_ramp(above[u], m, below[u], far_above[u], far_below[u], slopes)
             ramp |= steep & ~is_level(below[u] - above[u], m, height, twice * along)
             ramp &= height <= keep * m
             on[u] = np.uint8(ramp)

@@ -27,7 +27,7 @@ from ..buffers import Buffers
 from ..frames import Rotation
 from ..params import Params
 from ..types import CameraInfo, ExtractorState, Ground
-from .ramps import RampLimits, count_edges, drop_ramps, ramp_limits
+from .ramps import HeightLine, RampLimits, count_edges, drop_ramps, ramp_limits
 
 _ROW_STEP = 4
 """Edges are counted in every _ROW_STEP-th row."""
@@ -67,9 +67,7 @@ class EdgeCounts:
 
 def edges_of(depth_mm: NDArray[np.uint16], limits: RampLimits) -> EdgeCounts:
     """Returns the edges of a depth image (H, W) uint16 that are too large to be noise."""
-    ramps, rising, steps = count_edges(
-        depth_mm, _ROW_STEP, limits.span_px, limits.reach_px, limits.judged_per_m, limits.relative, limits.straight
-    )
+    ramps, rising, steps = count_edges(depth_mm, _ROW_STEP, limits)
     return EdgeCounts(int(ramps), int(rising), int(steps), depth_mm.shape[0])
 
 
@@ -129,21 +127,9 @@ def drop_smeared_edges(
     rows, cols = depth_mm.shape
     reach = limits.reach_px
     inverse = buffer("inverse", (rows + 2 * reach, cols + 2 * reach), np.float32)
-    down, keep_m = ground_line(info, R_level_optical, ground, params)
+    heights = height_line(info, R_level_optical, ground, params)
     free_marks = buffer("free_marks", marks.shape, np.uint16)
-    measured, far = drop_ramps(
-        depth_mm,
-        inverse,
-        limits.span_px,
-        reach,
-        limits.step_per_m,
-        limits.relative,
-        limits.straight,
-        down,
-        keep_m,
-        marks,
-        free_marks,
-    )
+    measured, far = drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks)
     return free_marks, int(measured), int(far)
 
 
@@ -209,16 +195,12 @@ def remove_smeared_edges(
     return SmearedEdges(active=True, state=after, free_marks=free_marks, measured=measured, far=far)
 
 
-def ground_line(
-    info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params
-) -> tuple[NDArray[np.float64], float]:
-    """Returns (down, keep_m) of `drop_ramps`. Without a ground, `down` is vertical and keep_m so large that no pixel
-    is kept."""
+def height_line(info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params) -> HeightLine:
+    """Returns the heights of pixels. Without a ground they are vertical, and keep_m is so large that no pixel is kept."""
     k = info.intrinsics
     x, y, z = R_level_optical
     slope_x, slope_y = (ground.slope_x, ground.slope_y) if ground.seen else (0.0, 0.0)
     across, down, ahead = z - slope_x * x - slope_y * y
-    line = np.array([across / k.fx, down / k.fy, ahead - across * k.cx / k.fx - down * k.cy / k.fy])
-    if not ground.seen:
-        return line, _NEVER_M
-    return line, max(ground.height_m - params.ground_tolerance_m, 0.5 * ground.height_m)
+    keep_m = max(ground.height_m - params.ground_tolerance_m, 0.5 * ground.height_m) if ground.seen else _NEVER_M
+    first = ahead - across * k.cx / k.fx - down * k.cy / k.fy
+    return HeightLine(float(across / k.fx), float(down / k.fy), float(first), float(keep_m))
