@@ -12,7 +12,7 @@ bounded slopes is fitted. If no height is accepted, no ground is assumed."""
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +89,21 @@ POINT = record(
 """A sampled pixel."""
 
 
+class GroundSamples(NamedTuple):
+    """Which pixels are sampled, and what is known of them.
+
+    Attributes:
+        column_step: every column_step-th column is sampled.
+        row_step: every row_step-th row is sampled.
+        votes: (bins,) int32, votes per step of height.
+        points: (N,) POINT. Further samples vote but are not written."""
+
+    column_step: int
+    row_step: int
+    votes: NDArray[np.int32]
+    points: NDArray[Any]
+
+
 def ground_settings(p: Params) -> NDArray[Any]:
     """Returns (1,) GROUND_SETTINGS."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
@@ -109,7 +124,7 @@ def step_of(height_m, bin_step):
 
 
 @inner
-def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
+def vote(marks, R, k, ke, tuning, samples):
     """Votes for the heights of horizontal surfaces; returns (points written, pixels sampled).
 
     Two pixels of one source column form a pair. It votes for its mean height if the height changes between them by
@@ -120,12 +135,10 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
         R: (3, 3) R_level_optical.
         k: (4,) fx, fy, cx, cy.
         ke: noise coefficient, 1/m.
-        column_step: every column_step-th column is sampled.
-        row_step: every row_step-th row is sampled.
         tuning: a record of GROUND_SETTINGS.
-        votes: (bins,) int32 out, votes per step of height.
-        points: (N,) POINT out. Further samples vote but are not written."""
+        samples: GroundSamples; votes and points are outputs."""
     rows, cols = marks.shape
+    column_step, row_step, votes, points = samples
     least, bin_step = tuning.min_height_m, tuning.height_step
     bins, lowest, pair_rows_max = len(votes), step_of(least, bin_step), np.float64(rows // tuning.pair_parts)
     votes[:] = 0
@@ -268,15 +281,15 @@ def fit_ground(points, height, tuning):
 
 
 @kernel
-def search_ground(marks, R, k, ke, seed_height, column_step, row_step, settings, votes, points):
+def search_ground(marks, R, k, ke, seed_height, settings, samples):
     """Returns the first accepted result of `fit_ground`, trying heights in the order of their votes.
 
     Args:
-        marks, R, k, ke, column_step, row_step, votes, points: see `vote`.
+        marks, R, k, ke, samples: see `vote`.
         seed_height: height of the last ground, m; it and its neighbours get more weight. nan: none.
         settings: (1,) GROUND_SETTINGS."""
-    tuning = settings[0]
-    n, sampled = vote(marks, R, k, ke, column_step, row_step, tuning, votes, points)
+    tuning, votes, points = settings[0], samples.votes, samples.points
+    n, sampled = vote(marks, R, k, ke, tuning, samples)
     for i in range(n, len(points)):  # points of an earlier frame
         points[i].level = 0.0
     bins = len(votes)
@@ -332,11 +345,8 @@ def find_ground(
         np.array([k.fx, k.fy, k.cx, k.cy]),
         ke,
         seed_height_m,
-        across * step,
-        down * step,
         settings,
-        np.zeros(height_bins(p), np.int32),
-        points,
+        GroundSamples(across * step, down * step, np.zeros(height_bins(p), np.int32), points),
     )
     if not seen:
         return NO_GROUND

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from core.params import Params
 from core.stages import strips as strip_table
 from core.stages.classify import classify, measured_mm
-from core.stages.ground import NO_GROUND, POINT, find_ground, ground_settings, height_bins, vote
+from core.stages.ground import NO_GROUND, POINT, GroundSamples, find_ground, ground_settings, height_bins, vote
 from core.stages.ground_threshold import drop_ground_noise, ground_noise_test, ground_threshold
 from core.stages.view_geometry import view_geometry
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
@@ -237,9 +237,8 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
     image = rng.integers(1500, 9000, (24, 20)).astype(np.uint16)
     image[rng.random(image.shape) < 0.2] = rng.choice([0, FAR_MM])
     tuning, points = ground_settings(P)[0], np.zeros(P.ground_max_samples, POINT)
-    n, _ = vote(
-        image, R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005, 2, 2, tuning, np.zeros(height_bins(P), np.int32), points
-    )
+    samples = GroundSamples(2, 2, np.zeros(height_bins(P), np.int32), points)
+    n, _ = vote(image, R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005, tuning, samples)
     at = [(u, v) for u in range(1, 20, 2) for v in range(1, 24, 2) if image[v, u] not in (0, FAR_MM)]
     assert n == len(at)
 
