@@ -27,10 +27,19 @@ from .stages.plane_shaping import Planes, PlaneShaper
 from .stages.prisms import layered_prisms
 from .stages.settings import Settings, settings_of
 from .stages.smeared_edges import remove_smeared_edges
-from .stages.strip_search import Strips, StripSearch
+from .stages.strip_search import StripSearch
 from .stages.temporal_noise import estimate_noise
 from .stages.view_geometry import is_rotation, source_of, tilt_rad, view_geometry
-from .types import CameraInfo, ExtractorState, FrameModel, FrameStats, Ground, InvalidCause
+from .types import (
+    CameraInfo,
+    ExtractorState,
+    FrameModel,
+    FrameStats,
+    FreeProfile,
+    Ground,
+    InvalidCause,
+    StripTable,
+)
 
 
 class Extractor:
@@ -108,7 +117,9 @@ class Extractor:
                 with_ranges(ground, points, free.edges_t),
                 replace(next_state, ground_height_m=ground.height_m),
             )
-        return self._model(bias, published, planes, free, opened, ground, strips, stats, ke, keep_strips), next_state
+        profile = self._profile(free, opened, published, planes, bias)
+        stats, table = strips.counted(stats), strip_table(strips.table, strips.count) if keep_strips else None
+        return self._model(published, profile, ground, stats, ke, table), next_state
 
     def _classify(
         self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
@@ -126,18 +137,26 @@ class Extractor:
         found = observe_open(depth_mm, codes, view, source, ground, ke, self.params, self.open_sky, self._buffers)
         return found.seen if found is not None else None
 
-    def _model(
+    def _profile(
         self,
-        bias: DepthBias,
-        published: PublishedPlanes,
-        planes: Planes,
         free: FreeObservation,
         opened: FreeObservation | None,
+        published: PublishedPlanes,
+        planes: Planes,
+        bias: DepthBias,
+    ) -> FreeProfile:
+        """Returns the free-range profile: free and open ranges, limited by the planes."""
+        count, most_m = len(published.rows), self.open_sky.open_max_range_m
+        return free_profile(free, count, planes.table, published.noise_margin_m, bias, opened, most_m)
+
+    def _model(
+        self,
+        published: PublishedPlanes,
+        profile: FreeProfile,
         ground: Ground,
-        strips: Strips,
         stats: FrameStats,
         ke: float,
-        keep_strips: bool,
+        strips: StripTable | None,
     ) -> FrameModel:
         """Returns the model: planes as rectangles, layered prisms (Section 3), and the free-range profile."""
         p, rows, margin, cluster = self.params, published.rows, published.margin_m, published.cluster
@@ -151,28 +170,11 @@ class Extractor:
             flags=published.flags,
             cluster=cluster,
             prisms=prisms,
-            free=free_profile(
-                free,
-                len(rows),
-                planes.table,
-                published.noise_margin_m,
-                bias,
-                opened,
-                self.open_sky.open_max_range_m,
-            ),
+            free=profile,
             ground=ground,
-            stats=replace(
-                stats,
-                ground_px=strips.ground_px,
-                strips=strips.count,
-                dropped_strips=strips.found - strips.count,
-                overflow=strips.merged,
-                clusters=len(set(cluster.tolist())),
-                planes=len(rows),
-                prisms=len(prisms),
-            ),
+            stats=replace(stats, clusters=len(set(cluster.tolist())), planes=len(rows), prisms=len(prisms)),
             ke_per_m=ke,
-            strips=strip_table(strips.table, strips.count) if keep_strips else None,
+            strips=strips,
         )
 
 

@@ -28,6 +28,7 @@ from .refine import close_concavities, drop_covered, extend_to_corners, trim_cov
 from .segments import TRACK, Front, front_buffers, grow
 from .settings import Settings
 from .strip_search import Strips
+from .strips import StripList
 
 _MORE_STRIPS = 512
 """Tables are allocated for a multiple of this number of strips, so that they are seldom allocated again."""
@@ -78,13 +79,11 @@ def plane_buffers(strips: int, partners: int) -> PlaneBuffers:
 
 
 @kernel
-def shape_planes(strips, n, first_of_column, view, source, settings, rules, openings, cells, buffers):
+def shape_planes(strips, view, source, settings, rules, openings, cells, buffers):
     """Makes planes of the strips; returns their number, hidden ones included. The planes are in buffers.planes.
 
     Args:
-        strips: (N,) STRIP with places, in the order of columns.
-        n: number of strips.
-        first_of_column: (cols + 1,) int32.
+        strips: StripList, with places.
         view: ViewGeometry.
         source: (1,) SOURCE.
         settings: (1,) PLANE_SETTINGS.
@@ -92,26 +91,26 @@ def shape_planes(strips, n, first_of_column, view, source, settings, rules, open
         openings: OpeningMasks.
         cells: (C, R) float32 scratch, the cells of Evidence.
         buffers: PlaneBuffers. Planes with a negative support do not exist any more."""
-    p, merge = settings[0], rules[0]
+    p, merge, table, n = settings[0], rules[0], strips.table, strips.count
     planes, plane_of, parent = buffers.planes, buffers.plane_of, buffers.parent
     room, cell = plane_room(n), CELL_PX
-    tracks = grow(strips, view, first_of_column, p, openings, buffers.tracks, buffers.front)
+    tracks = grow(table, view, strips.first_of_column, p, openings, buffers.tracks, buffers.front)
     planes_from_tracks(tracks, buffers.tracks, p, planes, plane_of, parent)
-    measure_planes(strips, n, view, p, tracks, plane_of, planes)
+    measure_planes(table, n, view, p, tracks, plane_of, planes)
 
-    find_evidence(strips, n, view, source[0], cells)
+    find_evidence(table, n, view, source[0], cells)
     across = view.f_px / np.float64(view.lateral[0]) / cell
     evidence = Evidence(cells, across, view.f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell)
     join_planes(tracks, room, planes, parent, merge, p, evidence, openings, buffers.merge)
     count = compact_planes(tracks, planes, parent, plane_of, tracks)
-    measure_planes(strips, n, view, p, count, plane_of, planes)
+    measure_planes(table, n, view, p, count, plane_of, planes)
 
     outliers, merged = buffers.outliers, count
-    measure_excess(strips, n, view, p, count, plane_of, planes, outliers.excess_m, outliers.above)
+    measure_excess(table, n, view, p, count, plane_of, planes, outliers.excess_m, outliers.above)
     outlier_limits(count, planes, p, outliers.above, outliers.least_m)
-    count = split_outliers(strips, n, view, p, count, tracks, plane_of, planes, outliers)
+    count = split_outliers(table, n, view, p, count, tracks, plane_of, planes, outliers)
     if count > merged:
-        measure_planes(strips, n, view, p, count, plane_of, planes)
+        measure_planes(table, n, view, p, count, plane_of, planes)
     shift_to_near_side(count, planes, p.min_plane_distance_m)
     if p.smear_t > 0.0:
         widen_planes(count, planes, p.smear_t)
@@ -161,9 +160,7 @@ class PlaneShaper:
         )
         cells = self._buffers("evidence", (-(-view.cols // CELL_PX), -(-view.rows // CELL_PX)), np.float32)
         count = shape_planes(
-            strips.table,
-            strips.count,
-            strips.first_of_column,
+            StripList(strips.table, strips.count, strips.first_of_column),
             view,
             source,
             settings.planes,

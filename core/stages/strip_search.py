@@ -8,7 +8,7 @@ and place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..buffers import Buffers
 from ..jit import kernel
 from ..params import Params
-from ..types import Ground
+from ..types import FrameStats, Ground
 from .clusters import ClusterBuffers, cluster_buffers, join_near, place_strips
 from .columns import extract_strips
 from .gap_filling import GapBuffers, fill_columns, gap_buffers
@@ -32,16 +32,20 @@ _MORE_COLUMNS = 32
 """Tables are allocated for a multiple of this number of columns, so that they are seldom allocated again."""
 
 
-class StripBuffers(NamedTuple):
-    """Scratch memory of `finish_strips` for N strips.
+class StripTables(NamedTuple):
+    """Tables and scratch memory for N strips.
 
     Attributes:
+        strips: (N,) STRIP.
+        first_of_column: (cols + 1,) int32. The strips of column u are first_of_column[u]..first_of_column[u + 1] - 1.
         keep: (N,) uint8.
         lowest: (N,) int32.
         raw: (N,) float32.
         clusters: scratch of `join_near`.
         gaps: scratch of `fill_columns`."""
 
+    strips: NDArray[Any]
+    first_of_column: NDArray[np.int32]
     keep: NDArray[np.uint8]
     lowest: NDArray[np.int32]
     raw: NDArray[np.float32]
@@ -49,9 +53,12 @@ class StripBuffers(NamedTuple):
     gaps: GapBuffers
 
 
-def strip_buffers(strips: int) -> StripBuffers:
-    """Allocates scratch memory for this number of strips."""
-    return StripBuffers(
+def strip_tables(cols: int, per_column: int) -> StripTables:
+    """Allocates tables for this number of columns and of strips per column."""
+    strips = cols * per_column
+    return StripTables(
+        np.zeros(strips, STRIP),
+        np.zeros(cols + 1, np.int32),
         np.zeros(strips, np.uint8),
         np.zeros(strips, np.int32),
         np.zeros(strips, np.float32),
@@ -61,7 +68,7 @@ def strip_buffers(strips: int) -> StripBuffers:
 
 
 @kernel
-def finish_strips(found, codes, view, source, ground, noise_test, settings, strips, first_of_column, buffers):
+def finish_strips(found, codes, view, source, ground, noise_test, settings, tables):
     """Selects the strips that have enough support, clusters them and fills their gaps.
 
     Args:
@@ -70,29 +77,26 @@ def finish_strips(found, codes, view, source, ground, noise_test, settings, stri
         source: (1,) SOURCE.
         ground: GroundThreshold.
         noise_test: (1,) GROUND_NOISE_TEST.
-        strips: (N,) STRIP of `extract_strips`, in and out.
-        first_of_column: (cols + 1,) int32 out. The strips of column u are first_of_column[u]..first_of_column[u + 1]
-            - 1.
-        buffers: StripBuffers.
+        tables: StripTables with the strips of `extract_strips`, in and out.
 
     Returns:
         The number of strips that are kept, and their number after the removal of ground noise. If the latter exceeds
             most_per_column per column, nothing else is done and the former is 0."""
     p, image, test = settings[0], source[0], noise_test[0]
-    cols = view.cols
+    cols, strips, first_of_column = view.cols, tables.strips, tables.first_of_column
     if test.applies != 0:
-        found = drop_ground_noise(strips, found, codes, view.tan_mid, ground.shift, test, buffers.keep)
+        found = drop_ground_noise(strips, found, codes, view.tan_mid, ground.shift, test, tables.keep)
     if found > p.most_per_column * cols:
         return 0, found
     correct_truncation(strips, found, view, image, p.depth_noise_coeff)
     index_columns(strips, found, cols, first_of_column)
     sort_columns(strips, cols, first_of_column)
-    n = drop_unsupported(strips, found, cols, p, first_of_column, buffers.lowest, buffers.keep)
+    n = drop_unsupported(strips, found, cols, p, first_of_column, tables.lowest, tables.keep)
     place_strips(strips, n, view)
     mark_cuts(strips, n, view.H, image.width_px, image.height_px, p.cut_rows)
-    clusters = join_near(strips, n, p.passable_width_m, p.passable_height_m, buffers.clusters)
-    fill_columns(strips, clusters, view, first_of_column, p, buffers.gaps)
-    smooth_near(strips, n, cols, p, first_of_column, buffers.lowest, buffers.raw)
+    clusters = join_near(strips, n, p.passable_width_m, p.passable_height_m, tables.clusters)
+    fill_columns(strips, clusters, view, first_of_column, p, tables.gaps)
+    smooth_near(strips, n, cols, p, first_of_column, tables.lowest, tables.raw)
     place_strips(strips, n, view)
     return n, found
 
@@ -116,6 +120,16 @@ class Strips:
     ground_px: int
     merged: int
 
+    def counted(self, stats: FrameStats) -> FrameStats:
+        """Returns the statistics of a frame with the counts of its strips."""
+        return replace(
+            stats,
+            ground_px=self.ground_px,
+            strips=self.count,
+            dropped_strips=self.found - self.count,
+            overflow=self.merged,
+        )
+
 
 class StripSearch:
     """Searches levelled views for strips. It holds tables and scratch memory, no state between frames."""
@@ -125,9 +139,7 @@ class StripSearch:
         self._make_room(0)
 
     def _make_room(self, cols: int) -> None:
-        room = cols * self._params.max_column_strips
-        self._table, self._first_of_column = np.zeros(room, STRIP), np.zeros(cols + 1, np.int32)
-        self._scratch = strip_buffers(room)
+        self._tables = strip_tables(cols, self._params.max_column_strips)
 
     def search(
         self, levelled: LevelledView, source: NDArray[Any], ground: Ground, ke_per_m: float, settings: Settings
@@ -136,28 +148,19 @@ class StripSearch:
         view, p = levelled.view, self._params
         threshold = ground_threshold(ground, view, ke_per_m, p, self._buffers("threshold", (65536,), np.float32))
         noise_test = ground_noise_test(ground, view, ke_per_m, p)
-        if len(self._first_of_column) <= view.cols:
+        if len(self._tables.first_of_column) <= view.cols:
             self._make_room(-(-view.cols // _MORE_COLUMNS) * _MORE_COLUMNS)
-        table, first_of_column = self._table, self._first_of_column
+        tables = self._tables
         found, ground_px, merged = extract_strips(
-            levelled.codes, threshold, view, settings.bins, settings.strips, table
+            levelled.codes, threshold, view, settings.bins, settings.strips, tables.strips
         )
         count, found = finish_strips(
-            found,
-            levelled.codes,
-            view,
-            source,
-            threshold,
-            noise_test,
-            settings.strips,
-            table,
-            first_of_column,
-            self._scratch,
+            found, levelled.codes, view, source, threshold, noise_test, settings.strips, tables
         )
         return Strips(
-            table=table,
+            table=tables.strips,
             count=int(count),
-            first_of_column=first_of_column,
+            first_of_column=tables.first_of_column,
             found=int(found),
             ground_px=int(ground_px),
             merged=int(merged),

@@ -97,6 +97,19 @@ class Pixels(NamedTuple):
     filled: Any
 
 
+class StripList(NamedTuple):
+    """Strips for kernels.
+
+    Attributes:
+        table: (N,) STRIP in the order of columns, of which the first `count` are used.
+        count: number of strips.
+        first_of_column: (cols + 1,) int32, index of the first strip of each column."""
+
+    table: Any
+    count: Any
+    first_of_column: Any
+
+
 @inner_inline
 def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_px):
     """Appends a strip. In a column that already has `room` strips it extends the last one instead.

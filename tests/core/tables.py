@@ -11,12 +11,12 @@ from core.stages import segments as tracks
 from core.stages import strips as s
 from core.stages.openings import OpeningMasks
 from core.stages.plane_settings import plane_settings
-from core.stages.strip_search import strip_buffers
+from core.stages.strip_search import strip_tables
 from core.types import Prism
 
 from .columns import F, view
 
-SCRATCH = strip_buffers(10_000)
+SCRATCH = strip_tables(100, 100)
 """Kept from table to table, as from frame to frame: what one leaves in it must not matter to the next."""
 
 CLOSED = OpeningMasks(
