@@ -261,14 +261,6 @@ class Params:
         "sigma",
         "pixels in the rows of a segment that are nearer than its peak by at most this are added to it",
     )
-    near_quantile: float = critical(
-        0.02,
-        0.0,
-        0.2,
-        "",
-        "near side of rough objects: the k-th closest pixel, k = max(near_rank, this share of the pixels)",
-    )
-    near_rank: int = critical(3, 1, 20, "px", "least k of the k-th closest pixel")
     near_sigmas: float = critical(
         2.0,
         0.0,
@@ -418,13 +410,6 @@ class Params:
     # Neighbours and pockets
     meet_columns: int = number(
         40, 1, 500, "px", "greatest number of columns over which neighbouring planes are extended"
-    )
-    pocket_min_columns: float = number(
-        2.0,
-        0.0,
-        20.0,
-        "px",
-        "gaps between neighbouring planes narrower than this are closed, because no ray passes them",
     )
     pocket_behind_m: float = number(
         0.3, 0.0, 2.0, "m", "a plane at most this far behind the mouth of a concavity closes it already"

@@ -51,13 +51,13 @@ def extract_strips(codes, ground, view, bins, settings, strips):
     lanes = np.zeros((LANES, n_bins), np.int32)
     hist, counts = np.zeros(n_bins + 2 * half, np.int32), np.zeros(n_bins, np.int32)
     low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
-    sums_open, sums_own, pixel_codes = (
+    sums_open, sums_own, own_codes = (
         np.zeros(rows + 1, np.int64),
         np.zeros(rows + 1, np.int64),
-        np.zeros((2, rows), np.int32),
+        np.zeros(rows, np.int32),
     )
     parts = np.zeros((3, rows // p.band_rows + 2), np.int64)
-    buffers = WindowBuffers(sums_open, sums_own, pixel_codes, parts)
+    buffers = WindowBuffers(sums_open, sums_own, own_codes, parts)
     counted = np.zeros(1, COUNTS)
     found = counted[0]
     out = StripOutput(strips, found)
@@ -93,7 +93,7 @@ def extract_strips(codes, ground, view, bins, settings, strips):
         if peaks > 0:
             mask_remaining_rows(label, top_row, bottom_row, mask)
             n = gather_rows(line, mask, px)
-        irregular_rest(px, n, column, p, pixel_codes[0], out)
+        irregular_rest(px, n, column, p, out)
     return found.strips, np.int64(measured.sum()) - opened, found.merged
 
 

@@ -82,7 +82,6 @@ GROUND_NOISE_TEST = record(
     ("near_px", np.float64),  # strips of at least this disparity are not tested
     ("slack", np.float64),  # error of the height, as a share of it
     ("need_px", np.float64),  # least excess of disparity over the ground for a strip of one row
-    ("tail_px", np.float64),  # cells nearer than the strip by more than this are not used
 )
 """Settings of `drop_ground_noise`."""
 
@@ -105,7 +104,6 @@ def ground_noise_test(ground: Ground, view: ViewGeometry, ke_per_m: float, p: Pa
         near_px,
         STAND_M / ground.height_m,
         STAND_SIGMAS * sigma,
-        p.ground_sigmas * sigma,
     )
     return out
 
@@ -138,15 +136,14 @@ def drop_ground_noise(strips, n, codes, tan_mid, shift, test, keep):
         if d >= test.near_px or s.kind == MERGED:
             continue
         u = s.column
-        offset, most = test.slope_x + shift[u], d + test.tail_px
+        offset = test.slope_x + shift[u]
         total, count = 0.0, 0
         for v in range(s.top_row, s.bottom_row + 1):
             code = codes[u, v]
-            seen = code / quantum
-            if code == Q_UNKNOWN or seen > most:
+            if code == Q_UNKNOWN:
                 continue
             ground = max(0.0, f * (tan_mid[v] - offset) / height)
-            total += -sigma if code == Q_FAR else seen - ground * (1.0 + test.slack)
+            total += -sigma if code == Q_FAR else code / quantum - ground * (1.0 + test.slack)
             count += 1
         if total < test.need_px * math.sqrt(count):
             keep[i] = 0

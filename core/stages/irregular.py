@@ -17,7 +17,7 @@ _JUMP_SHARE = 0.08
 
 
 @inner_inline
-def irregular_rest(px, n, column, settings, buffer, out):
+def irregular_rest(px, n, column, settings, out):
     """Divides the first n pixels of px, which no window took, into segments and makes a strip of each (Section 4.3).
 
     A segment ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or when it is deeper than
@@ -28,7 +28,6 @@ def irregular_rest(px, n, column, settings, buffer, out):
         n: number of pixels.
         column: Column.
         settings: a record of STRIP_SETTINGS.
-        buffer: (V,) int32 scratch.
         out: StripOutput."""
     if n == 0:
         return
@@ -47,16 +46,16 @@ def irregular_rest(px, n, column, settings, buffer, out):
         # f / lo - f / hi > depth + noise * f / lo^2, without the divisions
         close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
         if close:
-            close_irregular(px, first, i, total, column, settings, buffer, out)
+            close_irregular(px, first, i, total, column, settings, out)
             first, total = i, np.int64(0)
             lo, hi = d, d
         total += px[CODE, i]
         before, least, most = d, lo, hi
-    close_irregular(px, first, n, total, column, settings, buffer, out)
+    close_irregular(px, first, n, total, column, settings, out)
 
 
 @inner_inline
-def close_irregular(px, first, last, total, column, settings, buffer, out):
+def close_irregular(px, first, last, total, column, settings, out):
     """Makes a strip of one irregular segment, at its near side."""
     pixels = Pixels(px[CODE], first, last, last - first, total, px[ROW, first], px[ROW, last - 1], 0)
-    emit(pixels, True, IRREGULAR, column, settings, buffer, out)
+    emit(pixels, True, IRREGULAR, column, settings, out)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..jit import record, record_of
 from ..params import Params
 
-_FOOTPRINT_PX, _CUT_FOOTPRINT_PX = 0.5, 1.0
-"""Extension of the end columns and rows of a plane on either side, and where the border of the image cuts its rows."""
+_FOOTPRINT_PX = 0.5
+"""Extension of the end columns and rows of a plane on either side."""
 _SMEAR_FOOTPRINT_PX = 2.0
 """Where ramps are removed, planes are extended by this, because the near side of a ramp is lost."""
 _HIDDEN_DEPTH_M = 1.0
@@ -20,7 +20,6 @@ _HIDDEN_DEPTH_M = 1.0
 PLANE_SETTINGS = record(
     ("half_column_t", np.float64),  # tangent by which a plane extends beyond the middle of its last column
     ("footprint_t", np.float64),  # tangent by which a strip extends beyond its rows
-    ("cut_footprint_t", np.float64),  # the same where the border of the image cuts it
     ("height_step_m", np.float64),
     ("line_tolerance_m", np.float64),
     ("link_slope_px", np.float64),
@@ -33,8 +32,6 @@ PLANE_SETTINGS = record(
     ("stand_out_spreads", np.float64),
     ("reach_t", np.float64),  # tangent of `meet_columns`
     ("passable_width_m", np.float64),
-    ("concavity_gap_t", np.float64),  # tangent of `pocket_min_columns`
-    ("ground_tolerance_m", np.float64),
     ("pocket_behind_m", np.float64),
     ("hidden_depth_m", np.float64),  # _HIDDEN_DEPTH_M, at most Ws
     ("hidden_t", np.float64),  # tangent of `covered_px`
@@ -61,9 +58,7 @@ def plane_settings(f_px: float, column_px: float, p: Params, smeared: bool = Fal
         p,
         half_column_t=(0.5 + _FOOTPRINT_PX) * column_t,
         footprint_t=_FOOTPRINT_PX / f_px,
-        cut_footprint_t=_CUT_FOOTPRINT_PX / f_px,
         reach_t=p.meet_columns * column_t,
-        concavity_gap_t=p.pocket_min_columns * column_t,
         hidden_depth_m=min(_HIDDEN_DEPTH_M, p.passable_width_m),
         hidden_t=p.covered_px * column_t,
         smear_t=_SMEAR_FOOTPRINT_PX / f_px if smeared else 0.0,

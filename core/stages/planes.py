@@ -96,10 +96,8 @@ def measure_planes(strips, n, view, settings, count, plane_of, planes):
         p = planes[k]
         t = tangent(strip, view)
         x = distance_at(p, t)
-        beyond_top = settings.cut_footprint_t if strip.cut & CUT_TOP else settings.footprint_t
-        beyond_bottom = settings.cut_footprint_t if strip.cut & CUT_BOTTOM else settings.footprint_t
-        top = x * (view.tan_edge[strip.top_row] - beyond_top)
-        bottom = x * (view.tan_edge[strip.bottom_row + 1] + beyond_bottom)
+        top = x * (view.tan_edge[strip.top_row] - settings.footprint_t)
+        bottom = x * (view.tan_edge[strip.bottom_row + 1] + settings.footprint_t)
         if top < p.top_m:
             p.top_m = top
             p.cut = (p.cut & ~CUT_TOP) | (strip.cut & CUT_TOP)

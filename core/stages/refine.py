@@ -27,6 +27,8 @@ _REACH_WS = 0.25
 """Greatest extension of neighbouring planes to meet each other, in Ws."""
 _SLACK_M = 0.05
 """Heights that differ by at most this are equal where planes meet."""
+_LEAST_COMMON_M = 0.25
+"""Least height that the sides of a concavity have in common."""
 _POINTS = 5
 """Number of points in each direction at which a rectangle is tested for openings."""
 
@@ -157,8 +159,8 @@ def close_concavities(count, room, planes, settings, openings):
     """Closes gaps narrower than Ws between neighbours of one cluster by planes marked inferred; returns the number of
     planes.
 
-    The chord connects the two ends over the height that both share. `trim_covered` removes what lies behind it. Gaps
-    narrower than concavity_gap_t are left: no ray passes through them. Openings (openings.py) stay open.
+    The chord connects the two ends over the height that both share, at least _LEAST_COMMON_M. `trim_covered` removes what lies behind it. Openings
+    (openings.py) stay open.
 
     Args:
         count: number of planes.
@@ -166,15 +168,15 @@ def close_concavities(count, room, planes, settings, openings):
         planes: (N,) PLANE, in and out.
         settings: a record of PLANE_SETTINGS.
         openings: OpeningMasks."""
-    first, least_t = count, max(settings.concavity_gap_t, _NO_GAP_T)
+    first = count
     for i in range(first):
         p = planes[i]
         best, nearest = -1, settings.passable_width_m
         for j in range(first):
             q = planes[j]
-            if i == j or p.cluster != q.cluster or q.t0 - p.t1 < least_t:
+            if i == j or p.cluster != q.cluster or q.t0 - p.t1 < _NO_GAP_T:
                 continue
-            if min(p.bottom_m, q.bottom_m) - max(p.top_m, q.top_m) < settings.ground_tolerance_m:
+            if min(p.bottom_m, q.bottom_m) - max(p.top_m, q.top_m) < _LEAST_COMMON_M:
                 continue
             gap = facing_gap_m(p, q)
             if gap < nearest:

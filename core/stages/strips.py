@@ -41,6 +41,9 @@ strips of a full column."""
 CUT_TOP, CUT_BOTTOM = 1, 2
 """Bits of `cut`: the border of the image cuts the strip there."""
 
+NEAR_RANK = 3
+"""The near edge of a rough strip is this closest pixel, so that two wrong ones do not move it."""
+
 COUNTS = record(("strips", np.int64), ("in_columns_before", np.int64), ("merged", np.int64))
 """Number of strips so far, their number before this column, and the number of strips that were merged in full
 columns."""
@@ -151,30 +154,13 @@ def support_of(column, top, bottom, count):
 
 
 @inner_inline
-def kth_closest(codes, first, last, k, closest):
-    """Returns the k-th largest of codes[first..last - 1], k counted from 1.
-
-    closest: (V,) int32 scratch, the k largest codes so far, the greatest first."""
-    if k <= 3:  # most strips; without a branch
-        a, b, c = np.int32(-1), np.int32(-1), np.int32(-1)
-        for i in range(np.uint64(first), np.uint64(last)):
-            x = codes[i]
-            a, b, c = max(a, x), max(b, min(a, x)), max(c, min(b, x))
-        return a if k == 1 else b if k == 2 else c
-    held = 0
-    for i in range(first, last):
-        code = codes[i]
-        if held == k and code <= closest[k - 1]:
-            continue
-        at = min(held, k - 1)
-        held = at + 1
-        for _ in range(k):
-            if at == 0 or closest[at - 1] >= code:
-                break
-            closest[at] = closest[at - 1]
-            at -= 1
-        closest[at] = code
-    return closest[k - 1]
+def kth_closest(codes, first, last, k):
+    """Returns the k-th largest of codes[first..last - 1], k from 1 to NEAR_RANK. There is no branch in the loop."""
+    a, b, c = np.int32(-1), np.int32(-1), np.int32(-1)
+    for i in range(np.uint64(first), np.uint64(last)):
+        x = codes[i]
+        a, b, c = max(a, x), max(b, min(a, x)), max(c, min(b, x))
+    return a if k == 1 else b if k == 2 else c
 
 
 @inner
@@ -186,12 +172,12 @@ def mean_noise(sigma, count, alike_px):
 
 
 @inner_inline
-def emit(pixels, rough, kind, column, settings, buffer, out):
+def emit(pixels, rough, kind, column, settings, out):
     """Appends one strip made of some pixels (Eq. 9).
 
     The disparity of a smooth strip is the mean of its pixels. Eq. 9 uses the greatest disparity for a rough one; a
     single wrong pixel would move it. Here its near edge is the k-th largest disparity less near_sigmas of noise,
-    where k is at most half of the pixels, and not behind the mean. The strip itself stands at most safe_distance_m
+    where k is NEAR_RANK, at most half of the pixels, and not behind the mean. The strip itself stands at most safe_distance_m
     behind that edge.
 
     Args:
@@ -200,14 +186,13 @@ def emit(pixels, rough, kind, column, settings, buffer, out):
         kind: kind of the strip.
         column: Column.
         settings: a record of STRIP_SETTINGS.
-        buffer: scratch of `kth_closest`.
         out: StripOutput."""
     count, sigma_d = pixels.count, settings.sigma_d_px
     mean = np.float32(pixels.total / (settings.lsb_per_px * count))
     d, near = mean, mean
     if rough:
-        k = min(max(settings.near_rank, int(settings.near_quantile * count)), (count + 1) // 2)
-        closest = np.float32(kth_closest(pixels.codes, pixels.first, pixels.last, k, buffer) / settings.lsb_per_px)
+        k = min(NEAR_RANK, (count + 1) // 2)
+        closest = np.float32(kth_closest(pixels.codes, pixels.first, pixels.last, k) / settings.lsb_per_px)
         near = max(closest - np.float32(settings.near_sigmas * sigma_d), mean)
         d = max(mean, np.float32(settings.f_px * near / (settings.f_px + settings.safe_distance_m * near)))
     sigma = mean_noise(sigma_d, count, settings.noise_alike_px if kind == SMOOTH else 1.0)

@@ -38,7 +38,7 @@ class WindowBuffers(NamedTuple):
     Attributes:
         sums_open: (V + 1,) int64, see `running_sums`.
         sums_own: (V + 1,) int64, see `running_sums`.
-        codes: (2, V) int32.
+        codes: (V,) int32.
         parts: (3, more than V / band_rows) int64, see `split_bands`."""
 
     sums_open: Any
@@ -220,7 +220,7 @@ def finish_segment(column, peak, top, bottom, settings, buffers, out):
     if top > bottom:
         return
     u_top, u_end = np.uint64(top), np.uint64(bottom + 1)
-    own_codes = buffers.codes[1]
+    own_codes = buffers.codes
     if peak.rough:
         own = np.uint8(peak.label)
         for v in range(u_top, u_end):
@@ -233,7 +233,7 @@ def finish_segment(column, peak, top, bottom, settings, buffers, out):
         members = parts[1, k]
         filled = rows_missed(labels, peak.label, a, b, members, settings.irregular_gap_px)
         pixels = Pixels(own_codes, a, b + 1, members, parts[2, k], a, b, filled)
-        emit(pixels, peak.rough, kind, column, settings, buffers.codes[0], out)
+        emit(pixels, peak.rough, kind, column, settings, out)
     tail = np.uint16(
         min(peak.high_code + settings.window_take_sigmas * settings.sigma_d_px * settings.lsb_per_px, 65535.0)
     )

@@ -60,7 +60,7 @@ class Column:
         self.buffers = WindowBuffers(
             np.full(rows + 1, -7, np.int64),
             np.full(rows + 1, -7, np.int64),
-            np.full((2, rows), -7, np.int32),
+            np.full(rows, -7, np.int32),
             np.full((3, rows // self.params.band_rows + 2), -7, np.int64),
         )
         self.strips = np.zeros(256, s.STRIP)
@@ -112,5 +112,5 @@ class Column:
     def rest(self) -> int:
         """irregular_rest; returns the number of strips."""
         self.counts[:] = np.zeros(1, s.COUNTS)
-        irregular_rest(self.px, self.gather(), self.column, self.settings, self.buffers.codes[0], self.out)
+        irregular_rest(self.px, self.gather(), self.column, self.settings, self.out)
         return int(self.counts["strips"][0])

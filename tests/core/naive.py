@@ -150,7 +150,7 @@ def mask_open_rows(line, gate, shift, tan_mid):
     return [v for v in range(len(line)) if line[v] > FAR and not tan_mid[v] - shift > gate[line[v]]]
 
 
-def stands_out(codes, first, last, d, tan_mid, shift, ground, ke, f, quantum, p):
+def stands_out(codes, first, last, tan_mid, shift, ground, ke, f, quantum, p):
     """Whether the rows first..last of a column lie before the ground by more than its noise, added up. ground: height
     and slope along x; shift: the slope across, at this column."""
     height, slope_x = ground
@@ -158,7 +158,7 @@ def stands_out(codes, first, last, d, tan_mid, shift, ground, ke, f, quantum, p)
     off = []
     for v in range(first, last + 1):
         seen = codes[v] / quantum
-        if codes[v] == 0 or seen > d + p.ground_sigmas * sigma:
+        if codes[v] == 0:
             continue
         flat = max(0.0, f * (tan_mid[v] - slope_x - shift) / height)
         off.append(-sigma if codes[v] == 1 else seen - flat * (1.0 + STAND_M / height))

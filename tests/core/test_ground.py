@@ -284,7 +284,6 @@ def test_what_stands_out_of_the_grounds_noise_against_its_definition(height: flo
             codes[strip.column],
             strip.top_row,
             strip.bottom_row,
-            float(strip.disparity_px),
             tan_mid,
             shift[strip.column],
             (height, slope),

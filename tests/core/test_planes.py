@@ -37,7 +37,7 @@ OPEN_EVERYWHERE = CLOSED._replace(masks=np.ones_like(CLOSED.masks))
 def plain(params: Params = P, **changed: float) -> np.ndarray:
     """A record of PLANE_SETTINGS of a view with columns of one pixel, without footprints, with some fields changed."""
     settings = plane_settings(F, 1.0, params)[0]
-    settings.half_column_t, settings.footprint_t, settings.cut_footprint_t = 0.5 / F, 0.0, 2.0 / F
+    settings.half_column_t, settings.footprint_t = 0.5 / F, 0.0
     for name, value in changed.items():
         setattr(settings, name, value)
     return settings
@@ -48,7 +48,7 @@ def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[
     count = t.track(hs=1.0)
     size = 2 * t.n + 16
     planes, plane_of = np.zeros(size, pl.PLANE), np.zeros(size, np.int32)
-    settings = plain(safe_distance_m=safe_m, footprint_t=footprint / F, cut_footprint_t=(footprint + 2.0) / F)
+    settings = plain(safe_distance_m=safe_m, footprint_t=footprint / F)
     pl.planes_from_tracks(count, t.tracks, settings, planes, plane_of, np.zeros(size, np.int32))
     pl.measure_planes(t.strips, t.n, t.view, settings, count, plane_of, planes)
     return planes, count
@@ -70,17 +70,6 @@ def test_a_wall_measures_its_heights_its_ends_and_its_support() -> None:
     assert p.front_m == pytest.approx(-0.28, abs=1e-3)
     higher, _ = whole_way(t, footprint=1.0)
     assert higher[0].top_m == pytest.approx(5.0 * (19 - 50) / F)
-
-
-def test_an_end_that_the_image_cuts_goes_on_for_the_rows_that_count_as_its_border() -> None:
-    t = Strips(cols=60)
-    for u in range(10, 50):
-        t.add(u, 1, 79, 5.0, 30)
-    t.build().cluster()
-    t.strips["cut"] = 1
-    planes, _ = whole_way(t)
-    assert planes[0].top_m == pytest.approx(5.0 * (1 - 2 - 50) / F)
-    assert planes[0].bottom_m == pytest.approx(5.0 * (80 - 50) / F)
 
 
 @given(SEED, st.floats(0.05, 1.5), st.floats(-0.3, 0.3))
@@ -147,7 +136,7 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
         assert count == 1
         t.strips["kind"][20] = kind
         t.strips["disparity_px"][20] = F / 4.5
-        settings = plain(cut_footprint_t=0.0)
+        settings = plain()
         pl.measure_planes(t.strips, t.n, t.view, settings, 1, np.zeros(len(planes), np.int32), planes)
         assert planes[0].front_m == pytest.approx(front, abs=0.01)
 
@@ -264,7 +253,7 @@ def test_an_end_that_stands_out_in_front_of_the_other_plane_stays() -> None:
         assert (ends(planes[0])[2:] == pytest.approx((near, 0.2))) == kept
 
 
-POCKET = {"passable_width_m": 2.0, "concavity_gap_t": 2 / F, "ground_tolerance_m": 0.25, "pocket_behind_m": 0.3}
+POCKET = {"passable_width_m": 2.0, "pocket_behind_m": 0.3}
 
 
 def pockets(*rows: tuple[float, ...], masks: OpeningMasks = CLOSED) -> np.ndarray:
@@ -294,11 +283,10 @@ def test_wide_seen_through_and_covered_gaps_are_not_spanned() -> None:
 
 
 @pytest.mark.parametrize("gap_m", [0.0, 1e-12])
-def test_planes_that_meet_leave_no_gap_whatever_the_least_width_is(gap_m: float) -> None:
-    """`pocket_min_columns` may be 0. A chord without width has no line."""
+def test_planes_that_meet_leave_no_gap(gap_m: float) -> None:
+    """A chord without width has no line."""
     planes = plane_table((6.0, -3.0, 6.0, 0.0, -1, 1), (6.0, gap_m, 6.0, 3.0, -1, 1))
-    settings = plain(**{**POCKET, "concavity_gap_t": 0.0})
-    assert refine.close_concavities(2, len(planes), planes, settings, CLOSED) == 2
+    assert refine.close_concavities(2, len(planes), planes, plain(**POCKET), CLOSED) == 2
 
 
 def test_pockets_never_write_past_their_table() -> None:

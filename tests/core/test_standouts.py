@@ -45,7 +45,7 @@ class Measured:
 
     def measure(self) -> None:
         settings = plane_settings(F, 1.0, P)[0]
-        settings.footprint_t, settings.cut_footprint_t = 0.0, 0.0
+        settings.footprint_t = 0.0
         pl.measure_planes(self.t.strips, self.t.n, self.t.view, settings, self.count, self.plane_of, self.planes)
 
     def split(self, params: Params = P) -> int:

@@ -22,12 +22,12 @@ pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 
 
-@given(SEED, st.integers(1, 60), st.integers(1, 12))
+@given(SEED, st.integers(1, 60), st.integers(1, s.NEAR_RANK))
 def test_the_kth_closest_is_the_one_sorting_gives(seed: int, n: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     codes = np.concatenate([[60000], rng.integers(2, 30, n), [60000]]).astype(np.int32)
     if k <= n:
-        assert s.kth_closest(codes, 1, n + 1, k, np.zeros(n, np.int32)) == np.sort(codes[1 : n + 1])[n - k]
+        assert s.kth_closest(codes, 1, n + 1, k) == np.sort(codes[1 : n + 1])[n - k]
 
 
 @given(SEED, st.integers(2, 12), st.floats(0.1, 0.9))
@@ -167,17 +167,17 @@ def emit(c: Column, rough: bool = True) -> tuple[float, float]:
     n = c.gather()
     codes = c.px[CODE]
     pixels = s.Pixels(codes, 0, n, n, int(codes[:n].sum()), 0, len(c.line) - 1, 0)
-    s.emit(pixels, rough, s.ROUGH, c.column, c.settings, c.buffers.codes[0], c.out)
+    s.emit(pixels, rough, s.ROUGH, c.column, c.settings, c.out)
     return float(c.strips["disparity_px"][0]), float(c.strips["near_px"][0])
 
 
 @given(SEED, st.integers(3, 200))
 def test_the_near_side_of_rough_pixels_leaves_no_more_than_configured_behind(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
-    c = Column(rng.uniform(3.0, 8.0, n), sigma_d_px=0.05, params=Params(near_rank=int(rng.integers(1, 9))))
+    c = Column(rng.uniform(3.0, 8.0, n), sigma_d_px=0.05)
     p = c.params
     d = np.sort(c.disparity)
-    k = min(max(p.near_rank, int(p.near_quantile * n)), (n + 1) // 2)
+    k = min(s.NEAR_RANK, (n + 1) // 2)
     near = max(d[n - k] - p.near_sigmas * 0.05, d.mean())
     strip, edge = emit(c)
     assert strip == pytest.approx(max(d.mean(), F / (F / near + p.safe_distance_m)), rel=1e-5)
@@ -229,7 +229,7 @@ def test_settings_have_their_names() -> None:
     g = c.settings
     assert (g.sigma_d_px, g.f_px, g.passable_height_m) == (0.3, F, p.passable_height_m)
     assert g.lsb_per_px == QUANTUM
-    assert (g.near_rank, g.irregular_gap_px) == (p.near_rank, p.irregular_gap_px)
+    assert g.irregular_gap_px == p.irregular_gap_px
 
 
 @pytest.mark.parametrize("members", [1, 3, 6])

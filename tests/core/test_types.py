@@ -202,8 +202,8 @@ def test_every_parameter_has_a_range_that_holds_its_default_and_is_enforced() ->
 def test_parameters_of_the_wrong_kind_are_refused() -> None:
     for bad in (
         {"estimate_noise": 1},
-        {"near_rank": 2.5},
-        {"near_rank": True},
+        {"window_members": 2.5},
+        {"window_members": True},
         {"peak_alpha": math.nan},
     ):
         with pytest.raises(ValueError, match=next(iter(bad))):
