@@ -56,7 +56,7 @@ OF_A_CAMERA = {
     "oak-host": 'kind = "oak"\nmatch_on = "host"\n',
     "simulated": 'kind = "simulated"\n',
     "stereo": 'kind = "simulated"\nrender = "stereo"\n',
-    "followed": 'kind = "simulated"\nrender = "stereo"\nfollow = "udpin:127.0.0.1:14551"\n',
+    "followed": 'kind = "simulated"\nfollow = "udpin:127.0.0.1:14551"\n',
     "mcap": 'kind = "mcap"\n',
 }
 
