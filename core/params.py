@@ -329,14 +329,6 @@ class Params:
         4.5, 1.0, 10.0, "sigma", "strips within this of a large strip beside them are noise of that strip"
     )
     cut_rows: int = number(2, 1, 20, "px", "a strip that ends this close to the border of the image is cut by it")
-    smooth_relative: float = number(
-        0.1,
-        0.0,
-        0.5,
-        "",
-        "strips of neighbouring columns share near edges when their disparities differ by less than this share",
-    )
-    smooth_sigmas: float = number(3.0, 0.0, 10.0, "sigma", "noise of the strip that is added to that limit")
 
     # Straight pieces and planes
     height_step_m: float = number(

@@ -67,6 +67,8 @@ CONSTANTS: Final[Mapping[str, float]] = {
     "near_rank": 3,
     "near_quantile": 0.02,
     "pocket_min_columns": 2.0,
+    "smooth_relative": 0.1,
+    "smooth_sigmas": 3.0,
     "line_sigmas": 3.0,
     "roughness_m": 0.02,
     "rough_slope_px": 1.2,

@@ -120,8 +120,7 @@ def near_excess_m(strip, x, t, plane, length, f_px, settings):
     """Returns the distance of the near edge of a strip in front of its plane, beyond what is allowed, in metres.
 
     It is measured perpendicular to the plane and exceeds safe_distance_m there, or safe_along_m along the ray, by the
-    result. The edge of a rough strip is not farther than rough_near_sigmas of noise behind the strip, whatever
-    `smooth_near` found.
+    result. The edge of a rough strip is not farther than rough_near_sigmas of noise behind the strip.
 
     Args:
         strip: a record of STRIP.

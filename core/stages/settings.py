@@ -45,8 +45,6 @@ STRIP_SETTINGS = record(
     ("support_sigmas", np.float64),
     ("support_relative", np.float64),
     ("support_tail_sigmas", np.float64),
-    ("smooth_relative", np.float64),
-    ("smooth_sigmas", np.float64),
     ("window_min_px", np.int64),
     ("window_members", np.int64),
     ("band_rows", np.int64),

@@ -25,7 +25,7 @@ from .ground_threshold import drop_ground_noise, ground_noise_test, ground_thres
 from .level import LevelledView
 from .settings import Settings
 from .strips import STRIP
-from .support import drop_unsupported, index_columns, mark_cuts, smooth_near, sort_columns
+from .support import drop_unsupported, index_columns, mark_cuts, sort_columns
 from .truncation import correct_truncation
 
 _MORE_COLUMNS = 32
@@ -40,7 +40,6 @@ class StripTables(NamedTuple):
         first_of_column: (cols + 1,) int32. The strips of column u are first_of_column[u]..first_of_column[u + 1] - 1.
         keep: (N,) uint8.
         lowest: (N,) int32.
-        raw: (N,) float32.
         clusters: scratch of `join_near`.
         gaps: scratch of `fill_columns`."""
 
@@ -48,7 +47,6 @@ class StripTables(NamedTuple):
     first_of_column: NDArray[np.int32]
     keep: NDArray[np.uint8]
     lowest: NDArray[np.int32]
-    raw: NDArray[np.float32]
     clusters: ClusterBuffers
     gaps: GapBuffers
 
@@ -61,7 +59,6 @@ def strip_tables(cols: int, per_column: int) -> StripTables:
         np.zeros(cols + 1, np.int32),
         np.zeros(strips, np.uint8),
         np.zeros(strips, np.int32),
-        np.zeros(strips, np.float32),
         cluster_buffers(strips),
         gap_buffers(strips),
     )
@@ -96,7 +93,6 @@ def finish_strips(found, codes, view, source, ground, noise_test, settings, tabl
     mark_cuts(strips, n, view.H, image.width_px, image.height_px, p.cut_rows)
     clusters = join_near(strips, n, p.passable_width_m, p.passable_height_m, tables.clusters)
     fill_columns(strips, clusters, view, first_of_column, p, tables.gaps)
-    smooth_near(strips, n, cols, p, first_of_column, tables.lowest, tables.raw)
     place_strips(strips, n, view)
     return n, found
 

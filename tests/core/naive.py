@@ -243,18 +243,6 @@ def irregular_segments(disparity, is_open, f, gap, tall_m, deep_m, noise_px):
     return [*out, (rows[0], rows[-1])] if rows else out
 
 
-def smoothed_near(strips, i, p):
-    """Near edge of strip i of [(u, top, bottom, disparity, near, sigma)]: the median with both neighbours, never nearer."""
-    u, top, bottom, d, near, sigma = strips[i]
-    beside = []
-    for w in (u - 1, u + 1):
-        found = [(abs(s[3] - d), j) for j, s in enumerate(strips) if s[0] == w and s[1] <= bottom and top <= s[2]]
-        if not found or min(found)[0] >= p.smooth_relative * d + p.smooth_sigmas * sigma:
-            return near
-        beside.append(strips[min(found)[1]][4])
-    return min(near, sorted([*beside, near])[1])
-
-
 def carried(strips, i, sigma_d, least, p):
     """Whether strip i of [(u, top, bottom, support, disparity)] stays: by itself, or by small neighbours."""
     alike = max(p.support_sigmas * sigma_d, p.support_relative * strips[i][4])

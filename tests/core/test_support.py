@@ -139,66 +139,6 @@ def test_cuts_are_marked_where_the_picture_ends(roll: float, pitch: float) -> No
     np.testing.assert_array_equal(strips["cut"], [r[3] for r in rows])
 
 
-def smooth(t: Strips, p: Params | None = None) -> None:
-    support.smooth_near(
-        t.strips,
-        t.n,
-        t.cols,
-        settings(t, 0.2, p or Params()),
-        t.columns,
-        np.zeros(t.n, np.int32),
-        np.zeros(t.n, np.float32),
-    )
-
-
-@given(SEED, st.integers(1, 60), st.sampled_from([0.01, 0.1]), st.sampled_from([0.0, 3.0]))
-def test_near_edges_against_their_definition(seed: int, n: int, relative: float, sigmas: float) -> None:
-    rng = np.random.default_rng(seed)
-    p = Params(smooth_relative=relative, smooth_sigmas=sigmas)
-    t = random_strips(rng, n, cols=8)
-    t.strips["near_px"] = t.strips["disparity_px"] * rng.uniform(1.0, 1.1, n)
-    rows = [
-        (
-            int(r["column"]),
-            int(r["top_row"]),
-            int(r["bottom_row"]),
-            *(float(r[c]) for c in ("disparity_px", "near_px", "sigma_px")),
-        )
-        for r in t.strips
-    ]
-    want = [naive.smoothed_near(rows, i, p) for i in range(n)]
-    smooth(t, p)
-    np.testing.assert_array_equal(t.strips["near_px"], np.float32(want))
-
-
-def test_the_near_edge_is_the_median_of_three_touching_columns_and_never_nearer_than_its_own() -> None:
-    t = Strips(sigma_px=0.5)
-    near = [5.0, 4.2, 5.0, 4.8, 4.6, 5.0]
-    for u, x in enumerate(near):
-        t.add(u, 10, 60, 5.0, near_m=x)
-    t.build()
-    smooth(t)
-    np.testing.assert_allclose(F / t.strips["near_px"], [5.0, 5.0, 5.0, 4.8, 4.8, 5.0], rtol=1e-5)
-
-
-def test_a_pole_keeps_its_own_near_edge() -> None:
-    t = Strips()
-    for u in range(9):
-        t.add(u, 10, 60, 3.0 if u == 4 else 8.0, near_m=2.9 if u == 4 else 7.9)
-    t.build()
-    smooth(t)
-    assert F / t.strips["near_px"][4] == pytest.approx(2.9)
-
-
-@pytest.mark.parametrize(("relative", "sigmas", "shared"), [(0.1, 3.0, True), (0.05, 3.0, False), (0.05, 10.0, True)])
-def test_how_far_off_a_neighbour_may_be_to_share_its_near_edge(relative: float, sigmas: float, shared: bool) -> None:
-    t = Strips(sigma_px=0.2)
-    for u, x in enumerate([5.5, 5.0, 5.5]):  # 1.8 px of disparity apart
-        t.add(u, 10, 60, x, near_m=x - 0.2)
-    smooth(t.build(), Params(smooth_relative=relative, smooth_sigmas=sigmas))
-    assert F / t.strips["near_px"][1] == pytest.approx(5.3 if shared else 4.8)
-
-
 def test_an_end_is_cut_within_its_rows_of_the_border() -> None:
     k = INFO.intrinsics
     g = view_geometry(INFO, level(0.0, 0.0), Params())
