@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.segments import segment_distance_m
+from core.segment_distance import segment_distance_m
 from core.types import FrameModel, Intrinsics
 
 from ..config.avoidance import AvoidParams

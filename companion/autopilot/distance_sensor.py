@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from core.segments import segment_distance_m
+from core.segment_distance import segment_distance_m
 from drivers.mavlink.dialect import dialect
 
 from ..config.avoidance import AvoidParams

@@ -153,7 +153,7 @@ class ObstacleReportBuilder:
         self._newest: dict[str, PrismsResult] = {}
         self._confirmation: dict[str, PlaneConfirmation] = {}
         self._confirmed: dict[str, PrismsResult] = {}
-        self._seen, self._unseen = SeenSectors(avoid), scan([], avoid)
+        self._seen = SeenSectors(avoid)
         self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.uint8]] = {}
         self._recovery = Recovery(seen.cameras, avoid.recover_frames)
@@ -214,11 +214,13 @@ class ObstacleReportBuilder:
             fault = f"the distances around the vehicle cannot be computed: {type(error).__name__}: {error}"
         causes = dict.fromkeys(self._cameras, "its result cannot be computed with")
         self._recovery.blind(causes)
-        return self._report(autopilot, _Decision(now_ns=now_ns, causes=causes, found=self._unseen, fault=fault))
+        return self._report(
+            autopilot, _Decision(now_ns=now_ns, causes=causes, found=scan([], self._avoid), fault=fault)
+        )
 
     def _decided(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         here = self._motion.catch_up(now_ns)
-        d = _Decision(now_ns=now_ns, causes=self._causes(here, now_ns), here=here, found=self._unseen)
+        d = _Decision(now_ns=now_ns, causes=self._causes(here, now_ns), here=here, found=scan([], self._avoid))
         for camera in d.blind:
             self._freed.forget(camera)
         d.seeing = [camera for camera in self._cameras if not d.causes[camera]]

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from core.segments import segment_distance_m
+from core.segment_distance import segment_distance_m
 from drivers.base import DeviceNotFound
 
 from .dataset import open_table, read_rows

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import Rotation
-from core.segments import segment_distance_m
+from core.segment_distance import segment_distance_m
 from core.types import FreeProfile, Ground, Intrinsics
 
 Floats = NDArray[np.float64]

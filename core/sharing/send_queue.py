@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..segments import segment_distance_m
+from ..segment_distance import segment_distance_m
 from ..types import PlaneFlags
 from .bodies import Body, are_bodies
 from .cover import covered

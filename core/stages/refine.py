@@ -159,8 +159,8 @@ def close_concavities(count, room, planes, settings, openings):
     """Closes gaps narrower than Ws between neighbours of one cluster by planes marked inferred; returns the number of
     planes.
 
-    The chord connects the two ends over the height that both share, at least _LEAST_COMMON_M. `trim_covered` removes what lies behind it. Openings
-    (openings.py) stay open.
+    The chord connects the two ends over the height that both share, at least _LEAST_COMMON_M. `trim_covered` removes what
+    lies behind it. Openings (openings.py) stay open.
 
     Args:
         count: number of planes.

@@ -13,7 +13,8 @@ Three conditions distinguish a ramp from a slanted surface:
 - It is narrow: beyond its near end the depth is known and does not continue the slope of 1/Z. Where that depth is
   unknown (a hole, the border of the image), the pixel is kept and does not count as evidence.
 - Nearly all edges of the image are ramps, on the left sides of things as on their right sides. A wall seen edge-on
-  is a ramp on one side only; a frame with little else is no evidence. This is judged from the edges of several frames, or of one frame if it has
+  is a ramp on one side only; a frame with little else is no evidence. This is judged from the edges of several frames, or
+  of one frame if it has
   many edges and nearly all are ramps. Until then, and for cameras with sharp edges, all pixels are kept."""
 
 from __future__ import annotations

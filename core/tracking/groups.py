@@ -50,7 +50,8 @@ GROUP = record(
     ("object", np.int32),
 )
 """A group of detections. x_m, y_m: the point of its face in the middle of the directions that it covers; range_m,
-azimuth_rad: of that point from the camera; nearest_m: range of the nearest plane of any height there; first_rad, last_rad: least and greatest direction from azimuth_rad, face_first_rad,
+azimuth_rad: of that point from the camera; nearest_m: range of the nearest plane of any height there; first_rad, last_rad:
+least and greatest direction from azimuth_rad, face_first_rad,
 face_last_rad: of its tall planes that are not seen edge-on;
 radial_sigma_m, tangential_sigma_m: error of the point along the viewing ray and across it; size_m: horizontal diagonal of
 its box; plane_flags: of any of its planes; object: slot that it updates, -1: none."""

@@ -66,7 +66,8 @@ OBJECT = record(
     ("missed", np.int32),
 )
 """A followed group. x_m, y_m: the point of its face that is followed; moving_ns: when it was declared moving, 0: static;
-r00, r01, r11: covariance of distance and speed along the viewing ray; t00, t01, t11: across it; azimuth_rad: of that ray; misfit: squared innovation
+r00, r01, r11: covariance of distance and speed along the viewing ray; t00, t01, t11: across it; azimuth_rad: of that ray;
+misfit: squared innovation
 over its variance, mean over the last observations, 2 for an object that moves as modelled; size_m: diagonal; low_dx_m to
 high_dy_m: its box from (x_m, y_m); hits: 0: empty; support: observations in a row that support a motion; places: number of
 entries of its history; frames: since the first observation; evidence: of the newest observation for a motion. missed: frames in a

@@ -4,7 +4,8 @@ The noise of a stereo camera breaks a wire into fragments, whose ends lie on the
 tracks that touch in the image, and whose lines agree within their covariance, are joined: the line of one is corrected by
 that of the other, and its extent grows along the viewing rays. The plane is moved towards the camera so far that it lies behind
 no detection of this frame by more than the margin of that detection. Where this is more than the margin again, the two stay
-apart: a nearer obstacle is not hidden. They stay apart where there is a gap between them, too: no opening is closed. Fragments of one frame are not joined with each other: only what another
+apart: a nearer obstacle is not hidden. They stay apart where there is a gap between them, too: no opening is closed.
+Fragments of one frame are not joined with each other: only what another
 frame has confirmed is a line. Without a position nothing is joined: the fragments of several frames would lie apart by the error
 of the estimated motion, and the line would be moved far towards the camera.
 """
