@@ -11,7 +11,7 @@ CONFLICT_CODES: Final = {
     "two autopilots": DiagnosticCode.DUPLICATE_AUTOPILOT,
     "two clocks": DiagnosticCode.DUPLICATE_AUTOPILOT,
     "two companions": DiagnosticCode.DUPLICATE_OBSTACLE_SOURCE,
-    "two of us": DiagnosticCode.DUPLICATE_COMPONENT,
+    "two services": DiagnosticCode.DUPLICATE_COMPONENT,
     "several vehicles": DiagnosticCode.SEVERAL_VEHICLES,
     "system id": DiagnosticCode.SYSTEM_ID_MISMATCH,
 }

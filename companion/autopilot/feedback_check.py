@@ -81,9 +81,9 @@ class EchoCheck:
         cause: the likely cause, as text; empty: none is known."""
         with self._lock:
             if self._waited_ns > PATIENCE_NS and kind in CAUSES:
-                return f"the autopilot does not use our obstacles: {cause or CAUSES[kind]}"
+                return f"autopilot does not use the obstacles: {cause or CAUSES[kind]}"
             if self._differs_since_ns is not None and now_ns - self._differs_since_ns > PATIENCE_NS:
-                return "the autopilot reports other obstacles than ours: is a second sensor or companion connected?"
+                return "autopilot reports other obstacles: not those that were sent; is a second sensor or companion connected?"
             return ""
 
 

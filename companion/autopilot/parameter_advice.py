@@ -148,7 +148,7 @@ def _ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[Parame
     found += _unless(v, "AVOID_BACKUP_SPD", 0.0, text, "it does not back away into unobserved space")
     if v.get("OA_TYPE", 0.0) > 0.0:
         text = (
-            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round obstacles, and when blind round the "
+            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner flies around obstacles, and when blind around the "
             "wall into unobserved space; 0 switches it off"
         )
         found.append(ParameterFault(text, "OA_TYPE"))

@@ -24,7 +24,7 @@ AGAIN_NS: Final = 3 * NS
 """Interval of the request while it is acknowledged; otherwise FIRST_WAIT_NS."""
 REACHED_NS: Final = 8 * NS
 """Time for which an acknowledgement counts; six requests are sent in it."""
-CONFLICTS: Final = ("two autopilots", "two clocks", "two of us", "several vehicles")
+CONFLICTS: Final = ("two autopilots", "two clocks", "two services", "several vehicles")
 """Topics of drivers.mavlink.conflicts that make it uncertain who receives a command, or whose answer arrives."""
 _REQUESTS: Final = frozenset({SET_MESSAGE_INTERVAL, REQUEST_MESSAGE})
 _ANSWERS: Final = frozenset({0, 3, 4})
@@ -90,5 +90,5 @@ class Certainty:
         if now_ns - vehicle.heartbeat_ns > LONGEST_HEARTBEAT_NS:
             return "no heartbeat"
         if signing_fault:
-            return "messages are not signed alike"
+            return "message signing fault"
         return "commands are not acknowledged" if self._reached_ns is None else ""

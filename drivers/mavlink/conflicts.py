@@ -95,14 +95,14 @@ class ConflictDetector:
         texts_by_topic: dict[str, str] = {}
         if _recent(self._contradiction_ns, now_ns):
             texts_by_topic["two autopilots"] = (
-                f"{self._contradicting}: heartbeats contradict each other: a second sender uses the autopilot's ids; "
-                "only what is safe for both is sent; sign the link, or give each vehicle another system id"
+                f"contradictory heartbeats: {self._contradicting}; a second sender uses the autopilot's ids; only what is "
+                "safe for both is sent; sign the link, or give each vehicle another system id"
             )
         if two_clocks:
             texts_by_topic["two clocks"] = (
-                "timestamps of the autopilot contradict each other, and those that do not fit are not used: a second vehicle "
-                "with the same ids, or copies that arrive late by another route; give each vehicle another system id, and "
-                "forward the autopilot's messages by one route"
+                "contradictory autopilot timestamps: those that do not fit are not used; a second vehicle has the same ids, or "
+                "copies arrive late by another route; give each vehicle another system id, and forward the autopilot's "
+                "messages by one route"
             )
         for system, component in [s for s, at_ns in self._rivals.items() if _recent(at_ns, now_ns)]:
             own = system == self._own_system
@@ -113,19 +113,19 @@ class ConflictDetector:
                 else "switch it off, or do not forward its messages to this autopilot"
             )
             texts_by_topic["two companions"] = (
-                f"{sender} sends obstacles to the autopilot too: a clear sector of one erases an obstacle of the other; {remedy} "
+                f"{sender} sends obstacles too: a clear sector of one erases an obstacle of the other; {remedy} "
                 f"(system {system}, component {component})"
             )
         if _recent(self._doubles_ns, now_ns):
-            texts_by_topic["two of us"] = (
-                f"another sender uses component {self._component}: a second companion with the same ids; switch it off, or set "
+            texts_by_topic["two services"] = (
+                f"another sender uses component {self._component}: a second companion has the same ids; switch it off, or set "
                 "another [autopilot] component_id"
             )
         vehicles = sorted(s for s, at_ns in self._vehicles.items() if now_ns - at_ns < SEVERAL_NS)
         if not configured and (len(vehicles) > 1 or self._replaced):
             texts_by_topic["several vehicles"] = (
-                f"autopilots of several system ids were received ({', '.join(map(str, vehicles)) or 'none now'}): it is not known "
-                "which one carries this computer; set [autopilot] system_id to it and restart the service"
+                f"autopilots of several system ids: {', '.join(map(str, vehicles)) or 'none now'}; it is not known which one "
+                "carries this computer; set [autopilot] system_id to it and restart the service"
             )
         others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
         if configured and others and not connected:

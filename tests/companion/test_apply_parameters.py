@@ -188,7 +188,7 @@ def test_nothing_is_written_on_a_link_with_two_autopilots(tmp_path: Path) -> Non
         assert sets(line) == []
         assert forger.of_kind("PARAM_SET") == []
     assert len(results) == 1
-    assert "contradict each other" in results[0][1]
+    assert "contradictory heartbeats" in results[0][1]
 
 
 def test_a_margin_without_room_is_changed_as_it_is_reported() -> None:

@@ -104,7 +104,7 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (ARDUPILOT, {"AVOID_MARGIN": 11.9}, "AVOID_MARGIN = 11.9"),
         (ARDUPILOT, {"AVOID_BEHAVE": 0.0}, "AVOID_BEHAVE = 0"),
         (ARDUPILOT, {"AVOID_BACKUP_SPD": 0.75}, "backs away"),
-        (ARDUPILOT, {"OA_TYPE": 1.0}, "when blind round the wall"),
+        (ARDUPILOT, {"OA_TYPE": 1.0}, "when blind around the wall"),
     ],
 )
 def test_what_keeps_the_vehicle_from_braking_is_reported(kind: str, values: dict[str, float], text: str) -> None:
@@ -258,13 +258,13 @@ def test_intermittent_obstacles_are_checked_too(kind: str, ignores_obstacles: bo
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     check = echoed(kind, False, 12.0, scene(400), own=scene(150))
-    assert "other obstacles than ours" in check.fault(kind, NS + 12 * NS)
+    assert "reports other obstacles" in check.fault(kind, NS + 12 * NS)
 
 
 def test_obstacles_at_the_same_distance_in_another_face_are_others() -> None:
     """ArduPilot sends the nearest obstacle of each face back."""
     check = echoed(ARDUPILOT, False, 12.0, scene(400), own=scene(400, 36))
-    assert "other obstacles than ours" in check.fault(ARDUPILOT, NS + 12 * NS)
+    assert "reports other obstacles" in check.fault(ARDUPILOT, NS + 12 * NS)
 
 
 def test_obstacles_that_are_no_longer_sent_do_not_explain_those_of_another_sender() -> None:
@@ -275,7 +275,7 @@ def test_obstacles_that_are_no_longer_sent_do_not_explain_those_of_another_sende
         now_ns = 11 * NS + step * NS // 10
         check.sent(scene(400), clear_cm(AVOID), now_ns)
         check.take(other, now_ns)
-    assert "other obstacles than ours" in check.fault(PX4, 21 * NS)
+    assert "reports other obstacles" in check.fault(PX4, 21 * NS)
 
 
 @pytest.mark.parametrize("kind", ["", "autopilot 8", "ArduPilot or PX4"])
@@ -308,7 +308,7 @@ def test_the_likely_cause_is_the_one_that_is_known(
     lines = echoed(kind, True, 8.0, scene(400)).fault(
         kind, NS + 8 * NS, likely_cause(vehicle, AutopilotFacts(kind=kind, values=values), signing)
     )
-    assert lines.startswith("the autopilot does not use our obstacles: ")
+    assert lines.startswith("autopilot does not use the obstacles: ")
     assert text in lines
 
 

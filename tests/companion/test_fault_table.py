@@ -248,7 +248,7 @@ def test_other_senders_do_not_make_a_blind_service_send_clear(flown: Flown) -> N
             {PX4_WALL_CM} if flown.kind == PX4 else {WALL_CM}
         )
         strange = flown.link.status().conflicts
-        assert "component 197 sends obstacles to the autopilot too" in strange["two companions"]
+        assert "component 197 sends obstacles too" in strange["two companions"]
     finally:
         flown.delivers = True
     assert flown.comes_to_see()

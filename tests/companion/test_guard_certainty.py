@@ -118,14 +118,14 @@ def test_a_simulated_autopilot_answers_for_longer_than_an_answer_counts(kind: st
     ("vehicle", "conflicts", "signing", "doubt"),
     [
         (COPTER, {"two autopilots": "heartbeats contradict"}, "", "two autopilots"),
-        (COPTER, {"two of us": "a second sender"}, "", "two of us"),
+        (COPTER, {"two services": "a second sender"}, "", "two services"),
         (COPTER, {"two companions": "another one sends obstacles"}, "", ""),
         (replace(COPTER, autopilot="ArduPilot or PX4"), {}, "", "autopilot kind unknown"),
         (replace(COPTER, autopilot="autopilot 4"), {}, "", "autopilot kind unknown"),
         (replace(COPTER, vehicle_type=1), {}, "", "not a multicopter"),
         (replace(COPTER, vehicle_type=20), {}, "", "not a multicopter"),
         (replace(COPTER, heartbeat_ns=NOW - LONGEST_HEARTBEAT_NS - 1), {}, "", "no heartbeat"),
-        (COPTER, {}, "the autopilot signs", "messages are not signed alike"),
+        (COPTER, {}, "the autopilot signs", "message signing fault"),
     ],
 )
 def test_doubts(vehicle: Vehicle, conflicts: dict[str, str], signing: str, doubt: str) -> None:

@@ -190,10 +190,10 @@ def test_an_autopilot_that_uses_no_obstacles_is_reported(avoiding: AvoidingServi
         avoiding.line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16))
     avoiding.line.change(lambda a: setattr(a, "ignores_obstacles", True))
     try:
-        avoiding.health.wait(lambda h: any("does not use our obstacles" in t for t in h.troubles), PATIENCE_S)
+        avoiding.health.wait(lambda h: any("does not use the obstacles" in t for t in h.troubles), PATIENCE_S)
     finally:
         avoiding.line.change(lambda a: setattr(a, "ignores_obstacles", False))
-    avoiding.health.wait(lambda h: not any("does not use our obstacles" in t for t in h.troubles), PATIENCE_S)
+    avoiding.health.wait(lambda h: not any("does not use the obstacles" in t for t in h.troubles), PATIENCE_S)
 
 
 def test_a_service_stopped_in_flight_reports_it_and_sends_nothing_clear(avoiding: AvoidingService) -> None:

@@ -147,7 +147,7 @@ def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoidi
     forged = AUTOPILOT_IDS[ARDUPILOT if avoiding.kind == PX4 else PX4]
     beat = packed(dialect.MAVLink_heartbeat_message(2, forged, 0, 0, 4, 3))
     with sending(avoiding, lambda k: [beat]) as answers:
-        avoiding.health.wait(lambda h: any("contradict each other" in t for t in h.troubles), PATIENCE_S)
+        avoiding.health.wait(lambda h: any("contradictory heartbeats" in t for t in h.troubles), PATIENCE_S)
         assert until(avoiding.has_obstacles)
         stopped_ns, late = blind_after(avoiding, 3.5)
         begin_ns, end_ns = stopped_ns + 3 * NS, stopped_ns + round(3.5 * NS)

@@ -51,7 +51,7 @@ def test_a_second_companion_that_reports_obstacles_is_named(kind: str) -> None:
     c.run(2.0)
     assert conflicts(c) == {}
     hear(c, frame(obstacles(), component=197))
-    assert "component 197 sends obstacles to the autopilot too" in conflicts(c)["two companions"]
+    assert "component 197 sends obstacles too" in conflicts(c)["two companions"]
     c.run(RECENT_NS / NS + 0.1)
     assert conflicts(c) == {}
 
@@ -87,7 +87,7 @@ def test_obstacles_of_another_system_are_named_because_autopilots_take_them(
     c.run(2.0)
     hear(c, frame(obstacles(), system=system, component=component))
     assert list(conflicts(c)) == ["two companions"]
-    assert f"system {system} sends obstacles to the autopilot too" in conflicts(c)["two companions"]
+    assert f"system {system} sends obstacles too" in conflicts(c)["two companions"]
     c.run(RECENT_NS / NS + 0.1)
     assert conflicts(c) == {}
 
@@ -102,7 +102,7 @@ def test_a_sender_with_our_ids_is_reported_and_our_own_messages_echoed_are_not()
     twin.receive([(frame(heartbeat(3)), c.now_ns)])
     for data in twin.due(c.now_ns):
         hear(c, data)
-    assert "another sender uses component 196" in conflicts(c)["two of us"]
+    assert "another sender uses component 196" in conflicts(c)["two services"]
 
 
 @pytest.mark.parametrize(("true", "forged"), [(PX4, 3), (ARDUPILOT, 12)])
@@ -116,7 +116,7 @@ def test_heartbeats_that_contradict_each_other_make_an_autopilot_of_no_known_kin
         assert c.session.vehicle.autopilot == "ArduPilot or PX4"
         c.run(1.0)
         assert c.session.vehicle.autopilot == "ArduPilot or PX4"
-    assert "contradict each other" in conflicts(c)["two autopilots"]
+    assert conflicts(c)["two autopilots"].startswith("contradictory heartbeats: ")
     assert c.session.status(c.now_ns).clock_restarts == 0
     c.run(RECENT_NS / NS + 2.0)
     assert c.session.vehicle.autopilot == true
@@ -132,7 +132,7 @@ def test_a_second_vehicle_with_the_same_ids_moves_no_clock_and_is_named(started_
     status = c.session.status(c.now_ns)
     assert status.clock.source is ClockSource.TIMESYNC
     assert status.clock.local_ns(58 * NS) == pytest.approx(108 * NS, abs=5_000_000)
-    assert "timestamps of the autopilot contradict each other" in status.conflicts["two clocks"]
+    assert "contradictory autopilot timestamps" in status.conflicts["two clocks"]
 
 
 def test_an_autopilot_that_the_configuration_leaves_out_is_named() -> None:
