@@ -92,13 +92,13 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     if not vehicle.armed or effect in (Effect.BRAKES, Effect.STANDS):
         return ""
     if vehicle.vehicle_type not in _COPTERS:
-        return f"{name} {effect}: the vehicle is no multicopter (MAV_TYPE {vehicle.vehicle_type})"
+        return f"{name} {effect}: the vehicle is not a multicopter (MAV_TYPE {vehicle.vehicle_type})"
     if effect is Effect.WRONG_MODE:
         return f"{name} does not brake: {position_mode_fault(facts)}"
     where = "Position mode" if vehicle.autopilot == PX4 else "LOITER"
     if effect is Effect.PLANS:
         return (
-            f"{name} plans round obstacles: when blind also round the artificial wall, into unobserved space; not tested; "
+            f"{name} plans around obstacles: when blind also around the artificial wall, into unobserved space; not tested; "
             f"{where} stops"
         )
     if effect is Effect.LEANS:
@@ -110,6 +110,6 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
             creeps = "; with fewer than 10 targets a second it may creep up to obstacles, unless AVOID_ACCEL_MAX = 0"
         flies = "with position targets it flies on, also when blind"
         return f"{name} brakes velocity targets alone: {flies}; {where} stops{unread}{creeps}"
-    unread = "; or a path planner goes round: OA_TYPE is not known"
+    unread = "; or a path planner flies around: OA_TYPE is not known"
     planned = vehicle.autopilot == ARDUPILOT and name in _PLANNED and "OA_TYPE" not in facts.values
     return f"{name} {effect}: neither before obstacles nor when blind; {where} stops{unread if planned else ''}"

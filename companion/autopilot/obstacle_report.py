@@ -240,7 +240,7 @@ class ObstacleReportBuilder:
         self._recovery.blind(causes)
         for camera, cause in causes.items():
             if not cause and not self._recovery.recovered(camera):
-                causes[camera] = "not enough good frames in a row yet"
+                causes[camera] = "too few valid frames in a row"
         return causes
 
     def _see(self, d: _Decision, here: Here) -> None:

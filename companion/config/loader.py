@@ -83,8 +83,8 @@ class Config:
             )
         if self.avoid.send and self.service.timeout_s + 1.0 / self.avoid.rate_hz > MAX_BLIND_DELAY_S + 1e-9:
             raise ValueError(
-                f"[service] timeout_s = {self.service.timeout_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "
-                f"must know of blindness within {MAX_BLIND_DELAY_S:g} s; set timeout_s to 0.3 or less"
+                f"[service] timeout_s = {self.service.timeout_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: blindness must "
+                f"be sent to the autopilot within {MAX_BLIND_DELAY_S:g} s; set timeout_s to 0.3 or less"
             )
 
     def camera(self, name: str) -> CameraConfig:

@@ -239,7 +239,7 @@ class Ros2Source:
         if ours and not self._first_images:
             return "it is a log of this software: replay it directly"
         kinds = sorted(set(self._types.values()))
-        there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6]) or "nothing at all"
+        there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6]) or "nothing"
         return f"expected sensor_msgs/Image or compressedDepth with 16UC1 or 32FC1, found {there}"
 
     def _topics_of(self, kind: str) -> str:

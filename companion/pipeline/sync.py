@@ -49,7 +49,7 @@ class DropCause(Code):
     CLOCK_UNCERTAIN = "clock_uncertain", "the vehicle turns too fast for the error of the autopilot's timestamps"
     DUPLICATE_FRAME = "duplicate_frame", "a frame with this exposure was handled already"
     LATE_FRAME = "late_frame", "a frame exposed later was handled already"
-    WRONG_SIZE = "wrong_size", "the image has another size than the camera's description says"
+    WRONG_SIZE = "wrong_size", "the image has another size than the camera's description states"
     BUSY = "busy", "a newer frame was waiting"
 
 

@@ -55,7 +55,7 @@ class ExposureOffset:
             return STATE_TEXTS[self.state]
         late = "later" if self.offset_s >= 0.0 else "earlier"
         return (
-            f"exposure stamps are {abs(self.offset_s) * 1000.0:.1f} ms {late} than the attitude says "
+            f"exposure stamps are {abs(self.offset_s) * 1000.0:.1f} ms {late} than the attitude indicates "
             f"(standard deviation {self.sigma_s * 1000.0:.1f} ms, {self.pairs} pairs of images)"
         )
 

@@ -35,7 +35,9 @@ class SerialLine:
         except (OSError, termios.error) as error:  # SerialException is an OSError; others if it is unplugged meanwhile
             raise DeviceNotFound(f"{address}: {reason(error)}; {_serial_remedy(error, address.place)}") from error
         except ValueError as error:
-            raise BadData(f"{address}: {error}; choose a rate the port knows, such as 921600 or 57600") from error
+            raise BadData(
+                f"{address}: {error}; choose a rate that the port supports, such as 921600 or 57600"
+            ) from error
 
     @property
     def bytes_per_s(self) -> float | None:

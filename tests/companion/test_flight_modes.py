@@ -82,7 +82,7 @@ def test_a_vehicle_that_is_no_multicopter_is_not_said_to_brake(kind: str, number
     assert mode_of(other, AutopilotFacts(kind=kind))[1] is Effect.UNKNOWN
     text = mode_fault(other, AutopilotFacts(kind=kind))
     name = "Position" if kind == "PX4" else f"mode {number}"
-    assert text == f"{name} is not known to brake: the vehicle is no multicopter (MAV_TYPE {vehicle_type})"
+    assert text == f"{name} is not known to brake: the vehicle is not a multicopter (MAV_TYPE {vehicle_type})"
     assert len(f"OA: {text.split(':')[0]}") <= MOST_CHARACTERS
     assert mode_fault(replace(other, armed=False), AutopilotFacts(kind=kind)) == ""
 

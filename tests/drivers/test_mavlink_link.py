@@ -725,7 +725,7 @@ def test_a_pty_that_hangs_up_is_lost() -> None:
 
 def test_a_rate_that_no_port_supports() -> None:
     end = PtyEnd()
-    with pytest.raises(BadData, match="choose a rate the port knows"):
+    with pytest.raises(BadData, match="choose a rate that the port supports"):
         open_transport(Address("serial", end.device, -5))
     end.close()
 
