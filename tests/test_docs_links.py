@@ -118,7 +118,7 @@ def options() -> dict[str, set[str]]:
             main([command, "--help"])
         return text.getvalue()
 
-    return {name: set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", help_of(name))) for name in COMMANDS}
+    return {name: set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", help_of(name))) for name in COMMANDS}
 
 
 def wrong_command(text: str, options: dict[str, set[str]]) -> str | None:
