@@ -231,7 +231,7 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
             found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
         return found
     if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
-        age = "never came" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
+        age = "was never received" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
         text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
         found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
     clock = view.link.clock

@@ -126,7 +126,8 @@ def autopilot(clock: ClockEstimate, answered: bool = True, attitude_age_ns: int 
 
 
 @pytest.mark.parametrize(
-    ("age_ns", "text"), [(None, "never came"), (0, ""), (S // 2, ""), (S // 2 + 1, "is 0.5 s old"), (9 * S, "is 9.0 s")]
+    ("age_ns", "text"),
+    [(None, "was never received"), (0, ""), (S // 2, ""), (S // 2 + 1, "is 0.5 s old"), (9 * S, "is 9.0 s")],
 )
 def test_an_attitude_that_is_old_or_never_came_is_named(age_ns: int | None, text: str) -> None:
     view = autopilot(ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000), attitude_age_ns=age_ns)

@@ -144,7 +144,7 @@ export class Live {
     $("banner").textContent = v.text;
     const chip = document.createElement("span");
     chip.id = "age";
-    chip.textContent = shown_s === null || (shown.status === "BLIND" && !shown.depth) ? "" : v.state === "valid" ? `${span(shown_s)} old` : `shown is ${span(shown_s)} old`;
+    chip.textContent = shown_s === null || (shown.status === "BLIND" && !shown.depth) ? "" : v.state === "valid" ? `${span(shown_s)} old` : `picture ${span(shown_s)} old`;
     $("banner").append(chip);
     $("stage").classList.toggle("blind", Boolean(mine));
     $("stage").dataset.word = v.word;
