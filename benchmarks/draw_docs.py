@@ -52,7 +52,7 @@ PICTURES: dict[str, tuple[str, Draw, tuple[float, float]]] = {
     "08_support": ("street", px.draw_support, (6.0, 4.6)),
     "09_clusters": ("trees", pl.draw_clusters, (9.0, 4.0)),
     "10_gaps": ("slits", pl.draw_gaps, (9.0, 3.7)),
-    "11_tracks": ("facade", pl.draw_tracks, (7.0, 3.9)),
+    "11_pieces": ("facade", pl.draw_pieces, (7.0, 3.9)),
     "12_merge": ("facade", pl.draw_merge, (9.0, 3.7)),
     "13_openings": ("facade", pl.draw_openings, (9.0, 3.7)),
     "14_near_side": ("trees", pl.draw_near, (6.4, 5.4)),

@@ -118,7 +118,7 @@ def draw_ground(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor
     rgb[(levelled(calls) == 0).T] = (150, 150, 150)
     a, b = figure.subplots(1, 2)
     a.imshow(rgb)
-    bare(a, "brown: ground, taken out before any counting")
+    bare(a, "brown: ground, removed before strips are searched")
     points = found.after[-1]
     points = points[(points["per_height"] > 0) & (np.abs(points["y"]) < 3.0)][::2]
     b.plot(points["x"], -points["z"], ".", ms=1.2, color="#4a6f96")
@@ -259,4 +259,4 @@ def draw_support(figure: Any, frame: Rendered, calls: Calls, extractor: Extracto
         rgb[max(0, s.top_row - 1) : s.bottom_row + 2, max(0, s.column - 1) : s.column + 2] = (215, 30, 30)
     ax = figure.subplots()
     ax.imshow(rgb)
-    bare(ax, f"{len(kept)} strips stay; {int(gone.sum())} (red, drawn larger than they are) do not")
+    bare(ax, f"{len(kept)} strips are kept; {int(gone.sum())} (red, enlarged) are dropped")

@@ -79,8 +79,8 @@ def _grown(call: Call) -> NDArray[Any]:
     return strips[strips["support"] > 0]
 
 
-def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
-    """Strips as points (t, s), a vertical plane being a straight line."""
+def draw_pieces(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """Strips as points (t, s), in which a vertical plane is a straight line, and the pieces that they form."""
     call, view, tracks = calls.of("grow"), calls.of("view_geometry").result, calls.of("planes_from_tracks").before[1]
     on, count = _grown(call), call.result
     size = np.bincount(on["track"], minlength=count)
@@ -98,7 +98,7 @@ def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -
     ax.set_xlabel("t = y/x, tangent of azimuth", fontsize=8)
     ax.set_ylabel("s = 1/x, 1/m", fontsize=8)
     ax.set_title(
-        f"{len(on)} strips in {count} tracks; a vertical plane is a straight line here", fontsize=9, loc="left"
+        f"{len(on)} strips in {count} pieces; a vertical plane is a straight line here", fontsize=9, loc="left"
     )
 
 
@@ -142,7 +142,7 @@ def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
         shown = 0.4 * rgb + 0.6 * PALE
         shown[mask] = 0.5 * shown[mask] + 0.5 * np.array((60, 180, 75))
         ax.imshow(shown.astype(np.uint8))
-        bare(ax, f"green: open at {x:g} m, by a box of Ws x Hs")
+        bare(ax, f"green: a box of Ws x Hs fits through at {x:g} m")
 
 
 def draw_near(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
@@ -184,7 +184,7 @@ def draw_pockets(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) 
             b.plot([y0, y1], [x0, x1], color="#b0b0b0", lw=0.8)
         else:
             b.plot([y0, y1], [x0, x1], color="#e67e22" if p.inferred else "#1f4e79", lw=1.4)
-    _above(b, "orange: closed pockets; grey: covered, dropped")
+    _above(b, "orange: closed pockets; grey: hidden, dropped")
 
 
 def draw_prisms(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
@@ -246,8 +246,10 @@ def draw_free(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> 
     for ax_, ay, bx, by, top, bottom in model.planes:
         inside = top < free.layer_edges_m[layer + 1] and bottom > free.layer_edges_m[layer]
         ax.plot([ay, by], [ax_, bx], color="black", lw=1.3 if inside else 0.4)
+    for width, where in ((1.3, "in this layer"), (0.4, "above or below it")):
+        ax.plot([], [], color="black", lw=width, label=f"plane {where}")
     ax.legend(fontsize=7, loc="lower left")
     low, high = free.layer_edges_m[layer], free.layer_edges_m[layer + 1]
-    _above(ax, f"green: seen free {-high:+.1f}..{-low:+.1f} m about the camera's height; grey: unknown; black: planes")
+    _above(ax, f"green: free in the layer {-high:+.2f} to {-low:+.2f} m about the camera; grey: unknown")
     ax.set_xlim(-13, 13)
     ax.set_ylim(0, 21)

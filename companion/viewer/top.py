@@ -72,7 +72,7 @@ def _free(ax: Any, model: FrameModel) -> str:
         _sectors(ax, model, (f.open_from_m[:, layer], f.open_to_m[:, layer]), OPEN_COLOR, zorder=0.9)
     _sectors(ax, model, (f.free_from_m[:, layer], f.free_to_m[:, layer]), FREE_COLOR, zorder=1.0)
     top, bottom = f.layer_edges_m[layer : layer + 2]
-    return f"{-bottom:+.1f} .. {-top:+.1f} m"
+    return f"{-bottom:+.2f} .. {-top:+.2f} m"
 
 
 def _sectors(
