@@ -59,13 +59,13 @@ def scene() -> Scene:
 
 @dataclass
 class Flight:
-    """Flies northwards as fast as the autopilot model allows; the camera's last frame is taken at dies_at_m.
+    """Flies northwards as fast as the autopilot model allows; the camera's last frame is taken at fails_at_m.
 
     values: the last sent sectors, (72,) cm, None: nothing is sent; blind: whether by a blind camera."""
 
     autopilot: str
     scene: Scene
-    dies_at_m: float = math.inf
+    fails_at_m: float = math.inf
     x_m: float = 0.0
     speed_m_s: float = 0.0
     now_ns: int = 100 * NS
@@ -93,7 +93,7 @@ class Flight:
                 self.pipeline.handle(sample)
             self.builder.samples(samples)
             if step % 5 == 0:
-                if self.x_m < self.dies_at_m:
+                if self.x_m < self.fails_at_m:
                     self.see(position)
                 self.send()
             self.move(0.02)
@@ -193,13 +193,11 @@ def flights() -> list[tuple[str, Flight]]:
         (f"On the way,\n{under_way.speed_m_s:.1f} m/s", under_way),
         (f"PX4 with CP_DIST = {MARGIN_M:g} m\nstands {20.0 - stands.x_m:.1f} m before the wall", stands),
     ]
-    for autopilot, sent in (("PX4", "unknown"), ("ArduPilot", "the wall of the policy")):
-        blind = Flight(autopilot, yard, dies_at_m=5.0)
+    for autopilot, sent in (("PX4", "unknown"), ("ArduPilot", "artificial wall")):
+        blind = Flight(autopilot, yard, fails_at_m=5.0)
         blind.fly(6.0)
-        text = "silence" if blind.values is None else sent
-        title = (
-            f"{autopilot}, the camera died at {blind.dies_at_m:g} m:\nis sent {text}, {abs(blind.speed_m_s):.1f} m/s"
-        )
+        text = "no message" if blind.values is None else sent
+        title = f"{autopilot}, camera lost at {blind.fails_at_m:g} m:\nsent: {text}; {abs(blind.speed_m_s):.1f} m/s"
         moments.append((title, blind))
     return moments
 
@@ -215,7 +213,7 @@ def main(arguments: list[str] | None = None) -> int:
         draw(axes, flight, title)
         print(f"{title.replace(chr(10), ' ')}; at {flight.x_m:.2f} m")
     panels[0].set_ylabel("north, m", fontsize=8)
-    names = {"obstacle": "obstacle", "wall": "wall when blind", "clear": "seen clear", "unknown": "unknown"}
+    names = {"obstacle": "obstacle", "wall": "artificial wall", "clear": "seen clear", "unknown": "unknown"}
     handles = [Patch(color=COLORS[key], alpha=0.7, label=name) for key, name in names.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     figure.savefig(picture, dpi=100)

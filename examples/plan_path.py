@@ -47,20 +47,23 @@ def arguments() -> argparse.Namespace:
 def add_planner_options(parser: argparse.ArgumentParser, radius_m: float, been_m: float, picture: str) -> None:
     parser.add_argument("--planner", choices=list(PLANNERS), default="rrt-connect", help="default: %(default)s")
     parser.add_argument(
-        "--seed", type=int, default=1, help="of the random numbers, 1 or more; another one gives another path"
+        "--seed",
+        type=int,
+        default=1,
+        help="of the random numbers, 1 or more; another one gives another path (default: %(default)s)",
     )
     parser.add_argument(
         "--unknown",
         choices=[u.value for u in Unknown],
         default="avoid",
-        help="space no camera observed; default: %(default)s",
+        help="whether the path may use unknown space; default: %(default)s",
     )
     parser.add_argument("--radius", type=float, default=radius_m, help="of the vehicle, m (default: %(default)s)")
     parser.add_argument(
         "--been",
         type=float,
         default=been_m,
-        help="so far around the start the vehicle came from, m (default: %(default)s)",
+        help="within this distance of the start unknown space counts as free, m (default: %(default)s)",
     )
     parser.add_argument("-o", type=Path, default=Path(picture), help="the picture (default: %(default)s)")
 
