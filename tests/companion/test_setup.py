@@ -108,7 +108,7 @@ def test_an_adapter_is_tried_at_several_speeds_and_an_autopilot_at_one() -> None
 def test_the_written_configuration_is_usable(kind: str, tmp_path: Path) -> None:
     answers = Answers(
         kind=kind,
-        device="/dev/v4l/by-id/x" if kind in ("zed", "v4l2") else "",
+        device="/dev/v4l/by-id/x" if "device" in CAMERA_KINDS[kind].needs else "",
         pitch_deg=-12.5,
         position_m=(0.1, 0.0, -0.05),
         width_m=0.6,
