@@ -2,21 +2,38 @@
 
 numba's own locators name a folder by the path of the source file and a kernel by its line: a second installation of the
 same sources, or an edited comment, would compile kernels again. numba imports the class that the variable
-NUMBA_CACHE_LOCATOR_CLASSES names; `companion.kernels.jit_cache` sets it."""
+NUMBA_CACHE_LOCATOR_CLASSES names; `companion.kernels.jit_cache` sets it.
+
+numba saves a kernel in three steps: it reads the index, which numbers the files of code by their arguments, replaces
+it, and writes the file. Two processes that save one kernel for different arguments at the same time give both the same
+number, and the index of the one can name the code of the other. Therefore the folder is locked for these steps."""
 
 from __future__ import annotations
 
+import fcntl
 import os
+import threading
 from pathlib import Path
+from typing import Final
 
 from numba import config
 from numba.core.caching import UserProvidedCacheLocator
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.event import Event, Listener, register
 
 from .jit_cache import kernel_folder
 
 
 class SourceCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
     """One folder per module and state of its code below NUMBA_CACHE_DIR."""
+
+    def ensure_cache_path(self) -> None:
+        """Makes the folder; locks it if numba is compiling, since it calls this immediately before it saves a kernel.
+
+        Raises OSError if the folder cannot be written."""
+        super().ensure_cache_path()
+        if global_compiler_lock.is_locked():  # by this thread
+            _save_lock.take(self.get_cache_path())
 
     @classmethod
     def get_suitable_cache_subpath(cls, py_file: str) -> str:
@@ -33,3 +50,33 @@ class SourceCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
 
         Functions of one module have different names, so none is needed."""
         return "0"
+
+
+class _SaveLock(Listener):  # type: ignore[misc]
+    """The lock of the folder in which this thread saves a kernel. It ends when numba releases its compiler lock, which
+    is the next step after the kernel is saved."""
+
+    def __init__(self) -> None:
+        self._held = threading.local()
+
+    def take(self, folder: str) -> None:
+        """Waits until no other process saves a kernel in this folder. Raises OSError."""
+        self._release()
+        self._held.descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        fcntl.flock(self._held.descriptor, fcntl.LOCK_EX)
+
+    def on_start(self, event: Event) -> None:
+        """Does nothing."""
+
+    def on_end(self, event: Event) -> None:
+        """Ends the lock of this thread."""
+        self._release()
+
+    def _release(self) -> None:
+        descriptor = vars(self._held).pop("descriptor", None)
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+_save_lock: Final = _SaveLock()
+register("numba:compiler_lock", _save_lock)

@@ -9,7 +9,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -333,6 +335,53 @@ def test_nothing_is_changed_once_numba_is_loaded(base: Path, monkeypatch: pytest
     monkeypatch.setitem(sys.modules, "numba", sys)
     assert use_own_cache() is None
     assert os.environ[VARIABLE] == str(base)
+
+
+EARLIER = """
+import time
+from numba.core.caching import IndexDataCacheFile
+save_index, later = IndexDataCacheFile._save_index, Path({folder!r}, "later")
+def goes_on(index):  # the later one has replaced the index, or waits for the lock
+    waiting = f"-> FLOCK  ADVISORY  WRITE {{later.read_text()}} " if later.exists() else "not started"
+    return Path(index).exists() or any(waiting in line for line in open("/proc/locks"))
+def save(file, overloads):
+    Path({folder!r}, "read").touch()
+    while "outer" in file._index_name and not goes_on(file._index_path):
+        time.sleep(0.01)
+    save_index(file, overloads)
+IndexDataCacheFile._save_index = save
+"""
+LATER = """
+import os
+import time
+from numba.core.caching import IndexDataCacheFile
+save_data = IndexDataCacheFile._save_data
+def save(file, name, data):
+    while "outer" in file._index_name and not Path({folder!r}, "saved").exists():
+        time.sleep(0.01)
+    save_data(file, name, data)
+IndexDataCacheFile._save_data = save
+Path({folder!r}, "later").write_text(str(os.getpid()))
+"""
+
+
+def test_of_two_processes_that_save_a_kernel_each_finds_its_own_code(tmp_path: Path) -> None:
+    """Both compile it at the same time, for different arguments. numba's index named the code for one as that for the
+    other."""
+    cache, values = tmp_path / "cache", {"root": str(sources(tmp_path / "project", factor=2)), "folder": str(tmp_path)}
+    keyed, whole = KEYED.format(**values), RUN.format(**values)
+    half = whole.replace("outer(10)", "outer(1.5)")
+    with ThreadPoolExecutor() as threads:
+        saved = "Path({folder!r}, 'saved').touch()".format(**values)
+        earlier = threads.submit(python, keyed + EARLIER.format(**values) + whole + saved, cache)
+        while not (tmp_path / "read").exists() and not earlier.done():
+            time.sleep(0.01)
+        later = threads.submit(python, keyed + LATER.format(**values) + half, cache)
+        assert earlier.result() == "21"
+        assert later.result() == "4.0"
+    hits = "print(sum(outer.stats.cache_hits.values()))"
+    assert python(keyed + whole + hits, cache) == "21\n1"
+    assert python(keyed + half + hits, cache) == "4.0\n1"
 
 
 def made(base: Path, *ages: int) -> list[Path]:
