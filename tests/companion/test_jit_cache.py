@@ -37,9 +37,11 @@ pytestmark = pytest.mark.process
 
 @pytest.fixture
 def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache, as if numba were not loaded yet; what is locked in it is let go at the end."""
+    """An empty cache, as if numba were not loaded yet, of an installation without compiled kernels; what is locked in it
+    is let go at the end."""
     folder = tmp_path / "cache"
     folder.mkdir()
+    monkeypatch.setattr(jit_cache, "SHARED", tmp_path / "of-the-installation")
     monkeypatch.setenv(VARIABLE, str(folder))
     monkeypatch.delitem(sys.modules, "numba", raising=False)
     monkeypatch.setattr(state_folders, "_held", [])
