@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import stat
 import subprocess
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Final
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
+from drivers.shell_word import shell_word
+
+from ..paths import NAME
 from .steps import InstallError
 
 HIDDEN: Final = (Path("/home"), Path("/root"), Path("/run/user"))
@@ -58,12 +65,31 @@ def remedy() -> str:
 
 
 def _commands(python: str) -> list[str]:
+    return [f"sudo {python} -m venv {HOME}", *_pip_commands(), f"sudo {HOME}/bin/companion install"]
+
+
+def _pip_commands() -> list[str]:
+    """The commands that install what this installation was made from: a checkout, or two wheels."""
     pip = f"sudo {HOME}/bin/pip install"
-    if (ROOT / "requirements.lock").is_file():
-        install = [
-            f"{pip} --require-hashes --only-binary :all: -r {ROOT}/requirements.lock",
-            f"{pip} --no-deps --no-build-isolation {ROOT}/clients/python {ROOT}",
+    client, companion = origin("osape-client"), origin(NAME)
+    checkout = next((f for f in (ROOT, companion) if f is not None and (f / "requirements.lock").is_file()), None)
+    if checkout is not None:
+        lock, packages = checkout / "requirements.lock", (checkout / "clients/python", checkout)
+        return [
+            f"{pip} --require-hashes --only-binary :all: -r {shell_word(lock)}",
+            f"{pip} --no-deps --no-build-isolation {' '.join(map(shell_word, packages))}",
         ]
-    else:
-        install = [f"{pip} osape_client-*.whl osape_companion-*.whl (the files that this was installed from)"]
-    return [f"sudo {python} -m venv {HOME}", *install, f"sudo {HOME}/bin/companion install"]
+    if client is not None and companion is not None and client.is_file() and companion.is_file():
+        return [f"{pip} {shell_word(client)} {shell_word(companion)}"]
+    return [f"{pip} osape_client-*.whl osape_companion-*.whl (the wheels of the version of `companion --version`)"]
+
+
+def origin(name: str) -> Path | None:
+    """The directory or file that pip has installed a distribution from; None if it is not recorded, as for a package
+    index, or not on this computer."""
+    try:
+        record = metadata.distribution(name).read_text("direct_url.json")
+    except metadata.PackageNotFoundError:
+        return None
+    url = urlsplit(json.loads(record)["url"] if record else "")
+    return Path(url2pathname(url.path)) if url.scheme == "file" else None
