@@ -1,5 +1,8 @@
 """The application around the core: configuration, synchronisation, pipeline, logs and commands."""
 
+from contextlib import suppress
+
 from .kernels.jit_cache import use_own_cache
 
-use_own_cache()  # must run before any module imports numba
+with suppress(ModuleNotFoundError):  # without numba; `companion.cli` reports it when a command needs it
+    use_own_cache()  # must run before any module imports numba

@@ -19,6 +19,8 @@ from .kernels.jit_cache import no_place_text
 from .usage_error import UsageError
 
 _INTERRUPTED: Final = 130
+_OWN: Final = ("companion", "core", "drivers")
+"""Packages of this software: if a module of them is missing, this is a defect."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -37,6 +39,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return _INTERRUPTED
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] in _OWN:
+            raise
+        fail(
+            f"the Python module {error.name} is missing: osape-companion was installed without its requirements, as by "
+            f"`pip install --no-deps`. `{sys.executable} -m pip check` lists the missing packages; install them, or "
+            "osape-companion again without --no-deps"
+        )
+        return 1
     except RuntimeError:
         if not (text := no_place_text()):
             raise

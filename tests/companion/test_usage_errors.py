@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import cast
 
@@ -205,3 +208,28 @@ def test_the_refusal_of_a_value_names_no_function(command: str, capsys: pytest.C
 def test_an_address_of_another_computer_is_not_answered_with_a_port() -> None:
     with pytest.raises(DeviceNotFound, match=r"192\.0\.2\.1 cannot be bound .*; give --listen an address of this"):
         LiveServer(cast(LivePage, None), "192.0.2.1", 0).open()
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("words", ["configs", "run -c my.toml", "status"])
+def test_without_the_packages_that_it_requires_a_command_names_one(words: str) -> None:
+    """As after `pip install --no-deps`: it ended with a traceback."""
+    done = subprocess.run(
+        [sys.executable, "-S", "-m", "companion", *words.split()],  # without the packages of the environment
+        cwd=Path(cli.__file__).parents[1],
+        env={"PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert re.fullmatch(r"companion: error: the Python module \w+ is missing: .*-m pip check` lists.*\n", done.stderr)
+
+
+def test_a_missing_module_of_this_software_is_a_defect(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(words: object) -> int:
+        raise ModuleNotFoundError("No module named 'core.moved'", name="core.moved")
+
+    monkeypatch.setattr(cli, "_run", fail)
+    with pytest.raises(ModuleNotFoundError):
+        main(["configs"])
