@@ -463,11 +463,14 @@ def test_frames_that_wait_too_long_are_dropped_the_oldest_first(speaker: Speaker
         speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, now() + k)))
     assert speaker.service.dropped == 12
     speaker.service.open()
-    with WorldMirror(*speaker.addresses, timeout_s=60.0) as mirror:
-        assert until(lambda: mirror.update(0.1), 60.0)
-        assert mirror._newest is not None
-        assert mirror._newest.counts["frames_dropped"] == 12
-        assert mirror._newest.counts["frames"] == 8
+    with WorldMirror(*speaker.addresses) as mirror:
+
+        def counts() -> dict[str, int]:
+            mirror.update()  # a busy computer merges the frames when they are too old for a usable world
+            return {} if mirror._newest is None else dict(mirror._newest.counts)
+
+        assert until(lambda: counts().get("frames") == 8, 60.0)
+        assert counts()["frames_dropped"] == 12
 
 
 def test_there_and_back_loses_nothing_but_millimetres() -> None:
