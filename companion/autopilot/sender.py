@@ -20,6 +20,11 @@ from .obstacle_distance_3d import level_points, obstacle_points_messages
 from .obstacle_report import ObstacleReport, ObstacleReportBuilder
 
 NS = 1_000_000_000
+LATE_NS = NS // 10
+"""A decision that took longer is made again: the process was stopped, or had no processor time, and what was seen may be too
+old now."""
+DECISIONS = 3
+"""Most decisions for one message. On a computer that needs more than LATE_NS for each, the last one is sent."""
 
 
 def messages_of(report: ObstacleReport, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
@@ -96,8 +101,14 @@ class ObstacleSender:
         if not autopilot.kind:  # the policy depends on the autopilot
             self._builder.catch_up()  # what waits must not pile up
             return
-        self.report = self._builder.decide(autopilot, now_ns)
-        messages = messages_of(self.report, autopilot.kind, self._avoid, now_ns)
+        report = self._builder.decide(autopilot, now_ns)
+        for _ in range(DECISIONS - 1):
+            if time.monotonic_ns() - now_ns <= LATE_NS:
+                break
+            now_ns = time.monotonic_ns()
+            report = self._builder.decide(autopilot, now_ns)
+        self.report = report
+        messages = messages_of(report, autopilot.kind, self._avoid, now_ns)
         for message in messages:
             self._post(message)
         self.sent += bool(messages)

@@ -155,9 +155,10 @@ class MavlinkLink:
         return self._state
 
     def post(self, message: Any) -> None:
-        """Sends a message with the next cycle of the thread, if an autopilot is received."""
+        """Sends a message with the next cycle of the thread, if an autopilot is received. Distances and commands that wait
+        for too long are dropped, see `outbox.VALID_NS`."""
         with self._lock:
-            self._session.post(message)
+            self._session.post(message, time.monotonic_ns())
         self._wake_event.set()
 
     def catch_up(self) -> None:

@@ -1,5 +1,5 @@
 """Messages that wait to be sent. Of obstacle distances only the newest ones wait: after a gap of the link older ones
-are wrong."""
+are wrong. A message may have an end of its validity."""
 
 from __future__ import annotations
 
@@ -11,36 +11,46 @@ DISTANCE_SENSOR_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 330, 11
 _SCANS = frozenset({OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID})
 OBSTACLE_IDS = _SCANS | {DISTANCE_SENSOR_ID}
 _MOST = 256
+COMMAND_LONG_ID = 76
+NS = 1_000_000_000
+VALID_NS = dict.fromkeys(OBSTACLE_IDS, NS * 15 // 100) | {COMMAND_LONG_ID: NS // 2}
+"""Longest time for which such a message may wait. Distances describe the present, and new ones follow at 10 Hz or more; a command
+was decided by the flight mode of its time, and is repeated by its sender."""
 
 
 class Outbox:
     """Queue of messages: `post`, then `take`. If it is full, the oldest messages are dropped."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Any] = deque(maxlen=_MOST)
+        self._waiting: deque[tuple[Any, int | None]] = deque(maxlen=_MOST)  # with the instant up to which it is valid
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def post(self, message: Any) -> None:
-        """Adds a message. Waiting obstacle messages that it replaces are removed."""
-        if message.get_msgId() in OBSTACLE_IDS and not (self._waiting and _one_scan(self._waiting[-1], message)):
-            kept = [m for m in self._waiting if not _replaced(m, message)]
+    def post(self, message: Any, posted_ns: int | None = None) -> None:
+        """Adds a message. Waiting obstacle messages that it replaces are removed. posted_ns: now; None: it is valid at any
+        time."""
+        kind = message.get_msgId()
+        if kind in OBSTACLE_IDS and not (self._waiting and _one_scan(self._waiting[-1][0], message)):
+            kept = [waiting for waiting in self._waiting if not _replaced(waiting[0], message)]
             self._waiting.clear()
             self._waiting.extend(kept)
-        self._waiting.append(message)
+        valid_ns = VALID_NS.get(kind)
+        until_ns = None if posted_ns is None or valid_ns is None else posted_ns + valid_ns
+        self._waiting.append((message, until_ns))
 
-    def take(self) -> list[Any]:
-        """Returns all waiting messages, in order, and removes them."""
-        messages = list(self._waiting)
+    def take(self, now_ns: int) -> list[Any]:
+        """Returns all waiting messages that are still valid, in order, and removes all."""
+        messages = [m for m, until_ns in self._waiting if until_ns is None or now_ns <= until_ns]
         self._waiting.clear()
         return messages
 
-    def take_only(self, ids: Collection[int]) -> tuple[list[Any], int]:
-        """Returns the waiting messages with these ids, and the number of the others, which are dropped."""
-        messages = self.take()
-        kept = [m for m in messages if m.get_msgId() in ids]
-        return kept, len(messages) - len(kept)
+    def take_only(self, ids: Collection[int], now_ns: int) -> tuple[list[Any], int]:
+        """Returns the waiting messages with these ids that are still valid, and the number of the others, which are
+        dropped."""
+        waiting = len(self._waiting)
+        kept = [m for m in self.take(now_ns) if m.get_msgId() in ids]
+        return kept, waiting - len(kept)
 
 
 def _one_scan(a: Any, b: Any) -> bool:

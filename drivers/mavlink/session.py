@@ -289,12 +289,13 @@ class MavlinkSession:
         """True if the autopilot was armed at its last message and is not received any more. It may still receive."""
         return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)
 
-    def post(self, message: Any) -> None:
-        """Adds a message that the next `due` sends.
+    def post(self, message: Any, now_ns: int | None = None) -> None:
+        """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`). now_ns None:
+        it may wait for any time.
 
         Without a received autopilot it is dropped and counted, except for obstacles to one that fell silent in
         flight."""
-        self._outbox.post(message)
+        self._outbox.post(message, now_ns)
 
     @property
     def has_posted(self) -> bool:
@@ -307,7 +308,7 @@ class MavlinkSession:
         if not self.connected(now_ns):
             rejected = self._signing.rejects_autopilot(now_ns)
             ids = {STATUSTEXT_ID} if rejected else OBSTACLE_IDS if self.fell_silent(now_ns) else set()
-            kept, dropped = self._outbox.take_only(ids)
+            kept, dropped = self._outbox.take_only(ids, now_ns)
             self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += dropped
             if (sends_first or rejected) and now_ns >= self._next_heartbeat_ns:
                 messages.append(self._own_heartbeat(now_ns))
@@ -316,7 +317,7 @@ class MavlinkSession:
         if now_ns >= self._next_heartbeat_ns:
             messages.append(self._own_heartbeat(now_ns))
         messages.extend(self.rates.due(now_ns, self.vehicle.system_id))
-        messages.extend(self._outbox.take())
+        messages.extend(self._outbox.take(now_ns))
         messages.extend(self._timesync.due(now_ns))
         return [self._pack(m) for m in messages]
 

@@ -8,11 +8,13 @@ import threading
 import time
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from companion.autopilot import sender as sender_module
 from companion.autopilot.confirmation import PlaneConfirmation
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
@@ -185,6 +187,26 @@ def test_the_last_message_before_a_stop_is_blind() -> None:
     sender.close()
     assert set(posted[-1].distances) == {UNKNOWN}
     assert not sender.running
+
+
+def test_what_was_decided_before_a_pause_of_the_process_is_decided_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stopped process, or a computer without processor time, continues after the decision with distances of before."""
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    decide, pauses, now_ns = chain.builder.decide, [600 * MS], [chain.now_ns]
+    monkeypatch.setattr(sender_module, "time", SimpleNamespace(monotonic_ns=lambda: now_ns[0]))
+
+    def slow(autopilot: AutopilotNow, t_ns: int) -> ObstacleReport:
+        report = decide(autopilot, t_ns)
+        now_ns[0] += pauses.pop() if pauses else 10 * MS
+        return report
+
+    monkeypatch.setattr(chain.builder, "decide", slow)
+    posted: list[Any] = []
+    sender = ObstacleSender(chain.builder, AVOID, lambda: PX4, posted.append)
+    sender._send(now_ns[0])
+    assert [set(message.distances) for message in posted] == [{UNKNOWN}]
+    assert posted[0].time_usec == now_ns[0] // 1000 - 10_000
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -24,7 +24,7 @@ import serial
 
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.mavlink import tcp_line, udp_line
+from drivers.mavlink import commands, tcp_line, udp_line
 from drivers.mavlink.address import Address, parse_address
 from drivers.mavlink.anomalies import LinkAnomaly
 from drivers.mavlink.clock_sync import ClockSource
@@ -121,6 +121,30 @@ def test_distances_do_not_wait_in_the_buffer_of_a_slow_line(monkeypatch: pytest.
         assert until(lambda: "takes no messages: 4000 bytes" in link.state.warning, 5.0)
         waiting[0] = 0
         assert until(lambda: "takes no messages" not in link.state.warning, 5.0)
+
+
+def test_a_command_does_not_wait_until_a_line_takes_messages_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was decided by a flight mode of that time: sent later, it would take control from the pilot."""
+    waiting = [0]
+    monkeypatch.setattr(serial.Serial, "out_waiting", property(lambda port: waiting[0]))
+    end = PtyEnd()
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT))
+    with AutopilotLink(autopilot, end) as line, linked(parse_address(f"serial:{end.device}:57600")) as (link, _):
+        assert until(lambda: link.status().vehicle is not None)
+        waiting[0] = 4000
+        time.sleep(0.2)  # what is being sent
+        link.post(commands.set_copter_mode(1, commands.COPTER_BRAKE))
+        link.post(dialect.MAVLink_obstacle_distance_message(0, 0, [1201] * 72, 5, 20, 1200))
+        time.sleep(1.0)
+        waiting[0] = 0
+        link.post(dialect.MAVLink_statustext_message(6, b"the line is free"))
+        assert until(lambda: bool(line.change(lambda a: a.of_kind("STATUSTEXT"))))
+        assert line.change(lambda a: [m for m in a.of_kind("COMMAND_LONG") if m.command == commands.DO_SET_MODE]) == []
+        assert line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE")) == []
+        link.post(commands.set_copter_mode(1, commands.COPTER_BRAKE))
+        assert until(
+            lambda: line.change(lambda a: any(m.command == commands.DO_SET_MODE for m in a.of_kind("COMMAND_LONG")))
+        )
 
 
 def test_noise_doubles_and_late_messages_on_the_line() -> None:
