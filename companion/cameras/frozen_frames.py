@@ -1,8 +1,11 @@
-"""Detects a camera that repeats its image while the stamps advance, or whose stamps do not advance."""
+"""Detects a camera that repeats its images while the stamps advance, or whose stamps do not advance."""
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
+from fastcrc.crc32 import iso_hdlc
 from numpy.typing import NDArray
 
 from core.types import FAR_MM, DepthFrame, is_measured
@@ -10,37 +13,45 @@ from core.types import FAR_MM, DepthFrame, is_measured
 NS = 1_000_000_000
 FROZEN_HZ = 14.0
 """Frame rate at which the default of `frozen_frames` repetitions takes less than 0.3 s, the limit for stale frames."""
+KEPT = 64
+"""Number of the newest images with which a new one is compared: more than the buffers of a camera's driver."""
 
 
 class FrozenFrameDetector:
     """Examines the frames of one camera, over the restarts of its process: a device that hangs keeps its image.
 
-    An image counts as repeated after `frames` repetitions, or after two in the time of as many at FROZEN_HZ: at a low
-    frame rate it would otherwise be older than the limit for stale frames. The noise changes every image of a live camera
-    that measures enough. Images of which a share of at most `least_share` is measured do not count: a covered lens,
-    darkness or a cloudless sky repeats them. Their frames are invalid with [extractor] min_measured_share of that size."""
+    An image is repeated if it is equal to one of the last KEPT, by its CRC-32: a driver may deliver one buffer again, or all
+    of them in turn. The camera is frozen after `frames` repetitions in a row, or after two in the time of as many at
+    FROZEN_HZ: at a low frame rate the image would otherwise be older than the limit for stale frames. The noise changes
+    every image of a live camera that measures enough. Images of which a share of at most `least_share` is measured do not
+    count: a covered lens, darkness or a cloudless sky repeats them. Their frames are invalid with [extractor]
+    min_measured_share of that size."""
 
     def __init__(self, frames: int, least_share: float = 0.0) -> None:
         self._frames = frames
         self._least_share = least_share
-        self._last: DepthFrame | None = None
+        self._images: deque[int] = deque(maxlen=KEPT)  # checksums, the newest last
+        self._last_ns: int | None = None  # exposure of the newest frame
         self._same_images = self._unchanged_stamps = 0
         self._longest_ns = round(frames / FROZEN_HZ * NS)
         self._first_ns = 0  # exposure of the first of the same images
 
     def check(self, frame: DepthFrame) -> str:
         """Returns why the camera is frozen, as text; empty if it is not."""
-        last, self._last = self._last, frame
-        same_image = (
-            last is not None and np.array_equal(frame.depth_mm, last.depth_mm) and self._measures(frame.depth_mm)
-        )
-        same_stamp = last is not None and frame.t_exposure_ns <= last.t_exposure_ns
+        image, last_ns = int(iso_hdlc(frame.depth_mm.tobytes())), self._last_ns
+        same_image = image in self._images and self._measures(frame.depth_mm)
+        same_stamp = last_ns is not None and frame.t_exposure_ns <= last_ns
+        in_a_row = same_image and image == self._images[-1]
+        self._images.append(image)
+        self._last_ns = frame.t_exposure_ns
         self._same_images = self._same_images + 1 if same_image else 0
         self._unchanged_stamps = self._unchanged_stamps + 1 if same_stamp else 0
         if not self._same_images:
             self._first_ns = frame.t_exposure_ns
         too_long = self._same_images >= 2 and frame.t_exposure_ns - self._first_ns > self._longest_ns
         if self._same_images >= self._frames or too_long:
+            if not in_a_row:
+                return f"its images are those of before, {self._same_images} in a row"
             return f"the same image {self._same_images + 1} times in a row"
         if self._unchanged_stamps >= self._frames:
             return f"its stamps have not moved for {self._unchanged_stamps} frames"
@@ -48,7 +59,7 @@ class FrozenFrameDetector:
 
     @property
     def repeats(self) -> bool:
-        """Whether the last image is that of the frame before. Its stamp is not that of its exposure: it must not be used with the
+        """Whether the last image is that of an earlier frame. Its stamp is not that of its exposure: it must not be used with the
         attitude of that time, whether the camera counts as frozen or not yet."""
         return self._same_images > 0
 

@@ -1,6 +1,6 @@
 """Supervises one camera process: starts it, detects its faults and restarts it.
 
-Detected: the process ended; it sends no notifications; no frame arrives; the image repeats although its stamps advance;
+Detected: the process ended; it sends no notifications; no frame arrives; images repeat although their stamps advance;
 the stamps do not advance. The service and the other cameras are not affected."""
 
 from __future__ import annotations

@@ -11,7 +11,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from core.types import CameraInfo, DepthFrame
+import numpy as np
+
+from core.types import CameraInfo, DepthFrame, is_measured
 
 from ..base import DeviceLost, DeviceNotFound
 from .flight import Rates, SimulatedFlight
@@ -148,7 +150,7 @@ class SimulatedDepthSource:
             sequence=newest % _SEQUENCES,
             t_exposure_ns=self._exposure_ns(newest),
             t_arrival_ns=self._clock_ns(),
-            depth_mm=depth_mm,
+            depth_mm=_of_leg(depth_mm, newest // self._steps),
         )
 
     def _await_next(self, frames: FrameStore, until_ns: int) -> None:
@@ -205,3 +207,13 @@ class SimulatedDepthSource:
 
     def _words(self) -> str:
         return f"unplugged, since {self._simulation.cable} does not exist; make the file to plug it in"
+
+
+def _of_leg(depth_mm: DepthMm, leg: int) -> DepthMm:
+    """The image with one measured pixel changed by 1 mm, another one for each leg: no two images of a live camera are equal, and
+    the images of a leg are delivered again in the next ones."""
+    out = depth_mm.copy()
+    measured = np.flatnonzero(is_measured(out))
+    if len(measured):
+        out.ravel()[measured[leg % len(measured)]] ^= 1
+    return out

@@ -177,14 +177,27 @@ def test_frames_come_once_newest_first_and_on_one_grid() -> None:
         assert newest.sequence == stamps[-1] // (NS // 10) + 3
 
 
-def test_a_lap_has_no_gap_and_shows_no_image_twice_in_a_row() -> None:
+def test_a_lap_has_no_gap_and_the_next_one_shows_the_same() -> None:
     clock = Clock()
     with camera(clock) as source:
         frames = [source.read(1.0) for _ in range(45)]
-    images = [f.depth_mm.tobytes() for f in frames if f is not None]
+    images = [f.depth_mm for f in frames if f is not None]
     assert len(images) == 45
-    assert all(a != b for a, b in pairwise(images))
-    assert images[:20] == images[20:40]
+    for before, after in zip(images[:20], images[20:40], strict=True):
+        assert np.count_nonzero(before != after) <= 2  # the pixels that tell the legs apart
+
+
+def test_no_image_is_delivered_twice() -> None:
+    """Of a live camera, two equal images are a fault. Each leg delivers the rendered images of the one before."""
+    clock = Clock()
+    source = camera(clock, short(seconds=0.5))
+    source.open()
+    images = []
+    while len(images) < 40:  # eight legs
+        frame = source.read(1.0)
+        assert frame is not None
+        images.append(frame.depth_mm.tobytes())
+    assert len(set(images)) == len(images)
 
 
 def test_a_camera_that_is_opened_again_goes_on_in_the_same_flight() -> None:
