@@ -39,14 +39,12 @@ class StripTables(NamedTuple):
         strips: (N,) STRIP.
         first_of_column: (cols + 1,) int32. The strips of column u are first_of_column[u]..first_of_column[u + 1] - 1.
         keep: (N,) uint8.
-        lowest: (N,) int32.
         clusters: scratch of `join_near`.
         gaps: scratch of `fill_columns`."""
 
     strips: NDArray[Any]
     first_of_column: NDArray[np.int32]
     keep: NDArray[np.uint8]
-    lowest: NDArray[np.int32]
     clusters: ClusterBuffers
     gaps: GapBuffers
 
@@ -58,7 +56,6 @@ def strip_tables(cols: int, per_column: int) -> StripTables:
         np.zeros(strips, STRIP),
         np.zeros(cols + 1, np.int32),
         np.zeros(strips, np.uint8),
-        np.zeros(strips, np.int32),
         cluster_buffers(strips),
         gap_buffers(strips),
     )
@@ -88,7 +85,7 @@ def finish_strips(found, codes, view, source, ground, noise_test, settings, tabl
     correct_truncation(strips, found, view, image, p.depth_noise_coeff)
     index_columns(strips, found, cols, first_of_column)
     sort_columns(strips, cols, first_of_column)
-    n = drop_unsupported(strips, found, cols, p, first_of_column, tables.lowest, tables.keep)
+    n = drop_unsupported(strips, found, cols, p, first_of_column, tables.keep)
     place_strips(strips, n, view)
     mark_cuts(strips, n, view.H, image.width_px, image.height_px, p.cut_rows)
     clusters = join_near(strips, n, p.passable_width_m, p.passable_height_m, tables.clusters)

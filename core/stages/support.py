@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inner, inner_inline, kernel
+from ..jit import inner, kernel
 from .strips import CUT_BOTTOM, CUT_TOP, MERGED, PX, STRIP
 from .view_geometry import outside_source
 
-_BAND = 16
-"""Rows of a column in which strips are searched one by one."""
 
-
-@kernel
-def drop_unsupported(strips, n, cols, settings, first_of_column, lowest, keep):
+@inner
+def drop_unsupported(strips, n, cols, settings, first_of_column, keep):
     """Removes strips with too few pixels; returns the number of the others, which are moved to the front in order.
 
     A strip needs min_support_px source pixels, a near one as many as min_support_m contains. A smaller one is kept if
@@ -32,58 +29,22 @@ def drop_unsupported(strips, n, cols, settings, first_of_column, lowest, keep):
         cols: number of columns.
         settings: a record of STRIP_SETTINGS.
         first_of_column: (cols + 1,) int32 of `index_columns`, in and out.
-        lowest: (N,) int32 scratch.
         keep: (N,) uint8 scratch."""
-    lowest_rows(strips, cols, first_of_column, lowest)
-    deepest = 0
-    for i in range(n):
-        deepest = max(deepest, lowest[i])
-    first_below = np.empty((cols, deepest // _BAND + 1), np.int32)
-    index_rows(cols, first_of_column, lowest, first_below)
     least, per_px = PX * settings.min_support_px, settings.support_per_px
     for i in range(n):
         need = max(least, int(per_px * strips[i].disparity_px))
-        keep[i] = 1
-        if strips[i].support < need:
-            keep[i] = _is_supported(strips, i, cols, need, settings, first_of_column, lowest, first_below)
+        keep[i] = strips[i].support >= need or is_supported(strips, i, cols, first_of_column, need, settings)
     n = compact(strips, n, keep)
     index_columns(strips, n, cols, first_of_column)
     return n
 
 
 @inner
-def lowest_rows(strips, cols, first_of_column, lowest):
-    """Computes lowest[i], the greatest bottom_row of the strips up to i in its column.
-
-    By it a search skips the strips that end above a row."""
-    for u in range(cols):
-        least = np.int32(-1)
-        for i in range(first_of_column[u], first_of_column[u + 1]):
-            least = max(least, strips[i].bottom_row)
-            lowest[i] = least
-
-
-@inner
-def index_rows(cols, first_of_column, lowest, first_below):
-    """Computes first_below[u, b], (cols, B) int32: the first strip of column u that may reach row b * _BAND or lower.
-
-    It is the end of the column if there is none. lowest: of `lowest_rows`."""
-    for u in range(cols):
-        at, last = first_of_column[u], first_of_column[u + 1]
-        for b in range(first_below.shape[1]):
-            for _ in range(last - at):
-                if lowest[at] >= b * _BAND:
-                    break
-                at += 1
-            first_below[u, b] = at
-
-
-@inner_inline
-def _is_supported(strips, i, cols, least, settings, first_of_column, lowest, first_below):
-    """Returns 1 if strip i is supported by small neighbours and is not noise of a large strip, else 0.
+def is_supported(strips, i, cols, first_of_column, least, settings):
+    """True if small neighbours bring strip i to the support `least`, and it is not noise of a large strip.
 
     A large strip counts if it touches the rows of strip i in its own column or the next ones, so these are searched
-    first. first_below: of `index_rows`."""
+    first."""
     total = strips[i].support
     u, top, bottom, d = strips[i].column, strips[i].top_row, strips[i].bottom_row, strips[i].disparity_px
     reach, rows = settings.support_columns, settings.support_rows
@@ -93,32 +54,26 @@ def _is_supported(strips, i, cols, least, settings, first_of_column, lowest, fir
         off = (k + 1) // 2  # 0, 1, -1, 2, -2, ..
         w = u + off if k % 2 == 1 else u - off
         if off > 1 and total >= least:
-            return 1
+            return True
         if w < 0 or w >= cols:
             continue
-        row = top - rows - off
-        first, last = first_below[w, max(row, 0) // _BAND], first_of_column[w + 1]
-        for _ in range(last - first):
-            if lowest[first] >= row:
-                break
-            first += 1
-        for j in range(first, last):
+        for j in range(first_of_column[w], first_of_column[w + 1]):
             if strips[j].top_row > bottom + rows + off:
                 break
-            apart = abs(strips[j].disparity_px - d)
-            if top - strips[j].bottom_row > rows + off:
+            if strips[j].bottom_row < top - rows - off:
                 continue
             if strips[j].kind == MERGED:  # it may contain the strips that supported this one
-                return 1
+                return True
+            apart = abs(strips[j].disparity_px - d)
             if j == i or apart > near:
                 continue
             inside = top >= strips[j].top_row - 1 and bottom <= strips[j].bottom_row + 1
             if inside and strips[j].support >= large:
                 if off <= 1 and apart <= tail:
-                    return 0
+                    return False
             else:
                 total += strips[j].support
-    return 1 if total >= least else 0
+    return total >= least
 
 
 @inner

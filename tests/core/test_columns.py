@@ -106,7 +106,7 @@ def test_no_strip_loses_its_support_to_a_merged_one() -> None:
         n, columns = len(strips), np.zeros(COLS + 1, np.int32)
         support.index_columns(strips, n, COLS, columns)
         settings = strip_settings(view(ROWS, COLS), 0.0015, 0.0015 * F, p)[0]
-        n = support.drop_unsupported(strips, n, COLS, settings, columns, np.zeros(n, np.int32), np.zeros(n, np.uint8))
+        n = support.drop_unsupported(strips, n, COLS, settings, columns, np.zeros(n, np.uint8))
         kept[room] = strips[:n]
     wide, narrow = kept[128], kept[8]
     assert len(wide) > 100

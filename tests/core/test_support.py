@@ -74,9 +74,7 @@ def test_small_strips_stay_only_with_company(seed: int, n: int, least: int, reac
     need = [max(least * s.PX, int(s.PX * p.min_support_m * row[4])) for row in rows]
     want = [i for i in range(n) if naive.carried(rows, i, 0.3, need[i], p)]
     before = t.strips.copy()
-    kept = support.drop_unsupported(
-        t.strips, n, t.cols, settings(t, 0.3, p), t.columns, np.zeros(n, np.int32), np.zeros(n, np.uint8)
-    )
+    kept = support.drop_unsupported(t.strips, n, t.cols, settings(t, 0.3, p), t.columns, np.zeros(n, np.uint8))
     assert kept == len(want)
     np.testing.assert_array_equal(t.strips[:kept], before[want])
     np.testing.assert_array_equal(t.columns, np.searchsorted(t.strips["column"][:kept], np.arange(t.cols + 1)))
@@ -84,9 +82,7 @@ def test_small_strips_stay_only_with_company(seed: int, n: int, least: int, reac
 
 def keep(t: Strips, least: int = 7) -> list[int]:
     p = Params(min_support_px=least, min_support_m=0.0)
-    n = support.drop_unsupported(
-        t.strips, t.n, t.cols, settings(t, 0.2, p), t.columns, np.zeros(t.n, np.int32), np.zeros(t.n, np.uint8)
-    )
+    n = support.drop_unsupported(t.strips, t.n, t.cols, settings(t, 0.2, p), t.columns, np.zeros(t.n, np.uint8))
     return t.strips["column"][:n].tolist()
 
 
