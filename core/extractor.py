@@ -13,7 +13,7 @@ from .buffers import Buffers
 from .frames import Rotation
 from .open_sky_params import OpenSkyParams
 from .params import Params
-from .stages.classify import classify, clear_range_m, depth_to_mm, measured_mm
+from .stages.classify import classify, clear_range_m, depth_to_mm, pixel_limits
 from .stages.depth_bias import DepthBias
 from .stages.free_profile import free_profile
 from .stages.free_space import FreeObservation, observe_free
@@ -87,11 +87,13 @@ class Extractor:
         if view.is_empty:
             return blind_model(info, InvalidCause.TOO_STEEP, p), state
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
-        marks, counts = self._classify(depth_mm, info, ke)
-        if is_no_measurement(depth_mm, info, ke, counts, p):
+        limits = pixel_limits(info, ke, p)
+        marks = self._buffers("marks", depth_mm.shape, np.uint16)
+        counts = classify(depth_mm, limits, marks)
+        if is_no_measurement(depth_mm, limits, counts, p):
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, pixel_stats(counts, depth_mm.size)), state
         source = source_of(info, R, clear_range_m(info, ke, p))
-        ke, next_state = estimate_noise(state, depth_mm, marks, info, ke, p)
+        ke, next_state = estimate_noise(state, depth_mm, marks, info, limits, p)
         points = self._buffers("points", (p.ground_max_samples,), POINT)
         ground = find_ground(marks, info, R, ke, state.ground_height_m, p, self._ground_settings, points)
         smear = remove_smeared_edges(next_state, depth_mm, marks, info, R, ground, ke, p, self._buffers)
@@ -120,14 +122,6 @@ class Extractor:
         profile = self._profile(free, opened, published, planes, bias)
         stats, table = strips.counted(stats), strip_table(strips.table, strips.count) if keep_strips else None
         return self._model(published, profile, ground, stats, ke, table), next_state
-
-    def _classify(
-        self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
-    ) -> tuple[NDArray[np.uint16], tuple[int, int, int]]:
-        """Returns the marks of the pixels (see `classify`) and the counts (measured, far, flying)."""
-        p, marks = self.params, self._buffers("marks", depth_mm.shape, np.uint16)
-        counts = classify(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke, marks)
-        return marks, counts
 
     def _observe_open(
         self, depth_mm: NDArray[np.uint16], levelled: LevelledView, source: NDArray[Any], ground: Ground, ke: float

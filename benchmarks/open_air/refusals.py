@@ -26,7 +26,7 @@ from core.buffers import Buffers
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.stages.classify import classify, clear_range_m, measured_mm
+from core.stages.classify import classify, clear_range_m, pixel_limits
 from core.stages.level import LevelledView, level_view
 from core.stages.open_blocks import BLOCK
 from core.stages.open_columns import Refusal
@@ -59,7 +59,7 @@ def evidence(
     Without the removal of smeared edges, which rendered stereo does not need."""
     info, R, ke = frame.info, np.ascontiguousarray(frame.R_level_optical), model.ke_per_m
     marks = np.empty(frame.depth_mm.shape, np.uint16)
-    classify(frame.depth_mm, *measured_mm(info, ke, params), params.flying_relative, params.flying_sigmas * ke, marks)
+    classify(frame.depth_mm, pixel_limits(info, ke, params), marks)
     levelled = level_view(marks, info, R, view_geometry(info, R, params), ke, params, Buffers())
     source = source_of(info, R, clear_range_m(info, ke, params))
     found = observe_open(

@@ -51,7 +51,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     from core.params import Params
     from core.self_check.depth_registration import inverse_depth_grid, rotation_between
     from core.self_check.surfaces import find_surfaces
-    from core.stages.classify import depth_to_mm, measured_mm
+    from core.stages.classify import depth_to_mm, pixel_limits
     from core.stages.noise_check import flying_off_ramps, noisy_share
     from core.stages.pooling import pool_columns
     from core.stages.ramps import ramp_limits
@@ -60,14 +60,15 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
 
     find_surfaces(depth, info, LEVEL, info.ke_per_m)
     p, ke = Params(), info.ke_per_m
+    limits = pixel_limits(info, ke, p)
     samples = np.full((SAMPLE_ROWS, SAMPLE_COLS), 3000, np.uint16)
-    still_sigma(samples, samples, (1, 60000), p)
+    still_sigma(samples, samples, limits, p)
     depth_to_mm((depth / 1000.0).astype(np.float32), np.empty(depth.shape, np.uint16))
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
-    noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
-    flying_off_ramps(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke)
-    limits = ramp_limits(info, ke)
-    drop_smeared_edges(depth_mm, depth.copy(), info, np.eye(3), Ground(seen=False), limits, p, Buffers())
+    noisy_share(depth_mm, limits, p)
+    flying_off_ramps(depth_mm, limits)
+    ramps = ramp_limits(info, ke)
+    drop_smeared_edges(depth_mm, depth.copy(), info, np.eye(3), Ground(seen=False), ramps, p, Buffers())
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
     grid = inverse_depth_grid(depth_mm, info)
     rotation_between(grid, grid, np.eye(3))

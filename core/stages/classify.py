@@ -16,20 +16,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, inner_ieee, kernel
+from ..jit import inner, inner_ieee, inner_inline, kernel
 from ..params import Params
 from ..types import FAR_MM, SATURATED_MM, CameraInfo
 
 
-class Limits(NamedTuple):
-    """Limits of `classify`.
+class PixelLimits(NamedTuple):
+    """Limits of `classify`, see `pixel_limits`.
 
     Attributes:
-        least, greatest: uint16, least and greatest depth in mm that counts as measured.
-        relative, absolute: float32, the step of 1/Z that makes a pixel a flying one: absolute + relative / Z."""
+        least_mm: uint16, least depth that counts as measured. Closer pixels are unknown, as are the marks up to
+            GREATEST_MARK_MM.
+        greatest_mm: uint16, greatest depth that counts as measured. Pixels farther away are far.
+        relative: float32. Two pixels lie apart if their 1/Z differ by more than a step of absolute + relative / Z.
+        absolute: float32, 1/m, see `relative`."""
 
-    least: Any
-    greatest: Any
+    least_mm: Any
+    greatest_mm: Any
     relative: Any
     absolute: Any
 
@@ -93,16 +96,25 @@ def clear_range_m(info: CameraInfo, ke_per_m: float, params: Params) -> float:
     return info.max_range_m / (1.0 + params.clear_sigmas * ke_per_m * info.max_range_m)
 
 
-def measured_mm(info: CameraInfo, ke_per_m: float, params: Params) -> tuple[int, int]:
-    """Returns the least and the greatest depth in millimetres that count as measured.
-
-    Closer pixels are unknown, as are the marks up to GREATEST_MARK_MM. Pixels farther away are far."""
-    return info.least_mm, math.floor(1000.0 * clear_range_m(info, ke_per_m, params))
+def pixel_limits(info: CameraInfo, ke_per_m: float, params: Params) -> PixelLimits:
+    """Returns the limits of pixels for a camera and the noise coefficient in use."""
+    return PixelLimits(
+        least_mm=np.uint16(info.least_mm),
+        greatest_mm=np.uint16(math.floor(1000.0 * clear_range_m(info, ke_per_m, params))),
+        relative=np.float32(params.flying_relative),
+        absolute=np.float32(params.flying_sigmas * ke_per_m),
+    )
 
 
 @inner_ieee
 def inverse_of_row(mm, least, greatest, out):
-    """Computes 1/Z in 1/m of one row of millimetres: 0 where the pixel is unknown, -1 where it is far. out: float32."""
+    """Computes 1/Z of one row of the depth image.
+
+    Args:
+        mm: (W,) uint16.
+        least: uint16. Pixels with a smaller value are unknown.
+        greatest: uint16. Pixels with a greater value are far.
+        out: (W,) float32 out, 1/m: 0 where the pixel is unknown, -1 where it is far."""
     for u in range(len(mm)):
         z = mm[u]
         d = np.float32(1000.0) / np.float32(z)
@@ -114,12 +126,12 @@ def inverse_of_row(mm, least, greatest, out):
 
 
 @kernel
-def inverse_image(depth_mm, least, greatest):
+def inverse_image(depth_mm, limits):
     """Returns 1/Z of an image as `inverse_of_row`, (H + 2, W + 2) float32. The border is unknown."""
     rows, cols = depth_mm.shape
     out = np.zeros((rows + 2, cols + 2), np.float32)
     for v in range(rows):
-        inverse_of_row(depth_mm[v], np.uint16(least), np.uint16(greatest), out[v + 1, 1 : cols + 1])
+        inverse_of_row(depth_mm[v], limits.least_mm, limits.greatest_mm, out[v + 1, 1 : cols + 1])
     return out
 
 
@@ -129,9 +141,16 @@ def inverse_at(depth_mm, v, u, limits):
     if v < 0 or v >= depth_mm.shape[0] or u < 0 or u >= depth_mm.shape[1]:
         return np.float32(0.0)
     z = depth_mm[v, u]
-    if z < limits.least or z == _SATURATED:
+    if z < limits.least_mm or z == _SATURATED:
         return np.float32(0.0)
-    return np.float32(-1.0) if z > limits.greatest else np.float32(1000.0) / np.float32(z)
+    return np.float32(-1.0) if z > limits.greatest_mm else np.float32(1000.0) / np.float32(z)
+
+
+@inner_inline
+def is_between(d, a, b, step):
+    """True if both neighbours a and b are measured and 1/Z of a pixel lies between theirs, a step away from both."""
+    low, high = min(a, b), max(a, b)
+    return (low > np.float32(0.0)) & (d - low > step) & (high - d > step)
 
 
 @inner_ieee
@@ -142,7 +161,7 @@ def flies_off_line(depth_mm, v, u, dv, du, limits):
     d = inverse_at(depth_mm, v, u, limits)
     a, b = inverse_at(depth_mm, v - dv, u - du, limits), inverse_at(depth_mm, v + dv, u + du, limits)
     step = limits.absolute + limits.relative * d
-    if not (min(a, b) > zero and d - min(a, b) > step and max(a, b) - d > step):
+    if not is_between(d, a, b, step):
         return False
     c = inverse_at(depth_mm, v - 2 * dv, u - 2 * du, limits)
     if c > zero and abs(c - a - a + d) <= step:
@@ -163,26 +182,22 @@ def keep_slanted(depth_mm, v, flies, limits, marks):
     Args:
         depth_mm: (H, W) uint16.
         v: row.
-        flies: (W rounded up to 8,) uint8, 1: flying; zero beyond W.
-        limits: Limits.
+        flies: (W,) bool, True: flying.
+        limits: PixelLimits.
         marks: (W,) uint16 of the row, in and out."""
-    kept = np.int32(0)
-    words = flies.view(np.uint64)
-    for w in range(words.shape[0]):
-        if words[w] == 0:
+    kept = 0
+    for u in range(len(flies)):
+        if not flies[u]:
             continue
-        for u in range(8 * w, 8 * w + 8):
-            if flies[u] == 0:
-                continue
-            if flies_off_line(depth_mm, v, u, 0, 1, limits) or flies_off_line(depth_mm, v, u, 1, 0, limits):
-                continue
-            marks[u] = depth_mm[v, u]
-            kept += np.int32(1)
+        if flies_off_line(depth_mm, v, u, 0, 1, limits) or flies_off_line(depth_mm, v, u, 1, 0, limits):
+            continue
+        marks[u] = depth_mm[v, u]
+        kept += 1
     return kept
 
 
 @kernel
-def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
+def classify(depth_mm, limits, out):
     """Marks every pixel and returns the number of measured, far and flying pixels.
 
     A flying pixel lies strictly between its left and right neighbours, or between its upper and lower neighbours, and
@@ -193,19 +208,14 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
 
     Args:
         depth_mm: (H, W) uint16.
-        least_mm: least depth that counts as measured.
-        greatest_mm: greatest depth that counts as measured.
-        relative: the part of the step that is proportional to the pixel's own 1/Z.
-        absolute: the constant part of the step, 1/m.
+        limits: PixelLimits.
         out: (H, W) uint16, the marks."""
     rows, cols = depth_mm.shape
-    least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
-    relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
+    least, greatest, zero = limits.least_mm, limits.greatest_mm, np.float32(0.0)
     inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border
     inverse_of_row(depth_mm[0], least, greatest, inverse[0, 1 : cols + 1])
-    flies = np.zeros((cols + 7) // 8 * 8, np.uint8)
-    limits = Limits(least, greatest, relative, absolute)
-    measured, far, flying = np.int64(0), np.int64(0), np.int64(0)
+    flies = np.zeros(cols, np.bool_)
+    measured, far, flying = 0, 0, 0
     for v in range(rows):
         here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
         if v + 1 < rows:
@@ -218,24 +228,19 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
         row_measured, row_far, row_flying = np.int32(0), np.int32(0), np.int32(0)
         for u in range(cols):
             d = middle[u]
-            step = absolute + relative * d
-            low, high = min(left[u], right[u]), max(left[u], right[u])
-            fly = (low > zero) & (d - low > step) & (high - d > step)
-            low, high = min(before[u], after[u]), max(before[u], after[u])
-            fly |= (low > zero) & (d - low > step) & (high - d > step)
+            step = limits.absolute + limits.relative * d
+            fly = is_between(d, left[u], right[u], step) | is_between(d, before[u], after[u], step)
             mark = mm[u]
             if d < zero:
                 mark = _FAR
             if (d == zero) | fly:
                 mark = np.uint16(0)
-            marks[u] = mark
-            flies[u] = np.uint8(fly)
+            marks[u], flies[u] = mark, fly
             row_measured = np.int32(row_measured + np.int32(d > zero))
             row_far = np.int32(row_far + np.int32(d < zero))
             row_flying = np.int32(row_flying + np.int32(fly))
+        measured += int(row_measured)
+        far += int(row_far)
         if row_flying > 0:
-            row_flying -= keep_slanted(depth_mm, v, flies, limits, marks)
-        measured += row_measured
-        far += row_far
-        flying += row_flying
+            flying += row_flying - keep_slanted(depth_mm, v, flies, limits, marks)
     return measured, far, flying

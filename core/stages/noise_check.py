@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..params import Params
-from ..types import CameraInfo
-from .classify import inverse_image, measured_mm
+from .classify import PixelLimits, inverse_image, is_between
 
 _FEWEST_NEIGHBOURS = 3
 """Least number of measured neighbours, of four, for a pixel to be judged."""
@@ -27,15 +26,14 @@ _ALONE_SHARE = 0.25
 
 
 @kernel
-def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alone):
+def count_alone(depth_mm, limits, judged, alone):
     """Counts in each tile the pixels that can be judged and those that have no similar neighbour.
+
+    Two pixels are similar if their 1/Z differ by at most a step, see PixelLimits.
 
     Args:
         depth_mm: (H, W) uint16.
-        least_mm: least depth that counts as measured.
-        greatest_mm: greatest depth that counts as measured.
-        relative: two pixels are similar if their 1/Z differ by at most `absolute` and this share of 1/Z.
-        absolute: 1/m, see `relative`.
+        limits: PixelLimits.
         judged: (N, M) int32 out, measured pixels of each tile with at least _FEWEST_NEIGHBOURS measured neighbours.
             The tiles divide rows and columns evenly.
         alone: (N, M) int32 out, those of them that are similar to no neighbour."""
@@ -43,35 +41,32 @@ def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alo
     down, across = judged.shape
     judged[:] = 0
     alone[:] = 0
-    relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
-    inverse = inverse_image(depth_mm, least_mm, greatest_mm)
-    kind = np.empty(cols, np.int32)  # per pixel: 1 if it is judged, plus 2**16 if it is alone
+    zero = np.float32(0.0)
+    inverse = inverse_image(depth_mm, limits)
+    is_judged, is_alone = np.empty(cols, np.bool_), np.empty(cols, np.bool_)
     for v in range(rows):
         here, before, after = inverse[v + 1], inverse[v, 1 : cols + 1], inverse[v + 2, 1 : cols + 1]
         left, middle, right = here[:cols], here[1 : cols + 1], here[2:]
         for u in range(cols):
-            d = middle[u]
-            step = absolute + relative * d
-            a, b, c, e = left[u], right[u], before[u], after[u]
+            d, a, b, c, e = middle[u], left[u], right[u], before[u], after[u]
+            step = limits.absolute + limits.relative * d
             # no branch, so that the loop is vectorised
             known = np.int32(a > zero) + np.int32(b > zero) + np.int32(c > zero) + np.int32(e > zero)
             alike = (a > zero) & (abs(a - d) <= step)
             alike |= (b > zero) & (abs(b - d) <= step)
             alike |= (c > zero) & (abs(c - d) <= step)
             alike |= (e > zero) & (abs(e - d) <= step)
-            is_judged = (d > zero) & (known >= np.int32(_FEWEST_NEIGHBOURS))
-            kind[u] = np.int32(is_judged) + (np.int32(is_judged & (not alike)) << np.int32(16))
+            is_judged[u] = (d > zero) & (known >= np.int32(_FEWEST_NEIGHBOURS))
+            is_alone[u] = is_judged[u] & (not alike)
         tv = v * down // rows
         for tu in range(across):
-            both = np.int32(0)
-            for u in range(tu * cols // across, (tu + 1) * cols // across):
-                both += kind[u]
-            judged[tv, tu] += both & np.int32(0xFFFF)
-            alone[tv, tu] += both >> np.int32(16)
+            first, end = tu * cols // across, (tu + 1) * cols // across
+            judged[tv, tu] += is_judged[first:end].sum()
+            alone[tv, tu] += is_alone[first:end].sum()
 
 
 @kernel
-def flying_off_ramps(depth_mm, least_mm, greatest_mm, relative, absolute):
+def flying_off_ramps(depth_mm, limits):
     """Returns the number of flying pixels that do not lie on a ramp.
 
     A flying pixel is defined as in `classify`. It lies on a ramp if 1/Z is linear along its row and its column,
@@ -80,48 +75,35 @@ def flying_off_ramps(depth_mm, least_mm, greatest_mm, relative, absolute):
 
     Args:
         depth_mm: (H, W) uint16.
-        least_mm: least depth that counts as measured.
-        greatest_mm: greatest depth that counts as measured.
-        relative: the part of the step that is proportional to the pixel's own 1/Z.
-        absolute: the constant part of the step, 1/m."""
+        limits: PixelLimits."""
     rows, cols = depth_mm.shape
-    relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
-    inverse = inverse_image(depth_mm, least_mm, greatest_mm)
-    count = np.int64(0)
+    zero = np.float32(0.0)
+    inverse = inverse_image(depth_mm, limits)
+    count = 0
     for v in range(rows):
         here, before, after = inverse[v + 1], inverse[v, 1 : cols + 1], inverse[v + 2, 1 : cols + 1]
         left, middle, right = here[:cols], here[1 : cols + 1], here[2:]
         for u in range(cols):
             d, a, b, c, e = middle[u], left[u], right[u], before[u], after[u]
-            step = absolute + relative * d
-            row_known, column_known = min(a, b) > zero, min(c, e) > zero
-            fly = row_known & (d - min(a, b) > step) & (max(a, b) - d > step)
-            fly |= column_known & (d - min(c, e) > step) & (max(c, e) - d > step)
-            bent = row_known & (abs(a + b - d - d) > step)
-            bent |= column_known & (abs(c + e - d - d) > step)
-            count += np.int64(fly & bent)
+            step = limits.absolute + limits.relative * d
+            bent = (min(a, b) > zero) & (abs(a + b - d - d) > step)
+            bent |= (min(c, e) > zero) & (abs(c + e - d - d) > step)
+            count += (is_between(d, a, b, step) | is_between(d, c, e, step)) & bent
     return count
 
 
-def noisy_share(depth_mm: NDArray[np.uint16], least_mm: int, greatest_mm: int, ke: float, params: Params) -> float:
-    """Returns the share of the tiles of an image whose pixels are noise.
-
-    Args:
-        depth_mm: (H, W) uint16.
-        least_mm: least depth that counts as measured.
-        greatest_mm: greatest depth that counts as measured.
-        ke: noise coefficient, 1/m.
-        params: parameters."""
+def noisy_share(depth_mm: NDArray[np.uint16], limits: PixelLimits, params: Params) -> float:
+    """Returns the share of the tiles of an image (H, W) whose pixels are noise."""
     p = params
     shape = (min(p.noisy_tiles, depth_mm.shape[0]), min(p.noisy_tiles, depth_mm.shape[1]))
     judged, alone = np.empty(shape, np.int32), np.empty(shape, np.int32)
-    count_alone(depth_mm, least_mm, greatest_mm, p.flying_relative, p.flying_sigmas * ke, judged, alone)
+    count_alone(depth_mm, limits, judged, alone)
     enough = judged >= max(1.0, _JUDGED_SHARE * depth_mm.size / judged.size)
     return float(np.count_nonzero(enough & (alone > _ALONE_SHARE * judged)) / judged.size)
 
 
 def is_no_measurement(
-    depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float, counts: tuple[int, int, int], params: Params
+    depth_mm: NDArray[np.uint16], limits: PixelLimits, counts: tuple[int, int, int], params: Params
 ) -> bool:
     """True if too few pixels are measured or far, or so many are flying that the others cannot be used either.
 
@@ -131,8 +113,7 @@ def is_no_measurement(
 
     Args:
         depth_mm: (H, W) uint16.
-        info: description of the camera.
-        ke_per_m: noise coefficient.
+        limits: limits of `classify`.
         counts: numbers of measured, far and flying pixels of `classify`.
         params: parameters."""
     p, (measured, far, flying) = params, counts
@@ -140,9 +121,8 @@ def is_no_measurement(
         return True
     if flying <= min(p.max_flying_share, _LOOK_SHARE) * measured:
         return False
-    limits = measured_mm(info, ke_per_m, p)
     if flying > p.max_flying_share * measured:
-        scattered = flying_off_ramps(depth_mm, *limits, p.flying_relative, p.flying_sigmas * ke_per_m)
+        scattered = flying_off_ramps(depth_mm, limits)
         if scattered > p.max_flying_share * measured:
             return True
-    return noisy_share(depth_mm, *limits, ke_per_m, p) > p.max_noisy_share
+    return noisy_share(depth_mm, limits, p) > p.max_noisy_share

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel
 from ..params import Params
 from ..types import GREATEST_MARK_MM, UNKNOWN_MM, CameraInfo, ExtractorState
-from .classify import measured_mm
+from .classify import PixelLimits
 from .spatial_noise import MEMORY, MIN_TILES, estimate_ke, noise_tiles, quantile_of_tiles
 
 SAMPLE_ROWS, SAMPLE_COLS = 24, 32
@@ -116,9 +116,7 @@ def still_tiles(tiles, errors, quantile):
     return (tiles[:, 0] <= errors).sum(), quantile_of_tiles(tiles[:, 1], quantile, 1)
 
 
-def still_sigma(
-    before: NDArray[np.uint16], now: NDArray[np.uint16], measured_mm: tuple[int, int], params: Params
-) -> float:
+def still_sigma(before: NDArray[np.uint16], now: NDArray[np.uint16], limits: PixelLimits, params: Params) -> float:
     """Returns the noise of 1/Z in 1/m from two sets of samples; nan if the camera moved or too few tiles are
     measured.
 
@@ -127,12 +125,12 @@ def still_sigma(
     Args:
         before: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame.
         now: the same of this frame.
-        measured_mm: least and greatest depth that count as measured.
+        limits: limits of `classify`.
         params: parameters."""
     p = params
-    least, greatest = max(measured_mm[0], math.ceil(1000.0 * p.noise_min_depth_m)), measured_mm[1]
+    least = max(int(limits.least_mm), math.ceil(1000.0 * p.noise_min_depth_m))
     tiles = np.empty((TILE_ROWS * TILE_COLS, 2))
-    count = tile_differences(before, now, least, greatest, _MIN_SAMPLES, tiles)
+    count = tile_differences(before, now, least, int(limits.greatest_mm), _MIN_SAMPLES, tiles)
     still, sigma = still_tiles(tiles[:count], _STILL_ERRORS, _QUANTILE)
     return sigma if count >= MIN_TILES and still >= _STILL_SHARE * count else math.nan
 
@@ -142,7 +140,7 @@ def observe(
     depth_mm: NDArray[np.uint16],
     marks: NDArray[np.uint16],
     focal_px: float,
-    measured_mm: tuple[int, int],
+    limits: PixelLimits,
     params: Params,
 ) -> ExtractorState:
     """Returns the state after a frame, with `still_ke_per_m` and the samples that a later frame is compared with.
@@ -156,7 +154,7 @@ def observe(
         depth_mm: (H, W) uint16 as delivered.
         marks: (H, W) uint16 of `classify`.
         focal_px: focal length.
-        measured_mm: least and greatest depth that count as measured.
+        limits: limits of `classify`.
         params: parameters."""
     p = params
     if not p.estimate_noise:
@@ -168,7 +166,7 @@ def observe(
     if state.samples_mm:
         shape = SAMPLE_ROWS, SAMPLE_COLS
         before, now = (np.frombuffer(s, "<u2").astype(np.uint16).reshape(shape) for s in (state.samples_mm, samples))
-        sigma = still_sigma(before, now, measured_mm, p)
+        sigma = still_sigma(before, now, limits, p)
         if 0.0 < sigma * focal_px <= _STILL_RATIO * noise_tiles(marks, focal_px, p, _SHORT_STEP_PX)[1]:
             memory = MEMORY if math.isfinite(ke) else 0.0
             ke = sigma if memory == 0.0 else math.exp(memory * math.log(ke) + (1.0 - memory) * math.log(sigma))
@@ -180,7 +178,7 @@ def estimate_noise(
     depth_mm: NDArray[np.uint16],
     marks: NDArray[np.uint16],
     info: CameraInfo,
-    ke_per_m: float,
+    limits: PixelLimits,
     params: Params,
 ) -> tuple[float, ExtractorState]:
     """Returns the noise coefficient ke of this frame in 1/m and the state after it, by `observe` and `estimate_ke`.
@@ -190,10 +188,10 @@ def estimate_noise(
         depth_mm: (H, W) uint16 as delivered.
         marks: (H, W) uint16 of `classify`.
         info: description of the camera.
-        ke_per_m: noise coefficient in use so far.
+        limits: limits of `classify`, by the noise coefficient in use so far.
         params: parameters."""
     focal_px = info.intrinsics.fx
-    after = observe(state, depth_mm, marks, focal_px, measured_mm(info, ke_per_m, params), params)
+    after = observe(state, depth_mm, marks, focal_px, limits, params)
     # the first measurement over time replaces all estimates before it
     first = math.isfinite(after.still_ke_per_m) and not math.isfinite(state.still_ke_per_m)
     last = math.nan if first else state.ke_per_m

@@ -15,7 +15,7 @@ from core.stages.classify import (
     classify,
     clear_range_m,
     depth_to_mm,
-    measured_mm,
+    pixel_limits,
 )
 from core.types import FAR_MM, SATURATED_MM
 
@@ -27,7 +27,8 @@ P = Params()
 
 def run(depth: np.ndarray, ke: float, relative: float, absolute: float) -> tuple[np.ndarray, tuple[int, int, int]]:
     out = np.full(depth.shape, 7, np.uint16)
-    counts = classify(depth, *measured_mm(INFO, ke, P), relative, absolute, out)
+    limits = pixel_limits(INFO, ke, P)._replace(relative=np.float32(relative), absolute=np.float32(absolute))
+    counts = classify(depth, limits, out)
     return out, counts
 
 
@@ -119,7 +120,7 @@ def test_metres_that_measure_nothing_are_unknown(value: float) -> None:
 def test_a_pixel_of_its_own_against_the_definition(mm: int, ke: float, max_m: float) -> None:
     info = replace(INFO, max_range_m=max_m)
     out = np.empty((1, 1), np.uint16)
-    counts = classify(np.full((1, 1), mm, np.uint16), *measured_mm(info, ke, P), 0.1, 0.1, out)
+    counts = classify(np.full((1, 1), mm, np.uint16), pixel_limits(info, ke, P), out)
     kind = naive.pixel_kind(mm, info.min_range_m, max_m, ke)
     assert out[0, 0] == {"measured": mm, "far": FAR_MM, "unknown": 0}[kind]
     assert counts == (kind == "measured", kind == "far", 0)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from core.params import Params
 from core.stages import strips as strip_table
-from core.stages.classify import classify, measured_mm
 from core.stages.ground import NO_GROUND, POINT, GroundSamples, find_ground, ground_settings, height_bins, vote
 from core.stages.ground_threshold import drop_ground_noise, ground_noise_test, ground_threshold
 from core.stages.view_geometry import view_geometry
@@ -20,7 +19,7 @@ from drivers.simulation.source import camera_info
 
 from . import naive
 from .columns import view as level_view
-from .views import VIEW, extract, flat_wall, level, noisy, pixel_grid, to_mm
+from .views import VIEW, extract, flat_wall, level, marks_of, noisy, pixel_grid, to_mm
 
 P = Params()
 
@@ -41,9 +40,7 @@ def find(
     depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan, p: Params = P
 ) -> Ground:
     points = np.zeros(p.ground_max_samples, POINT)
-    marks = np.empty(depth.shape, np.uint16)
-    classify(depth, *measured_mm(info, ke, p), 1e9, 0.0, marks)
-    return find_ground(marks, info, R, ke, seed, p, ground_settings(p), points)
+    return find_ground(marks_of(depth, info, ke), info, R, ke, seed, p, ground_settings(p), points)
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])

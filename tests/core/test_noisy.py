@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from core.extractor import Extractor
 from core.params import Params
-from core.stages.classify import measured_mm
+from core.stages.classify import PixelLimits, pixel_limits
 from core.stages.noise_check import count_alone, flying_off_ramps, is_no_measurement, noisy_share
 from core.types import FAR_MM, SATURATED_MM, CameraInfo, InvalidCause
 from drivers.simulation.sensor_model import TYPICAL
@@ -29,13 +29,14 @@ def test_pixels_that_are_alone_against_their_definition(seed: int, spread: int, 
     rng = np.random.default_rng(seed)
     depth = (rng.integers(300, 19400 - spread) + rng.integers(0, spread + 1, (12, 17))).astype(np.uint16)
     depth[rng.random(depth.shape) < 0.1] = rng.choice([0, 1, 299, 300, FAR_MM, SATURATED_MM])
-    ke, relative, absolute = 0.0005, 0.08, 0.02
+    ke, relative, absolute = 0.0005, np.float32(0.08), np.float32(0.02)
+    limits = pixel_limits(INFO, ke, P)._replace(relative=relative, absolute=absolute)
     judged, alone = np.full((tiles, tiles), -1, np.int32), np.full((tiles, tiles), -1, np.int32)
-    count_alone(depth, *measured_mm(INFO, ke, P), relative, absolute, judged, alone)
+    count_alone(depth, limits, judged, alone)
     raw = naive.inverse_image(depth, INFO.min_range_m, INFO.max_range_m, ke).astype(np.float32)
     want = np.zeros((2, tiles, tiles), int)
     for v, u in np.ndindex(depth.shape):
-        step = np.float32(absolute) + np.float32(relative) * raw[v, u]
+        step = absolute + relative * raw[v, u]
         what = naive.alone(raw, v, u, step)
         # tile n holds what begins at n * size // tiles
         tile = v * tiles // 12, max(n for n in range(tiles) if n * 17 // tiles <= u)
@@ -50,7 +51,7 @@ def test_an_image_is_a_measurement_by_what_is_measured_or_far_and_does_not_fly()
     flat, rare = np.full((40, 50), 5000, np.uint16), round(P.min_measured_share * 2000)
 
     def refused(measured: int, far: int, flying: int) -> bool:
-        return is_no_measurement(flat, INFO, 0.0015, (measured, far, flying), P)
+        return is_no_measurement(flat, pixel_limits(INFO, 0.0015, P), (measured, far, flying), P)
 
     assert refused(rare, 0, 0)
     assert not refused(rare + 1, 0, 0)
@@ -62,8 +63,9 @@ def test_an_image_is_a_measurement_by_what_is_measured_or_far_and_does_not_fly()
 def test_noise_is_looked_for_where_many_pixels_fly() -> None:
     noise = np.random.default_rng(3).integers(300, 20000, (40, 50)).astype(np.uint16)
     look = round(min(0.003, P.max_flying_share) * noise.size)
-    assert not is_no_measurement(noise, INFO, 0.0015, (noise.size, 0, look), P)
-    assert is_no_measurement(noise, INFO, 0.0015, (noise.size, 0, look + 1), P)
+    limits = pixel_limits(INFO, 0.0015, P)
+    assert not is_no_measurement(noise, limits, (noise.size, 0, look), P)
+    assert is_no_measurement(noise, limits, (noise.size, 0, look + 1), P)
 
 
 def spoiled(depth: np.ndarray, share: float, seed: int) -> np.ndarray:
@@ -107,7 +109,7 @@ def test_leaves_seen_by_a_faulty_camera_are_no_noise(ke: float, seed: int) -> No
     shot = render(
         "trees", info, position_ned_m=(0.0, 0.0, -2.0), sensor=replace(TYPICAL, ke_per_m=ke).scaled_to(320), seed=seed
     )
-    assert noisy_share(shot.depth_mm, *measured_mm(info, ke, P), ke, P) == 0.0
+    assert noisy_share(shot.depth_mm, pixel_limits(info, ke, P), P) == 0.0
     assert extract(shot.depth_mm, info).valid
 
 
@@ -142,18 +144,19 @@ def test_flying_pixels_off_ramps_against_their_definition(seed: int, spread: int
     rng = np.random.default_rng(seed)
     depth = (rng.integers(300, 19400 - spread) + rng.integers(0, spread + 1, (12, 17))).astype(np.uint16)
     depth[rng.random(depth.shape) < 0.1] = rng.choice([0, 1, 299, 300, FAR_MM, SATURATED_MM])
-    ke, relative, absolute = 0.0005, 0.08, 0.02
+    ke, relative, absolute = 0.0005, np.float32(0.08), np.float32(0.02)
+    limits = pixel_limits(INFO, ke, P)._replace(relative=relative, absolute=absolute)
     raw = naive.inverse_image(depth, INFO.min_range_m, INFO.max_range_m, ke).astype(np.float32)
     want = 0
     for (v, u), d in np.ndenumerate(raw):
-        step = np.float32(absolute) + np.float32(relative) * d
+        step = absolute + relative * d
         bends = []
         for dv, du in ((0, 1), (1, 0)):
             if dv <= v < 12 - dv and du <= u < 17 - du:
                 a, b = raw[v - dv, u - du], raw[v + dv, u + du]
                 bends += [a + b - d - d] if min(a, b) > 0 else []
         want += naive.is_flying(raw, v, u, step) and any(abs(bend) > step for bend in bends)
-    assert flying_off_ramps(depth, *measured_mm(INFO, ke, P), relative, absolute) == want
+    assert flying_off_ramps(depth, limits) == want
 
 
 @pytest.mark.nojit
@@ -162,8 +165,11 @@ def test_a_tile_counts_with_enough_of_its_pixels_amid_measured_ones() -> None:
     noise = rng.integers(300, 19000, (32, 32)).astype(np.uint16)
     sparse = np.where(rng.random(noise.shape) < 0.5, noise, 0).astype(np.uint16)
     one = Params(noisy_tiles=1)
-    assert noisy_share(noise, 300, 19500, 0.001, one) == 1.0
-    assert noisy_share(sparse, 300, 19500, 0.001, one) == 0.0
-    assert noisy_share(np.zeros_like(noise), 300, 19500, 0.001, one) == 0.0
+    limits = PixelLimits(
+        np.uint16(300), np.uint16(19500), np.float32(P.flying_relative), np.float32(0.001 * P.flying_sigmas)
+    )
+    assert noisy_share(noise, limits, one) == 1.0
+    assert noisy_share(sparse, limits, one) == 0.0
+    assert noisy_share(np.zeros_like(noise), limits, one) == 0.0
     # more tiles than pixels, all alike
-    assert noisy_share(np.full((3, 4), 5000, np.uint16), 300, 19500, 0.001, Params(noisy_tiles=64)) == 0.0
+    assert noisy_share(np.full((3, 4), 5000, np.uint16), limits, Params(noisy_tiles=64)) == 0.0

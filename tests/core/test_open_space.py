@@ -13,7 +13,7 @@ from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.stages.classify import measured_mm
+from core.stages.classify import pixel_limits
 from core.stages.open_space import far_m
 from core.types import (
     BEYOND_MM,
@@ -244,7 +244,7 @@ def test_open_ranges_end_at_the_configured_range() -> None:
 
 def test_the_marks_are_never_a_measurement() -> None:
     near = CameraInfo("front", INFO.intrinsics, min_range_m=0.0001)
-    assert measured_mm(near, 0.002, Params())[0] > max(TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM)
+    assert pixel_limits(near, 0.002, Params()).least_mm > max(TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM)
 
 
 @pytest.mark.parametrize("clear_m", [3.0, 10.4, 18.0])

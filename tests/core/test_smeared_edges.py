@@ -12,7 +12,6 @@ from core.buffers import Buffers
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL
 from core.params import Params
-from core.stages.classify import classify, measured_mm
 from core.stages.ramps import RampLimits, ramp_limits
 from core.stages.smeared_edges import (
     EdgeCounts,
@@ -23,6 +22,8 @@ from core.stages.smeared_edges import (
 )
 from core.types import FAR_MM, CameraInfo, ExtractorState, Ground, Intrinsics
 from drivers.simulation.sensor_model import SensorModel, measure
+
+from .views import marks_of
 
 P = Params()
 KE = 0.0037
@@ -57,8 +58,7 @@ def stripes(near_m: float = 5.0, far_m: float = 9.0, info: CameraInfo = INFO) ->
 
 def dropped(depth: Depth, ground: Ground = NO_GROUND, info: CameraInfo = INFO) -> tuple[NDArray[np.bool_], Depth]:
     """(which measured or far pixels are dropped, the image for the free space)."""
-    marks = np.empty_like(depth)
-    classify(depth, *measured_mm(info, KE, P), 1e9, 0.0, marks)
+    marks = marks_of(depth, info, KE)
     before = marks.copy()
     free_marks, lost, lost_far = drop_smeared_edges(
         depth, marks, info, R_CAMFRD_OPTICAL, ground, limits(info), P, Buffers()

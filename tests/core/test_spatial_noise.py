@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages.classify import classify, measured_mm
 from core.stages.spatial_noise import (
     agreeing_tiles,
     estimate_ke,
@@ -23,7 +22,7 @@ from core.types import FAR_MM, CameraInfo
 from drivers.simulation.source import camera_info
 
 from . import naive
-from .views import flat_wall, noisy, to_mm
+from .views import flat_wall, marks_of, noisy, to_mm
 
 P = Params()
 
@@ -34,30 +33,24 @@ def test_the_noise_of_a_plain_wall_is_recovered(ke: float, size: tuple[int, int]
     info = camera_info(*size, ke_per_m=0.0025)  # neither far below 0.6 of it nor above four times it
     depth = noisy(flat_wall(info, 6.0, 0.2, 0.1), ke, 3)
     got = estimate_ke(
-        marks(depth, info), info.intrinsics.fx, info.ke_per_m, math.nan, math.nan, Params(min_sigma_px=0.01)
+        marks_of(depth, info), info.intrinsics.fx, info.ke_per_m, math.nan, math.nan, Params(min_sigma_px=0.01)
     )
     assert got == pytest.approx(ke, rel=0.15)
-
-
-def marks(depth: np.ndarray, info: CameraInfo) -> np.ndarray:
-    out = np.empty(depth.shape, np.uint16)
-    classify(depth, *measured_mm(info, 1e-5, P), 1e9, 0.0, out)
-    return out
 
 
 def test_the_noise_stays_within_the_span_of_its_prior() -> None:
     info = camera_info(320, 240)
     p = Params(min_sigma_px=0.01, noise_prior_span=2.0)
     loud, silent = noisy(flat_wall(info, 6.0), 0.02, 3), flat_wall(info, 6.0)
-    assert estimate_ke(marks(loud, info), 225.0, 0.004, math.nan, math.nan, p) == pytest.approx(0.008, rel=0.025)
-    assert estimate_ke(marks(silent, info), 225.0, 0.004, math.nan, math.nan, p) == pytest.approx(0.0024, rel=0.025)
-    assert estimate_ke(marks(silent, info), 225.0, 0.004, math.nan, 1e-5, p) == pytest.approx(0.002, rel=0.025)
+    assert estimate_ke(marks_of(loud, info), 225.0, 0.004, math.nan, math.nan, p) == pytest.approx(0.008, rel=0.025)
+    assert estimate_ke(marks_of(silent, info), 225.0, 0.004, math.nan, math.nan, p) == pytest.approx(0.0024, rel=0.025)
+    assert estimate_ke(marks_of(silent, info), 225.0, 0.004, math.nan, 1e-5, p) == pytest.approx(0.002, rel=0.025)
 
 
 def test_the_noise_estimate_changes_slowly_and_is_kept() -> None:
     info = camera_info(320, 240)
     p = Params(min_sigma_px=0.01)
-    image = marks(noisy(flat_wall(info, 6.0), 0.008, 3), info)
+    image = marks_of(noisy(flat_wall(info, 6.0), 0.008, 3), info)
     once = estimate_ke(image, 225.0, 0.004, 0.004, math.nan, p)
     assert 0.004 < once < 0.006  # a memory of 0.7 takes a third of the way
     ke = 0.004
@@ -82,7 +75,7 @@ def leaves(info: CameraInfo, ke: float, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_leaves_alone_do_not_raise_the_noise(seed: int) -> None:
     info, p = camera_info(320, 240), Params(min_sigma_px=0.01)
-    image = marks(leaves(info, 0.002, seed), info)
+    image = marks_of(leaves(info, 0.002, seed), info)
     assert noise_tiles(image, 225.0, p)[1] > 2.0 * 0.002 * 225.0
     assert estimate_ke(image, 225.0, 0.002, math.nan, math.nan, p) == 0.002
     assert estimate_ke(image, 225.0, 0.002, 0.003, math.nan, p) == 0.003
@@ -91,7 +84,7 @@ def test_leaves_alone_do_not_raise_the_noise(seed: int) -> None:
     # and what was measured over time outranks both
     assert estimate_ke(image, 225.0, 0.006, math.nan, 0.002, p) == pytest.approx(0.002, rel=0.025)
     # and a wall over a part of the image shows it
-    image[:, 160:] = marks(noisy(flat_wall(info, 6.0), 0.004, seed), info)[:, 160:]
+    image[:, 160:] = marks_of(noisy(flat_wall(info, 6.0), 0.004, seed), info)[:, 160:]
     assert estimate_ke(image, 225.0, 0.002, math.nan, math.nan, p) == pytest.approx(0.004, rel=0.15)
 
 
@@ -109,7 +102,7 @@ def test_each_tile_has_the_noise_of_its_own_pixels() -> None:
     depth = np.where(np.arange(320) < 160, noisy(flat_wall(info, 6.0), 0.002, 3), noisy(flat_wall(info, 6.0), 0.008, 4))
     depth[:60] = 0
     tiles, *_ = noise_tiles(
-        marks(depth.astype(np.uint16), info), 225.0, Params(noise_tiles_down=4, noise_tiles_across=2)
+        marks_of(depth.astype(np.uint16), info), 225.0, Params(noise_tiles_down=4, noise_tiles_across=2)
     )
     assert tiles.shape == (4, 2)
     assert (tiles[0] < 0).all()
@@ -121,11 +114,11 @@ def test_which_tiles_and_pixels_determine_the_noise_is_a_setting() -> None:
     near, half = noisy(flat_wall(info, 1.4), 0.004, 3), noisy(flat_wall(info, 6.0), 0.002, 3)
     half[:, 160:] = noisy(flat_wall(info, 6.0), 0.006, 4)[:, 160:]
     p = Params(min_sigma_px=0.01)
-    assert estimate_ke(marks(near, info), 225.0, 0.003, math.nan, math.nan, p) == 0.003
-    got = estimate_ke(marks(near, info), 225.0, 0.003, math.nan, math.nan, replace(p, noise_min_depth_m=0.0))
+    assert estimate_ke(marks_of(near, info), 225.0, 0.003, math.nan, math.nan, p) == 0.003
+    got = estimate_ke(marks_of(near, info), 225.0, 0.003, math.nan, math.nan, replace(p, noise_min_depth_m=0.0))
     assert got == pytest.approx(0.004, rel=0.15)
     for quantile, want in ((0.25, 0.002), (0.75, 0.006)):
-        got = estimate_ke(marks(half, info), 225.0, 0.003, math.nan, math.nan, replace(p, noise_quantile=quantile))
+        got = estimate_ke(marks_of(half, info), 225.0, 0.003, math.nan, math.nan, replace(p, noise_quantile=quantile))
         assert got == pytest.approx(want, rel=0.15)
 
 

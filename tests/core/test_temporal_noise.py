@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from core.params import Params
-from core.stages.classify import classify, measured_mm
+from core.stages.classify import pixel_limits
 from core.stages.spatial_noise import estimate_ke
 from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, depth_samples, observe
 from core.types import CameraInfo, ExtractorState
 from drivers.simulation.sensor_model import SensorModel, measure
 from drivers.simulation.source import camera_info
 
-from .views import flat_wall
+from .views import flat_wall, marks_of
 
 P = Params(min_sigma_px=0.01)
 FRAMES = 2 * P.noise_time_frames + 1
@@ -31,16 +31,10 @@ def wall(info: CameraInfo, ke: float, length_px: float, frame: int, at_m: float 
     return measure(depth_m, info, SensorModel(ke_per_m=ke, noise_length_px=length_px), 5, frame)
 
 
-def marks_of(depth: Depth, info: CameraInfo) -> Depth:
-    out = np.empty(depth.shape, np.uint16)
-    classify(depth, *measured_mm(info, 1e-5, P), 1e9, 0.0, out)
-    return out
-
-
 def after(frames: list[Depth], info: CameraInfo, p: Params = P, state: ExtractorState | None = None) -> ExtractorState:
     state = state or ExtractorState()
     for depth in frames:
-        limits = measured_mm(info, info.ke_per_m, p)
+        limits = pixel_limits(info, info.ke_per_m, p)
         state = observe(state, depth, marks_of(depth, info), info.intrinsics.fx, limits, p)
     return state
 

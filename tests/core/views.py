@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from core.params import Params
+from core.stages.classify import classify, pixel_limits
 from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
 from drivers.simulation.scenes import Scene, SceneBuilder
 from drivers.simulation.sensor_model import SensorModel
@@ -49,6 +50,13 @@ def flat_wall(info: CameraInfo, distance_m: float, pitch_rad: float = 0.0, roll_
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(forward > 1e-6, distance_m / forward, np.inf)
     return to_mm(depth)
+
+
+def marks_of(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float = 1e-5) -> NDArray[np.uint16]:
+    """Marks of `classify`, with no flying pixel removed. The noise coefficient determines the clear range."""
+    out = np.empty(depth_mm.shape, np.uint16)
+    classify(depth_mm, pixel_limits(info, ke_per_m, Params())._replace(relative=np.float32(1e9)), out)
+    return out
 
 
 def noisy(depth_mm: NDArray[np.uint16], ke_per_m: float, seed: int) -> NDArray[np.uint16]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.extractor import rotation_cause
 from core.frames import Rotation
-from core.stages.classify import classify, depth_to_mm, measured_mm
+from core.stages.classify import classify, depth_to_mm, pixel_limits
 from core.stages.free_profile import empty_profile
 from core.stages.ground import NO_GROUND
 from core.stages.model import blind_model, pixel_stats
@@ -23,7 +23,7 @@ from .params import PaperParams
 from .planes import planes_paper
 from .strips import settings_of, strips_paper
 
-_NEVER = 1e9
+_NEVER = np.float32(1e9)
 """A step of disparity that no pixel has: the paper takes no flying pixel out."""
 
 
@@ -52,9 +52,7 @@ class PaperExtractor:
         if cause or view_geometry(info, R, p).is_empty:
             return blind_model(info, cause or InvalidCause.TOO_STEEP, p), state
         marks = np.empty(depth_mm.shape, np.uint16)
-        counts = classify(
-            depth_mm, *measured_mm(info, info.ke_per_m, p), _NEVER, p.flying_sigmas * info.ke_per_m, marks
-        )
+        counts = classify(depth_mm, pixel_limits(info, info.ke_per_m, p)._replace(relative=_NEVER), marks)
         if (counts[0] + counts[1]) / depth_mm.size < p.min_measured_share:
             stats = pixel_stats(counts, depth_mm.size)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
