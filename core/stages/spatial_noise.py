@@ -10,11 +10,12 @@ function of the pixel coordinates, and the second difference is noise alone."""
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import kernel, kernel_ieee
+from ..jit import inner_ieee, kernel, kernel_ieee
 from ..params import Params
 from ..types import FAR_MM
 from .classify import inverse_of_row
@@ -27,10 +28,6 @@ MIN_TILES = 3
 """Least number of tiles for the noise of a frame."""
 _STEP_PX = 16
 """Step of the second difference whose median is the noise of a tile, at an image width of 640."""
-_ROW_STEP = 6
-"""Distance of the sampled rows."""
-_MIN_SAMPLES = 120
-"""Least number of differences for the noise of a tile."""
 _AGREE_SHARE, _AGREE_RATIO = 0.2, 1.25
 """Least share of all tiles that must agree with a higher noise before it is used: surfaces reach it, leaves do not. A
 tile agrees when it differs by at most the ratio."""
@@ -43,34 +40,57 @@ _ROUGHNESS_OF_NOISE = np.float32(0.6745 * math.sqrt(6.0))
 of one normal deviate, sqrt(1 + 4 + 1) the growth of sigma."""
 
 
-@kernel_ieee
-def tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, out):
-    """Computes the median magnitude of the second difference of disparity in each tile of the image, in pixels.
+class TileRules(NamedTuple):
+    """How the noise of tiles is measured.
 
-    The step must be longer than the correlation length of the noise: a matcher smooths over neighbouring pixels, so
-    that a short step underestimates the noise (a D435 shows 0.4 px with a step of 2 px and 1.1 px with one of 8 px).
+    Attributes:
+        focal_px: focal length, which converts 1/Z to disparity.
+        least_mm: pixels whose middle sample is closer are not used.
+        step: distance in pixels between the samples of a difference. It must be longer than the correlation length of
+            the noise: a matcher smooths over neighbouring pixels, so that a short step underestimates the noise (a D435
+            shows 0.4 px with a step of 2 px and 1.1 px with one of 8 px).
+        row_step: every row_step-th row is used.
+        min_samples: least number of differences for the noise of a tile."""
+
+    focal_px: float
+    least_mm: float
+    step: int
+    row_step: int = 6
+    min_samples: int = 120
+
+
+@inner_ieee
+def histogram_median(counts, total):
+    """Returns the median of `total` >= 1 samples in px, interpolated within a bin. counts: samples of each bin."""
+    below, i = 0, 0
+    while 2 * (below + counts[i]) < total:
+        below += counts[i]
+        i += 1
+    return _NOISE_BIN_PX * (i + (0.5 * total - below) / counts[i])
+
+
+@kernel_ieee
+def tile_roughness(marks, rules, out):
+    """Computes the median magnitude of the second difference of disparity in each tile of the image, in pixels.
 
     Args:
         marks: (H, W) uint16 of `classify`.
-        focal_px: focal length, which converts 1/Z to disparity.
-        least_mm: pixels whose middle sample is closer are not used.
-        step: distance in pixels between the samples of a difference.
-        row_step: every row_step-th row is used.
-        min_samples: tiles with fewer samples are -1.
-        out: (tiles down, tiles across) float32."""
+        rules: TileRules.
+        out: (tiles down, tiles across) float32, -1 where a tile has too few samples."""
     rows, cols = marks.shape
     down, across = out.shape
     out[:] = -1.0
+    step = rules.step
     n = cols - 2 * step
     if n <= 0:
         return
     inverse, bin_of = np.empty(cols, np.float32), np.empty(n, np.uint16)
     hist = np.empty((across, _NOISE_BINS + 1), np.int32)  # the last bin holds the samples that are not used
-    zero, scale, last = np.float32(0.0), np.float32(focal_px / _NOISE_BIN_PX), np.float32(_NOISE_BINS - 1)
-    nearest = np.float32(1000.0 / least_mm) if least_mm > 0.0 else np.float32(np.inf)
+    zero, scale, last = np.float32(0.0), np.float32(rules.focal_px / _NOISE_BIN_PX), np.float32(_NOISE_BINS - 1)
+    nearest = np.float32(1000.0 / rules.least_mm) if rules.least_mm > 0.0 else np.float32(np.inf)
     for tv in range(down):
         hist[:] = 0
-        for v in range(tv * rows // down, (tv + 1) * rows // down, row_step):
+        for v in range(tv * rows // down, (tv + 1) * rows // down, rules.row_step):
             inverse_of_row(marks[v], np.uint16(1), np.uint16(FAR_MM - 1), inverse)
             a, b, c = inverse[:n], inverse[step : n + step], inverse[2 * step :]
             for u in range(n):
@@ -83,13 +103,8 @@ def tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, out):
                     counts[bin_of[u]] += 1
         for tu in range(across):
             total = hist[tu, :_NOISE_BINS].sum()
-            if total >= min_samples:
-                below = 0
-                for i in range(_NOISE_BINS):
-                    if 2 * (below + hist[tu, i]) >= total:
-                        out[tv, tu] = _NOISE_BIN_PX * (i + (0.5 * total - below) / hist[tu, i])
-                        break
-                    below += hist[tu, i]
+            if total >= rules.min_samples:
+                out[tv, tu] = histogram_median(hist[tu], total)
 
 
 @kernel
@@ -112,24 +127,24 @@ def agreeing_tiles(tiles, value, within):
 
 
 @kernel
-def noise_of_tiles(marks, focal_px, least_mm, step, row_step, min_samples, share, min_tiles, within, tiles):
+def noise_of_tiles(marks, rules, quantile, tiles):
     """Computes the noise of disparity of each tile and of the image.
 
     Args:
-        marks, focal_px, least_mm, step, row_step, min_samples: see `tile_roughness`.
-        share: the quantile of the tiles that is the noise of the image.
-        min_tiles: least number of tiles with a result.
-        within: factor within which a tile agrees with the noise of the image.
+        marks: (H, W) uint16 of `classify`.
+        rules: TileRules.
+        quantile: the quantile of the tiles that is the noise of the image.
         tiles: (tiles down, tiles across) float32 out, sigma in px; negative where it is not known.
 
     Returns:
-        The noise of the image in px, -1 if it is not known, and the number of tiles that agree with it."""
-    tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, tiles)
+        The noise of the image in px, -1 if fewer than MIN_TILES tiles have one, and the number of tiles that agree with
+            it."""
+    tile_roughness(marks, rules, tiles)
     for tv in range(tiles.shape[0]):
         for tu in range(tiles.shape[1]):
             tiles[tv, tu] /= _ROUGHNESS_OF_NOISE
-    sigma_px = quantile_of_tiles(tiles, share, min_tiles)
-    return sigma_px, agreeing_tiles(tiles, sigma_px, within)
+    sigma_px = quantile_of_tiles(tiles, quantile, MIN_TILES)
+    return sigma_px, agreeing_tiles(tiles, sigma_px, _AGREE_RATIO)
 
 
 def noise_tiles(
@@ -149,18 +164,8 @@ def noise_tiles(
     p = params
     tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
     step = max(round(step_px * marks.shape[1] / 640), 1)
-    sigma_px, agree = noise_of_tiles(
-        marks,
-        focal_px,
-        1000.0 * p.noise_min_depth_m,
-        step,
-        _ROW_STEP,
-        _MIN_SAMPLES,
-        p.noise_quantile,
-        MIN_TILES,
-        _AGREE_RATIO,
-        tiles,
-    )
+    rules = TileRules(focal_px, 1000.0 * p.noise_min_depth_m, step)
+    sigma_px, agree = noise_of_tiles(marks, rules, p.noise_quantile, tiles)
     return tiles, sigma_px, agree
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from core.params import Params
 from core.stages.spatial_noise import (
+    TileRules,
     agreeing_tiles,
     estimate_ke,
     noise_tiles,
@@ -129,7 +130,7 @@ def test_the_roughness_of_tiles_against_its_definition(seed: int, step: int, row
     image = rng.integers(1200, 6000, (26, 45)).astype(np.uint16)
     image[rng.random(image.shape) < 0.1] = rng.choice([0, FAR_MM])
     out = np.empty((2, 3), np.float32)
-    tile_roughness(image, 30.0, 1000.0 * least_m, step, row_step, 20, out)
+    tile_roughness(image, TileRules(30.0, 1000.0 * least_m, step, row_step, 20), out)
     for v in range(2):
         for u in range(3):
             bends = naive.bends(image[v * 13 : (v + 1) * 13 : row_step, u * 15 : (u + 1) * 15], 30.0, least_m, step)
@@ -144,7 +145,7 @@ def test_the_roughness_of_tiles_against_its_definition(seed: int, step: int, row
 @pytest.mark.nojit
 def test_a_picture_too_narrow_for_the_step_shows_no_noise() -> None:
     out = np.zeros((2, 2), np.float32)
-    tile_roughness(np.full((16, 16), 3000, np.uint16), 30.0, 0.0, 8, 1, 1, out)
+    tile_roughness(np.full((16, 16), 3000, np.uint16), TileRules(30.0, 0.0, 8, 1, 1), out)
     assert (out == -1).all()
 
 
