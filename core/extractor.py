@@ -25,8 +25,9 @@ from .stages.noise_check import is_no_measurement
 from .stages.open_space import observe_open
 from .stages.plane_shaping import Planes, PlaneShaper
 from .stages.prisms import layered_prisms
+from .stages.ramps import ramp_limits
 from .stages.settings import Settings, settings_of
-from .stages.smeared_edges import remove_smeared_edges
+from .stages.smeared_edges import height_line, remove_smeared_edges
 from .stages.strip_search import StripSearch
 from .stages.temporal_noise import estimate_noise
 from .stages.view_geometry import is_rotation, source_of, tilt_rad, view_geometry
@@ -96,7 +97,8 @@ class Extractor:
         ke, next_state = estimate_noise(state, depth_mm, marks, info, limits, p)
         points = self._buffers("points", (p.ground_max_samples,), POINT)
         ground = find_ground(marks, info, R, ke, state.ground_height_m, p, self._ground_settings, points)
-        smear = remove_smeared_edges(next_state, depth_mm, marks, info, R, ground, ke, p, self._buffers)
+        ramps, heights = ramp_limits(info, ke), height_line(info, R, ground, p)
+        smear = remove_smeared_edges(next_state, depth_mm, marks, ramps, heights, p, self._buffers)
         next_state, stats = smear.state, pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)

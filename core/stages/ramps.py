@@ -175,11 +175,11 @@ def is_level(change, middle, height, more):
 
 
 @inner
-def near_end_inverse(inverse, row, column, span, reach, middle):
+def near_end_inverse(inverse, row, column, span, reach):
     """Returns 1/Z of the near surface beside the ramp at inverse[row, column].
 
     It is the greatest 1/Z within half of `reach` along its row and its column, in steps of `span`."""
-    near = middle
+    near = inverse[row, column]
     for k in range(1, reach // (2 * span) + 1):
         off = k * span
         near = max(near, max(inverse[row, column - off], inverse[row, column + off]))
@@ -200,6 +200,39 @@ def inverse_with_border(depth_mm, reach, inverse):
         signed_inverse(depth_mm[v], inverse[reach + v, reach : reach + cols])
 
 
+@inner
+def ramps_of_row(inverse, v, limits, heights, on):
+    """Sets on[u] where pixel (v, u) lies on a ramp and not on a horizontal surface; returns the number of these pixels.
+
+    Args:
+        inverse: (H + 2 reach, W + 2 reach) float32 of `inverse_with_border`.
+        v: row of the image.
+        limits: RampLimits; the least step is step_per_m.
+        heights: HeightLine.
+        on: (W,) uint8 out, 1 or 0."""
+    cols, span, reach = len(on), limits.span_px, limits.reach_px
+    row = inverse[reach + v]
+    far_left, left = row[:cols], row[reach - span : reach - span + cols]
+    middle, right, far_right = row[reach : reach + cols], row[reach + span :], row[2 * reach :]
+    far_above, above = inverse[v, reach:], inverse[reach + v - span, reach:]
+    below, far_below = inverse[reach + v + span, reach:], inverse[v + 2 * reach, reach:]
+    slopes = Slopes(np.float32(limits.step_per_m), np.float32(limits.relative), np.float32(limits.straight))
+    keep, across, down = np.float32(heights.keep_m), np.float32(heights.across), np.float32(heights.down)
+    first, twice = np.float32(heights.down * v + heights.first), np.float32(2 * span)
+    count = np.int32(0)
+    for u in range(cols):
+        m = middle[u]
+        height = first + across * np.float32(np.int32(u))
+        ramp = on_ramp(left[u], m, right[u], far_left[u], far_right[u], slopes)
+        ramp &= ~is_level(right[u] - left[u], m, height, twice * across)
+        steep = on_ramp(above[u], m, below[u], far_above[u], far_below[u], slopes)
+        ramp |= steep & ~is_level(below[u] - above[u], m, height, twice * down)
+        ramp &= height <= keep * m
+        on[u] = np.uint8(ramp)
+        count = np.int32(count + np.int32(ramp))
+    return count
+
+
 @kernel
 def drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks):
     """Makes the pixels of ramps along rows or columns unknown; returns how many of them were measured and how many
@@ -218,32 +251,12 @@ def drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks):
     rows, cols = depth_mm.shape
     span, reach = limits.span_px, limits.reach_px
     inverse_with_border(depth_mm, reach, inverse)
-    slopes = Slopes(np.float32(limits.step_per_m), np.float32(limits.relative), np.float32(limits.straight))
-    keep, across, along = np.float32(heights.keep_m), np.float32(heights.across), np.float32(heights.down)
-    twice = np.float32(2 * span)
-    column, on = np.arange(cols).astype(np.float32), np.zeros(cols, np.uint8)
+    on = np.zeros(cols, np.uint8)
     measured, far = 0, 0
     for v in range(rows):
-        row = inverse[reach + v]
-        far_left, left = row[:cols], row[reach - span : reach - span + cols]
-        middle, right, far_right = row[reach : reach + cols], row[reach + span :], row[2 * reach :]
-        far_above, above = inverse[v, reach:], inverse[reach + v - span, reach:]
-        below, far_below = inverse[reach + v + span, reach:], inverse[v + 2 * reach, reach:]
-        first = np.float32(heights.down * v + heights.first)
         line, seen = marks[v], free_marks[v]
-        count = np.int32(0)
-        for u in range(cols):
-            m = middle[u]
-            height = first + across * column[u]
-            ramp = on_ramp(left[u], m, right[u], far_left[u], far_right[u], slopes)
-            ramp &= ~is_level(right[u] - left[u], m, height, twice * across)
-            steep = on_ramp(above[u], m, below[u], far_above[u], far_below[u], slopes)
-            ramp |= steep & ~is_level(below[u] - above[u], m, height, twice * along)
-            ramp &= height <= keep * m
-            on[u] = np.uint8(ramp)
-            count = np.int32(count + np.int32(ramp))
-            seen[u] = line[u]
-        if count == 0:
+        seen[:] = line
+        if ramps_of_row(inverse, v, limits, heights, on) == 0:
             continue
         for u in range(cols):
             if on[u] and line[u] != 0:
@@ -251,7 +264,8 @@ def drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks):
                     far += 1
                 else:
                     measured += 1
-                near_mm = np.float32(1000.0) / near_end_inverse(inverse, reach + v, reach + u, span, reach, middle[u])
+                near = near_end_inverse(inverse, reach + v, reach + u, span, reach)
+                near_mm = np.float32(1000.0) / near
                 seen[u] = np.uint16(min(max(near_mm, np.float32(1.0)), np.float32(line[u])))
                 line[u] = np.uint16(0)
     return measured, far

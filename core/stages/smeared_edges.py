@@ -14,8 +14,8 @@ Three conditions distinguish a ramp from a slanted surface:
   unknown (a hole, the border of the image), the pixel is kept and does not count as evidence.
 - Nearly all edges of the image are ramps, on the left sides of things as on their right sides. A wall seen edge-on
   is a ramp on one side only; a frame with little else is no evidence. This is judged from the edges of several frames, or
-  of one frame if it has
-  many edges and nearly all are ramps. Until then, and for cameras with sharp edges, all pixels are kept."""
+  of one frame if it has many edges and nearly all are ramps. Until then, and for cameras with sharp edges, all pixels are
+  kept."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ..buffers import Buffers
 from ..frames import Rotation
 from ..params import Params
 from ..types import CameraInfo, ExtractorState, Ground
-from .ramps import HeightLine, RampLimits, count_edges, drop_ramps, ramp_limits
+from .ramps import HeightLine, RampLimits, count_edges, drop_ramps
 
 _ROW_STEP = 4
 """Edges are counted in every _ROW_STEP-th row."""
@@ -91,9 +91,9 @@ def observe_edges(state: ExtractorState, edges: EdgeCounts, params: Params) -> E
 def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
     """True if the camera smears its edges.
 
-    From smear_min_frames frames on, the mean share of ramps decides. Before that, the frame must have
-    smear_clear_edges edges, ramps of both sides, and the share must exceed smear_clear_share, which no measured view of a camera with sharp
-    edges reaches.
+    From smear_min_frames frames on, the mean share of ramps decides. Before that, the frame must have smear_clear_edges
+    edges, ramps of both sides, and the share must exceed smear_clear_share, which no measured view of a camera with
+    sharp edges reaches.
 
     Args:
         state: the state after this frame.
@@ -111,12 +111,9 @@ def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
 def drop_smeared_edges(
     depth_mm: NDArray[np.uint16],
     marks: NDArray[np.uint16],
-    info: CameraInfo,
-    R_level_optical: Rotation,
-    ground: Ground,
     limits: RampLimits,
-    params: Params,
-    buffer: Buffers,
+    heights: HeightLine,
+    buffers: Buffers,
 ) -> tuple[NDArray[np.uint16], int, int]:
     """Makes the ramps in `marks` (H, W) uint16 unknown, except on the ground.
 
@@ -126,10 +123,8 @@ def drop_smeared_edges(
         The image for the free space (`free_marks` of `drop_ramps`); the number of measured pixels and of far pixels
             removed."""
     rows, cols = depth_mm.shape
-    reach = limits.reach_px
-    inverse = buffer("inverse", (rows + 2 * reach, cols + 2 * reach), np.float32)
-    heights = height_line(info, R_level_optical, ground, params)
-    free_marks = buffer("free_marks", marks.shape, np.uint16)
+    inverse = buffers("inverse", (rows + 2 * limits.reach_px, cols + 2 * limits.reach_px), np.float32)
+    free_marks = buffers("free_marks", marks.shape, np.uint16)
     measured, far = drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks)
     return free_marks, int(measured), int(far)
 
@@ -166,10 +161,8 @@ def remove_smeared_edges(
     state: ExtractorState,
     depth_mm: NDArray[np.uint16],
     marks: NDArray[np.uint16],
-    info: CameraInfo,
-    R_level_optical: Rotation,
-    ground: Ground,
-    ke_per_m: float,
+    limits: RampLimits,
+    heights: HeightLine,
     params: Params,
     buffers: Buffers,
 ) -> SmearedEdges:
@@ -179,25 +172,22 @@ def remove_smeared_edges(
         state: the state before the frame.
         depth_mm: (H, W) uint16 as delivered.
         marks: (H, W) uint16 of `classify`, in and out.
-        info: description of the camera.
-        R_level_optical: (3, 3) rotation.
-        ground: ground of this frame.
-        ke_per_m: noise coefficient.
+        limits: limits of a ramp for the camera and its noise.
+        heights: heights of pixels, by which the ground is kept.
         params: parameters.
         buffers: scratch memory."""
-    limits = ramp_limits(info, ke_per_m)
     edges = edges_of(depth_mm, limits)
     after = observe_edges(state, edges, params)
     if not smears(after, edges, params):
         return SmearedEdges(active=False, state=after, free_marks=marks)
-    free_marks, measured, far = drop_smeared_edges(
-        depth_mm, marks, info, R_level_optical, ground, limits, params, buffers
-    )
+    free_marks, measured, far = drop_smeared_edges(depth_mm, marks, limits, heights, buffers)
     return SmearedEdges(active=True, state=after, free_marks=free_marks, measured=measured, far=far)
 
 
 def height_line(info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params) -> HeightLine:
-    """Returns the heights of pixels. Without a ground they are vertical, and keep_m is so large that no pixel is kept."""
+    """Returns the heights of pixels. Without a ground they are vertical, and keep_m is so large that no pixel is kept.
+
+    R_level_optical: (3, 3) rotation."""
     k = info.intrinsics
     x, y, z = R_level_optical
     slope_x, slope_y = (ground.slope_x, ground.slope_y) if ground.seen else (0.0, 0.0)

@@ -17,6 +17,7 @@ from core.stages.smeared_edges import (
     EdgeCounts,
     drop_smeared_edges,
     edges_of,
+    height_line,
     observe_edges,
     smears,
 )
@@ -60,9 +61,8 @@ def dropped(depth: Depth, ground: Ground = NO_GROUND, info: CameraInfo = INFO) -
     """(which measured or far pixels are dropped, the image for the free space)."""
     marks = marks_of(depth, info, KE)
     before = marks.copy()
-    free_marks, lost, lost_far = drop_smeared_edges(
-        depth, marks, info, R_CAMFRD_OPTICAL, ground, limits(info), P, Buffers()
-    )
+    heights = height_line(info, R_CAMFRD_OPTICAL, ground, P)
+    free_marks, lost, lost_far = drop_smeared_edges(depth, marks, limits(info), heights, Buffers())
     gone = (marks == 0) & (before > 0)
     assert lost == (gone & (before != FAR_MM)).sum()
     assert lost_far == (gone & (before == FAR_MM)).sum()
