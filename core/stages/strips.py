@@ -100,6 +100,19 @@ class Pixels(NamedTuple):
     filled: Any
 
 
+class Distance(NamedTuple):
+    """Distance of a strip.
+
+    Attributes:
+        disparity_px: float32.
+        near_px: float32, disparity of the near edge, a lower confidence bound.
+        sigma_px: float32, standard deviation of disparity_px."""
+
+    disparity_px: Any
+    near_px: Any
+    sigma_px: Any
+
+
 class StripList(NamedTuple):
     """Strips for kernels.
 
@@ -114,19 +127,28 @@ class StripList(NamedTuple):
 
 
 @inner_inline
-def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_px):
-    """Appends a strip. In a column that already has `room` strips it extends the last one instead.
+def add_strip(pixels, distance, kind, column, settings, out):
+    """Appends a strip. In a column that already has max_column_strips strips it extends the last one instead.
 
     The extended strip spans both and has the nearer of both distances, so that nothing is lost; counts.merged is
-    increased."""
+    increased.
+
+    Args:
+        pixels: Pixels.
+        distance: Distance.
+        kind: kind of the strip.
+        column: Column.
+        settings: a record of STRIP_SETTINGS.
+        out: StripOutput."""
     n = out.counts.strips
     top, bottom, filled = pixels.top, pixels.bottom, pixels.filled
-    if n - out.counts.in_columns_before < room:
+    support = support_of(column, top, bottom, pixels.count)
+    if n - out.counts.in_columns_before < settings.max_column_strips:
         s = out.strips[n]
-        s.column, s.top_row, s.bottom_row = u, top, bottom
+        s.column, s.top_row, s.bottom_row = column.u, top, bottom
         s.support, s.kind, s.cluster, s.track = support, kind, -1, -1
         s.filled_rows, s.cut = filled, 0
-        s.disparity_px, s.near_px, s.sigma_px = disparity_px, near_px, sigma_px
+        s.disparity_px, s.near_px, s.sigma_px = distance
         out.counts.strips = n + 1
         return
     s = out.strips[n - 1]
@@ -135,8 +157,8 @@ def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_
     s.support += support
     s.kind = MERGED
     s.filled_rows += filled + between
-    s.disparity_px, s.near_px = max(s.disparity_px, disparity_px), max(s.near_px, near_px)
-    s.sigma_px = max(s.sigma_px, sigma_px)
+    s.disparity_px, s.near_px = max(s.disparity_px, distance.disparity_px), max(s.near_px, distance.near_px)
+    s.sigma_px = max(s.sigma_px, distance.sigma_px)
     out.counts.merged += 1
 
 
@@ -198,5 +220,4 @@ def emit(pixels, rough, kind, column, settings, out):
     sigma = mean_noise(sigma_d, count, settings.noise_alike_px if kind == SMOOTH else 1.0)
     # a lower confidence bound, so that a few stray pixels in front of a wall do not move its plane
     near = np.float32(max(settings.near_edge_share * d, near - settings.band_sigmas * sigma))
-    support = support_of(column, pixels.top, pixels.bottom, count)
-    add_strip(out, settings.max_column_strips, column.u, pixels, support, kind, d, near, np.float32(sigma))
+    add_strip(pixels, Distance(d, near, np.float32(sigma)), kind, column, settings, out)
