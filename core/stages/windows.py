@@ -54,24 +54,12 @@ def rows_missed(labels, label, top, bottom, count, gap):
     These rows were not measured at this distance. count: the number of rows with this label in top..bottom."""
     if bottom - top + 1 - count <= gap:
         return 0
-    missed = 0
-    at = top
-    for _ in range(bottom - top):
-        at += gap + 1  # a gap of more than `gap` rows contains one of these rows
-        if at >= bottom:
-            break
-        if labels[at] != label:
-            first = at
-            for _a in range(gap):
-                if labels[first - 1] == label:
-                    break
-                first -= 1
-            for _a in range(bottom - at):
-                if labels[at] == label:
-                    break
-                at += 1
-            if at - first > gap:
-                missed += at - first
+    missed, before = 0, top - 1
+    for v in range(top, bottom + 1):
+        if labels[v] == label:
+            if v - before - 1 > gap:
+                missed += v - before - 1
+            before = v
     return missed
 
 
@@ -100,7 +88,14 @@ def running_sums(line, labels, label, first, last, sums_open, sums_own):
 
 
 @inner_inline
-def split_bands(sums_own, top, bottom, least, settings, parts):
+def rows_between(sums, begin, end):
+    """Returns the number of pixels in the rows begin..end - 1 and the sum of their codes. sums: of `running_sums`."""
+    both = sums[end] - sums[begin]
+    return both >> 32, both & 0xFFFFFFFF
+
+
+@inner_inline
+def split_bands(sums_own, top, bottom, settings, parts):
     """Splits a run of rows where its depth steps; returns the number of parts (not in the paper).
 
     Means of short bands are compared with the mean of the part so far. A new part begins where two bands in a row
@@ -109,54 +104,42 @@ def split_bands(sums_own, top, bottom, least, settings, parts):
     Args:
         sums_own: (V + 1,) int64 of `running_sums`.
         top, bottom: first and last row of the run.
-        least: no pixel of the run has a lesser code.
         settings: a record of STRIP_SETTINGS.
         parts: (3, more than rows / band_rows) int64 out: first row, number of pixels, sum of their codes."""
     high = settings.band_rows
-    q = settings.lsb_per_px
-    # lower bound of band_tolerance, by the farthest pixel and a full band: smaller differences need no exact test
-    far = least / q
-    alike = max(
-        settings.band_step_m * far * far / settings.f_px,
-        settings.band_sigmas * settings.sigma_d_px / math.sqrt(1.0 * high),
-    )
-    alike *= (1.0 - 1e-9) * q
     k = 0
     parts[0, 0] = top
-    part_sum, part_n = np.int64(0), np.int64(0)
-    none = np.int64(-1)
-    pending = none
-    held_sum, held_n = np.int64(0), np.int64(0)
-    before = sums_own[top]
+    part_n, part_sum = 0, 0
+    pending, pending_n, pending_sum = -1, 0, 0  # the band before, if it differs from the part
     for v0 in range(top, bottom + 1, high):
-        behind = sums_own[min(bottom + 1, v0 + high)]
-        c, s = (behind - before) >> 32, (behind - before) & 0xFFFFFFFF
-        before = behind
-        if c == 0:
+        n, total = rows_between(sums_own, v0, min(bottom + 1, v0 + high))
+        if n == 0:
             continue
-        off = abs(s * part_n - part_sum * c)
-        if part_n == 0 or off <= alike * (c * part_n) or off <= band_tolerance(part_sum, part_n, c, settings):
-            part_sum, part_n = part_sum + s + held_sum, part_n + c + held_n
-            pending, held_sum, held_n = none, np.int64(0), np.int64(0)
+        if part_n == 0 or abs(total * part_n - part_sum * n) <= band_tolerance(part_sum, part_n, n, settings):
+            part_n, part_sum = part_n + n + pending_n, part_sum + total + pending_sum
+            pending, pending_n, pending_sum = -1, 0, 0
         elif pending < 0:
-            pending, held_sum, held_n = np.int64(v0), s, c
+            pending, pending_n, pending_sum = v0, n, total
         else:
             parts[1, k], parts[2, k] = part_n, part_sum
             k += 1
             parts[0, k] = pending
-            part_sum, part_n = held_sum + s, held_n + c
-            pending, held_sum, held_n = none, np.int64(0), np.int64(0)
-    parts[1, k], parts[2, k] = part_n + held_n, part_sum + held_sum
+            part_n, part_sum = pending_n + n, pending_sum + total
+            pending, pending_n, pending_sum = -1, 0, 0
+    parts[1, k], parts[2, k] = part_n + pending_n, part_sum + pending_sum
     return k + 1
 
 
 @inner
-def band_tolerance(part_sum, part_n, c, settings):
-    """Returns the greatest |s part_n - part_sum c| at which a band of c pixels with the sum s agrees with the part so
-    far."""
+def band_tolerance(part_sum, part_n, n, settings):
+    """Returns the greatest |total part_n - part_sum n| at which a band of n pixels with this total agrees with the part
+    so far.
+
+    Their means of disparity differ by total / n - part_sum / part_n, in codes. part_sum, part_n: sum and number of the
+    codes of the part."""
     mean = part_sum / (settings.lsb_per_px * part_n)
-    noise = settings.band_sigmas * settings.sigma_d_px * math.sqrt(1.0 / c + 1.0 / part_n)
-    return max(settings.band_step_m * mean * mean / settings.f_px, noise) * settings.lsb_per_px * (c * part_n)
+    noise = settings.band_sigmas * settings.sigma_d_px * math.sqrt(1.0 / n + 1.0 / part_n)
+    return max(settings.band_step_m * mean * mean / settings.f_px, noise) * settings.lsb_per_px * (n * part_n)
 
 
 @inner_inline
@@ -198,11 +181,10 @@ def slide_windows(column, peak, first, last, settings, buffers, out):
     run = -1
     for j in range(count):
         begin, end = first + j * half, min(last + 1, first + (j + 2) * half)
-        m, valid = (sums_own[end] - sums_own[begin]) >> 32, sums_open[end] - sums_open[begin]
-        valid, s = valid >> 32, valid & 0xFFFFFFFF
-        good = (
-            m >= need and m > settings.window_majority * valid and peak.low_code * valid <= s <= peak.high_code * valid
-        )
+        own, _ = rows_between(sums_own, begin, end)
+        n, total = rows_between(sums_open, begin, end)
+        good = own >= need and own > settings.window_majority * n
+        good = good and peak.low_code * n <= total <= peak.high_code * n
         if good and run < 0:
             run = j
         if run >= 0 and (not good or j == count - 1):
@@ -226,7 +208,7 @@ def finish_segment(column, peak, top, bottom, settings, buffers, out):
         for v in range(u_top, u_end):
             own_codes[v] = line[v] * (labels[v] == own)
     kind = ROUGH if peak.rough else SMOOTH
-    count = split_bands(buffers.sums_own, top, bottom, peak.low_code, settings, parts)
+    count = split_bands(buffers.sums_own, top, bottom, settings, parts)
     for k in range(count):
         a, b = parts[0, k], bottom if k == count - 1 else parts[0, k + 1] - 1
         a, b = ends_of(labels, peak.label, a, b)

@@ -105,7 +105,7 @@ def split(c: Column) -> list[tuple[int, int, int]]:
     top, bottom = int(rows[0]), int(rows[-1])
     b = c.buffers
     w.running_sums(c.line, c.mark, 0, top, bottom, b.sums_open, b.sums_own)
-    k = w.split_bands(b.sums_own, top, bottom, float(c.line[rows].min()), c.settings, b.parts)
+    k = w.split_bands(b.sums_own, top, bottom, c.settings, b.parts)
     return [tuple(int(v) for v in part) for part in b.parts[:, :k].T]
 
 
