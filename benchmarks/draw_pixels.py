@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.trace import Calls
 from companion.viewer.colors import depth_rgb
 from core.extractor import Extractor
-from core.stages.density import MAX_PEAKS, find_peaks
+from core.stages.density import MAX_PEAKS, Peaks, find_peaks
 from core.stages.spatial_noise import noise_tiles
 from core.stages.strips import IRREGULAR, MERGED, ROUGH, SMOOTH
 from core.types import FAR_MM, UNKNOWN_MM
@@ -154,7 +154,7 @@ def strips_of(calls: Calls) -> tuple[NDArray[np.uint16], NDArray[Any]]:
 
 def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """One column: its pixels with its strips, and its density with threshold and peaks."""
-    view, call, p = calls.of("view_geometry").result, calls.of("extract_strips"), extractor.params
+    view, call = calls.of("view_geometry").result, calls.of("extract_strips")
     codes, strips = strips_of(calls)
     u = column_with_most(calls, SMOOTH)
     bin_of_code, bin_px, _, threshold, weights, _ = call.before[3]
@@ -164,7 +164,7 @@ def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extracto
         np.int32
     )
     low, high, top = (np.zeros(MAX_PEAKS, np.int32) for _ in range(3))
-    peaks = find_peaks(counts, threshold, 0, len(counts) - 1, p.peak_valley, p.peak_alpha, 0, low, high, top)
+    peaks = find_peaks(counts, threshold, 0, len(counts) - 1, call.before[4][0], Peaks(low, high, top))
     a, b = figure.subplots(1, 2, sharex=True)
     rows, d = np.arange(codes.shape[1]), codes[u] / view.lsb_per_px
     for on, color, label in ((ground, "#c4a46e", "ground"), (open_, "#4a6f96", "pixel")):

@@ -4,10 +4,12 @@ Input: quantised disparity and the threshold of the ground. Output: the table of
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from ..jit import inner_inline, kernel
-from .density import LANES, MAX_PEAKS, count_bins, peaks_of_column, soft_counts
+from .density import MAX_PEAKS, Peaks, find_peaks, soft_counts
 from .irregular import irregular_rest
 from .row_mask import (
     CLOSED,
@@ -28,6 +30,56 @@ _ROUGH_FACTOR = 1.2
 """A peak wider than this times e(x) is rough."""
 
 
+class ColumnBuffers(NamedTuple):
+    """Scratch memory of `extract_strips` for columns of V rows and B bins of disparity.
+
+    Attributes:
+        mask: (V rounded up to 8,) uint8, the open rows, see `mask_open_rows`.
+        undecided: like mask.
+        label: (V rounded up to 8,) uint8, labels of row_mask.py.
+        below: (V,) uint16, see `tile_limits`.
+        above: (V,) uint16, see `tile_limits`.
+        measured: (V,) uint16, number of columns in which a row is measured.
+        px: (2, V + 8) int32, list of pixels, see row_mask.py.
+        hist: (B + 2 + 2 half,) int32, see `soft_counts`.
+        counts: (B + 2,) int32, soft counts.
+        peaks: Peaks.
+        windows: WindowBuffers."""
+
+    mask: Any
+    undecided: Any
+    label: Any
+    below: Any
+    above: Any
+    measured: Any
+    px: Any
+    hist: Any
+    counts: Any
+    peaks: Any
+    windows: Any
+
+
+@kernel
+def column_buffers(rows, bins, settings):
+    """Allocates ColumnBuffers for columns of so many rows. bins: BinTable; settings: a record of STRIP_SETTINGS."""
+    n_bins, half, whole = bins.disparity_px.shape[0], bins.weights.shape[0] // 2, (rows + 7) // 8 * 8
+    low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
+    sums_open, sums_own, codes = np.zeros(rows + 1, np.int64), np.zeros(rows + 1, np.int64), np.zeros(rows, np.int32)
+    return ColumnBuffers(
+        np.zeros(whole, np.uint8),
+        np.zeros(whole, np.uint8),
+        np.full(whole, CLOSED, np.uint8),
+        np.zeros(rows, np.uint16),
+        np.zeros(rows, np.uint16),
+        np.zeros(rows, np.uint16),
+        np.zeros((2, rows + 8), np.int32),
+        np.zeros(n_bins + 2 * half, np.int32),
+        np.zeros(n_bins, np.int32),
+        Peaks(low, high, top),
+        WindowBuffers(sums_open, sums_own, codes, np.zeros((3, rows // settings.band_rows + 2), np.int64)),
+    )
+
+
 @kernel
 def extract_strips(codes, ground, view, bins, settings, strips):
     """Extracts all strips of a levelled view; returns (strips, ground cells, strips merged because their column was
@@ -40,61 +92,48 @@ def extract_strips(codes, ground, view, bins, settings, strips):
         bins: BinTable.
         settings: (1,) STRIP_SETTINGS.
         strips: (N,) STRIP out, with room for max_column_strips per column."""
-    p = settings[0]
+    p, counted = settings[0], np.zeros(1, COUNTS)
     cols, rows = codes.shape
-    n_bins, half = bins.disparity_px.shape[0], bins.weights.shape[0] // 2
-    whole = (rows + 7) // 8 * 8
-    mask, undecided, label = np.zeros(whole, np.uint8), np.zeros(whole, np.uint8), np.full(whole, CLOSED, np.uint8)
-    below, above = np.zeros(rows, np.uint16), np.zeros(rows, np.uint16)
-    measured = np.zeros(rows, np.uint16)
-    px = np.zeros((2, rows + 8), np.int32)
-    lanes = np.zeros((LANES, n_bins), np.int32)
-    hist, counts = np.zeros(n_bins + 2 * half, np.int32), np.zeros(n_bins, np.int32)
-    low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
-    sums_open, sums_own, own_codes = (
-        np.zeros(rows + 1, np.int64),
-        np.zeros(rows + 1, np.int64),
-        np.zeros(rows, np.int32),
-    )
-    parts = np.zeros((3, rows // p.band_rows + 2), np.int64)
-    buffers = WindowBuffers(sums_open, sums_own, own_codes, parts)
-    counted = np.zeros(1, COUNTS)
-    found = counted[0]
-    out = StripOutput(strips, found)
-    H = view.H
-    limit, shift, tan_mid, threshold = ground.limit, ground.shift, view.tan_mid, bins.threshold
-    area = homography_area(H)
-    rises = limit_rises(limit)
-    tile = tile_columns(tan_mid, shift)
-    limited, between = -1, False
-    opened = np.int64(0)
+    out, b = StripOutput(strips, counted[0]), column_buffers(rows, bins, p)
+    limit, shift, tan_mid = ground.limit, ground.shift, view.tan_mid
+    rises, tile, area = limit_rises(limit), tile_columns(tan_mid, shift), homography_area(view.H)
+    between, opened = False, 0
     for u in range(cols):
-        if u // tile != limited:
-            limited = u // tile
-            shifts = shift[limited * tile : (limited + 1) * tile]
-            between = tile_limits(limit, rises, tan_mid, shifts, below, above)
+        if u % tile == 0:
+            between = tile_limits(limit, rises, tan_mid, shift[u : u + tile], b.below, b.above)
         line = codes[u]
-        mask_open_rows(line, limit, shift[u], tan_mid, below, above, between, mask, undecided, measured)
+        mask_open_rows(line, limit, shift[u], tan_mid, b.below, b.above, between, b.mask, b.undecided, b.measured)
+        n = gather_rows(line, b.mask, b.px)
+        if n > 0:
+            opened += n
+            out.counts.in_columns_before = out.counts.strips
+            strips_of_column(Column(u, line, b.label, view.H, area), n, bins, p, b, out)
+    return out.counts.strips, np.int64(b.measured.sum()) - opened, out.counts.merged
+
+
+@inner_inline
+def strips_of_column(column, n, bins, settings, buffers, out):
+    """Extracts the strips of one column: first those of its peaks, from near to far, then those of the rest.
+
+    Args:
+        column: Column.
+        n: number of its open pixels, at least 1.
+        bins: BinTable.
+        settings: a record of STRIP_SETTINGS.
+        buffers: ColumnBuffers with the open pixels in mask and px.
+        out: StripOutput."""
+    line, label, mask, px, peaks = column.line, column.label, buffers.mask, buffers.px, buffers.peaks
+    first, last = px[ROW, 0], px[ROW, n - 1]
+    begin, end = soft_counts(px, n, bins, buffers.hist, buffers.counts)
+    found = find_peaks(buffers.counts, bins.threshold, begin, end, settings, peaks)
+    if found > 0:
+        label_rows(line, mask, first, last, found, peaks.low, peaks.high, bins.first_code, label)
+        for k in range(found):
+            peak = peak_of(k, peaks.low[k], peaks.high[k], peaks.top[k], bins, settings)
+            slide_windows(column, peak, first, last, settings, buffers.windows, out)
+        mask_remaining_rows(label, first, last, mask)
         n = gather_rows(line, mask, px)
-        if n == 0:
-            continue
-        opened += n
-        top_row, bottom_row = px[ROW, 0], px[ROW, n - 1]
-        found.in_columns_before = found.strips
-        first, last = count_bins(px, n, bins.bin_of_code, lanes)
-        begin, end = soft_counts(lanes, first, last, bins.weights, hist, counts)
-        peaks = peaks_of_column(counts, begin, end, threshold, p.peak_valley, p.peak_alpha, low, high, top)
-        column = Column(u, line, label, H, area)
-        if peaks > 0:
-            label_rows(line, mask, top_row, bottom_row, peaks, low, high, bins.first_code, label)
-        for k in range(peaks):
-            peak = peak_of(k, low[k], high[k], top[k], bins, p)
-            slide_windows(column, peak, top_row, bottom_row, p, buffers, out)
-        if peaks > 0:
-            mask_remaining_rows(label, top_row, bottom_row, mask)
-            n = gather_rows(line, mask, px)
-        irregular_rest(px, n, column, p, out)
-    return found.strips, np.int64(measured.sum()) - opened, found.merged
+    irregular_rest(px, n, column, settings, out)
 
 
 @inner_inline

@@ -24,9 +24,6 @@ ONE_PX = 64
 """Soft count of one pixel."""
 MAX_PEAKS = 24
 """Greatest number of peaks of a column. Pixels of further peaks are left to the irregular rest."""
-LANES = 4
-"""Number of histograms that are used in turns: consecutive rows of a wall fall into one bin, and each addition would
-wait for the one before."""
 _MAX_BINS = 4096
 """Greatest number of bins. Bins that are too fine are widened; those uniform in disparity use three quarters of the
 table."""
@@ -49,6 +46,19 @@ class BinTable(NamedTuple):
     threshold: NDArray[np.int32]
     weights: NDArray[np.int32]
     first_code: NDArray[np.int32]
+
+
+class Peaks(NamedTuple):
+    """Peaks of the density of a column, from near to far, as bins.
+
+    Attributes:
+        low: (MAX_PEAKS,) int32, first bin of the interval of a peak.
+        high: (MAX_PEAKS,) int32, last bin of the interval.
+        top: (MAX_PEAKS,) int32, bin of the greatest count."""
+
+    low: NDArray[np.int32]
+    high: NDArray[np.int32]
+    top: NDArray[np.int32]
 
 
 def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params) -> BinTable:
@@ -97,135 +107,71 @@ def bins_of_codes(lsb_per_px, uniform_px, knee_px, f_per_depth):
 
 
 @inner_inline
-def count_bins(px, n, bin_of_code, lanes):
-    """Counts the first n pixels of px by bin; returns the least and the greatest bin with any.
+def soft_counts(px, n, bins, hist, counts):
+    """Computes the soft count of each bin from the first n pixels of px (Eq. 4).
+
+    counts[b] is the sum over k of weights[k] times the number of pixels in bin b + k - half.
 
     Args:
         px: (2, V) int32 of `gather_rows`.
         n: number of pixels, at least 1.
-        bin_of_code: of BinTable.
-        lanes: (LANES, B + 2) int32, zero before. The count of a bin is the sum over the lanes."""
-    for i in range(n):
-        b = bin_of_code[np.uint32(px[CODE, i])]  # an unsigned index needs no test for negative values
-        lanes[i & (LANES - 1), b] += 1
-    least, most = px[CODE, 0], px[CODE, 0]
-    for i in range(n):
-        least, most = min(least, px[CODE, i]), max(most, px[CODE, i])
-    return np.int64(bin_of_code[least]), np.int64(bin_of_code[most])
-
-
-@inner_inline
-def soft_counts(lanes, first, last, weights, hist, counts):
-    """Computes counts[b] = sum_k weights[k] hist[b + k - half] for the bins first..last and those within the kernel
-    (Eq. 4).
-
-    Args:
-        lanes: (LANES, B + 2) int32 of `count_bins`, zero afterwards.
-        first, last: least and greatest bin with pixels.
-        weights: (2 half + 1,) int32, symmetric.
-        hist: (B + 2 + 2 half,) int32 scratch, zero before and after.
+        bins: BinTable with B bins and 2 half + 1 weights.
+        hist: (B + 2 + 2 half,) int32 scratch, zero before and after. The number of pixels in bin b is hist[b + half].
         counts: (B + 2,) int32 out, valid in the returned range.
 
     Returns:
-        The least and greatest bin that the kernel reaches, and one empty bin before them."""
-    half = weights.shape[0] // 2
-    begin, end = max(0, first - half - 1), min(counts.shape[0] - 1, last + half)
-    h = np.uint64(half)  # unsigned indices, so that the loops below are vectorised
-    for b in range(np.uint64(first), np.uint64(last + 1)):
-        hist[b + h] = lanes[0, b] + lanes[1, b] + lanes[2, b] + lanes[3, b]
-        lanes[0, b], lanes[1, b], lanes[2, b], lanes[3, b] = 0, 0, 0, 0
-    u_begin, u_end = np.uint64(begin), np.uint64(end + 1)
-    if half == 3:  # the default kernel, in one pass
-        w0, w1, w2, w3 = weights[3], weights[4], weights[5], weights[6]
-        for b in range(u_begin, u_end):
-            at = b + h
-            one, two = (
-                hist[at - np.uint64(1)] + hist[at + np.uint64(1)],
-                hist[at - np.uint64(2)] + hist[at + np.uint64(2)],
-            )
-            counts[b] = w0 * hist[at] + w1 * one + w2 * two + w3 * (hist[b] + hist[at + h])
-    else:
-        for b in range(u_begin, u_end):
-            counts[b] = weights[half] * hist[b + h]
-        for k in range(1, half + 1):
-            weight, left, right = weights[half + k], np.uint64(half - k), np.uint64(half + k)
-            for b in range(u_begin, u_end):
-                counts[b] += weight * (hist[b + left] + hist[b + right])
-    for b in range(np.uint64(first + half), np.uint64(last + half + 1)):
-        hist[b] = 0
+        The least and the greatest bin that the kernel reaches."""
+    half = bins.weights.shape[0] // 2
+    least, most = px[CODE, 0], px[CODE, 0]
+    for i in range(n):
+        code = px[CODE, i]
+        hist[half + bins.bin_of_code[code]] += 1
+        least, most = min(least, code), max(most, code)
+    first, last = np.int64(bins.bin_of_code[least]), np.int64(bins.bin_of_code[most])
+    begin, end = max(0, first - half), min(counts.shape[0] - 1, last + half)
+    reached = counts[begin : end + 1]
+    reached[:] = 0
+    for k in range(bins.weights.shape[0]):
+        weight, shifted = bins.weights[k], hist[begin + k : end + k + 1]
+        for i in range(len(reached)):
+            reached[i] += weight * shifted[i]
+    hist[first + half : last + half + 1] = 0
     return begin, end
 
 
 @inner_inline
-def peaks_of_column(counts, begin, end, threshold, valley_share, alpha, low, high, top):
-    """Finds the peaks of counts[begin..end], from near to far, and returns their number.
+def find_peaks(counts, threshold, first, last, settings, peaks):
+    """Finds the peaks of counts[first..last] over their threshold, from near (high bins) to far; returns their number.
 
-    The result is that of `find_peaks` over all bins. Only ranges between empty bins that contain a bin over its
-    threshold are searched. The arguments are those of `find_peaks`."""
-    found = 0
-    for _ in range(end - begin + 1):
-        b = last_over(counts, threshold, begin, end)
-        if b < 0 or found == MAX_PEAKS:
-            break
-        first, last = b, b
-        for _a in range(end - b):
-            if counts[last + 1] == 0:
-                break
-            last += 1
-        for _a in range(b - begin):
-            first -= 1
-            if counts[first] == 0:
-                break
-        found = find_peaks(counts, threshold, first, last, valley_share, alpha, found, low, high, top)
-        end = first - 1
-    return found
-
-
-@inner_inline
-def last_over(counts, threshold, begin, end):
-    """Returns the greatest bin of begin..end whose count is not zero and not below its threshold, or -1."""
-    none = np.int32(-1)
-    last = none
-    for b in range(np.uint64(begin), np.uint64(end + 1)):
-        over = (counts[b] >= threshold[b]) & (counts[b] > 0)
-        last = max(last, np.int32(b) if over else none)
-    return np.int64(last)
-
-
-@inner_inline
-def find_peaks(counts, threshold, first, last, valley_share, alpha, found, low, high, top):
-    """Appends the peaks of counts[first..last] over their threshold, from near (high bins) to far; returns the number
-    of peaks.
-
-    The interval of a peak is where the count stays at or above alpha times the peak, but never past the valley to the
-    next peak. A valley above valley_share of the smaller of two peaks does not separate them. A plateau is one peak.
-    Beyond MAX_PEAKS the farthest are left to the irregular rest, which uses every remaining pixel.
+    The interval of a peak is where the count stays at or above peak_alpha times the peak, but never past the valley to
+    the next peak. A valley above peak_valley times the smaller of two peaks does not separate them. A plateau is one
+    peak. Beyond MAX_PEAKS the farthest are left to the irregular rest, which uses every remaining pixel.
 
     Args:
-        counts: soft counts.
+        counts: (B + 2,) int32 of `soft_counts`.
         threshold: of BinTable.
         first, last: range of bins.
-        valley_share: see above.
-        alpha: see above; the paper's alpha.
-        found: number of peaks so far.
-        low, high: (MAX_PEAKS,) int32 out, first and last bin of each peak.
-        top: (MAX_PEAKS,) int32 out, bin of the greatest count."""
+        settings: a record with peak_alpha, the paper's alpha, and peak_valley.
+        peaks: Peaks, out."""
+    found = 0
     start = last
     best, best_at = 0, last
     valley, valley_at = 0, last
     for i in range(last - first + 1):
         b = last - i
         c = counts[b]
-        if c > best and valley >= valley_share * best:
+        if c == 0 and valley == 0 and b > first:  # empty, as the bin before
+            continue
+        if c > best and valley >= settings.peak_valley * best:
             best, best_at = c, b
             valley, valley_at = c, b
         elif c < valley:
             valley, valley_at = c, b
-        if b == first or (valley < valley_share * best and valley < valley_share * c):
+        if b == first or (valley < settings.peak_valley * best and valley < settings.peak_valley * c):
             if best >= threshold[best_at] and best > 0 and found < MAX_PEAKS:
                 end = first if b == first else valley_at
-                low[found], high[found] = peak_interval(counts, best_at, end, start, alpha * best)
-                top[found] = best_at
+                low, high = peak_interval(counts, best_at, end, start, settings.peak_alpha * best)
+                peaks.low[found], peaks.high[found], peaks.top[found] = low, high, best_at
                 found += 1
             start = valley_at - 1
             best, best_at = c, b

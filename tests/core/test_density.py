@@ -10,18 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core.jit import record
 from core.params import Params
-from core.stages.density import (
-    LANES,
-    MAX_PEAKS,
-    ONE_PX,
-    BinTable,
-    bin_table,
-    count_bins,
-    find_peaks,
-    peaks_of_column,
-    soft_counts,
-)
+from core.stages.density import MAX_PEAKS, ONE_PX, BinTable, Peaks, bin_table, find_peaks, soft_counts
 from core.stages.row_mask import CODE
 
 from . import naive
@@ -69,27 +60,23 @@ def test_the_threshold_is_the_pixels_of_a_least_obstacle() -> None:
 @given(st.integers(0, 2**32 - 1), st.integers(2, 60), st.sampled_from([1, 3, 7]))
 def test_soft_counts_are_a_convolution(seed: int, n: int, half: int) -> None:
     rng = np.random.default_rng(seed)
+    bins = bin_table(450.0, 20.0, 0.5, Params(kernel_half_bins=half))
+    weights = bins.weights
+    assert len(weights) == 2 * half + 1
+    assert weights[half] == ONE_PX
+    np.testing.assert_array_equal(weights, weights[::-1])
     bin_of_code = np.minimum(1 + np.arange(65536) // 7, n - 2 if n > 3 else 1).astype(np.uint16)
     px = np.zeros((2, 100), np.int32)
     pixels = int(rng.integers(1, 90))
     px[CODE, :pixels] = rng.integers(2, 7 * n, pixels)
-    lanes = np.zeros((LANES, n), np.int32)
-    weights = bin_table(450.0, 20.0, 0.5, Params(kernel_half_bins=half)).weights
     hist, out = np.zeros(n + 2 * half, np.int32), np.full(n, -1, np.int32)
-    first, last = count_bins(px, pixels, bin_of_code, lanes)
+    begin, end = soft_counts(px, pixels, bins._replace(bin_of_code=bin_of_code), hist, out)
     own = bin_of_code[px[CODE, :pixels]]
-    assert (first, last) == (own.min(), own.max())
-    begin, end = soft_counts(lanes, first, last, weights, hist, out)
     want = np.convolve(np.bincount(own, minlength=n), weights)[half : half + n]
     np.testing.assert_array_equal(out[begin : end + 1], want[begin : end + 1])
     assert not want[:begin].any()
     assert not want[end + 1 :].any()
-    assert begin == 0 or want[begin] == 0  # a bin without counts before them
-    assert not lanes.any()
     assert not hist.any()
-    assert len(weights) == 2 * half + 1
-    assert weights[half] == ONE_PX
-    np.testing.assert_array_equal(weights, weights[::-1])
 
 
 def test_first_codes_begin_their_bins() -> None:
@@ -102,15 +89,11 @@ def test_first_codes_begin_their_bins() -> None:
 
 
 def run_peaks(counts: np.ndarray, threshold: np.ndarray, share: float, alpha: float) -> list[tuple[int, int, int]]:
-    """Peaks of all bins at once; the same must come out where the parts between empty bins are looked at alone."""
-    counts, threshold = counts.astype(np.int32), threshold.astype(np.int32)
-    low, high, top = (np.full(MAX_PEAKS, -9, np.int32) for _ in range(3))
-    n = find_peaks(counts, threshold, 0, len(counts) - 1, share, alpha, 0, low, high, top)
-    found = [(int(top[i]), int(low[i]), int(high[i])) for i in range(n)]
-    low, high, top = (np.full(MAX_PEAKS, -9, np.int32) for _ in range(3))
-    n = peaks_of_column(counts, 0, len(counts) - 1, threshold, share, alpha, low, high, top)
-    assert [(int(top[i]), int(low[i]), int(high[i])) for i in range(n)] == found
-    return found
+    """(top, low, high) of each peak of all bins."""
+    peaks = Peaks(*(np.full(MAX_PEAKS, -9, np.int32) for _ in range(3)))
+    settings = np.array([(share, alpha)], record(("peak_valley", np.float64), ("peak_alpha", np.float64)))[0]
+    n = find_peaks(counts.astype(np.int32), threshold.astype(np.int32), 0, len(counts) - 1, settings, peaks)
+    return [(int(peaks.top[i]), int(peaks.low[i]), int(peaks.high[i])) for i in range(n)]
 
 
 @given(

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from core.stages.density import LANES, MAX_PEAKS, BinTable, count_bins, peaks_of_column, soft_counts
+from core.stages.density import MAX_PEAKS, BinTable, Peaks, find_peaks, soft_counts
 from core.stages.row_mask import (
     CLOSED,
     CODE,
@@ -52,8 +52,8 @@ SETTINGS = np.dtype(
         ("horizon_row", np.float64),
         ("lsb_per_px", np.float64),
         ("ke_per_m", np.float64),
-        ("alpha", np.float64),
-        ("valley", np.float64),
+        ("peak_alpha", np.float64),
+        ("peak_valley", np.float64),
         ("passable_height_m", np.float64),
         ("segment_height_m", np.float64),
         ("majority", np.float64),
@@ -96,40 +96,20 @@ def strips_paper(codes: NDArray[np.uint16], settings: NDArray[np.void], bins: Bi
 
     codes: (cols, rows) uint16 quantised disparity of the levelled view."""
     strips = np.empty(codes.size, STRIP)
-    found = _search(
-        codes,
-        settings,
-        bins.bin_of_code,
-        bins.disparity_px,
-        bins.width_px,
-        bins.threshold,
-        bins.weights,
-        bins.first_code,
-        strips,
-    )
+    found = _search(codes, settings, bins, strips)
     strips = strips[:found]
     return strips[np.lexsort((-strips["disparity"], strips["top"], strips["u"]))]
 
 
 @njit(cache=True, nogil=True)
-def _search(
-    codes: Any,
-    settings: Any,
-    bin_of_code: Any,
-    bin_px: Any,
-    bin_width_px: Any,
-    threshold: Any,
-    weights: Any,
-    first_code: Any,
-    strips: Any,
-) -> Any:
+def _search(codes: Any, settings: Any, bins: Any, strips: Any) -> Any:
     """All strips of a view, column by column; returns their number."""
-    p = settings[0]
+    p, bin_px, bin_width_px, weights = settings[0], bins.disparity_px, bins.width_px, bins.weights
     cols, rows = codes.shape
     n_bins, half = bin_px.shape[0], weights.shape[0] // 2
     whole = (rows + 7) // 8 * 8
     mask, mark = np.zeros(whole, np.uint8), np.full(whole, CLOSED, np.uint8)
-    px, lanes = np.zeros((2, rows + 8), np.int32), np.zeros((LANES, n_bins), np.int32)
+    px = np.zeros((2, rows + 8), np.int32)
     hist, counts = np.zeros(n_bins + 2 * half, np.int32), np.zeros(n_bins, np.int32)
     low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
     found = 0
@@ -141,13 +121,12 @@ def _search(
         if n == 0:
             continue
         first_row, last_row = px[ROW, 0], px[ROW, n - 1]
-        first, last = count_bins(px, n, bin_of_code, lanes)
-        begin, end = soft_counts(lanes, first, last, weights, hist, counts)
-        peaks = peaks_of_column(counts, begin, end, threshold, p.valley, p.alpha, low, high, top)
-        label_rows(line, mask, first_row, last_row, peaks, low, high, first_code, mark)
+        begin, end = soft_counts(px, n, bins, hist, counts)
+        peaks = find_peaks(counts, bins.threshold, begin, end, p, Peaks(low, high, top))
+        label_rows(line, mask, first_row, last_row, peaks, low, high, bins.first_code, mark)
         for k in range(peaks):
             spread = bin_px[high[k]] - bin_px[low[k]] + bin_width_px[top[k]]
-            kernel = 2.0 * p.alpha * weights.shape[0] * bin_width_px[top[k]]
+            kernel = 2.0 * p.peak_alpha * weights.shape[0] * bin_width_px[top[k]]
             # as printed: ke * (C f / x)^2, metres, added to a disparity
             metres = p.ke_per_m * (p.f_px / bin_px[top[k]]) ** 2
             rough = spread > p.sigma_d_px + kernel + (metres - p.sigma_d_px)
