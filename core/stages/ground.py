@@ -155,7 +155,8 @@ def vote(marks, R, k, ke, tuning, samples):
             yv = (v - k[3]) / k[1]
             z = (R[2, 0] * xu + R[2, 1] * yv + R[2, 2]) / d
             x = (R[0, 0] * xu + R[0, 1] * yv + R[0, 2]) / d
-            if n < points.shape[0]:
+            is_written = n < len(points)
+            if is_written:
                 point = points[n]
                 point.x, point.y, point.z = x, (R[1, 0] * xu + R[1, 1] * yv + R[1, 2]) / d, z
                 point.per_height = d / ke
@@ -176,12 +177,13 @@ def vote(marks, R, k, ke, tuning, samples):
             yv2 = (v2 - k[3]) / k[1]
             z2 = (R[2, 0] * xu + R[2, 1] * yv2 + R[2, 2]) / d2
             x2 = (R[0, 0] * xu + R[0, 1] * yv2 + R[0, 2]) / d2
-            if x2 > 0.0:
+            if x2 > 0.0 and is_written:
                 points[n - 1].tangent_step, points[n - 1].inverse_step = z / x - z2 / x2, 1.0 / x - 1.0 / x2
             noise = _PAIR_SIGMAS * ke * (z / d + abs(z2) / d2) * 0.5
             allowed = min(_PAIR_FLAT * climb + noise, _PAIR_FLAT_CAP * climb)
             if abs(z2 - z) < allowed and z2 > _PAIR_LEVEL * z:
-                points[n - 1].level = 1.0
+                if is_written:
+                    points[n - 1].level = 1.0
                 bin_ = step_of(0.5 * (z + z2), bin_step) - lowest
                 if 0 <= bin_ < bins:
                     votes[bin_] += 1

@@ -257,6 +257,22 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
 
 
 @pytest.mark.nojit
+def test_samples_without_room_change_no_point() -> None:
+    """Where the table of points is full, further samples vote but leave the last point as it is."""
+    info = CameraInfo("test", Intrinsics(20, 24, 24.0, 24.0, 9.5, 11.5))
+    k, R = info.intrinsics, level(-0.4)
+    image = noisy(ground_image(info, 1.5, -0.4), 0.0015, 1)
+    found = []
+    for room in (P.ground_max_samples, 9):
+        points, votes = np.zeros(room, POINT), np.zeros(height_bins(P), np.int32)
+        camera = np.array([k.fx, k.fy, k.cx, k.cy])
+        vote(image, R, camera, 0.005, ground_settings(P)[0], GroundSamples(2, 2, votes, points))
+        found.append((points[:9].tolist(), votes.tolist()))
+    assert found[0] == found[1]
+    assert sum(found[0][1]) > 9
+
+
+@pytest.mark.nojit
 @given(st.floats(3.0, 12.0), st.floats(-0.03, 0.03), st.integers(0, 2**32 - 1))
 def test_what_stands_out_of_the_grounds_noise_against_its_definition(height: float, slope: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
