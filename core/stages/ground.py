@@ -39,8 +39,6 @@ _PAIR_MIN_PX = 4.0
 _PAIR_FLAT, _PAIR_SIGMAS, _PAIR_FLAT_CAP = 0.25, 2.0, 0.5
 """A pair votes when it rises by less than the first share of the rise of a wall and so many sigma of the noise, together at
 most the second share."""
-_PAIR_LEVEL = 0.5
-"""The farther pixel of a pair lies at least this share as far below the camera as the nearer one."""
 _SEED_WEIGHT, _SEED_STEPS = 1.5, 2
 """Weight of votes up to this many steps of height from the ground of the last frame."""
 _TRIES = 6
@@ -181,7 +179,7 @@ def vote(marks, R, k, ke, tuning, samples):
                 points[n - 1].tangent_step, points[n - 1].inverse_step = z / x - z2 / x2, 1.0 / x - 1.0 / x2
             noise = _PAIR_SIGMAS * ke * (z / d + abs(z2) / d2) * 0.5
             allowed = min(_PAIR_FLAT * climb + noise, _PAIR_FLAT_CAP * climb)
-            if abs(z2 - z) < allowed and z2 > _PAIR_LEVEL * z:
+            if abs(z2 - z) < allowed:
                 if is_written:
                     points[n - 1].level = 1.0
                 bin_ = step_of(0.5 * (z + z2), bin_step) - lowest
