@@ -17,7 +17,7 @@ from .stages.classify import classify, clear_range_m, depth_to_mm, pixel_limits
 from .stages.depth_bias import DepthBias
 from .stages.free_profile import free_profile
 from .stages.free_space import FreeObservation, observe_free
-from .stages.ground import POINT, find_ground, ground_settings
+from .stages.ground import find_ground, ground_search
 from .stages.ground_ranges import with_ranges
 from .stages.level import LevelledView, level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
@@ -50,7 +50,7 @@ class Extractor:
     def __init__(self, params: Params | None = None, open_sky: OpenSkyParams | None = None) -> None:
         self.params = params or Params()
         self.open_sky = open_sky or OpenSkyParams()
-        self._ground_settings = ground_settings(self.params)
+        self._ground_search = ground_search(self.params)
         self._settings: Settings | None = None
         self._buffers = Buffers()
         self._strip_search = StripSearch(self.params, self._buffers)
@@ -95,8 +95,7 @@ class Extractor:
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, pixel_stats(counts, depth_mm.size)), state
         source = source_of(info, R, clear_range_m(info, ke, p))
         ke, next_state = estimate_noise(state, depth_mm, marks, info, limits, p)
-        points = self._buffers("points", (p.ground_max_samples,), POINT)
-        ground = find_ground(marks, info, R, ke, state.ground_height_m, p, self._ground_settings, points)
+        ground = find_ground(marks, info, R, ke, state.ground_height_m, self._ground_search)
         ramps, heights = ramp_limits(info, ke), height_line(info, R, ground, p)
         smear = remove_smeared_edges(next_state, depth_mm, marks, ramps, heights, p, self._buffers)
         next_state, stats = smear.state, pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
@@ -118,7 +117,7 @@ class Extractor:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
             ground, next_state = (
-                with_ranges(ground, points, free.edges_t),
+                with_ranges(ground, self._ground_search.points, free.edges_t),
                 replace(next_state, ground_height_m=ground.height_m),
             )
         profile = self._profile(free, opened, published, planes, bias)

@@ -7,40 +7,52 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..types import Ground
+from .ground_fit import GroundPlane
+
+
+class SeenGround(NamedTuple):
+    """The ground of a frame, and which points belong to it.
+
+    Attributes:
+        plane: GroundPlane.
+        tolerance_m: least distance from the plane at which a point does not belong to it.
+        noise_per_m: the same per metre of forward distance, where that is greater.
+        blind_beyond_m: greatest forward distance of a point."""
+
+    plane: GroundPlane
+    tolerance_m: float
+    noise_per_m: float
+    blind_beyond_m: float
 
 
 @kernel
-def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edges_t, seen_from, seen_to):
+def ground_ranges(points, ground, edges_t, seen_from, seen_to):
     """Computes the nearest and farthest horizontal range at which the ground was measured in each direction.
 
     A direction without a sample between two that have some gets the part of the range that both share.
 
     Args:
-        points: (N,) POINT of `vote`. Those that voted count if they lie within max(tolerance, noise x) of the plane.
-        height, slope_x, slope_y: the plane.
-        tolerance: m.
-        noise: m per metre of forward distance.
-        blind: greatest forward distance, m.
+        points: (N,) POINT of `vote`. Those that voted count.
+        ground: SeenGround.
         edges_t: (D + 1,) float64, tangents of the edges of the directions.
         seen_from: (D,) float32 out, m; 0: none.
         seen_to: (D,) float32 out, m; 0: none."""
-    directions = len(edges_t) - 1
+    directions, plane = len(edges_t) - 1, ground.plane
     seen_from[:] = 0.0
     seen_to[:] = 0.0
     for i in range(len(points)):
         x, y, z = np.float64(points[i].x), np.float64(points[i].y), np.float64(points[i].z)
-        if (
-            points[i].level == 0.0
-            or x > blind
-            or abs(z - height - slope_x * x - slope_y * y) > max(tolerance, noise * x)
-        ):
+        if points[i].level == 0.0 or x > ground.blind_beyond_m:
+            continue
+        off = abs(z - plane.height_m - plane.slope_x * x - plane.slope_y * y)
+        if off > max(ground.tolerance_m, ground.noise_per_m * x):
             continue
         d = int(np.searchsorted(edges_t, y / x, side="right")) - 1
         if d < 0 or d >= directions:
@@ -65,16 +77,7 @@ def with_ranges(ground: Ground, points: NDArray[Any], edges_t: NDArray[np.float6
     if not ground.seen:
         return ground
     seen_from, seen_to = np.empty((2, len(edges_t) - 1), np.float32)
-    ground_ranges(
-        points,
-        ground.height_m,
-        ground.slope_x,
-        ground.slope_y,
-        float(ground.tolerance_m),
-        ground.noise_per_m,
-        ground.blind_beyond_m,
-        edges_t,
-        seen_from,
-        seen_to,
-    )
+    plane = GroundPlane(ground.height_m, ground.slope_x, ground.slope_y)
+    seen = SeenGround(plane, float(ground.tolerance_m), ground.noise_per_m, ground.blind_beyond_m)
+    ground_ranges(points, seen, edges_t, seen_from, seen_to)
     return replace(ground, seen_from_m=tuple(seen_from.tolist()), seen_to_m=tuple(seen_to.tolist()))

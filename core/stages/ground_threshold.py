@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..jit import inner, inner_ieee, record
 from ..params import Params
 from ..types import Ground
+from .ground_fit import GroundPlane
 from .strips import MERGED
 from .support import compact
 from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
@@ -40,19 +41,24 @@ class GroundThreshold(NamedTuple):
 
 
 @inner_ieee
-def fill_threshold(view, height, slope_x, slope_y, tolerance, limit, shift):
+def fill_threshold(view, plane, tolerance, limit, shift):
     """Fills limit and shift of GroundThreshold.
 
     A cell z = X m is ground if it is lower than h + slope_x X + slope_y y - tolerance(X), with X = f lsb_per_px / q.
 
-    tolerance: (spread, least, cap); the tolerance at X is spread X, limited to least..cap metres."""
+    Args:
+        view: ViewGeometry.
+        plane: GroundPlane with h, slope_x and slope_y.
+        tolerance: (spread, least, cap); the tolerance at X is spread X, limited to least..cap metres.
+        limit: (65536,) float32 out.
+        shift: (cols,) float32 out."""
     spread, least, cap = tolerance
     gain, cu, lateral, f_px = view.f_px * view.lsb_per_px, view.cu, np.float64(view.lateral[0]), view.f_px
     for q in range(len(limit)):
         s = np.int32(q) / gain
-        limit[q] = height * s - min(max(spread, least * s), cap * s) + slope_x
+        limit[q] = plane.height_m * s - min(max(spread, least * s), cap * s) + plane.slope_x
     for u in range(len(shift)):
-        shift[u] = slope_y * ((np.int32(u) - cu) * lateral / f_px)
+        shift[u] = plane.slope_y * ((np.int32(u) - cu) * lateral / f_px)
 
 
 def ground_threshold(
@@ -68,7 +74,8 @@ def ground_threshold(
         float(min(params.ground_tolerance_m, cap)),
         float(cap),
     )
-    fill_threshold(view, float(ground.height_m), float(ground.slope_x), float(ground.slope_y), tolerance, limit, shift)
+    plane = GroundPlane(float(ground.height_m), float(ground.slope_x), float(ground.slope_y))
+    fill_threshold(view, plane, tolerance, limit, shift)
     return GroundThreshold(limit, shift)
 
 

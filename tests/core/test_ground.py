@@ -11,7 +11,17 @@ from hypothesis import strategies as st
 
 from core.params import Params
 from core.stages import strips as strip_table
-from core.stages.ground import NO_GROUND, POINT, GroundSamples, find_ground, ground_settings, height_bins, vote
+from core.stages.ground import (
+    NO_GROUND,
+    POINT,
+    GroundCamera,
+    GroundSamples,
+    find_ground,
+    ground_search,
+    ground_settings,
+    height_bins,
+    vote,
+)
 from core.stages.ground_threshold import drop_ground_noise, ground_noise_test, ground_threshold
 from core.stages.view_geometry import view_geometry
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
@@ -39,8 +49,7 @@ def ground_image(
 def find(
     depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan, p: Params = P
 ) -> Ground:
-    points = np.zeros(p.ground_max_samples, POINT)
-    return find_ground(marks_of(depth, info, ke), info, R, ke, seed, p, ground_settings(p), points)
+    return find_ground(marks_of(depth, info, ke), info, R, ke, seed, ground_search(p))
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])
@@ -248,7 +257,7 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
     image[rng.random(image.shape) < 0.2] = rng.choice([0, FAR_MM])
     tuning, points = ground_settings(P)[0], np.zeros(P.ground_max_samples, POINT)
     samples = GroundSamples(2, 2, np.zeros(height_bins(P), np.int32), points)
-    n, _ = vote(image, R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005, tuning, samples)
+    n, _ = vote(image, GroundCamera(R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005), tuning, samples)
     at = [(u, v) for u in range(1, 20, 2) for v in range(1, 24, 2) if image[v, u] not in (0, FAR_MM)]
     assert n == len(at)
 
@@ -278,8 +287,8 @@ def test_samples_without_room_change_no_point() -> None:
     found = []
     for room in (P.ground_max_samples, 9):
         points, votes = np.zeros(room, POINT), np.zeros(height_bins(P), np.int32)
-        camera = np.array([k.fx, k.fy, k.cx, k.cy])
-        vote(image, R, camera, 0.005, ground_settings(P)[0], GroundSamples(2, 2, votes, points))
+        camera = GroundCamera(R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005)
+        vote(image, camera, ground_settings(P)[0], GroundSamples(2, 2, votes, points))
         found.append((points[:9].tolist(), votes.tolist()))
     assert found[0] == found[1]
     assert sum(found[0][1]) > 9
