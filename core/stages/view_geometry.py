@@ -139,10 +139,16 @@ def is_rotation(R, tolerance):
             dot = R[i, 0] * R[j, 0] + R[i, 1] * R[j, 1] + R[i, 2] * R[j, 2]
             if not abs(dot - (1.0 if i == j else 0.0)) <= tolerance:
                 return False  # nan included
-    a = R[0, 0] * (R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1])
-    b = R[0, 1] * (R[1, 0] * R[2, 2] - R[1, 2] * R[2, 0])
-    c = R[0, 2] * (R[1, 0] * R[2, 1] - R[1, 1] * R[2, 0])
-    return a - b + c > 0.0
+    return determinant(R) > 0.0
+
+
+@inner
+def determinant(M):
+    """Returns the determinant of M (3, 3)."""
+    a = M[0, 0] * (M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1])
+    b = M[0, 1] * (M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0])
+    c = M[0, 2] * (M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0])
+    return a - b + c
 
 
 def tilt_rad(R_level_optical: Rotation) -> float:
@@ -234,10 +240,7 @@ def _axis(low_px, high_px, source_centre):
 def homography_area(H):
     """Returns |det(H)|. Divided by w^3 it is the area of a cell of the levelled view in source pixels (the Jacobian
     of H)."""
-    a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
-    b = H[0, 1] * (H[1, 0] * H[2, 2] - H[1, 2] * H[2, 0])
-    c = H[0, 2] * (H[1, 0] * H[2, 1] - H[1, 1] * H[2, 0])
-    return abs(a - b + c)
+    return abs(determinant(H))
 
 
 @inner
