@@ -32,26 +32,24 @@ SECTIONS: Final = (
     Section(
         "fidelity",
         "Fidelity",
-        "Is what is there in the model, and is what is in the model there?",
+        "Which obstacles are missing in the model, and which does the model add?",
         "benchmarks.fidelity.section",
     ),
     Section(
         "peers",
         "Beside others",
-        "What would an engineer get from a grid, an octree or a plane extractor?",
+        "How do a grid, an octree and a plane extractor compare?",
         "benchmarks.peers.section",
     ),
     Section("paper", "The paper's figures", "Which of the paper's claims hold?", "benchmarks.paper.section"),
     Section(
         "world",
         "The merged world",
-        "What becomes of a flight: is it closed, true, small, and what does it cost?",
+        "Is the world of a flight closed, correct and small, and how much time does it take?",
         "benchmarks.world.section",
     ),
-    Section(
-        "recordings", "Recordings", "What becomes of images that no simulator made?", "benchmarks.fidelity.recordings"
-    ),
-    Section("memory", "Memory", "Does anything grow over 100 000 frames?", "benchmarks.speed.section_memory"),
+    Section("recordings", "Recordings", "What are the models of recorded images?", "benchmarks.fidelity.recordings"),
+    Section("memory", "Memory", "Does memory grow over 100 000 frames?", "benchmarks.speed.section_memory"),
 )
 """In the order of the index."""
 
@@ -61,13 +59,13 @@ What the algorithm reaches, and what it does not, measured by
 
     make bench
 
-which makes its own environment and rewrites these pages; `make bench ARGS='--only speed'` one of them, `ARGS=--quick` a rough look at all in a few minutes (into `bench-out`). Each page states when it was measured, on what and with what. Figures are of simulated scenes with known truth unless the page states otherwise. Nothing here is edited by hand.
+which makes its own environment and rewrites these pages; `make bench ARGS='--only speed'` one of them, `ARGS=--quick` a rough look at all in a few minutes (into `bench-out`). Each page states date, commit, machine, versions and command. Figures are of simulated scenes with known truth unless the page states otherwise. Do not edit these pages by hand.
 
-Where a goal is missed: why, what was tried and what would do it, in `docs/research/attempts.md`, for time in `docs/research/speed.md`.
+Why a goal is missed, what was tried and what would reach it: `docs/research/attempts.md`, for time `docs/research/speed.md`.
 
-On a drone, without this checkout, `companion bench` measures that machine.
+On a companion computer, without this checkout, `companion bench` measures its speed.
 
-How to read the times: one thread on one core, after everything is compiled, medians of many frames that differ in their noise. *Processor* is the time that the core worked for us; *wall* is what a clock on the wall shows, other work on the machine included. To compare two machines, or two days, compare the ratios to the reference workload of the same run.
+How to read the times: one thread on one core, after everything is compiled, medians of many frames that differ in their noise. *Processor* is processor time; *wall* is elapsed time, which contains other work on the machine. To compare two machines, or two days, compare the ratios to the reference workload of the same run.
 
 | page | question | measured |
 |---|---|---|
