@@ -159,8 +159,12 @@ class CameraSupervisor:
         config = json.dumps({k: v for k, v in dataclasses.asdict(self.section).items() if v is not None})
         self._set_condition(CameraCondition.STARTING, self._with_last_loss("opening the camera"))
         self._update(starts=self._status.starts + 1)
+        # a process group of its own: Ctrl-C in a terminal reaches the service alone, which ends this process
         self._process = subprocess.Popen(
-            [*self._command, str(reader.child_fd), config], pass_fds=[reader.child_fd], stdin=subprocess.DEVNULL
+            [*self._command, str(reader.child_fd), config],
+            pass_fds=[reader.child_fd],
+            stdin=subprocess.DEVNULL,
+            process_group=0,
         )
         reader.close_child()
         try:

@@ -123,9 +123,10 @@ class Repairs:
             )
             return
         log.info("log: repairing %s, %.0f MB, left unfinished by an earlier run", path.name, size / 1e6)
-        # the child ends when its standard input closes, which shows that this process has ended
+        # the child ends when its standard input closes, which shows that this process has ended; Ctrl-C in a terminal
+        # does not reach its process group
         self._process = subprocess.Popen(
-            [*self._command, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [*self._command, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, process_group=0
         )
         self._path = path
 

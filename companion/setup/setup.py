@@ -127,6 +127,11 @@ def run(args: argparse.Namespace) -> int:
         return 1
     ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
     name = shell_word(args.output)
+    if answers.kind == "simulated" and not answers.autopilot:
+        print_line(
+            f'next: set [autopilot] address = "udpin:127.0.0.1:14540" in {name} for `companion simulate-autopilot`'
+        )
+        return 0 if ok else 1
     if answers.kind == "simulated":
         print_line(f"next: companion run -c {name}, and beside it companion simulate-autopilot -c {name}")
         return 0 if ok else 1

@@ -192,6 +192,14 @@ def test_the_process_of_a_channel_that_fails_is_collected_before_the_next_start(
             os.waitpid(pid, os.WNOHANG)
 
 
+def test_ctrl_c_in_the_terminal_reaches_the_service_alone(tmp_path: Path) -> None:
+    """A camera process that was still importing its modules printed a traceback."""
+    with Watched(tmp_path, "well:0") as w:
+        assert w.until(lambda: w.supervisor.pid is not None)
+        assert w.supervisor.pid is not None
+        assert os.getpgid(w.supervisor.pid) != os.getpgrp()
+
+
 def test_the_cause_of_a_failure_may_be_long(monkeypatch: pytest.MonkeyPatch) -> None:
     """A library may put a whole dump into its message."""
 

@@ -667,6 +667,8 @@ def test_a_kill_during_a_repair_loses_nothing(tmp_path: Path) -> None:
     assert not part.exists()
     repairs.step(lambda size: True)
     assert repairs.repairing == old.name
+    assert repairs._process is not None
+    assert os.getpgid(repairs._process.pid) != os.getpgrp()  # Ctrl-C does not reach it
     repairs.stop()
     assert old.read_bytes() == content
     (results,) = repair(tmp_path, "now")

@@ -236,6 +236,16 @@ def test_answers_from_a_pipe_are_not_silently_ignored(
     assert "the input is not a terminal" in capsys.readouterr().err
 
 
+def test_the_next_step_without_an_autopilot_is_its_address(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`companion simulate-autopilot`, which was named, refuses a configuration without an address."""
+    path = tmp_path / "my.toml"
+    options = ["--yes", "--camera", "simulated", "--autopilot", "none", "--no-doctor"]
+    assert main(["setup", "-o", str(path), *options]) == 0
+    output = capsys.readouterr().out
+    assert 'next: set [autopilot] address = "udpin:127.0.0.1:14540"' in output
+    assert "companion run" not in output
+
+
 def test_a_simulated_camera_gets_the_simulated_autopilot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without an address the service was blind for ever."""
     out = tmp_path / "c.toml"
