@@ -171,7 +171,7 @@ def summary(flown: Sequence[Flown]) -> str:
             else ""
         )
         said.append(f"{f.words}: {f.times.cpu():.1f} ms a frame, {planes:.0f} planes{again}")
-    return "Images that no simulator of ours made. " + "; ".join(said) + ".\n"
+    return "Images that the simulator of this project did not make. " + "; ".join(said) + ".\n"
 
 
 def tables(flown: Sequence[Flown]) -> list[str]:

@@ -30,7 +30,7 @@ class Persona:
 
 NEWCOMER: Final = Persona(
     "newcomer",
-    "sees the project for the first time",
+    "is new to the project",
     "README, tutorial/demo",
     (
         Step("companion --help", shows=("companion demo",)),
@@ -90,7 +90,7 @@ PLANNER: Final = Persona(
 
 DATA: Final = Persona(
     "data person",
-    "wants the results of a flight as tables and pictures",
+    "needs the results of a flight as tables and pictures",
     "how-to/view-logs",
     (
         Step("cp MATERIAL/prisms.mcap ."),
