@@ -23,6 +23,7 @@ env: $(STAMP) ## the environment in .venv with all tools of development, made fr
 
 $(STAMP): pyproject.toml clients/python/pyproject.toml requirements-dev.lock .ci/find-python .ci/make-env
 	@bash .ci/make-env $(VENV) requirements-dev.lock && touch $@
+	@echo "the environment is complete: . $(BIN)/activate puts the command companion into the path of this terminal"
 
 # without the tools of development; where those are installed, they are kept
 $(DEMO_STAMP): pyproject.toml clients/python/pyproject.toml requirements-demo.lock .ci/find-python .ci/make-env
