@@ -28,8 +28,10 @@ from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 NS = 1_000_000_000
-PATIENCE_S = 60.0
+PATIENCE_S = 300.0
 """Time limit for steps that are not the subject of a test, such as a start on a busy machine."""
+SUPERVISION = f"[supervision]\nopen_s = {PATIENCE_S}\n"
+"""A camera process that is ended because it opens slowly, as on a busy machine, begins again and never opens."""
 
 
 def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> bool:
@@ -95,7 +97,8 @@ class Subscription(threading.Thread):
 class Live:
     """`companion run` as a process.
 
-    sections: TOML; {cable} is replaced by the path of a file (deleted: the camera is unplugged), {port} by a free UDP port.
+    sections: TOML; {cable} is replaced by the path of a file (deleted: the camera is unplugged), {port} by a free UDP port. The
+    limit for opening a camera is added.
     renders: directory of rendered frames."""
 
     def __init__(self, folder: Path, sections: str, renders: Path) -> None:
@@ -103,6 +106,8 @@ class Live:
         self.port = free_port()
         self.config = folder / "live.toml"
         self.cable.touch()
+        head = SUPERVISION.partition("\n")[0] + "\n"
+        sections = sections.replace(head, SUPERVISION) if head in sections else f"{sections}\n{SUPERVISION}"
         self.config.write_text(sections.replace("{cable}", str(self.cable)).replace("{port}", str(self.port)))
         (folder / "run").mkdir()
         self.environment = os.environ | {
