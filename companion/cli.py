@@ -76,7 +76,8 @@ def _run(words: Sequence[str]) -> int:
         fail(str(error))
         return 2
     except _expected_errors() as error:
-        fail(_error_text(error, getattr(args, "output", None)))
+        output = getattr(args, "output", None)  # of `companion batch` a text, which may be an address
+        fail(_error_text(error, None if output is None else Path(output)))
         return 1
 
 

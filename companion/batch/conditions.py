@@ -103,7 +103,8 @@ def _rows_of_file(path: Path) -> list[dict[str, Any]]:
     try:
         rows: list[dict[str, Any]] = parquet.read_table(path).to_pylist()
     except OSError as error:
-        raise DeviceNotFound(f"{path}: cannot be read ({error}); check the path and its permissions") from error
+        cause = error if path.exists() else "no such file"  # the error of pyarrow is the path alone
+        raise DeviceNotFound(f"{path}: cannot be read ({cause}); check the path and its permissions") from error
     except arrow.ArrowInvalid as error:
         raise ValueError(f"{path}: cannot be read ({error}); write it with DuckDB, Polars or pandas") from error
     missing = [name for name in _TYPES if rows and name not in rows[0]]

@@ -118,7 +118,7 @@ def _write_text(output: str, name: str, text: str) -> None:
 
 def open_table(output: str, table: str) -> Any:
     """A pyarrow dataset of a table, with the partition columns vehicle and date as texts. Raises DeviceNotFound where the
-    dataset or the table does not exist, BadData for a damaged file."""
+    dataset or the table does not exist or cannot be read, BadData for a damaged file."""
     arrow, datasets = arrow_module(), arrow_module("pyarrow.dataset")
     fields = arrow.schema([("vehicle", arrow.string()), ("date", arrow.string())])
     partitioning = datasets.partitioning(fields, flavor="hive")
@@ -135,6 +135,8 @@ def open_table(output: str, table: str) -> Any:
         ) from error
     except arrow.ArrowInvalid as error:
         raise _damaged(location, error) from error
+    except OSError as error:
+        raise DeviceNotFound(f"{location}: this table cannot be read ({error}); check its permissions") from error
 
 
 def read_rows(table: Any, location: str, columns: Sequence[str]) -> list[dict[str, Any]]:

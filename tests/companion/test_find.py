@@ -270,3 +270,15 @@ def test_a_clip_of_an_earlier_search_does_not_count(dataset: Path, tmp_path: Pat
     assert found.clips == []
     assert found.failed == {}
     assert not clip.output.exists()
+
+
+def test_a_table_or_file_of_rows_that_cannot_be_read_is_named(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`companion batch --compare` ended with a traceback, and `find` reported a full disk."""
+    closed, output = str(tmp_path / ("x" * 300)), str(tmp_path / "output")  # too long for a name; as without permission
+    for words in (["batch", "--compare", closed, closed], ["find", closed, "blind_while_armed"]):
+        assert main([*words, "-o", output]) == 1
+        assert "this table cannot be read" in capsys.readouterr().err
+    assert main(["find", str(dataset), "missing.parquet", "-o", output]) == 1
+    assert "missing.parquet: cannot be read (no such file)" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import re
 import subprocess
 import sys
@@ -233,3 +234,14 @@ def test_a_missing_module_of_this_software_is_a_defect(monkeypatch: pytest.Monke
     monkeypatch.setattr(cli, "_run", fail)
     with pytest.raises(ModuleNotFoundError):
         main(["configs"])
+
+
+def test_a_full_disk_is_reported_by_a_command_whose_output_is_a_text(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(args: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("companion.batch.command.run", fail)
+    assert main(["batch", "logs", "-o", "out"]) == 1
+    assert "out: No space left on device while writing; check the free space" in capsys.readouterr().err
