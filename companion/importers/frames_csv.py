@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import reprlib
 from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,6 +23,9 @@ MAX_ANGLE_RAD = 2.0 * math.pi
 """Largest plausible angle of an attitude in radians."""
 GAP_FACTOR, GAP_MIN_S = 5.0, 0.5
 """A pause of this multiple of the median interval, and of at least this length, is a warning."""
+_short = reprlib.Repr()
+"""Prints what the file contains, which may be binary, in few characters."""
+_short.maxlist, _short.maxstring = 12, 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +56,7 @@ def read_rows(path: Path, report: Report, angles_needed: bool = True) -> tuple[l
     missing = [c for c in ("file", "t_ns") if c not in columns]
     if missing:
         raise BadData(
-            f"{path} line 1: column {', '.join(missing)} is missing (found: {', '.join(columns) or 'nothing'}); "
+            f"{path} line 1: column {', '.join(missing)} is missing (found: {_short.repr(columns)}); "
             f"expected file, t_ns, {', '.join(ATTITUDE)} and, where known, {', '.join(POSITION)}"
         )
     duplicated = [c for c in ("file", "t_ns", *ATTITUDE, *POSITION) if columns.count(c) > 1]
@@ -105,7 +109,9 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
     try:
         t_ns = int(stamp)
     except ValueError:
-        report.problem("row", f"{path} line {line}: t_ns {stamp!r} is not a whole number of nanoseconds; row left out")
+        report.problem(
+            "row", f"{path} line {line}: t_ns {_short.repr(stamp)} is not a whole number of nanoseconds; row left out"
+        )
         return None
     if not -(1 << 62) < t_ns < 1 << 62:
         report.problem("row", f"{path} line {line}: t_ns {stamp} is out of range; row left out")
@@ -113,7 +119,7 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
     file_right = cells.get("file_right") or ""
     for name in (file, file_right):
         if "\0" in name:
-            report.problem("row", f"{path} line {line}: file {name!r} is not a file name; row left out")
+            report.problem("row", f"{path} line {line}: file {_short.repr(name)} is not a file name; row left out")
             return None
     return FrameRow(
         line=line,

@@ -271,10 +271,20 @@ def test_an_output_that_would_destroy_something(name: str, tmp_path: Path, capsy
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
+def test_a_binary_file_in_place_of_the_list_is_not_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 3)
+    (folder / "frames.csv").write_bytes(bytes(100_000))
+    assert imported(folder)[0] == 1
+    message = capsys.readouterr().err
+    assert "frames.csv line 1: column file, t_ns is missing" in message
+    assert len(message) < 1000
+    assert message.replace("\n", " ").isprintable()
+
+
 def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_folder(tmp_path / "a", 3, ["depth/000000.png,0.1"], heading="file,roll_rad")
     assert imported(folder)[0] == 1
-    assert "line 1: column t_ns is missing" in capsys.readouterr().err
+    assert "line 1: column t_ns is missing (found: ['file', 'roll_rad'])" in capsys.readouterr().err
     folder = write_folder(
         tmp_path / "b",
         3,
