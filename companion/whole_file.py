@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yields the path to write to, in the same folder and with the same suffix; afterwards it replaces `path`. Raises OSError,
-    which names the file: it is then unchanged."""
+    which names the file: it is then unchanged, as a device, which is not replaced."""
+    if path.exists() and not path.is_file():
+        raise FileExistsError(errno.EEXIST, "a directory or device, which is not replaced by a file", str(path))
     part = path.with_name(f".{path.stem}.part-{os.getpid()}{path.suffix}")
     try:
         yield part
@@ -21,7 +24,8 @@ def whole_file(path: Path) -> Iterator[Path]:
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # of the same cause, such as a folder that is a file
+            part.unlink(missing_ok=True)
 
 
 def write_whole(path: Path, content: str | bytes, mode: int | None = None) -> None:

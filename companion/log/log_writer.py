@@ -216,7 +216,7 @@ class LogWriter:
 
 def refuse_output(path: Path, *inputs: Path) -> None:
     """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name), a
-    directory, or a file that is not a log."""
+    directory, a device, or a file that is not a log."""
     # Path.resolve raises RuntimeError for a link to itself
     taken = {os.path.realpath(path), os.path.realpath(path.with_name(path.name + ACTIVE))}
     for given in inputs:
@@ -227,6 +227,8 @@ def refuse_output(path: Path, *inputs: Path) -> None:
             )
     if path.is_dir():
         raise ValueError(f"{path}: is a directory; give -o the name of a file, such as {path / 'out.mcap'}")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: a device, pipe or socket, which the log would replace; give -o the name of a file")
     if path.is_file() and path.stat().st_size:
         with path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:

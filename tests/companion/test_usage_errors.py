@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import os
 import re
 import subprocess
 import sys
@@ -130,6 +131,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
 }
 """Command -> (arguments, part of the message)."""
 
+SETUP = ["--yes", "--camera", "simulated", "--autopilot", "none", "--no-doctor"]
 CASES = [(command, line, part) for command, lines in WRONG.items() for line, part in lines]
 
 
@@ -245,3 +247,24 @@ def test_a_full_disk_is_reported_by_a_command_whose_output_is_a_text(
     monkeypatch.setattr("companion.batch.command.run", fail)
     assert main(["batch", "logs", "-o", "out"]) == 1
     assert "out: No space left on device while writing; check the free space" in capsys.readouterr().err
+
+
+def test_an_output_that_is_no_file_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As root, `companion replay -o /dev/null` put a log in place of the device."""
+    device = tmp_path / "device"
+    os.mkfifo(device)
+    log = str(Path(__file__).parents[1] / "data" / "street.mcap")
+    for words in (["replay", log, "-o"], ["setup", "--replace", *SETUP, "-o"]):
+        assert main([*words, str(device)]) == 1
+        assert f"{device}: " in capsys.readouterr().err
+        assert device.is_fifo()
+        assert list(tmp_path.iterdir()) == [device]
+
+
+def test_the_error_of_an_output_below_a_file_names_the_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It named the temporary file beside it."""
+    (tmp_path / "file").write_text("")
+    assert main(["setup", *SETUP, "-o", str(tmp_path / "file" / "my.toml")]) == 1
+    assert f"error: {tmp_path / 'file' / 'my.toml'}: Not a directory" in capsys.readouterr().err
