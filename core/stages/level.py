@@ -21,7 +21,7 @@ from ..frames import Rotation
 from ..jit import inline_ieee, inner, inner_inline, kernel
 from ..params import Params
 from ..types import FAR_MM, CameraInfo
-from .pooling import level_pool, pool_columns
+from .pooling import PoolView, level_pool, pool_columns
 from .view_geometry import Q_FAR, Q_MIN, Q_UNKNOWN, ViewGeometry, pooled_geometry
 
 _TILE_COLS, _TILE_HIGH, _TILE_ROWS, _TILE_WIDE = 32, 128, 64, 128
@@ -212,7 +212,7 @@ def level_into(marks, R, k, view, out, picked):
         transpose_level(marks, gain, out.view(np.uint64))
         return
     level_nearest(marks, view.H, gain, out, picked)
-    level_pool(marks, picked, R, k, (view.f_px, view.cu, view.cv, gain), out)
+    level_pool(marks, picked, PoolView(R, k, view.f_px, view.cu, view.cv, gain), out)
 
 
 @inner

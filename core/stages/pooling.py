@@ -19,6 +19,23 @@ _TILE_WIDE = 128
 _FAR = np.uint16(FAR_MM)
 
 
+class PoolView(NamedTuple):
+    """The levelled view as `level_pool` needs it.
+
+    Attributes:
+        R: (3, 3) R_level_optical.
+        k: (4,) fx, fy, cx, cy of the source.
+        f_px, cu, cv: see ViewGeometry.
+        gain: f_px * lsb_per_px."""
+
+    R: Any
+    k: Any
+    f_px: Any
+    cu: Any
+    cv: Any
+    gain: Any
+
+
 class PoolTile(NamedTuple):
     """Scratch memory of `pool_left_over`.
 
@@ -62,7 +79,7 @@ def left_over(marks, picked, want, found):
 
 
 @kernel
-def level_pool(marks, picked, R, k, window, out):
+def level_pool(marks, picked, view, out):
     """Transfers the measured source pixels that no cell took to their cells, where the nearest pixel is kept.
 
     Thin objects stay where the view has fewer cells than the source has pixels. Where it has more, nothing is
@@ -71,25 +88,22 @@ def level_pool(marks, picked, R, k, window, out):
     Args:
         marks: (H, W) uint16 of `classify`.
         picked: (H * W,) uint8 of `level_nearest`.
-        R: (3, 3) R_level_optical.
-        k: (4,) fx, fy, cx, cy.
-        window: (f_px, cu, cv, gain) of the view.
+        view: PoolView.
         out: (cols, rows) uint16 of `level_nearest`, in and out."""
     want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
     mark = np.empty(_TILE_WIDE, np.uint16)
     cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
-    cols, rows = out.shape
-    pool_left_over(marks, picked, R, k, window, out.ravel(), (cols, rows), PoolTile(want, found, mark, cell, code))
+    pool_left_over(marks, picked, view, out.ravel(), out.shape, PoolTile(want, found, mark, cell, code))
 
 
 @inner_ieee
-def pool_left_over(marks, picked, R, k, window, flat, shape, tile):
+def pool_left_over(marks, picked, view, flat, shape, tile):
     """Does the work of `level_pool` for flat codes of shape (cols, rows). tile: PoolTile, scratch."""
-    cols, rows = shape
-    want, found, mark, cell, code = tile.want, tile.found, tile.mark, tile.cell, tile.code
+    R, k, (cols, rows) = view.R, view.k, shape
+    want, found, mark, cell, code = tile
     src_rows, src_cols = marks.shape
-    f, gain, half = np.float32(window[0]), np.float32(window[3]), np.float32(0.5)
-    cu, cv = np.float32(window[1] + 0.5), np.float32(window[2] + 0.5)
+    f, gain, half = np.float32(view.f_px), np.float32(view.gain), np.float32(0.5)
+    cu, cv = np.float32(view.cu + 0.5), np.float32(view.cv + 0.5)
     right, bottom, high = np.float32(cols), np.float32(rows), np.int32(rows)
     dx, dy, dz = np.float32(R[0, 0] / k[0]), np.float32(R[1, 0] / k[0]), np.float32(R[2, 0] / k[0])
     for u0 in range(0, src_cols, _TILE_WIDE):
