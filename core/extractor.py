@@ -27,7 +27,7 @@ from .stages.plane_shaping import Planes, PlaneShaper
 from .stages.prisms import layered_prisms
 from .stages.ramps import ramp_limits
 from .stages.settings import Settings, settings_of
-from .stages.smeared_edges import height_line, remove_smeared_edges
+from .stages.smeared_edges import SmearedEdges, height_line, judge_edges, remove_smeared_edges
 from .stages.strip_search import StripSearch
 from .stages.temporal_noise import estimate_noise
 from .stages.view_geometry import is_rotation, source_of, tilt_rad, view_geometry
@@ -96,9 +96,11 @@ class Extractor:
         source = source_of(info, R, clear_range_m(info, ke, p))
         ke, next_state = estimate_noise(state, depth_mm, marks, info, limits, p)
         ground = find_ground(marks, info, R, ke, state.ground_height_m, self._ground_search)
-        ramps, heights = ramp_limits(info, ke), height_line(info, R, ground, p)
-        smear = remove_smeared_edges(next_state, depth_mm, marks, ramps, heights, p, self._buffers)
-        next_state, stats = smear.state, pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
+        ramps, smear = ramp_limits(info, ke), SmearedEdges(active=False, free_marks=marks)
+        next_state, is_smeared = judge_edges(next_state, depth_mm, ramps, p)
+        if is_smeared:
+            smear = remove_smeared_edges(depth_mm, marks, ramps, height_line(info, R, ground, p), self._buffers)
+        stats = pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)
         free = observe_free(levelled.exact_codes, levelled.exact_view, source, ground, ke, p)

@@ -55,7 +55,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     from core.stages.noise_check import flying_off_ramps, noisy_share
     from core.stages.pooling import pool_columns
     from core.stages.ramps import ramp_limits
-    from core.stages.smeared_edges import drop_smeared_edges, height_line
+    from core.stages.smeared_edges import height_line, remove_smeared_edges
     from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
 
     find_surfaces(depth, info, LEVEL, info.ke_per_m)
@@ -68,7 +68,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     noisy_share(depth_mm, limits, p)
     flying_off_ramps(depth_mm, limits)
     heights = height_line(info, np.eye(3), Ground(seen=False), p)
-    drop_smeared_edges(depth_mm, depth.copy(), ramp_limits(info, ke), heights, Buffers())
+    remove_smeared_edges(depth_mm, depth.copy(), ramp_limits(info, ke), heights, Buffers())
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
     grid = inverse_depth_grid(depth_mm, info)
     rotation_between(grid, grid, np.eye(3))

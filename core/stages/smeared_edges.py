@@ -108,25 +108,20 @@ def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
     return state.edge_ramps > max(p.smear_clear_share, p.smear_min_share) * weight
 
 
-def drop_smeared_edges(
-    depth_mm: NDArray[np.uint16],
-    marks: NDArray[np.uint16],
-    limits: RampLimits,
-    heights: HeightLine,
-    buffers: Buffers,
-) -> tuple[NDArray[np.uint16], int, int]:
-    """Makes the ramps in `marks` (H, W) uint16 unknown, except on the ground.
+def judge_edges(
+    state: ExtractorState, depth_mm: NDArray[np.uint16], limits: RampLimits, params: Params
+) -> tuple[ExtractorState, bool]:
+    """Decides from this frame and earlier ones if the camera smears its edges; returns the state after this frame and
+    the verdict.
 
-    The ground is kept because it is as steep as a ramp at a grazing angle.
-
-    Returns:
-        The image for the free space (`free_marks` of `drop_ramps`); the number of measured pixels and of far pixels
-            removed."""
-    rows, cols = depth_mm.shape
-    inverse = buffers("inverse", (rows + 2 * limits.reach_px, cols + 2 * limits.reach_px), np.float32)
-    free_marks = buffers("free_marks", marks.shape, np.uint16)
-    measured, far = drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks)
-    return free_marks, int(measured), int(far)
+    Args:
+        state: the state before the frame.
+        depth_mm: (H, W) uint16 as delivered.
+        limits: limits of a ramp for the camera and its noise.
+        params: parameters."""
+    edges = edges_of(depth_mm, limits)
+    after = observe_edges(state, edges, params)
+    return after, smears(after, edges, params)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -135,13 +130,11 @@ class SmearedEdges:
 
     Attributes:
         active: True if the camera smears its edges, so that ramps were removed.
-        state: the next state, with the shares of ramps and steps.
         free_marks: (H, W) uint16, the marks for the free space, see `drop_ramps`.
         measured: number of removed pixels that were measured.
         far: number of removed pixels that were far."""
 
     active: bool
-    state: ExtractorState
     free_marks: NDArray[np.uint16]
     measured: int = 0
     far: int = 0
@@ -158,30 +151,27 @@ class SmearedEdges:
 
 
 def remove_smeared_edges(
-    state: ExtractorState,
     depth_mm: NDArray[np.uint16],
     marks: NDArray[np.uint16],
     limits: RampLimits,
     heights: HeightLine,
-    params: Params,
     buffers: Buffers,
 ) -> SmearedEdges:
-    """Decides from this frame and earlier ones if the camera smears its edges, and then removes ramps from `marks`.
+    """Makes the ramps in `marks` unknown, except on the ground.
+
+    The ground is kept because it is as steep as a ramp at a grazing angle.
 
     Args:
-        state: the state before the frame.
         depth_mm: (H, W) uint16 as delivered.
         marks: (H, W) uint16 of `classify`, in and out.
         limits: limits of a ramp for the camera and its noise.
-        heights: heights of pixels, by which the ground is kept.
-        params: parameters.
+        heights: heights of pixels.
         buffers: scratch memory."""
-    edges = edges_of(depth_mm, limits)
-    after = observe_edges(state, edges, params)
-    if not smears(after, edges, params):
-        return SmearedEdges(active=False, state=after, free_marks=marks)
-    free_marks, measured, far = drop_smeared_edges(depth_mm, marks, limits, heights, buffers)
-    return SmearedEdges(active=True, state=after, free_marks=free_marks, measured=measured, far=far)
+    rows, cols = depth_mm.shape
+    inverse = buffers("inverse", (rows + 2 * limits.reach_px, cols + 2 * limits.reach_px), np.float32)
+    free_marks = buffers("free_marks", marks.shape, np.uint16)
+    measured, far = drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks)
+    return SmearedEdges(active=True, free_marks=free_marks, measured=int(measured), far=int(far))
 
 
 def height_line(info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params) -> HeightLine:

@@ -15,10 +15,10 @@ from core.params import Params
 from core.stages.ramps import RampLimits, ramp_limits
 from core.stages.smeared_edges import (
     EdgeCounts,
-    drop_smeared_edges,
     edges_of,
     height_line,
     observe_edges,
+    remove_smeared_edges,
     smears,
 )
 from core.types import FAR_MM, CameraInfo, ExtractorState, Ground, Intrinsics
@@ -62,7 +62,8 @@ def dropped(depth: Depth, ground: Ground = NO_GROUND, info: CameraInfo = INFO) -
     marks = marks_of(depth, info, KE)
     before = marks.copy()
     heights = height_line(info, R_CAMFRD_OPTICAL, ground, P)
-    free_marks, lost, lost_far = drop_smeared_edges(depth, marks, limits(info), heights, Buffers())
+    smear = remove_smeared_edges(depth, marks, limits(info), heights, Buffers())
+    free_marks, lost, lost_far = smear.free_marks, smear.measured, smear.far
     gone = (marks == 0) & (before > 0)
     assert lost == (gone & (before != FAR_MM)).sum()
     assert lost_far == (gone & (before == FAR_MM)).sum()
