@@ -54,12 +54,24 @@ def rows_missed(labels, label, top, bottom, count, gap):
     These rows were not measured at this distance. count: the number of rows with this label in top..bottom."""
     if bottom - top + 1 - count <= gap:
         return 0
-    missed, before = 0, top - 1
-    for v in range(top, bottom + 1):
-        if labels[v] == label:
-            if v - before - 1 > gap:
-                missed += v - before - 1
-            before = v
+    missed = 0
+    at = top
+    for _ in range(bottom - top):
+        at += gap + 1  # a gap of more than `gap` rows contains one of these rows
+        if at >= bottom:
+            break
+        if labels[at] != label:
+            first = at
+            for _a in range(gap):
+                if labels[first - 1] == label:
+                    break
+                first -= 1
+            for _a in range(bottom - at):
+                if labels[at] == label:
+                    break
+                at += 1
+            if at - first > gap:
+                missed += at - first
     return missed
 
 
