@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from benchmarks.paper.printed.extractor import PaperExtractor
 from benchmarks.paper.printed.params import PaperParams
 from core.extractor import Extractor
-from core.frames import Rotation
 from core.params import Params
-from core.types import CameraInfo, ExtractorState, FrameModel
 
 MODES = ("safe", "paper")
 
 
-class AnyExtractor(Protocol):
-    """What both forms offer."""
-
-    def extract(
-        self,
-        depth: NDArray[np.uint16] | NDArray[np.float32],
-        info: CameraInfo,
-        R_level_optical: Rotation,
-        state: ExtractorState | None = None,
-        *,
-        keep_strips: bool = False,
-    ) -> tuple[FrameModel, ExtractorState]:
-        """See `Extractor.extract`."""
+AnyExtractor = Extractor | PaperExtractor
+"""Both are called in the same way, see `Extractor.extract`."""
 
 
 def params_of(mode: str, **values: Any) -> Params:
