@@ -158,7 +158,7 @@ class Extractor:
         """Returns the model: planes as rectangles, layered prisms (Section 3), and the free-range profile."""
         p, rows, margin, cluster = self.params, published.rows, published.margin_m, published.cluster
         prisms = layered_prisms(rows, margin, cluster, p.layer_join_m, p.profile_join_m)
-        return FrameModel.from_trusted(
+        return FrameModel(
             valid=True,
             cause=InvalidCause.NONE,
             planes=rows,

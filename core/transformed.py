@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .invalid_model import invalid_model
 from .stages.prism_table import prism_table
-from .types import FrameModel, FreeProfile, InvalidCause
+from .types import FrameModel, InvalidCause
 
 
 def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float]) -> FrameModel:
@@ -37,31 +37,17 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
     before = model.planes, table.heights_m, table.vertices_m, model.margin_m, free.free_from_m, free.free_to_m
     if not all(np.isfinite(array).all() for array in (*before, planes, heights, vertices, azimuths, layers)):
         return invalid_model(model, InvalidCause.NON_FINITE)
-    return FrameModel.from_trusted(
-        valid=model.valid,
-        cause=model.cause,
+    return replace(
+        model,
         planes=planes,
-        support_px=model.support_px,
-        margin_m=model.margin_m,
-        flags=model.flags,
-        cluster=model.cluster,
-        prisms=table.moved(heights, vertices),
-        free=FreeProfile.from_trusted(
-            azimuth_edges_rad=azimuths,
-            layer_edges_m=layers,
-            free_from_m=free.free_from_m,
-            free_to_m=free.free_to_m,
-            end=free.end,
-            open_from_dm=free.open_from_dm,
-            open_to_dm=free.open_to_dm,
-        ),
+        prisms=replace(table, heights_m=heights, vertices_m=vertices),
+        free=replace(free, azimuth_edges_rad=azimuths, layer_edges_m=layers),
         ground=replace(
             ground,
             slope_x=cos * ground.slope_x - sin * ground.slope_y,
             slope_y=sin * ground.slope_x + cos * ground.slope_y,
         ),
-        stats=model.stats,
-        ke_per_m=model.ke_per_m,
+        strips=None,
     )
 
 

@@ -132,7 +132,7 @@ def free_profile(
     open_from, open_to = (
         (NOTHING_OPEN, NOTHING_OPEN) if opened is None else _beyond_free(seen, opened, open_max_range_m)
     )
-    return FreeProfile.from_trusted(
+    return FreeProfile(
         azimuth_edges_rad=seen.edges_rad.astype(np.float32),
         layer_edges_m=seen.layers_m,
         free_from_m=seen.free_from_m,

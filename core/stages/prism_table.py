@@ -6,6 +6,7 @@ encoders use the tables."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import overload
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from ..types import Prism, readonly
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PrismTable(Sequence[Prism]):
     """A read-only sequence of prisms; see `Prism` for the meaning of the fields.
 
@@ -30,63 +32,28 @@ class PrismTable(Sequence[Prism]):
     Raises:
         ValueError: a table has the wrong type or size, or a prism's top is not above its bottom."""
 
-    __slots__ = ("closed", "cluster", "edge_begin", "heights_m", "margin_m", "plane", "vertex_begin", "vertices_m")
+    cluster: NDArray[np.int32]
+    heights_m: NDArray[np.float32]
+    closed: NDArray[np.bool_]
+    margin_m: NDArray[np.float32]
+    vertex_begin: NDArray[np.int32]
+    edge_begin: NDArray[np.int32]
+    vertices_m: NDArray[np.float32]
+    plane: NDArray[np.int32]
 
-    def __init__(
-        self,
-        *,
-        cluster: NDArray[np.int32],
-        heights_m: NDArray[np.float32],
-        closed: NDArray[np.bool_],
-        margin_m: NDArray[np.float32],
-        vertex_begin: NDArray[np.int32],
-        edge_begin: NDArray[np.int32],
-        vertices_m: NDArray[np.float32],
-        plane: NDArray[np.int32],
-    ) -> None:
-        n = len(cluster)
-        self.cluster = readonly(cluster, np.int32, (n,), "cluster")
-        self.closed = readonly(closed, np.bool_, (n,), "closed")
-        self.margin_m = readonly(margin_m, np.float32, (n,), "margin_m")
-        self.vertex_begin = readonly(vertex_begin, np.int32, (n + 1,), "vertex_begin")
-        self.edge_begin = readonly(edge_begin, np.int32, (n + 1,), "edge_begin")
-        self.plane = readonly(plane, np.int32, (int(edge_begin[-1]),), "plane")
-        self.heights_m = readonly(heights_m, np.float32, (n, 2), "heights_m")
-        self.vertices_m = readonly(vertices_m, np.float32, (int(vertex_begin[-1]), 2), "vertices_m")
-        if n and not bool((self.heights_m[:, 0] < self.heights_m[:, 1]).all()):
+    def __post_init__(self) -> None:
+        put, n = object.__setattr__, len(self.cluster)
+        put(self, "cluster", readonly(self.cluster, np.int32, (n,), "cluster"))
+        put(self, "heights_m", readonly(self.heights_m, np.float32, (n, 2), "heights_m"))
+        put(self, "closed", readonly(self.closed, np.bool_, (n,), "closed"))
+        put(self, "margin_m", readonly(self.margin_m, np.float32, (n,), "margin_m"))
+        put(self, "vertex_begin", readonly(self.vertex_begin, np.int32, (n + 1,), "vertex_begin"))
+        put(self, "edge_begin", readonly(self.edge_begin, np.int32, (n + 1,), "edge_begin"))
+        vertices, edges = int(self.vertex_begin[-1]), int(self.edge_begin[-1])
+        put(self, "vertices_m", readonly(self.vertices_m, np.float32, (vertices, 2), "vertices_m"))
+        put(self, "plane", readonly(self.plane, np.int32, (edges,), "plane"))
+        if not (self.heights_m[:, 0] < self.heights_m[:, 1]).all():
             raise ValueError("prisms: top must be less than bottom (z is down)")
-
-    @classmethod
-    def from_trusted(
-        cls,
-        *,
-        cluster: NDArray[np.int32],
-        heights_m: NDArray[np.float32],
-        closed: NDArray[np.bool_],
-        margin_m: NDArray[np.float32],
-        vertex_begin: NDArray[np.int32],
-        edge_begin: NDArray[np.int32],
-        vertices_m: NDArray[np.float32],
-        plane: NDArray[np.int32],
-    ) -> PrismTable:
-        """Returns a table without checks, from arrays that a kernel has just written. The arrays become read-only."""
-        table = object.__new__(cls)
-        table.cluster, table.heights_m, table.closed, table.margin_m = cluster, heights_m, closed, margin_m
-        table.vertex_begin, table.edge_begin = vertex_begin, edge_begin
-        table.vertices_m, table.plane = vertices_m, plane
-        for array in (cluster, heights_m, closed, margin_m, vertex_begin, edge_begin, vertices_m, plane):
-            array.setflags(write=False)
-        return table
-
-    def moved(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> PrismTable:
-        """Returns the same prisms with other heights and vertices, without checks. The arrays become read-only."""
-        table = object.__new__(PrismTable)
-        table.cluster, table.closed, table.margin_m, table.plane = self.cluster, self.closed, self.margin_m, self.plane
-        table.vertex_begin, table.edge_begin = self.vertex_begin, self.edge_begin
-        table.heights_m, table.vertices_m = heights_m, vertices_m
-        heights_m.setflags(write=False)
-        vertices_m.setflags(write=False)
-        return table
 
     def __len__(self) -> int:
         return len(self.cluster)

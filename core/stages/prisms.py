@@ -267,7 +267,7 @@ def layered_prisms(
     margins, clusters = np.empty(room, np.float32), np.empty(room, np.int32)
     profiles, outlines = Profiles(heights, starts, plane_of), Outlines(vertices, margins, clusters, begins)
     size, edges = write_prisms(planes, margin_m, cluster, join_m, end_m, profiles, outlines)
-    return PrismTable.from_trusted(
+    return PrismTable(
         cluster=clusters[:size],
         heights_m=heights[:size],
         closed=np.zeros(size, bool),

@@ -1,4 +1,4 @@
-"""Arrays and objects that are never changed after they were made."""
+"""Arrays that are never changed after they were made."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
-_Thing = TypeVar("_Thing")
 _NATIVE: dict[Any, np.dtype[Any]] = {
     kind: np.dtype(kind) for kind in (np.bool_, np.uint8, np.uint16, np.int32, np.float32)
 }
@@ -35,16 +34,6 @@ def readonly(a: NDArray[Any], dtype: type[_Scalar], shape: tuple[int | None, ...
     view = a.view()
     view.flags.writeable = False
     return view
-
-
-def unchecked(kind: type[_Thing], **values: Any) -> _Thing:
-    """A frozen object of values that fit, unchecked; its arrays become read-only."""
-    thing = object.__new__(kind)
-    for name, value in values.items():
-        object.__setattr__(thing, name, value)
-        if isinstance(value, np.ndarray):
-            value.setflags(write=False)
-    return thing
 
 
 def _nothing_open() -> NDArray[np.uint8]:

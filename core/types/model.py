@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codes import Code
-from .arrays import NOTHING_OPEN, readonly, unchecked
+from .arrays import NOTHING_OPEN, readonly
 
 
 class InvalidCause(Code):
@@ -134,30 +134,6 @@ class FreeProfile:
         """open_to_dm in metres, (D, L); shape (0, 0) if there are no open ranges."""
         return self.open_to_dm * np.float32(0.1)
 
-    @classmethod
-    def from_trusted(
-        cls,
-        *,
-        azimuth_edges_rad: NDArray[np.float32],
-        layer_edges_m: NDArray[np.float32],
-        free_from_m: NDArray[np.float32],
-        free_to_m: NDArray[np.float32],
-        end: NDArray[np.uint8],
-        open_from_dm: NDArray[np.uint8] = NOTHING_OPEN,
-        open_to_dm: NDArray[np.uint8] = NOTHING_OPEN,
-    ) -> FreeProfile:
-        """Makes a profile without checks, from arrays that a kernel has just written. The arrays become read-only."""
-        return unchecked(
-            cls,
-            azimuth_edges_rad=azimuth_edges_rad,
-            layer_edges_m=layer_edges_m,
-            free_from_m=free_from_m,
-            free_to_m=free_to_m,
-            end=end,
-            open_from_dm=open_from_dm,
-            open_to_dm=open_to_dm,
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Prism:
@@ -260,45 +236,6 @@ class FrameModel:
         put(self, "cluster", readonly(self.cluster, np.int32, (n,), "cluster"))
         if n and not (self.planes[:, 4] < self.planes[:, 5]).all():
             raise ValueError("planes: top must be less than bottom (z is down)")
-
-    @classmethod
-    def from_trusted(
-        cls,
-        *,
-        valid: bool,
-        cause: InvalidCause,
-        planes: NDArray[np.float32],
-        support_px: NDArray[np.int32],
-        margin_m: NDArray[np.float32],
-        flags: NDArray[np.uint8],
-        cluster: NDArray[np.int32],
-        prisms: Sequence[Prism],
-        free: FreeProfile,
-        ground: Ground,
-        stats: FrameStats,
-        ke_per_m: float,
-        strips: StripTable | None = None,
-    ) -> FrameModel:
-        """Makes a model without checks, from arrays that kernels have written and checked. The arrays become
-        read-only.
-
-        A second check would take longer than many stages."""
-        return unchecked(
-            cls,
-            valid=valid,
-            cause=cause,
-            planes=planes,
-            support_px=support_px,
-            margin_m=margin_m,
-            flags=flags,
-            cluster=cluster,
-            prisms=prisms,
-            free=free,
-            ground=ground,
-            stats=stats,
-            ke_per_m=ke_per_m,
-            strips=strips,
-        )
 
 
 @dataclass(frozen=True, slots=True)
