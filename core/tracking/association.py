@@ -94,17 +94,6 @@ def is_much_taller(d, track):
 
 
 @inner
-def lies_along(d, track, reach_m):
-    """Whether both ends of a detection lie within reach_m of the line of a track, or those of the track of its line: else no
-    relation is possible. Without branches, since most tracks near a detection fail."""
-    x0, y0 = track.x_m + track.s0_m * track.tx - d.ax_m, track.y_m + track.s0_m * track.ty - d.ay_m
-    x1, y1 = track.x_m + track.s1_m * track.tx - d.ax_m, track.y_m + track.s1_m * track.ty - d.ay_m
-    off_a, off_b = abs(offset(track, d.ax_m, d.ay_m)), abs(offset(track, d.bx_m, d.by_m))
-    off_0, off_1 = abs(y0 * d.tx - x0 * d.ty), abs(y1 * d.tx - x1 * d.ty)
-    return ((off_a <= reach_m) & (off_b <= reach_m)) | ((off_0 <= reach_m) & (off_1 <= reach_m))
-
-
-@inner
 def continues(d, track, gate, eye_x, eye_y):
     """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye_x,
     eye_y: of the camera; the track must hide what the detection hides from it."""
@@ -162,15 +151,12 @@ def find_pairs(detections, tracks, gate, eye_x, eye_y, pairs, scores):
     """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, slot of the track,
     relation; scores (P,) float64. gate: Gate; eye_x, eye_y: of the
     camera. Returns (number of pairs, number of pairs that did not fit)."""
-    boxes, slots = track_boxes(tracks), tracks.shape[0]
-    near, found = np.empty(slots, np.bool_), np.empty(slots + 1, np.int64)
+    boxes, found = track_boxes(tracks), np.empty(tracks.shape[0], np.int64)
     reach = gate.most_m + _TOUCH_M
     count, lost = 0, 0
     for i in range(detections.shape[0]):
         d = detections[i]
-        for j in found[: find_near(d, boxes, reach, 0.0, near, found)]:
-            if not lies_along(d, tracks[j], gate.most_m):
-                continue
+        for j in found[: find_near(d, boxes, reach, 0.0, found)]:
             score = continues(d, tracks[j], gate, eye_x, eye_y)
             relation = CONTINUES
             if score <= 0.0:

@@ -33,19 +33,17 @@ def set_box(boxes, j, t):
 
 
 @inner
-def find_near(d, boxes, reach_m, reach_z_m, near, found):
+def find_near(d, boxes, reach_m, reach_z_m, found):
     """Lists the boxes (6, T) that a detection touches, enlarged by reach_m to all sides and by reach_z_m up and down -> found
-    (T + 1,) int64, ascending; near: (T,) bool scratch. Returns how many. Without branches, so that the compiler compares several
-    boxes at once."""
+    (T,) int64, ascending. Returns how many."""
     x0, x1 = min(d.ax_m, d.bx_m) - reach_m, max(d.ax_m, d.bx_m) + reach_m
     y0, y1 = min(d.ay_m, d.by_m) - reach_m, max(d.ay_m, d.by_m) + reach_m
     top, bottom = d.top_m - reach_z_m, d.bottom_m + reach_z_m
-    for j in range(near.shape[0]):
-        in_x = (boxes[0, j] <= x1) & (boxes[1, j] >= x0)
-        in_y = (boxes[2, j] <= y1) & (boxes[3, j] >= y0)
-        near[j] = in_x & in_y & (boxes[4, j] <= bottom) & (boxes[5, j] >= top)
     count = 0
-    for j in range(near.shape[0]):
-        found[count] = j
-        count += near[j]
+    for j in range(boxes.shape[1]):
+        if boxes[0, j] > x1 or boxes[1, j] < x0 or boxes[2, j] > y1 or boxes[3, j] < y0:
+            continue
+        if boxes[4, j] <= bottom and boxes[5, j] >= top:
+            found[count] = j
+            count += 1
     return count

@@ -51,11 +51,10 @@ class Piece(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What `is_hidden` searches, and its scratch. boxes: of `track_boxes`; near, found: of `find_near`; parts: (MOST_PARTS,) PART;
-    borders: float64, of the pieces."""
+    """What `observe_hiding` searches, and its scratch. boxes: of `track_boxes`; found: of `find_near`; parts: (MOST_PARTS,) PART;
+    borders: (2 * MOST_PARTS + 2,) float64, ends of the pieces along a detection, m."""
 
     boxes: Any
-    near: Any
     found: Any
     parts: Any
     borders: Any
@@ -64,17 +63,26 @@ class Search(NamedTuple):
 @kernel
 def begin_search(tracks):
     """The search among tracks (T,) TRACK."""
-    near, found = np.empty(tracks.shape[0], np.bool_), np.empty(tracks.shape[0] + 1, np.int64)
-    return Search(track_boxes(tracks), near, found, np.zeros(MOST_PARTS, PART), np.zeros(2 * MOST_PARTS + 2))
+    found = np.empty(tracks.shape[0], np.int64)
+    return Search(track_boxes(tracks), found, np.zeros(MOST_PARTS, PART), np.zeros(2 * MOST_PARTS + 2))
 
 
 @inner
-def is_hidden(tracks, d, gate_m, eye, search):
-    """Number of parts found where the tracks together hide a detection, else 0. eye: x, y, z of the camera."""
-    parts, borders = search.parts, search.borders
-    count = find_parts(tracks, d, gate_m, eye, search)
-    if count == 0:
-        return 0
+def observe_hiding(table, d, gate_m, exposure, search):
+    """Observes the tracks that together hide a detection; returns whether there are any. Their lines and extents remain, and
+    their margins reach its nearest face."""
+    count = find_parts(table.tracks, d, gate_m, exposure.eye, search)
+    if count == 0 or not visit_pieces(table, d, count, exposure, search, False):
+        return False
+    visit_pieces(table, d, count, exposure, search, True)
+    return True
+
+
+@inner
+def visit_pieces(table, d, count, exposure, search, observes):
+    """Divides a detection into pieces that one track each hides; returns False where no track hides a part of it. count: parts
+    found; observes: each piece is an observation of its track."""
+    parts, borders, eye = search.parts, search.borders, exposure.eye
     n = find_borders(parts, count, d, borders)
     for k in range(n - 1):
         if borders[k + 1] - borders[k] < _EXACT_M:
@@ -84,13 +92,17 @@ def is_hidden(tracks, d, gate_m, eye, search):
         for _ in range(2 * count + 1):
             if z >= d.bottom_m - _EXACT_M:
                 break
-            best = next_part(tracks, d, parts, count, middle, z, eye)
+            best = next_part(table.tracks, d, parts, count, middle, z, eye)
             if best == NONE:
-                return 0
-            z = max(z, lower_edge(tracks[parts[best].slot], d, middle, eye))
+                return False
+            j, top = parts[best].slot, z
+            z = max(z, lower_edge(table.tracks[j], d, middle, eye))
+            if observes:
+                piece = Piece(borders[k], borders[k + 1], top, min(z, d.bottom_m))
+                observe_part(table, j, d, piece, exposure)
         if z < d.bottom_m - _EXACT_M:
-            return 0
-    return count
+            return False
+    return True
 
 
 @inner
@@ -104,7 +116,7 @@ def find_parts(tracks, d, gate_m, eye, search):
     """The parts of a detection that tracks can hide, those observed most often first where there are too many."""
     parts, found, count = search.parts, search.found, 0
     reach = max(gate_m, BEHIND_MAX_M)
-    for j in found[: find_near(d, search.boxes, reach, reach, search.near, found)]:
+    for j in found[: find_near(d, search.boxes, reach, reach, found)]:
         t = tracks[j]
         x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
         x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
@@ -233,30 +245,8 @@ def range_share(t, d, s, eye):
 
 
 @inner
-def support(table, d, count, exposure, search):
-    """Observes the tracks that hide a detection. Their lines and extents remain, and their margins reach its nearest face."""
-    parts, borders, eye = search.parts, search.borders, exposure.eye
-    n = find_borders(parts, count, d, borders)
-    for k in range(n - 1):
-        if borders[k + 1] - borders[k] < _EXACT_M:
-            continue
-        middle = 0.5 * (borders[k] + borders[k + 1])
-        z = d.top_m + _EXACT_M
-        for _ in range(2 * count + 1):
-            if z >= d.bottom_m - _EXACT_M:
-                break
-            best = next_part(table.tracks, d, parts, count, middle, z, eye)
-            if best == NONE:
-                break
-            j, low = parts[best].slot, z
-            z = max(z, lower_edge(table.tracks[j], d, middle, eye))
-            piece = Piece(borders[k], borders[k + 1], low, min(z, d.bottom_m))
-            support_part(table, j, d, piece, exposure)
-
-
-@inner
-def support_part(table, j, d, piece, exposure):
-    """One track over a Piece of a detection."""
+def observe_part(table, j, d, piece, exposure):
+    """One observation of the track in slot j over a Piece of a detection."""
     t, eye, t_ns = table.tracks[j], exposure.eye, exposure.t_ns
     s0, s1 = piece.s0_m, piece.s1_m
     ax, ay = d.ax_m + s0 * d.tx, d.ay_m + s0 * d.ty

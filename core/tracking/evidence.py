@@ -6,6 +6,8 @@ cells collect evidence; hidden ones and those out of view are kept until they ar
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from ..jit import inner, kernel
 from .observed import (
     CLEAR,
@@ -23,14 +25,13 @@ from .observed import (
 )
 from .shrinking import shrink
 from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
-from .tables import MEMORY_HITS
+from .tables import MEMORY_HITS, RATE_STEP
 from .vertical_limits import share_in_view, vertical_limits
 
 NEW_HITS = 3
 """A track observed less often is new."""
 _LEAST_MEMORY_NS = 200_000_000
 """Nothing is forgotten sooner."""
-_RATE_STEP = 0.1
 _FREE_FRAMES = 4
 """Frames that must observe free space through an obstacle; fewer where it was observed less often."""
 _IN_VIEW_SHARE, _PROVEN_SHARE = 0.5, 0.75
@@ -38,54 +39,88 @@ _IN_VIEW_SHARE, _PROVEN_SHARE = 0.5, 0.75
 out of view; so much must lie there for free space to remove all of it."""
 
 
+class Observed(NamedTuple):
+    """What one frame observed. free: its FreeView; index: its DetectionIndex; limits: of `measured_limits`; heights: of
+    `vertical_limits`; eye_z: height of the camera, z down, m."""
+
+    free: Any
+    index: Any
+    limits: Any
+    heights: Any
+    eye_z: Any
+
+
 @kernel
 def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
     """Evidence of one frame on all cells that it did not observe; removes cells that are clear, or older than the memory.
     Sets the state of each track. Returns the number of cells removed.
 
-    eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
-    their square: what flickers does not accumulate where it is hidden. Beside the measured directions, and above or below
-    what was measured in them, it has the whole memory, unless one frame alone has observed it: it may have left the view as
-    soon as it was in it."""
-    removed, limits, heights = 0, measured_limits(view), vertical_limits(view, eye_z)
-    index = by_direction(detections, view)
+    table: TrackTable; detections: (N,) DETECTION and view: FreeView of the frame; eye_z: height of the camera, m; t_ns:
+    exposure; memory_ns: `memory_s` of the parameters, or that without a position."""
+    limits = measured_limits(view)
+    frame = Observed(view, by_direction(detections, view), limits, vertical_limits(view, eye_z), eye_z)
+    removed = 0
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
         if t.hits == 0:
             continue
         if t.seen_ns == t_ns:
             shrink(table, j, detections, view, limits)
-        best, missed, gap = OUT_OF_VIEW, False, is_gap(t)
+        best, gap = OUT_OF_VIEW, is_gap(t)
         for k in range(t.cells):
             c = table.cells[j, k]
             if c.hits == 0 or c.seen_ns == t_ns:
                 continue
             s = cell_middle(t, k)
             place = seen_from(t.x_m + s * t.tx, t.y_m + s * t.ty, view)
-            seen = classify(place, t.top_m, t.bottom_m, FREE_BEHIND_M + t.margin_m, view)
-            if seen != CLEAR and is_seen_through(place, t, index, view, eye_z):
-                seen = CLEAR
-            if seen == CLEAR and share_in_view(place, t.top_m, t.bottom_m, eye_z, view, heights) < _PROVEN_SHARE:
-                seen = OUT_OF_VIEW
+            seen = observed_as(t, place, frame)
+            best = max(best, seen)
             if seen >= EXPLAINED:
                 c.against += 4 if gap else 2
-            missed = missed or seen >= EXPLAINED
-            best = max(best, seen)
-            share = 0.0 if gap else min(1.0, (c.hits / MEMORY_HITS) ** 2)
-            if 0.0 < share < 1.0 and c.hits > 1 and seen <= HIDDEN:
-                beside = seen == OUT_OF_VIEW and is_beside(place, limits)
-                if beside or share_in_view(place, t.top_m, t.bottom_m, eye_z, view, heights) < _IN_VIEW_SHARE:
-                    share = 1.0
-            too_old = t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory_ns * share)
-            if c.against >= 2 * min(_FREE_FRAMES, 1 + c.hits) or too_old:
+            memory = memory_share(t, c.hits, place, seen, frame) * memory_ns
+            if c.against >= 2 * min(_FREE_FRAMES, 1 + c.hits) or t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory):
                 c.hits = 0
                 removed += 1
-        if gap and missed and t.hits == 1 and t.seen_ns != t_ns:
-            removed += remove_cells(table, j)
-        if t.seen_ns != t_ns and missed:
-            t.hit_rate -= _RATE_STEP * t.hit_rate
+        if t.seen_ns != t_ns and best >= EXPLAINED:
+            t.hit_rate -= RATE_STEP * t.hit_rate
+            if gap and t.hits == 1:
+                removed += remove_cells(table, j)
         t.state = state_of(t, best, t_ns)
     return removed
+
+
+@inner
+def observed_as(t, place, frame):
+    """How a frame, Observed, observed a place (of `seen_from`) on the line of a track: CLEAR, EXPLAINED, HIDDEN or
+    OUT_OF_VIEW."""
+    seen = classify(place, t.top_m, t.bottom_m, FREE_BEHIND_M + t.margin_m, frame.free)
+    if seen != CLEAR and is_seen_through(place, t, frame.index, frame.free, frame.eye_z):
+        seen = CLEAR
+    if seen == CLEAR and height_in_view(t, place, frame) < _PROVEN_SHARE:
+        return OUT_OF_VIEW
+    return seen
+
+
+@inner
+def height_in_view(t, place, frame):
+    """Share of the height of a track at a place that a frame measured, see `share_in_view`."""
+    return share_in_view(place, t.top_m, t.bottom_m, frame.eye_z, frame.free, frame.heights)
+
+
+@inner
+def memory_share(t, hits, place, seen, frame):
+    """Share of the memory that a cell of a track with so many observations has at a place that a frame observed as `seen`.
+
+    With fewer than MEMORY_HITS observations it grows with their square: what flickers does not accumulate where it is
+    hidden. Beside the measured directions, and above or below what was measured in them, a cell has the whole memory, unless
+    one frame alone has observed it: it may have left the view as soon as it was in it."""
+    if is_gap(t):
+        return 0.0
+    share = min(1.0, (hits / MEMORY_HITS) ** 2)
+    if share == 1.0 or hits == 1 or seen > HIDDEN:
+        return share
+    beside = seen == OUT_OF_VIEW and is_beside(place, frame.limits)
+    return 1.0 if beside or height_in_view(t, place, frame) < _IN_VIEW_SHARE else share
 
 
 @inner

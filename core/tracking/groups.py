@@ -8,7 +8,7 @@ import numpy as np
 
 from ..jit import inner, kernel, record
 from .observed import is_gap, measured_limits, turn_between
-from .tables import CUT_LEFT, CUT_RIGHT, POSE_SIGMA_M
+from .tables import CUT_LEFT, CUT_RIGHT, NONE, POSE_SIGMA_M
 
 GAP_M = 0.4
 """Detections closer together belong to one group."""
@@ -73,69 +73,75 @@ def find_groups(detections, view, groups):
     """Fills groups (G,) GROUP from detections, ordered by their least x, and sets their `group`; returns how many.
 
     view: FreeView of the frame."""
-    n = detections.shape[0]
-    parents = np.arange(n)
-    boxes = np.empty((n, 6))
-    for i in range(n):
-        d = detections[i]
-        boxes[i, 0], boxes[i, 1] = min(d.ax_m, d.bx_m), max(d.ax_m, d.bx_m)
-        boxes[i, 2], boxes[i, 3] = min(d.ay_m, d.by_m), max(d.ay_m, d.by_m)
-        boxes[i, 4], boxes[i, 5] = d.top_m, d.bottom_m
-    for k in range(n):
-        if is_gap(detections[k]):
-            continue
-        for i in range(k + 1, n):
-            if boxes[i, 0] - boxes[k, 1] >= GAP_M:
-                break  # the following ones begin farther away
-            if (
-                boxes[k, 2] - boxes[i, 3] < GAP_M
-                and boxes[i, 2] - boxes[k, 3] < GAP_M
-                and boxes[k, 4] - boxes[i, 5] < GAP_M
-                and boxes[i, 4] - boxes[k, 5] < GAP_M
-                and not is_gap(detections[i])
-            ):
-                a, b = root(parents, i), root(parents, k)
-                parents[max(a, b)] = min(a, b)
-    count = 0
-    for i in range(n):
-        r = root(parents, i)
-        if r == i:
-            if count == groups.shape[0] or is_gap(detections[i]):
-                detections[i].group = -1
-                continue
-            detections[i].group = count
-            begin_group(groups[count])
-            count += 1
-        else:
-            detections[i].group = detections[r].group
-        if detections[i].group >= 0:
-            add_detection(groups[detections[i].group], detections[i])
     x_m, y_m, limits = view.x_m, view.y_m, measured_limits(view)
+    count = number_groups(detections, close_together(detections), groups)
     for g in range(count):
         end_box(groups[g], x_m, y_m)
-    for i in range(n):
-        if detections[i].group >= 0:
+    for i in range(detections.shape[0]):
+        if detections[i].group != NONE:
             widen(groups[detections[i].group], detections[i], x_m, y_m)
     for g in range(count):
-        if is_cut(groups[g], limits):
-            groups[g].plane_flags |= _CUT_SIDES
-        if groups[g].face_first_rad < groups[g].face_last_rad:
-            groups[g].azimuth_rad += 0.5 * (groups[g].face_first_rad + groups[g].face_last_rad)
-        else:
-            groups[g].azimuth_rad += 0.5 * (groups[g].first_rad + groups[g].last_rad)
-        groups[g].range_m = groups[g].nearest_m = math.inf
-    for i in range(n):
-        if detections[i].group >= 0:
+        choose_direction(groups[g], limits)
+    for i in range(detections.shape[0]):
+        if detections[i].group != NONE:
             approach(groups[detections[i].group], detections[i], x_m, y_m)
     for g in range(count):
         end_group(groups[g], x_m, y_m, view.ke_per_m)
     return count
 
 
+@kernel
+def close_together(detections):
+    """(N,) int64, the first detection of the group of each, for `root`. A filled gap is a group of its own."""
+    parents = np.arange(detections.shape[0])
+    for k in range(detections.shape[0]):
+        d = detections[k]
+        if is_gap(d):
+            continue
+        for i in range(k + 1, detections.shape[0]):
+            if min(detections[i].ax_m, detections[i].bx_m) - max(d.ax_m, d.bx_m) >= GAP_M:
+                break  # the following ones begin farther away
+            if is_close(d, detections[i]) and not is_gap(detections[i]):
+                a, b = root(parents, i), root(parents, k)
+                parents[max(a, b)] = min(a, b)
+    return parents
+
+
+@inner
+def is_close(d, e):
+    """Whether the boxes of two detections lie closer together than GAP_M along y and z."""
+    return (
+        min(d.ay_m, d.by_m) - max(e.ay_m, e.by_m) < GAP_M
+        and min(e.ay_m, e.by_m) - max(d.ay_m, d.by_m) < GAP_M
+        and d.top_m - e.bottom_m < GAP_M
+        and e.top_m - d.bottom_m < GAP_M
+    )
+
+
+@inner
+def number_groups(detections, parents, groups):
+    """Sets the `group` of the detections, NONE for filled gaps and where groups (G,) GROUP is full, and adds them to it; returns
+    the number of groups. parents: of `close_together`."""
+    count = 0
+    for i in range(detections.shape[0]):
+        d, r = detections[i], root(parents, i)
+        if r < i:
+            d.group = detections[r].group
+        elif count == groups.shape[0] or is_gap(d):
+            d.group = NONE
+        else:
+            d.group = count
+            begin_group(groups[count])
+            count += 1
+        if d.group != NONE:
+            add_detection(groups[d.group], d)
+    return count
+
+
 @inner
 def begin_group(g):
     """An empty group."""
-    g.x_m, g.y_m, g.area_m2, g.plane_flags, g.detections, g.object = 0.0, 0.0, 0.0, 0, 0, -1
+    g.x_m, g.y_m, g.area_m2, g.plane_flags, g.detections, g.object = 0.0, 0.0, 0.0, 0, 0, NONE
     g.low_x_m, g.high_x_m, g.low_y_m, g.high_y_m = math.inf, -math.inf, math.inf, -math.inf
     g.top_m, g.bottom_m = math.inf, -math.inf
 
@@ -192,6 +198,19 @@ def is_cut(g, limits):
     half = 0.5 * (limits[1] - limits[0]) - _BORDER_RAD
     at = turn_between(middle, g.azimuth_rad)
     return not (-half < at + g.first_rad and at + g.last_rad < half)
+
+
+@inner
+def choose_direction(g, limits):
+    """Turns the direction of a group to the middle of its face, else of all directions that it covers, and marks it where it is
+    cut. limits: of `measured_limits`."""
+    if is_cut(g, limits):
+        g.plane_flags |= _CUT_SIDES
+    if g.face_first_rad < g.face_last_rad:
+        g.azimuth_rad += 0.5 * (g.face_first_rad + g.face_last_rad)
+    else:
+        g.azimuth_rad += 0.5 * (g.first_rad + g.last_rad)
+    g.range_m = g.nearest_m = math.inf
 
 
 @inner

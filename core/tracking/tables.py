@@ -27,7 +27,7 @@ THIN_M = 0.3
 NONE = -1
 CUT_LEFT, CUT_RIGHT, CUT_TOP, CUT_BOTTOM = 4, 8, 16, 32
 """Of the flags of a plane: the border of the image cut it there."""
-_RATE_STEP = 0.1
+RATE_STEP = 0.1
 """Weight of a frame in the hit rate."""
 _MOST_HITS = 1 << 20
 _CONFIRMING_SHARE = 0.3
@@ -75,13 +75,14 @@ TRACK = record(
     ("first_detection", np.int32),
     ("merged_into", np.int32),
 )
-"""A track, without padding, so that equal tables have equal bytes. x_m, y_m: anchor; tx, ty: unit tangent; s0_m, s1_m: extent; top_m < bottom_m (z down). p00, p01, p11:
-covariance of the line's offset (m) at the anchor and of its slope (rad). margin_m: of its observations, filtered;
-excess_m: how much nearer than the line the newest observation was; nearer_m: how much nearer than the line the plane is
-published. hit_rate: share of the frames in view that observed
-it, weighted by age. frame_...: extent of this frame's observations. first_cell, cells: index of the first cell, and
-their number. hits: frames that observed it; 0: the slot is empty. first_detection: of this frame, -1: none;
-merged_into: slot of the track that an empty slot was merged into."""
+"""A track, without padding, so that equal tables have equal bytes. object_id: of its moving object, 0: static; first_ns,
+seen_ns: first and newest observation. x_m, y_m: anchor; tx, ty: unit tangent; s0_m, s1_m: extent; top_m < bottom_m (z down).
+p00, p01, p11: covariance of the line's offset (m) at the anchor and of its slope (rad). margin_m: of its observations,
+filtered; excess_m: how much nearer than the line the newest observation was; nearer_m: how much nearer than the line the plane
+is published. hit_rate: share of the frames in view that observed it, weighted by age. cell_m: length of a cell; frame_...:
+extent of this frame's observations. first_cell, cells: index of the first cell, and their number. hits: frames that observed
+it; 0: the slot is empty. plane_flags: PlaneFlags of its newest observations; cluster: of the newest one; state: S_NEW to
+S_OUT_OF_VIEW. first_detection: of this frame, -1: none; merged_into: slot of the track that an empty slot was merged into."""
 
 CELL = record(("seen_ns", np.int64), ("against", np.int32), ("hits", np.int32))
 """A cell. seen_ns: newest observation; against: evidence that it is free; hits: frames that observed it, 0: it is empty."""
@@ -104,8 +105,10 @@ DETECTION = record(
     ("next", np.int32),
     ("group", np.int32),
 )
-"""A plane of the frame. sigma_m: standard deviation of its place; track: slot that it updates; next: the next detection of
-the same track; group: of detections close together."""
+"""A plane of the frame, in the axes of the tracks. ax_m to bottom_m: its ends and heights (z down), free space on the right of
+a -> b; tx, ty: unit tangent from a to b. margin_m, plane_flags, cluster: of the FrameModel; sigma_m: standard deviation of its
+place. track: slot that it updates; next: the next detection of the same track; group: of detections close together; -1:
+none."""
 
 
 class TrackTable(NamedTuple):
@@ -250,7 +253,7 @@ def observe_cells(table, j, low, high, height_m, t_ns):
 def count_observation(t, t_ns):
     """Counts the first observation of a track in a frame."""
     if t.seen_ns != t_ns:
-        t.hit_rate += _RATE_STEP * (1.0 - t.hit_rate)
+        t.hit_rate += RATE_STEP * (1.0 - t.hit_rate)
         t.hits = min(t.hits + 1, _MOST_HITS)
         t.seen_ns = t_ns
 

@@ -7,7 +7,7 @@ import math
 from ..jit import inner, kernel
 from .association import GATE_MAX_M
 from .boxes import set_box
-from .cover import begin_search, is_hidden, support
+from .cover import begin_search, observe_hiding
 from .line import along, begin_line, is_thin, offset, predict_line, seen_at, seen_heights
 from .merging import merge_pairs
 from .publish import BEHIND_M
@@ -66,9 +66,7 @@ def apply_detections(table, detections, pairs, exposure, next_id):
             continue
         if j != NONE:  # it is no part of that track
             table.tracks[j].first_detection = remove_detection(detections, table.tracks[j].first_detection, i)
-        count = is_hidden(table.tracks, detections[i], GATE_MAX_M, eye, search)
-        if count > 0:
-            support(table, detections[i], count, exposure, search)
+        if observe_hiding(table, detections[i], GATE_MAX_M, exposure, search):
             continue
         j, evicted = free_slot(table, t_ns)
         removed += 1 if evicted else 0
