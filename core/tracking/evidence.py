@@ -32,8 +32,9 @@ NEW_HITS = 3
 """A track observed less often is new."""
 _LEAST_MEMORY_NS = 200_000_000
 """Nothing is forgotten sooner."""
-_FREE_FRAMES = 4
-"""Frames that must observe free space through an obstacle; fewer where it was observed less often."""
+_LEAST_FREE_FRAMES, _MOST_FREE_FRAMES = 2, 4
+"""Frames that must observe free space through a cell before it is removed: as many as have observed it, between these. No
+single frame removes what was measured."""
 _IN_VIEW_SHARE, _PROVEN_SHARE = 0.5, 0.75
 """Shares of the height above the ground. With less of it between the highest and the lowest measured ray a place is
 out of view; so much must lie there for free space to remove all of it."""
@@ -78,7 +79,8 @@ def collect_evidence(table, detections, view, eye_z, t_ns, memory_ns):
             if seen >= EXPLAINED:
                 c.against += 4 if gap else 2
             memory = memory_share(t, c.hits, place, seen, frame) * memory_ns
-            if c.against >= 2 * min(_FREE_FRAMES, 1 + c.hits) or t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory):
+            needed = max(_LEAST_FREE_FRAMES, min(_MOST_FREE_FRAMES, c.hits))
+            if c.against >= 2 * needed or t_ns - c.seen_ns > max(_LEAST_MEMORY_NS, memory):
                 c.hits = 0
                 removed += 1
         if t.seen_ns != t_ns and best >= EXPLAINED:

@@ -167,12 +167,16 @@ def test_a_removed_obstacle_goes_within_half_a_second_of_being_seen_through() ->
     assert distance(s, 8.0, 0.0) < 0.1
 
 
-def test_a_phantom_of_one_frame_goes_sooner() -> None:
+@pytest.mark.parametrize(("detected", "needed"), [(1, 2), (2, 2), (3, 3), (4, 4), (12, 4)])
+def test_an_obstacle_goes_after_as_many_frames_as_detected_it_two_at_least_and_four_at_most(
+    detected: int, needed: int
+) -> None:
     tracker = Tracker(SMALL)
-    tracker.observe(frame([WALL], 0))
-    assert distance(tracker.observe(frame([POST, WALL], 1)), 4.0, 0.0) < 0.1
-    tracker.observe(frame([WALL], 2))
-    assert distance(tracker.observe(frame([WALL], 3)), 4.0, 0.0) > 3.0
+    for k in range(detected):
+        tracker.observe(frame([POST, WALL], k))
+    shown = [distance(tracker.observe(frame([WALL], detected + k)), 4.0, 0.0) for k in range(needed)]
+    assert max(shown[:-1]) < 0.1
+    assert shown[-1] > 3.0
 
 
 def test_an_obstacle_detected_now_and_then_stays() -> None:
