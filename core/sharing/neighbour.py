@@ -31,6 +31,14 @@ MOST_CONTRADICTIONS = 2
 
 @dataclass(slots=True)
 class HeldPlane:
+    """A plane that a neighbour has reported, in its frame.
+
+    Attributes:
+        box: a_x, a_y, b_x, b_y, top, bottom, m.
+        margin_m, flags: as reported.
+        seen_ns: newest observation by the neighbour, on the own clock.
+        received_ns: arrival of the newest packet with it, from which it expires."""
+
     box: tuple[float, ...]
     margin_m: float
     flags: int
@@ -40,6 +48,8 @@ class HeldPlane:
 
 @dataclass(slots=True)
 class HeldMover:
+    """A moving obstacle that a neighbour has reported, in its frame; it expires from seen_ns on. Times as in HeldPlane."""
+
     mover: SharedMover
     seen_ns: int
     received_ns: int
@@ -65,7 +75,17 @@ class Retired:
 
 @dataclass(slots=True)
 class Neighbour:
-    """The reports of one vehicle. Times are on the own clock; `expire` removes reports that are too old."""
+    """The reports of one vehicle. Times are on the own clock; `expire` removes reports that are too old.
+
+    Attributes:
+        vehicle, stream, section, sent_ms: of the newest packet, see `Header`.
+        received_ns: arrival of that packet.
+        least_offset_ms: least arrival less sent_ms, of the fastest packet, which delays are measured against.
+        state, state_ns: newest state and motion, and when they were sent; None: not known in this frame.
+        planes, movers: by their numbers, the one received last at the end.
+        retired: frames that the neighbour has left.
+        packets, refused: numbers of packets.
+        last_fit, fitted_ns: newest fit, and when it was tried."""
 
     vehicle: int
     stream: int

@@ -11,7 +11,8 @@ from ..jit import inner, kernel
 
 @kernel
 def track_boxes(tracks):
-    """Bounds of the tracks (T,) TRACK -> (6, T) float64: least and greatest x, y and z. That of an empty slot overlaps nothing."""
+    """Bounds of the tracks (T,) TRACK -> (6, T) float64: least and greatest x, y and z, m. That of an empty slot overlaps
+    nothing."""
     boxes = np.empty((6, tracks.shape[0]))
     for j in range(tracks.shape[0]):
         set_box(boxes, j, tracks[j])

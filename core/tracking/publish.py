@@ -39,11 +39,12 @@ def snapshot_of(
     tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m_s: float, camera_m: tuple[float, float, float]
 ) -> TrackSnapshot:
     """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
-    since the newest observation.
+    since the newest observation; camera_m: place of the frame's camera.
 
     A plane lies no farther behind the newest observation than BEHIND_M or a quarter of its margin, and the margin contains
-    the rest; it returns slowly, so that it does not jump with the noise. camera_m: of the frame. No consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the
-    share of frames in view that observed the track, and at most 1 - 0.5^hits."""
+    the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The plane returns slowly, so
+    that it does not jump with the noise. The confidence is the share of frames in view that observed the track, and at most
+    1 - 0.5^hits."""
     n = int(np.count_nonzero(tracks["hits"]))
     columns = Columns(
         np.empty(n, np.int64),

@@ -110,9 +110,11 @@ class MovingObject:
 class TrackerState:
     """What one frame passes to the next: rows of the tables as little-endian bytes, bit for bit.
 
-    version: of the tables' layout; slots: int32 slot of each track; tracks: TRACK; cells: CELL; objects: OBJECT; history: float64; views: earlier free
-    ranges, see `tracker`. last_ns: of the newest frame, absent: none; position_jump_ns, heading_jump_ns: first stamp after the
-    newest jump of the vehicle's estimate that is in the place of the tracks, 0: none."""
+    version: of the tables' layout; next_id, next_object_id: of the next track and moving object. last_ns: of the newest frame,
+    None: none; positioned, reset_counter, origin_m: of that frame, see TrackingFrame; position_jump_ns, heading_jump_ns: first
+    stamp after the newest jump of the vehicle's estimate that is in the place of the tracks, 0: none; velocity_m_s: of the
+    vehicle, horizontal. slots: int32 slot of each of N tracks; tracks: (N,) TRACK; cells: (N, CELLS) CELL; objects: OBJECT;
+    history: float64, earlier places of the objects; views: earlier free ranges, each of `free_view.view_bytes`."""
 
     version: int = STATE_VERSION
     next_id: int = 1

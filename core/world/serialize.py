@@ -1,9 +1,9 @@
 """A world as bytes, 55 per plane, and its transform to another frame.
 
 Coordinates are integer centimetres, ends relative to the middle of the plane; moments are float32 about it. Rounding
-makes no plane lower than it was. A plane whose numbers do not fit is refused, never changed. Each part of a file has its length and a checksum, so that the complete parts of a
-damaged file are read, and the place of the damage is reported. Free space is not saved: it may have changed
-meanwhile."""
+makes no plane lower than it was. A plane whose numbers do not fit is refused, never changed. Each part of a file has its
+length and a checksum, so that the complete parts of a damaged file are read, and the place of the damage is reported. Free
+space is not saved: it may have changed meanwhile."""
 
 from __future__ import annotations
 
