@@ -166,6 +166,19 @@ def test_what_stands_beside_a_column_limits_it() -> None:
     assert clear(model_of(depth)) < clear(model_of(depth, neighbours=False))
 
 
+@pytest.mark.parametrize("first_px", [96, 104, 120])
+@pytest.mark.nojit
+def test_a_column_beside_one_without_evidence_and_measurement_is_not_open(first_px: int) -> None:
+    """A blank thing from the upper to the lower border. The direction beside it holds no column of the thing, and one to three
+    columns of the block beside it, where the side of the thing may be."""
+    depth = field()
+    depth[:, first_px:] = TEXTURELESS_MM
+    beside_deg = math.degrees(math.atan((first_px - 6.0 - 99.5) / F_PX))
+    assert open_m(model_of(depth, neighbours=False), beside_deg) >= 10.0
+    assert open_m(model_of(depth), beside_deg) == 0.0
+    assert open_m(model_of(depth), beside_deg - 5.0) >= 10.0
+
+
 @pytest.mark.parametrize(("edge_deg", "is_open"), [(0.0, True), (10.0, False)])
 def test_the_sky_of_narrow_columns_without_ground_is_open_where_it_ends_beside_that_of_the_others(
     edge_deg: float, is_open: bool
