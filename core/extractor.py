@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +14,11 @@ from .open_sky_params import OpenSkyParams
 from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, pixel_limits
 from .stages.depth_bias import DepthBias
-from .stages.free_profile import free_profile
-from .stages.free_space import FreeObservation, observe_free
+from .stages.free_profile import PlaneStops, free_profile
+from .stages.free_space import FreeObservation, WalkedView, observe_free
 from .stages.ground import find_ground, ground_search
 from .stages.ground_ranges import with_ranges
-from .stages.level import LevelledView, level_view
+from .stages.level import level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
 from .stages.noise_check import is_no_measurement
 from .stages.open_space import observe_open
@@ -103,9 +102,12 @@ class Extractor:
         stats = pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)
-        free = observe_free(levelled.exact_codes, levelled.exact_view, source, ground, ke, p)
+        walked = WalkedView(
+            codes=levelled.exact_codes, geometry=levelled.exact_view, source=source, ground=ground, ke_per_m=ke
+        )
+        free = observe_free(walked, p)
         is_marked = info.marks_smooth and depth.dtype == np.uint16
-        opened = self._observe_open(depth_mm, levelled, source, ground, ke) if is_marked else None
+        opened = self._observe_open(depth_mm, walked) if is_marked else None
         if smear.active:
             levelled = level_view(marks, info, R, view, ke, p, self._buffers)
         strips = self._strip_search.search(levelled, source, ground, ke, settings)
@@ -126,12 +128,9 @@ class Extractor:
         stats, table = strips.counted(stats), strip_table(strips.table, strips.count) if keep_strips else None
         return self._model(published, profile, ground, stats, ke, table), next_state
 
-    def _observe_open(
-        self, depth_mm: NDArray[np.uint16], levelled: LevelledView, source: NDArray[Any], ground: Ground, ke: float
-    ) -> FreeObservation | None:
+    def _observe_open(self, depth_mm: NDArray[np.uint16], walked: WalkedView) -> FreeObservation | None:
         """Returns free or open ranges of a camera that marks smooth pixels; None: nothing may be presumed."""
-        codes, view = levelled.exact_codes, levelled.exact_view
-        found = observe_open(depth_mm, codes, view, source, ground, ke, self.params, self.open_sky, self._buffers)
+        found = observe_open(depth_mm, walked, self.params, self.open_sky, self._buffers)
         return found.seen if found is not None else None
 
     def _profile(
@@ -143,8 +142,8 @@ class Extractor:
         bias: DepthBias,
     ) -> FreeProfile:
         """Returns the free-range profile: free and open ranges, limited by the planes."""
-        count, most_m = len(published.rows), self.open_sky.open_max_range_m
-        return free_profile(free, count, planes.table, published.noise_margin_m, bias, opened, most_m)
+        stops = PlaneStops(planes.table[: len(published.rows)], published.noise_margin_m)
+        return free_profile(free, stops, bias, opened, self.open_sky.open_max_range_m)
 
     def _model(
         self,

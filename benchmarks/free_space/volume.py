@@ -173,7 +173,7 @@ def above_ground(
     ground: Ground, azimuth_rad: Floats, z_m: Floats, begins: Floats, ends: Floats, ke_per_m: float, params: Params
 ) -> tuple[Floats, Floats]:
     """(begins, ends) of the part of each ray, of level_cam from the camera's axis, that lies above the model's ground and its
-    tolerance; begin > end: none. By the same bound as core.stages.free_walk.lowest_clear."""
+    tolerance; begin > end: none. By the same bound as core.stages.free_geometry.lowest_clear."""
     if not ground.seen:
         return begins, ends
     c = np.cos(azimuth_rad)

@@ -26,7 +26,7 @@ from benchmarks.open_air.views import Seen, profile_of, see
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.stages.free_walk import least_blocking_code
+from core.stages.free_rings import least_blocking_code
 from core.stages.open_blocks import OUTSIDE
 from core.stages.open_space import OpenObservation
 from core.stages.view_geometry import Q_UNKNOWN, ViewGeometry

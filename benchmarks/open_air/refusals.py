@@ -27,6 +27,7 @@ from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.stages.classify import classify, clear_range_m, pixel_limits
+from core.stages.free_space import WalkedView
 from core.stages.level import LevelledView, level_view
 from core.stages.open_blocks import BLOCK
 from core.stages.open_columns import Refusal
@@ -61,10 +62,14 @@ def evidence(
     marks = np.empty(frame.depth_mm.shape, np.uint16)
     classify(frame.depth_mm, pixel_limits(info, ke, params), marks)
     levelled = level_view(marks, info, R, view_geometry(info, R, params), ke, params, Buffers())
-    source = source_of(info, R, clear_range_m(info, ke, params))
-    found = observe_open(
-        frame.depth_mm, levelled.exact_codes, levelled.exact_view, source, model.ground, ke, params, open_sky, Buffers()
+    walked = WalkedView(
+        codes=levelled.exact_codes,
+        geometry=levelled.exact_view,
+        source=source_of(info, R, clear_range_m(info, ke, params)),
+        ground=model.ground,
+        ke_per_m=ke,
     )
+    found = observe_open(frame.depth_mm, walked, params, open_sky, Buffers())
     if found is None:
         raise ValueError("[open_sky] mode is off: nothing is judged")
     return levelled, found

@@ -65,7 +65,7 @@ def ground_margin_m(view: View, range_m: NDArray[np.float64]) -> NDArray[np.floa
     same shape.
 
     Pixels measured there count as ground. The profile excludes it from its layers, see
-    core.stages.free_walk.lowest_clear."""
+    core.stages.free_geometry.lowest_clear."""
     ground = view.model.ground
     return np.maximum(ground.tolerance_m, ground.noise_per_m * range_m)
 

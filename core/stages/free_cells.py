@@ -5,9 +5,11 @@ direction, block by block of rows, and the number of unknown samples and columns
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from ..jit import inner, kernel
+from ..jit import inner, inner_inline, kernel
 from .view_geometry import Q_FAR, Q_UNKNOWN
 
 DARK_ROWS = 4
@@ -30,29 +32,42 @@ def looked_at(rows, looked):
         looked[1 - turn, v] = 0
 
 
+class Samples(NamedTuple):
+    """Sampled cells of one direction, block by block of rows, and what is counted of them.
+
+    Attributes:
+        cells: uint16, with room for one cell per row and column and two more. The cells of block b are
+            cells[begin[b]:begin[b + 1]].
+        begin: (B + 1,) int64.
+        unknown: (B + 1,) int64, the number of unknown cells in all blocks before b.
+        of_row: (rows,) uint16 scratch, the unknown cells of each row."""
+
+    cells: Any
+    begin: Any
+    unknown: Any
+    of_row: Any
+
+
 @inner
-def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
-    """Copies the sampled cells of the columns u0..u1 - 1 to `cells`, block by block of rows.
+def look_at(codes, columns, block, looked, out):
+    """Samples the columns of a direction.
 
     Args:
         codes: (cols, rows) uint16.
-        u0, u1: first column and end.
+        columns: (first, end) of the columns.
         block: rows of a block, an even number.
         looked: (2, rows) uint16 of `looked_at`.
-        unknown: (rows,) uint16 scratch.
-        cells: uint16 out, with room for one cell per row and column and two more.
-        begin: (B + 1,) int64 out. The cells of block b are cells[begin[b]:begin[b + 1]].
-        dark: (B + 1,) int64 out, the number of unknown cells in all blocks before b."""
-    rows = codes.shape[1]
+        out: Samples, set."""
+    rows, (u0, u1), cells = codes.shape[1], columns, out.cells
     one, four, wide = np.uint64(1), np.uint64(4), np.uint64(2 * (u1 - u0))
     even = ((u1 + 1) >> 1) - ((u0 + 1) >> 1)
-    unknown[:] = 0
+    out.of_row[:] = 0
     for u in range(u0, u1):
         odd = u & 1
         column, counted = codes[u], looked[odd]
         for v in range(rows):
             count = counted[v]  # read unconditionally, see core/jit.py
-            unknown[v] += count if column[v] == Q_UNKNOWN else np.uint16(0)
+            out.of_row[v] += count if column[v] == Q_UNKNOWN else np.uint16(0)
         to, at = np.uint64(2 * ((u - u0) >> 1) + 2 * even * odd), np.uint64(2 * odd)
         for _ in range((rows + 2 - 2 * odd) >> 2):
             cells[to], cells[to + one] = column[at], column[at + one]
@@ -61,12 +76,12 @@ def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
         if counted[rows - 1] == 2:
             cells[to], cells[to + one] = column[rows - 1], column[rows - 1]
     total = np.int64(0)
-    for b in range(begin.shape[0]):
+    for b in range(out.begin.shape[0]):
         first, last = b * block, min((b + 1) * block, rows)
         pairs = min(first, rows + 1) >> 1
-        begin[b], dark[b] = 2 * (((pairs + 1) >> 1) * even + (pairs >> 1) * (u1 - u0 - even)), total
+        out.begin[b], out.unknown[b] = 2 * (((pairs + 1) >> 1) * even + (pairs >> 1) * (u1 - u0 - even)), total
         for v in range(first, last):
-            total += np.int64(unknown[v])
+            total += np.int64(out.of_row[v])
 
 
 @kernel
@@ -90,28 +105,65 @@ def unknown_of_blocks(codes):
     return counts
 
 
+class DarkColumns(NamedTuple):
+    """The columns of a direction that have blocks of DARK_ROWS rows of which more than half of the cells are unknown.
+
+    Attributes:
+        columns: (K,) int64.
+        blocks: (K, rows // DARK_ROWS + 1) int16, of each of them the number of such blocks before block b."""
+
+    columns: Any
+    blocks: Any
+
+
 @inner
-def count_dark_blocks(unknown, u0, u1, dark_blocks, dark_columns):
-    """Counts blocks of DARK_ROWS rows of which more than half are unknown; returns the number of columns that have
-    any.
+def count_dark_blocks(unknown, columns, out):
+    """Finds the columns of (first, end) that have dark blocks; returns their number.
 
     Args:
         unknown: of `unknown_of_blocks`.
-        u0, u1: first column and end.
-        dark_blocks: (cols, rows // DARK_ROWS + 1) int16 out. Line k is the k-th of these columns; element b is the
-            number of such blocks before block b.
-        dark_columns: (cols,) int64 out, the columns of these lines."""
+        columns: (first, end).
+        out: DarkColumns with room for them, set."""
     found = 0
-    for u in range(u0, u1):
-        column, counts, total = unknown[u], dark_blocks[found], np.int16(0)
+    for u in range(columns[0], columns[1]):
+        column, counts, total = unknown[u], out.blocks[found], np.int16(0)
         counts[0] = 0
         for b in range(1, counts.shape[0]):
             total += np.int16(2 * column[b - 1] > DARK_ROWS)
             counts[b] = total
         if total > 0:
-            dark_columns[found] = u
+            out.columns[found] = u
             found += 1
     return found
+
+
+class Sampled(NamedTuple):
+    """What the walk counts in one direction.
+
+    Attributes:
+        codes: (cols, rows) uint16 of the view.
+        columns: (first, end) of those that have their middle in the direction.
+        in_source: (first, last) row, see `free_geometry.common_source_rows`.
+        samples: Samples of these columns.
+        dark: DarkColumns of the columns that overlap the direction.
+        holes, near_holes: (blocks,) uint8, `own` and `widened` of `free_holes.join_holes`, of the same columns."""
+
+    codes: Any
+    columns: Any
+    in_source: Any
+    samples: Any
+    dark: Any
+    holes: Any
+    near_holes: Any
+
+
+@inner_inline
+def samples_of(sampled, part, w):
+    """Returns (first, end, unknown) of the samples in the blocks that hold the rows of a Part: their range in `cells`, and
+    how many of them are unknown. w: a record of WALK_SETTINGS."""
+    b0, b1 = part.first // w.block_rows, part.last // w.block_rows + 1
+    begin, unknown = sampled.samples.begin, sampled.samples.unknown
+    return begin[b0], begin[b1], unknown[b1] - unknown[b0]
 
 
 @inner
@@ -129,26 +181,26 @@ def count_codes(cells, first, end, least, most):
 
 
 @inner
-def hiding_columns(sampled, v0, v1, blocking):
-    """Returns what columns may hide in the rows v0..v1, rounded outward: HIDES_ALL if one of the direction is unknown in more
-    than half of its blocks; HIDES_PART if one that overlaps the direction is, or is unknown in a block and sees through
-    the ring in less than half of its rows; else HIDES_NOTHING.
+def hiding_columns(sampled, part, blocking):
+    """Returns what columns may hide in the rows of a part, rounded outward: HIDES_ALL if one of the direction is unknown in
+    more than half of its blocks; HIDES_PART if one that overlaps the direction is, or is unknown in a block and sees
+    through the ring in less than half of its rows; else HIDES_NOTHING.
 
     Planes end the free range at near cells. Of a surface that is seen edge-on most pixels are removed as flying ones,
     and no plane stands for the near ones that are left between them.
 
     Args:
-        sampled: Sampled of free_walk.py.
-        v0, v1: rows.
-        blocking: code of `blocking_codes`."""
-    dark_blocks, columns, rows = sampled.dark_blocks, sampled.dark_columns, sampled.codes.shape[1]
-    b0, b1 = v0 // DARK_ROWS, min(v1 // DARK_ROWS + 1, dark_blocks.shape[1] - 1)
-    first, end = b0 * DARK_ROWS, min((v1 // DARK_ROWS + 1) * DARK_ROWS, rows)
+        sampled: Sampled.
+        part: Part.
+        blocking: least code that blocks the ring, see `Rings`."""
+    blocks, columns, rows = sampled.dark.blocks, sampled.dark.columns, sampled.codes.shape[1]
+    b0, b1 = part.first // DARK_ROWS, min(part.last // DARK_ROWS + 1, blocks.shape[1] - 1)
+    first, end = b0 * DARK_ROWS, min((part.last // DARK_ROWS + 1) * DARK_ROWS, rows)
     found = HIDES_NOTHING
-    for k in range(dark_blocks.shape[0]):
-        dark = dark_blocks[k, b1] - dark_blocks[k, b0]
+    for k in range(blocks.shape[0]):
+        dark = blocks[k, b1] - blocks[k, b0]
         if 2 * dark > b1 - b0:
-            if sampled.own[0] <= columns[k] < sampled.own[1]:
+            if sampled.columns[0] <= columns[k] < sampled.columns[1]:
                 return HIDES_ALL
             found = HIDES_PART
         elif dark > 0 and found == HIDES_NOTHING:

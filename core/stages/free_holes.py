@@ -97,16 +97,16 @@ def add_marks(marks, bits, out):
 
 
 @inner
-def join_holes(holes, u0, u1, own, widened):
-    """Joins the holes of the columns u0..u1 - 1.
+def join_holes(holes, columns, own, widened):
+    """Joins the holes of the columns of (first, end).
 
     Args:
         holes: (cols, blocks) uint8 of `find_holes`.
-        u0, u1: first column and end.
+        columns: (first, end).
         own: (blocks,) uint8 out, the holes of these columns.
         widened: (blocks,) uint8 out, the holes of a column more on either side and a block more above and below: the edge
             of a thing is known to one pixel, and a hole to the block that it fills."""
-    last = len(own) - 1
+    (u0, u1), last = columns, len(own) - 1
     own[:] = 0
     for u in range(u0, u1):
         column = holes[u]

@@ -5,7 +5,7 @@ Input: `FreeObservation` and the planes. Output: `FreeProfile` of the model. Not
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,17 @@ from .free_space import FreeObservation, layer_edges
 from .planes import distance_at
 
 _NOT_SEEN, _OBSTACLE, _UNKNOWN = int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN)
+
+
+class PlaneStops(NamedTuple):
+    """Planes that end free ranges.
+
+    Attributes:
+        planes: (N,) PLANE.
+        margin_m: (N,) float32, distance kept to each."""
+
+    planes: NDArray[Any]
+    margin_m: NDArray[np.float32]
 
 
 @inner
@@ -37,8 +48,8 @@ def hidden_from(x, top, bottom, above, below):
 
 
 @inner
-def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_to, end):
-    """Shortens free_to where a plane stops or hides a direction and layer.
+def stop_at_planes(stops, seen):
+    """Shortens the free ranges where a plane stops or hides a direction and layer.
 
     A plane that reaches into the layer ends the free range at its distance minus its margin. A plane above or below
     the layer ends it where the layer comes behind it. The edges of a plane are known to one pixel, so each plane is
@@ -46,37 +57,32 @@ def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_
     seen edge-on spans metres.
 
     Args:
-        count: number of planes.
-        planes: (N,) PLANE.
-        margin: (N,) m.
-        pixel_t, row_t: tangents of a column and of a row.
-        edges_t: (D + 1,) tangents of the directions.
-        layers: (L + 1,) heights.
-        free_to: (D, L) float32 forward distance, in and out.
-        end: (D, L) uint8 FreeEnd, in and out."""
-    for k in range(count):
-        p = planes[k]
+        stops: PlaneStops.
+        seen: FreeObservation. free_to_m and end are changed."""
+    edges_t, layers, pixel_t = seen.edges_t, seen.layers_m, seen.pixel_t
+    for k in range(len(stops.planes)):
+        p = stops.planes[k]
         if p.support < 0:
             continue
-        for d in range(edges_t.shape[0] - 1):
+        for d in range(len(edges_t) - 1):
             if edges_t[d] > p.t1 + pixel_t or edges_t[d + 1] < p.t0 - pixel_t:
                 continue
             lo = min(max(edges_t[d], p.t0), p.t1)
             hi = max(min(edges_t[d + 1], p.t1), p.t0)
             x_lo, x_hi = distance_at(p, lo), distance_at(p, hi)
-            x, row_m = min(x_lo, x_hi), row_t * max(x_lo, x_hi)
+            x, row_m = min(x_lo, x_hi), seen.row_t * max(x_lo, x_hi)
             x = min(
                 x, distance_at(p, max(edges_t[d], p.t0 - pixel_t)), distance_at(p, min(edges_t[d + 1], p.t1 + pixel_t))
             )
             top, bottom = p.top_m - row_m, p.bottom_m + row_m
-            for layer in range(layers.shape[0] - 1):
+            for layer in range(len(layers) - 1):
                 if top < layers[layer + 1] and bottom > layers[layer]:
-                    reach, cause = max(0.0, x - margin[k]), _OBSTACLE
+                    reach, cause = max(0.0, x - stops.margin_m[k]), _OBSTACLE
                 else:
                     reach, cause = hidden_from(x, top, bottom, layers[layer], layers[layer + 1]), _UNKNOWN
-                if reach < free_to[d, layer]:
-                    free_to[d, layer] = reach
-                    end[d, layer] = cause
+                if reach < seen.free_to_m[d, layer]:
+                    seen.free_to_m[d, layer] = reach
+                    seen.end[d, layer] = cause
 
 
 def empty_profile(params: Params) -> FreeProfile:
@@ -108,9 +114,7 @@ def as_ranges(edges_t, free_from, free_to):
 
 def free_profile(
     seen: FreeObservation,
-    count: int,
-    planes: NDArray[Any],
-    noise_margin_m: NDArray[np.float32],
+    stops: PlaneStops,
     bias: DepthBias,
     opened: FreeObservation | None = None,
     open_max_range_m: float = math.inf,
@@ -119,14 +123,12 @@ def free_profile(
 
     Args:
         seen: free ranges of `observe_free`.
-        count: number of planes.
-        planes: (N,) PLANE.
-        noise_margin_m: (N,) of PublishedPlanes.
+        stops: the planes of the frame.
         bias: of the camera.
         opened: free or open ranges of `observe_open`; None: nothing is open.
         open_max_range_m: horizontal range beyond which nothing is open."""
     for s in (seen,) if opened is None else (seen, opened):
-        stop_at_planes(count, planes, noise_margin_m, s.pixel_t, s.row_t, s.edges_t, s.layers_m, s.free_to_m, s.end)
+        stop_at_planes(stops, s)
         shorten_by_bias(bias, s.layers_m, s.free_to_m)
         as_ranges(s.edges_t, s.free_from_m, s.free_to_m)
     open_from, open_to = (

@@ -26,16 +26,39 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel
 from ..params import Params
 from ..types import Ground
-from .free_begin import begin_of_range
-from .free_cells import DARK_ROWS, count_dark_blocks, look_at, looked_at, unknown_of_blocks
+from .free_begin import range_of_cell
+from .free_cells import (
+    DARK_ROWS,
+    DarkColumns,
+    Sampled,
+    Samples,
+    count_dark_blocks,
+    look_at,
+    looked_at,
+    unknown_of_blocks,
+)
+from .free_geometry import ProfileCell, common_source_rows, walk_settings
 from .free_holes import find_holes, join_holes
-from .free_walk import Sampled, blocking_codes, common_source_rows, rows_of_rings, walk_rings, walk_settings
+from .free_rings import Rings, blocking_codes, place_rings
 from .view_geometry import ViewGeometry
 
 _MAX_RINGS = 250
 """Greatest number of rings; their index fits one byte. Space beyond them is not free."""
-_FINE_RINGS = 16
-"""Number of rings half a step apart, the nearest ones: in a room free ranges are a few steps long."""
+
+
+class ProfileGrid(NamedTuple):
+    """What a profile is judged at: D directions, L layers, R rings.
+
+    Attributes:
+        edges_t: (D + 1,) float64, tangents of the edges of the directions.
+        layers: (L + 1,) float32, edges of the layers, z down, m.
+        ring_m: (R,) float32 forward distances, m.
+        blocking: (L, R) int32 of `blocking_codes`."""
+
+    edges_t: Any
+    layers: Any
+    ring_m: Any
+    blocking: Any
 
 
 class FreeRanges(NamedTuple):
@@ -52,67 +75,69 @@ class FreeRanges(NamedTuple):
 
 
 @inner
-def overlapping_columns(u0, u1, cols, begin, end):
+def columns_of_direction(begin, cols, cu, f_u, t):
+    """Returns (first, end) of the columns from `begin` on that have their middle before the tangent t; t = inf: of all.
+    f_u: focal length along the columns."""
+    end = begin
+    while end < cols and (end - cu) / f_u < t:
+        end += 1
+    return begin, end
+
+
+@inner
+def overlapping_columns(columns, cols, begin, end):
     """Returns (first, end) of the columns that overlap a direction from column `begin` to `end` (float64; 0 is the middle
     of the first column).
 
-    Those with their middle in it, u0..u1 - 1, are sampled. A thing that covers the column beside them may reach into the
+    Those with their middle in it, `columns`, are sampled. A thing that covers the column beside them may reach into the
     direction by up to half a column, and none of the sampled ones shows it."""
+    u0, u1 = columns
     first = u0 - 1 if u0 > 0 and u0 - 0.5 > begin else u0
     return first, u1 + 1 if u1 < cols and u1 - 0.5 < end else u1
 
 
 @kernel
-def walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, out):
-    """Computes the free ranges of every direction and layer of a levelled view.
+def walk_view(codes, view, image, grid, w):
+    """Returns the FreeRanges of every direction and layer of a levelled view.
 
     Args:
         codes: (cols, rows) uint16 of the view without pooling.
         view: ViewGeometry.
         image: a record of SOURCE.
-        edges_t: (D + 1,) float64.
-        blocking: (L, R) int32 of `blocking_codes`.
-        ring_m: (R,) float32.
-        layers: (L + 1,) float32.
-        w: a record of WALK_SETTINGS.
-        out: FreeRanges."""
-    cols, rows = codes.shape
-    block, cu, f_u = w.block_rows, view.cu, view.f_px / np.float64(view.lateral[0])
-    cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
-    dark, unknown = np.empty(begin.shape[0], np.int64), np.empty(rows, np.uint16)
-    looked, layer_rows = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
-    unknown_blocks = unknown_of_blocks(codes)
-    holes, dark_blocks = find_holes(unknown_blocks), np.empty((cols, rows // DARK_ROWS + 1), np.int16)
-    dark_columns = np.empty(cols, np.int64)
-    own_holes, near_holes = np.empty(holes.shape[1], np.uint8), np.empty(holes.shape[1], np.uint8)
+        grid: ProfileGrid.
+        w: a record of WALK_SETTINGS."""
+    (cols, rows), edges_t, layers = codes.shape, grid.edges_t, grid.layers
+    n, blocks = len(edges_t) - 1, (rows + w.block_rows - 1) // w.block_rows
+    shape = (n, len(layers) - 1)
+    out = FreeRanges(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8))
+    samples = Samples(
+        np.empty(cols * (rows + 1) + 2, np.uint16),
+        np.empty(blocks + 1, np.int64),
+        np.empty(blocks + 1, np.int64),
+        np.empty(rows, np.uint16),
+    )
+    looked = np.empty((2, rows), np.uint16)
     looked_at(rows, looked)
-    rows_of_rings(ring_m, layers, w, layer_rows)
-    H = view.H
-    u1 = 0
-    for d in range(len(edges_t) - 1):
-        u0 = u1
-        while u1 < cols and (d == len(edges_t) - 2 or (u1 - cu) / f_u < edges_t[d + 1]):
-            u1 += 1
-        look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
-        in_source = common_source_rows(H, u0, u1, image.width_px, image.height_px, rows)
-        left, right = overlapping_columns(u0, u1, cols, cu + f_u * edges_t[d], cu + f_u * edges_t[d + 1])
-        n = count_dark_blocks(unknown_blocks, left, right, dark_blocks, dark_columns)
-        join_holes(holes, left, right, own_holes, near_holes)
-        sampled = Sampled(
-            cells, begin, dark, in_source, codes, (u0, u1), dark_columns[:n], dark_blocks[:n], own_holes, near_holes
-        )
+    unknown = unknown_of_blocks(codes)
+    dark = DarkColumns(np.empty(cols, np.int64), np.empty((cols, rows // DARK_ROWS + 1), np.int16))
+    holes = find_holes(unknown)
+    own_holes, near_holes = np.empty(holes.shape[1], np.uint8), np.empty(holes.shape[1], np.uint8)
+    cu, f_u, u1 = view.cu, view.f_px / np.float64(view.lateral[0]), 0
+    for d in range(n):
+        columns = columns_of_direction(u1, cols, cu, f_u, edges_t[d + 1] if d < n - 1 else np.inf)
+        u1 = columns[1]
+        look_at(codes, columns, w.block_rows, looked, samples)
+        over = overlapping_columns(columns, cols, cu + f_u * edges_t[d], cu + f_u * edges_t[d + 1])
+        k = count_dark_blocks(unknown, over, dark)
+        join_holes(holes, over, own_holes, near_holes)
+        in_source = common_source_rows(view.H, columns, image, rows)
+        of_direction = DarkColumns(dark.columns[:k], dark.blocks[:k])
+        sampled = Sampled(codes, columns, in_source, samples, of_direction, own_holes, near_holes)
         for layer in range(len(layers) - 1):
-            t0, t1, top, bottom = edges_t[d], edges_t[d + 1], layers[layer], layers[layer + 1]
-            codes_of, rows_of = blocking[layer], layer_rows[layer]
-            first, last, end = walk_rings(sampled, t0, t1, ring_m, codes_of, rows_of, top, bottom, w)
-            out.end[d, layer] = end
-            out.free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
-            out.free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
-            if 0 < first < last:  # one ring alone gives no range
-                before, x = ring_m[first - 1], ring_m[first]
-                out.free_from[d, layer] = begin_of_range(
-                    sampled, t0, t1, before, x, codes_of[first], rows_of[first], top, bottom, w
-                )
+            cell = ProfileCell(edges_t[d], edges_t[d + 1], layers[layer], layers[layer + 1])
+            begin, reach, end = range_of_cell(sampled, cell, Rings(grid.ring_m, grid.blocking[layer]), w)
+            out.free_from[d, layer], out.free_to[d, layer], out.end[d, layer] = begin, reach, end
+    return out
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:
@@ -135,8 +160,7 @@ def _layer_edges(inner: int, inner_m: float, outer: int, reach_m: float) -> NDAr
     return edges
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FreeObservation:
+class FreeObservation(NamedTuple):
     """Free ranges by pixels alone, before they are limited by planes. Ranges are forward distances.
 
     Attributes:
@@ -159,53 +183,49 @@ class FreeObservation:
     end: NDArray[np.uint8]
 
 
-def observe_free(
-    codes: NDArray[np.uint16], view: ViewGeometry, source: NDArray[Any], ground: Ground, ke_per_m: float, params: Params
-) -> FreeObservation:
-    """Returns the free ranges by the pixels of a levelled view without pooling.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class WalkedView:
+    """A levelled view, and what is known of its frame.
 
-    Args:
-        codes: (cols, rows) uint16.
-        view: geometry of `codes`.
+    Attributes:
+        codes: (cols, rows) uint16 quantised disparity without pooling.
+        geometry: geometry of `codes`.
         source: (1,) SOURCE.
         ground: ground of the frame.
-        ke_per_m: noise coefficient.
-        params: parameters."""
-    layers = layer_edges(params)
-    settings = walk_settings(view, source[0], ground, ke_per_m, params)
-    edges, edges_t, free_from, free_to, end = ranges_of_view(codes, view, source, layers, settings)
+        ke_per_m: noise coefficient."""
+
+    codes: NDArray[np.uint16]
+    geometry: ViewGeometry
+    source: NDArray[Any]
+    ground: Ground
+    ke_per_m: float
+
+
+def observe_free(walked: WalkedView, params: Params) -> FreeObservation:
+    """Returns the free ranges by the pixels of a view."""
+    layers, g = layer_edges(params), walked.geometry
+    settings = walk_settings(g, walked.source[0], walked.ground, walked.ke_per_m, params)
+    edges, edges_t, ranges = ranges_of_view(walked.codes, g, walked.source, layers, settings)
     return FreeObservation(
         edges_rad=edges,
         edges_t=edges_t,
-        pixel_t=float(view.lateral[0]) / view.f_px,
-        row_t=1.0 / view.f_px,
+        pixel_t=float(g.lateral[0]) / g.f_px,
+        row_t=1.0 / g.f_px,
         layers_m=layers,
-        free_from_m=free_from,
-        free_to_m=free_to,
-        end=end,
+        free_from_m=ranges.free_from,
+        free_to_m=ranges.free_to,
+        end=ranges.end,
     )
-
-
-@inner
-def place_rings(step_m, clear_m, ring_m):
-    """Writes the forward distances of the rings below clear_m: multiples of half of step_m for the first _FINE_RINGS,
-    of step_m beyond them. Returns their number R; ring_m: (N,) float32 out, the first R are set, at most N."""
-    for r in range(len(ring_m)):
-        x = 0.5 * step_m * (r + 1) if r < _FINE_RINGS else step_m * (r + 1 - _FINE_RINGS // 2)
-        if x >= clear_m:
-            return r
-        ring_m[r] = x
-    return len(ring_m)
 
 
 @kernel
 def ranges_of_view(codes, view, source, layers, settings):
-    """Returns (edges_rad, edges_t, free_from_m, free_to_m, end) of FreeObservation.
+    """Returns (edges_rad, edges_t) of FreeObservation and the FreeRanges of a view.
 
     Directions are step_rad wide, except for the last one. See `place_rings` for the rings.
 
     Args:
-        codes, view, source: see `observe_free`.
+        codes, view, source: `codes`, `geometry` and `source` of WalkedView.
         layers: of `layer_edges`.
         settings: (1,) WALK_SETTINGS."""
     w, image = settings[0], source[0]
@@ -220,7 +240,4 @@ def ranges_of_view(codes, view, source, layers, settings):
     ring_m = ring_m[: place_rings(w.ring_m, w.clear_m, ring_m)]
     blocking = np.empty((layers.shape[0] - 1, len(ring_m)), np.int32)
     blocking_codes(ring_m, edges_t, layers, w, blocking)
-    shape = (n, layers.shape[0] - 1)
-    free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-    walk_view(codes, view, image, edges_t, blocking, ring_m, layers, w, FreeRanges(free_from, free_to, end))
-    return edges, edges_t, free_from, free_to, end
+    return edges, edges_t, walk_view(codes, view, image, ProfileGrid(edges_t, layers, ring_m, blocking), w)

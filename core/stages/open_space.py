@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,8 @@ from ..buffers import Buffers
 from ..jit import inline_ieee, inner, inner_inline, kernel
 from ..open_sky_params import OpenSkyParams
 from ..params import Params
-from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM, Ground
-from .free_space import FreeObservation, observe_free
+from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
+from .free_space import FreeObservation, WalkedView, observe_free
 from .open_blocks import (
     BEYOND_ALL,
     BLOCK,
@@ -46,7 +46,7 @@ from .open_columns import (
     scan_column,
     things_above,
 )
-from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
+from .view_geometry import Q_FAR, Q_UNKNOWN
 
 _FAR = np.uint16(Q_FAR)
 _MOST_HOLE = 4
@@ -73,30 +73,44 @@ def end_of_edge(mm, u, first, most, out):
     return v if out[u, v] != Q_UNKNOWN or mm[u, v] == BEYOND_MM else end
 
 
+class OpenRows(NamedTuple):
+    """Rows of a column of blocks whose unknown cells get the code of what is open.
+
+    Attributes:
+        first: first row of the textureless run.
+        edge: row behind it. Textureless cells below are open until something else is met.
+        end: row from which on no textureless cell is open.
+        ground_end: row from which on no smooth ground is open.
+        edge_rows: greatest height of the textured edge of the run, rows."""
+
+    first: int
+    edge: int
+    end: int
+    ground_end: int
+    edge_rows: int
+
+
 @inner
-def set_open(mm, columns, run, code, matched, out):
-    """Gives a code to unknown cells of columns (first, end) by their marks, downwards: textureless ones from row run[0] on until
-    something else is met in row run[1] or below, at the latest before run[2]; textured ones from there on, the edge itself, where it
-    ends within run[4] rows; smooth ground below that to run[3] - 1. Cells that were matched beyond what millimetres
-    can hold get the code `matched`. Cells of which nothing is known, and what lies lower, keep theirs."""
+def set_open(mm, columns, run, code, out):
+    """Gives a code to unknown cells of columns (first, end) by their marks: textureless cells of a run, the textured ones that
+    are its edge, and smooth ground below that. Cells that were matched beyond what millimetres can hold get it from row run.first
+    on. Cells of which nothing is known, and what lies lower, keep theirs. run: OpenRows."""
     rows = out.shape[1]
-    below_sky = min(rows, max(run[0], min(run[1], run[2])))
-    end = min(rows, max(below_sky, max(run[2], run[3])))
+    below_sky = min(rows, max(run.first, min(run.edge, run.end)))
+    end = min(rows, max(below_sky, max(run.end, run.ground_end)))
     for u in range(columns[0], columns[1]):
         # the edge before it changes
-        edge = end_of_edge(mm, u, below_sky, run[4], out)
-        set_marked(mm[u, run[0] : below_sky], code, matched, out[u, run[0] : below_sky])
+        edge = end_of_edge(mm, u, below_sky, run.edge_rows, out)
+        set_marked(mm[u, run.first : below_sky], code, code, out[u, run.first : below_sky])
         sky = True
         for v in range(below_sky, end):
             # a mark stays where the view has no code of its own, and is none elsewhere
             mark = mm[u, v] if out[u, v] == Q_UNKNOWN else np.uint16(UNKNOWN_MM)
             sky = sky and mark == TEXTURELESS_MM
-            at_edge = mark == TEXTURED_MM and v < edge
-            if mark == BEYOND_MM:
-                out[u, v] = matched
-            elif (mark == TEXTURELESS_MM and sky and v < run[2]) or at_edge or (mark == CONTINUED_MM and v < run[3]):
+            in_sky, at_edge = sky and v < run.end, mark == TEXTURED_MM and v < edge
+            if in_sky or at_edge or mark == BEYOND_MM or (mark == CONTINUED_MM and v < run.ground_end):
                 out[u, v] = code
-        set_marked(mm[u, end:], np.uint16(Q_UNKNOWN), matched, out[u, end:])
+        set_marked(mm[u, end:], np.uint16(Q_UNKNOWN), code, out[u, end:])
 
 
 @inner_inline
@@ -175,15 +189,15 @@ def open_column(mm, columns, j, s, out):
     among = (j * BLOCK, min((j + 1) * BLOCK, cols))
     first = columns.top[j] * BLOCK
     if limit <= 0.0:
-        set_open(mm, among, (first, rows, 0, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
+        set_open(mm, among, OpenRows(first, rows, 0, 0, 0), np.uint16(Q_FAR), out)
         return
     code = np.uint16(Q_FAR)
     if limit < s.most_m:
         code = np.uint16(min(65535.0, math.ceil(s.gain / max(limit, np.float32(1e-3)))))
     below, edge = min((columns.base[j] + 1) * BLOCK, rows), columns.edge[j] * BLOCK
     gap = int(s.gap_t * s.f_px)
-    run = (first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px), EDGE_ROWS + gap)
-    set_open(mm, among, run, code, code, out)
+    run = OpenRows(first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px), EDGE_ROWS + gap)
+    set_open(mm, among, run, code, out)
     fill_holes(mm, among, edge, edge + 3 * gap, code, out)
 
 
@@ -239,32 +253,28 @@ def _walk_params(params: Params, share: float) -> Params:
 
 def observe_open(
     depth_mm: NDArray[np.uint16],
-    codes: NDArray[np.uint16],
-    view: ViewGeometry,
-    source: NDArray[Any],
-    ground: Ground,
-    ke_per_m: float,
+    walked: WalkedView,
     params: Params,
     open_sky: OpenSkyParams,
     buffers: Buffers,
 ) -> OpenObservation | None:
     """What is free or open by the pixels of a levelled view; None where nothing is to be presumed.
 
-    depth_mm: (H, W) uint16 of the source with its marks. codes: (cols, rows) uint16 of its view, not pooled. source: (1,)
-    SOURCE; ke_per_m: noise."""
+    depth_mm: (H, W) uint16 of the source with its marks; walked: its view."""
     if not open_sky.presumes:
         return None
+    source, codes = walked.source.copy(), walked.codes
     most_m = min(float(source["max_range_m"][0]), open_sky.open_max_range_m)
-    settings = open_settings(view, most_m, far_m(float(source["clear_m"][0]), ke_per_m, params), open_sky)
+    far = far_m(float(source["clear_m"][0]), walked.ke_per_m, params)
+    settings = open_settings(walked.geometry, most_m, far, open_sky)
     columns = empty_columns(-(-len(codes) // BLOCK))
     marked = MarkedView(
         codes=buffers("open_codes", codes.shape, np.uint16),
         mm=buffers("open_marks", codes.shape, np.uint16),
         kinds=buffers("open_kinds", codes.shape, np.uint8),
     )
-    open_codes(depth_mm, codes, view.H, settings, columns, marked)
-    up_to = source.copy()
-    up_to["clear_m"] = most_m
-    walk = _walk_params(params, open_sky.open_share)
-    seen = observe_free(marked.codes, view, up_to, ground, ke_per_m, walk)
+    open_codes(depth_mm, codes, walked.geometry.H, settings, columns, marked)
+    source["clear_m"] = most_m
+    over_open = replace(walked, codes=marked.codes, source=source)
+    seen = observe_free(over_open, _walk_params(params, open_sky.open_share))
     return OpenObservation(seen=seen, columns=columns, marked=marked)

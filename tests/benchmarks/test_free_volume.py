@@ -20,7 +20,7 @@ from benchmarks.free_space.readers import ReaderCounts, deep_in_solid, judge_rea
 from benchmarks.free_space.volume import SLACK_M, above_ground, first_solids, wrong_cells
 from core.extractor import Extractor
 from core.params import Params
-from core.stages.free_walk import lowest_clear, walk_settings
+from core.stages.free_geometry import lowest_clear, walk_settings
 from core.stages.ground import NO_GROUND
 from core.stages.model import blind_model
 from core.stages.view_geometry import source_of, view_geometry

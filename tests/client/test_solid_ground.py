@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from core.extractor import Extractor
 from core.params import Params
-from core.stages.free_walk import lowest_clear, walk_settings
+from core.stages.free_geometry import lowest_clear, walk_settings
 from core.stages.view_geometry import source_of, view_geometry
 from core.transformed import turned
 from core.types import FrameModel

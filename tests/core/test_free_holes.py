@@ -50,7 +50,7 @@ def test_holes_of_a_direction_and_those_beside_it(seed: int) -> None:
     u0 = int(rng.integers(0, 11))
     u1 = int(rng.integers(u0 + 1, 13))
     own, widened = np.full(9, 7, np.uint8), np.full(9, 7, np.uint8)
-    join_holes(holes, u0, u1, own, widened)
+    join_holes(holes, (u0, u1), own, widened)
     np.testing.assert_array_equal(own, np.bitwise_or.reduce(holes[u0:u1], axis=0))
     beside = np.pad(np.bitwise_or.reduce(holes[max(u0 - 1, 0) : u1 + 1], axis=0), 1)
     np.testing.assert_array_equal(widened, beside[:-2] | beside[1:-1] | beside[2:])

@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
+from core.stages import free_geometry as geometry
+from core.stages import free_rings as rings
 from core.stages import free_space as fs
-from core.stages import free_walk as walk
 from core.stages.depth_bias import DepthBias
-from core.stages.free_cells import count_codes
-from core.stages.free_profile import free_profile, stop_at_planes
+from core.stages.free_cells import Samples, count_codes, look_at, looked_at
+from core.stages.free_profile import PlaneStops, free_profile, stop_at_planes
 from core.stages.ground import NO_GROUND
 from core.stages.view_geometry import SOURCE, ViewGeometry
 from core.types import FreeEnd, FreeProfile, Ground
@@ -66,14 +67,15 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     u, v = np.meshgrid(np.arange(24), np.arange(rows), indexing="ij")
     weight = ((v // 2 + u) % 2 == 0) * np.where((v == rows - 1) & (rows % 2 == 1), 2, 1)
     looked = np.full((2, rows), 9, np.uint16)
-    fs.looked_at(rows, looked)
+    looked_at(rows, looked)
     np.testing.assert_array_equal(looked, weight[:2])
     cells, begin, dark = np.full(24 * (rows + 1) + 2, 7, np.uint16), np.full(blocks + 1, -1), np.full(blocks + 1, -1)
+    samples = Samples(cells, begin, dark, np.full(rows, 5, np.uint16))
     for d in range(3):
         own = np.flatnonzero(direction == d)
         if len(own) == 0:
             continue
-        fs.look_at(codes, own[0], own[-1] + 1, block, looked, np.full(rows, 5, np.uint16), cells, begin, dark)
+        look_at(codes, (own[0], own[-1] + 1), block, looked, samples)
         assert begin[0] == dark[0] == 0
         for b in range(blocks):
             part = (direction[:, None] == d) & (v // block == b)
@@ -81,18 +83,16 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
             np.testing.assert_array_equal(np.sort(cells[begin[b] : begin[b + 1]]), want)
             assert dark[b + 1] - dark[b] == np.sum(want == 0)
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
-    shape = (3, 3)
-    start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
     H = np.eye(3)
     H[2] = right / F, down / F, ahead - right * 11.5 / F - down * 44.5 / F
     g = view(cols=24, rows=rows)._replace(cv=44.5, cu=11.5, H=H)
     ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
     image = np.array([(40, 100, 1.0, 0.0, clear_m, 20.0, rng.uniform(0.1, 3.0))], SOURCE)[0]
-    w = walk.walk_settings(g, image, ground, KE, Params(profile_block_px=asked, profile_blank_m=rng.uniform(0.1, 1.0)))[
-        0
-    ]
+    w = geometry.walk_settings(
+        g, image, ground, KE, Params(profile_block_px=asked, profile_blank_m=rng.uniform(0.1, 1.0))
+    )[0]
     behind = np.full((3, len(ring_m)), -1, np.int32)
-    walk.blocking_codes(ring_m, edges_t, layers, w, behind)
+    rings.blocking_codes(ring_m, edges_t, layers, w, behind)
 
     to_source = np.eye(3)  # an image of 40 x 100 pixels that is shifted and turned against the view
     to_source[0, 2], to_source[1] = rng.uniform(0.0, 15.0), [0.3 * rng.standard_normal(), 1.0, rng.uniform(-10.0, 20.0)]
@@ -105,8 +105,8 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     def depth(x: float, ts: np.ndarray, zs: list[float]) -> float:
         return max(depths(x, ts, zs))
 
-    ranges = fs.FreeRanges(start, to, end)
-    fs.walk_view(codes, g._replace(H=to_source), image, edges_t, behind, ring_m, layers, w, ranges)
+    grid = fs.ProfileGrid(edges_t, layers, ring_m, behind)
+    start, to, end = fs.walk_view(codes, g._replace(H=to_source), image, grid, w)
     column_t = (np.arange(25) - 12.0) / F
     for d in range(3):
         # the outermost directions take what lies beyond their edges
@@ -115,7 +115,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
             from_m, to_m, why = naive.free_walk(
                 codes, weight, inside, direction, d, overlaps, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
-                lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): walk.lowest_clear(t, x, w),
+                lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): geometry.lowest_clear(t, x, w),
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, 0.1, w.blind_beyond_m,
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: min(depths(x, ts, [z0, z1])) <= w.near_m, w.blank_m,
             )  # fmt: skip
@@ -128,7 +128,7 @@ def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap:
     x = gain / np.arange(2, 65536)
     reach = x - np.minimum(spread * x * x, cap * x)
     for ring_m in np.arange(0.4, 15.0, 0.7):
-        behind = walk.least_blocking_code(gain, spread, cap, ring_m)
+        behind = rings.least_blocking_code(gain, spread, cap, ring_m)
         np.testing.assert_array_equal(reach >= ring_m, np.arange(2, 65536) < behind)
         assert 2 <= behind <= 65535
 
@@ -136,8 +136,8 @@ def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap:
 def test_the_greatest_code_is_seen_through_at_no_distance() -> None:
     """It stands for its distance and for all that is nearer, such as the ground below a steep camera."""
     gain, codes = 80_000.0, np.arange(2, 65536)  # its own distance is 1.22 m
-    np.testing.assert_array_equal(codes < walk.least_blocking_code(gain, 0.0, 0.0, 1.0), codes < 65535)
-    np.testing.assert_array_equal(codes < walk.least_blocking_code(gain, 0.0, 0.0, 1.25), gain / codes >= 1.25)
+    np.testing.assert_array_equal(codes < rings.least_blocking_code(gain, 0.0, 0.0, 1.0), codes < 65535)
+    np.testing.assert_array_equal(codes < rings.least_blocking_code(gain, 0.0, 0.0, 1.25), gain / codes >= 1.25)
 
 
 @given(SEED)
@@ -167,19 +167,20 @@ def profile(
     min_range_m: float = 0.3,
     **params: float,
 ) -> FreeProfile:
-    planes = plane_table(room=1)
     source = np.array([(*codes.shape, 1.0, 0.0, clear_m, 20.0, min_range_m)], SOURCE)
-    seen = fs.observe_free(codes, g, source, ground, KE, Params(**{**THICK, **params}))
-    return free_profile(seen, 0, planes, np.zeros(0, np.float32), DepthBias(0.0, 1.0, 0.0))
+    walked = fs.WalkedView(codes=codes, geometry=g, source=source, ground=ground, ke_per_m=KE)
+    seen = fs.observe_free(walked, Params(**{**THICK, **params}))
+    no_planes = PlaneStops(plane_table(room=1)[:0], np.zeros(0, np.float32))
+    return free_profile(seen, no_planes, DepthBias(0.0, 1.0, 0.0))
 
 
 def test_the_nearest_rings_are_half_a_step_apart() -> None:
     found = np.zeros(60, np.float32)
-    count = fs.place_rings(0.5, 12.0, found)
+    count = rings.place_rings(0.5, 12.0, found)
     want = np.concatenate([np.arange(1, 17) * 0.25, np.arange(4.5, 12.0, 0.5)])
     np.testing.assert_array_equal(found[:count], want.astype(np.float32))
-    assert fs.place_rings(0.5, 0.25, found) == 0
-    assert fs.place_rings(0.5, 12.0, found[:5]) == 5
+    assert rings.place_rings(0.5, 0.25, found) == 0
+    assert rings.place_rings(0.5, 12.0, found[:5]) == 5
 
 
 @pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
@@ -348,12 +349,12 @@ def test_a_ball_between_floor_and_ceiling_fits_into_free_layers() -> None:
 def test_layers_go_down_to_what_can_be_distinguished_from_the_ground() -> None:
     p = Params()
     ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
-    w = walk.walk_settings(view(), SEEN_TO_19_M, ground, 0.005, p)[0]
+    w = geometry.walk_settings(view(), SEEN_TO_19_M, ground, 0.005, p)[0]
     for t in (0.0, 0.4):
         for x in (1.0, 10.0, 18.0):
             surface = 2.0 + 0.02 * x - 0.01 * t * x
-            assert walk.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
-    assert walk.lowest_clear(0.0, 10.0, walk.walk_settings(view(), SEEN_TO_19_M, NO_GROUND, 0.005, p)[0]) > 1e5
+            assert geometry.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
+    assert geometry.lowest_clear(0.0, 10.0, geometry.walk_settings(view(), SEEN_TO_19_M, NO_GROUND, 0.005, p)[0]) > 1e5
 
 
 def test_nothing_below_the_ground_is_free() -> None:
@@ -367,13 +368,30 @@ def test_nothing_below_the_ground_is_free() -> None:
     assert (profile(far, g, Ground(seen=True, height_m=2.5)).free_to_m[:, 4] > 5).all()
 
 
+def stopped(
+    planes: np.ndarray,
+    margin_m: list[float],
+    edges_t: np.ndarray,
+    layers: np.ndarray,
+    *,
+    pixel_t: float = 0.0,
+    row_t: float = 0.0,
+    range_m: float = 9.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(free_to_m, end) of directions and layers that are free to range_m without these planes."""
+    shape = len(edges_t) - 1, len(layers) - 1
+    to, end = np.full(shape, range_m, np.float32), np.full(shape, 4, np.uint8)
+    seen = fs.FreeObservation(np.arctan(edges_t), edges_t, pixel_t, row_t, layers, np.zeros_like(to), to, end)
+    stop_at_planes(PlaneStops(planes[: len(margin_m)], np.array(margin_m, np.float32)), seen)
+    return to, end
+
+
 def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
     planes = plane_table((5.0, -1.0, 6.0, 1.0, -0.5, 0.5), (3.0, 1.5, 3.0, 2.0, 1.5, 2.5), (1.0, -3.0, 1.0, 3.0, -9, 9))
     planes[2].support = -1  # dropped
     edges_t = np.linspace(-0.6, 0.6, 25)
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
-    to, end = np.full((24, 3), 9.0, np.float32), np.full((24, 3), 4, np.uint8)
-    stop_at_planes(3, planes, np.array([0.3, 0.1, 0.0], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+    to, end = stopped(planes, [0.3, 0.1, 0.0], edges_t, layers)
     assert (to[:, 0] == 9.0).all()
     for d in range(24):
         ts = np.linspace(edges_t[d], edges_t[d + 1], 21)
@@ -390,8 +408,7 @@ def test_a_plane_stops_a_pixel_more_on_either_side() -> None:
     planes = plane_table((5.0, -0.55, 5.0, 0.55, -0.5, 0.5))  # tangents -0.11..0.11
     edges_t, layers = np.linspace(-0.6, 0.6, 25), np.array([-1.0, 1.0], np.float32)
     for pixel_t, directions in ((0.0, range(9, 15)), (0.03, range(9, 15)), (0.05, range(8, 16))):
-        to, end = np.full((24, 1), 9.0, np.float32), np.full((24, 1), 4, np.uint8)
-        stop_at_planes(1, planes, np.array([0.3], np.float32), pixel_t, 0.0, edges_t, layers, to, end)
+        to, _ = stopped(planes, [0.3], edges_t, layers, pixel_t=pixel_t)
         assert set(np.flatnonzero(to[:, 0] < 9.0)) == set(directions)
         np.testing.assert_allclose(to[list(directions), 0], 4.7, rtol=1e-6)
 
@@ -404,8 +421,7 @@ def test_the_near_end_of_a_plane_seen_edge_on_is_a_pixel_nearer(mirrored: bool) 
     planes = plane_table((*line, -0.5, 0.5))
     planes[0].t0, planes[0].t1 = min(planes[0].t0, planes[0].t1), max(planes[0].t0, planes[0].t1)
     edges_t, layers = np.linspace(-0.1, 0.1, 3), np.array([-1.0, 1.0], np.float32)
-    to, end = np.full((2, 1), 19.0, np.float32), np.full((2, 1), 4, np.uint8)
-    stop_at_planes(1, planes, np.array([0.3], np.float32), 0.005, 0.0, edges_t, layers, to, end)
+    to, _ = stopped(planes, [0.3], edges_t, layers, pixel_t=0.005, range_m=19.0)
     a, b = planes[0].a, planes[0].b
     outer = 0.055 if mirrored else -0.055
     assert to[int(mirrored), 0] == pytest.approx(1.0 / (a + b * outer) - 0.3, rel=1e-6)
@@ -416,25 +432,22 @@ def test_a_plane_stops_a_pixel_more_above_and_below() -> None:
     """At 5 m a row of 1/100 is 0.05 m high."""
     edges_t, layers = np.linspace(-0.1, 0.1, 3), np.arange(-1.0, 1.25, 0.25, np.float32)
     planes = plane_table((5.0, -1.0, 5.0, 1.0, -0.21, 0.21))
-    for row_t, stopped in ((0.0, range(3, 5)), (0.007, range(3, 5)), (0.01, range(2, 6))):
-        to, end = np.full((2, 8), 9.0, np.float32), np.full((2, 8), 4, np.uint8)
-        stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, row_t, edges_t, layers, to, end)
-        assert set(np.flatnonzero(to[0] < 4.8)) == set(stopped)
+    for row_t, ended in ((0.0, range(3, 5)), (0.007, range(3, 5)), (0.01, range(2, 6))):
+        to, _ = stopped(planes, [0.3], edges_t, layers, row_t=row_t)
+        assert set(np.flatnonzero(to[0] < 4.8)) == set(ended)
 
 
 def test_what_a_plane_of_another_layer_hides_is_not_free() -> None:
     planes = plane_table((2.0, -3.0, 2.0, 3.0, -0.5, 0.9))
     edges_t = np.linspace(-0.6, 0.6, 25)
     layers = np.array([-5.0, -3.0, -1.0, 1.0, 3.0], np.float32)
-    to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
-    stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+    to, end = stopped(planes, [0.3], edges_t, layers)
     np.testing.assert_allclose(to, np.tile([9.0, 4.0, 1.7, 2.0 / 0.9], (24, 1)), rtol=1e-6)
     np.testing.assert_array_equal(end, np.tile([4, FreeEnd.UNKNOWN, FreeEnd.OBSTACLE, FreeEnd.UNKNOWN], (24, 1)))
     # what lies wholly above or below the camera hides nothing of the layers nearer to its height
     for z in ([-2.5, -1.2], [1.2, 2.5]):
         planes = plane_table((2.0, -3.0, 2.0, 3.0, *z))
-        to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
-        stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+        to, _ = stopped(planes, [0.3], edges_t, layers)
         assert (to[:, 2] == 9.0).all()
         assert (to[:, 1 if z[0] > 0 else 3] == 9.0).all()
 

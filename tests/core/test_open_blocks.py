@@ -29,7 +29,7 @@ from core.stages.open_blocks import (
     sort_blocks,
 )
 from core.stages.open_columns import open_settings
-from core.stages.open_space import end_of_edge, limit_far, set_open
+from core.stages.open_space import OpenRows, end_of_edge, limit_far, set_open
 from core.stages.view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry, view_geometry
 from core.types import (
     BEYOND_MM,
@@ -173,21 +173,16 @@ def test_every_kind_of_block_occurs() -> None:
     assert found == {OUTSIDE, SMOOTH, MEASURED, OTHER, CONTINUED, TEXTURED}
 
 
-Run = tuple[int, int, int, int, int]
-
-
-def naive_set_open(mm: Codes, u: int, run: Run, code: int, matched: int, out: Codes) -> None:
+def naive_set_open(mm: Codes, u: int, run: OpenRows, code: int, out: Codes) -> None:
     """`set_open` of one column, cell by cell."""
-    sky, end = True, end_of_edge(mm, u, max(run[0], min(run[1], run[2])), run[4], out)
-    for v in range(run[0], out.shape[1]):
+    sky, end = True, end_of_edge(mm, u, max(run.first, min(run.edge, run.end)), run.edge_rows, out)
+    for v in range(run.first, out.shape[1]):
         mark = int(mm[u, v]) if out[u, v] == Q_UNKNOWN else UNKNOWN_MM
-        if v >= run[1]:
+        if v >= run.edge:
             sky = sky and mark == TEXTURELESS_MM
-        at_edge = mark == TEXTURED_MM and run[1] <= v < end
-        below = mark == CONTINUED_MM and run[1] <= v < run[3]
-        if mark == BEYOND_MM:
-            out[u, v] = matched
-        elif (mark == TEXTURELESS_MM and sky and v < run[2]) or at_edge or below:
+        at_edge = mark == TEXTURED_MM and run.edge <= v < end
+        below = mark == CONTINUED_MM and run.edge <= v < run.ground_end
+        if mark == BEYOND_MM or (mark == TEXTURELESS_MM and sky and v < run.end) or at_edge or below:
             out[u, v] = code
 
 
@@ -224,22 +219,23 @@ def test_smooth_ground_within_an_edge_belongs_to_it_where_matched_ground_follows
 
 @pytest.mark.nojit
 @pytest.mark.parametrize(
-    "run", [(3, 12, 17, 25, 6), (0, 40, 0, 0, 0), (0, 10, 10, 10, 0), (4, 20, 30, 22, 9), (0, 36, 40, 60, 9)]
+    "rows", [(3, 12, 17, 25, 6), (0, 40, 0, 0, 0), (0, 10, 10, 10, 0), (4, 20, 30, 22, 9), (0, 36, 40, 60, 9)]
 )
-def test_codes_of_open_cells_are_those_of_each_cell(run: Run) -> None:
-    rng = np.random.default_rng(run[3])
+def test_codes_of_open_cells_are_those_of_each_cell(rows: tuple[int, int, int, int, int]) -> None:
+    run = OpenRows(*rows)
+    rng = np.random.default_rng(run.ground_end)
     marks = np.array([UNKNOWN_MM, TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM], np.uint16)
     mm = rng.choice(marks, (60, 40)).astype(np.uint16)
-    mm[:40, : run[1]] = TEXTURELESS_MM
-    mm[:20, run[1] : run[1] + 4] = TEXTURED_MM
+    mm[:40, : run.edge] = TEXTURELESS_MM
+    mm[:20, run.edge : run.edge + 4] = TEXTURED_MM
     out = np.where(rng.random(mm.shape) < 0.3, 77, Q_UNKNOWN).astype(np.uint16)
-    out[:30, : run[1] + 4] = Q_UNKNOWN
+    out[:30, : run.edge + 4] = Q_UNKNOWN
     expected = out.copy()
     for u in range(len(mm)):
-        naive_set_open(mm, u, run, 500, 600, expected)
-    set_open(mm, (0, len(mm)), run, np.uint16(500), np.uint16(600), out)
+        naive_set_open(mm, u, run, 500, expected)
+    set_open(mm, (0, len(mm)), run, np.uint16(500), out)
     assert np.array_equal(out, expected)
-    assert (out == 600).any()
+    assert (out == 500).any()
 
 
 @pytest.mark.nojit
