@@ -19,13 +19,16 @@ from dataclasses import asdict, dataclass
 
 from benchmarks.free_space.biased_frames import biased_frame
 from benchmarks.free_space.blank_frames import blank_frame
+from benchmarks.free_space.hard_frames import hard_frames
 from benchmarks.free_space.matrix import matrix_frames
 from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import RandomFrame, random_frame
 from benchmarks.free_space.readers import judge_readers
 from benchmarks.free_space.volume import WrongCell, wrong_cells
 from benchmarks.free_space.worlds import judge_sectors, judge_world
+from benchmarks.open_air.open_claims import as_free
 from core.extractor import Extractor
+from core.open_sky_params import OpenSkyParams
 from core.params import Params
 
 
@@ -71,9 +74,10 @@ class Counts:
 
 
 def judge(r: RandomFrame, extractor: Extractor, below_ground: bool) -> tuple[list[WrongCell], int, bool, str]:
-    """(wrong cells, cells claimed, whether the model is valid, what ground it found) of one frame."""
+    """(wrong cells, cells claimed, whether the model is valid, what ground it found) of one frame. Open space is judged as
+    free space."""
     model, _ = extractor.extract(r.frame.depth_mm, r.frame.info, r.frame.R_level_optical)
-    wrong, cells = wrong_cells(r.frame, model, r.ke_per_m, extractor.params, below_ground=below_ground)
+    wrong, cells = wrong_cells(r.frame, as_free(model), r.ke_per_m, extractor.params, below_ground=below_ground)
     ground = f"ground {model.ground.height_m:.2f} m" if model.ground.seen else "no ground"
     return wrong, cells, model.valid, ground
 
@@ -92,7 +96,7 @@ def describe(r: RandomFrame, wrong: list[WrongCell], ground: str) -> str:
 
 def run_frames(frames: Iterable[RandomFrame], below_ground: bool, counts: Counts) -> None:
     """Judges frames; wrong ones go to stdout."""
-    extractor = Extractor(Params())
+    extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
     for r in frames:
         wrong, cells, valid, ground = judge(r, extractor, below_ground)
         counts.frames += 1
@@ -175,6 +179,11 @@ def main(arguments: list[str] | None = None) -> int:
         default=0,
         help="frames whose depths are all too great, by the bias that the camera states",
     )
+    parser.add_argument(
+        "--hard",
+        action="store_true",
+        help="views of thin, near and cut-off things, steps of the ground and steep cameras, with open space",
+    )
     parser.add_argument("--worlds", type=int, default=0)
     parser.add_argument("--sectors", type=int, default=0, help="frames whose sectors are judged")
     parser.add_argument(
@@ -191,6 +200,8 @@ def main(arguments: list[str] | None = None) -> int:
     run_frames((near_frame(a.seed, number) for number in range(a.first, a.first + a.near)), a.below_ground, counts)
     run_frames((blank_frame(a.seed, number) for number in range(a.first, a.first + a.blank)), a.below_ground, counts)
     run_frames((biased_frame(a.seed, number) for number in range(a.first, a.first + a.biased)), a.below_ground, counts)
+    if a.hard:
+        run_frames(hard_frames(a.seed), a.below_ground, counts)
     run_worlds(a.first, a.worlds, a.seed, counts)
     run_sectors(a.first, a.sectors, a.seed, counts)
     run_readers(a.first, a.readers, a.seed, counts)

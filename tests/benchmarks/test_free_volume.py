@@ -14,11 +14,13 @@ from benchmarks.free_space import campaign as free_campaign
 from benchmarks.free_space import worlds as free_worlds
 from benchmarks.free_space.biased_frames import biased_frame
 from benchmarks.free_space.blank_frames import blank_frame
+from benchmarks.free_space.hard_frames import hard_frames, hard_views
 from benchmarks.free_space.near_frames import near_frame
 from benchmarks.free_space.random_frames import ROOM_M, has_room, random_frame
 from benchmarks.free_space.readers import ReaderCounts, deep_in_solid, judge_readers
 from benchmarks.free_space.volume import SLACK_M, above_ground, first_solids, wrong_cells
 from core.extractor import Extractor
+from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.stages.free_geometry import lowest_clear, walk_settings
 from core.stages.ground import NO_GROUND
@@ -398,6 +400,24 @@ def test_a_solid_in_a_clear_sector_is_wrong() -> None:
         found, clear = free_worlds.judge_sectors(staged, Extractor(Params()))
         assert found == wrong
         assert clear >= 5
+
+
+def test_hard_views_show_their_things_and_no_free_or_open_cell_holds_one() -> None:
+    """Each seventh frame; all of them: `campaign --hard`. What shows less than a pixel of itself is no case."""
+    extractor, claimed, opened = Extractor(Params(), OpenSkyParams(mode="presume")), 0, 0
+    assert len(list(hard_views())) >= 50
+    for r in list(hard_frames(1))[::7]:
+        label = r.frame.truth.label(r.frame.scene)
+        assert {n for n in r.frame.scene.names if n != "wall"} <= {
+            r.frame.scene.names[i] for i in np.unique(label) if i >= 0
+        }
+        wrong, cells, valid, _ = free_campaign.judge(r, extractor, False)
+        assert valid
+        assert wrong == []
+        claimed += cells
+        opened += bool(extractor.extract(r.frame.depth_mm, r.frame.info, r.frame.R_level_optical)[0].free.has_open)
+    assert claimed > 1000
+    assert opened > 3
 
 
 @pytest.mark.soak
