@@ -21,6 +21,8 @@ LEAST_SIDE = DARK_ROWS
 """Side of the smallest squares, cells. Their rows are those of a block, so a hole of 2 LEAST_SIDE - 1 rows is always found."""
 _SIDES = 4
 """Number of sides: LEAST_SIDE times powers of two."""
+_EDGE_CELLS = 3
+"""Unknown cells of a block of a column that make it part of the hole in the block above or below."""
 _EACH = np.uint8(0xFF)
 """All bits."""
 _BEYOND = LEAST_SIDE << (_SIDES - 1)
@@ -80,6 +82,23 @@ def find_holes(unknown):
         for first in range(LEAST_SIDE):
             add_marks(found[(u + _BEYOND - first) * line + beyond :], _EACH, holes[u])
     return holes
+
+
+@inner
+def add_edges(unknown, holes):
+    """Adds to each hole the blocks at its upper and lower edge of which at least 3 cells are unknown: the edge of a hole is known to a
+    cell, and the blocks of a layer to DARK_ROWS of them.
+
+    Args:
+        unknown: (cols, blocks) uint8 of `unknown_of_blocks`.
+        holes: (cols, blocks) uint8 of `find_holes`, in and out."""
+    last = holes.shape[1] - 1
+    for u in range(holes.shape[0]):
+        column, counts, above = holes[u], unknown[u], np.uint8(0)
+        for b in range(last + 1):
+            here, below = column[b], column[b + 1] if b < last else np.uint8(0)
+            column[b] = here | above | below if counts[b] >= _EDGE_CELLS else here
+            above = here
 
 
 @inner_inline

@@ -428,7 +428,7 @@ def free_walk(
     clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle;
     too_near: whether a part of heights z0..z1 at a distance is too near to be measured; blank: least side of a thing without texture."""
     columns, weights, rows = codes[direction == d], weight[direction == d], codes.shape[1]
-    sides = [holes(codes == 0, 4 << k) for k in range(4)]
+    sides = [with_edges(holes(codes == 0, 4 << k), codes == 0) for k in range(4)]
     over = np.flatnonzero(overlaps)
 
     def rows_at(x, lower):
@@ -544,6 +544,16 @@ def holes(unknown, side):
             if padded[u : u + side, 4 * b : 4 * b + side].all():
                 out[u : u + side, b : b + side // 4] = True
     return out[side : side + cols, side // 4 : side // 4 + blocks]
+
+
+def with_edges(found, unknown):
+    """Holes and the blocks above and below them that have 3 unknown cells or more. found: (cols, blocks); unknown: (cols, rows)."""
+    blocks = found.shape[1]
+    padded = np.ones((len(unknown), 4 * blocks), bool)
+    padded[:, : unknown.shape[1]] = unknown
+    many = padded.reshape(len(unknown), blocks, 4).sum(axis=2) >= 3
+    beside = np.pad(found, ((0, 0), (1, 1)))
+    return found | (many & (beside[:, :-2] | beside[:, 2:]))
 
 
 def layer_cuts(tops, bottoms, join):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.stages.free_cells import unknown_of_blocks
-from core.stages.free_holes import find_holes, holds_hole, join_holes, side_index
+from core.stages.free_holes import add_edges, find_holes, holds_hole, join_holes, side_index
 from core.types import FreeProfile
 
 from . import naive
@@ -119,6 +119,31 @@ def test_the_corner_of_a_thing_without_texture_is_in_no_free_cell() -> None:
     assert not covers(g, direction, 4.0)
     assert not covers(g, direction + 1, 4.0)
     assert covers(g, direction - 1, 4.0)
+
+
+@pytest.mark.parametrize(("first", "end"), [(12, 55), (105, 148)])
+def test_the_edge_of_a_hole_that_fills_a_block_in_part_is_in_no_free_cell(first: int, end: int) -> None:
+    """The rings at 3.75 and 3.5 m see the layer in rows 53..106 and 51..108. The hole ends with the third of the four rows of the
+    block in which the layer begins or ends, 7 cm within it."""
+    f = profile_with()
+    direction = len(f.azimuth_edges_rad) // 2
+    assert covers(f, direction, 3.75)
+    middle = int(first_columns(f)[direction])
+    g = profile_with((slice(middle - 20, middle + 20), slice(first, end)))
+    assert not covers(g, direction, 3.75)
+    assert covers(g, direction, 5.0)
+
+
+@given(SEED)
+def test_edges_of_holes_against_each_block(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    codes = random_holes(rng, int(rng.integers(1, 50)), int(rng.integers(1, 50)))
+    unknown = unknown_of_blocks(codes)
+    found = find_holes(unknown)
+    add_edges(unknown, found)
+    for k in range(4):
+        squares = naive.holes(codes == 0, 4 << k)
+        np.testing.assert_array_equal((found >> k) & 1 != 0, naive.with_edges(squares, codes == 0))
 
 
 @pytest.mark.compiled
