@@ -9,7 +9,7 @@ import numpy as np
 
 from ..jit import inner
 from ..types import FreeEnd
-from .free_cells import HIDES_NOTHING, count_codes, hiding_columns, samples_of
+from .free_cells import columns_hide, count_codes, samples_of
 from .free_geometry import part_at
 from .free_walk import is_hidden, walk_rings
 from .view_geometry import Q_FAR
@@ -54,7 +54,7 @@ def begin_of_range(sampled, cell, rings, first, w):
     seen = count_codes(sampled.samples.cells, from_cell, to_cell, Q_FAR, blocking - 1)
     if to_cell <= from_cell or seen < w.free_share * (to_cell - from_cell):
         return x
-    if hiding_columns(sampled, part, blocking) != HIDES_NOTHING:
+    if columns_hide(sampled, part, blocking):
         return x
     at_ring = part_at(cell, x, sampled.in_source, w)
     if is_hidden(sampled, cell, part, middle, w) or is_hidden(sampled, cell, at_ring, middle, w):

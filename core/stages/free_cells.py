@@ -14,8 +14,6 @@ from .view_geometry import Q_FAR, Q_UNKNOWN
 
 DARK_ROWS = 4
 """Rows of a block that counts as unknown if more than half of its cells are."""
-HIDES_NOTHING, HIDES_PART, HIDES_ALL = 0, 1, 2
-"""See `hiding_columns`."""
 _COUNTED = 32768
 """Cells that are counted with 16-bit numbers before the sum is widened."""
 
@@ -142,14 +140,12 @@ class Sampled(NamedTuple):
 
     Attributes:
         codes: (cols, rows) uint16 of the view.
-        columns: (first, end) of those that have their middle in the direction.
         in_source: (first, last) row, see `free_geometry.common_source_rows`.
-        samples: Samples of these columns.
+        samples: Samples of the columns that have their middle in the direction.
         dark: DarkColumns of the columns that overlap the direction.
-        holes, near_holes: (blocks,) uint8, `own` and `widened` of `free_holes.join_holes`, of the same columns."""
+        holes, near_holes: (blocks,) uint8, `own` and `widened` of `free_holes.join_holes`, of the columns of `dark`."""
 
     codes: Any
-    columns: Any
     in_source: Any
     samples: Any
     dark: Any
@@ -181,10 +177,9 @@ def count_codes(cells, first, end, least, most):
 
 
 @inner
-def hiding_columns(sampled, part, blocking):
-    """Returns what columns may hide in the rows of a part, rounded outward: HIDES_ALL if one of the direction is unknown in
-    more than half of its blocks; HIDES_PART if one that overlaps the direction is, or is unknown in a block and sees
-    through the ring in less than half of its rows; else HIDES_NOTHING.
+def columns_hide(sampled, part, blocking):
+    """Returns whether a column that overlaps the direction may hide a thing in the rows of a part, rounded outward: it is
+    unknown in more than half of its blocks, or in one block and sees through the ring in less than half of its rows.
 
     Planes end the free range at near cells. Of a surface that is seen edge-on most pixels are removed as flying ones,
     and no plane stands for the near ones that are left between them.
@@ -196,15 +191,12 @@ def hiding_columns(sampled, part, blocking):
     blocks, columns, rows = sampled.dark.blocks, sampled.dark.columns, sampled.codes.shape[1]
     b0, b1 = part.first // DARK_ROWS, min(part.last // DARK_ROWS + 1, blocks.shape[1] - 1)
     first, end = b0 * DARK_ROWS, min((part.last // DARK_ROWS + 1) * DARK_ROWS, rows)
-    found = HIDES_NOTHING
     for k in range(blocks.shape[0]):
         dark = blocks[k, b1] - blocks[k, b0]
         if 2 * dark > b1 - b0:
-            if sampled.columns[0] <= columns[k] < sampled.columns[1]:
-                return HIDES_ALL
-            found = HIDES_PART
-        elif dark > 0 and found == HIDES_NOTHING:
+            return True
+        if dark > 0:
             seen = count_codes(sampled.codes[columns[k]], first, end, Q_FAR, blocking - 1)
             if 2 * seen < end - first:
-                found = HIDES_PART
-    return found
+                return True
+    return False

@@ -8,7 +8,7 @@ between a pole and the wall behind it is unknown.
 The search walks outward in rings of equal forward distance. A ring is free if `free_share` of the cells that cover
 the layer there measure a greater distance. Unknown cells, cells outside of the source and ground that is too near are
 not free. No column may be unknown over most of the layer: single missing pixels hide nothing, a column of them may
-hide a pole or the end of a wall. See `hiding_columns` for columns that overlap the direction in part.
+hide a pole or the end of a wall, see `columns_hide`.
 
 The range of the camera is an optical depth Z, while rings are forward distances X in level_cam. A ring is free only
 if its whole layer lies within the range."""
@@ -133,7 +133,7 @@ def walk_view(codes, view, image, grid, w):
         join_holes(holes, over, own_holes, near_holes)
         in_source = common_source_rows(view.H, columns, image, rows)
         of_direction = DarkColumns(dark.columns[:k], dark.blocks[:k])
-        sampled = Sampled(codes, columns, in_source, samples, of_direction, own_holes, near_holes)
+        sampled = Sampled(codes, in_source, samples, of_direction, own_holes, near_holes)
         for layer in range(len(layers) - 1):
             cell = ProfileCell(edges_t[d], edges_t[d + 1], layers[layer], layers[layer + 1])
             begin, reach, end = range_of_cell(sampled, cell, Rings(grid.ring_m, grid.blocking[layer]), w)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..jit import inner
 from ..types import FreeEnd
-from .free_cells import HIDES_ALL, HIDES_NOTHING, HIDES_PART, count_codes, hiding_columns, samples_of
+from .free_cells import columns_hide, count_codes, samples_of
 from .free_geometry import least_optical_depth, part_at
 from .free_holes import holds_hole, side_index
 from .view_geometry import Q_FAR
@@ -47,7 +47,7 @@ def walk_rings(sampled, cell, rings, w):
 
     The walk begins at the first ring that measures a greater distance, and ends at the next one that does not. In it, rings
     with a hole are not free. The free rings are those before the first such hole, or, where that is in the first ring of
-    the walk, those behind it. A ring whose columns hide a part ends the walk. So neither makes a ring free that would not be
+    the walk, those behind it. A ring with a column that may hide a thing ends the walk. So neither makes a ring free that would not be
     without it.
 
     Nothing is free beyond the range. See `part_at` for layers that the ground cuts.
@@ -76,11 +76,9 @@ def walk_rings(sampled, cell, rings, w):
             end = _UNKNOWN  # too few known cells to make the ring free or to end the walk
             continue
         seen = count_codes(sampled.samples.cells, from_cell, to_cell, Q_FAR, rings.blocking[r] - 1)
-        free = total > 0 and seen >= enough
-        hides = hiding_columns(sampled, part, rings.blocking[r]) if free else HIDES_NOTHING
-        if free and hides != HIDES_ALL:
+        if total > 0 and seen >= enough:
             begun = True
-            if hides == HIDES_PART:
+            if columns_hide(sampled, part, rings.blocking[r]):
                 end = _UNKNOWN
                 break
             if not is_hidden(sampled, cell, part, np.float64(rings.x[last]) if first >= 0 else x, w):

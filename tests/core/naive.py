@@ -446,7 +446,7 @@ def free_walk(
         blocks = [columns[:, i : i + 4] == 0 for i in range(a // 4 * 4, min(b + 1, rows // 4 * 4), 4)]
         return np.mean([k.mean(axis=1) > 0.5 for k in blocks], axis=0) if blocks else np.zeros(len(columns))
 
-    def hides_in_part(x, a, b):
+    def columns_hide(x, a, b):
         dark, part = dark_blocks(codes[over], a, b), codes[over, a // 4 * 4 : (b // 4 + 1) * 4]
         seen = np.mean((part > 0) & sees_through(part, x), axis=1)
         return ((dark > 0.5) | ((dark > 0.0) & (seen < 0.5))).any()
@@ -478,13 +478,7 @@ def free_walk(
         if hides_low or lower - z0 < least or at is None or not in_range(middle, z0, lower):
             return x
         total, through, _ = counts(*at, x)
-        if (
-            total == 0
-            or through < share * total
-            or (dark_blocks(columns, *at) > 0.5).any()
-            or hides_in_part(x, *at)
-            or is_hidden(middle, middle, *at, lower)
-        ):
+        if total == 0 or through < share * total or columns_hide(x, *at) or is_hidden(middle, middle, *at, lower):
             return x
         lower = min(z1, clear_z(x))
         return x if is_hidden(x, middle, *rows_at(x, lower), lower) else middle
@@ -510,9 +504,9 @@ def free_walk(
                 break
             continue
         total, through, near = counts(*at, x)
-        if total and through >= share * total and not (dark_blocks(columns, *at) > 0.5).any():
+        if total and through >= share * total:
             begun = True
-            if hides_in_part(x, *at):
+            if columns_hide(x, *at):
                 end = "UNKNOWN"
                 break
             if not is_hidden(x, ring_m[last] if first >= 0 else x, *at, lower):
