@@ -47,10 +47,8 @@ class VehicleMotion:
 
         `last_here` is then where it is, or where it was when its attitude was last known."""
         while self._waiting:
-            sample = self._waiting.popleft()
-            self._sync.add(sample)
-            if isinstance(sample, PoseSample):
-                self.newest_pose = sample
+            self._sync.add(self._waiting.popleft())
+        self.newest_pose = self._sync.poses.newest
         here = self._here(now_ns)
         self.last_here = here or self.last_here
         return here

@@ -112,6 +112,11 @@ class SampleBuffer(Generic[S]):
         return tuple(self._samples)
 
     @property
+    def newest(self) -> S | None:
+        """The stored sample with the newest stamp."""
+        return self._samples[-1] if self._samples else None
+
+    @property
     def newest_ns(self) -> int | None:
         """The newest stored stamp."""
         return self._stamps[-1] if self._stamps else None

@@ -26,3 +26,19 @@ def test_the_distance_flown_is_known_in_fast_flight_without_timesync() -> None:
         assert here.position_ned_m is not None
         places.append(here.position_ned_m[0])
     assert abs(places[-1] - places[0] - 13.5) < 1e-6
+
+
+def test_a_late_copy_does_not_bring_an_earlier_velocity_back() -> None:
+    """A router, or another route of UDP, delivers a position of 0.4 s ago: the vehicle has gained 2 m/s since."""
+    motion = VehicleMotion()
+    for t_ms, north_m_s in ((1000, 1.0), (1400, 3.0), (1000, 1.0), (1010, 1.0)):
+        motion.samples([PoseSample(t_ms * MS, 1400 * MS, (0.0, 0.0, -5.0), (north_m_s, 0.0, 0.0))])
+        motion.catch_up(1400 * MS)
+    assert motion.velocity_ned_m_s(1410 * MS) == (3.0, 0.0, 0.0)
+    assert motion.newest_pose is not None
+    assert motion.newest_pose.t_ns == 1400 * MS
+    # stamps that step back by more than a second are those of an autopilot that has restarted
+    motion.samples([PoseSample(100 * MS, 1500 * MS, (0.0, 0.0, -5.0), (0.5, 0.0, 0.0))])
+    motion.catch_up(1500 * MS)
+    assert motion.newest_pose is not None
+    assert motion.newest_pose.t_ns == 100 * MS
