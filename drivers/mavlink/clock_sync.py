@@ -123,7 +123,7 @@ class ClockFilter:
         self._newest_boot_ns: int | None = None
         self._second_ns = 0  # boot time at which the newest second of arrivals begins
         self._accepted_ns: int | None = None
-        self._refused = 0
+        self._refused: list[_Bound] = []  # in a row
         self._changes_ns: deque[int] = deque(maxlen=MIXED)
 
     def restart(self) -> None:
@@ -135,7 +135,7 @@ class ClockFilter:
         self._exchanges.clear()
         self._arrivals.clear()
         self._doubtful.clear()
-        self._refused = 0
+        self._refused.clear()
         self._newest_boot_ns = self._accepted_ns = None
         self.estimate = ClockEstimate(ClockSource.NONE)
 
@@ -156,13 +156,18 @@ class ClockFilter:
         False: the stamp is so far back that the message is very late, or it would have been measured after it arrived.
         Another sender, a reboot or a step of one of the clocks also causes this."""
         if self._is_back(boot_ns) or self._is_ahead(boot_ns, arrival_ns):
-            self._refused += 1
-            if self._refused < self.params.reboot_messages or self._fits_recently(arrival_ns):
+            self._refused.append(_Bound(boot_ns, None, arrival_ns - boot_ns))
+            if len(self._refused) < self.params.reboot_messages or self._fits_recently(arrival_ns):
                 return False
-            self.restart()
+            if not self._line_is_faster():
+                self.restart()
+            elif self.usable:  # what arrived before was delayed by more
+                self._arrivals, self._second_ns = deque(self._refused[:-1]), boot_ns - NS
+            else:
+                self._forget()
         elif self._refused:
             self._changes_ns.append(arrival_ns)
-        self._refused = 0
+        self._refused.clear()
         self._accepted_ns = arrival_ns
         self._newest_boot_ns = max(boot_ns, self._newest_boot_ns or boot_ns)
         high = arrival_ns - boot_ns
@@ -226,6 +231,13 @@ class ClockFilter:
         bound_ns = UNKNOWN_DELAY_NS if e.source is ClockSource.ENVELOPE else self._undoubted_ns
         slack_ns = MS + round(self.params.max_drift * abs(boot_ns - e.at_boot_ns))
         return e.local_ns(boot_ns) - arrival_ns > bound_ns + slack_ns
+
+    def _line_is_faster(self) -> bool:
+        """Returns whether the refused messages were only delayed by less than those before, where TIMESYNC is not answered."""
+        e, longest_ns = self.estimate, self.params.reboot_step_s * NS
+        if e.source is not ClockSource.ENVELOPE:
+            return False
+        return all(0 <= e.local_ns(b.boot_ns) - (b.boot_ns + b.high) < longest_ns for b in self._refused)
 
     @property
     def usable(self) -> bool:

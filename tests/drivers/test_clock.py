@@ -152,6 +152,38 @@ def test_without_answers_a_single_stamp_of_the_future_does_not_move_the_clock(ah
             assert abs(link.error_ns(clock, link.boot(now))) < 2 * MS
 
 
+@pytest.mark.parametrize("hz", [4, 50])
+@pytest.mark.parametrize("delay_ns", [60 * MS, 200 * MS, 900 * MS])
+def test_without_answers_a_line_that_becomes_faster_is_no_restart(hz: int, delay_ns: int) -> None:
+    """As after the parameters were sent. Before, all was discarded: no stamp was used for 2.5 to 3.5 s, a restart of the
+    autopilot's clock was counted, and rates were requested again."""
+    clock, slow = ClockFilter(), Link(drift=0.0, least_delay_ns=delay_ns, jitter_ns=MS)
+    for k in range(8 * hz):
+        slow.attitude(clock, k * NS // hz)
+    assert clock.usable
+    fast, refused = Link(drift=0.0, least_delay_ns=5 * MS, jitter_ns=MS, seed=1), 0
+    for k in range(8 * hz, 16 * hz):
+        now_ns = k * NS // hz + delay_ns
+        used = clock.arrival(fast.boot(now_ns) // MS * MS, now_ns + fast.delay())
+        assert clock.usable
+        refused += not used
+        if used:
+            assert abs(fast.error_ns(clock, fast.boot(now_ns))) < 10 * MS
+    assert clock.restarts == 0
+    assert refused <= max(5, 0.5 * hz + 1)
+
+
+def test_without_answers_a_step_of_more_than_a_second_is_a_restart() -> None:
+    """As after the companion computer was suspended: its clock stood still."""
+    clock, link = ClockFilter(), Link(drift=0.0)
+    for k in range(400):
+        link.attitude(clock, k * 20 * MS)
+    for k in range(400, 600):
+        now_ns = k * 20 * MS
+        clock.arrival(link.boot(now_ns) + 3 * NS, now_ns + MS)
+    assert clock.restarts == 1
+
+
 def test_arrivals_sharpen_a_slow_exchange() -> None:
     """Answers take 40 ms each way; attitudes that need 1 ms bound the offset from above."""
     slow, both = ClockFilter(), ClockFilter()
