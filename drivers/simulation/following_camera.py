@@ -2,12 +2,14 @@
 position that the autopilot reports on a link of the camera's own.
 
 A frame is stamped with the instant of the attitude it was rendered for, so that no attitude is interpolated; the position is
-carried to that instant by the velocity. The origin of the autopilot's local frame is the origin of the scene, on its ground. Of the
-flight's plan the scene and the sensor are used; things that move stand at their places of time 0, and nothing fails.
+carried to that instant by the velocity. In a turn no frame is given while the clock of the autopilot is uncertain. The
+origin of the autopilot's local frame is the origin of the scene, on its ground. Of the flight's plan the scene and the sensor
+are used; things that move stand at their places of time 0, and nothing fails.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -34,6 +36,8 @@ OPEN_S = 10.0
 STALE_NS = NS // 2
 """Without newer attitude and position for so long the camera gives no frame."""
 POLL_S = 0.002
+LARGEST_ERROR_RAD = math.radians(0.5)
+"""No frame is given where the vehicle turns by more within the error of the attitude's timestamp."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,6 +124,8 @@ class FollowingDepthSource:
             attitude, pose = self._attitude, self._pose
         if attitude is None or pose is None:
             return None
+        if math.hypot(*attitude.rates_frd_rad_s or ()) * attitude.stamp_error_ns / NS > LARGEST_ERROR_RAD:
+            return None  # the exposure would not be that of this attitude to others
         oldest_ns = min(attitude.t_ns, pose.t_ns)
         return (attitude, pose) if self._clock_ns() - oldest_ns <= STALE_NS else None
 

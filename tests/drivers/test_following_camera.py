@@ -77,6 +77,21 @@ def test_its_faults_are_those_of_its_width() -> None:
     assert (frame.depth_mm[30, 20:] > 0).all()
 
 
+def test_no_frame_is_stamped_by_an_uncertain_clock_in_a_turn() -> None:
+    """The stamp is that of the attitude by the camera's own estimate of the clock. Another process has another estimate: in a turn it
+    finds another attitude for the image, which looks like a wrong mount."""
+    camera = FollowingDepthSource(walled(), INFO, FollowSettings(address="udpin:127.0.0.1:1"), lambda: 5 * NS)
+    q = quaternion_from_euler(0.0, 0.0, 0.0)
+    camera.deliver([PoseSample(5 * NS, 5 * NS, (0.0, 0.0, -5.0), (0.0, 0.0, 0.0))])
+    for rate_rad_s, error_ms, used in ((1.0, 25, False), (1.0, 5, True)):
+        camera.deliver([AttitudeSample(5 * NS, 5 * NS, q, (0.0, rate_rad_s, 0.0), error_ms * 1_000_000)])
+        assert (camera.read(0.0) is not None) == used
+    still = FollowingDepthSource(walled(), INFO, FollowSettings(address="udpin:127.0.0.1:1"), lambda: 5 * NS)
+    still.deliver([PoseSample(5 * NS, 5 * NS, (0.0, 0.0, -5.0), (0.0, 0.0, 0.0))])
+    still.deliver([AttitudeSample(5 * NS, 5 * NS, q, (0.0, 0.01, 0.0), 30_000_000)])
+    assert still.read(0.0) is not None
+
+
 def test_the_mount_counts() -> None:
     turned = CameraMount(yaw_rad=math.radians(30.0))
     assert depth_at((0.0, 0.0, -5.0), -30.0, turned) == pytest.approx(9900, rel=0.01)
