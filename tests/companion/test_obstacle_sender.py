@@ -114,7 +114,7 @@ def test_it_sees_after_good_frames_in_a_row() -> None:
     assert chain.ahead() == UNKNOWN
     chain.fly(0.2)
     assert chain.ahead() == UNKNOWN
-    assert "not enough good frames" in chain.report().blind["front"]
+    assert "too few valid frames" in chain.report().blind["front"]
     chain.fly(0.2)
     assert chain.ahead() == 1201
     assert chain.report().blind == {}
