@@ -22,6 +22,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "classify": "classify, flying pixels",
     "noise_check": "classify, flying pixels",
     "smeared_edges": "classify, flying pixels",
+    "ramps": "classify, flying pixels",
     "level": "level",
     "pooling": "level",
     "temporal_noise": "noise estimate",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import companion.autopilot.sender as sender_module
 from companion.autopilot.failsafe import STOP_INSIDE_M
 from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
 from companion.autopilot.line import AutopilotLine
@@ -150,7 +152,7 @@ def test_the_mode_is_reported_once_and_again_when_it_changes() -> None:
     assert "flight_mode_unprotected" not in [d.code for d in avoidance.diagnostics(21 * NS)]
 
 
-def test_px4_need_not_send_obstacles_back_before_position_mode() -> None:
+def test_px4_need_not_send_obstacles_back_before_position_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     """In takeoff PX4 does not evaluate obstacles; their time does not count when Position mode begins."""
     now = [vehicle("PX4", 4 << 16 | 2 << 24)]
     avoidance = Avoidance(
@@ -159,6 +161,7 @@ def test_px4_need_not_send_obstacles_back_before_position_mode() -> None:
     avoidance.announce(INFO)
     chain = Chain(model(wall_at(0.0, 4.0, 2.0), free_to_m=4.0, view_deg=72.0))
     chain.builder = avoidance._builder
+    monkeypatch.setattr(sender_module, "time", SimpleNamespace(monotonic_ns=lambda: chain.now_ns))
 
     def faulty(seconds: float) -> bool:
         for _ in range(round(10 * seconds)):

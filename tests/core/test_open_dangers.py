@@ -70,6 +70,16 @@ def open_m(model: FrameModel, z_m: float) -> float:
     return float(model.free.open_to_m[:, layer].max())
 
 
+def open_forward_m(model: FrameModel, z_m: float) -> float:
+    """`open_m` as a forward distance, at which a rail across the view ends what is open: at the azimuth of each direction that is
+    nearest to the middle of the image."""
+    f = model.free
+    layer = int(np.searchsorted(f.layer_edges_m, z_m, side="right")) - 1
+    edges = f.azimuth_edges_rad
+    nearer = np.where(edges[:-1] * edges[1:] < 0.0, 0.0, np.minimum(np.abs(edges[:-1]), np.abs(edges[1:])))
+    return float((f.open_to_m[:, layer] * np.cos(nearer)).max())
+
+
 @FOCAL
 def test_the_field_itself_is_open(f_px: float) -> None:
     assert open_m(model_of(f_px, field(f_px)), 0.25) >= 10.0
@@ -162,7 +172,7 @@ def test_the_visible_lower_edge_of_a_girder_is_no_border_of_smooth_ground(
 def test_a_rail_below_the_horizon_ends_what_is_open(f_px: float, mark: int, top_deg: float) -> None:
     depth = field(f_px)
     depth[row_at(f_px, top_deg) : row_at(f_px, top_deg - 1.4)] = mark
-    assert open_m(model_of(f_px, depth), 0.25) <= 5.0
+    assert open_forward_m(model_of(f_px, depth), 0.25) <= 5.0
 
 
 @FOCAL
