@@ -159,7 +159,7 @@ def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoidi
         if avoiding.kind == ARDUPILOT:
             assert wall[0] == WALL_CM  # its margin was read before and still counts
     # sent once, to the address that the newest message of the autopilot came from: the forger's or the autopilot's
-    text = "OA: ArduPilot or PX4"
+    text = "OA: contradictory heartbeats"
     assert until(lambda: text in avoiding.texts() or any(text.encode() in data for data in answers))
     assert until(avoiding.has_obstacles), avoiding.live.output()
     avoiding.health.wait(lambda h: not any("contradict" in t for t in h.troubles), PATIENCE_S)
@@ -171,12 +171,12 @@ def test_a_second_companion_is_reported_and_obstacles_are_still_sent(avoiding: A
         dialect.MAVLink_obstacle_distance_message(0, 4, [1201] * 72, 5, 20, 1200, 5.0, 0.0, 12), component=197
     )
     with sending(avoiding, lambda k: [clear] if k % 10 == 0 else []):
-        text = "component 197 sends obstacles to the autopilot"
+        text = "component 197 sends obstacles too"
         # degraded by it; on a busy machine a report may be of a moment without a fresh frame
         avoiding.health.wait(
             lambda h: h.state == pb.Health.STATE_DEGRADED and any(text in t for t in h.troubles), PATIENCE_S
         )
-        assert until(lambda: "OA: component 197 sends obstacles to the autopilot" in avoiding.texts())
+        assert until(lambda: "OA: component 197 sends obstacles too" in avoiding.texts())
         begun_ns = time.monotonic_ns()
         assert until(lambda: len([t for t, _ in avoiding.messages() if t > begun_ns]) > 20)
         assert until(avoiding.has_obstacles)
