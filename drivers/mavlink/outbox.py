@@ -27,16 +27,15 @@ class Outbox:
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def post(self, message: Any, posted_ns: int | None = None) -> None:
-        """Adds a message. Waiting obstacle messages that it replaces are removed. posted_ns: now; None: it is valid at any
-        time."""
+    def post(self, message: Any, now_ns: int) -> None:
+        """Adds a message. Waiting obstacle messages that it replaces are removed."""
         kind = message.get_msgId()
         if kind in OBSTACLE_IDS and not (self._waiting and _one_scan(self._waiting[-1][0], message)):
             kept = [waiting for waiting in self._waiting if not _replaced(waiting[0], message)]
             self._waiting.clear()
             self._waiting.extend(kept)
         valid_ns = VALID_NS.get(kind)
-        until_ns = None if posted_ns is None or valid_ns is None else posted_ns + valid_ns
+        until_ns = None if valid_ns is None else now_ns + valid_ns
         self._waiting.append((message, until_ns))
 
     def take(self, now_ns: int) -> list[Any]:

@@ -289,9 +289,8 @@ class MavlinkSession:
         """True if the autopilot was armed at its last message and is not received any more. It may still receive."""
         return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)
 
-    def post(self, message: Any, now_ns: int | None = None) -> None:
-        """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`). now_ns None:
-        it may wait for any time.
+    def post(self, message: Any, now_ns: int) -> None:
+        """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`).
 
         Without a received autopilot it is dropped and counted, except for obstacles to one that fell silent in
         flight."""

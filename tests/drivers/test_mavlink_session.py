@@ -171,7 +171,7 @@ def test_slow_and_quick_attitudes_stand_at_their_measurement(kind: str, hz: floa
 
 def test_nothing_is_sent_before_a_heartbeat_of_the_autopilot() -> None:
     c = Conversation(MavlinkSession(), [])
-    c.session.post(dialect.MAVLink_statustext_message(6, b"nobody hears"))
+    c.session.post(dialect.MAVLink_statustext_message(6, b"nobody hears"), c.now_ns)
     c.run(3.0)
     assert c.sent == []
     assert c.session.counts["unsent_no_autopilot"] == 1
@@ -183,12 +183,12 @@ def test_an_autopilot_whose_heartbeats_are_lost_but_not_other_messages_still_rec
     c.run(4.0)
     c.lost = frozenset({0})  # HEARTBEAT
     for _ in range(20):
-        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
         c.run(0.5)
     assert len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE")) == 20
     c.lost = None  # and now everything
     c.run(4.0)
-    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
     c.run(0.5)
     assert len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE")) == 20
 
@@ -198,8 +198,8 @@ def test_of_distances_that_wait_the_newest_alone_goes_out() -> None:
     c = talk(PX4, boot_at_ns=90 * NS)
     c.run(2.0)
     for cm in (1201, 900, 300):
-        c.session.post(dialect.MAVLink_statustext_message(6, f"at {cm}".encode()))
-        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [cm] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+        c.session.post(dialect.MAVLink_statustext_message(6, f"at {cm}".encode()), c.now_ns)
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [cm] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
     c.run(0.2)
     assert [m.distances[0] for m in c.autopilots[0].of_kind("OBSTACLE_DISTANCE")] == [300]
     assert [m.text for m in c.autopilots[0].of_kind("STATUSTEXT")] == ["at 1201", "at 900", "at 300"]
@@ -368,8 +368,9 @@ def test_to_a_vehicle_that_fell_silent_in_flight_obstacles_are_still_sent() -> N
     assert vehicle is not None
     for armed in (False, True):
         c.session.vehicle = replace(vehicle, armed=armed)
-        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [100] * 72, 5, 20, 1200, 5.0, 0.0, 12))
-        assert len(c.session.due(c.now_ns + 4 * NS)) == armed
+        later_ns = c.now_ns + 4 * NS
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [100] * 72, 5, 20, 1200, 5.0, 0.0, 12), later_ns)
+        assert len(c.session.due(later_ns)) == armed
 
 
 def test_a_configured_vehicle_is_the_only_one_received() -> None:
@@ -601,12 +602,14 @@ def test_of_scans_of_points_and_of_distances_the_newest_alone_waits() -> None:
     session = c.session
 
     def point(time_ms: int, x_m: float) -> None:
-        session.post(dialect.MAVLink_obstacle_distance_3d_message(time_ms, 4, 12, 65535, x_m, 0.0, 0.0, 0.2, 12.0))
+        session.post(
+            dialect.MAVLink_obstacle_distance_3d_message(time_ms, 4, 12, 65535, x_m, 0.0, 0.0, 0.2, 12.0), c.now_ns
+        )
 
     def sensor(orientation: int, cm: int) -> None:
-        session.post(dialect.MAVLink_distance_sensor_message(0, 20, 1200, cm, 4, 1, orientation, 255))
+        session.post(dialect.MAVLink_distance_sensor_message(0, 20, 1200, cm, 4, 1, orientation, 255), c.now_ns)
 
-    session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
     for scan in range(3):
         for k in range(100):
             point(scan, 1.0 + scan + k / 100)
@@ -630,7 +633,9 @@ def test_the_budget_holds_what_a_line_carries() -> None:
     sent_before, received = len(b"".join(c.sent)), 0
     for step in range(1000):
         if step % 100 == 0:
-            c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+            c.session.post(
+                dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns
+            )
         c.now_ns += MS
         chunks = [(d, c.now_ns) for d in c.autopilots[0].due(c.now_ns)]
         received += sum(len(d) for d, _ in chunks)
@@ -664,10 +669,10 @@ def test_an_autopilot_received_before_the_start_counts_before_its_heartbeat(
     """After a restart in flight a second may pass until the next one."""
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, boot_at_ns=90 * NS))
     c = Conversation(MavlinkSession(params, expected=expected), [autopilot], lost=frozenset({0}))
-    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
     c.run(0.1)
     assert (c.session.vehicle is not None) == connected
-    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
     c.run(0.1)
     assert ("OBSTACLE_DISTANCE" in c.kinds()) == connected
     if params is None:

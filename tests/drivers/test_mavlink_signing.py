@@ -63,7 +63,7 @@ def obstacles(c: Conversation, seconds: float = 2.0) -> int:
     """How many of our obstacles arrive in a while."""
     before = len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE"))
     for _ in range(round(10 * seconds)):
-        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
         c.run(0.1)
     return len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE")) - before
 
@@ -127,7 +127,7 @@ def test_the_autopilot_does_not_sign_though_we_have_a_key(kind: str, theirs: byt
     assert c.samples == []
     assert "does not sign, but a key is set" in fault(c)
     assert obstacles(c) == 0
-    c.session.post(dialect.MAVLink_statustext_message(4, b"why"))
+    c.session.post(dialect.MAVLink_statustext_message(4, b"why"), c.now_ns)
     c.run(2.0)
     assert [m.text for m in c.autopilots[0].of_kind("STATUSTEXT")] == ["why"]
     assert {m.get_type() for m in c.autopilots[0].received} == {"HEARTBEAT", "STATUSTEXT"}
