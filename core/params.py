@@ -83,7 +83,7 @@ class Params(ImageParams):
         0.0,
         0.2,
         "m",
-        "least support of a strip as a length: near objects need more pixels, stray blobs lack them",
+        "least support of a strip as a length: near objects need more pixels, which false matches do not have",
     )
     max_column_strips: int = critical(
         128,
@@ -193,7 +193,7 @@ class Params(ImageParams):
         40, 1, 500, "px", "greatest number of columns over which neighbouring planes are extended"
     )
     pocket_behind_m: float = number(
-        0.3, 0.0, 2.0, "m", "a plane at most this far behind the mouth of a concavity closes it already"
+        0.3, 0.0, 2.0, "m", "a plane at most this far behind the open side of a concavity closes it already"
     )
     covered_px: float = number(
         0.5, 0.0, 10.0, "px", "what extends beside a plane by at most this counts as hidden by it"

@@ -4,10 +4,9 @@ Input: a `PathSight` per decision of the obstacle output. Output: a `Verdict` at
 
 Free space belongs to the world, not to a frame: space that an earlier frame showed free is still free a moment later,
 nearer by the distance flown, unless a newer frame shows an obstacle in it. It counts for `KEEP_FREE_NS` from the
-exposure of the frame and along nearly the same course, ray by ray, because holes of the depth image are at other places in
-each frame. A frame that
-shows less, but no obstacle, therefore does not stop the vehicle. Obstacles count at once. Those with weak support
-count when a second frame shows them at the same place."""
+exposure of the frame and along nearly the same course, ray by ray, because holes of the depth image are at other places
+in each frame. A frame that shows less, but no obstacle, therefore does not stop the vehicle. Obstacles count at once.
+Those with weak support count when a second frame shows them at the same place."""
 
 from __future__ import annotations
 

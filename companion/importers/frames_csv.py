@@ -24,7 +24,7 @@ MAX_ANGLE_RAD = 2.0 * math.pi
 GAP_FACTOR, GAP_MIN_S = 5.0, 0.5
 """A pause of this multiple of the median interval, and of at least this length, is a warning."""
 _short = reprlib.Repr()
-"""Prints what the file contains, which may be binary, in few characters."""
+"""Quotes content of the file, which may be binary, in few characters."""
 _short.maxlist, _short.maxstring = 12, 60
 
 

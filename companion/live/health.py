@@ -188,7 +188,7 @@ def recording_message(status: RecordStatus) -> pb.RecordingHealth:
 def diagnostics_of(
     cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, thread_fault: str
 ) -> list[Diagnostic]:
-    """The diagnostics of cameras, link and recorder, the most severe first. thread_fault: the required threads that have
+    """The diagnostics of threads, cameras, link and recorder, in this order. thread_fault: the required threads that have
     ended, or the one that does not respond, as text; empty: none."""
     views = list(cameras)
     found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", thread_fault)] if thread_fault else []

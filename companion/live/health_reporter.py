@@ -139,7 +139,7 @@ class HealthReporter:
     def _collect(
         self, views: list[CameraView], autopilot: AutopilotView | None, now_ns: int, *, has_started: bool
     ) -> list[Diagnostic]:
-        """All diagnostics, the most severe first."""
+        """All diagnostics, part by part; warnings are last."""
         parts, hang_s = self._parts, self._config.service.hang_s
         recording = parts.recorder.status if parts.recorder is not None else None
         thread_fault = parts.failures() or parts.stalled(now_ns, round(hang_s * NS))

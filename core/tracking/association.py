@@ -149,8 +149,8 @@ def covers(d, track, gate):
 @kernel
 def find_pairs(detections, tracks, gate, eye_x, eye_y, pairs, scores):
     """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, slot of the track,
-    relation; scores (P,) float64. gate: Gate; eye_x, eye_y: of the
-    camera. Returns (number of pairs, number of pairs that did not fit)."""
+    relation; scores (P,) float64. gate: Gate; eye_x, eye_y: of the camera. Returns (number of pairs, number of pairs that did
+    not fit)."""
     boxes, found = track_boxes(tracks), np.empty(tracks.shape[0], np.int64)
     reach = gate.most_m + _TOUCH_M
     count, lost = 0, 0

@@ -5,9 +5,9 @@ tracks that touch in the image, and whose lines agree within their covariance, a
 that of the other, and its extent grows along the viewing rays. The plane is moved towards the camera so far that it lies behind
 no detection of this frame by more than the margin of that detection. Where this is more than the margin again, the two stay
 apart: a nearer obstacle is not hidden. They stay apart where there is a gap between them, too: no opening is closed.
-Fragments of one frame are not joined with each other: only what another
-frame has confirmed is a line. Without a position nothing is joined: the fragments of several frames would lie apart by the error
-of the estimated motion, and the line would be moved far towards the camera.
+Fragments of one frame are not joined with each other: only what another frame has confirmed is a line. Without a position
+nothing is joined: the fragments of several frames would lie apart by the error of the estimated motion, and the line would be
+moved far towards the camera.
 """
 
 from __future__ import annotations

@@ -39,9 +39,8 @@ class SensorModel:
     drawn uniformly from the sensor's range. smear_px: width of the window over which a matcher averages 1/Z, after near
     surfaces have grown by a third of it on each side; 0: edges are sharp. baseline_m: distance of the second imager to the right,
     which does not see what near surfaces cover left of them, see `_hidden`; 0: it sees everything. flying_share: share of
-    the pixels at a depth edge that lie
-    somewhere between its two sides. saturated_share: pixels written as 65535. sky_is_far: beyond the range
-    the sensor says "far" instead of "no measurement"."""
+    the pixels at a depth edge that lie somewhere between its two sides. saturated_share: pixels written as 65535.
+    sky_is_far: what is beyond the range is marked "far" instead of "no measurement"."""
 
     ke_per_m: float = 0.0
     noise_length_px: float = NOISE_LENGTH_PX

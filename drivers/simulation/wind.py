@@ -1,9 +1,8 @@
-"""Wind with gusts, and what a multicopter feels of it until its controller has compensated it.
+"""Wind with gusts, and how it moves a multicopter until its controller has compensated it.
 
 A gust rises and falls as (1 - cos(2 pi t / T)) / 2, the discrete gust of CS-25.341, and follows the one before without a pause. The
-air accelerates the vehicle in proportion to its speed relative to it. The position controller leans against it with a time
-constant: a steady wind moves the vehicle
-no more, a gust does while it grows and while it ends.
+air accelerates the vehicle in proportion to its speed relative to it. The position controller compensates it with a time
+constant: a steady wind no longer moves the vehicle, a gust does while it grows and while it ends.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 NS = 1_000_000_000
-PATIENCE_S = 300.0
+PATIENCE_S = 120.0
 """Time limit for steps that are not the subject of a test, such as a start on a busy machine."""
 SUPERVISION = f"[supervision]\nopen_s = {PATIENCE_S}\n"
 """A camera process that is ended because it opens slowly, as on a busy machine, begins again and never opens."""

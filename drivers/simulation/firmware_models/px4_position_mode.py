@@ -3,9 +3,8 @@
 `VelocityPositionMode`: PX4 up to v1.15 with MPC_POS_MODE 0 or 3. The stick is a velocity, which collision prevention limits.
 `AccelerationPositionMode`: PX4 v1.16 with MPC_POS_MODE 4. The stick is an acceleration against drag; collision prevention
 changes the acceleration. The stick is what remains after MPC_XY_MAN_EXPO. Without data it sets the acceleration to zero, so
-that the vehicle coasts until drag has stopped
-it. An obstacle nearer than CP_DIST scales the stick by a negative factor: the vehicle flies backwards, the faster the harder
-the stick pushes forward.
+that the vehicle coasts until drag has stopped it. An obstacle nearer than CP_DIST scales the stick by a negative factor: the
+vehicle flies backwards, the faster the harder the stick pushes forward.
 
 All vectors are (x forward, y right) in the level frame with the vehicle's heading, which `turn` changes. Parameters have PX4's
 default values. Sources: CollisionPrevention.cpp, FlightTaskManualPosition.cpp and StickAccelerationXY.cpp of PX4 v1.14.3 and
