@@ -14,7 +14,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Container images often set it. Each process would then compile all modules: 1.6 s of processor time for the service.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help env demo check test test-computing test-processes test-versions nightly bench soak vm-test golden golden-recordings proto lint lock config-docs clean
+.PHONY: help env demo check test test-computing test-processes test-realtime test-versions nightly bench soak vm-test golden golden-recordings proto lint lock config-docs clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-17s  %s\n' "$$name" "$$what"; done
@@ -51,7 +51,7 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 # Tests that start processes or wait for the clock come last and apart: beside computing tests, even with the lowest priority of
 # those, a browser or a service did not answer in time. A failed pass ends none of the others (-k).
 test: lint ## all checks, 12 to 25 minutes on two cores
-	@$(MAKE) --no-print-directory -k test-computing test-processes
+	@$(MAKE) --no-print-directory -k test-computing test-processes test-realtime
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
 # bounds checks have a cache directory of their own (companion/kernels/jit_cache.py).
@@ -64,7 +64,13 @@ test-computing: $(STAMP)
 # wait for a third of their time. In the order of their names: sorted by the number of tests, files of few long tests come last.
 test-processes: $(STAMP)
 	@$(BIN)/companion warmup
-	@echo "== tests with processes, sockets and the clock"; $(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 4 -m process tests
+	@echo "== tests with processes, sockets and the clock"
+	@$(BIN)/pytest $(BY_FILE) --no-loadscope-reorder -n 4 -m "process and not realtime" tests
+
+# On a slow machine four services at once do not keep up with their cameras.
+test-realtime: $(STAMP)
+	@$(BIN)/companion warmup
+	@echo "== tests that follow a service in real time"; $(BIN)/pytest $(BY_FILE) -n 2 -m realtime tests
 
 test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
 	@$(BIN)/python .ci/test_versions.py $(ARGS)

@@ -28,7 +28,7 @@ from tests.ports import free_port
 
 from .live import Live, until
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
 CONFIG = """
 [[camera]]

@@ -20,7 +20,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .autopilot_parameters import PARAMETERS
 from .live import NS, PATIENCE_S, Live, flown, until
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
 CONFIG = """
 [[camera]]

@@ -20,7 +20,7 @@ from .live import NS, Live, until
 from .test_service_avoids import CONFIG, FRONT, AvoidingService
 from .test_service_conflicts import WALL_CM
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])

@@ -25,7 +25,7 @@ from .autopilot_parameters import PARAMETERS
 from .live import PATIENCE_S, Live, flown, until
 from .test_service_avoids import CONFIG, AvoidingService
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
 KEY = bytes(range(1, 33))
 

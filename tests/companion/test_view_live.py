@@ -24,7 +24,7 @@ from .browser import Browser, Page, opened
 from .live import PATIENCE_S, ROOT, Live, flown, until
 from .test_live_team import message as team_message
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
 CONFIG = """
 [[camera]]
