@@ -9,6 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..jit import inner, inner_inline
 from .openings import is_open
 
@@ -41,6 +44,19 @@ class Rectangle(NamedTuple):
     t1: Any
     top_m: Any
     bottom_m: Any
+
+
+class Cover(NamedTuple):
+    """What `uncovered_share` reads about the space that a rectangle covers.
+
+    Attributes:
+        evidence: Evidence.
+        openings: OpeningMasks.
+        run: (R + 2,) int32 scratch."""
+
+    evidence: Any
+    openings: Any
+    run: NDArray[np.int32]
 
 
 CELL_PX = 8
@@ -102,7 +118,7 @@ def first_cell(value):
 
 
 @inner_inline
-def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
+def uncovered_share(joined, a, b, p, q, rules, cover):
     """Returns the share of the cells of a joined rectangle that are not blocked; 2 if it must not be made.
 
     It must not be made if it contains an empty square with a side of gap_m, or an open cell (openings.py) that lies
@@ -114,9 +130,8 @@ def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
         a, b: line s = a + b t.
         p, q: Rectangles of the two planes, with heights at the joined line.
         rules: a record of MERGE_RULES.
-        evidence: Evidence.
-        openings: OpeningMasks.
-        run: (R + 2,) int32 scratch."""
+        cover: Cover."""
+    evidence, run = cover.evidence, cover.run
     grid, noise_s = evidence.nearest, rules.sigmas * rules.sigma_s
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))
     i1 = min(grid.shape[0], first_cell(joined.t1 * evidence.across + evidence.cu))
@@ -148,7 +163,7 @@ def uncovered_share(joined, a, b, p, q, rules, evidence, openings, run):
                 m = (j + 0.5 - evidence.cv) / evidence.down
                 if _inside(p, t, m / s) or _inside(q, t, m / s):
                     continue
-                if is_open(openings, t, m, 1.0 / s):
+                if is_open(cover.openings, t, m, 1.0 / s):
                     return 2.0
         run[j1 + 1 :] = 0
         cells += max(0, j1 - j0)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner_inline, kernel
-from .evidence import Rectangle, uncovered_share
+from ..jit import inner, inner_inline, kernel
+from .evidence import Cover, Rectangle, uncovered_share
 from .line_fit import add_moments
 from .merge_cost import (
     REFUSED,
@@ -53,6 +53,7 @@ class MergeBuffers(NamedTuple):
     Attributes:
         traits: (N, TRAITS) float64, see `score_piece`.
         order: (N,) int32, planes by cluster and first tangent.
+        place: (N,) float64, key of the order.
         age: (N,) int32, number of merges of a plane.
         tiles: see `costs_of_next`.
         next_cost: see `costs_of_next`.
@@ -60,6 +61,7 @@ class MergeBuffers(NamedTuple):
 
     traits: NDArray[np.float64]
     order: NDArray[np.int32]
+    place: NDArray[np.float64]
     age: NDArray[np.int32]
     tiles: NDArray[np.float64]
     next_cost: NDArray[np.float64]
@@ -71,6 +73,7 @@ def merge_buffers(planes: int, partners: int) -> MergeBuffers:
     return MergeBuffers(
         np.zeros((planes, TRAITS)),
         np.zeros(planes, np.int32),
+        np.zeros(planes),
         np.zeros(planes, np.int32),
         np.zeros(-(-planes // TILE) * TRAITS * TILE),
         np.zeros(planes),
@@ -79,12 +82,12 @@ def merge_buffers(planes: int, partners: int) -> MergeBuffers:
 
 
 @inner_inline
-def cover_cost(p, q, a, b, rules, evidence, openings, run):
+def cover_cost(p, q, a, b, rules, cover):
     """Returns the cost of the empty cells that the joined rectangle of planes p and q on the line s = a + b t would
-    cover."""
+    cover. cover: Cover."""
     one, other = Rectangle(p.t0, p.t1, p.top_m, p.bottom_m), Rectangle(q.t0, q.t1, q.top_m, q.bottom_m)
     joined = Rectangle(min(p.t0, q.t0), max(p.t1, q.t1), min(p.top_m, q.top_m), max(p.bottom_m, q.bottom_m))
-    share = uncovered_share(joined, a, b, one, other, rules, evidence, openings, run)
+    share = uncovered_share(joined, a, b, one, other, rules, cover)
     return REFUSED if share > rules.most_empty else _EMPTY_WEIGHT * share
 
 
@@ -94,8 +97,7 @@ def propose_pairs(count, planes, rules, settings, buffers):
 
     Each plane is scored with at most merge_candidates of the next planes in buffers.order. The cheapest
     merge_partners of them become pairs."""
-    order, age, entries = buffers.order, buffers.age, buffers.queue.entries
-    most, partners = settings.merge_candidates, settings.merge_partners
+    order, age, entries, partners = buffers.order, buffers.age, buffers.queue.entries, settings.merge_partners
     best_cost, best = np.empty(partners), np.empty(partners, np.int32)
     found_pairs, alive = 0, 0
     for k in range(count):
@@ -103,50 +105,67 @@ def propose_pairs(count, planes, rules, settings, buffers):
             order[alive] = order[k]
             alive += 1
     fill_tiles(order, alive, buffers.traits, buffers.tiles)
-    start, group = np.empty(alive), np.empty(alive, np.int32)
-    for k in range(alive):
-        start[k], group[k] = planes[order[k]].t0, planes[order[k]].cluster
     for k in range(alive):
         i = order[k]
-        far = planes[i].t1 + _WINDOW * rules.gap_m / planes[i].middle_m
-        end = k + 1
-        for _ in range(min(alive - end, most)):
-            if start[end] > far or group[end] != group[k]:
-                break
-            end += 1
-        if end == k + 1:
-            continue
+        end = end_of_neighbours(k, min(alive, k + 1 + settings.merge_candidates), planes, order, rules.gap_m)
         costs_of_next(buffers.tiles, k, end, rules, buffers.next_cost)
-        found, limit = 0, 1.0
+        found = 0
         for m in range(k + 1, end):
-            c = buffers.next_cost[m]
-            if not c < limit:
-                continue
-            at = min(found, partners - 1)
-            for _ in range(partners):
-                if at == 0 or best_cost[at - 1] <= c:
-                    break
-                best_cost[at], best[at] = best_cost[at - 1], best[at - 1]
-                at -= 1
-            best_cost[at], best[at] = c, order[m]
-            found = min(found + 1, partners)
-            if found == partners:
-                limit = best_cost[found - 1]
+            found = keep_cheapest(buffers.next_cost[m], order[m], found, best_cost, best)
         for m in range(found):
             entry = entries[found_pairs]
-            entry.cost = best_cost[m]
-            entry.first, entry.second, entry.version = i, best[m], -2 - age[i] - age[best[m]]
+            entry.cost, entry.first, entry.second = best_cost[m], i, best[m]
+            entry.version, entry.complete = age[i] + age[best[m]], False
             found_pairs += 1
     return found_pairs
+
+
+@inner
+def end_of_neighbours(k, end, planes, order, gap_m):
+    """Returns the end of the planes after position k of `order`, and before `end`, that belong to the cluster of plane
+    order[k] and do not begin farther aside than gap_m."""
+    plane = planes[order[k]]
+    far = plane.t1 + _WINDOW * gap_m / plane.middle_m
+    for m in range(k + 1, end):
+        other = planes[order[m]]
+        if other.t0 > far or other.cluster != plane.cluster:
+            return m
+    return end
+
+
+@inner
+def keep_cheapest(cost, plane, found, best_cost, best):
+    """Inserts a plane into the list of the `found` cheapest partners, sorted by cost; returns their new number. Costs of 1
+    or more are refused.
+
+    best_cost: (P,) float64; best: (P,) int32. If all P places are taken, the dearest partner is dropped."""
+    partners = len(best)
+    if not cost < (best_cost[partners - 1] if found == partners else 1.0):
+        return found
+    at = min(found, partners - 1)
+    for _ in range(partners):
+        if at == 0 or best_cost[at - 1] <= cost:
+            break
+        best_cost[at], best[at] = best_cost[at - 1], best[at - 1]
+        at -= 1
+    best_cost[at], best[at] = cost, plane
+    return min(found + 1, partners)
+
+
+@inner
+def prepare_pieces(count, planes, rules, buffers):
+    """Writes the traits and ages of all planes, and where each one lies, by cluster and first tangent, to buffers.place."""
+    for k in range(count):
+        buffers.age[k] = 0
+        score_piece(planes[k], buffers.traits, k, rules)
+        buffers.place[k] = _MORE_THAN_T * planes[k].cluster + planes[k].t0
 
 
 @kernel
 def join_planes(count, room, planes, parent, rules, settings, evidence, openings, buffers):
     """Joins planes of one cluster, the cheapest pair first, until no pair fits. Joined planes get a negative support.
 
-    A merged plane has the neighbours of its parts; each of at most merge_rounds rounds searches new ones. The
-    `version` of a queue entry is the sum of the ages of both planes if its cost is complete, and -2 minus that sum if
-    the cost of covered cells is missing.
+    A merged plane has the neighbours of its parts; each of at most merge_rounds rounds searches new ones.
 
     Args:
         count: number of planes.
@@ -158,58 +177,60 @@ def join_planes(count, room, planes, parent, rules, settings, evidence, openings
         evidence: Evidence.
         openings: OpeningMasks.
         buffers: MergeBuffers."""
-    traits, order, age, queue = buffers.traits, buffers.order, buffers.age, buffers.queue
-    entries = queue.entries
-    run = np.zeros(evidence.nearest.shape[1] + 2, np.int32)
     scored = np.full((_SLOTS, 3), -1, np.int32)
-    place = np.empty(count)
-    for k in range(count):
-        age[k] = 0
-        score_piece(planes[k], traits, k, rules)
-        place[k] = _MORE_THAN_T * planes[k].cluster + planes[k].t0
-    joined = 0
-    order[:count] = np.argsort(place, kind="mergesort")
+    prepare_pieces(count, planes, rules, buffers)
+    buffers.order[:count] = np.argsort(buffers.place[:count], kind="mergesort")
     tries = _MOST_TRIES * room * settings.merge_partners
-    for _round in range(settings.merge_rounds):
-        before = joined
+    cover = Cover(evidence, openings, np.zeros(evidence.nearest.shape[1] + 2, np.int32))
+    for _ in range(settings.merge_rounds):
         proposed = propose_pairs(count, planes, rules, settings, buffers)
-        clear_queue(queue)
-        for k in range(proposed):
-            push(queue, k)
-        for _ in range(tries):
-            k = pop(queue)
-            if k < 0:
-                break
-            entry = entries[k]
-            i, j, known = root_of(parent, entry.first), root_of(parent, entry.second), entry.version
-            if i == j:
-                continue
-            if j < i:
-                i, j = j, i
-            if apart(planes[i], planes[j], rules.gap_m):
-                continue
-            version = age[i] + age[j]
-            if known != version and known != -2 - version and was_scored(scored, i, j, version):
-                continue
-            now, a, b = pair_cost(of_piece(traits, i), of_piece(traits, j), rules)
-            if known != version:
-                known = -2 - version
-                if now <= entry.cost + _SAME:
-                    now += cover_cost(planes[i], planes[j], a, b, rules, evidence, openings, run)
-                    known = version
-                if not now < 1.0:
-                    continue
-                if now > entry.cost + _SAME:
-                    entry.cost, entry.first, entry.second, entry.version = now, i, j, known
-                    push(queue, k)
-                    continue
-            absorb(planes, traits, i, j, a, b)
-            score_piece(planes[i], traits, i, rules)
-            parent[j] = i
-            age[i] += age[j] + 1
-            joined += 1
-        if joined == before:
+        if join_proposed(proposed, tries, planes, parent, rules, cover, scored, buffers) == 0:
             break
+
+
+@inner
+def join_proposed(proposed, tries, planes, parent, rules, cover, scored, buffers):
+    """Joins the first `proposed` pairs in the entries of the queue, the cheapest first; returns the number of joins.
+
+    The version of a pair is the sum of the ages of both planes. A cost of an older version is computed again, and the pair
+    returns to the queue if it costs more now. What the joined plane would cover takes longest, and is computed last.
+
+    tries: greatest number of queue entries to take. scored: (_SLOTS, 3) int32, see `was_scored`."""
+    traits, age, queue = buffers.traits, buffers.age, buffers.queue
+    joined = 0
+    clear_queue(queue)
+    for k in range(proposed):
+        push(queue, k)
+    for _ in range(tries):
+        k = pop(queue)
+        if k < 0:
+            break
+        entry = queue.entries[k]
+        first, second = root_of(parent, entry.first), root_of(parent, entry.second)
+        i, j = min(first, second), max(first, second)
+        if i == j or apart(planes[i], planes[j], rules.gap_m):
+            continue
+        version = age[i] + age[j]
+        current = entry.version == version
+        if not current and was_scored(scored, i, j, version):
+            continue
+        cost, a, b = pair_cost(of_piece(traits, i), of_piece(traits, j), rules)
+        if not (current and entry.complete):
+            complete = cost <= entry.cost + _SAME
+            if complete:
+                cost += cover_cost(planes[i], planes[j], a, b, rules, cover)
+            if not cost < 1.0:
+                continue
+            if cost > entry.cost + _SAME:
+                entry.cost, entry.first, entry.second, entry.version, entry.complete = cost, i, j, version, complete
+                push(queue, k)
+                continue
+        absorb(planes, traits, i, j, a, b)
+        score_piece(planes[i], traits, i, rules)
+        parent[j] = i
+        age[i] += age[j] + 1
+        joined += 1
+    return joined
 
 
 @inner_inline

@@ -20,7 +20,8 @@ ENTRY = record(
     ("cost", np.float64),  # in [0, 1)
     ("first", np.int32),  # the two planes of the pair
     ("second", np.int32),
-    ("version", np.int32),  # state of the cost, see merge.py
+    ("version", np.int32),  # of the pair when the cost was computed, see merge.py
+    ("complete", np.bool_),  # the cost contains the cells that the joined plane would cover
     ("after", np.int32),  # next entry of its list, -1: none
 )
 """An entry of the queue."""

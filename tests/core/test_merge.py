@@ -202,7 +202,8 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     rules.sigmas, rules.sigma_s, rules.gap_m, rules.slack_m = 1.0, 0.002, gap, 0.1
     boxes = evidence.Rectangle(*rect), a, b, evidence.Rectangle(*p), evidence.Rectangle(*q)
     openings = OpeningMasks(masks, STEPS, *frame)
-    got = evidence.uncovered_share(*boxes, rules, evidence.Evidence(grid, *frame), openings, np.zeros(18, np.int32))
+    cover = evidence.Cover(evidence.Evidence(grid, *frame), openings, np.zeros(18, np.int32))
+    got = evidence.uncovered_share(*boxes, rules, cover)
     want = naive.uncovered_share(rect, a, b, p, q, 0.7, 0.002, gap, 0.1, grid, frame, masks[4])
     assert got == pytest.approx(want)
 
