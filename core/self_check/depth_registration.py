@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,19 +182,7 @@ def _align(first, second, lens, R, t, sigma, steps, H):
     return cells
 
 
-@kernel
-def _aligned(first, first_half, second, second_half, lens, lens_half, sigma, R, t, H):
-    """Aligns from coarse to fine; returns True if the motion could be measured.
-
-    R (3, 3) and t (3,): the guess, improved in place. H: (6, 6) out, information of rotation (1/rad^2) and
-    translation (1/m^2)."""
-    if _align(first_half, second_half, lens_half, R, t, sigma, STEPS_COARSE, H) == 0:
-        return False
-    return _align(first, second, lens, R, t, sigma, STEPS_FINE, H) > 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class InverseDepthGrid:
+class InverseDepthGrid(NamedTuple):
     """A depth image reduced to mean inverse depth.
 
     Attributes:
@@ -208,6 +197,17 @@ class InverseDepthGrid:
     lens: Floats
     lens_half: Floats
     sigma_per_m: float
+
+
+@kernel
+def _align_pyramid(first, second, R, t, H):
+    """Aligns from coarse to fine; returns True if the motion could be measured.
+
+    first, second: InverseDepthGrid. R (3, 3) and t (3,): the guess, improved in place. H: (6, 6) out, information of
+    rotation (1/rad^2) and translation (1/m^2)."""
+    if _align(first.half, second.half, first.lens_half, R, t, first.sigma_per_m, STEPS_COARSE, H) == 0:
+        return False
+    return _align(first.fine, second.fine, first.lens, R, t, first.sigma_per_m, STEPS_FINE, H) > 0
 
 
 def inverse_depth_grid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> InverseDepthGrid:
@@ -281,13 +281,12 @@ def motion_between(
     backward = np.ascontiguousarray(R_second_first.T)
     t_forward = np.zeros(3) if t_second_first_m is None else t_second_first_m.copy()
     t_backward = -backward @ t_forward
-    sigma = first.sigma_per_m
     for R, t, a, b, out in (
         (forward, t_forward, first, second, information[0]),
         (backward, t_backward, second, first, information[1]),
     ):
         for _ in range(rounds):
-            if not _aligned(a.fine, a.half, b.fine, b.half, a.lens, a.lens_half, sigma, R, t, out):
+            if not _align_pyramid(a, b, R, t, out):
                 return None
     variances = np.array([np.diag(np.linalg.inv(H))[:3] for H in information])
     if not (np.all(variances > 0.0) and np.all(np.isfinite(variances))):
@@ -304,7 +303,7 @@ def motion_between(
 
 
 def _translation_change(H: Floats, R_estimate_guess: Floats) -> Floats:
-    """Returns the change of the translation (3,), m, if the rotation returns to its guess. H: (6, 6) of `_aligned`."""
+    """Returns the change of the translation (3,), m, if the rotation returns to its guess. H: (6, 6) of `_align_pyramid`."""
     return np.asarray(np.linalg.solve(H[3:, 3:], H[3:, :3] @ rotation_vector(R_estimate_guess)))
 
 
