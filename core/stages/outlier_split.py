@@ -99,12 +99,29 @@ def outlier_limits(count, planes, settings, above, least_m):
 
 
 @inner
+def split_off_before(strip, k, strips, new, gap_px):
+    """Returns the index in `new` of the latest plane that was split off plane k and that this strip continues; -1: none.
+
+    It continues one whose last strip it touches in rows, without a depth jump (`is_jump`), at most gap_px columns away.
+    strips: (N,) STRIP; new: (M,) NEW_PLANE, of which the last _LOOK_BACK are searched."""
+    for back in range(min(_LOOK_BACK, len(new))):
+        q = len(new) - 1 - back
+        last = strips[new[q].last_strip]
+        if new[q].plane != k or strip.column - last.column > gap_px:
+            continue
+        if strip.top_row > last.bottom_row + 1 or last.top_row > strip.bottom_row + 1:
+            continue
+        if not is_jump(strip, last):
+            return q
+    return -1
+
+
+@inner
 def split_outliers(strips, n, view, settings, count, tracks, plane_of, planes, buffers):
     """Makes planes of the strips whose excess is at least the limit of their plane; returns the number of all planes.
 
-    A strip is added to the latest new plane of the same origin whose last strip it touches in rows, without a depth
-    jump (`is_jump`), and which is at most link_gap_px columns away. Line and ends of the new planes are written; all
-    else must be measured again, also the heights of the old planes.
+    A strip is added to the plane of `split_off_before`, or begins a new one. Line and ends of the new planes are written;
+    all else must be measured again, also the heights of the old planes.
 
     Args:
         strips: (N,) STRIP, in and out.
@@ -126,19 +143,11 @@ def split_outliers(strips, n, view, settings, count, tracks, plane_of, planes, b
         k = plane_of[strip.track]
         if excess_m[i] < buffers.least_m[k]:
             continue
-        at = -1
-        for back in range(min(_LOOK_BACK, total - count)):
-            q = total - 1 - back
-            last = strips[new[q].last_strip]
-            if new[q].plane != k or strip.column - last.column > settings.link_gap_px:
-                continue
-            if strip.top_row > last.bottom_row + 1 or last.top_row > strip.bottom_row + 1:
-                continue
-            if not is_jump(strip, last):
-                at = q
-                break
+        at = split_off_before(strip, k, strips, new[count:total], settings.link_gap_px)
         t = tangent(strip, view)
-        if at < 0:
+        if at >= 0:
+            at += count
+        else:
             at = total
             total += 1
             new[at].plane = k

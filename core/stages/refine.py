@@ -53,37 +53,59 @@ def extend_to_corners(count, planes, settings, openings):
         planes: (N,) PLANE, in and out.
         settings: a record of PLANE_SETTINGS.
         openings: OpeningMasks."""
-    reach_m, safe_m = _REACH_WS * settings.passable_width_m, settings.safe_distance_m
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
-            if i == j or p.cluster != q.cluster or q.t0 + q.t1 <= p.t0 + p.t1:
-                continue
-            if min(p.bottom_m, q.bottom_m) - max(p.top_m, q.top_m) <= 0.0 or abs(q.t0 - p.t1) > settings.reach_t:
-                continue
-            if facing_gap_m(p, q) > reach_m or abs(p.b - q.b) < _NO_TURN:
+            if i == j or not _face_each_other(p, q, settings):
                 continue
             t = (q.a - p.a) / (p.b - q.b)
-            if not (p.t0 < t < q.t1):
-                continue
-            x = distance_at(p, t)
-            far = max(_step_m(p, p.t1, t), _step_m(q, q.t0, t))
-            # an end is shortened only where the other plane reaches as far and has all of its height
-            cuts_p = t < p.t1 and (q.t1 < p.t1 or not _blocks_same_rays(q, p, t, p.t1))
-            cuts_q = t > q.t0 and (p.t0 > q.t0 or not _blocks_same_rays(p, q, t, q.t0))
-            cuts_p = cuts_p or (t < p.t1 and distance_at(q, p.t1) - distance_at(p, p.t1) > safe_m)
-            cuts_q = cuts_q or (t > q.t0 and distance_at(p, q.t0) - distance_at(q, q.t0) > safe_m)
-            if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:
-                continue
-            over_p = t > p.t1 and _covers_opening(p, p.t1, t, openings)
-            over_q = t < q.t0 and _covers_opening(q, t, q.t0, openings)
-            if not over_p and not over_q:
-                if t < p.t1:
-                    _extend_heights(q, p, t, p.t1)
-                if t > q.t0:
-                    _extend_heights(p, q, t, q.t0)
-                p.t1 = t
-                q.t0 = t
+            if _may_meet(p, q, t, settings):
+                _meet(p, q, t, openings)
+
+
+@inner
+def _face_each_other(p, q, settings):
+    """True if q continues p to the right: their lines intersect, they share heights, and the facing ends are close."""
+    if p.cluster != q.cluster or q.t0 + q.t1 <= p.t0 + p.t1 or abs(p.b - q.b) < _NO_TURN:
+        return False
+    if min(p.bottom_m, q.bottom_m) - max(p.top_m, q.top_m) <= 0.0 or abs(q.t0 - p.t1) > settings.reach_t:
+        return False
+    return facing_gap_m(p, q) <= _REACH_WS * settings.passable_width_m
+
+
+@inner
+def _may_meet(p, q, t, settings):
+    """True if the right end of p and the left end of q may both be moved to the tangent t, where their lines intersect.
+
+    An end is shortened only where the other plane reaches as far and blocks the same rays, not too far behind."""
+    reach_m, safe_m = _REACH_WS * settings.passable_width_m, settings.safe_distance_m
+    if not p.t0 < t < q.t1 or distance_at(p, t) >= _NO_METRES:
+        return False
+    if max(_step_m(p, p.t1, t), _step_m(q, q.t0, t)) > reach_m:
+        return False
+    if t < p.t1:
+        if q.t1 < p.t1 or not _blocks_same_rays(q, p, t, p.t1):
+            return False
+        if distance_at(q, p.t1) - distance_at(p, p.t1) > safe_m:
+            return False
+    if t > q.t0:
+        if p.t0 > q.t0 or not _blocks_same_rays(p, q, t, q.t0):
+            return False
+        if distance_at(p, q.t0) - distance_at(q, q.t0) > safe_m:
+            return False
+    return True
+
+
+@inner
+def _meet(p, q, t, openings):
+    """Moves the right end of p and the left end of q to the tangent t, unless one of them would cover an opening."""
+    if (t > p.t1 and _covers_opening(p, p.t1, t, openings)) or (t < q.t0 and _covers_opening(q, t, q.t0, openings)):
+        return
+    if t < p.t1:
+        _extend_heights(q, p, t, p.t1)
+    if t > q.t0:
+        _extend_heights(p, q, t, q.t0)
+    p.t1, q.t0 = t, t
 
 
 @inner
