@@ -16,11 +16,8 @@ from .row_mask import (
     ROW,
     gather_rows,
     label_rows,
-    limit_rises,
     mask_open_rows,
     mask_remaining_rows,
-    tile_columns,
-    tile_limits,
 )
 from .strips import COUNTS, Column, StripOutput
 from .view_geometry import homography_area
@@ -35,11 +32,7 @@ class ColumnBuffers(NamedTuple):
 
     Attributes:
         mask: (V rounded up to 8,) uint8, the open rows, see `mask_open_rows`.
-        undecided: like mask.
         label: (V rounded up to 8,) uint8, labels of row_mask.py.
-        below: (V,) uint16, see `tile_limits`.
-        above: (V,) uint16, see `tile_limits`.
-        measured: (V,) uint16, number of columns in which a row is measured.
         px: (2, V + 8) int32, list of pixels, see row_mask.py.
         hist: (B + 2 + 2 half,) int32, see `soft_counts`.
         counts: (B + 2,) int32, soft counts.
@@ -47,11 +40,7 @@ class ColumnBuffers(NamedTuple):
         windows: WindowBuffers."""
 
     mask: Any
-    undecided: Any
     label: Any
-    below: Any
-    above: Any
-    measured: Any
     px: Any
     hist: Any
     counts: Any
@@ -67,11 +56,7 @@ def column_buffers(rows, bins, settings):
     sums_open, sums_own, codes = np.zeros(rows + 1, np.int64), np.zeros(rows + 1, np.int64), np.zeros(rows, np.int32)
     return ColumnBuffers(
         np.zeros(whole, np.uint8),
-        np.zeros(whole, np.uint8),
         np.full(whole, CLOSED, np.uint8),
-        np.zeros(rows, np.uint16),
-        np.zeros(rows, np.uint16),
-        np.zeros(rows, np.uint16),
         np.zeros((2, rows + 8), np.int32),
         np.zeros(n_bins + 2 * half, np.int32),
         np.zeros(n_bins, np.int32),
@@ -95,20 +80,16 @@ def extract_strips(codes, ground, view, bins, settings, strips):
     p, counted = settings[0], np.zeros(1, COUNTS)
     cols, rows = codes.shape
     out, b = StripOutput(strips, counted[0]), column_buffers(rows, bins, p)
-    limit, shift, tan_mid = ground.limit, ground.shift, view.tan_mid
-    rises, tile, area = limit_rises(limit), tile_columns(tan_mid, shift), homography_area(view.H)
-    between, opened = False, 0
+    area, measured, opened = homography_area(view.H), 0, 0
     for u in range(cols):
-        if u % tile == 0:
-            between = tile_limits(limit, rises, tan_mid, shift[u : u + tile], b.below, b.above)
         line = codes[u]
-        mask_open_rows(line, limit, shift[u], tan_mid, b.below, b.above, between, b.mask, b.undecided, b.measured)
+        measured += mask_open_rows(line, ground.limit, ground.shift[u], view.tan_mid, b.mask)
         n = gather_rows(line, b.mask, b.px)
         if n > 0:
             opened += n
             out.counts.in_columns_before = out.counts.strips
             strips_of_column(Column(u, line, b.label, view.H, area), n, bins, p, b, out)
-    return out.counts.strips, np.int64(b.measured.sum()) - opened, out.counts.merged
+    return out.counts.strips, measured - opened, out.counts.merged
 
 
 @inner_inline

@@ -6,11 +6,10 @@ bottom, px (2, V + 8) int32 with the lines ROW and CODE, is used elsewhere."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from ..jit import inner, inner_inline, kernel
+from ..jit import inner_inline
+from .view_geometry import Q_FAR
 
 ROW, CODE = range(2)
 """Lines of a list of pixels: row, and quantised disparity."""
@@ -19,114 +18,24 @@ NO_PEAK, TAKEN, CLOSED = 253, 254, 255
 strip; CLOSED, not measured, far or ground. Rows with labels up to NO_PEAK are open: measured and in no strip yet.
 Of two labels the greater one is kept."""
 
-MAX_TILES = 16
-"""Greatest number of groups of columns that share limits. It affects the time only, not the result."""
-
-
-@inner
-def limit_rises(limit):
-    """True if the threshold of the ground increases with the code. It does not if the camera is lower than the
-    tolerance."""
-    greater, less = limit[3:], limit[2:-1]
-    falls = 0
-    for i in range(less.shape[0]):
-        falls += greater[i] < less[i]
-    return falls == 0
-
-
-@inner
-def ground_limits(limit, tan_mid, shift, last_ground):
-    """Computes the greatest code that is ground in each row of a column with this shift; 1 if none is.
-
-    A code is ground where tan_mid - shift > limit[code]. Both tables increase, so that one pass along both serves all
-    rows.
-
-    Args:
-        limit: (65536,) float32, `limit` of GroundThreshold.
-        tan_mid: (V,) float32 of the view.
-        shift: of the column, see GroundThreshold.
-        last_ground: (V,) uint16 out."""
-    codes = limit.shape[0]
-    high = 2
-    for v in range(tan_mid.shape[0]):
-        t = tan_mid[v] - shift
-        low, step = high - 1, 1
-        for _ in range(20):  # growing steps up to a code that is not ground
-            if high >= codes or not t > limit[high]:
-                break
-            low, high, step = high, min(codes, high + step), 2 * step
-        for _ in range(20):  # bisection back to the first such code
-            if high - low <= 1:
-                break
-            middle = (low + high) // 2
-            if t > limit[middle]:
-                low = middle
-            else:
-                high = middle
-        last_ground[v] = high - 1
-
-
-@kernel
-def tile_columns(tan_mid, shift):
-    """Returns the number of neighbouring columns that share limits: their shifts differ by less than a row."""
-    spread = np.float64(shift.max() - shift.min())
-    pitch = np.float64(tan_mid[-1] - tan_mid[0]) / (tan_mid.shape[0] - 1)
-    tiles = int(math.ceil(min(max(spread / max(pitch, 1e-9), 1.0), 1.0 * MAX_TILES)))
-    return -(-shift.shape[0] // tiles)
-
-
-@kernel
-def tile_limits(limit, rises, tan_mid, shifts, below, above):
-    """Computes limits of the ground for all columns with these shifts; returns True if codes between them must be
-    tested.
-
-    Args:
-        limit: (65536,) float32, `limit` of GroundThreshold.
-        rises: of `limit_rises`.
-        tan_mid: (V,) float32 of the view.
-        shifts: (columns,) float32.
-        below: (V,) uint16 out. Codes up to it are ground in all of these columns.
-        above: (V,) uint16 out. Codes greater than it are ground in none of them."""
-    if not rises:
-        below[:] = 1
-        above[:] = 65535
-        return True
-    least, most = shifts.min(), shifts.max()
-    ground_limits(limit, tan_mid, most, below)
-    if least == most:
-        above[:] = below
-        return False
-    ground_limits(limit, tan_mid, least, above)
-    return True
-
 
 @inner_inline
-def mask_open_rows(line, limit, shift, tan_mid, below, above, between, mask, undecided, measured):
-    """Sets mask[v] to 1 where row v of a column is measured and not ground, else to 0.
+def mask_open_rows(line, limit, shift, tan_mid, mask):
+    """Sets mask[v] to 1 where row v of a column is measured and not ground, else to 0; returns the number of measured rows.
 
     Args:
         line: (V,) uint16 codes.
         limit: (65536,) float32, `limit` of GroundThreshold.
-        shift: of the column.
+        shift: of the column, see GroundThreshold.
         tan_mid: (V,) float32 of the view.
-        below, above, between: of `tile_limits`.
-        mask: (V rounded up to 8,) uint8 out, zero beyond V.
-        undecided: scratch like mask, the rows that must be tested.
-        measured: (V,) uint16, increased by 1 where the row has a measurement."""
-    rows = line.shape[0]
-    for v in range(rows):
-        mask[v] = line[v] > below[v]
-    for v in range(rows):
-        measured[v] += line[v] > 1
-    if between:
-        for v in range(rows):
-            undecided[v] = mask[v] & (line[v] <= above[v])
-        words = undecided.view(np.uint64)
-        for w in range(words.shape[0]):
-            if words[w] != 0:
-                for v in range(8 * w, min(8 * w + 8, rows)):
-                    if undecided[v] != 0 and tan_mid[v] - shift > limit[line[v]]:
-                        mask[v] = 0
+        mask: (V rounded up to 8,) uint8 out, zero beyond V."""
+    measured = np.int32(0)
+    for v in range(line.shape[0]):
+        code = line[v]
+        is_measured, is_ground = code > Q_FAR, tan_mid[v] - shift > limit[code]
+        mask[v] = is_measured & ~is_ground
+        measured += is_measured
+    return measured
 
 
 @inner_inline
