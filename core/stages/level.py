@@ -9,7 +9,6 @@ Columns become vertical, and Eq. 15 applies unchanged. Depth is never interpolat
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,14 +23,11 @@ from ..types import FAR_MM, CameraInfo
 from .pooling import PoolView, level_pool, pool_columns
 from .view_geometry import Q_FAR, Q_MIN, Q_UNKNOWN, ViewGeometry, pooled_geometry
 
-_TILE_COLS, _TILE_HIGH, _TILE_ROWS, _TILE_WIDE = 32, 128, 64, 128
+_TILE_COLS, _TILE_HIGH, _TILE_ROWS = 32, 128, 64
 """Cells that are processed together; their part of the source fits the L1 cache. The cells of a column are written in
 one go, so that memory is accessed in order. Positions are computed in float32 relative to the first of _TILE_ROWS
 cells: cells that lie within 2e-4 px of the border between two pixels may take the other pixel if these sizes
 change."""
-_SAME = 1e-9
-"""Greatest rounding error of an element of a homography."""
-_LITTLE_ENDIAN = sys.byteorder == "little"
 _FAR = np.uint16(FAR_MM)
 _AGREE_SIGMAS = 2.0
 """Pooled columns that differ by less noise are one surface, of which the mean counts; otherwise the nearest counts."""
@@ -180,49 +176,11 @@ def fetch_pixels(flat, at, mark, picked):
 
 
 @kernel
-def transpose_level(marks, gain, out):
-    """`level_nearest` for a level camera, whose cells are its pixels: transposes the image.
-
-    out: (cols, rows / 4) uint64, four codes each, the upper row in the lowest bits, so that one store writes four
-    cells."""
-    cols, fours = out.shape
-    codes, ones = np.empty((4, _TILE_WIDE), np.uint16), np.ones(_TILE_WIDE, np.float32)
-    packed = np.empty(_TILE_WIDE, np.uint64)
-    gain = np.float32(gain)
-    for u0 in range(0, cols, _TILE_WIDE):
-        wide = min(_TILE_WIDE, cols - u0)
-        c0, c1, c2, c3 = codes[0], codes[1], codes[2], codes[3]
-        for four in range(fours):
-            for j in range(4):
-                codes_of(marks[4 * four + j, u0 : u0 + wide], ones, gain, codes[j, :wide])
-            for i in range(wide):
-                upper = np.uint64(c0[i]) | np.uint64(c1[i]) << np.uint64(16)
-                packed[i] = upper | np.uint64(c2[i]) << np.uint64(32) | np.uint64(c3[i]) << np.uint64(48)
-            for i in range(wide):
-                out[u0 + i, four] = packed[i]
-
-
-@kernel
 def level_into(marks, R, k, view, out, picked):
-    """Fills `out` by `level_nearest` and `level_pool`, or by `transpose_level` if the camera is level. k: (4,) fx, fy,
-    cx, cy."""
-    cols, rows = out.shape
+    """Fills `out` by `level_nearest` and `level_pool`. k: (4,) fx, fy, cx, cy."""
     gain = view.f_px * view.lsb_per_px
-    if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_identity(view.H):
-        transpose_level(marks, gain, out.view(np.uint64))
-        return
     level_nearest(marks, view.H, gain, out, picked)
     level_pool(marks, picked, PoolView(R, k, view.f_px, view.cu, view.cv, gain), out)
-
-
-@inner
-def is_identity(H):
-    """True if the cells of the view are the pixels of the source: H (3, 3) is the unit matrix."""
-    most = 0.0
-    for i in range(3):
-        for j in range(3):
-            most = max(most, abs(H[i, j] - (1.0 if i == j else 0.0)))
-    return most < _SAME
 
 
 def fill_level(

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages.level import fill_level, level_nearest, transpose_level
+from core.stages.level import fill_level, level_nearest
 from core.stages.pooling import pool_columns
 from core.stages.view_geometry import (
     ViewGeometry,
@@ -95,24 +95,6 @@ def test_a_level_camera_keeps_its_pixels() -> None:
     near = (out > 1).T
     gain = 30.0 * g.lsb_per_px
     np.testing.assert_allclose(out.T[near] / gain, 1000.0 / marks[near], atol=0.51 / gain)
-
-
-@pytest.mark.nojit
-@pytest.mark.parametrize("size", [(40, 32), (64, 36), (33, 64), (270, 28)])
-def test_a_level_camera_gets_by_the_short_way_what_the_long_way_gives(size: tuple[int, int]) -> None:
-    info = CameraInfo("any", Intrinsics(*size, 0.9 * size[0], 0.9 * size[0], 0.4 * size[0] + 0.3, 14.8))
-    rng = np.random.default_rng(6)
-    marks = rng.integers(0, 65535, size[::-1]).astype(np.uint16)
-    marks[rng.random(marks.shape) < 0.2] = FAR_MM
-    g = view_geometry(info, level(), P)
-    short, long = np.full((g.cols, g.rows), 7, np.uint16), np.full((g.cols, g.rows), 8, np.uint16)
-    picked = np.zeros(marks.size, np.uint8)
-    gain = g.f_px * g.lsb_per_px
-    transpose_level(marks, gain, short.view(np.uint64))
-    level_nearest(marks, g.H, gain, long, picked)
-    assert (short > 1).sum() > 0.7 * marks.size
-    assert picked.all()
-    np.testing.assert_array_equal(short, long)
 
 
 @pytest.mark.nojit
