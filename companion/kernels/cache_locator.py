@@ -4,13 +4,10 @@ numba's own locators name a folder by the path of the source file and a kernel b
 same sources, or an edited comment, would compile kernels again. numba imports the class that the variable
 NUMBA_CACHE_LOCATOR_CLASSES names; `companion.kernels.jit_cache` sets it.
 
-numba saves a kernel in three steps: it reads the index, which numbers the files of code by their arguments, replaces
-it, and writes the file. Two processes that save one kernel for different arguments at the same time give both the same
-number, and the index of the one can name the code of the other. Therefore the folder is locked for these steps."""
+The folder is locked while numba saves a kernel, see `module_folder`."""
 
 from __future__ import annotations
 
-import fcntl
 import os
 import threading
 from pathlib import Path
@@ -22,6 +19,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Event, Listener, register
 
 from .jit_cache import kernel_folder
+from .module_folder import lock_folder
 
 
 class SourceCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
@@ -60,10 +58,9 @@ class _SaveLock(Listener):  # type: ignore[misc]
         self._held = threading.local()
 
     def take(self, folder: str) -> None:
-        """Waits until no other process saves a kernel in this folder. Raises OSError."""
+        """Waits until no other process changes or copies the kernels in this folder. Raises OSError."""
         self._release()
-        self._held.descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        fcntl.flock(self._held.descriptor, fcntl.LOCK_EX)
+        self._held.descriptor = lock_folder(Path(folder))
 
     def on_start(self, event: Event) -> None:
         """Does nothing."""

@@ -17,7 +17,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from .jit_cache import VARIABLE, state_in_use, unwritable_text
-from .manifest import add_groups, delete_kernels, discard_damaged, missing_groups
+from .manifest import add_groups, discard_damaged, missing_groups
+from .module_folder import delete_kernels
 from .progress import CompiledCount, Report
 
 CHILD = "import sys; from companion.kernels.compilation import run_child; run_child(sys.argv[1:])"

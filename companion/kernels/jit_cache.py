@@ -32,7 +32,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from .manifest import Manifest, kernels_in, read_manifest, write_manifest
+from .manifest import Manifest, read_manifest, write_manifest
+from .module_folder import place_kernels
 from .processor import use_level
 from .source_state import Closure, content_hash, import_closures, module_name, source_key, text_hash
 from .state_folders import base_of, hold, is_state, is_trusted, is_writable, make_temporary, older_states, prune
@@ -125,7 +126,7 @@ def _temporary(name: str, complete: Path | None) -> Path | None:
     for place in (os.environ.get("RUNTIME_DIRECTORY"), None):
         with contextlib.suppress(OSError):
             folder = make_temporary(Path(place or tempfile.gettempdir())) / name
-            _fill(folder, complete, lambda file, link: link.symlink_to(file))
+            _fill(folder, complete, os.symlink)
             return folder
     return None
 
@@ -136,10 +137,9 @@ def _fill(folder: Path, complete: Path | None, place: Callable[[Path, Path], obj
     place: puts the file of the first path, or a link to it, at the second one."""
     folder.mkdir()
     manifest = (read_manifest(complete) if complete else None) or Manifest(import_closures(ROOT))
-    for name in manifest.files:
-        (folder / name).parent.mkdir(exist_ok=True)
-        if complete and (complete / name).exists():
-            place(complete / name, folder / name)
+    for module in {Path(name).parent for name in manifest.files}:
+        if complete and (complete / module).is_dir():
+            place_kernels(complete / module, folder / module, place)
     write_manifest(folder, manifest)
 
 
@@ -147,20 +147,21 @@ def _fill_from_older(folder: Path, older: list[Path]) -> None:
     """Makes a directory with hard links to the kernels of those modules whose import closure has not changed. Raises
     OSError.
 
-    numba replaces its files by renaming, so that an older directory never changes. A kernel that cannot be linked is
-    compiled again."""
+    numba replaces its files by renaming, so that an older directory never changes. Kernels of a module that cannot be
+    linked are compiled again."""
     folder.mkdir()
     closures = import_closures(ROOT)
     missing = {_folder_name(module, key) for module, (key, _) in closures.items()}
     files: dict[str, tuple[int, str]] = {}
     for other in older:
+        # before the files are linked: one that another process replaces meanwhile is newer than its entry, so not damaged
+        entries = (read_manifest(other) or Manifest()).files
         found = {name for name in missing if (other / name).is_dir()}
         for name in found:
-            (folder / name).mkdir()
-            for file in kernels_in(other, Path(name)):
-                with contextlib.suppress(OSError):
-                    os.link(file, folder / name / file.name)
-        entries = (read_manifest(other) or Manifest()).files
+            try:
+                place_kernels(other / name, folder / name, os.link)
+            except OSError:
+                shutil.rmtree(folder / name, ignore_errors=True)
         files |= {path: entry for path, entry in entries.items() if (folder / path).exists()}
         missing -= found
     write_manifest(folder, Manifest(closures, files=files))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from ..whole_file import write_whole
+from .module_folder import delete_kernels, kernels_in
 from .source_state import Closure
 
 MANIFEST: Final = "manifest.json"
@@ -89,19 +90,6 @@ def _is_damaged(file: Path, entered_ns: int, digest: str) -> bool:
         return _sha256(file.read_bytes()) != digest and file.stat().st_mtime_ns <= entered_ns
     except OSError:
         return True
-
-
-def kernels_in(folder: Path, module: Path = Path("*")) -> list[Path]:
-    """Returns numba's index and code files in the folder of a module, or of each."""
-    return sorted(folder.glob(f"{module}/*.nb[ic]"))
-
-
-def delete_kernels(folder: Path, module: Path = Path("*")) -> int:
-    """Deletes these files and returns their number. The folders stay: other processes write there. Raises OSError."""
-    files = kernels_in(folder, module)
-    for file in files:
-        file.unlink(missing_ok=True)
-    return len(files)
 
 
 def _sha256(content: bytes) -> str:

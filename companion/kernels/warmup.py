@@ -14,7 +14,7 @@ from typing import Any
 from ..console import fail, print_json, print_line, warn
 from .compilation import WarmupError, cache_warning, compile_kernels
 from .jit_cache import VARIABLE, no_place_text, state_in_use, unwritable_text
-from .manifest import kernels_in
+from .module_folder import kernels_in
 from .processor import CPU_NAME, level_variables, levels, own_levels
 from .progress import ProgressLine, Report
 from .run_kernels import GROUPS

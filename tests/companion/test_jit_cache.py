@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -22,11 +23,12 @@ from companion.kernels.jit_cache import VARIABLE, kernel_folder, use_own_cache
 from companion.kernels.manifest import (
     Manifest,
     add_groups,
-    delete_kernels,
+    discard_damaged,
     missing_groups,
     read_manifest,
     write_manifest,
 )
+from companion.kernels.module_folder import delete_kernels
 from companion.kernels.source_state import CODE_OPTIONS, import_closures, source_key
 from companion.kernels.state_folders import base_of, prune
 
@@ -278,6 +280,74 @@ def test_the_kernels_of_a_module_are_of_one_directory(
     state = use_own_cache()
     assert state is not None
     assert {f.name: f.read_text() for f in (state / module).iterdir()} == {"f.nbi": str(newer)}
+
+
+@pytest.fixture
+def earlier(base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a module in the directory of an older state, with a kernel that is in its manifest."""
+    root = sources(tmp_path / "project", factor=2)
+    monkeypatch.setattr(jit_cache, "ROOT", root)
+    folder = base / f"kernels-{60:016x}" / f"core.inner-{import_closures(root)['core.inner'][0]}"
+    folder.mkdir(parents=True)
+    written_by_numba(folder, "first")
+    add_groups(folder.parent, ["extractor"])
+    return folder
+
+
+def written_by_numba(folder: Path, content: str) -> None:
+    """numba replaces its files, first the index."""
+    for name in ("f.nbi", "f.1.nbc"):
+        (folder / "new").write_text(content)
+        (folder / "new").replace(folder / name)
+
+
+def test_kernels_that_another_process_adds_during_a_start_are_not_taken_for_damaged(
+    earlier: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It enters its kernels in the manifest after the others were linked, which are of other times and contents."""
+    link = os.link
+
+    def link_early(file: Path, place: Path) -> None:
+        link(file, place)
+        if file.name == "f.nbi":
+            written_by_numba(earlier, "second")
+            add_groups(earlier.parent, ["extractor"])
+
+    monkeypatch.setattr(os, "link", link_early)
+    state = use_own_cache()
+    assert state is not None
+    assert discard_damaged(state) == 0
+    assert {f.read_text() for f in (state / earlier.name).iterdir()} == {"first"}
+
+
+@pytest.mark.parametrize("of_the_installation", [False, True])
+def test_kernels_that_another_process_deletes_and_compiles_again_are_not_mixed(
+    earlier: Path, of_the_installation: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a deletion numba numbers its files of code anew: the new index would name the old code, which is that of other
+    arguments."""
+    if of_the_installation:
+        source = tmp_path / "shared" / f"kernels-{source_key(jit_cache.ROOT)}" / earlier.name
+        shutil.copytree(earlier.parent, source.parent)
+        monkeypatch.setattr(jit_cache, "SHARED", source.parents[1])
+        module, name = shutil, "copy2"
+    else:
+        source, module, name = earlier, os, "link"
+    place = getattr(module, name)
+    other = threading.Thread(target=lambda: (delete_kernels(source.parent), written_by_numba(source, "new")))
+
+    def place_slowly(file: Path, target: Path) -> None:
+        place(file, target)
+        if not other.ident:
+            other.start()
+            other.join(0.5)  # if it waits for this start, it ends later
+
+    monkeypatch.setattr(module, name, place_slowly)
+    state = use_own_cache()
+    other.join()
+    assert state is not None
+    assert {f.read_text() for f in (state / source.name).iterdir()} == {"first"}
+    assert {f.read_text() for f in source.iterdir()} == {"new"}
 
 
 def test_a_file_that_is_changed_while_a_process_starts_has_other_kernels(

@@ -18,11 +18,11 @@ from companion.kernels.manifest import (
     Manifest,
     add_groups,
     discard_damaged,
-    kernels_in,
     missing_groups,
     read_manifest,
     write_manifest,
 )
+from companion.kernels.module_folder import kernels_in
 
 KERNELS = """
 from numba import njit

@@ -15,7 +15,8 @@ import companion.kernels.processor as processor_module
 import companion.kernels.warmup as warmup
 from companion.cli import main
 from companion.kernels.jit_cache import VARIABLE
-from companion.kernels.manifest import add_groups, kernels_in
+from companion.kernels.manifest import add_groups
+from companion.kernels.module_folder import kernels_in
 from companion.kernels.processor import CPU_NAME, level_variables, levels, own_levels
 
 from .small_core import RUN, python, sources

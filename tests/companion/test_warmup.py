@@ -19,7 +19,8 @@ import companion.kernels.compilation as compilation
 import companion.kernels.loading as loading
 import companion.kernels.warmup as warmup
 from companion.cli import main
-from companion.kernels.manifest import Manifest, add_groups, kernels_in, missing_groups, write_manifest
+from companion.kernels.manifest import Manifest, add_groups, missing_groups, write_manifest
+from companion.kernels.module_folder import kernels_in
 from companion.kernels.progress import CompiledCount, Report
 from companion.kernels.run_kernels import GROUPS, run_kernels
 
