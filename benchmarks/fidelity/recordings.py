@@ -128,7 +128,7 @@ def _round(folder: Path, config: Config, clock: Clock) -> tuple[tuple[CameraInfo
         mount_check=config.mount_check,
     )
     outputs = [output for event in source.events() for output in pipeline.handle(event)]
-    for problem in report.problems:
+    for problem in report.all_problems():
         print(f"recordings: {problem}", file=sys.stderr)
     return infos, [output for output in outputs if isinstance(output, PrismsResult)]
 

@@ -32,7 +32,7 @@ class FrameListSource:
         self._images, self._rows, self._options, self._report = images, rows, options, report
         self._attitudes, self._poses = samples
         self.frame_count = frame_count
-        self.shift_ns = self._shift()
+        self._shift_ns = self._shift()
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
@@ -57,7 +57,7 @@ class FrameListSource:
         items: list[AttitudeSample | PoseSample | FrameRow] = [*self._attitudes, *self._poses, *self._rows]
         for item in sorted(items, key=arrival):
             if not isinstance(item, FrameRow):
-                yield replace(item, t_ns=item.t_ns + self.shift_ns, t_arrival_ns=item.t_arrival_ns + self.shift_ns)
+                yield replace(item, t_ns=item.t_ns + self._shift_ns, t_arrival_ns=item.t_arrival_ns + self._shift_ns)
                 continue
             try:
                 yield self._frame(item)
@@ -71,8 +71,8 @@ class FrameListSource:
         return DepthFrame(
             camera=self._images.info.camera,
             sequence=row.number,
-            t_exposure_ns=row.t_ns + self.shift_ns,
-            t_arrival_ns=self._arrival_ns(row) + self.shift_ns,
+            t_exposure_ns=row.t_ns + self._shift_ns,
+            t_arrival_ns=self._arrival_ns(row) + self._shift_ns,
             depth_mm=self._images.read(row),
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -46,43 +47,50 @@ class ImportOptions:
     sync: SyncParams = field(default_factory=SyncParams)
 
 
-@dataclass(slots=True)
-class Report:
-    """problems: missing or unused parts (the import fails, the readable part is kept); warnings: what will limit the use
-    of the log, although nothing is missing; notes: decisions of the importer that the user should know."""
+class _Texts:
+    """Texts by kind: of each kind the first SHOWN, and the number of the others."""
 
-    problems: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    _of_kind: dict[str, int] = field(default_factory=dict)
-    _of_warning: dict[str, int] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self._shown: list[str] = []
+        self._numbers: Counter[str] = Counter()
+
+    def add(self, kind: str, text: str) -> None:
+        self._numbers[kind] += 1
+        if self._numbers[kind] <= SHOWN:
+            self._shown.append(text)
+
+    def all(self) -> list[str]:
+        more = [f"... and {n - SHOWN} more: {kind}" for kind, n in self._numbers.items() if n > SHOWN]
+        return self._shown + more
+
+
+class Report:
+    """Collects what an importer reports. notes: its decisions that the user should know."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+        self._problems, self._warnings = _Texts(), _Texts()
 
     def problem(self, kind: str, text: str) -> None:
-        """Adds a problem; of each kind the first SHOWN are kept."""
-        self._of_kind[kind] = self._of_kind.get(kind, 0) + 1
-        if self._of_kind[kind] <= SHOWN:
-            self.problems.append(text)
+        """Adds a missing or unused part: the import fails, and the readable part is kept."""
+        self._problems.add(kind, text)
 
     def warning(self, kind: str, text: str) -> None:
-        """Adds a warning; of each kind the first SHOWN are kept."""
-        self._of_warning[kind] = self._of_warning.get(kind, 0) + 1
-        if self._of_warning[kind] <= SHOWN:
-            self.warnings.append(text)
+        """Adds what will limit the use of the log, although nothing is missing."""
+        self._warnings.add(kind, text)
 
     def note(self, text: str) -> None:
         """Adds a note once."""
         if text not in self.notes:
             self.notes.append(text)
 
-    def all_warnings(self) -> list[str]:
-        """The warnings, and the number of further ones of each kind."""
-        more = [f"... and {n - SHOWN} more: {kind}" for kind, n in self._of_warning.items() if n > SHOWN]
-        return self.warnings + more
-
     def all_problems(self) -> list[str]:
-        """The problems, and the number of further ones of each kind."""
-        more = [f"... and {n - SHOWN} more: {kind}" for kind, n in self._of_kind.items() if n > SHOWN]
-        return self.problems + more
+        """Returns the problems: of each kind the first SHOWN, and the number of further ones."""
+        return self._problems.all()
+
+    def all_warnings(self) -> list[str]:
+        """Returns the warnings in the same form."""
+        return self._warnings.all()
 
 
 def spans(numbers: Iterable[int]) -> str:

@@ -29,8 +29,6 @@ from .ros2_px4 import PX4_TYPES, VEHICLE_LOCAL_POSITION, px4_stamp_ns
 _Sample = TypeVar("_Sample", AttitudeSample, PoseSample)
 CLOCKS_APART_NS = 5 * NS
 """Log times farther than this from the stamps belong to another clock (simulated time, a recorder without a clock)."""
-
-
 MAX_STAMP_ERROR_NS = 60 * NS
 """A stamp farther than this from its arrival is damaged or was never set."""
 
@@ -63,7 +61,6 @@ class Ros2Source:
         self._info = self._camera_info()
         self._attitudes, self._poses = self._samples()
         self.frame_count = self._counts[self._depth_topic]
-        self.shift_ns = 0
         self.files: dict[int, str] = {}
 
     @property

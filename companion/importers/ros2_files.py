@@ -72,6 +72,7 @@ class McapFiles:
 
     def __init__(self, paths: list[Path], report: Report) -> None:
         self._paths, self._report = paths, report
+        self._reported: set[str] = set()
         self._decode = Ros2Decoder()
 
     def items(self) -> Iterator[RosItem]:
@@ -82,7 +83,8 @@ class McapFiles:
                 for item in scan.items():
                     if isinstance(item, Damage):
                         text = f"{path}: {item.cause} (byte {item.offset}); the readable part was kept"
-                        if text not in self._report.problems:
+                        if text not in self._reported:
+                            self._reported.add(text)
                             self._report.problem("damage", text)
                     elif isinstance(item, Logged) and item.schema is not None:
                         yield self._item(item, type_of(item.schema.name))

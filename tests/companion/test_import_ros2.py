@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from companion.cli import main
+from companion.importers.report import SHOWN
 from companion.importers.ros2_frames import to_ned
 from core.frames import rotation_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
@@ -274,6 +275,19 @@ def test_a_recording_cut_before_its_first_image_reports_the_cut(
     output = capsys.readouterr().err
     assert "no depth image in it" in output
     assert "the file ends there without its summary" in output
+
+
+def test_each_damaged_file_is_counted_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A recording is read twice; those beyond the listed ones were counted in both passes."""
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    whole = RosFlight().write(bag / "flight_0.mcap").read_bytes()
+    for number in range(1, SHOWN + 3):
+        (bag / f"flight_{number}.mcap").write_bytes(whole[:900])
+    assert main(["import", str(bag), "-o", str(tmp_path / "out.mcap")]) == 1
+    output = capsys.readouterr().err
+    assert output.count("the file ends there without its summary") == SHOWN
+    assert "... and 2 more: damage" in output
 
 
 def test_images_without_a_stamp_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
