@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import logging
 import threading
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 from .compilation import POLL_S, WarmupError, cache_warning, compile_kernels
 from .jit_cache import state_in_use
@@ -67,36 +64,17 @@ class Loading(threading.Thread):
 def make_ready(*groups: str, report: Report = lambda done, total: None) -> None:
     """Loads the kernels of these groups, after a child process has compiled the missing ones. Raises WarmupError.
 
-    A service that failed or ended while it loaded may have met a damaged cache and would end again at each start: a mark
-    file makes the next start run the kernels in a child process first."""
+    A service that failed or ended while it loaded may have met a damaged cache and would end again at each start. A mark
+    file, which then remains, makes the next start run the kernels in a child process first."""
     if warning := cache_warning(groups):
         log.warning(warning)
     folder = state_in_use()
     mark = folder / MARK if folder else None
     if deleted := compile_kernels(groups, report, check=mark is not None and mark.exists()):
         log.warning("the cache of compiled kernels was damaged: %d files deleted, compiled again", deleted)
-    with _marked(mark):
-        run_kernels(groups)
-
-
-@contextlib.contextmanager
-def _marked(mark: Path | None) -> Iterator[None]:
-    """Keeps a mark file while kernels are loaded.
-
-    It remains if loading fails, and if the process crashes or is killed. If the main thread fails or is stopped while
-    another thread loads, it is removed at exit."""
-    if mark is None:
-        yield
-        return
-
-    def remove() -> None:
+    if mark is not None:
+        with contextlib.suppress(OSError):  # as on a full disk
+            mark.touch()
+    run_kernels(groups)
+    if mark is not None:
         mark.unlink(missing_ok=True)
-
-    with contextlib.suppress(OSError):  # as on a full disk
-        mark.touch()
-    atexit.register(remove)
-    try:
-        yield
-    finally:
-        atexit.unregister(remove)
-    remove()

@@ -50,12 +50,16 @@ def progress_text(done: int, total: int) -> str:
 
 
 class ProgressLine:
-    """Shows the progress on stderr: on a terminal one line that is rewritten, otherwise a line every LOG_EVERY_S."""
+    """Shows the progress on stderr, as a context: on a terminal one line that is rewritten, otherwise a line every
+    LOG_EVERY_S."""
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
         self._next_s = 0.0
         self._shown = ""
+
+    def __enter__(self) -> ProgressLine:
+        return self
 
     def __call__(self, done: int, total: int) -> None:
         text = progress_text(done, total)
@@ -67,7 +71,7 @@ class ProgressLine:
         sys.stderr.flush()
         self._shown = text
 
-    def end(self) -> None:
+    def __exit__(self, *exception: object) -> None:
         """Ends the rewritten line."""
         if self._terminal and self._shown:
             sys.stderr.write("\n")

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,7 @@ from .compilation import WarmupError, cache_warning, compile_kernels
 from .jit_cache import VARIABLE, no_place_text, state_in_use, unwritable_text
 from .module_folder import kernels_in
 from .processor import CPU_NAME, level_variables, levels, own_levels
-from .progress import ProgressLine, Report
+from .progress import ProgressLine
 from .run_kernels import GROUPS
 from .state_folders import base_of
 
@@ -84,7 +82,7 @@ def warm_up() -> tuple[Path, int]:
         )
     if warning := cache_warning(GROUPS):
         raise WarmupError(warning)
-    with _progress_line() as report:
+    with ProgressLine() as report:
         return folder, compile_kernels(GROUPS, report, check=True)
 
 
@@ -95,14 +93,5 @@ def ensure_compiled(*groups: str) -> int:
     WarmupError."""
     if warning := cache_warning(groups):
         warn(warning)
-    with _progress_line() as report:
+    with ProgressLine() as report:
         return compile_kernels(groups, report)
-
-
-@contextlib.contextmanager
-def _progress_line() -> Iterator[Report]:
-    line = ProgressLine()
-    try:
-        yield line
-    finally:
-        line.end()

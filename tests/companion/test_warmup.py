@@ -238,17 +238,6 @@ except loading.WarmupError:
     sys.exit(1)
 """
 
-ENDS_WHILE_LOADING = """
-import sys, threading, time
-import companion.kernels.loading as loading
-begun = threading.Event()
-loading.compile_kernels = lambda groups, report, check: 0
-loading.run_kernels = lambda groups: (begun.set(), time.sleep(60))
-threading.Thread(target=loading.make_ready, args=("extractor",), daemon=True).start()
-begun.wait()
-sys.exit(1)
-"""
-
 
 @pytest.fixture
 def ready(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
@@ -393,10 +382,4 @@ def test_after_a_failure_to_load_a_damaged_cache_is_mended(
     loading.make_ready("extractor")
     assert ready == [("extractor",)]
     assert file.stat().st_size > 0
-    assert not (filled / loading.MARK).exists()
-
-
-def test_a_start_that_is_stopped_while_kernels_are_loaded_leaves_no_mark(filled: Path) -> None:
-    """The next start would check all kernels in a child process before it loads them."""
-    assert run_service_start(ENDS_WHILE_LOADING, filled) == 1
     assert not (filled / loading.MARK).exists()
