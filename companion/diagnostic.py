@@ -91,7 +91,10 @@ class DiagnosticCode(Code):
     SHARE_NO_FRAME = "share_no_frame", "the place of the own frame on Earth is not known, so nothing is shared"
     SHARE_NOT_AUTHENTICATED = "share_not_authenticated", "reports of other vehicles are accepted without authentication"
     KERNEL_CACHE_DAMAGED = "kernel_cache_damaged", "damaged files of the kernel cache were deleted"
-    KERNELS_NOT_COMPILED = "kernels_not_compiled", "the kernels were not compiled before"
+    KERNELS_NOT_COMPILED = (
+        "kernels_not_compiled",
+        "kernels are missing and cannot be stored: each start compiles them again",
+    )
 
 
 @dataclass(frozen=True, slots=True)

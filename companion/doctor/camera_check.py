@@ -21,7 +21,7 @@ from .wait import wait_until
 
 NS = 1_000_000_000
 MIN_MEASURED_SHARE = 0.05
-"""Least share of measured pixels: a frame with fewer is invalid."""
+"""Least share of measured pixels on the ground, unless [expert] min_measured_share is greater: frames with fewer are invalid."""
 MIN_RATE_SHARE = 0.8
 """Least share of the configured frame rate."""
 
@@ -61,11 +61,15 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
         if not status.last_loss:
             cause += f" (for {patience_s:g} s; --patience gives it more time)"
         return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE), None
-    return frames_finding(part, section, frames), infos[-1] if infos else None
+    finding = frames_finding(part, section, frames, max(MIN_MEASURED_SHARE, least_share))
+    return finding, infos[-1] if infos else None
 
 
-def frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -> Finding:
-    """Frame rate, share of measured pixels and depth in the middle, of frames in their order, at least one."""
+def frames_finding(
+    part: str, section: CameraConfig, frames: list[DepthFrame], least_share: float = MIN_MEASURED_SHARE
+) -> Finding:
+    """Frame rate, share of measured pixels and depth in the middle, of frames in their order, at least one. least_share: of
+    measured pixels."""
     span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
     hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
     depth = frames[-1].depth_mm
@@ -75,7 +79,7 @@ def frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -
         f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {delay_ms:.0f} ms from exposure to arrival, "
         f"{100 * measured:.0f} % of the pixels measured"
     )
-    if measured < MIN_MEASURED_SHARE:
+    if measured < least_share:
         text += ": too few; check that the lens is clear, the scene is lit and objects are within range"
         return Finding(part, False, text, DiagnosticCode.CAMERA_FEW_MEASURED)
     if hz < MIN_RATE_SHARE * section.fps:

@@ -6,17 +6,19 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
+from ..kernels.compilation import cache_warning
 from ..kernels.run_kernels import run_kernels
 from ..kernels.warmup import ensure_compiled
 from ..log.log_directory import free_bytes
 from ..paths import FolderError, folders
 from .finding import Finding
 
-COMPILED_S = 5.0
-"""Loading cached kernels takes less time than this, compiling them much more."""
+GROUP: Final = "extractor"
+"""Kernels that each frame needs."""
 
 
 def computer_findings(config: Config) -> Iterator[Finding]:
@@ -31,17 +33,19 @@ def computer_findings(config: Config) -> Iterator[Finding]:
             yield Finding("log", False, str(error), DiagnosticCode.LOG_NOT_WRITABLE)
         else:
             yield _log_finding(folder, record.least_free_mb)
-    if deleted := ensure_compiled("extractor"):
+    yield from _kernel_findings()
+
+
+def _kernel_findings() -> Iterator[Finding]:
+    if warning := cache_warning((GROUP,)):
+        yield Finding("kernels", False, warning, DiagnosticCode.KERNELS_NOT_COMPILED)
+        return
+    if deleted := ensure_compiled(GROUP):
         text = f"{deleted} damaged files were deleted and compiled again"
         yield Finding("kernel cache", False, text, DiagnosticCode.KERNEL_CACHE_DAMAGED)
     begun_s = time.process_time()  # processor time: independent of the load by other programs
-    run_kernels(("extractor",))
-    took_s = time.process_time() - begun_s
-    if took_s > COMPILED_S:
-        text = f"were not compiled before ({took_s:.0f} s); run `companion warmup` as the service's user"
-        yield Finding("kernels", False, text, DiagnosticCode.KERNELS_NOT_COMPILED)
-    else:
-        yield Finding("kernels", True, f"compiled; loaded in {took_s:.1f} s")
+    run_kernels((GROUP,))
+    yield Finding("kernels", True, f"compiled; loaded in {time.process_time() - begun_s:.1f} s")
 
 
 def _log_finding(folder: Path, least_mb: float) -> Finding:

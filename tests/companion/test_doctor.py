@@ -121,17 +121,14 @@ def test_what_keeps_it_from_braking_is_reported(
     assert "set it to" in findings["guard"]["text"]
 
 
-def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(
-    live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_camera_that_is_not_there_is_named(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
     live.cable.unlink()
     live.config.write_text(live.config.read_text().split("[autopilot]")[0])
-    monkeypatch.setattr(computer_check, "COMPILED_S", 0.0)
     status, findings = examined(live, capsys, "60")
     assert status == 1
     assert "unplugged" in findings["camera front"]["text"]
     assert "set [autopilot] address" in findings["autopilot"]["text"]
-    assert "companion warmup" in findings["kernels"]["text"]
+    assert findings["kernels"]["text"].startswith("compiled; loaded in")
     assert findings["log"]["ok"]
 
 

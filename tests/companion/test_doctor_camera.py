@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.config.camera import CameraConfig
-from companion.doctor.camera_check import frames_finding, middle_depth_m
+from companion.config.loader import Config
+from companion.doctor import camera_check
+from companion.doctor.camera_check import camera_finding, frames_finding, middle_depth_m
+from core.params import Params
 from core.types import DepthFrame
 
 NS = 1_000_000_000
@@ -45,3 +51,34 @@ def test_where_the_middle_is_not_measured_no_depth_is_stated() -> None:
     frames = frames_of(depth)
     assert middle_depth_m(frames) is None
     assert frames_finding("camera front", SECTION, frames).text.endswith("% of the pixels measured")
+
+
+@pytest.mark.parametrize(("min_measured_share", "code"), [(0.02, ""), (0.2, "camera_few_measured")])
+def test_a_camera_whose_frames_are_invalid_is_a_fault(
+    min_measured_share: float, code: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a greater [expert] min_measured_share the doctor found no fault, and the service was blind."""
+    depth = np.zeros((60, 80))
+    depth[:6] = 1500
+
+    class Opened:
+        """A camera that gives its frames when it is opened."""
+
+        status = CameraStatus(camera="front", condition=CameraCondition.RUNNING, cause="", since_ns=0)
+
+        def __init__(
+            self, section: object, on_info: object, on_frame: Callable[[DepthFrame], None], *_: object, **__: object
+        ) -> None:
+            self._on_frame = on_frame
+
+        def open(self) -> None:
+            for frame in frames_of(depth):
+                self._on_frame(frame)
+
+        def close(self) -> None:
+            """Does nothing."""
+
+    monkeypatch.setattr(camera_check, "CameraSupervisor", Opened)
+    config = Config(extractor=Params(min_measured_share=min_measured_share))
+    finding, _ = camera_finding(SECTION, config, 0.0)
+    assert finding.code == code

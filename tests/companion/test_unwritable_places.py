@@ -15,6 +15,7 @@ import pytest
 from companion.cli import main
 from companion.config.loader import Config, load_config
 from companion.config.service import RecordParams
+from companion.doctor import computer_check
 from companion.doctor.autopilot_check import autopilot_findings
 from companion.doctor.computer_check import computer_findings
 from companion.kernels import jit_cache
@@ -273,6 +274,21 @@ def test_a_read_only_cache_is_announced_where_kernels_are_missing(
             warm_up()
     else:
         assert cache_warning(GROUPS) == ""
+
+
+def test_the_doctor_names_kernels_that_cannot_be_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It compiled them for itself, which takes minutes, and found no fault: the service compiles them again."""
+    folder = tmp_path / "kernels-0123456789abcdef"
+    folder.mkdir()
+    write_manifest(folder, Manifest())
+    monkeypatch.setenv(jit_cache.VARIABLE, str(folder))
+    monkeypatch.setattr(jit_cache, "_unwritable", [tmp_path / "cache"])
+    monkeypatch.setattr(computer_check, "ensure_compiled", lambda *groups: 0)
+    monkeypatch.setattr(computer_check, "run_kernels", lambda groups: None)
+    *_, finding = computer_findings(Config())
+    assert (finding.part, finding.code) == ("kernels", "kernels_not_compiled")
+    assert f"cannot be stored in {tmp_path / 'cache'}" in finding.text
+    assert "set NUMBA_CACHE_DIR" in finding.text
 
 
 def test_a_failure_between_leaves_the_file_of_before(tmp_path: Path) -> None:
