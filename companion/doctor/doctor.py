@@ -36,6 +36,8 @@ from .measure_mount import measured_mounts
 from .service_check import running_service
 from .share_check import share_findings
 
+PATIENCE_S = 25.0
+"""Time limit for each camera and for the autopilot, without --patience."""
 MOUNT_SECONDS = 60.0
 """Longest measurement of the mount, without --seconds."""
 
@@ -122,9 +124,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--patience",
         type=number_in(float, 0.1, 3600.0),
-        default=25.0,
+        default=PATIENCE_S,
         metavar="S",
-        help="time limit for each camera and for the autopilot (default: 25 s)",
+        help=f"time limit for each camera and for the autopilot (default: {PATIENCE_S:g} s)",
     )
     parser.add_argument(
         "--apply",

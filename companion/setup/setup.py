@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from argparse import ArgumentTypeError
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from ..argument_types import checked_by, number_in
 from ..config.camera_kinds import CAMERA_KINDS
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
-from ..doctor.doctor import examine, print_findings
+from ..doctor.doctor import PATIENCE_S, examine, print_findings
 from ..install.steps import install_paths, start_command
 from ..usage_error import UsageError
 from ..whole_file import write_whole
@@ -28,7 +27,6 @@ from .devices import FoundCamera, find_cameras, find_serial_ports
 from .listen import candidates, find_autopilot
 
 OUTPUT = Path("companion.toml")
-PATIENCE_S = 25.0
 SIMULATED_ADDRESS = "udpin:127.0.0.1:14540"
 """Where `companion simulate-autopilot` sends."""
 PITCH_DEG = -90.0, 90.0
@@ -126,18 +124,19 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"edit {args.output}, then run: companion doctor -c {shell_word(args.output)}")
         return 1
     ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
-    name = shell_word(args.output)
-    if answers.kind == "simulated" and not answers.autopilot:
-        print_line(
-            f'next: set [autopilot] address = "udpin:127.0.0.1:14540" in {name} for `companion simulate-autopilot`'
-        )
-        return 0 if ok else 1
-    if answers.kind == "simulated":
-        print_line(f"next: companion run -c {name}, and beside it companion simulate-autopilot -c {name}")
-        return 0 if ok else 1
-    start = start_command(install_paths(Path("/")), args.output)
-    print_line(f"next: companion run -c {name}, or start the service, now and at each boot: {start}")
+    print_line(f"next: {_next_step(answers, args.output)}")
     return 0 if ok else 1
+
+
+def _next_step(answers: Answers, output: Path) -> str:
+    """What to do with the written configuration."""
+    name = shell_word(output)
+    if answers.kind == "simulated" and not answers.autopilot:
+        return f'set [autopilot] address = "{SIMULATED_ADDRESS}" in {name} for `companion simulate-autopilot`'
+    if answers.kind == "simulated":
+        return f"companion run -c {name}, and beside it companion simulate-autopilot -c {name}"
+    start = start_command(install_paths(Path("/")), output)
+    return f"companion run -c {name}, or start the service, now and at each boot: {start}"
 
 
 class Questions:
@@ -154,8 +153,10 @@ class Questions:
         sys.stdout.flush()
         return sys.stdin.readline().strip() or default
 
-    def number(self, question: str, default: float, limits: tuple[float, float]) -> float:
-        """A number within limits; asks again for anything else."""
+    def number(self, question: str, default: float, limits: tuple[float, float], given: float | None = None) -> float:
+        """A number within limits, without a question if it is given; asks again for anything else."""
+        if given is not None:
+            return given
         parse = number_in(float, *limits)
         while True:
             try:
@@ -168,33 +169,30 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
     """The answers from flags, devices and questions."""
     camera = _camera(args.camera, ask)
     calibration_file = _calibration_file(args.calibration, camera.kind)
-    pitch, yaw, width, height = args.pitch, args.yaw, args.width, args.height
-    if pitch is None:
-        pitch = ask.number("camera mount, pitch in degrees (a camera that looks down is negative)", 0.0, PITCH_DEG)
-    if yaw is None:
-        yaw = ask.number("camera mount, yaw in degrees (to the right is positive)", 0.0, YAW_DEG)
-    x, y, z = args.position or (
-        ask.number(f"position of the camera from the autopilot in metres: {axis}", 0.0, POSITION_M)
-        for axis in ("forward", "right", "down")
-    )
-    if width is None:
-        width = ask.number("width of the vehicle with rotors, in metres", 1.0, WIDTH_M)
-    if height is None:
-        height = ask.number("height of the vehicle, in metres", 0.5, HEIGHT_M)
+    pitch_question = "camera mount, pitch in degrees (a camera that looks down is negative)"
     return Answers(
         kind=camera.kind,
         device=camera.device,
-        pitch_deg=pitch,
-        yaw_deg=yaw,
-        position_m=(x, y, z),
-        width_m=width,
-        height_m=height,
+        pitch_deg=ask.number(pitch_question, 0.0, PITCH_DEG, args.pitch),
+        yaw_deg=ask.number("camera mount, yaw in degrees (to the right is positive)", 0.0, YAW_DEG, args.yaw),
+        position_m=_position_m(args.position, ask),
+        width_m=ask.number("width of the vehicle with rotors, in metres", 1.0, WIDTH_M, args.width),
+        height_m=ask.number("height of the vehicle, in metres", 0.5, HEIGHT_M, args.height),
         autopilot=_autopilot(args.autopilot or (SIMULATED_ADDRESS if camera.kind == "simulated" else None), ask),
         send=args.send,
         record=args.record or ("off" if camera.kind == "simulated" else "always"),
         calibration=_calibration(camera),
         calibration_file=calibration_file,
     )
+
+
+def _position_m(given: tuple[float, float, float] | None, ask: Questions) -> tuple[float, float, float]:
+    """The position of the option, else that of three answers."""
+    forward, right, down = given or (
+        ask.number(f"position of the camera from the autopilot in metres: {axis}", 0.0, POSITION_M)
+        for axis in ("forward", "right", "down")
+    )
+    return forward, right, down
 
 
 def _check_camera(text: str) -> None:
@@ -232,8 +230,7 @@ def _autopilot(given: str | None, ask: Questions) -> str:
         return "" if given == "none" else given
     ports = find_serial_ports()
     print_line(f"serial ports: {', '.join(ports) or 'none'}")
-    say: Callable[[str], None] = print_line
-    if (found := find_autopilot(tuple(candidates(ports)), say)) is not None:
+    if (found := find_autopilot(tuple(candidates(ports)), print_line)) is not None:
         print_line(f"autopilot: {found.name} on {found.address}")
         return found.address
     warn("no heartbeat of an autopilot: check cable, power and the baud rate of its port")
@@ -250,16 +247,18 @@ def _autopilot(given: str | None, ask: Questions) -> str:
 def _calibration_file(name: str, kind: str) -> str:
     """The absolute path of a ZED's calibration, which the service reads from another folder; "" without one. Raises ValueError
     for a file that does not exist or of another camera, BadData for one that is no calibration."""
-    if name and kind != "zed":
+    if not name:
+        return ""
+    if kind != "zed":
         raise UsageError(f"--calibration is for a zed, and the camera is of kind {kind}; leave it out")
-    if name and not Path(name).is_file():
+    path = Path(name)
+    if not path.is_file():
         raise ValueError(
             f"--calibration {name}: no such file; download the camera's SN<serial>.conf from the manufacturer's site"
         )
-    if name:
-        zed = CAMERA_KINDS["zed"]
-        load_zed_calibration(Path(name), zed.width_px, zed.height_px)
-    return str(Path(name).absolute()) if name else ""
+    zed = CAMERA_KINDS["zed"]
+    load_zed_calibration(path, zed.width_px, zed.height_px)
+    return str(path.absolute())
 
 
 def _calibration(camera: FoundCamera) -> DepthCalibration | None:
