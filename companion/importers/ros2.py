@@ -1,41 +1,28 @@
 """Reads a ROS 2 recording (MCAP, bag folder, .db3) with depth images, camera info and the vehicle's attitude.
 
-Two passes: the first reads everything except the images and chooses topics; the second delivers the images with the
-samples that had arrived. The log time is the arrival time, the header's stamp the time of measurement."""
+Two passes: the first (`ros2_scan`) reads everything except the images, then topics are chosen; the second delivers the
+images with the samples that had arrived. The log time is the arrival time, the header's stamp the time of measurement."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from statistics import median_low
 from typing import Any, TypeVar
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
 from drivers.base import BadData, Event
 from drivers.logs.topics import TOPICS
-from drivers.mavlink.tlog import map_boot_clock
 
 from ..pipeline.sync import NS
 from .flight_log import flight_log_samples
 from .report import ImportOptions, Report, attitude_rate_problem, uncovered
-from .ros2_decode import CAMERA_INFO, COMPRESSED, IMAGE, MOTION_TYPES, TF
 from .ros2_depth import depth_of, encoding_of
 from .ros2_files import open_ros
-from .ros2_frames import DEPTH_TYPES, TransformTree, mount_of, rectified_camera, rigid
-from .ros2_motion import Motion
-from .ros2_px4 import PX4_TYPES, VEHICLE_LOCAL_POSITION, px4_stamp_ns
+from .ros2_frames import DEPTH_TYPES, mount_of, rectified_camera
+from .ros2_scan import RosScan, stamp_ns
 
 _Sample = TypeVar("_Sample", AttitudeSample, PoseSample)
-CLOCKS_APART_NS = 5 * NS
-"""Log times farther than this from the stamps belong to another clock (simulated time, a recorder without a clock)."""
-MAX_STAMP_ERROR_NS = 60 * NS
-"""A stamp farther than this from its arrival is damaged or was never set."""
-
-
-def stamp_ns(header: Any) -> int:
-    """The header's stamp, ns."""
-    return int(header.stamp.sec) * NS + int(header.stamp.nanosec)
 
 
 class Ros2Source:
@@ -45,22 +32,11 @@ class Ros2Source:
     def __init__(self, path: Path, options: ImportOptions, report: Report) -> None:
         self._path, self._options, self._report = path, options, report
         self._recording = open_ros(path, report)
-        self._types: dict[str, str] = {}
-        self._first_images: dict[str, Any] = {}
-        self._infos: dict[str, Any] = {}
-        self._counts: dict[str, int] = {}
-        self._static_tree = TransformTree()
-        self._motion = Motion(options.topics.base_frame)
-        self._delays_ns: list[int] = []
-        self._image_delays_ns: list[int] = []
-        self._log_span_ns: dict[str, tuple[int, int]] = {}
-        self._scan_topics()
-        self._offset_ns = self._clock_offset()
-        self._map_px4_stamps()
+        self._scan = RosScan(self._recording, path, options.topics.base_frame, report)
         self._depth_topic = self._choose_depth()
         self._info = self._camera_info()
         self._attitudes, self._poses = self._samples()
-        self.frame_count = self._counts[self._depth_topic]
+        self.frame_count = self._scan.counts[self._depth_topic]
         self.files: dict[int, str] = {}
 
     @property
@@ -78,7 +54,7 @@ class Ros2Source:
         next_sample, newest_ns, exposures = 0, 0, []
         for number, (log_ns, message) in enumerate(self._images()):
             t_ns = stamp_ns(message.header)
-            arrived_ns = self._arrival_ns(log_ns, t_ns)
+            arrived_ns = self._scan.arrival_ns(log_ns, t_ns)
             if arrived_ns is None:
                 self._report.problem(
                     "stamp",
@@ -115,7 +91,7 @@ class Ros2Source:
         k = self._info.intrinsics
         where = f"{self._path}: {self._depth_topic} image {number}"
         try:
-            depth_mm = depth_of(self._types[self._depth_topic], message)
+            depth_mm = depth_of(self._scan.types[self._depth_topic], message)
         except BadData as error:
             self._report.problem("image", f"{where}: {error}")
             return None
@@ -138,86 +114,8 @@ class Ros2Source:
                 else:
                     yield item.log_ns, message
 
-    def _scan_topics(self) -> None:
-        undecoded: dict[str, int] = {}
-        for item in self._recording.items():
-            topic, kind = item.topic, item.kind
-            self._types[topic] = kind
-            self._counts[topic] = self._counts.get(topic, 0) + 1
-            first_ns, last_ns = self._log_span_ns.get(topic, (item.log_ns, item.log_ns))
-            self._log_span_ns[topic] = min(first_ns, item.log_ns), max(last_ns, item.log_ns)
-            is_image = kind in (IMAGE, COMPRESSED)
-            once = self._first_images if is_image else self._infos if kind == CAMERA_INFO else None
-            if (once is not None and topic in once) or not (once is not None or kind == TF or kind in MOTION_TYPES):
-                continue
-            message = item.decode()
-            if message is None:
-                undecoded[topic] = undecoded.get(topic, 0) + 1
-            elif once is not None:
-                once[topic] = message
-                if is_image:
-                    self._image_delays_ns.append(item.log_ns - stamp_ns(message.header))
-            elif kind == TF:
-                self._transforms(topic, message, item.log_ns)
-            elif kind in PX4_TYPES:
-                self._motion.add_message(topic, kind, message, px4_stamp_ns(message), item.log_ns)
-            else:
-                self._delays_ns.append(item.log_ns - stamp_ns(message.header))
-                self._motion.add_message(topic, kind, message, stamp_ns(message.header), item.log_ns)
-        for topic, number in undecoded.items():
-            text = f"{self._path}: {number} messages of {topic} do not fit their definition in the file"
-            if self._types[topic] == VEHICLE_LOCAL_POSITION:  # a better position than others, but not the only one
-                self._report.warning("decode", f"{text}, or have none: their positions are not used")
-            else:
-                self._report.problem("decode", text)
-
-    def _map_px4_stamps(self) -> None:
-        """Maps the stamps of PX4 to those of the images where its clock was not synchronised (UXRCE_DDS_SYNCT = 0)."""
-        for topic, points in self._motion.px4_points().items():
-            if abs(median_low(log_ns - t_ns for t_ns, log_ns in points) - self._offset_ns) <= CLOCKS_APART_NS:
-                continue
-            drift, offset_us = map_boot_clock([(t_ns // 1_000_000, log_ns // 1000) for t_ns, log_ns in points])
-
-            def mapped(t_ns: int, drift: float = drift, offset_us: float = offset_us) -> int:
-                return round(t_ns * (1.0 + drift) + 1000.0 * offset_us) - self._offset_ns
-
-            self._motion.restamp(topic, mapped)
-            self._report.note(
-                f"stamps of {topic} are of PX4's own clock: mapped to the log times by the smallest delay; set the PX4 "
-                "parameter UXRCE_DDS_SYNCT to 1 for exact stamps"
-            )
-
-    def _transforms(self, topic: str, message: Any, log_ns: int) -> None:
-        for transform in message.transforms:
-            if not topic.endswith("tf_static"):
-                self._delays_ns.append(log_ns - stamp_ns(transform.header))
-                self._motion.add_moving(topic, transform, stamp_ns(transform.header), log_ns)
-                continue
-            placed = rigid(transform.transform.translation, transform.transform.rotation)
-            if placed is not None:
-                self._static_tree.add(transform.header.frame_id, transform.child_frame_id, placed)
-                self._motion.tree.add(transform.header.frame_id, transform.child_frame_id, placed)
-
-    def _clock_offset(self) -> int:
-        """Offset of the log times from the stamps' clock; 0 unless they belong to another clock."""
-        delays_ns = self._delays_ns or self._image_delays_ns
-        if not delays_ns:
-            return 0
-        usual = median_low(delays_ns)
-        if abs(usual) <= CLOCKS_APART_NS:
-            return 0
-        self._report.note(
-            "log times and stamps belong to different clocks: the smallest delay between them is assumed to be zero"
-        )
-        return min(d for d in delays_ns if abs(d - usual) <= CLOCKS_APART_NS)
-
-    def _arrival_ns(self, log_ns: int, t_ns: int) -> int | None:
-        """The arrival on the stamps' clock, not before the measurement; None for an implausible stamp."""
-        arrival_ns = log_ns - self._offset_ns
-        return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= MAX_STAMP_ERROR_NS else None
-
     def _choose_depth(self) -> str:
-        images = {t: encoding_of(self._types[t], m) for t, m in self._first_images.items()}
+        images = {t: encoding_of(self._scan.types[t], m) for t, m in self._scan.first_images.items()}
         depth = [t for t, encoding in images.items() if encoding in DEPTH_TYPES]
         wanted = self._options.topics.depth
         if wanted is not None and wanted not in depth:
@@ -232,22 +130,24 @@ class Ros2Source:
         return depth[0]
 
     def _found_text(self) -> str:
-        ours = sum(kind in {t.schema for t in TOPICS.values()} for kind in self._types.values())
-        if ours and not self._first_images:
+        ours = sum(kind in {t.schema for t in TOPICS.values()} for kind in self._scan.types.values())
+        if ours and not self._scan.first_images:
             return "it is a log of this software: replay it directly"
-        kinds = sorted(set(self._types.values()))
+        kinds = sorted(set(self._scan.types.values()))
         there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6]) or "nothing"
         return f"expected sensor_msgs/Image or compressedDepth with 16UC1 or 32FC1, found {there}"
 
     def _topics_of(self, kind: str) -> str:
-        topics = sorted(t for t, k in self._types.items() if k == kind)
+        topics = sorted(t for t, k in self._scan.types.items() if k == kind)
         return topics[0] if len(topics) == 1 else f"{topics[0]} and {len(topics) - 1} more"
 
     def _camera_info(self) -> CameraInfo:
         topic = self._options.topics.camera_info or self._info_topic()
-        if topic not in self._infos:
-            raise BadData(f"{self._path}: no camera info on {topic}; available: {_joined(list(self._infos)) or 'none'}")
-        k_message, image = self._infos[topic], self._first_images[self._depth_topic]
+        if topic not in self._scan.infos:
+            raise BadData(
+                f"{self._path}: no camera info on {topic}; available: {_joined(list(self._scan.infos)) or 'none'}"
+            )
+        k_message, image = self._scan.infos[topic], self._scan.first_images[self._depth_topic]
         if any(abs(d) > 1e-6 for d in k_message.d):
             self._report.note(
                 f"{topic} contains a lens distortion: depth images are assumed to be rectified, so that its matrix P applies"
@@ -256,7 +156,7 @@ class Ros2Source:
             intrinsics = Intrinsics(int(k_message.width), int(k_message.height), *rectified_camera(k_message))
             info = CameraInfo(self._options.camera.name, intrinsics)
             base, optical = self._options.topics.base_frame, image.header.frame_id
-            chain = self._static_tree.between(base, optical)
+            chain = self._scan.static_tree.between(base, optical)
             if chain is not None:
                 info = CameraInfo(info.camera, intrinsics, mount_of(chain, base))
                 self._report.note(f"mount from the transforms {base} -> {optical}")
@@ -271,56 +171,56 @@ class Ros2Source:
 
     def _info_topic(self) -> str:
         beside = self._depth_topic.rsplit("/", 1)[0] + "/camera_info"
-        if beside in self._infos:
+        if beside in self._scan.infos:
             return beside
-        if len(self._infos) == 1:
-            return next(iter(self._infos))
+        if len(self._scan.infos) == 1:
+            return next(iter(self._scan.infos))
         raise BadData(
             f"{self._path}: no camera info beside {self._depth_topic}; available: "
-            f"{_joined(list(self._infos)) or 'none'}; choose with --info-topic"
+            f"{_joined(list(self._scan.infos)) or 'none'}; choose with --info-topic"
         )
 
     def _samples(self) -> tuple[list[AttitudeSample], list[PoseSample]]:
         topics = self._options.topics
         if self._options.tlog is not None:
-            first_ns, last_ns = (t - self._offset_ns for t in self._log_span_ns[self._depth_topic])
-            return flight_log_samples(self._options.tlog, (first_ns, last_ns), (), self._options, self._report)
+            span_ns = self._scan.span_ns(self._depth_topic)
+            return flight_log_samples(self._options.tlog, span_ns, (), self._options, self._report)
         attitude = self._attitude_topic()
-        pose_topics = self._motion.pose_topics()
+        pose_topics = self._scan.motion.pose_topics()
         pose: str | None = topics.pose
         if pose is None:
-            pose = self._motion.usual_pose_topic(attitude)
+            pose = self._scan.motion.usual_pose_topic(attitude)
         elif pose not in pose_topics:
             raise BadData(f"{self._path}: no position on {pose}; available: {_joined(pose_topics) or 'none'}")
         self._report.note(f"attitude from {attitude}, position from {pose or 'no topic'}")
         self._report_px4_positions(pose)
-        invalid = self._motion.unusable(attitude)
+        invalid = self._scan.motion.unusable(attitude)
         if invalid:
             self._report.problem(
                 "attitude",
                 f"{self._path}: {invalid} attitudes of {attitude} are not rotations, or of a failed estimator; left out",
             )
-        to_child = self._static_tree.between
-        for unconnected in self._motion.unconnected_frames(attitude, to_child):
+        to_child = self._scan.static_tree.between
+        for unconnected in self._scan.motion.unconnected_frames(attitude, to_child):
             self._report.note(
                 f"no transform connects {unconnected} and {topics.base_frame}: {attitude} is assumed to be the "
                 "attitude of the vehicle; otherwise record /tf_static, or choose with --base-frame"
             )
-        attitudes = self._motion.attitudes(attitude, to_child)
+        attitudes = self._scan.motion.attitudes(attitude, to_child)
         kept = self._with_arrival(attitudes)
         if lost := len(attitudes) - len(kept):
             self._report.problem(
                 "stamp", f"{self._path}: {lost} attitudes have a stamp far from their log time; left out"
             )
-        return kept, self._with_arrival(self._motion.poses(pose, to_child) if pose else [])
+        return kept, self._with_arrival(self._scan.motion.poses(pose, to_child) if pose else [])
 
     def _report_px4_positions(self, pose: str | None) -> None:
         """Reports positions of PX4 that were left out, and a topic of positions without a validity flag."""
-        for topic, number in self._motion.invalid_positions.items():
+        for topic, number in self._scan.motion.invalid_positions.items():
             self._report.note(
-                f"{number} of {self._counts[topic]} positions of {topic} are not valid, or not in ned; left out"
+                f"{number} of {self._scan.counts[topic]} positions of {topic} are not valid, or not in ned; left out"
             )
-        if self._motion.is_unconfirmed(pose):
+        if self._scan.motion.is_unconfirmed(pose):
             self._report.warning(
                 "position",
                 f"{self._path}: PX4 sends {pose} also while its position is not valid, as indoors without GPS: the "
@@ -329,19 +229,19 @@ class Ros2Source:
 
     def _attitude_topic(self) -> str:
         """The topic with the attitude. Raises BadData with what was found."""
-        wanted, there = self._options.topics.attitude, self._motion.attitude_topics()
-        named = ", ".join(f"{t} ({self._types[t]})" for t in there)
+        wanted, there = self._options.topics.attitude, self._scan.motion.attitude_topics()
+        named = ", ".join(f"{t} ({self._scan.types[t]})" for t in there)
         if wanted is not None and wanted not in there:
             raise BadData(f"{self._path}: no attitude on {wanted}; available: {named or 'none'}")
         if wanted is None and len(there) > 1:
             raise BadData(f"{self._path}: several topics with attitude: {named}; choose with --attitude-topic")
         if wanted is None and not there:
-            raise BadData(f"{self._path}: no attitude in it; {self._motion.hint()}")
+            raise BadData(f"{self._path}: no attitude in it; {self._scan.motion.hint()}")
         return wanted or there[0]
 
     def _with_arrival(self, samples: list[_Sample]) -> list[_Sample]:
         """The samples with their arrival on the stamps' clock in place of the log time; without those of implausible stamps."""
-        arrivals_ns = (self._arrival_ns(s.t_arrival_ns, s.t_ns) for s in samples)
+        arrivals_ns = (self._scan.arrival_ns(s.t_arrival_ns, s.t_ns) for s in samples)
         return [replace(s, t_arrival_ns=t) for s, t in zip(samples, arrivals_ns, strict=True) if t is not None]
 
 
