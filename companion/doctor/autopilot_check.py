@@ -11,7 +11,7 @@ from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.session_types import LinkStatus
+from drivers.mavlink.session_types import LinkStatus, Vehicle
 
 from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
@@ -52,19 +52,12 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     except DriverError as error:
         yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
         return
-    reader = ParameterReader(heading=config.guard.enabled)
-    version, proximity = VersionReader(), ProximityPresence()
-
-    def received(message: Any, arrival_ns: int) -> None:
-        reader.take(message, arrival_ns)
-        version.take(message)
-        proximity.take(message)
-
-    session = MavlinkSession(params_of(config), on_message=received, signing=signing)
+    readers = _Readers(heading=config.guard.enabled)
+    session = MavlinkSession(params_of(config), on_message=readers.take, signing=signing)
     link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
     link.open()
     try:
-        status = _observed_status(link, reader, version, proximity, patience_s)
+        status = _observed_status(link, readers, patience_s)
     finally:
         link.close()
         signing.close()
@@ -80,50 +73,73 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     for conflict in conflict_diagnostics(status.conflicts):
         yield Finding("autopilot", False, conflict.text, conflict.code)
     if status.vehicle is not None:
-        yield from _parameter_findings(config, status.vehicle.autopilot, reader, version, proximity)
+        yield from _parameter_findings(config, status.vehicle.autopilot, readers)
 
 
-def _parameter_findings(
-    config: Config, autopilot: str, reader: ParameterReader, version: VersionReader, proximity: ProximityPresence
-) -> Iterator[Finding]:
-    values = reader.values()
-    facts = AutopilotFacts(kind=autopilot, values=values, silent=reader.silent(), version=version.version)
-    firmware = f"{autopilot} v{facts.version}" if facts.version else f"{autopilot}, version not reported"
+class _Readers:
+    """Reads the parameters, the firmware's version and the presence of the proximity sensor."""
+
+    def __init__(self, heading: bool) -> None:
+        """heading: read the parameters that decide where the nose points, too."""
+        self.parameters = ParameterReader(heading=heading)
+        self.version, self.proximity = VersionReader(), ProximityPresence()
+
+    def take(self, message: Any, arrival_ns: int) -> None:
+        """Handles a message of the autopilot."""
+        self.parameters.take(message, arrival_ns)
+        self.version.take(message)
+        self.proximity.take(message)
+
+    def due(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
+        """The requests to send now."""
+        system = vehicle.system_id
+        self.parameters.begin(vehicle.autopilot, system)
+        self.version.begin(vehicle.autopilot, system)
+        return [r for reader in (self.parameters, self.version, self.proximity) for r in reader.due(now_ns, system)]
+
+    @property
+    def settled(self) -> bool:
+        """Whether everything is known, or was requested often enough."""
+        return self.parameters.settled and self.version.settled and self.proximity.settled
+
+
+def _parameter_findings(config: Config, autopilot: str, readers: _Readers) -> Iterator[Finding]:
+    parameters, version = readers.parameters, readers.version.version
+    values = parameters.values()
+    facts = AutopilotFacts(kind=autopilot, values=values, silent=parameters.silent(), version=version)
+    firmware = f"{autopilot} v{version}" if version else f"{autopilot}, version not reported"
     yield Finding("firmware", True, firmware)
     text = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "no parameter was received"
     unused = not config.avoid.send  # without obstacle output nothing depends on them
     known = bool(values) or unused
     yield Finding("parameters", known, text, "" if known else DiagnosticCode.PARAMETERS_UNKNOWN)
-    if proximity.restart_pending(facts):
-        yield Finding("parameters", unused, RESTART_TEXT, DiagnosticCode.PARAMETER_ADVICE)
+    if readers.proximity.restart_pending(facts):
+        yield _advice("parameters", unused, RESTART_TEXT)
     for line in advice(facts, config.avoid):
-        yield Finding("parameters", unused, line, DiagnosticCode.PARAMETER_ADVICE)
+        yield _advice("parameters", unused, line)
     if config.guard.enabled:
         around = look_all_around([c.mount.yaw_rad for c in config.cameras])
         for line in heading_advice(facts, config.guard):
-            yield Finding("guard", around, line, DiagnosticCode.PARAMETER_ADVICE)
-    for line in reader.contradictions(time.monotonic_ns()):
+            yield _advice("guard", around, line)
+    for line in parameters.contradictions(time.monotonic_ns()):
         yield Finding("parameters", False, line, DiagnosticCode.PARAMETER_CONTRADICTION)
 
 
-def _observed_status(
-    link: MavlinkLink, reader: ParameterReader, version: VersionReader, proximity: ProximityPresence, patience_s: float
-) -> LinkStatus:
+def _advice(part: str, ok: bool, text: str) -> Finding:
+    return Finding(part, ok, text, "" if ok else DiagnosticCode.PARAMETER_ADVICE)
+
+
+def _observed_status(link: MavlinkLink, readers: _Readers, patience_s: float) -> LinkStatus:
     """The link's status as soon as clock, rates, parameters and version are known, at the latest after `patience_s`."""
 
     def complete() -> bool:
-        status = link.status()
+        status, now_ns = link.status(), time.monotonic_ns()
         if status.vehicle is None:
             return False
-        now_ns, system = time.monotonic_ns(), status.vehicle.system_id
-        reader.begin(status.vehicle.autopilot, system)
-        version.begin(status.vehicle.autopilot, system)
-        requests = (*reader.due(now_ns, system), *version.due(now_ns, system), *proximity.due(now_ns, system))
-        for request in requests:
+        for request in readers.due(status.vehicle, now_ns):
             link.post(request)
         synchronised = status.clock.source is ClockSource.TIMESYNC and status.attitude_hz > 0.0
-        answered = reader.settled and version.settled and proximity.settled
-        return synchronised and answered and time.monotonic_ns() > settled_ns
+        return synchronised and readers.settled and now_ns > settled_ns
 
     settled_ns = time.monotonic_ns() + RATE_WINDOW_NS
     wait_until(complete, patience_s)

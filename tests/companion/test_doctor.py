@@ -65,6 +65,7 @@ def examined(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "60
     status = main(["doctor", "-c", str(live.config), "--json", "--patience", patience])
     findings = json.loads(capsys.readouterr().out)
     assert findings["ok"] == (status == 0)
+    assert [f for f in findings["findings"] if f["ok"] and f["code"]] == []
     worst: dict[str, dict] = {}
     for finding in findings["findings"]:
         if finding["part"] not in worst or not finding["ok"]:
