@@ -31,7 +31,6 @@ from .steps import (
     start_command,
 )
 
-WARMUP_TIMEOUT_S = 3600.0
 STATE = Path("/var/lib", NAME)
 """The working directory of the service, where it looks for files with a relative path."""
 
@@ -237,8 +236,6 @@ def _compile_kernels() -> None:
     command = [str(Path(sysconfig.get_path("scripts")) / "companion"), "warmup"]
     environment = {"PATH": os.environ.get("PATH", "/usr/bin:/bin"), "NUMBA_CACHE_DIR": str(SHARED)}
     # its progress is on stderr, which is that of this command
-    done = subprocess.run(
-        command, env=environment, cwd="/", umask=0o022, stdout=subprocess.DEVNULL, check=False, timeout=WARMUP_TIMEOUT_S
-    )
+    done = subprocess.run(command, env=environment, cwd="/", umask=0o022, stdout=subprocess.DEVNULL, check=False)
     if done.returncode != 0:
         raise InstallError("companion warmup failed; its error is above")

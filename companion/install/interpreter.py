@@ -47,7 +47,7 @@ def system_python(places: str = PLACES) -> str | None:
         found = shutil.which(name, path=places)
         if found is None or any(Path(found).resolve().is_relative_to(hidden) for hidden in HIDDEN):
             continue
-        if subprocess.run([found, "-c", USABLE], capture_output=True, check=False, timeout=30.0).returncode == 0:
+        if subprocess.run([found, "-c", USABLE], capture_output=True, check=False).returncode == 0:
             return found
     return None
 

@@ -255,6 +255,20 @@ def test_a_command_of_the_system_that_fails_is_reported(monkeypatch: pytest.Monk
         run_command(["sleep", "5"])
 
 
+def test_kernels_may_take_any_time_to_compile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The installation ended with a traceback after an hour, and the next one began the step anew."""
+
+    def slow(command: list[str], timeout: float | None = None, **_: object) -> subprocess.CompletedProcess[bytes]:
+        if timeout is not None:
+            raise subprocess.TimeoutExpired(command, timeout)
+        return subprocess.CompletedProcess(command, 0)
+
+    (tmp_path / "my.toml").write_text("")
+    monkeypatch.setattr(subprocess, "run", slow)
+    plan = install.install_steps(InstallPaths(), tmp_path / "my.toml", True, start=False, dry_run=True)
+    next(step for step in plan if step.text.startswith("compile the kernels")).act()
+
+
 def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "x").write_bytes(bytes(1_000_000))
