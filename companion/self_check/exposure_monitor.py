@@ -19,6 +19,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame
 from drivers.base import Event
 
 from ..cameras.masks import Mask, apply_mask
+from .attitude_history import AttitudeHistory
 from .exposure_fit import LAGS_S, LagFit, fit_lag
 from .exposure_offset import ExposureOffset, OffsetState
 
@@ -34,8 +35,8 @@ GUESS_PAIRS, GUESS_S = 24, 0.004
 PAIR_NS, PAIR_MAX_NS = 110_000_000, 300_000_000
 """Time between the images of a pair: longer gives more rotation for the same noise and fewer computations; the upper
 limit ensures overlap."""
-HISTORY_NS, GAP_NS = 3 * NS, 150_000_000
-"""Time for which attitudes are kept, and the widest gap that is interpolated."""
+MAX_WAITING = 8
+"""Number of images that wait for attitudes."""
 MIN_SPREAD_RAD = 1e-3
 """Pairs whose predicted rotation varies less than this over all lags do not determine the lag and are not registered.
 """
@@ -69,53 +70,6 @@ class ExposureOffsetMonitor:
     def offsets(self) -> tuple[ExposureOffset, ...]:
         """The present estimates."""
         return tuple(camera.offset for camera in self._cameras.values())
-
-
-class AttitudeHistory:
-    """The attitudes of the last seconds as arrays."""
-
-    def __init__(self) -> None:
-        self._samples: deque[tuple[int, tuple[float, float, float, float]]] = deque()
-        self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
-        self._q: NDArray[np.float64] = np.empty((0, 4))
-        self._stale = False
-
-    @property
-    def newest_ns(self) -> int | None:
-        return self._samples[-1][0] if self._samples else None
-
-    def add(self, sample: AttitudeSample) -> bool:
-        """Adds a sample unless it is late. False: the sender restarted and earlier samples are discarded."""
-        newest = self.newest_ns
-        restarted = newest is not None and sample.t_ns < newest - NS
-        if restarted:
-            self._samples.clear()
-        elif newest is not None and sample.t_ns <= newest:
-            return True
-        q = sample.q_ned_frd_wxyz
-        if self._samples and sum(a * b for a, b in zip(q, self._samples[-1][1], strict=True)) < 0.0:
-            q = (-q[0], -q[1], -q[2], -q[3])  # same rotation with the sign that allows interpolation by component
-        self._samples.append((sample.t_ns, q))
-        while self._samples[0][0] < sample.t_ns - HISTORY_NS:
-            self._samples.popleft()
-        self._stale = True
-        return not restarted
-
-    def at(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
-        """Quaternions (T, 4), not normalised, at increasing times (T,); None where one is not between two close
-        samples."""
-        if self._stale:
-            self._t_ns = np.array([t for t, _ in self._samples], np.int64)
-            self._q = np.array([q for _, q in self._samples])
-            self._stale = False
-        if len(self._t_ns) < 2 or t_ns[0] < self._t_ns[0] or t_ns[-1] > self._t_ns[-1]:
-            return None
-        after = np.clip(np.searchsorted(self._t_ns, t_ns), 1, len(self._t_ns) - 1)
-        gaps = self._t_ns[after] - self._t_ns[after - 1]
-        if int(gaps.max()) > GAP_NS:
-            return None
-        share = ((t_ns - self._t_ns[after - 1]) / gaps)[:, None]
-        return np.asarray(self._q[after - 1] * (1.0 - share) + self._q[after] * share)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +111,7 @@ class _Camera:
         if self._waiting and attitudes.newest_ns is not None:
             if attitudes.newest_ns > self._waiting[0].t_ns - int(LAGS_NS[0]):
                 self._take(self._waiting.popleft(), attitudes)
-            elif len(self._waiting) > 8:
+            elif len(self._waiting) > MAX_WAITING:
                 self._waiting.popleft()
 
     def _take(self, image: _Image, attitudes: AttitudeHistory) -> None:

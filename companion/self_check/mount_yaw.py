@@ -22,7 +22,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import Mask, apply_mask
 from ..pipeline.heading_jumps import HeadingJumps
-from .exposure_monitor import AttitudeHistory
+from .attitude_history import AttitudeHistory
 
 Floats = NDArray[np.float64]
 NS = 1_000_000_000
