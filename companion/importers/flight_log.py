@@ -14,7 +14,7 @@ from core.frames import euler_from_rotation, quaternion_from_euler, rotation_fro
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData
 from drivers.mavlink.dataflash import read_dataflash
-from drivers.mavlink.tlog import TlogAttitude, TlogPose, VehicleLog, read_tlog, vehicle_log
+from drivers.mavlink.tlog import Tlog, TlogAttitude, TlogPose, VehicleLog, read_tlog, vehicle_log
 from drivers.mavlink.ulog import read_ulog
 
 from .report import ImportOptions, Report
@@ -64,7 +64,7 @@ def read_flight_log(path: Path, options: ImportOptions, report: Report) -> Vehic
         return vehicle
     log = read_tlog(path)
     vehicle = vehicle_log(log, options.system_id)
-    _report_log(path, vehicle, log.bad_frames, log.skipped_bytes, log.truncated, report)
+    _report_log(path, vehicle, log, report)
     return vehicle
 
 
@@ -114,16 +114,20 @@ def _has_arrival(sample: TlogAttitude | TlogPose) -> bool:
     return abs(sample.stamp_us - sample.t_us) <= MAX_DELAY_US
 
 
-def _report_log(path: Path, vehicle: VehicleLog, bad: int, skipped: int, truncated: bool, report: Report) -> None:
+def _report_log(path: Path, vehicle: VehicleLog, log: Tlog, report: Report) -> None:
     report.note(
         f"attitude from {path.name}: {vehicle.kind} of system {vehicle.system}, component 1"
         + (f", clock drift {vehicle.drift * 1e6:.0f} ppm" if vehicle.drift else "")
         + (f", {vehicle.boots} boots of the autopilot" if vehicle.boots > 1 else "")
     )
-    damage = [f"{bad} messages with a wrong checksum"] * bool(bad) + [f"{skipped} bytes of noise"] * bool(skipped)
-    damage += [f"{vehicle.strange} messages with a damaged timestamp"] * bool(vehicle.strange)
-    if damage or truncated:
-        report.note(f"{path.name}: {', '.join(damage + ['incomplete'] * truncated)}; the rest was read")
+    counts = {
+        "messages with a wrong checksum": log.bad_frames,
+        "bytes of noise": log.skipped_bytes,
+        "messages with a damaged timestamp": vehicle.strange,
+    }
+    damage = [f"{number} {what}" for what, number in counts.items() if number] + ["incomplete"] * log.truncated
+    if damage:
+        report.note(f"{path.name}: {', '.join(damage)}; the rest was read")
 
 
 def _stamps(t_us: float, stamp_us: int, epoch_us: int) -> tuple[int, int]:
