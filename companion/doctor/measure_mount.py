@@ -170,6 +170,9 @@ def measured_mounts(config: Config, seconds: float, print_line: Callable[[str], 
     if not config.autopilot.address:
         yield MountFinding("all", False, "the attitude is needed: set [autopilot] address")
         return
+    if not config.cameras:
+        yield MountFinding("all", False, "none is configured: add a [[camera]] to the configuration")
+        return
     events: Incoming = queue.SimpleQueue()
     signing = signing_of(config.autopilot, folders().state)
     session = MavlinkSession(params_of(config), signing=signing)

@@ -38,14 +38,16 @@ def candidates(ports: Sequence[str]) -> Iterator[str]:
     yield from UDP
 
 
-def hear(address: str, seconds: float = HEARTBEAT_S) -> FoundAutopilot | None:
-    """The autopilot on an address; None where no heartbeat arrives."""
+def hear(address: str, seconds: float, say: Callable[[str], None]) -> FoundAutopilot | None:
+    """The autopilot on an address; None where no heartbeat arrives. say: takes the cause if the line is not open."""
     session = MavlinkSession(params_of(Config()))
     link = MavlinkLink(parse_address(address), session, lambda samples: None)
     link.open()
     try:
         wait_until(lambda: session.vehicle is not None, seconds)
         vehicle = session.vehicle
+        if error := link.state.error:
+            say(f"{address} is not open: {error}")
     finally:
         link.close()
     return None if vehicle is None else FoundAutopilot(address, f"{vehicle.autopilot}, system {vehicle.system_id}")
@@ -55,6 +57,6 @@ def find_autopilot(addresses: Sequence[str], say: Callable[[str], None]) -> Foun
     """The first address with an autopilot."""
     for address in addresses:
         say(f"listening on {address} ...")
-        if (found := hear(address)) is not None:
+        if (found := hear(address, HEARTBEAT_S, say)) is not None:
             return found
     return None

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from companion.config.camera import CameraConfig
-from companion.doctor.measure_mount import MountMeasurement, finding_of
+from companion.config.loader import Config
+from companion.config.service import AutopilotConfig
+from companion.doctor.measure_mount import MountMeasurement, finding_of, measured_mounts
 from companion.pipeline.quaternion import product
 from companion.pipeline.sync import SyncParams
 from core.frames import quaternion_from_euler
@@ -20,6 +22,7 @@ from drivers.simulation.flights import FlightPlan
 from drivers.simulation.scene_library import make_scene
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
+from tests.ports import free_port
 
 TRUE = CameraMount(roll_rad=math.radians(1.0), pitch_rad=math.radians(-12.0))
 
@@ -112,3 +115,12 @@ def test_it_is_done_when_roll_and_pitch_are_known_well() -> None:
     assert not measured(by_hand(30.0), TRUE).done
     assert measurement.turned_rad > math.radians(100.0)
     assert np.isfinite(measurement.heights_m).all()
+
+
+def test_without_a_camera_the_configuration_is_named() -> None:
+    """It asked to turn the vehicle, and ended without a result and without a cause."""
+    config = Config(autopilot=AutopilotConfig(address=f"udpin:127.0.0.1:{free_port()}"))
+    said: list[str] = []
+    (finding,) = measured_mounts(config, 0.1, said.append)
+    assert (finding.ok, said) == (False, [])
+    assert "add a [[camera]]" in finding.text

@@ -17,6 +17,7 @@ from companion.config.camera_kinds import CAMERA_KINDS
 from companion.config.loader import load_config
 from companion.diagnostic import DiagnosticCode
 from companion.doctor import intrinsics_check
+from companion.setup import listen
 from companion.setup.configuration import Answers, configuration_text
 from companion.setup.devices import FoundCamera, find_cameras, find_serial_ports
 from companion.setup.listen import candidates
@@ -379,3 +380,12 @@ def test_the_template_s_intrinsics_are_refused(name: str, capsys: pytest.Capture
     output = capsys.readouterr()
     assert "usable" not in output.out
     assert f"configs/{name}.toml" in output.err
+
+
+def test_a_port_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As without the permission to use it: only cable, power and baud rate were named as the cause."""
+    monkeypatch.setattr(listen, "HEARTBEAT_S", 1.0)
+    port, said = tmp_path / "ttyACM0", list[str]()
+    assert listen.find_autopilot([f"serial:{port}:57600"], said.append) is None
+    _, cause = said
+    assert cause.startswith(f"serial:{port}:57600 is not open: ")
