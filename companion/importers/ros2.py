@@ -186,12 +186,7 @@ class Ros2Source:
             span_ns = self._scan.span_ns(self._depth_topic)
             return flight_log_samples(self._options.tlog, span_ns, (), self._options, self._report)
         attitude = self._attitude_topic()
-        pose_topics = self._scan.motion.pose_topics()
-        pose: str | None = topics.pose
-        if pose is None:
-            pose = self._scan.motion.usual_pose_topic(attitude)
-        elif pose not in pose_topics:
-            raise BadData(f"{self._path}: no position on {pose}; available: {_joined(pose_topics) or 'none'}")
+        pose = self._pose_topic(attitude)
         self._report.note(f"attitude from {attitude}, position from {pose or 'no topic'}")
         self._report_px4_positions(pose)
         invalid = self._scan.motion.unusable(attitude)
@@ -238,6 +233,13 @@ class Ros2Source:
         if wanted is None and not there:
             raise BadData(f"{self._path}: no attitude in it; {self._scan.motion.hint()}")
         return wanted or there[0]
+
+    def _pose_topic(self, attitude: str) -> str | None:
+        """The topic with the position; None: there is none for this attitude. Raises BadData with what was found."""
+        wanted, there = self._options.topics.pose, self._scan.motion.pose_topics()
+        if wanted is not None and wanted not in there:
+            raise BadData(f"{self._path}: no position on {wanted}; available: {_joined(there) or 'none'}")
+        return wanted or self._scan.motion.usual_pose_topic(attitude)
 
     def _with_arrival(self, samples: list[_Sample]) -> list[_Sample]:
         """The samples with their arrival on the stamps' clock in place of the log time; without those of implausible stamps."""
