@@ -202,12 +202,8 @@ class Ros2Source:
                 "attitude of the vehicle; otherwise record /tf_static, or choose with --base-frame"
             )
         attitudes = self._scan.motion.attitudes(attitude, to_child)
-        kept = self._with_arrival(attitudes)
-        if lost := len(attitudes) - len(kept):
-            self._report.problem(
-                "stamp", f"{self._path}: {lost} attitudes have a stamp far from their log time; left out"
-            )
-        return kept, self._with_arrival(self._scan.motion.poses(pose, to_child) if pose else [])
+        poses = self._scan.motion.poses(pose, to_child) if pose else []
+        return self._with_arrival(attitudes, "attitudes"), self._with_arrival(poses, "positions")
 
     def _report_px4_positions(self, pose: str | None) -> None:
         """Reports positions of PX4 that were left out, and a topic of positions without a validity flag."""
@@ -241,10 +237,14 @@ class Ros2Source:
             raise BadData(f"{self._path}: no position on {wanted}; available: {_joined(there) or 'none'}")
         return wanted or self._scan.motion.usual_pose_topic(attitude)
 
-    def _with_arrival(self, samples: list[_Sample]) -> list[_Sample]:
-        """The samples with their arrival on the stamps' clock in place of the log time; without those of implausible stamps."""
+    def _with_arrival(self, samples: list[_Sample], what: str) -> list[_Sample]:
+        """The samples with their arrival on the stamps' clock in place of the log time; without those of implausible stamps,
+        which are reported. what: their name in the report."""
         arrivals_ns = (self._scan.arrival_ns(s.t_arrival_ns, s.t_ns) for s in samples)
-        return [replace(s, t_arrival_ns=t) for s, t in zip(samples, arrivals_ns, strict=True) if t is not None]
+        kept = [replace(s, t_arrival_ns=t) for s, t in zip(samples, arrivals_ns, strict=True) if t is not None]
+        if lost := len(samples) - len(kept):
+            self._report.problem("stamp", f"{self._path}: {lost} {what} have a stamp far from their log time; left out")
+        return kept
 
 
 def _joined(topics: list[str]) -> str:
