@@ -32,6 +32,9 @@ MIN_PAIRS, MAX_PAIRS, EVERY_PAIRS = 48, 180, 12
 """Pairs for a report, pairs kept (about 25 s of motion), and pairs between two fits."""
 GUESS_PAIRS, GUESS_S = 24, 0.004
 """Pairs for a first estimate, and the largest distance of the registration's initial lag from the estimate."""
+RESTART_S, MAX_AWAY_S = 0.006, 0.012
+"""Distances of the estimate from the lag of the grid at which the registrations began: beyond the first, a little more than
+half a step of the grid, they begin again there; from the second on no offset is reported."""
 PAIR_NS, PAIR_MAX_NS = 110_000_000, 300_000_000
 """Time between the images of a pair: longer gives more rotation for the same noise and fewer computations; the upper
 limit ensures overlap."""
@@ -152,7 +155,7 @@ class _Camera:
         fit = fit_lag(np.array(self._measured), np.array(self._sigma), np.array(self._predicted))
         away_s = abs(fit.lag_s - float(LAGS_S[np.argmin(np.abs(LAGS_S - self._guess_s))]))
         # a registration is biased towards its initial value: it starts again from here
-        if fit.inside and abs(fit.lag_s - self._guess_s) > max(GUESS_S, 3.0 * fit.sigma_s) and away_s > 0.006:
+        if fit.inside and abs(fit.lag_s - self._guess_s) > max(GUESS_S, 3.0 * fit.sigma_s) and away_s > RESTART_S:
             self._guess_s = fit.lag_s
             for kept in (self._measured, self._sigma, self._predicted):
                 kept.clear()
@@ -160,7 +163,7 @@ class _Camera:
             return
         if len(self._measured) < MIN_PAIRS:
             self._report(OffsetState.COLLECTING)
-        elif fit.inside and fit.sigma_s <= MAX_SIGMA_S and fit.explained >= MIN_EXPLAINED and away_s < 0.012:
+        elif fit.inside and fit.sigma_s <= MAX_SIGMA_S and fit.explained >= MIN_EXPLAINED and away_s < MAX_AWAY_S:
             self._report(OffsetState.MEASURED, fit)
         else:
             self._report(OffsetState.UNCERTAIN)
