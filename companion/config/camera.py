@@ -17,8 +17,8 @@ _POLYGON = rf"{_CORNER}(?: +{_CORNER})+"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """What the configuration says about one camera. What it leaves out (None) stays as the camera or the recording
-    has it. Raises ValueError when the ranges contradict each other."""
+    """The configuration of one camera. A missing value (None) stays as the camera or the recording has it. Raises
+    ValueError when the ranges contradict each other."""
 
     name: str = field(
         metadata={"pattern": r"^[A-Za-z0-9._-]+$", "unit": "", "doc": "letters, digits, dot, dash, underscore"}
@@ -209,8 +209,7 @@ class CameraConfig:
             raise ValueError(f'[[camera]] "{self.name}" of kind "{self.kind}" needs {", ".join(missing)}')
 
     def applied_to(self, info: CameraInfo) -> CameraInfo:
-        """The camera's description with what the configuration says of it. Raises ValueError where that does not
-        fit together."""
+        """The camera's description with the configured values. Raises ValueError if they contradict it or each other."""
         angles = {"roll_rad": self.roll_deg, "pitch_rad": self.pitch_deg, "yaw_rad": self.yaw_deg}
         mount: dict[str, Any] = {k: math.radians(v) for k, v in angles.items() if v is not None}
         mount |= {k: getattr(self, k) for k in ("x_m", "y_m", "z_m") if getattr(self, k) is not None}

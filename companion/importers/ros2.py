@@ -98,7 +98,7 @@ class Ros2Source:
         height, width = depth_mm.shape
         if (width, height) != (k.width, k.height):
             self._report.problem(
-                "image", f"{where}: {width}x{height} pixels, but the camera info says {k.width}x{k.height}"
+                "image", f"{where}: {width}x{height} pixels, but the camera info is for {k.width}x{k.height}"
             )
             return None
         return DepthFrame(

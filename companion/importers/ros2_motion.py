@@ -69,7 +69,7 @@ class Motion:
         self.invalid_positions: Counter[str] = Counter()
         """Topic -> number of messages of PX4 whose position is not valid, or in a frame that does not point north."""
         self.without_orientation: Counter[str] = Counter()
-        """Topic -> number of Imu messages that say that they have no orientation."""
+        """Topic -> number of Imu messages that are marked as having no orientation."""
         self.tree = TransformTree()
         """The newest transforms, the constant ones included."""
 
@@ -193,7 +193,7 @@ class Motion:
             return expected
         topic, number = self.without_orientation.most_common(1)[0]
         return (
-            f"the {number} Imu messages of {topic} say that they have no orientation (orientation_covariance[0] = -1), only "
+            f"the {number} Imu messages of {topic} are marked as having no orientation (orientation_covariance[0] = -1), only "
             "rates and acceleration, which give no attitude: run a filter such as imu_filter_madgwick over the recording, "
             f"or record the autopilot's attitude; {expected}"
         )

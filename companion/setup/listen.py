@@ -38,8 +38,9 @@ def candidates(ports: Sequence[str]) -> Iterator[str]:
     yield from UDP
 
 
-def hear(address: str, seconds: float, say: Callable[[str], None]) -> FoundAutopilot | None:
-    """The autopilot on an address; None where no heartbeat arrives. say: takes the cause if the line is not open."""
+def autopilot_at(address: str, seconds: float, print_line: Callable[[str], None]) -> FoundAutopilot | None:
+    """The autopilot on an address; None where no heartbeat arrives. print_line: takes the cause if the line is not
+    open."""
     session = MavlinkSession(params_of(Config()))
     link = MavlinkLink(parse_address(address), session, lambda samples: None)
     link.open()
@@ -47,16 +48,16 @@ def hear(address: str, seconds: float, say: Callable[[str], None]) -> FoundAutop
         wait_until(lambda: session.vehicle is not None, seconds)
         vehicle = session.vehicle
         if error := link.state.error:
-            say(f"{address} is not open: {error}")
+            print_line(f"{address} is not open: {error}")
     finally:
         link.close()
     return None if vehicle is None else FoundAutopilot(address, f"{vehicle.autopilot}, system {vehicle.system_id}")
 
 
-def find_autopilot(addresses: Sequence[str], say: Callable[[str], None]) -> FoundAutopilot | None:
+def find_autopilot(addresses: Sequence[str], print_line: Callable[[str], None]) -> FoundAutopilot | None:
     """The first address with an autopilot."""
     for address in addresses:
-        say(f"listening on {address} ...")
-        if (found := hear(address, HEARTBEAT_S, say)) is not None:
+        print_line(f"listening on {address} ...")
+        if (found := autopilot_at(address, HEARTBEAT_S, print_line)) is not None:
             return found
     return None

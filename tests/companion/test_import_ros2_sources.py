@@ -148,7 +148,7 @@ def test_an_imu_without_orientation_is_named_with_the_remedy(
 ) -> None:
     assert imported(RosFlight(motion=("imu without orientation",)).write(tmp_path / "in.mcap"))[0] == 1
     output = capsys.readouterr().err
-    assert "100 Imu messages of /imu say that they have no orientation" in output
+    assert "100 Imu messages of /imu are marked as having no orientation" in output
     assert "imu_filter_madgwick" in output
 
 

@@ -221,7 +221,7 @@ def test_an_address_that_cannot_be_used_is_asked_again(
 ) -> None:
     """Before, setup ended, and the eight answers before it were lost."""
     lines = iter(["-15", "", "", "", "", "0.9", "0.4", "foo", "/dev/ttyACM0", "serial:/dev/ttyACM0"])
-    monkeypatch.setattr(setup, "find_autopilot", lambda addresses, say: None)
+    monkeypatch.setattr(setup, "find_autopilot", lambda addresses, print_line: None)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: next(lines) + "\n"))
     out = tmp_path / "c.toml"
     assert main(["setup", "--camera", "oak", "--no-doctor", "-o", str(out)]) == 0
