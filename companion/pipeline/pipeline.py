@@ -246,7 +246,7 @@ class Pipeline:
         if not model.ground.seen:  # a ground height that comes from the position is not kept as a measured one
             after = dataclasses.replace(after, ground_height_m=state.extractor.ground_height_m)
         mount = state.mount
-        if model.valid and due(mount, frame.t_exposure_ns, self._mount_check):
+        if model.valid and due(mount, frame.t_exposure_ns, self._mount_check, attitude.tilt_rad_s):
             mount = self._update_mount(frame, depth_mm, info, attitude, R_level_optical, camera_rad, model.ke_per_m)
         model = invalidate_if_mount_wrong(model, mount)
         if model.free.has_open and not self._mount_supports_open(frame.camera, mount, attitude, camera_rad):

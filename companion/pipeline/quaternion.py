@@ -64,3 +64,11 @@ def rates_between(a: Quaternion, b: Quaternion, dt_s: float) -> Vector:
     """The constant body rates, rad/s, that rotate a into b within dt_s."""
     v = to_rotation_vector(product(conjugate(normalised(a)), normalised(b)))
     return (v[0] / dt_s, v[1] / dt_s, v[2] / dt_s)
+
+
+def tilt_rate(q_ned_frd: Quaternion, rates_frd_rad_s: Vector) -> float:
+    """The rate, rad/s, at which body rates change the direction of down in frd: all of them but the turn about the vertical."""
+    w, x, y, z = normalised(q_ned_frd)
+    down = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+    about_down = sum(r * d for r, d in zip(rates_frd_rad_s, down, strict=True))
+    return math.hypot(*(r - about_down * d for r, d in zip(rates_frd_rad_s, down, strict=True)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Generic, Protocol, TypeVar
 
@@ -19,7 +19,7 @@ from core.types import AttitudeSample, PoseSample
 from ..config.sync import SyncParams
 from .heading_jumps import HeadingJumps, Jumps
 from .position_sections import NO_SECTION, PositionSections, Section
-from .quaternion import Quaternion, Vector, rates_between, rotate_by_rates, slerp
+from .quaternion import Quaternion, Vector, rates_between, rotate_by_rates, slerp, tilt_rate
 
 NS = 1_000_000_000
 MAX_RATE_RAD_S = 70.0
@@ -63,7 +63,9 @@ class AttitudeAt:
         turned_rad: sum of the jumps of the heading that are in it, clockwise.
         jumps: the newest of them.
         gap_ns: first stamp after the newest gap of the attitude, in which the heading may have jumped; 0: there was none
-            before it. None of these four is in the messages."""
+            before it.
+        tilt_rad_s: greatest rate of roll and pitch at the samples beside the instant, without the turn about the vertical;
+            0 where no rates are known. None of these five is in the messages."""
 
     q_ned_frd_wxyz: Quaternion
     source: Source
@@ -72,6 +74,7 @@ class AttitudeAt:
     turned_rad: float = field(default=0.0, compare=False)
     jumps: Jumps = field(default=(), compare=False)
     gap_ns: int = field(default=0, compare=False)
+    tilt_rad_s: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,11 +187,17 @@ class Synchroniser:
         between its neighbour and itself. None where the vehicle turns by more than max_clock_error_deg within the error of
         the stamps."""
         found = self._attitude_at(t_ns)
-        if isinstance(found, AttitudeAt) and any(
-            s is not None and self._uncertain(s) for s in self.attitudes.around(t_ns)
-        ):
+        if isinstance(found, DropCause):
+            return found
+        beside = [s for s in self.attitudes.around(t_ns) if s is not None]
+        if any(self._uncertain(s) for s in beside):
             return DropCause.CLOCK_UNCERTAIN
-        return found
+        return replace(found, tilt_rad_s=max(self._tilt_rad_s(s) for s in beside))
+
+    def _tilt_rad_s(self, sample: AttitudeSample) -> float:
+        """Returns the rate at which the vehicle tilts; 0 where no rates are known."""
+        rates = sample.rates_frd_rad_s or self._neighbour_rates(sample)
+        return 0.0 if rates is None else tilt_rate(sample.q_ned_frd_wxyz, rates)
 
     def _uncertain(self, sample: AttitudeSample) -> bool:
         """Returns whether a sample may be wrong by more than max_clock_error_deg, because it is of another instant."""

@@ -39,6 +39,9 @@ RESIDUAL_S, MAX_RESIDUAL_RAD = 1.0, math.radians(0.4)
 noise of the attitude, or a wrong mount, cause less."""
 RESTLESS_PER_SQRT_S = 3.0
 """Increase of the terrain's random walk, in rad/sqrt(s) per rad of residual above MAX_RESIDUAL_RAD."""
+FASTEST_TILT_RAD_S = math.radians(15.0)
+"""Tilt rate of the vehicle above which nothing is measured. An attitude that is late by an unknown delay is then wrong, and
+inclines ground and walls by the same angle, as a wrong mount does: by 3 degrees for 0.2 s."""
 CONFIRMED_SDS = 2.0
 """Standard deviations by which the apparent slope of level ground may differ from level, see `confirmed_by_ground`."""
 VERIFIED_SDS = 2.0
@@ -124,9 +127,9 @@ class MountState:
         return roll_rad, pitch_rad, mount.yaw_rad
 
 
-def due(state: MountState, t_ns: int, params: MountCheckParams) -> bool:
-    """True if the frame at t_ns must be measured."""
-    if not params.enabled:
+def due(state: MountState, t_ns: int, params: MountCheckParams, tilt_rad_s: float = 0.0) -> bool:
+    """True if the frame at t_ns must be measured. tilt_rad_s: rate at which the vehicle tilts."""
+    if not params.enabled or tilt_rad_s > FASTEST_TILT_RAD_S:
         return False
     if state.t_ns is None or state.measurements < FIRST_MEASUREMENTS:
         return True

@@ -25,7 +25,7 @@ from companion.pipeline.results import Output, PrismsResult
 from companion.pipeline.state import CameraState, PipelineState
 from companion.self_check.mount_watch import MountWatch
 from core.extractor import Extractor
-from core.frames import rotation_from_euler
+from core.frames import quaternion_from_euler, rotation_from_euler
 from core.self_check.mount_check import MountState, MountVerdict, checked
 from core.self_check.mount_cues import MountCues
 from core.self_check.mount_filter import FilterState
@@ -103,6 +103,45 @@ def test_the_check_gets_the_jumps_of_the_heading(depths: list[np.ndarray]) -> No
     assert len(stamps) == len(depths)
     assert all(mount_ns == jump_ns for mount_ns, jump_ns in stamps)
     assert len({mount_ns for mount_ns, _ in stamps}) == len(depths)
+
+
+def tilted_flight(lag_s: float) -> list[Output]:
+    """A vehicle before walls brakes and accelerates: its pitch swings to 14 degrees and back within a second, three times. The
+    attitude of each frame is that of lag_s before it, as with a delay of the line that is not known."""
+    pipeline, outputs = pipeline_of(simulated_info(160, 120)), []
+
+    def pitch_rad(t_s: float) -> float:
+        return math.radians(7.0) * (1.0 - math.cos(math.tau * t_s / 2.0)) if 0.0 < t_s < 6.0 else 0.0
+
+    for i in range(-10, 110):  # attitudes at 100 Hz from 2 s before the first frame on
+        t_s = i / 10
+        image = render(
+            "alley", simulated_info(160, 120), pitch_rad=pitch_rad(t_s), sensor=TYPICAL.scaled_to(160), seed=i + 10
+        )
+        t_ns = 10 * NS + i * NS // 10
+        for k in range(10):
+            at_s = t_s + (k - 9) / 100
+            rate_rad_s = (pitch_rad(at_s - lag_s + 1e-3) - pitch_rad(at_s - lag_s - 1e-3)) / 2e-3
+            q = quaternion_from_euler(0.0, pitch_rad(at_s - lag_s), 0.0)
+            at_ns = t_ns + (k - 9) * NS // 100
+            pipeline.handle(AttitudeSample(at_ns, at_ns, q, (0.0, rate_rad_s, 0.0)))
+        outputs += pipeline.handle(
+            DepthFrame(
+                camera="front",
+                sequence=i + 10,
+                t_exposure_ns=t_ns,
+                t_arrival_ns=t_ns + NS // 50,
+                depth_mm=image.depth_mm,
+            )
+        )
+    return outputs
+
+
+def test_late_attitudes_of_a_tilting_vehicle_are_no_mount_error() -> None:
+    """The attitude is wrong while the vehicle tilts: ground and walls lean by the same angle, as with a wrong mount."""
+    found = [r.mount.verdict for r in results(tilted_flight(0.2)) if r.mount is not None]
+    assert len(found) == 120
+    assert not any(verdict.invalid for verdict in found)
 
 
 def test_the_check_can_be_switched_off(depths: list[np.ndarray]) -> None:

@@ -22,7 +22,7 @@ from companion.pipeline.quaternion import (
     to_rotation_vector,
 )
 from companion.pipeline.sync import MAX_DISTANCE_M, NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
-from core.frames import rotation_from_quaternion
+from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 
 MS = 1_000_000
@@ -104,6 +104,26 @@ def test_body_rates_undo_the_turn_they_are_taken_from(start, rates, dt_s):
     q = from_rotation_vector(start)
     found = rates_between(q, rotate_by_rates(q, rates, dt_s), dt_s)
     np.testing.assert_allclose(found, rates, atol=1e-6)
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.3, -0.4), (-0.5, 1.2)])
+def test_the_rate_of_tilting_is_that_of_down_and_not_the_turn_about_it(roll, pitch):
+    q = quaternion_from_euler(roll, pitch, 1.0)
+    down = rotation_from_quaternion(q)[2]
+    level = np.cross(down, [0.3, -0.7, 0.2])
+    level *= 0.25 / np.linalg.norm(level)
+    for turn in (0.0, 1.5, -3.0):
+        rates = tuple(float(v) for v in turn * down + level)
+        s = synchroniser(AttitudeSample(0, 0, q, (0.0, 0.0, 0.0)), AttitudeSample(10_000_000, 10_000_000, q, rates))
+        assert s.attitude_at(5_000_000).tilt_rad_s == pytest.approx(0.25), "the greater of both samples"
+        assert s.attitude_at(0).tilt_rad_s == 0.0
+
+
+def test_the_rate_of_tilting_follows_from_two_attitudes_without_rates():
+    first, second = (quaternion_from_euler(0.0, pitch, 0.0) for pitch in (0.0, 0.01))
+    s = synchroniser(AttitudeSample(0, 0, first, None), AttitudeSample(20_000_000, 20_000_000, second, None))
+    assert s.attitude_at(10_000_000).tilt_rad_s == pytest.approx(0.5)
+    assert synchroniser(AttitudeSample(0, 0, first, None)).attitude_at(0).tilt_rad_s == 0.0
 
 
 def test_an_exact_stamp_is_taken_as_it_is():

@@ -299,6 +299,8 @@ def test_measurements_are_due_by_exposure_times() -> None:
     assert not due(state, NS + NS // 20, P)
     assert due(state, NS + NS // 10, P)
     assert not due(MountState(), 0, MountCheckParams(enabled=False))
+    assert due(MountState(), 0, P, math.radians(14.9))
+    assert not due(MountState(), 0, P, math.radians(15.1))
 
 
 def test_parameters_check_themselves() -> None:

@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from core.frames import rotation_from_euler
-from core.self_check.mount_check import MountState, MountVerdict, checked, rotation_vector, settled
-from core.self_check.mount_cues import MountCues
+from core.self_check.mount_check import MountState, MountVerdict, checked, due, rotation_vector, settled
+from core.self_check.mount_cues import MountCues, Walls
 from core.self_check.mount_params import MountCheckParams
 from core.types import CameraMount
 
@@ -201,3 +201,41 @@ def test_a_verdict_that_flips_between_two_valid_ones_ends_invalid_frames() -> No
         verdict, pending, streak = settled(state, kinds[i % 2])
         state = replace(state, verdict=verdict, pending=pending, streak=streak)
     assert not state.verdict.invalid
+
+
+@pytest.mark.parametrize("lag_s", [0.05, 0.1, 0.15, 0.2])
+@pytest.mark.parametrize("amplitude_deg", [15.0, 25.0, 35.0])
+def test_attitudes_that_are_late_by_an_unknown_delay_are_no_mount_error(lag_s: float, amplitude_deg: float) -> None:
+    """A vehicle before walls changes its tilt every few seconds. While it tilts, its attitude is wrong, and ground and walls lean by
+    the same angle."""
+    for seed in range(4):
+        tilt = tilts(amplitude_deg, seed, 60.0)
+        state = MountState()
+        for i in range(60 * HZ):
+            t_ns, at, known = i * NS // HZ, 100 * i // HZ, max(1, 100 * i // HZ - round(100 * lag_s))
+            heading_rad = 0.2 * known / 100
+            R_true = rotation_from_euler(*tilt[at], heading_rad)
+            R_known = rotation_from_euler(*tilt[known], heading_rad)
+            rate_rad_s = 100.0 * math.dist(tilt[known], tilt[known - 1])
+            x, y, z = rotation_from_euler(0.0, 0.0, -heading_rad) @ R_known @ R_true.T @ np.array([0.0, 0.0, 1.0])
+            slope = -math.atan2(math.hypot(x, y), z) / max(math.hypot(x, y), 1e-12) * np.array([x, y])
+            walls = Walls.LEANING if math.hypot(*slope) > 2.0 * DEG else Walls.UNDECIDED
+            if due(state, t_ns, PARAMS, rate_rad_s):
+                cues = MountCues(True, *slope.tolist(), 2.0, 0.1 * DEG, walls)
+                state = checked(state, t_ns, cues, R_known, heading_rad, PARAMS)
+            assert not state.verdict.invalid, (seed, i)
+        assert state.measurements > 0.5 * 60 * HZ
+
+
+def tilts(amplitude_deg: float, seed: int, seconds: float) -> Floats:
+    """(n, 2) roll and pitch a hundred times per second: every 1 to 4 s the vehicle is commanded another tilt."""
+    rng = np.random.default_rng(seed)
+    tilt, rate, command = np.zeros(2), np.zeros(2), np.zeros(2)
+    out, next_step = [], 0
+    for i in range(round(100 * seconds)):
+        if i >= next_step:
+            command, next_step = rng.uniform(-amplitude_deg, amplitude_deg, 2) * DEG, i + int(rng.uniform(100, 400))
+        rate = rate + (36.0 * (command - tilt) - 9.6 * rate) / 100.0
+        tilt = tilt + rate / 100.0
+        out.append(tilt)
+    return np.array(out)
