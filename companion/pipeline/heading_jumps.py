@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from core.types import AttitudeSample
 
-from .quaternion import Quaternion, conjugate, normalised, product, rotate_by_rates
+from .quaternion import Quaternion, conjugate, normalised, plausible_rates, product, rotate_by_rates
 
 NS: Final = 1_000_000_000
 JUMP_RAD: Final = math.radians(3.0)
@@ -177,7 +177,7 @@ def _unexplained(before: AttitudeSample, after: AttitudeSample) -> Turn:
     The mean is wrong by at most half of the change of the rates, and, where they change by RATE_CHANGE_RAD_S2 and back,
     by a quarter of that times the square of the time."""
     dt_s = (after.t_ns - before.t_ns) / NS
-    rates = [s.rates_frd_rad_s for s in (before, after) if s.rates_frd_rad_s is not None]
+    rates = [r for r in (plausible_rates(s.rates_frd_rad_s) for s in (before, after)) if r is not None]
     x, y, z = (sum(r) / len(rates) for r in zip(*rates, strict=True)) if rates else (0.0, 0.0, 0.0)
     expected = rotate_by_rates(before.q_ned_frd_wxyz, (x, y, z), dt_s)
     angle_rad = _about_vertical_rad(product(normalised(after.q_ned_frd_wxyz), conjugate(expected)))

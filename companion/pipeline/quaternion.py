@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from core.types import MAX_RATE_RAD_S
+
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -72,3 +74,10 @@ def tilt_rate(q_ned_frd: Quaternion, rates_frd_rad_s: Vector) -> float:
     down = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
     about_down = sum(r * d for r, d in zip(rates_frd_rad_s, down, strict=True))
     return math.hypot(*(r - about_down * d for r, d in zip(rates_frd_rad_s, down, strict=True)))
+
+
+def plausible_rates(rates_rad_s: Vector | None) -> Vector | None:
+    """The rates; None where one of them exceeds MAX_RATE_RAD_S."""
+    if rates_rad_s is None or max(map(abs, rates_rad_s)) > MAX_RATE_RAD_S:
+        return None
+    return rates_rad_s

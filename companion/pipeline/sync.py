@@ -19,11 +19,9 @@ from core.types import AttitudeSample, PoseSample
 from ..config.sync import SyncParams
 from .heading_jumps import HeadingJumps, Jumps
 from .position_sections import NO_SECTION, PositionSections, Section
-from .quaternion import Quaternion, Vector, rates_between, rotate_by_rates, slerp, tilt_rate
+from .quaternion import Quaternion, Vector, plausible_rates, rates_between, rotate_by_rates, slerp, tilt_rate
 
 NS = 1_000_000_000
-MAX_RATE_RAD_S = 70.0
-"""Twice the measuring range of autopilots' gyros: faster rates are measurement errors."""
 MAX_DISTANCE_M = 100_000.0
 """Largest distance from the origin of ned: beyond it float32 cannot represent the centimetres of a prism."""
 
@@ -230,7 +228,7 @@ class Synchroniser:
             if before is None:
                 return DropCause.FRAME_TOO_OLD
             return DropCause.ATTITUDE_STALE if after is None else DropCause.GAP_TOO_WIDE
-        rates = _plausible(nearest.rates_frd_rad_s) or _plausible(self._neighbour_rates(nearest))
+        rates = plausible_rates(nearest.rates_frd_rad_s) or plausible_rates(self._neighbour_rates(nearest))
         if rates is None:
             return DropCause.NO_RATES
         q = rotate_by_rates(nearest.q_ned_frd_wxyz, rates, (t_ns - nearest.t_ns) / NS)
@@ -314,13 +312,6 @@ class Synchroniser:
         moved = (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s)
         section = self.sections.at(nearest.t_ns)
         return PoseAt(moved, Source.EXTRAPOLATED, distance_ns, nearest.reset_counter, section)
-
-
-def _plausible(rates_rad_s: Vector | None) -> Vector | None:
-    """The rates; None where they exceed MAX_RATE_RAD_S."""
-    if rates_rad_s is None or max(map(abs, rates_rad_s)) > MAX_RATE_RAD_S:
-        return None
-    return rates_rad_s
 
 
 def _nearest(t_ns: int, before: S | None, after: S | None) -> S:

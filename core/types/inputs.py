@@ -152,12 +152,19 @@ class DepthFrame:
         object.__setattr__(self, "depth_mm", readonly(self.depth_mm, np.uint16, (None, None), "depth_mm"))
 
 
+MAX_RATE_RAD_S = 70.0
+"""Twice the measuring range of autopilots' gyros: greater body rates are measurement errors."""
+MAX_SPEED_M_S = 200.0
+"""No multirotor is faster: greater velocities are errors."""
+
+
 @dataclass(frozen=True, slots=True)
 class AttitudeSample:
     """Attitude of the vehicle at t_ns.
 
     q_ned_frd_wxyz is a unit quaternion. Body rates are in frd, rad/s; None: not known. t_arrival_ns: when the host
-    received the sample. stamp_error_ns: greatest error of t_ns by the autopilot's clock; 0: not stated."""
+    received the sample. stamp_error_ns: greatest error of t_ns by the autopilot's clock, 30 ms by assumption where the
+    delay of the line is not measured; 0: not stated."""
 
     t_ns: int
     t_arrival_ns: int

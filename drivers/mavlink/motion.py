@@ -1,4 +1,5 @@
-"""Converts the autopilot's messages of motion to samples on the local clock. Values that are not finite are refused."""
+"""Converts the autopilot's messages of motion to samples on the local clock. Values that are not finite are refused, and rates and
+velocities that no vehicle has."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from collections import Counter
 from typing import Any
 
 from core.frames import quaternion_from_euler, rotation_from_quaternion
-from core.types import AttitudeSample, PoseSample
+from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
 from .clock_sync import NS, UNKNOWN_DELAY_NS, ClockEstimate, ClockFilter
@@ -27,6 +28,9 @@ MOTION = frozenset({ATTITUDE_ID, 31, 32, 331})
 _FIELDS = {ATTITUDE_ID: struct.Struct("<I6f"), 31: struct.Struct("<I7f"), 32: struct.Struct("<I6f")}
 """time_boot_ms and the numbers of the messages that arrive a hundred times per second, as in the payload. Decoding by
 the dialect would take as long as all other steps of a sample together."""
+MOST_BETWEEN = 4
+"""ODOMETRY is not used where more LOCAL_POSITION_NED than this arrive between two of it: its position and velocity would be older.
+Single lost messages do not change the kind, which would begin a new section of the position."""
 CONFIRMED_FOR_NS = NS
 """Time after a LOCAL_POSITION_NED for which ODOMETRY is used."""
 LOCAL_NED = 1
@@ -43,13 +47,14 @@ class MotionDecoder:
     Of two kinds with the same content the better one is used: the quaternion (no gimbal lock), and ODOMETRY (it
     reports jumps of the estimate). PX4 sends ODOMETRY also while its position is not valid (EKF2::PublishOdometry), and
     LOCAL_POSITION_NED only while position and velocity are; ArduPilot likewise. ODOMETRY is therefore used only while
-    LOCAL_POSITION_NED arrives. counts: refused messages, by cause."""
+    LOCAL_POSITION_NED arrives, and not much more often than it. counts: refused messages, by cause."""
 
     def __init__(self, clock: ClockFilter) -> None:
         self._clock = clock
         self._quaternion_ns: int | None = None
         self._odometry_ns: int | None = None
         self._local_ns: int | None = None
+        self._locals_since = 0  # the newest ODOMETRY
         self.counts: Counter[LinkAnomaly] = Counter()
 
     def wants(self, message_id: int, arrival_ns: int) -> bool:
@@ -97,7 +102,7 @@ class MotionDecoder:
         if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
             return None
         q = quaternion_from_euler(roll, pitch, yaw)
-        return AttitudeSample(t_ns, arrival_ns, q, _three(numbers[3:]), self._stamp_error_ns())
+        return AttitudeSample(t_ns, arrival_ns, q, _within(numbers[3:], MAX_RATE_RAD_S), self._stamp_error_ns())
 
     def _attitude_quaternion(
         self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int
@@ -112,10 +117,10 @@ class MotionDecoder:
             return None
         self._quaternion_ns = arrival_ns
         q = (w / norm, x / norm, y / norm, z / norm)
-        return AttitudeSample(t_ns, arrival_ns, q, _three(numbers[4:]), self._stamp_error_ns())
+        return AttitudeSample(t_ns, arrival_ns, q, _within(numbers[4:], MAX_RATE_RAD_S), self._stamp_error_ns())
 
     def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
-        position = _three(numbers[:3])
+        position = _within(numbers[:3], math.inf)
         if position is None:
             self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
@@ -123,9 +128,11 @@ class MotionDecoder:
         if t_ns is None:
             return None
         self._local_ns = arrival_ns
-        if _recent(self._odometry_ns, arrival_ns):
+        self._locals_since += 1
+        if _recent(self._odometry_ns, arrival_ns) and self._locals_since <= MOST_BETWEEN:
             return None
-        return PoseSample(t_ns, arrival_ns, position, _three(numbers[3:]), stamp_error_ns=self._stamp_error_ns())
+        velocity = _within(numbers[3:], MAX_SPEED_M_S)
+        return PoseSample(t_ns, arrival_ns, position, velocity, stamp_error_ns=self._stamp_error_ns())
 
     def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
         position = (float(m.x), float(m.y), float(m.z))
@@ -145,6 +152,10 @@ class MotionDecoder:
         t_ns = self._stamp(boot_ns, 0, arrival_ns)
         if t_ns is None:
             return None
+        slower, self._locals_since = self._locals_since > MOST_BETWEEN, 0
+        if slower:
+            self._odometry_ns = None
+            return None
         self._odometry_ns = arrival_ns
         return PoseSample(
             t_ns, arrival_ns, position, _odometry_velocity(m), int(m.reset_counter), self._stamp_error_ns()
@@ -161,16 +172,16 @@ def _recent(received_ns: int | None, now_ns: int, for_ns: int = PREFER_FOR_NS) -
     return received_ns is not None and now_ns - received_ns < for_ns
 
 
-def _three(numbers: tuple[float, ...]) -> tuple[float, float, float] | None:
-    """Returns three rates or a velocity; None if one of them is not finite."""
+def _within(numbers: tuple[float, ...], most: float) -> tuple[float, float, float] | None:
+    """Returns three numbers; None if one of them is not finite, or exceeds this limit."""
     x, y, z = numbers
-    return (x, y, z) if math.isfinite(x) and math.isfinite(y) and math.isfinite(z) else None
+    return (x, y, z) if all(map(math.isfinite, numbers)) and max(abs(x), abs(y), abs(z)) <= most else None
 
 
 def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:
     """Returns the velocity in ned. ODOMETRY gives it in child_frame_id."""
-    v = (float(m.vx), float(m.vy), float(m.vz))
-    if not all(map(math.isfinite, v)):
+    v = _within((float(m.vx), float(m.vy), float(m.vz)), MAX_SPEED_M_S)
+    if v is None:
         return None
     if int(m.child_frame_id) in LOCAL_FRAMES:
         return v

@@ -141,6 +141,18 @@ def test_a_small_jump_is_detected_between_rare_attitudes(every_ms: int, jump_deg
         assert jumps.turned_rad == pytest.approx(math.radians(jump_deg))
 
 
+@pytest.mark.parametrize("rate_rad_s", [71.0, 1e6, -1e200])
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_rates_that_nothing_flies_with_hide_no_jump(rate_rad_s: float, which: int) -> None:
+    """The limit grows with the change of the rates: a single absurd rate hid a jump of 40 degrees."""
+    jumps = HeadingJumps()
+    for k, yaw_rad in enumerate((0.0, JUMP, JUMP)):
+        sample = at(k * 10, yaw_rad, rate_rad_s if k == which else 0.0)
+        jumps.take(replace(sample, rates_frd_rad_s=(0.0, rate_rad_s, 0.0)) if k == which else sample)
+    assert jumps.number == 1
+    assert jumps.turned_rad == pytest.approx(JUMP)
+
+
 @pytest.mark.parametrize("every_ms", [20, 50, 100, 200])
 def test_a_turn_that_begins_and_ends_is_not_a_jump(every_ms: int) -> None:
     """Rates from 0 to 3 rad/s and back within 0.6 s, sampled at any phase of the turn."""

@@ -427,6 +427,22 @@ def test_rates_that_are_not_numbers_leave_the_attitude() -> None:
     assert all(s.rates_frd_rad_s is None for s in attitudes)
 
 
+@pytest.mark.parametrize("absurd", [1e3, -1e6, 1e30])
+def test_rates_and_velocities_that_nothing_flies_with_are_not_known(absurd: float) -> None:
+    c = talk(PX4)
+    c.run(2.0)
+    boot_ms, mavlink = c.autopilots[0].boot_ns(c.now_ns) // MS, dialect.MAVLink(None, 1, 1)
+    messages = [
+        dialect.MAVLink_attitude_quaternion_message(boot_ms, 1.0, 0.0, 0.0, 0.0, 0.0, absurd, 0.0),
+        dialect.MAVLink_local_position_ned_message(boot_ms, 1.0, 2.0, -3.0, 0.0, 0.0, absurd),
+    ]
+    attitude, pose = c.session.receive([(bytes(m.pack(mavlink)), c.now_ns + MS) for m in messages])
+    assert isinstance(attitude, AttitudeSample)
+    assert isinstance(pose, PoseSample)
+    assert attitude.rates_frd_rad_s is None
+    assert pose.velocity_ned_m_s is None
+
+
 def test_odometry_turns_its_velocity_into_ned_and_reports_jumps() -> None:
     c = talk(PX4, boot_at_ns=0)
     c.run(2.0)
@@ -438,6 +454,7 @@ def test_odometry_turns_its_velocity_into_ned_and_reports_jumps() -> None:
         boot_us, 1, 12, 1.0, 2.0, -3.0, q, 4.0, 0.0, 0.0, 0, 0, 0, nan, nan, reset_counter=5, quality=80
     )
     other = dialect.MAVLink(None, 1, 1)
+    assert c.session.receive([(odometry_at(c), c.now_ns + MS)]) == [], "its rate is not known"
     (pose,) = c.session.receive([(bytes(odometry.pack(other)), c.now_ns + MS)])
     assert isinstance(pose, PoseSample)
     assert pose.velocity_ned_m_s == pytest.approx((0.0, 4.0, 0.0), abs=1e-6)
@@ -465,7 +482,7 @@ def test_odometry_counts_while_the_autopilot_also_sends_a_valid_position() -> No
     assert not any(isinstance(s, PoseSample) for s in c.samples)
     c.lost = frozenset()
     c.run(1.0)
-    (pose,) = c.session.receive([(odometry_at(c), c.now_ns + MS)])
+    (pose,) = c.session.receive([(odometry_at(c), c.now_ns + MS)] * 2)  # the rate of the first is not known
     assert isinstance(pose, PoseSample)
     assert pose.position_ned_m == (1.0, 2.0, -3.0)
     c.lost = frozenset({32})
@@ -474,12 +491,29 @@ def test_odometry_counts_while_the_autopilot_also_sends_a_valid_position() -> No
     assert c.session.status(c.now_ns).counts["odometry_unconfirmed"] == 2
 
 
+@pytest.mark.parametrize(("odometry_hz", "used"), [(1.0, False), (2.0, False), (4.0, False), (15.0, True), (30.0, True)])
+def test_odometry_that_is_slower_than_the_position_does_not_replace_it(odometry_hz: float, used: bool) -> None:
+    """At 2 Hz each one replaced the positions of the next 0.5 s, at 30 Hz: the vehicle's velocity was up to 0.5 s old."""
+    c = talk(PX4)
+    c.run(2.0)
+    first = len(c.samples)
+    start_ns = c.now_ns
+    for k in range(round(3.0 * odometry_hz)):
+        c.run((start_ns + round((k + 1) * NS / odometry_hz) - c.now_ns) / NS)
+        c.samples += c.session.receive([(odometry_at(c), c.now_ns + MS)])
+    poses = [s for s in c.samples[first:] if isinstance(s, PoseSample) and s.t_ns > start_ns + NS]
+    gaps_ms = [(b.t_arrival_ns - a.t_arrival_ns) / MS for a, b in pairwise(poses)]
+    assert max(gaps_ms) < 80.0
+    assert any(s.position_ned_m == (1.0, 2.0, -3.0) for s in poses) is used
+    assert len({s.position_ned_m == (1.0, 2.0, -3.0) for s in poses}) == 1, "of one kind"
+
+
 def test_odometry_in_axes_that_do_not_point_north_is_refused() -> None:
     """Loopback of a visual odometry: its x points where the vehicle looked at the start, the attitude is from north."""
     c = talk(PX4, boot_at_ns=0)
     c.run(2.0)
     assert c.session.receive([(odometry_at(c, frame_id=20), c.now_ns + MS)]) == []
-    assert len(c.session.receive([(odometry_at(c), c.now_ns + MS)])) == 1
+    assert len(c.session.receive([(odometry_at(c), c.now_ns + MS)] * 2)) == 1
 
 
 def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:

@@ -23,6 +23,7 @@ def flying() -> Conversation:
     """An autopilot with a synchronised clock, and a position that confirms its odometry."""
     c = talk(PX4, boot_at_ns=0)
     c.run(2.0)
+    assert samples(c) == [], "the rate of the first is not known"
     return c
 
 
