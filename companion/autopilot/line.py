@@ -19,11 +19,23 @@ class AutopilotLine:
     Attributes:
         vehicle: returns the autopilot that is received now; None: none.
         post: sends a message to it.
-        silent: returns an autopilot in flight that is not received any more; None: none. It may still receive."""
+        silent: returns an autopilot in flight that is not received any more; None: none. It may still receive.
+        post_decided: sends a message that was decided by this state of the vehicle, unless a newer one contradicts it at the
+            moment of sending; None: `command` compares them when it posts."""
 
     vehicle: Callable[[], Vehicle | None]
     post: Callable[[Any], None]
     silent: Callable[[], Vehicle | None] = lambda: None
+    post_decided: Callable[[Any, Vehicle], None] | None = None
+
+    def command(self, message: Any, decided_by: Vehicle) -> None:
+        """Sends a command that was decided by this state of the vehicle, unless a newer one contradicts it."""
+        if self.post_decided is not None:
+            self.post_decided(message, decided_by)
+            return
+        vehicle = self.vehicle()
+        if vehicle is not None and not vehicle.contradicts(decided_by):
+            self.post(message)
 
 
 def line_of(session: MavlinkSession, link: MavlinkLink) -> AutopilotLine:
@@ -35,4 +47,4 @@ def line_of(session: MavlinkSession, link: MavlinkLink) -> AutopilotLine:
     def silent() -> Vehicle | None:
         return session.vehicle if session.fell_silent(time.monotonic_ns()) else None
 
-    return AutopilotLine(vehicle, link.post, silent)
+    return AutopilotLine(vehicle, link.post, silent, link.post)

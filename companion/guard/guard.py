@@ -138,7 +138,7 @@ class Guard:
             self._thread.join(2.0)
         self._file.close()
         if self.memory.state is not GuardState.INACTIVE:
-            self._send(Announcement("guard: off, the service stops", critical=True), time.monotonic_ns())
+            self._announce(Announcement("guard: off, the service stops", critical=True), time.monotonic_ns())
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -164,7 +164,7 @@ class Guard:
             self._verdict = self._assessor.verdict(now_ns)
         outputs = self._machine.step(self._input(vehicle, now_ns))
         for output in outputs:  # before the file is written, so that a slow disk does not delay a command
-            self._send(output, now_ns)
+            self._send(output, now_ns, vehicle)
         self._file.keep(self.memory, now_ns)
 
     def _acknowledgements(self, vehicle: Vehicle, now_ns: int) -> None:
@@ -200,12 +200,14 @@ class Guard:
 
     # ---- out --------------------------------------------------------------------------------------------------------
 
-    def _send(self, output: Output, now_ns: int) -> None:
+    def _send(self, output: Output, now_ns: int, decided_by: Vehicle | None) -> None:
+        """Sends an output. decided_by: the vehicle by which it was decided. A heartbeat may have arrived since: a command that
+        it contradicts is not sent, and the next step decides by it."""
         if isinstance(output, Announcement):
             self._announce(output, now_ns)
-            return
-        log.warning("guard: %s, %s", output, self.memory.cause)
-        self._line.post(message_of(output))
+        elif decided_by is not None:
+            log.warning("guard: %s, %s", output, self.memory.cause)
+            self._line.command(message_of(output), decided_by)
 
     def _announce(self, text: Announcement, now_ns: int) -> None:
         log.warning("%s", text.text)

@@ -22,7 +22,7 @@ from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget
 from .open_transport import Opening
 from .session import MavlinkSession
-from .session_types import LinkStatus
+from .session_types import LinkStatus, Vehicle
 from .transport import Chunk, Transport
 
 NS = 1_000_000_000
@@ -154,11 +154,12 @@ class MavlinkLink:
         """State of the link."""
         return self._state
 
-    def post(self, message: Any) -> None:
+    def post(self, message: Any, decided_by: Vehicle | None = None) -> None:
         """Sends a message with the next cycle of the thread, if an autopilot is received. Distances and commands that wait
-        for too long are dropped, see `outbox.VALID_NS`."""
+        for too long are dropped, see `outbox.VALID_NS`, and a message where a newer heartbeat contradicts the one that it was
+        decided by."""
         with self._lock:
-            self._session.post(message, time.monotonic_ns())
+            self._session.post(message, time.monotonic_ns(), decided_by)
         self._wake_event.set()
 
     def catch_up(self) -> None:

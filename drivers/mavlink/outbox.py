@@ -1,11 +1,14 @@
 """Messages that wait to be sent. Of obstacle distances only the newest ones wait: after a gap of the link older ones
-are wrong. A message may have an end of its validity."""
+are wrong. A message may have an end of its validity, and a command the state of the vehicle that it was decided by."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Any
+
+from .session_types import Vehicle
 
 DISTANCE_SENSOR_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 330, 11037
 _SCANS = frozenset({OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID})
@@ -18,29 +21,45 @@ VALID_NS = dict.fromkeys(OBSTACLE_IDS, NS * 15 // 100) | {COMMAND_LONG_ID: NS //
 was decided by the flight mode of its time, and is repeated by its sender."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A message. until_ns: end of its validity; decided_by: heartbeat by which it was decided; None: each has none."""
+
+    message: Any
+    until_ns: int | None
+    decided_by: Vehicle | None
+
+    def valid(self, now_ns: int, vehicle: Vehicle | None) -> bool:
+        """Returns whether it may be sent. vehicle: by the newest heartbeat."""
+        if self.until_ns is not None and now_ns > self.until_ns:
+            return False
+        return self.decided_by is None or (vehicle is not None and not vehicle.contradicts(self.decided_by))
+
+
 class Outbox:
     """Queue of messages: `post`, then `take`. If it is full, the oldest messages are dropped."""
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[Any, int | None]] = deque(maxlen=_MOST)  # with the instant up to which it is valid
+        self._waiting: deque[_Waiting] = deque(maxlen=_MOST)
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def post(self, message: Any, now_ns: int) -> None:
-        """Adds a message. Waiting obstacle messages that it replaces are removed."""
+    def post(self, message: Any, now_ns: int, decided_by: Vehicle | None = None) -> None:
+        """Adds a message. Waiting obstacle messages that it replaces are removed. decided_by: see `take`."""
         kind = message.get_msgId()
-        if kind in OBSTACLE_IDS and not (self._waiting and _one_scan(self._waiting[-1][0], message)):
-            kept = [waiting for waiting in self._waiting if not _replaced(waiting[0], message)]
+        if kind in OBSTACLE_IDS and not (self._waiting and _one_scan(self._waiting[-1].message, message)):
+            kept = [waiting for waiting in self._waiting if not _replaced(waiting.message, message)]
             self._waiting.clear()
             self._waiting.extend(kept)
         valid_ns = VALID_NS.get(kind)
         until_ns = None if valid_ns is None else now_ns + valid_ns
-        self._waiting.append((message, until_ns))
+        self._waiting.append(_Waiting(message, until_ns, decided_by))
 
-    def take(self, now_ns: int) -> list[Any]:
-        """Returns all waiting messages that are still valid, in order, and removes all."""
-        messages = [m for m, until_ns in self._waiting if until_ns is None or now_ns <= until_ns]
+    def take(self, now_ns: int, vehicle: Vehicle | None = None) -> list[Any]:
+        """Returns all waiting messages that are still valid, in order, and removes all. vehicle: by the newest heartbeat;
+        one that contradicts the heartbeat by which a message was decided makes that message invalid."""
+        messages = [waiting.message for waiting in self._waiting if waiting.valid(now_ns, vehicle)]
         self._waiting.clear()
         return messages
 

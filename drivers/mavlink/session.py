@@ -289,12 +289,13 @@ class MavlinkSession:
         """True if the autopilot was armed at its last message and is not received any more. It may still receive."""
         return self.vehicle is not None and self.vehicle.armed and not self.connected(now_ns)
 
-    def post(self, message: Any, now_ns: int) -> None:
-        """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`).
+    def post(self, message: Any, now_ns: int, decided_by: Vehicle | None = None) -> None:
+        """Adds a message that the next `due` sends, unless it has waited too long by then (`outbox.VALID_NS`), or a newer
+        heartbeat contradicts the one that it was decided by.
 
         Without a received autopilot it is dropped and counted, except for obstacles to one that fell silent in
         flight."""
-        self._outbox.post(message, now_ns)
+        self._outbox.post(message, now_ns, decided_by)
 
     @property
     def has_posted(self) -> bool:
@@ -316,7 +317,7 @@ class MavlinkSession:
         if now_ns >= self._next_heartbeat_ns:
             messages.append(self._own_heartbeat(now_ns))
         messages.extend(self.rates.due(now_ns, self.vehicle.system_id))
-        messages.extend(self._outbox.take(now_ns))
+        messages.extend(self._outbox.take(now_ns, self.vehicle))
         messages.extend(self._timesync.due(now_ns))
         return [self._pack(m) for m in messages]
 

@@ -57,6 +57,16 @@ class Vehicle:
     mavlink_1: bool = False
     system_status: int = 0
 
+    def contradicts(self, earlier: Vehicle) -> bool:
+        """Returns whether a command that was decided by an earlier heartbeat must not be sent any more: it is of another
+        vehicle, in another mode, or armed or disarmed since."""
+        return (self.system_id, self.autopilot, self.custom_mode, self.armed) != (
+            earlier.system_id,
+            earlier.autopilot,
+            earlier.custom_mode,
+            earlier.armed,
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkStatus:

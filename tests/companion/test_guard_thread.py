@@ -99,6 +99,23 @@ def test_a_fault_of_signing_that_does_not_concern_the_vehicle_takes_no_stop_away
     assert (flight.state is GuardState.UNAVAILABLE) == (not signed)
 
 
+@pytest.mark.parametrize("change", [{"custom_mode": 5}, {"armed": False}, {"system_id": 8}, {"autopilot": "PX4"}, {}])
+def test_no_command_is_posted_that_a_newer_heartbeat_contradicts(change: dict[str, Any]) -> None:
+    """The heartbeat arrives while the guard decides."""
+    flight = Flight()
+    flight.step(5)
+    flight.wall_m = 5.0
+    asked: list[Vehicle] = []
+
+    def vehicle() -> Vehicle:
+        asked.append(replace(COPTER, heartbeat_ns=flight.now_ns))
+        return asked[-1] if len(asked) == 1 else replace(asked[-1], **change)
+
+    flight.guard._line = AutopilotLine(vehicle, flight.sent.append)
+    flight.step()
+    assert len(flight.stops()) == (not change)
+
+
 def test_a_slow_disk_does_not_delay_the_stop(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     flight = Flight(tmp_path)
     at_write: list[int] = []

@@ -16,6 +16,7 @@ from core.types import AttitudeSample, PoseSample
 from drivers.logs.codec import attitude_from_message, attitude_message, pose_from_message, pose_message
 from drivers.mavlink.bandwidth import budget_of
 from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.commands import DO_SET_MODE, set_px4_hold
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.motion import motion_fields
 from drivers.mavlink.parser import MessageSplitter
@@ -191,6 +192,24 @@ def test_an_autopilot_whose_heartbeats_are_lost_but_not_other_messages_still_rec
     c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12), c.now_ns)
     c.run(0.5)
     assert len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE")) == 20
+
+
+@pytest.mark.parametrize(("mode", "armed", "sent"), [(0, True, True), (5, True, False), (0, False, False)])
+def test_a_command_that_a_heartbeat_contradicts_before_it_is_sent_is_dropped(
+    mode: int, armed: bool, sent: bool
+) -> None:
+    """The pilot changes the mode, or the vehicle disarms, after the command was decided and posted."""
+    c = talk(PX4, armed=True)
+    c.run(2.0)
+    decided_by = c.session.vehicle
+    assert decided_by is not None
+    c.session.post(set_px4_hold(1), c.now_ns, decided_by)
+    c.autopilots[0].profile.custom_mode, c.autopilots[0].profile.armed = mode, armed
+    heartbeat = c.autopilots[0]._pack(c.autopilots[0]._heartbeat())
+    c.session.receive([(heartbeat, c.now_ns)])
+    splitter = MessageSplitter()
+    messages = [m for data in c.session.due(c.now_ns) for m in splitter.feed(data)]
+    assert any(m.get_type() == "COMMAND_LONG" and m.command == DO_SET_MODE for m in messages) is sent
 
 
 def test_of_distances_that_wait_the_newest_alone_goes_out() -> None:
@@ -491,7 +510,9 @@ def test_odometry_counts_while_the_autopilot_also_sends_a_valid_position() -> No
     assert c.session.status(c.now_ns).counts["odometry_unconfirmed"] == 2
 
 
-@pytest.mark.parametrize(("odometry_hz", "used"), [(1.0, False), (2.0, False), (4.0, False), (15.0, True), (30.0, True)])
+@pytest.mark.parametrize(
+    ("odometry_hz", "used"), [(1.0, False), (2.0, False), (4.0, False), (15.0, True), (30.0, True)]
+)
 def test_odometry_that_is_slower_than_the_position_does_not_replace_it(odometry_hz: float, used: bool) -> None:
     """At 2 Hz each one replaced the positions of the next 0.5 s, at 30 Hz: the vehicle's velocity was up to 0.5 s old."""
     c = talk(PX4)
