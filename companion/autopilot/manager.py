@@ -39,7 +39,6 @@ from .sector_view import SectorView
 from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
 from .surroundings import Observer
-from .vehicle_motion import seen_ns
 
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
@@ -66,8 +65,6 @@ class Avoidance:
         self._next_ask_ns = self._end_ns = 0
         self._lock = threading.Lock()
         self._latencies = Latencies((LatencyStage.EXPOSURE_TO_AUTOPILOT,))
-        self._exposed_ns: dict[str, int] = {}
-        self._before_ns: dict[str, int] = {}
         self.values = AutopilotValues(last or LastValuesFile(None))
         self._echo, self._sectors = EchoCheck(), SectorView()
         self._texts, self._was_received = StatusTexts(), False
@@ -125,7 +122,6 @@ class Avoidance:
 
     def result(self, result: PrismsResult) -> None:
         """Takes the result of a frame."""
-        self._exposed_ns[result.camera] = seen_ns(result)
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
         self._builder.result(result)
@@ -242,7 +238,6 @@ class Avoidance:
         return self.sender.report
 
     def _autopilot(self) -> AutopilotNow:
-        self._before_ns = self._exposed_ns.copy()  # the next decision uses these or newer ones
         vehicle = self._line.vehicle() or self._line.silent()
         if vehicle is None:
             return AutopilotNow()
@@ -258,10 +253,9 @@ class Avoidance:
             else:
                 self._echo.pause()
             self._sectors.sent(report.values, clear_cm(self._avoid), report.t_ns)
-            seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in report.blind]
-            if seeing:
+            if report.exposed_ns is not None:
                 with self._lock:
-                    self._latencies.add(LatencyStage.EXPOSURE_TO_AUTOPILOT, time.monotonic_ns() - min(seeing))
+                    self._latencies.add(LatencyStage.EXPOSURE_TO_AUTOPILOT, time.monotonic_ns() - report.exposed_ns)
         self._line.post(message)
 
 

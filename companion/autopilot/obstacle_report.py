@@ -72,7 +72,8 @@ class ObstacleReport:
         fault: error of the computation, as text; empty: none.
         points_m: (N, 3) obstacles above and below the band, if they are sent.
         up_m: distance to the lowest obstacle above the vehicle; None: not sent.
-        down_m: distance to the ground below the vehicle; None: not sent."""
+        down_m: distance to the ground below the vehicle; None: not sent.
+        exposed_ns: oldest of the newest exposures of the seeing cameras, by which it was made; None: no camera sees."""
 
     t_ns: int
     values: NDArray[np.uint16] | None
@@ -82,6 +83,7 @@ class ObstacleReport:
     points_m: NDArray[np.float64] = field(default_factory=NO_POINTS.copy)
     up_m: float | None = None
     down_m: float | None = None
+    exposed_ns: int | None = None
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -315,7 +317,7 @@ class ObstacleReportBuilder:
         values = self._policy.values(sight, policy, d.now_ns)
         if values is not None:
             values = for_reader(values, self._avoid, autopilot.kind, braking_reach(sight, self._avoid, policy))
-        return ObstacleReport(d.now_ns, values, d.blind, policy.name, d.fault)
+        return ObstacleReport(d.now_ns, values, d.blind, policy.name, d.fault, exposed_ns=self._exposed_ns(d.seeing))
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
         """Returns why a camera is blind at this instant; empty: it is not."""
@@ -346,7 +348,7 @@ class ObstacleReportBuilder:
             t_ns=d.now_ns,
             views=tuple(d.views),
             weak_px=tuple(self._confirmation[c].least_px for c in seeing),
-            exposed_ns=min((seen_ns(self._newest[c]) for c in seeing), default=None),
+            exposed_ns=self._exposed_ns(seeing),
             recall=d.recall,
             recalled=d.recalled,
             blind=d.blind,
@@ -355,6 +357,10 @@ class ObstacleReportBuilder:
             velocity_ns=None if pose is None else pose.t_ns,
             frames=tuple((c, seen_ns(self._newest[c])) for c in seeing),
         )
+
+    def _exposed_ns(self, seeing: list[str]) -> int | None:
+        """Returns the oldest of the newest exposures of these cameras; None: there are none."""
+        return min((seen_ns(self._newest[c]) for c in seeing), default=None)
 
     def _view(self, result: PrismsResult, here: Here) -> View:
         return self._motion.view(

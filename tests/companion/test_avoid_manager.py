@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.autopilot import manager
+from companion.autopilot import manager, sender
+from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_report import ObstacleReport, SeenCameras
@@ -19,6 +20,9 @@ from drivers.mavlink.commands import SET_MESSAGE_INTERVAL
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
+
+from .test_obstacle_sender import AVOID, CAMERA, Chain
+from .test_sectors import model, wall_at
 
 NS = 1_000_000_000
 HOLD_S = 3.0
@@ -127,3 +131,32 @@ def test_what_the_autopilot_sends_back_is_in_the_health_report() -> None:
     part.fill(health, NS + 1)
     assert list(health.obstacles_echoed.cm) == [65535] * 71 + [300]
     assert not health.HasField("obstacles_sent")
+
+
+def test_the_age_of_what_is_sent_is_that_of_the_frames_it_was_decided_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A decision that took too long is made again with newer frames."""
+    chain = Chain(model(wall_at(0.0, 5.0)), AVOID)
+    part = Avoidance(
+        AVOID, SEEN, AutopilotLine(lambda: Vehicle(1, "PX4", 2, True, 0, chain.now_ns), lambda message: None)
+    )
+    clock = SimpleNamespace(monotonic_ns=lambda: chain.now_ns)
+    monkeypatch.setattr(manager, "time", clock)
+    monkeypatch.setattr(sender, "time", clock)
+    monkeypatch.setattr(chain, "builder", part)
+    part.announce(CAMERA)
+    chain.fly(1.0)
+    decide, decisions = part._builder.decide, list[ObstacleReport]()
+
+    def slow(autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
+        decisions.append(decide(autopilot, now_ns))
+        if len(decisions) == 1:
+            chain.fly(0.25)
+        return decisions[-1]
+
+    monkeypatch.setattr(part._builder, "decide", slow)
+    part.sender._send(chain.now_ns)
+    assert len(decisions) == 2
+    latency = part.latency()
+    assert latency is not None
+    assert latency[1] == pytest.approx(50.0), "the newest frame; the one before it is 150 ms old"
+    assert part.report is decisions[1]
