@@ -35,6 +35,7 @@ class VehicleMotion:
 
     last_here: Here | None = None
     newest_pose: PoseSample | None = None
+    _here_ns: int = 0
     _sync: Synchroniser = field(default_factory=lambda: Synchroniser(MOTION))
     _waiting: deque[AttitudeSample | PoseSample] = field(default_factory=lambda: deque(maxlen=4 * MOTION.held_samples))
 
@@ -49,7 +50,7 @@ class VehicleMotion:
         while self._waiting:
             self._sync.add(self._waiting.popleft())
         self.newest_pose = self._sync.poses.newest
-        here = self._here(now_ns)
+        here, self._here_ns = self._here(now_ns), now_ns
         self.last_here = here or self.last_here
         return here
 
@@ -93,6 +94,13 @@ class VehicleMotion:
         """Returns the jumps of the heading since a result, clockwise."""
         return 0.0 if result.attitude is None else self._sync.headings.since_rad(result.attitude.jump_ns)
 
+    def _flown_m(self, result: PrismsResult, here: Here) -> tuple[float, float, float]:
+        """Returns the distance flown since a result at the present velocity, in level; 0 where no velocity is known."""
+        north, east, down = here.velocity_ned_m_s or (0.0, 0.0, 0.0)
+        forward, right = LevelTransform(-here.heading_rad, (0.0, 0.0, 0.0)).places(north, east)
+        age_s = max(0, self._here_ns - seen_ns(result)) / NS
+        return forward * age_s, right * age_s, down * age_s
+
     def heading_lost(self, result: PrismsResult) -> bool:
         """Returns whether the heading may have jumped by an unknown angle since a result, in a gap of the attitude.
 
@@ -100,7 +108,10 @@ class VehicleMotion:
         return seen_ns(result) < self._sync.headings.gap_ns
 
     def view(self, result: PrismsResult, here: Here, info: CameraInfo, ring_m: float, open_counts: bool) -> View:
-        """Returns a valid result as a view in level, at the moment of sending. info: of its camera."""
+        """Returns a valid result as a view in level, at the moment of sending. info: of its camera.
+
+        It is moved by the distance flown since its exposure: by the positions where both are known and comparable,
+        otherwise by the present velocity."""
         assert result.model is not None
         assert result.transform is not None
         heading_rad = here.heading_rad - self._jumped_rad(result)  # by the estimate that the result was computed with
@@ -108,7 +119,7 @@ class VehicleMotion:
             assert here.position_ned_m is not None
             step = LevelTransform(heading_rad, here.position_ned_m).inverse()
         else:
-            step = transform_to_level(result, heading_rad)
+            step = moved_by(transform_to_level(result, heading_rad), self._flown_m(result, here))
         R_optical_level = None
         if result.attitude is not None:
             R_ned_optical = rotation_from_quaternion(result.attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
@@ -122,6 +133,12 @@ class VehicleMotion:
             open_counts=open_counts,
             t_ns=seen_ns(result),
         )
+
+
+def moved_by(transform: LevelTransform, way_m: tuple[float, float, float]) -> LevelTransform:
+    """Returns a transform to a frame whose origin has moved by this way, in its axes."""
+    x, y, z = (place - way for place, way in zip(transform.translation_m, way_m, strict=True))
+    return LevelTransform(transform.yaw_rad, (x, y, z))
 
 
 def _lean_m_s2(q_ned_frd_wxyz: tuple[float, float, float, float]) -> tuple[float, float] | None:

@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
+import pytest
+
+from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCameras
+from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.vehicle_motion import VehicleMotion
+from companion.config.guard import GuardParams
+from companion.config.sync import SyncParams
+from companion.guard.path_sight import path_sight
+from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample, PoseSample
+
+from .test_obstacle_sender import AVOID, CAMERA, Chain
+from .test_sectors import model, wall_at
 
 MS = 1_000_000
 
@@ -42,3 +55,30 @@ def test_a_late_copy_does_not_bring_an_earlier_velocity_back() -> None:
     motion.catch_up(1500 * MS)
     assert motion.newest_pose is not None
     assert motion.newest_pose.t_ns == 100 * MS
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 120.0])
+@pytest.mark.parametrize("use_pose", [True, False])
+def test_what_a_frame_without_a_position_shows_comes_nearer_by_the_velocity(use_pose: bool, yaw_deg: float) -> None:
+    """As in fast flight without TIMESYNC: the frame has no position, but the velocity of the vehicle is known. The wall was
+    sent, and the path seen free, farther by the distance flown since the exposure: 2 m at 10 m/s and 0.2 s."""
+    chain = Chain(model(wall_at(0.0, 9.0, 12.0), free_to_m=8.5, view_deg=72.0))
+    chain.pipeline = Pipeline((CAMERA,), lambda info: chain.sees, SyncParams(use_pose=use_pose))
+    sights: list[Surroundings] = []
+    seen = SeenCameras(cameras=("front",), timeout_s=0.3, observer=sights.append)
+    chain.builder = ObstacleReportBuilder(AVOID, seen)
+    chain.builder.announce(CAMERA)
+    chain.yaw_rad = math.radians(yaw_deg)
+    chain.position, speed = (0.0, 0.0, -5.0), 10.0
+    chain.speed = (speed * math.cos(chain.yaw_rad), speed * math.sin(chain.yaw_rad), 0.0)
+    for _ in range(4):
+        chain.fly(0.1)
+        chain.report()
+    chain.fly(0.2, frames=False)
+    assert chain.newest().frame == ("ned" if use_pose else "level")
+    report = chain.report()
+    assert report.values is not None
+    assert report.values[0] == pytest.approx(100 * (9.0 - 2.0 - AVOID.radius_m), abs=3)
+    sight = path_sight(sights[-1], AVOID, GuardParams())
+    assert min(sight.obstacle_m, sight.weak_obstacle_m) == pytest.approx(7.0, abs=0.03)
+    assert sight.free_m <= 6.5
