@@ -356,6 +356,7 @@ class ObstacleReportBuilder:
             velocity_ned_m_s=self._motion.velocity_ned_m_s(d.now_ns),
             velocity_ns=None if pose is None else pose.t_ns,
             frames=tuple((c, seen_ns(self._newest[c])) for c in seeing),
+            moved=d.here is None or all(self._motion.moves(self._newest[c], d.here) for c in seeing),
         )
 
     def _exposed_ns(self, seeing: list[str]) -> int | None:

@@ -25,7 +25,9 @@ class Surroundings:
         here: heading and position; None: not known.
         velocity_ned_m_s: None: not known, or older than 0.5 s.
         frames: camera and exposure of each view; empty: not known.
-        velocity_ns: instant of the velocity; None: not known."""
+        velocity_ns: instant of the velocity; None: not known.
+        moved: the views were moved by the distance flown since their exposures. False: neither position nor velocity is known,
+            and they show the places as at their exposures."""
 
     t_ns: int
     views: tuple[View, ...]
@@ -38,6 +40,7 @@ class Surroundings:
     velocity_ned_m_s: tuple[float, float, float] | None
     frames: tuple[tuple[str, int], ...] = ()
     velocity_ns: int | None = None
+    moved: bool = True
 
 
 Observer = Callable[[Surroundings], None]

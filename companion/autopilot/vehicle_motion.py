@@ -94,6 +94,11 @@ class VehicleMotion:
         """Returns the jumps of the heading since a result, clockwise."""
         return 0.0 if result.attitude is None else self._sync.headings.since_rad(result.attitude.jump_ns)
 
+    def moves(self, result: PrismsResult, here: Here) -> bool:
+        """True if `view` moves a result by the distance flown since its exposure; False where neither position nor velocity
+        is known."""
+        return here.velocity_ned_m_s is not None or self.placed(result, here)
+
     def _flown_m(self, result: PrismsResult, here: Here) -> tuple[float, float, float]:
         """Returns the distance flown since a result at the present velocity, in level; 0 where no velocity is known."""
         north, east, down = here.velocity_ned_m_s or (0.0, 0.0, 0.0)

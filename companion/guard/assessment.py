@@ -118,7 +118,7 @@ class PathAssessor:
             return None
         measured = age_ns <= LONGEST_UNMEASURED_NS
         speed_m_s = newest.speed_m_s + GAIN_M_S2 * max(0, age_ns - LATE_NS) / NS
-        way_m = speed_m_s * max(0, now_ns - newest.t_ns) / NS
+        way_m = _way_m(newest, newest, now_ns, speed_m_s)
         obstacle_m = self._obstacle_m(newest) - way_m
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
         firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s)
@@ -259,13 +259,14 @@ class PathAssessor:
         support count."""
         newest, found = self._sights[-1], set()
         slack_m = PLACE_M + PLACE_SHARE * at_m
+        now_m = at_m - _way_m(newest, newest, newest.t_ns)
         own = newest.frame_of(at_m)
         for sight in self._sights:
             if newest.t_ns - sight.t_ns > CONFIRM_NS:
                 continue
             way_m = _way_m(sight, newest, newest.t_ns)
             for before_m in (sight.obstacle_m, sight.weak_obstacle_m if weak else math.inf):
-                if abs(before_m - way_m - at_m) <= slack_m:
+                if abs(before_m - way_m - now_m) <= slack_m:
                     found.add(sight.frame_of(before_m))
         return len(found - {own}) >= frames
 
@@ -283,6 +284,11 @@ def _velocity_ns(sight: PathSight) -> int:
     return sight.t_ns if sight.velocity_ns is None else sight.velocity_ns
 
 
+def _shown_ns(sight: PathSight) -> int:
+    """Returns the instant at whose place of the vehicle the distances of a sight begin."""
+    return sight.t_ns if sight.shown_ns is None else sight.shown_ns
+
+
 def _slope_m_s2(before: PathSight, after: PathSight) -> float:
     """Returns the rate of the speed between two sights."""
     gained_m_s = (after.speed_m_s or 0.0) - (before.speed_m_s or 0.0)
@@ -297,15 +303,16 @@ def _same_course(a: PathSight, b: PathSight) -> bool:
 
 
 def _way_m(sight: PathSight, newest: PathSight, now_ns: int, fastest_m_s: float | None = None) -> float:
-    """Returns the distance flown from the place of a sight to the place at now_ns.
+    """Returns the distance flown to the place at now_ns, from the place at which the distances of a sight begin.
 
     By position if it is known, otherwise by the greatest speed since. fastest_m_s: speed that the vehicle may have
     now; None: that of the newest sight."""
     speed_m_s = newest.speed_m_s or 0.0
-    since_m = max(0, now_ns - newest.t_ns) / NS * (speed_m_s if fastest_m_s is None else fastest_m_s)
+    from_ns = _shown_ns(newest) if sight is newest else newest.t_ns
+    since_m = max(0, now_ns - from_ns) / NS * (speed_m_s if fastest_m_s is None else fastest_m_s)
     if sight is newest:
         return since_m
-    since_sight_s = (newest.t_ns - sight.t_ns) / NS
+    since_sight_s = (newest.t_ns - _shown_ns(sight)) / NS
     before_m_s = speed_m_s if sight.speed_m_s is None else sight.speed_m_s
     if fastest_m_s is not None and fastest_m_s > speed_m_s:  # the velocity is late, and so is the position
         moved_m = fastest_m_s * since_sight_s

@@ -77,7 +77,8 @@ class PathSight:
         rays_free_m: (N,) distance to which each ray of the corridor is seen free; None: not known.
         kept_rays: the same by the frames of the last moment; empty: no such frame can be compared.
         ahead_rad: angle from the path to the course that follows, clockwise.
-        estimate: section of the position, None: not known; and section of the heading."""
+        estimate: section of the position, None: not known; and section of the heading.
+        shown_ns: instant at whose place of the vehicle the distances begin; None: that of the decision."""
 
     t_ns: int
     exposed_ns: int | None
@@ -98,6 +99,7 @@ class PathSight:
     kept_rays: tuple[KeptRays, ...] = field(default=(), compare=False)
     ahead_rad: float = 0.0
     estimate: tuple[int | None, int] = (None, 0)
+    shown_ns: int | None = None
 
     def frame_of(self, obstacle_m: float) -> Frame:
         """Returns the frame that shows the obstacle at this distance, obstacle_m or weak_obstacle_m."""
@@ -167,6 +169,7 @@ def path_sight(
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         estimate=(None, 0) if s.here is None else s.here.estimate,
         cause=cause,
+        shown_ns=None if s.moved else s.exposed_ns,
     )
 
 

@@ -11,7 +11,10 @@ from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.vehicle_motion import VehicleMotion
 from companion.config.guard import GuardParams
 from companion.config.sync import SyncParams
+from companion.guard.assessment import PathAssessor
+from companion.guard.braking import braking_of
 from companion.guard.path_sight import path_sight
+from companion.guard.velocity_hold import VelocityHold
 from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample, PoseSample
 
@@ -82,3 +85,30 @@ def test_what_a_frame_without_a_position_shows_comes_nearer_by_the_velocity(use_
     sight = path_sight(sights[-1], AVOID, GuardParams())
     assert min(sight.obstacle_m, sight.weak_obstacle_m) == pytest.approx(7.0, abs=0.03)
     assert sight.free_m <= 6.5
+
+
+def test_the_guard_subtracts_the_distance_flown_since_the_exposure_where_position_and_velocity_are_lost() -> None:
+    """It flies by the last velocity for up to 2 s. What the newest frame shows is as at its exposure, 0.2 s ago."""
+    chain = Chain(model(wall_at(0.0, 9.0, 12.0), free_to_m=8.5, view_deg=72.0))
+    sights: list[Surroundings] = []
+    chain.builder = ObstacleReportBuilder(
+        AVOID, SeenCameras(cameras=("front",), timeout_s=0.3, observer=lambda s: sights.append(held.held(s)))
+    )
+    chain.builder.announce(CAMERA)
+    chain.position, chain.speed, held = (0.0, 0.0, -5.0), (10.0, 0.0, 0.0), VelocityHold()
+    guard = GuardParams(enabled=True)
+    assessor = PathAssessor(guard, braking_of(guard, AVOID), AVOID)
+    for k in range(16):
+        chain.position = chain.position if k < 8 else None
+        chain.fly(0.1)
+        chain.report()
+        assessor.take(path_sight(sights[-1], AVOID, guard))
+    chain.fly(0.2, frames=False)
+    chain.report()
+    assert sights[-1].views
+    assert sights[-1].velocity_ned_m_s == (10.0, 0.0, 0.0)
+    assessor.take(path_sight(sights[-1], AVOID, guard))
+    verdict = assessor.verdict(chain.now_ns)
+    assert verdict is not None
+    assert verdict.speed_m_s is None, "it is not measured any more"
+    assert verdict.room_m <= 8.5 - 2.0
