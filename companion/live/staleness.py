@@ -33,7 +33,8 @@ class StalenessMonitor:
         if result.valid or seen.newest_ns is None or result.t_exposure_ns >= seen.newest_ns:
             seen.newest_ns, seen.sequence = result.t_exposure_ns, result.sequence
         if result.valid:
-            seen.exposure_ns, seen.cause = result.t_exposure_ns, ""
+            # a timestamp in the future would not become old
+            seen.exposure_ns, seen.cause = min(result.t_exposure_ns, result.t_arrival_ns), ""
         else:
             seen.cause = result.cause_text
 

@@ -159,6 +159,15 @@ def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -
     assert staleness.sequence("front") == 7
 
 
+@pytest.mark.parametrize("ahead_ms", [0, 40, 5000])
+def test_an_exposure_in_the_future_does_not_keep_a_camera_from_being_blind(ahead_ms: int) -> None:
+    seen = result(1000 * MS)
+    staleness = StalenessMonitor(("front",), timeout_s=0.3)
+    staleness.result(replace(seen, t_exposure_ns=seen.t_arrival_ns + ahead_ms * MS))
+    assert staleness.cause("front", seen.t_arrival_ns + 300 * MS) == ""
+    assert staleness.cause("front", seen.t_arrival_ns + 301 * MS)
+
+
 @pytest.mark.parametrize(
     ("frame_result", "cause_text"),
     [
