@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.logs import codec as wire
-from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.mavlink.clock_sync import UNKNOWN_DELAY_NS, ClockEstimate, ClockSource
 from drivers.mavlink.link import LinkState
 from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY
 from drivers.mavlink.session_types import LinkStatus
@@ -238,7 +238,7 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
     if clock.source is ClockSource.ENVELOPE:
         text = (
             "the autopilot does not answer TIMESYNC: its timestamps are estimated from arrival times and include the "
-            "delay of the link"
+            f"delay of the link, which is assumed to be at most {UNKNOWN_DELAY_NS / 1e6:.0f} ms; a longer one displaces obstacles in turns"
         )
         found.append(of(DiagnosticCode.NO_TIMESYNC, text))
     elif clock.bound_ns is not None and not view.link.timesync_answered:

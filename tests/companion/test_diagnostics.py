@@ -145,7 +145,11 @@ def test_an_attitude_that_is_old_or_never_came_is_named(age_ns: int | None, text
         (ClockEstimate(ClockSource.TIMESYNC, bound_ns=800_000), True, ""),
         (ClockEstimate(ClockSource.TIMESYNC, bound_ns=2_300_000), False, "the error bound of its timestamps is 2.3 ms"),
         (ClockEstimate(ClockSource.TIMESYNC, bound_ns=54_500_000), True, "may be wrong by 5"),
-        (ClockEstimate(ClockSource.ENVELOPE), False, "include the delay of the link"),
+        (
+            ClockEstimate(ClockSource.ENVELOPE),
+            False,
+            "include the delay of the link, which is assumed to be at most 30 ms",
+        ),
         (ClockEstimate(ClockSource.NONE), False, ""),
     ],
 )
