@@ -40,6 +40,8 @@ log = logging.getLogger(__name__)
 
 _COMBINED = ("extractor", "expert", "camera")
 """Sections that are not one field of `Config` each."""
+MAX_BYTES = 1_000_000
+"""Of a configuration file; a log given by mistake can be of gigabytes."""
 MAX_BLIND_DELAY_S = 0.4
 """After the newest exposure, so late at most: no setting may make it later."""
 
@@ -148,15 +150,23 @@ class ConfigError(Exception):
 def load_config(path: Path) -> Config:
     """The configuration in a TOML file; logs a warning for each key of an earlier version. Raises ConfigError."""
     try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a mark before the text
+        with path.open("rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)
+        text = raw.decode("utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError as error:
-        raise ConfigError(str(path), ["not a text file in UTF-8; a configuration is a TOML file"]) from error
+        raise ConfigError(
+            str(path), ["not a text file in UTF-8; a configuration is a TOML file: save it with the encoding UTF-8"]
+        ) from error
     except OSError as error:
         remedy = "check the path; `companion configs` lists examples"
         if isinstance(error, PermissionError):
             remedy = f"give the user {_user()} the permission to read it and its folders"
         problem = f"cannot be read ({error.strerror}); {remedy}"
         raise ConfigError(str(path), [problem]) from error
+    if len(raw) > MAX_BYTES:
+        raise ConfigError(
+            str(path), [f"larger than {MAX_BYTES // 1_000_000} MB; give a configuration, which is a short TOML file"]
+        )
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .expert import expert_fields
-from .sections import SECTIONS, expected, fields_of
+from .sections import SECTIONS, expected, fields_of, plain_type
 
 TOO_DEEP = "nested deeper than can be read"
 TOO_LONG = "a number has thousands of digits; correct it"
@@ -31,6 +31,8 @@ def mistake_text(error: Any, content: Mapping[str, Any]) -> str:
     key = next(f for f in fields_of(section) if f.name == path[-1])
     if isinstance(error["input"], str) and "\0" in error["input"]:
         return f"{where} = {_shown(error['input'])}: a NUL character cannot be in a text; remove it"
+    if isinstance(error["input"], str) and plain_type(key) is str and "choices" not in key.metadata:
+        return f"{where} = {_shown(error['input'])}: not of the expected form ({key.metadata['doc']})"
     form = "a number without quotes and unit, " if isinstance(error["input"], str) and "min" in key.metadata else ""
     return f"{where} = {_shown(error['input'])}: expected {form}{expected(key)} ({key.metadata['doc']})"
 
@@ -48,7 +50,8 @@ def _shown(value: Any) -> str:
 
 def _place(path: tuple[Any, ...]) -> str:
     if path[0] == "camera" and len(path) > 1 and isinstance(path[1], int):
-        return " ".join([f"[[camera]] number {path[1] + 1}:", *map(str, path[2:])])
+        number = f"[[camera]] number {path[1] + 1}"
+        return f"{number}: {path[2]}" if len(path) > 2 else number
     return f"[{path[0]}] {path[1]}" if len(path) > 1 else f"[{path[0]}]"
 
 

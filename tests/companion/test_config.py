@@ -117,6 +117,7 @@ def test_a_baud_rate_that_no_port_has_is_a_mistake(baud: str) -> None:
     ("content", "text"),
     [
         ({"camera": {"name": "x"}}, "[[camera]] with double brackets"),
+        ({"camera": [{"name": "a/b"}]}, 'name = "a/b": not of the expected form (letters, digits, dot'),
         ({"extractor": 3}, "expected a section [extractor]"),
         ({"camera": [{"name": "x"}, {"name": "x"}]}, "occurs 2 times"),
         ({"camera": [{"name": "x", "min_range_m": 5.0, "max_range_m": 2.0}]}, "must be less than"),
@@ -152,7 +153,9 @@ def test_single_mistakes(content: dict[str, object], text: str) -> None:
     ("raw", "text"),
     [
         (b"[extractor\n", "not valid TOML"),
-        (b"\xff\xfe\x00", "UTF-8"),
+        (b"\xff\xfe\x00", "save it with the encoding UTF-8"),
+        (b"#" * 1_000_001, "larger than 1 MB"),
+        (b"camera = [1]", r"\[\[camera\]\] number 1: expected \[\[camera\]\]"),
         (b"[sync]\nmax_gap_s = .1\n", "line 2"),
         (b"[service]\nmetrics_port = " + b"1" * 5000, "a number has thousands of digits; correct it"),
         (
@@ -183,10 +186,10 @@ def test_a_number_of_thousands_of_digits_in_a_log_is_refused() -> None:
 def test_a_file_that_the_user_may_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Root may read every file, and tests may run as root: the refusal is made up."""
 
-    def refuse(path: Path, **options: object) -> str:
+    def refuse(path: Path, *options: object) -> str:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
-    monkeypatch.setattr(Path, "read_text", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(ConfigError, match=r"Permission denied\); give the user \S+ the permission to read it"):
         load_config(tmp_path / "private.toml")
 

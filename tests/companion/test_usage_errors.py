@@ -53,7 +53,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--seconds 30", "needs --mount"),
     ),
     "bench": (("--size 1x1", "such as 640x480"),),
-    "warmup": (("--all", "--all"), ("kernels", "unrecognized")),
+    "warmup": (("--all", "--all"), ("kernels", "`--help` after the command lists its arguments")),
     "run": (("--speed 9", "--speed"),),
     "status": (("--timeout nan", "expected 0.1..3600"), ("--timeout -3", "expected 0.1..3600")),
     "view": (
