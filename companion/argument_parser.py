@@ -52,6 +52,8 @@ class ArgumentParser(argparse.ArgumentParser):
         for word in self._words:
             if word.startswith("-") and os.path.lexists(word):
                 super().error(f"{message}; give the file as {shell_word(word)}")
-        if message.startswith("unrecognized arguments"):  # of the parser of all commands, whose usage line names no option
+        if message.startswith(
+            "unrecognized arguments"
+        ):  # of the parser of all commands, whose usage line names no option
             message += "; `--help` after the command lists its arguments"
         super().error(message)

@@ -126,6 +126,8 @@ class Ros2Source:
         if len(depth) > 1:
             raise BadData(f"{self._path}: several topics with depth: {_joined(depth)}; choose with --depth-topic")
         if not depth:
+            if not self._types:
+                raise BadData(f"{self._path}: no message in it that can be read; use another copy or another recording")
             raise BadData(f"{self._path}: no depth image in it; {self._found_text()}")
         return depth[0]
 
@@ -134,7 +136,7 @@ class Ros2Source:
         if ours and not self._scan.first_images:
             return "it is a log of this software: replay it directly"
         kinds = sorted(set(self._scan.types.values()))
-        there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6]) or "nothing"
+        there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6])
         return f"expected sensor_msgs/Image or compressedDepth with 16UC1 or 32FC1, found {there}"
 
     def _topics_of(self, kind: str) -> str:

@@ -6,8 +6,11 @@ read in the order of their names."""
 from __future__ import annotations
 
 import re
+import sqlite3
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -22,6 +25,8 @@ from .ros2_px4 import DEFINITIONS
 
 METADATA: Final = "metadata.yaml"
 BAG_SUFFIXES: Final = (".db3", ".mcap")
+_SQLITE: Final = b"SQLite format 3\0"
+"""The first bytes of a database."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +87,7 @@ class McapFiles:
             try:
                 for item in scan.items():
                     if isinstance(item, Damage):
-                        text = f"{path}: {item.cause} (byte {item.offset}); the readable part was kept"
+                        text = f"{path}: {item.cause} (byte {item.offset}); the rest was read"
                         if text not in self._reported:
                             self._reported.add(text)
                             self._report.problem("damage", text)
@@ -102,7 +107,7 @@ class RosBag:
 
     def __init__(self, paths: list[Path]) -> None:
         self._paths = paths
-        need = f"{paths[0]}: ROS 2 bags need rosbags", "rosbags>=0.10"
+        need = f"{paths[0]}: ROS 2 bags need rosbags", "rosbags>=0.11"
         self._highlevel, self._typesys = (
             optional_module(name, *need, otherwise=", or convert the bag to MCAP (ros2 bag convert)")
             for name in ("rosbags.highlevel", "rosbags.typesys")
@@ -117,10 +122,9 @@ class RosBag:
             with self._highlevel.AnyReader(self._paths, default_typestore=store) as reader:
                 for connection, log_ns, data in reader.messages():
                     yield self._item(reader, connection, log_ns, data)
-        except (self._highlevel.AnyReaderError, OSError) as error:
-            raise BadData(
-                f"{self._paths[0]}: not a readable ROS 2 bag ({error}); try `ros2 bag reindex`, or convert it to MCAP"
-            ) from error
+        except (self._highlevel.AnyReaderError, OSError, *_database_errors(), *DECODE_ERRORS) as error:
+            cause = " ".join(str(error).split()) or type(error).__name__
+            raise BadData(f"{self._paths[0]}: not a readable ROS 2 bag ({cause}); {_remedy(self._paths[0])}") from error
 
     def _item(self, reader: Any, connection: Any, log_ns: int, data: bytes) -> RosItem:
         kind = type_of(connection.msgtype)
@@ -133,3 +137,27 @@ class RosBag:
                 return None
 
         return RosItem(connection.topic, kind, log_ns, decode)
+
+
+def _database_errors() -> tuple[type[Exception], ...]:
+    """Errors of a damaged database: rosbags reads it with sqlite3 before version 0.11.1, with apsw since then."""
+    errors: list[type[Exception]] = [sqlite3.Error]
+    with suppress(ImportError):
+        errors.append(import_module("apsw").Error)
+    return tuple(errors)
+
+
+def _remedy(path: Path) -> str:
+    """What to do about an unreadable bag. path: of its directory, or of its first database."""
+    if path.is_dir():
+        return (
+            f"if its {METADATA} is damaged, or names a file that is missing, move {METADATA} to another place: the "
+            "databases are then read without it. Otherwise convert the bag to MCAP where it was recorded "
+            "(`ros2 bag convert`)"
+        )
+    with path.open("rb") as stream:
+        if stream.read(len(_SQLITE)) != _SQLITE:
+            return (
+                "it is not a database of SQLite: give a .db3 file that `ros2 bag record` wrote, or another copy of it"
+            )
+    return "it is damaged, or not the database of a bag: use another copy, or the database of another bag"

@@ -211,7 +211,7 @@ def print_info(info: LogInfo) -> None:
     print_line(f"{info.path}: {info.size / 1e6:.2f} MB{duration}")
     if info.run is not None:
         print_line(f"made by {info.run.software} ({info.run.source or 'unknown source'})")
-    if not info.ours:
+    if info.topics and not info.ours:
         print_line("not a log of this software: none of its topics is known")
     for camera in info.cameras:
         print_line(_camera_line(camera))
@@ -266,6 +266,13 @@ def _is_written(path: Path) -> bool:
         return False  # it was renamed meanwhile
 
 
+def _remedy(info: LogInfo) -> str:
+    """What to do about a damaged file."""
+    if info.topics:
+        return f"`companion recover {shell_word(info.path)}` recovers the readable part"
+    return "No message in it can be read, so that nothing can be recovered: use another copy of the file"
+
+
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion info`."""
     parser = subparsers.add_parser("info")
@@ -284,7 +291,5 @@ def run(args: argparse.Namespace) -> int:
         fail(f"{args.input}: a process is writing it; what it had written was read")
         return 1
     for damage in info.damages:
-        fail(
-            f"{args.input}: damaged: {damage}. `companion recover {shell_word(args.input)}` recovers the readable part"
-        )
+        fail(f"{args.input}: damaged: {damage}. {_remedy(info)}")
     return 1 if info.damages else 0

@@ -67,7 +67,7 @@ def copy_readable(path: Path, target: Path) -> RecoverResult:
             copy.take(item, result)
         if result.messages == 0:
             first = f" (byte {result.damages[0].offset}: {result.damages[0].cause})" if result.damages else ""
-            raise BadData(f"{path}: no message is readable{first}; nothing was written")
+            raise BadData(f"{path}: no message is readable{first}; nothing was written. Use another copy of the file")
         if result.damages:
             finish_file(writer, stream, active, target)
         else:

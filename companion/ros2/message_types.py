@@ -15,7 +15,7 @@ class RosMessages:
     """Creates and serialises messages. Raises DeviceNotFound where rosbags is not installed."""
 
     def __init__(self) -> None:
-        typesys = optional_module("rosbags.typesys", "ROS messages need rosbags", "rosbags>=0.10")
+        typesys = optional_module("rosbags.typesys", "ROS messages need rosbags", "rosbags>=0.11")
         self._store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
     def make(self, name: str, /, **fields: Any) -> Any:

@@ -50,7 +50,9 @@ def open_scan(path: Path) -> McapScan:
     try:
         return McapScan(path)
     except NotMcap as error:
-        raise BadData(f"{path}: not an MCAP file ({error}); give a log with the extension .mcap") from error
+        raise BadData(
+            f"{path}: not an MCAP file ({error}); give a log that was recorded as MCAP, or another copy of this one"
+        ) from error
     except FileNotFoundError as error:
         raise DeviceNotFound(f"{path}: the file does not exist; check the path") from error
     except OSError as error:

@@ -193,7 +193,7 @@ def test_wrong_use(arguments: tuple[str, ...], tmp_path: Path) -> None:
     ("arguments", "cause", "remedy"),
     [
         (("replay", "absent.mcap"), "absent.mcap: the file does not exist", "check the path"),
-        (("info", "text.mcap"), "text.mcap: not an MCAP file", "give a log with the extension .mcap"),
+        (("info", "text.mcap"), "text.mcap: not an MCAP file", "give a log that was recorded as MCAP"),
         (("import", "absent", "-o", "x.mcap"), "absent: does not exist", "expected a directory with intrinsics.json"),
         (
             ("import", "empty", "-o", "x.mcap"),

@@ -273,7 +273,7 @@ def test_a_recording_cut_before_its_first_image_reports_the_cut(
     source.write_bytes(source.read_bytes()[:900])
     assert main(["import", str(source), "-o", str(tmp_path / "out.mcap")]) == 1
     output = capsys.readouterr().err
-    assert "no depth image in it" in output
+    assert "no message in it that can be read" in output
     assert "the file ends there without its summary" in output
 
 

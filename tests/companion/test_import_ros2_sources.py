@@ -255,6 +255,53 @@ def test_a_db3_file_and_a_folder_without_metadata(tmp_path: Path, capsys: pytest
     assert len(frames_of(out)) == 10
 
 
+def _refusal(source: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    assert imported(source)[0] == 1
+    return capsys.readouterr().err
+
+
+def test_each_fault_of_a_bag_has_its_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`ros2 bag reindex` was advised for each, which repairs no database."""
+    bag = write_bag(tmp_path / "bag", full(RosFlight(motion=("px4 odometry",)).entries()), "sqlite3")
+    (database,) = bag.glob("*.db3")
+    whole = database.read_bytes()
+    (cut := tmp_path / "cut.db3").write_bytes(whole[: len(whole) // 2])
+    assert "use another copy" in _refusal(cut, capsys)
+    (other := tmp_path / "other.db3").write_bytes(b"12345678")
+    assert "not a database of SQLite" in _refusal(other, capsys)
+    (bag / "metadata.yaml").write_bytes(b"\xff\xfe")
+    message = _refusal(bag, capsys)
+    assert str(bag) in message
+    assert "move metadata.yaml to another place" in message
+    (bag / "metadata.yaml").unlink()
+    assert imported(bag)[0] == 0
+
+
+def test_damage_that_shows_within_a_database_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It can be opened, and an error of SQLite ended the command with a traceback."""
+    bag = write_bag(tmp_path / "bag", full(RosFlight(motion=("px4 odometry",)).entries()), "sqlite3")
+    (database,) = bag.glob("*.db3")
+    with sqlite3.connect(
+        database
+    ) as connection:  # a message of many pages, each of which begins with the next one's number
+        (page,) = connection.execute("PRAGMA page_size").fetchone()
+        connection.execute("UPDATE messages SET data = ? WHERE id = 5", (b"z" * 4 * page,))
+    damaged = bytearray(database.read_bytes())
+    begin = damaged.index(b"z" * (page - 4)) // page * page
+    damaged[begin : begin + 4] = b"\xff" * 4
+    (alone := tmp_path / "alone.db3").write_bytes(damaged)
+    assert f"{alone}: not a readable ROS 2 bag" in _refusal(alone, capsys)
+
+
+def test_a_recording_without_a_readable_message_is_called_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (path := tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
+    message = _refusal(path, capsys)
+    assert "no message in it that can be read" in message
+    assert "kept" not in message
+
+
 def test_split_files_are_one_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = tmp_path / "bag"
     bag.mkdir()

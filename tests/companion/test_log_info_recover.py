@@ -198,6 +198,18 @@ def test_info_reports_damage_and_foreign_files(whole, tmp_path, shared_data, cap
     assert main(["info", str(tmp_path / "none.mcap")]) == 1
 
 
+@pytest.mark.parametrize("length", [8, 60])
+def test_recover_is_not_advised_where_nothing_is_readable(whole, tmp_path, length, capsys):
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole.read_bytes()[:length])
+    for command in ("info", "recover"):
+        assert main([command, str(path)]) == 1
+        captured = capsys.readouterr()
+        assert "`companion recover" not in captured.err
+        assert "se another copy of the file" in captured.err
+        assert "not a log of this software" not in captured.out
+
+
 def test_a_log_that_is_being_written_is_not_called_damaged(tmp_path, capsys):
     log = LogWriter(tmp_path / "flight.mcap")
     log.begin(run_info("live"), (INFO,), t_ns=START_NS)
