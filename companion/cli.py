@@ -14,8 +14,9 @@ from typing import Any, Final
 
 from .argument_parser import ArgumentParser
 from .command_list import COMMANDS, GROUPS
-from .console import fail
+from .console import fail, print_line
 from .kernels.jit_cache import no_place_text
+from .standard_streams import discard_stdout, prepare
 from .usage_error import UsageError
 
 _INTERRUPTED: Final = 130
@@ -25,6 +26,8 @@ _OWN: Final = ("companion", "core", "drivers")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command. 0: success; 1: failure, with cause and remedy on stderr; 2: wrong usage, with the remedy."""
+    if argv is None:
+        prepare()
     words = list(sys.argv[1:] if argv is None else argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of numpy's OpenBLAS would spin during the start
     if words and not words[0].startswith("-") and words[0] not in COMMANDS:
@@ -33,9 +36,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         fail(f"there is no command {words[0]!r}; {remedy}")
         return 2
     try:
-        return _run(words)
+        status = _run(words)
+        return status if _flushed(quiet=status != 0) else 1
     except BrokenPipeError:  # the reader of the output has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_stdout()
         return 1
     except KeyboardInterrupt:
         return _INTERRUPTED
@@ -55,6 +59,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
+def _flushed(quiet: bool) -> bool:
+    """Writes what stdout has buffered; prints the cause where that fails, unless `quiet`. Python would do it after the
+    command, with a message of its own."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if not quiet:
+            fail(_error_text(error, None))
+        discard_stdout()
+        return False
+    return True
+
+
 def _run(words: Sequence[str]) -> int:
     """Parses the words and runs the command."""
     parser = _parser(words[0] if words else "")
@@ -62,14 +81,12 @@ def _run(words: Sequence[str]) -> int:
         args = parser.parse_args(words)
     except SystemExit as end:  # argparse exits this way after --help and on wrong usage
         return end.code if isinstance(end.code, int) else 2
-    if args.version:
-        return _print_version()
-    if args.command is None:
+    if args.command is None and not args.version:
         parser.print_usage(sys.stderr)
         fail("no command is given; `companion --help` lists the commands")
         return 2
     try:
-        return int(_module(args.command).run(args))
+        return _print_version() if args.version else int(_module(args.command).run(args))
     except BrokenPipeError:  # an OSError, but not of the command
         raise
     except UsageError as error:
@@ -152,5 +169,5 @@ def _expected_errors() -> tuple[type[Exception], ...]:
 def _print_version() -> int:
     from .log.provenance import software
 
-    print(software())
+    print_line(software())
     return 0

@@ -12,6 +12,7 @@ import numpy as np
 from drivers.base import BadData
 from drivers.logs.reader import McapRecording
 from drivers.optional_library import optional_module
+from drivers.shell_word import shell_word
 
 from ..argument_types import number_in
 from ..console import fail, print_json, print_line
@@ -42,7 +43,10 @@ def export(path: Path, out: Path, kind: str, frame: int | None = None) -> tuple[
             damage = str(error)
         frames = len(tables.rows["frames"])
         if not frames:
-            raise ValueError(f"{path}: no prisms in this log: run `companion replay` first. {damage}".strip())
+            raise ValueError(
+                f"{path}: no prisms in this log: compute them with `companion replay {shell_word(path)} -o prisms.mcap`, "
+                f"and export prisms.mcap. {damage}".strip()
+            )
         if kind == "gltf":
             return [_write_gltf(out, chosen, infos)], frames, damage
     return _write_tables(out, kind, tables.arrays()), frames, damage

@@ -126,15 +126,17 @@ class Ros2Source:
         if len(depth) > 1:
             raise BadData(f"{self._path}: several topics with depth: {_joined(depth)}; choose with --depth-topic")
         if not depth:
-            if not self._types:
+            if not self._scan.types:
                 raise BadData(f"{self._path}: no message in it that can be read; use another copy or another recording")
+            ours = any(kind in {t.schema for t in TOPICS.values()} for kind in self._scan.types.values())
+            if ours and not self._scan.first_images:
+                raise BadData(
+                    f"{self._path}: it is a log of this software, or contains one: replay that with `companion replay`"
+                )
             raise BadData(f"{self._path}: no depth image in it; {self._found_text()}")
         return depth[0]
 
     def _found_text(self) -> str:
-        ours = sum(kind in {t.schema for t in TOPICS.values()} for kind in self._scan.types.values())
-        if ours and not self._scan.first_images:
-            return "it is a log of this software: replay it directly"
         kinds = sorted(set(self._scan.types.values()))
         there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6])
         return f"expected sensor_msgs/Image or compressedDepth with 16UC1 or 32FC1, found {there}"

@@ -242,7 +242,7 @@ def test_our_own_log_and_a_strange_file_are_refused(tmp_path: Path, capsys: pyte
     _, ours = imported(RosFlight(frames=2), tmp_path)
     capsys.readouterr()
     assert main(["import", str(ours), "-o", str(tmp_path / "x.mcap")]) == 1
-    assert "a log of this software: replay it directly" in capsys.readouterr().err
+    assert "a log of this software, or contains one: replay that with `companion replay`" in capsys.readouterr().err
     strange = tmp_path / "strange.mcap"
     strange.write_bytes(b"not at all")
     assert main(["import", str(strange), "-o", str(tmp_path / "x.mcap")]) == 1
