@@ -194,8 +194,10 @@ def _print_summary(done: Demo) -> None:
     )
     ages = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"
     print_line(f"{ages};")
-    blind = ", ".join(f"{n} ({received.texts[code]})" for code, n in sorted(received.causes.items())) or "none"
-    print_line(f"blind messages (valid = false), as sent before the first frame: {blind}.")
+    blind = ", ".join(f"{n} {code} ({received.texts[code]})" for code, n in sorted(received.causes.items())) or "none"
+    print_line(
+        f"blind messages (valid = false), sent while no recent frame is valid, as before the first one: {blind}."
+    )
     skipped, used = done.live.health.frames_dropped.get(DropCause.BUSY.value, 0), done.live.health.frames_used
     if skipped > BUSY_SHARE * used:
         print_line(

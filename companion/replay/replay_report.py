@@ -78,9 +78,15 @@ def _drop_problem(counts: ReplayCounts, first: FrameDecision) -> str:
     not_published = sum(counts.dropped[cause.value] for cause in UNPUBLISHED_DROPS)
     wrong_size = counts.dropped[DropCause.WRONG_SIZE.value]
     blind = counts.dropped.total() - not_published
+    uncertain = counts.dropped[DropCause.CLOCK_UNCERTAIN.value]
     remedies = []
-    if blind > wrong_size:
-        remedies.append("Record the autopilot's attitude at 50 Hz throughout, or raise max_gap_s in [sync]")
+    if blind > wrong_size + uncertain:
+        remedies.append(
+            "Record the autopilot's attitude at 50 Hz, from before the first frame until after the last, on a computer that "
+            "has time for it"
+        )
+    if uncertain:
+        remedies.append("Synchronise the clocks better (TIMESYNC on a fast line), or turn more slowly")
     if wrong_size:
         remedies.append("Set the image size in the camera's description")
     if not_published:

@@ -273,6 +273,7 @@ def test_attitude_missing_for_part_of_the_flight(tmp_path, capsys):
     assert dropped > 4
     assert "too old to be carried forward" in captured.err
     assert "Record the autopilot's attitude at 50 Hz" in captured.err
+    assert "max_gap_s" not in captured.err  # it is no remedy for an attitude that is too old, and a safety key
     prisms = prisms_of(out)
     assert len(prisms) == 20, "blind is a message, never silence"
     assert sum(not p.valid for p in prisms) >= dropped
