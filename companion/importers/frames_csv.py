@@ -52,12 +52,13 @@ def read_rows(path: Path, report: Report, angles_needed: bool = True) -> tuple[l
     except OSError as error:
         raise BadData(f"{path}: cannot be read ({error.strerror}); it lists each image with its time") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise BadData(f"{path}: not a CSV text ({error})") from error
+        raise BadData(f"{path}: not a CSV text ({error}); save it as CSV with commas, in UTF-8") from error
     missing = [c for c in ("file", "t_ns") if c not in columns]
     if missing:
+        separator = ", separated by commas" if len(columns) == 1 else ""
         raise BadData(
             f"{path} line 1: column {', '.join(missing)} is missing (found: {_short.repr(columns)}); "
-            f"expected file, t_ns, {', '.join(ATTITUDE)} and, where known, {', '.join(POSITION)}"
+            f"expected file, t_ns, {', '.join(ATTITUDE)} and, where known, {', '.join(POSITION)}{separator}"
         )
     duplicated = [c for c in ("file", "t_ns", *ATTITUDE, *POSITION) if columns.count(c) > 1]
     if duplicated:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from core.types import CameraInfo, Intrinsics
 from drivers.base import BadData
 
 from .report import ImportOptions
+
+_EXAMPLE: Final = 'an object such as {"width": 640, "height": 480, "fx": 383.5, "fy": 383.5, "cx": 320, "cy": 240}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,9 +60,9 @@ def _json_object(path: Path) -> dict[str, Any]:
             f"{path}: cannot be read ({error.strerror}); it must contain width, height, fx, fy, cx, cy"
         ) from error
     except ValueError as error:  # not JSON, not UTF-8, or a number of thousands of digits
-        raise BadData(f"{path}: not valid JSON ({error})") from error
+        raise BadData(f"{path}: not valid JSON in UTF-8 ({error}); expected {_EXAMPLE}, decimals with a dot") from error
     except RecursionError as error:
         raise BadData(f"{path}: nested too deeply; it must contain width, height, fx, fy, cx, cy") from error
     if not isinstance(content, dict):
-        raise BadData(f'{path}: expected an object such as {{"width": 640, "height": 480, "fx": 383.5, ...}}')
+        raise BadData(f"{path}: expected {_EXAMPLE}")
     return content

@@ -285,6 +285,12 @@ def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[
     folder = write_folder(tmp_path / "a", 3, ["depth/000000.png,0.1"], heading="file,roll_rad")
     assert imported(folder)[0] == 1
     assert "line 1: column t_ns is missing (found: ['file', 'roll_rad'])" in capsys.readouterr().err
+    folder = write_folder(tmp_path / "semicolons", 3, ["depth/000000.png;1"], heading="file;t_ns")
+    assert imported(folder)[0] == 1
+    assert "separated by commas" in capsys.readouterr().err
+    (folder / "frames.csv").write_bytes("file,t_ns\n".encode("utf-16"))
+    assert imported(folder)[0] == 1
+    assert "save it as CSV with commas, in UTF-8" in capsys.readouterr().err
     folder = write_folder(
         tmp_path / "b",
         3,
@@ -343,7 +349,9 @@ def test_broken_json_and_nothing_there(tmp_path: Path, capsys: pytest.CaptureFix
     folder = write_folder(tmp_path / "rec", 1)
     (folder / "intrinsics.json").write_text("{")
     assert imported(folder)[0] == 1
-    assert "not valid JSON" in capsys.readouterr().err
+    message = capsys.readouterr().err
+    assert "not valid JSON" in message
+    assert 'expected an object such as {"width": 640' in message
     (folder / "intrinsics.json").write_text("[" * 100_000)
     assert imported(folder)[0] == 1
     assert "nested too deeply" in capsys.readouterr().err
