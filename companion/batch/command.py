@@ -37,13 +37,15 @@ _NEAR_M: Final = 2.0
 
 @dataclass(slots=True)
 class BatchReport:
-    """What a run did. skipped: flights whose results were present."""
+    """What a run did. skipped: flights whose results were present; without_frames: flights whose logs are readable and
+    have no depth images."""
 
     flights: int = 0
     skipped: int = 0
     frames: int = 0
     damaged: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
+    without_frames: list[str] = field(default_factory=list)
     different: list[str] = field(default_factory=list)
     restarted: int = 0
     cpu_s: float = 0.0
@@ -62,6 +64,8 @@ class BatchReport:
         self.peak_mb = max(self.peak_mb, result.peak_mb)
         if result.damage:
             self.damaged[name] = result.damage
+        elif result.frames == 0:
+            self.without_frames.append(name)
         if result.equals_onboard is False:
             self.different.append(name)
 
@@ -75,6 +79,7 @@ class BatchReport:
             "frames": self.frames,
             "damaged": self.damaged,
             "failed": self.failed,
+            "without_frames": self.without_frames,
             "different_from_onboard": self.different,
             "restarted": self.restarted,
             "cpu_s": round(self.cpu_s, 3),
@@ -256,4 +261,9 @@ def _print_report(report: BatchReport, output: str) -> None:
         warn(f"{name}: {text}")
     if len(report.damaged) > _LISTED:
         warn(f"and {len(report.damaged) - _LISTED} more damaged flights (column `damage` of the table flights)")
+    if names := report.without_frames:
+        warn(
+            f"logs without depth images, so that nothing was computed: {', '.join(names[:_LISTED])}"
+            f"{', ...' if len(names) > _LISTED else ''}; record with [record] depth = true"
+        )
     print_line(f"written: {output}")

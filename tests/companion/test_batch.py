@@ -276,6 +276,16 @@ def test_broken_logs_are_part_of_the_result(tmp_path: Path) -> None:
     assert flights["empty"]["equals_onboard"] is None
 
 
+def test_a_log_without_depth_images_is_named(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It gave an empty result that looked like one of a flight without frames."""
+    source = next(fleet.rglob("*.mcap"))
+    (logs := tmp_path / "logs").mkdir()
+    main(["replay", str(source), "--no-depth", "-o", str(logs / "flight.mcap")])
+    capsys.readouterr()
+    assert main(["batch", str(logs), "-o", str(tmp_path / "out"), "--workers", "1"]) == 0
+    assert "logs without depth images, so that nothing was computed: logs/flight" in capsys.readouterr().err
+
+
 def test_a_log_of_a_newer_version_is_processed_with_a_configuration_of_this_one(fleet: Path, tmp_path: Path) -> None:
     (tmp_path / "v").mkdir()
     newer = log_of_a_newer_version(min(fleet.glob("alpha/*.mcap")), tmp_path / "v" / "20261101-100000.000.mcap")
