@@ -133,8 +133,11 @@ def test_the_merged_world_stands_where_the_vehicle_sees_it(page: Page) -> None:
     page.wait("app.frames.ned.world.visible && app.frames.ned.world.children.length === 2")
     assert page.ask("document.getElementById('worldwords').textContent").startswith("merged world: ")
     page.wait(f"{PLACED}.then((apart) => apart < 0.001)")  # a frame just come is drawn a moment later
+    legend = "document.getElementById('marks').textContent"
+    assert "merged world" in page.ask(legend)
     page.ask("document.getElementById('merged').click()")
     page.wait("!app.frames.ned.world.visible")
+    assert "merged world" not in page.ask(legend)
     page.ask("document.getElementById('merged').click()")
     page.wait("app.frames.ned.world.visible")
 

@@ -114,6 +114,19 @@ def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> Non
         assert after[3] - after[1] > 1.3 * (before[3] - before[1])
 
 
+def test_the_tip_at_the_lower_border_is_inside_the_window(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        shown.wait("!document.getElementById('depth').hidden")
+        last_row = "const b = depth.getBoundingClientRect(), at = { clientX: b.left + 9, clientY: innerHeight - 5, bubbles: true }"
+        shown.ask(
+            f"{{ const depth = document.getElementById('depth'); {last_row};"
+            " depth.dispatchEvent(new PointerEvent('pointermove', at)); }"
+        )
+        assert shown.ask("document.getElementById('tip').textContent") != ""
+        box = shown.ask(BOX % "#tip")
+        assert 0 <= box[1] < box[3] <= SIZES["phone"][1]
+
+
 def test_the_sectors_are_those_of_the_autopilot(browser: Browser, page: Path) -> None:
     with opened_at(browser, page, SIZES["desktop"]) as shown:
         assert shown.ask("document.getElementById('sentwords').textContent") == "nearest 5.0 m; 70 of 72 unknown"

@@ -186,6 +186,33 @@ def test_the_live_page_draws_the_tracks_of_a_valid_frame() -> None:
     assert frame_of(Shown(1, INFO, prisms, None, 0, message()), 0)["tracks"] is None, "a blind frame shows nothing"
 
 
+LEGEND = "document.getElementById('marks').textContent"
+AT_THE_WALL = """(() => {
+  const frame = app.data.frames[0], mover = frame.tracks.movers[0], [ax, ay, bx, by, top, bottom] = frame.planes;
+  Object.assign(mover, { from: [(ax + bx) / 2, (ay + by) / 2, (top + bottom) / 2], top, bottom, text: "moving" });
+  return app.show(0);
+})()"""
+BOXES = """Object.fromEntries(app.frames.group.children.filter((o) => o.isSprite).map((o) => {
+  const tall = 2 * Math.tan(app.eye.fov * Math.PI / 360), middle = o.position.clone().project(app.eye).y / 2 * tall;
+  return [o.name, [middle - o.center.y * o.scale.y, middle + (1 - o.center.y) * o.scale.y]];
+}))"""
+"""Lower and upper edge of each label on the screen."""
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("size", ["1200,800", "390,844"])
+def test_the_speed_of_a_mover_does_not_cover_its_distance(tmp_path: Path, size: str) -> None:
+    builder = PageBuilder("tracks.mcap", 1)
+    builder.add(frame(position_ned_m=(0.0, 0.0, -2.0), tracks=tracks_data(message(), 0.0, (10.0, 20.0, -3.0))))
+    page = tmp_path / "tracks.html"
+    page.write_text(builder.page(), encoding="utf-8")
+    with opened(tmp_path, size) as browser, browser.page(page.as_uri()) as shown:
+        shown.wait("document.body.dataset.drawn === '0'")
+        shown.ask(AT_THE_WALL)
+        boxes = shown.ask(BOXES)
+    assert boxes["moving"][0] >= boxes["4.0 m"][1]
+
+
 @pytest.mark.process
 def test_the_page_draws_outlines_and_the_arrow_of_what_moves(tmp_path: Path) -> None:
     place = (10.0, 20.0, -3.0)
@@ -204,6 +231,9 @@ def test_the_page_draws_outlines_and_the_arrow_of_what_moves(tmp_path: Path) -> 
                 shown.wait(f"document.body.dataset.drawn === '{k}'")
                 assert shown.ask("document.getElementById('tracks').parentElement.hidden") is False
                 shown.picture(target)
+                assert shown.ask(LEGEND).endswith("trackedmoving")
+                shown.ask("document.getElementById('tracks').click()")
+                assert "tracked" not in shown.ask(LEGEND)
             b, g, r = cv2.split(cv2.imread(str(target)).astype(int))
             pink[k] = int(((r > 120) & (b > 100) & (g < r - 60) & (g < b - 30)).sum())
         assert not browser.complaints

@@ -7,7 +7,7 @@ import { KEPT, Live } from "viewer/live";
 import { DepthPanel } from "viewer/depth";
 import { gltf, save } from "viewer/exports";
 import { showBanner, showFacts } from "viewer/facts";
-import { drawLegend } from "viewer/legend";
+import { drawLegend, offer } from "viewer/legend";
 import { Measure, pick } from "viewer/measure";
 import { showPilot } from "viewer/pilot";
 import { drawStrip, nextBlind } from "viewer/timeline";
@@ -46,7 +46,7 @@ class App {
     this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
     $("canvas").addEventListener("webglcontextlost", () => complain(new Error("the graphics card has dropped the drawing")));
     this.depth = new DepthPanel(data);
-    $("tracks").parentElement.hidden = !data.frames.some((frame) => frame.tracks);
+    offer("tracks", data.frames.some((frame) => frame.tracks), data);
     this.#controls();
     this.#fromAddress();
     new ResizeObserver(() => this.#resize()).observe($("stage"));
@@ -149,7 +149,7 @@ class App {
     }
     $("slider").max = String(frames.length - 1);
     if (frame.pos) $("world").disabled = false;
-    if (frame.tracks) $("tracks").parentElement.hidden = false;
+    if (frame.tracks) offer("tracks", true, this.data);
     drawStrip($("strip"), frames);
     if (this.playing && frame.c === this.camera) this.show(frames.length - 1);
     else if (this.at < 0) this.show(0);
@@ -338,8 +338,9 @@ class App {
     const tip = $("tip");
     tip.hidden = !text;
     tip.textContent = text || "";
+    const below = e.clientY + 14 + tip.offsetHeight < innerHeight;
     tip.style.left = `${Math.min(e.clientX + 14, innerWidth - 260)}px`;
-    tip.style.top = `${e.clientY + 14}px`;
+    tip.style.top = `${below ? e.clientY + 14 : e.clientY - 14 - tip.offsetHeight}px`;
   }
 
   #hover(e) {

@@ -17,11 +17,14 @@ export class Labels {
     scene.traverse((object) => object.isSprite && this.#scale(object));
   }
 
-  /** A sprite. at: in the drawing; size: of the text, as a share of the picture's height; larger in a low picture. */
-  sprite(text, at, color, size) {
+  /** A sprite. at: in the drawing; size: of the text, as a share of the picture's height; larger in a low picture; rows: heights
+   *  of it between the point and its middle. */
+  sprite(text, at, color, size, rows = 0) {
     const map = this.#texture(text, color);
     const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
+    sprite.name = text;
     sprite.userData.size = size;
+    sprite.center.y -= rows;
     this.#scale(sprite);
     sprite.position.set(...at);
     sprite.renderOrder = 10;

@@ -1,15 +1,26 @@
-// The legend beside the picture: the scale of distances, and the colours of the chosen colouring.
+// The legend beside the picture: the scale of distances, the colours of the chosen colouring, and of what not every page has.
 
 import * as model from "viewer/model";
+import { cssColor, WORLD } from "viewer/ned";
+import { MOVING, STATIC } from "viewer/tracks";
 
 const $ = (id) => document.getElementById(id);
 const NUMBER_PX = 34;
+const css = (color) => `rgb(${color.map((v) => Math.round(255 * v)).join(",")})`;
+/** Switches that only some pages have, and what they show: text, colour. */
+const OPTIONAL = { merged: [["merged world", cssColor(WORLD)]], tracks: [["tracked", css(STATIC)], ["moving", css(MOVING)]] };
+
+/** Shows or hides a switch that only some pages have, and what the legend says of it. */
+export function offer(id, on, data) {
+  if ($(id).parentElement.hidden === !on) return;
+  $(id).parentElement.hidden = !on;
+  drawLegend(data);
+}
 
 /** data: palette and cameras of the page. */
 export function drawLegend(data) {
   const { palette, cameras } = data, by = $("by").value, camera = cameras.find((known) => known);
   if (!camera) return; // of a service whose cameras have not been described yet
-  const css = (color) => `rgb(${color.map((v) => Math.round(255 * v)).join(",")})`;
   const sample = (flags) => css(model.wallColor({ flags }, "flags", camera, palette));
   const marks = { distance: [], cluster: [["one colour for each cluster", "#7aa"]],
     flags: [["measured", sample(0)], ["partly inferred", sample(1)], ["unknown behind", sample(2)], ["irregular", sample(64)]] }[by];
@@ -27,7 +38,8 @@ export function drawLegend(data) {
     tick.style.left = `${share}%`;
     return tick;
   }));
-  $("marks").replaceChildren(...marks.map(([text, color]) => {
+  const present = Object.entries(OPTIONAL).flatMap(([id, shown]) => ($(id).checked && !$(id).parentElement.hidden ? shown : []));
+  $("marks").replaceChildren(...[...marks, ...present].map(([text, color]) => {
     const mark = document.createElement("span");
     mark.textContent = text;
     mark.style.setProperty("--mark", color);

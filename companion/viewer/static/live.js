@@ -2,7 +2,8 @@
 // fault (of the service, the server, the connection or this page) makes the age grow. A picture that is too old is marked across
 // the page, so that it is never taken for the present.
 
-import { teamColor } from "viewer/ned";
+import { cssColor, teamColor } from "viewer/ned";
+import { offer } from "viewer/legend";
 import { showPilot } from "viewer/pilot";
 
 const CUT_MS = 1000, OLD_S = 1, OLD_REPORT_S = 3, PATIENCE_MS = 3000, AGAIN_MS = 300, TELL_MS = 100;
@@ -37,7 +38,7 @@ export function verdict(seen, stale_s) {
       + ` the network or this page is slow. ${none}`, blind, age };
   }
   if (seen.shown_s === null) return { state: "waiting", word: "", text: "Waiting for the first frame…", blind, age };
-  if (!seen.following) return { state: "paused", word: "", text: "NOT LIVE (space or End: back to now)", blind, age };
+  if (!seen.following) return { state: "paused", word: "", text: "NOT LIVE (▶ live, space or End: back to now)", blind, age };
   if (seen.shown_s > OLD_S) {
     return { state: "stale", word: "STALE", text: `STALE: what is shown is ${span(seen.shown_s)} old, although newer frames exist. ${none}`, blind, age };
   }
@@ -103,7 +104,7 @@ export class Live {
     this.tell();
     this.#service(update.service);
     if (this.app) showPilot(update.service.autopilot, this.app.attitude());
-    $("merged").parentElement.hidden = !update.world.received;
+    offer("merged", update.world.received, this.data);
     $("worldwords").textContent = !update.world.received ? "" : update.world.cause ? `merged world: not usable, ${update.world.cause}`
       : `merged world: ${update.world.total} planes`;
   }
@@ -117,7 +118,7 @@ export class Live {
     $("team").parentElement.hidden = $("members").hidden = !team.received;
     const lines = team.members.map(({ vehicle, silent_s, text }) => {
       const line = Object.assign(document.createElement("div"), { textContent: `vehicle ${vehicle}, last packet ${span(silent_s)} ago: ${text}` });
-      line.style.setProperty("--mark", `#${teamColor(vehicle).toString(16).padStart(6, "0")}`);
+      line.style.setProperty("--mark", cssColor(teamColor(vehicle)));
       return line;
     });
     $("members").replaceChildren(...(lines.length ? lines : [team.silent ? "other vehicles: the service publishes no team any more" : "other vehicles: none received"]));

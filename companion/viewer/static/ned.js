@@ -5,11 +5,17 @@ import * as THREE from "three";
 import { geometryOf } from "viewer/geometry";
 import * as model from "viewer/model";
 
-const WORLD = 0xe0c080, TEAM = [0xe573c7, 0x4dd0e1, 0xffb74d, 0xaed581, 0x9fa8da, 0xff8a65];
+export const WORLD = 0xe0c080;
+const TEAM = [0xe573c7, 0x4dd0e1, 0xffb74d, 0xaed581, 0x9fa8da, 0xff8a65];
 
 /** Colour of a vehicle of the team. */
 export function teamColor(vehicle) {
   return TEAM[vehicle % TEAM.length];
+}
+
+/** A colour 0xrrggbb as in CSS. */
+export function cssColor(color) {
+  return `#${color.toString(16).padStart(6, "0")}`;
 }
 
 export class NedGroup {
@@ -46,7 +52,7 @@ export class NedGroup {
     edges.push([x, y, z], to);
     const drawn = (p) => model.toDrawing(p.map((cm) => cm / 100));
     this.team.add(lines(edges.map(drawn), color, 0.95));
-    this.team.add(this.labels.sprite(name, drawn([x, y, z - hz - 30]), `#${color.toString(16).padStart(6, "0")}`, 0.024));
+    this.team.add(this.labels.sprite(name, drawn([x, y, z - hz - 30]), cssColor(color), 0.024));
   }
 
   /** Moves all to the position of the frame; hidden for a frame without a position. */

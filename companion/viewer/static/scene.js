@@ -109,7 +109,7 @@ export class FrameScene {
   #tracks(tracks, show) {
     const { lines, colors, labels } = trackDrawing(tracks, show.numbers);
     this.#lines(lines.map(this.at), colors);
-    for (const { text, at, color } of labels) this.#text(text, this.at(at), color, 0.024);
+    for (const { text, at, color } of labels) this.#text(text, this.at(at), color, 0.024, 1.25); // above the label of its distance
   }
 
   #labels(walls, show, frame) {
@@ -125,7 +125,7 @@ export class FrameScene {
     }
   }
 
-  #text(text, at, color, size) { this.#add(this.labels.sprite(text, at, color, size)); }
+  #text(text, at, color, size, rows) { this.#add(this.labels.sprite(text, at, color, size, rows)); }
 
   /** One class of space as horizontal sheets, in the camera's layer or in all. */
   #space(frame, kind, all, camera) {

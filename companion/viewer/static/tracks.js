@@ -2,7 +2,8 @@
 
 import * as model from "viewer/model";
 
-const LABELS = 15, STATIC = [0.36, 0.83, 1.0], MOVING = [1.0, 0.45, 0.85];
+export const STATIC = [0.36, 0.83, 1.0], MOVING = [1.0, 0.45, 0.85];
+const LABELS = 15;
 const metres = (cm) => cm / 100;
 
 /** {lines, colors, labels} in `level`; labels: {text, at, color}. tracks: of frame_data; numbers: whether to label static ones. */
