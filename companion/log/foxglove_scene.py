@@ -19,12 +19,12 @@ from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrim
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.duration_pb2 import Duration
 
-from core.frames import quaternion_from_euler, rotation_from_quaternion
+from core.frames import quaternion_from_euler
 from core.types import CameraInfo, Prism
 from drivers.logs.codec import optical_frame, stamp
 
 from ..pipeline.quaternion import Quaternion as Wxyz
-from ..pipeline.quaternion import product
+from ..pipeline.quaternion import product, split_heading
 from ..pipeline.results import PrismsResult
 
 LIFETIME_S: Final = 1
@@ -64,11 +64,7 @@ def transform_messages(result: PrismsResult, info: CameraInfo) -> tuple[FrameTra
     the vehicle. A frame without attitude has no transforms."""
     if result.attitude is None:
         return ()
-    q_ned_frd = result.attitude.q_ned_frd_wxyz
-    R = rotation_from_quaternion(q_ned_frd)
-    heading_rad = math.atan2(float(R[1, 0]), float(R[0, 0]))
-    q_ned_level = quaternion_from_euler(0.0, 0.0, heading_rad)
-    q_level_frd = product(quaternion_from_euler(0.0, 0.0, -heading_rad), q_ned_frd)
+    q_ned_level, q_level_frd = split_heading(result.attitude.q_ned_frd_wxyz)
     m = info.mount
     q_frd_optical = product(quaternion_from_euler(m.roll_rad, m.pitch_rad, m.yaw_rad), Q_CAMFRD_OPTICAL)
     position_m = result.pose.position_ned_m if result.pose is not None else (0.0, 0.0, 0.0)

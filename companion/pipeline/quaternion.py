@@ -1,9 +1,10 @@
-"""Quaternions (w, x, y, z) for the synchronisation: product, rotation vector, interpolation, body rates."""
+"""Quaternions (w, x, y, z): product, rotation vector, interpolation, body rates, heading."""
 
 from __future__ import annotations
 
 import math
 
+from core.frames import euler_from_rotation, quaternion_from_euler, rotation_from_quaternion
 from core.types import MAX_RATE_RAD_S
 
 Quaternion = tuple[float, float, float, float]
@@ -81,3 +82,10 @@ def plausible_rates(rates_rad_s: Vector | None) -> Vector | None:
     if rates_rad_s is None or max(map(abs, rates_rad_s)) > MAX_RATE_RAD_S:
         return None
     return rates_rad_s
+
+
+def split_heading(q_ned_frd: Quaternion) -> tuple[Quaternion, Quaternion]:
+    """(q_ned_level, q_level_frd) of an attitude: its heading, and its roll and pitch."""
+    _, _, heading_rad = euler_from_rotation(rotation_from_quaternion(q_ned_frd))
+    q_level_frd = product(quaternion_from_euler(0.0, 0.0, -heading_rad), q_ned_frd)
+    return quaternion_from_euler(0.0, 0.0, heading_rad), q_level_frd

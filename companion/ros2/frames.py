@@ -20,11 +20,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from core.frames import quaternion_from_euler, rotation_from_quaternion
+from core.frames import quaternion_from_euler
 from core.types import CameraMount
 
 from ..log.foxglove_scene import Q_CAMFRD_OPTICAL
-from ..pipeline.quaternion import Quaternion, Vector, normalised, product
+from ..pipeline.quaternion import Quaternion, Vector, normalised, product, split_heading
 
 MAP: Final = "map"
 BASE_STABILIZED: Final = "base_stabilized"
@@ -66,14 +66,11 @@ def vehicle_transforms(q_ned_frd_wxyz: Quaternion, position_ned_m: Vector | None
     """map -> base_stabilized -> base_link at an attitude and a position; without a position base_stabilized -> base_link.
 
     base_stabilized has the heading of the vehicle and no roll or pitch."""
-    R = rotation_from_quaternion(q_ned_frd_wxyz)
-    heading_rad = math.atan2(float(R[1, 0]), float(R[0, 0]))
-    q_level_frd = product(quaternion_from_euler(0.0, 0.0, -heading_rad), normalised(q_ned_frd_wxyz))
+    q_ned_level, q_level_frd = split_heading(normalised(q_ned_frd_wxyz))
     tilt = FrameTransform(BASE_STABILIZED, BASE_LINK, (0.0, 0.0, 0.0), _flu_axes(q_level_frd))
     if position_ned_m is None:
         return (tilt,)
     north_m, east_m, down_m = position_ned_m
-    q_ned_level = quaternion_from_euler(0.0, 0.0, heading_rad)
     q_map_stabilized = product(product(_Q_ENU_NED, q_ned_level), _Q_FLU_FRD)
     return FrameTransform(MAP, BASE_STABILIZED, (east_m, north_m, -down_m), q_map_stabilized), tilt
 

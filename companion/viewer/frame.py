@@ -90,8 +90,7 @@ class ViewFrame:
     @property
     def heading_rad(self) -> float:
         """Heading of the vehicle, that of `level`; 0 without an attitude."""
-        R = self.R_ned_frd
-        return 0.0 if R is None else math.atan2(float(R[1, 0]), float(R[0, 0]))
+        return 0.0 if self.R_ned_frd is None else euler_from_rotation(self.R_ned_frd)[2]
 
     @property
     def ke_per_m(self) -> float | None:
