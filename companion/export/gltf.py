@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from core.types import Prism
 
+from ..log.foxglove_scene import prism_edges
+
 _TRIANGLES, _LINE_STRIP = 4, 3
 _FLOAT, _UINT = 5126, 5125
 _ARRAY, _INDICES = 34962, 34963
@@ -63,14 +65,13 @@ def to_gltf(ned_m: NDArray[np.floating]) -> Floats:
 
 def _faces(prisms: Sequence[Prism]) -> Floats:
     """(4 N, 3) corners of the N edges of all prisms: a-top, b-top, b-bottom, a-bottom."""
-    quads: list[NDArray[np.float64]] = []
-    for prism in prisms:
-        a = prism.vertices_m.astype(np.float64)
-        b = np.roll(a, -1, axis=0)
-        a, b = (a, b) if prism.closed else (a[:-1], b[:-1])
-        ends = ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m))
-        quads.append(np.stack([np.column_stack([xy, np.full(len(xy), z)]) for xy, z in ends], axis=1).reshape(-1, 3))
-    return to_gltf(np.concatenate(quads)) if quads else np.zeros((0, 3), np.float32)
+    corners = [
+        (*xy, z)
+        for prism in prisms
+        for a, b in prism_edges(prism)
+        for xy, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m))
+    ]
+    return to_gltf(np.array(corners, np.float64).reshape(-1, 3))
 
 
 def _material(name: str, rgba: list[float]) -> dict[str, Any]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-import os
 from pathlib import Path
 
 from core.world.serialize import SavedSection, bytes_of, fitting, sections_of
+
+from ..whole_file import write_whole
 
 log = logging.getLogger("companion")
 
@@ -28,12 +29,7 @@ def write_world(path: Path, sections: tuple[SavedSection, ...]) -> str:
     fault = f"{path}: left out: {'; '.join(left_out)}; what is loaded from it lacks them" if left_out else ""
     if fault:
         log.warning("%s", fault)
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        file.write(bytes_of(tuple(fit)))
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)
+    write_whole(path, bytes_of(tuple(fit)))
     return fault
 
 

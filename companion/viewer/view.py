@@ -14,9 +14,10 @@ from drivers.logs.reader import McapRecording
 
 from ..argument_types import number_in
 from ..common_options import add_keys, add_service
-from ..config.loader import ConfigError, config_from_text
+from ..config.loader import ConfigError
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
+from ..replay.recorded_config import recorded_config
 from ..usage_error import UsageError, given_option
 from ..whole_file import write_whole
 from .foxglove_layout import LAYOUT_NAME, write_layout
@@ -196,11 +197,9 @@ def _draw(
 
 
 def _params(source: McapRecording, views: Views) -> Params:
-    """The extractor's parameters of the log; the defaults where it has none."""
-    if source.run is None or not source.run.config_json:
-        return Params()
+    """The extractor's parameters of the log; the defaults where it has none, or an unusable configuration."""
     try:
-        return config_from_text(source.run.config_json, f"the configuration in {source.path}").extractor
+        return recorded_config(source, otherwise="").extractor
     except ConfigError as error:
         views.notes.append(f"no strips are drawn: the configuration in the log cannot be used: {error}")
         return Params()
