@@ -13,6 +13,7 @@ from google.protobuf.message import Message
 
 from core.types import CameraInfo
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.subscriber import TIMEOUT_S
 
 from ..pipeline.encode import prisms_from_message
 from ..pipeline.results import PrismsResult
@@ -121,7 +122,7 @@ class Ros2Bridge:
         camera = self._camera(message.camera)
         camera.error = ""
         age_ns = now_ns - self.subscriber.cameras[message.camera].exposed_ns
-        if age_ns > self.subscriber.stale_s * NS:
+        if age_ns > TIMEOUT_S * NS:
             self.counts.stale += 1
             return
         try:

@@ -19,8 +19,7 @@ from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
 from ..stop_signal import stop_event
 from ..usage_error import UsageError
-from ..viewer.live_server import NICE, streams_of
-from ..viewer.subscriber import HEALTH_OLD_NS, LiveSubscriber
+from ..viewer.subscriber import HEALTH_OLD_NS, NICE, LiveSubscriber, streams_of
 from .bridge import BridgeOptions, Ros2Bridge
 from .message_types import RosMessages
 from .session import RosNode
@@ -91,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     bridge = Ros2Bridge(subscriber, node, ros, options)
     subscriber.on_message = bridge.on_message
     stop = stop_event()
-    os.nice(NICE)  # the service has precedence
+    os.nice(NICE)
     print_line(
         f"topics {options.namespace}/markers, {options.namespace}/CAMERA/points, /diagnostics"
         f"{', /tf' if options.transforms else ''} of domain {domain} (stop with Ctrl-C)"

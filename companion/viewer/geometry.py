@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 
 NEAR_M = 0.05
 """Depth below which polygons are clipped before the perspective division."""
+EDGE_RAYS = 33
+"""Rays along each edge of the image."""
 
 
 def plane_corners_m(planes: NDArray[np.float32]) -> Floats:
@@ -99,11 +101,11 @@ def layer_at(free: FreeProfile, z_m: float) -> int | None:
     return layer if 0 <= layer < len(free.layer_edges_m) - 1 else None
 
 
-def border_rays(k: Intrinsics, R_level_optical: Rotation, samples: int = 33) -> Floats:
-    """(4 * samples, 3) rays of the image border in level_cam, not normalised: top, right, bottom, left edge."""
-    u = np.linspace(-0.5, k.width - 0.5, samples)
-    v = np.linspace(-0.5, k.height - 0.5, samples)
-    first, last_u, last_v = np.full(samples, -0.5), np.full(samples, u[-1]), np.full(samples, v[-1])
+def border_rays(k: Intrinsics, R_level_optical: Rotation) -> Floats:
+    """(4 * EDGE_RAYS, 3) rays of the image border in level_cam, not normalised: top, right, bottom, left edge."""
+    u = np.linspace(-0.5, k.width - 0.5, EDGE_RAYS)
+    v = np.linspace(-0.5, k.height - 0.5, EDGE_RAYS)
+    first, last_u, last_v = np.full(EDGE_RAYS, -0.5), np.full(EDGE_RAYS, u[-1]), np.full(EDGE_RAYS, v[-1])
     px = np.concatenate([np.stack(s, axis=1) for s in ((u, first), (last_u, v), (u[::-1], last_v), (first, v[::-1]))])
     rays = np.stack([(px[:, 0] - k.cx) / k.fx, (px[:, 1] - k.cy) / k.fy, np.ones(len(px))], axis=1)
     return rays @ R_level_optical.T

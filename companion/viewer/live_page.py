@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from osape_client.boot import boot_id
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.subscriber import TIMEOUT_S
 
 from ..live.health import STATES
 from ..live.message_json import message_json
@@ -52,7 +53,7 @@ class LivePage:
                 "palette": palette().tobytes().hex(),
                 "cameras": [],
                 "frames": [],
-                "live": {"stale_s": self.subscriber.stale_s},
+                "live": {"stale_s": TIMEOUT_S},
             }
         )
 
@@ -60,20 +61,23 @@ class LivePage:
         """A JSON response. name, after, world, team: of the newest response that the page has received; "" and 0: none."""
         began_ns = time.monotonic_ns()
         after, world, team = (after, world, team) if name == self._name else (0, 0, 0)
-        self.subscriber.wait(after, HOLD_S)
         subscriber, frames = self.subscriber, []
+        subscriber.wait(after, HOLD_S)
         with subscriber.changed:
-            shown = {name: c.shown for name, c in subscriber.cameras.items()}
+            shown = {camera: c.shown for camera, c in subscriber.cameras.items()}
             number = subscriber.number
-        decode_errors = {}
-        for k, (name, s) in enumerate(shown.items()):
-            drawn = None if s is None else self._drawn(s)
-            if s is not None and drawn is not None and s.number > after:
+        decode_errors = dict.fromkeys(shown, "")
+        for k, (camera, s) in enumerate(shown.items()):
+            if s is None:
+                continue
+            drawn = self._drawn(s)
+            if s.number > after:
                 frames.append(drawn | {"c": k})
-            decode_errors[name] = drawn["cause"] if s is not None and drawn is not None and s.message.valid else ""
+            if s.message.valid:
+                decode_errors[camera] = drawn["cause"]
         now_ns = time.monotonic_ns()
         with subscriber.changed:
-            cameras = [camera_status(subscriber, name, s, decode_errors[name], now_ns) for name, s in shown.items()]
+            cameras = [camera_status(subscriber, c, s, decode_errors[c], now_ns) for c, s in shown.items()]
             service = service_status(subscriber, now_ns)
         response = {
             "name": self._name,
@@ -157,7 +161,7 @@ def camera_status(
     age_s = (now_ns - camera.exposed_ns) / NS
     if m is None:
         blind, age = silence_text(subscriber, now_ns) or "no message received yet", None
-    elif now_ns - camera.received_ns > subscriber.stale_s * NS:
+    elif now_ns - camera.received_ns > TIMEOUT_S * NS:
         quiet_s = (now_ns - camera.received_ns) / NS
         blind, age = silence_text(subscriber, now_ns) or f"no message for {quiet_s:.1f} s", age_s
         if is_removed(subscriber, name, now_ns):
@@ -166,7 +170,7 @@ def camera_status(
         blind, age = m.cause_text or "no cause reported", age_s
         code = cause_code(m.cause)
     else:
-        blind, age = (f"the newest frame is {age_s:.1f} s old" if age_s > subscriber.stale_s else ""), age_s
+        blind, age = (f"the newest frame is {age_s:.1f} s old" if age_s > TIMEOUT_S else ""), age_s
     if not blind and decode_error:
         blind = decode_error
     if not blind and camera.info is None:
@@ -193,7 +197,7 @@ def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
         return f"no message from the service on {subscriber.streams.health}: check that it runs (companion status)"
     newest_ns = max([subscriber.health_ns, *(c.received_ns for c in subscriber.cameras.values())])
     quiet_s = (now_ns - newest_ns) / NS
-    if now_ns - newest_ns > subscriber.stale_s * NS and any(c.received_ns for c in subscriber.cameras.values()):
+    if now_ns - newest_ns > TIMEOUT_S * NS and any(c.received_ns for c in subscriber.cameras.values()):
         return f"no message from the service for {quiet_s:.1f} s: check that it runs (companion status)"
     return ""
 

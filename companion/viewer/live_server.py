@@ -16,13 +16,11 @@ import time
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler
 from ipaddress import ip_address
-from pathlib import Path
 from socketserver import ThreadingTCPServer
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from drivers.base import DeviceNotFound
-from osape_client.run_folder import run_folder
 
 from ..config.loader import load_config
 from ..config.service import PublishConfig
@@ -30,7 +28,7 @@ from ..console import fail, print_line, warn
 from ..stop_signal import stop_event
 from .first_frame import load_drawing
 from .live_page import LivePage
-from .subscriber import LiveSubscriber, Streams
+from .subscriber import NICE, LiveSubscriber, streams_of
 
 if TYPE_CHECKING:
     from .foxglove_server import FoxgloveServer
@@ -50,7 +48,6 @@ POLL_S = 0.1
 CLOSE_S = 2.0
 """Longest wait at the end for requests that are being answered: a thread within OpenCV when the interpreter ends aborts the
 process."""
-NICE = 10
 TICK_S = 0.1
 
 
@@ -206,13 +203,6 @@ class _Handler(BaseHTTPRequestHandler):
         """Writes nothing: each request would add a line."""
 
 
-def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
-    """The addresses of a service with this configuration."""
-    names = ("prisms", "health", "depth", "world", "world_requests", "neighbours", "tracks")
-    run = run_folder()
-    return Streams(**{name: publish.address(name, run) for name in names}, keys=keys)
-
-
 def run(args: argparse.Namespace) -> int:
     """Serves the page until it is stopped."""
     usual = PublishConfig(world="ipc://{run}/world", world_requests="ipc://{run}/world-snapshot")
@@ -229,7 +219,7 @@ def run(args: argparse.Namespace) -> int:
         foxglove = FoxgloveServer(subscriber, listen, args.foxglove)
     stop = stop_event()
     load_drawing()
-    os.nice(NICE)  # the service has precedence over viewers
+    os.nice(NICE)
     try:
         subscriber.open()
         server.open()

@@ -43,7 +43,7 @@ class LiveTeam:
     def update(self, after: int) -> dict[str, Any]:
         """number: of this state; received: whether the service ever published a team; silent: whether it has stopped; members: the
         vehicles, with text and age; planes: flat whole centimetres of ned, None where the page has them already; sender: the vehicle
-        of each; age: tenths of a second since each was observed; movers: see `_mover`."""
+        of each; movers: see `_mover`."""
         update = self._update
         return update | {"planes": None} if update["number"] == after else update
 

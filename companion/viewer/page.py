@@ -208,7 +208,6 @@ def _free(free: FreeProfile) -> dict[str, list[int]]:
         "layers": _cm(free.layer_edges_m),
         "from": _cm(free.free_from_m),
         "to": _cm(free.free_to_m),
-        "end": free.end.ravel().tolist(),
         **opened,
     }
 

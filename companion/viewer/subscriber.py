@@ -23,8 +23,10 @@ from osape_client.curve_keys import use_client_keys
 from osape_client.ipv6 import allow_ipv6
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.receive_time import TimedSocket, age_ns
+from osape_client.run_folder import run_folder
 from osape_client.subscriber import TIMEOUT_S
 
+from ..config.service import PublishConfig
 from .live_team import LiveTeam
 from .live_world import LiveWorld
 
@@ -41,6 +43,8 @@ WATCHED_S = 2.0
 HEALTH_OLD_NS = 3 * NS
 """Health reports arrive once per second; after this time without one the service counts as silent."""
 RECENT = 64
+NICE = 10
+"""Priority of a viewer's process: the service has precedence."""
 TRACKS_NS = round(TIMEOUT_S * NS)
 """The newest tracks are drawn with a frame that has none if both exposures differ by at most this."""
 
@@ -57,6 +61,13 @@ class Streams:
     neighbours: str = ""
     tracks: str = ""
     keys: Path | None = None
+
+
+def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
+    """The addresses of a service with this configuration."""
+    names = ("prisms", "health", "depth", "world", "world_requests", "neighbours", "tracks")
+    run = run_folder()
+    return Streams(**{name: publish.address(name, run) for name in names}, keys=keys)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +113,8 @@ class LiveSubscriber:
     """Receives in a thread of its own; its methods may be called from any thread. on_message: called from it with each
     message and its camera."""
 
-    def __init__(self, streams: Streams, stale_s: float = TIMEOUT_S) -> None:
-        self.streams, self.stale_s = streams, stale_s
+    def __init__(self, streams: Streams) -> None:
+        self.streams = streams
         self.changed = threading.Condition()
         self.cameras: dict[str, Camera] = {}
         self.health: pb.Health | None = None

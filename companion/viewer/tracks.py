@@ -22,8 +22,8 @@ def tracks_data(
     """The tracks in `level`, lengths in whole centimetres; None where there are none, where their place is not known, or
     where a number is not finite.
 
-    planes: six numbers each; id, confidence (percent), unseen (ms since the newest observation) and object (id of the
-    moving obstacle, 0: static) of each; movers: see `_mover`. heading_rad, position_ned_m: of the vehicle."""
+    planes: six numbers each; id, confidence (percent) and object (id of the moving obstacle, 0: static) of each; movers: see
+    `_mover`. heading_rad, position_ned_m: of the vehicle."""
     n = len(message.id)
     columns = (message.confidence, message.unseen_ns, message.object_id)
     if n == 0 or len(message.corners_m) != 6 * n or any(len(column) != n for column in columns):
@@ -42,7 +42,6 @@ def tracks_data(
         "planes": np.rint(100.0 * planes).astype(int).ravel().tolist(),
         "id": list(message.id),
         "confidence": [round(100.0 * c) for c in message.confidence],
-        "unseen": [round(t / 1e6) for t in message.unseen_ns],
         "object": list(message.object_id),
         "movers": [_mover(o, angle_rad, at) for o in message.objects],
     }

@@ -160,13 +160,14 @@ const { frames, cameras } = JSON.parse(readFileSync("data.json", "utf8"));
 const out = frames.map((f) => {
   const camera = cameras[f.c], walls = m.planeWalls(f);
   const place = m.worldFromLevel(f, "ned"), p = [1, 2, 3];
+  const sectors = (kind) => m.layersOf(f, false).flatMap(({ layer }) => m.spaceSectors(f, kind, layer, 0));
   return {
     place, back: m.toLevel(m.toWorld(p, place), place), world: m.toWorld(p, place),
     distances: walls.map((w) => w.distance), index: walls.map((w) => m.rangeIndex(w.distance, camera)),
     pixels: walls.map((w) => [[w.ax, w.ay, w.top], [w.bx, w.by, w.top], [w.bx, w.by, w.bottom], [w.ax, w.ay, w.bottom]]
       .map((c) => m.projectPixel(c, camera, f))),
     roundtrip: m.projectPixel(m.pixelPoint(100, 50, 4, camera, f), camera, f),
-    prisms: m.prismWalls(f).map((w) => [w.ax, w.ay, w.bx, w.by, w.top, w.bottom, w.flags]), sectors: m.freeSectors(f), opened: m.freeSectors(f, "open"),
+    prisms: m.prismWalls(f).map((w) => [w.ax, w.ay, w.bx, w.by, w.top, w.bottom, w.flags]), sectors: sectors("free"), opened: sectors("open"),
     layers: m.layersOf(f, true).map(({ layer }) => m.spaceSectors(f, "free", layer, 0).length),
   };
 });

@@ -51,7 +51,6 @@ def test_tracks_are_rotated_from_ned_to_the_vehicles_level() -> None:
     assert data is not None
     assert data["planes"][:6] == [-100, -400, 100, -400, -60, 80]
     assert data["confidence"] == [100, 50]
-    assert data["unseen"] == [0, 200]
     mover = data["movers"][0]
     assert (mover["from"], mover["to"]) == ([225, -300, 25], [375, -300, 25])
     assert mover["text"] == "moving 3: 1.5 m/s"

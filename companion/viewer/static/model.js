@@ -201,11 +201,6 @@ function outside(azimuth, at, reach) {
   return quads;
 }
 
-/** What was seen free, or presumed free (kind "open"), at the camera's height, see spaceSectors. */
-export function freeSectors(frame, kind = "free") {
-  return frame.free ? spaceSectors(frame, kind, layerAt(frame.free.layers, 100 * frame.cam[2]), 0) : [];
-}
-
 /** The layers of a frame: [{layer, z}], z the middle of each in metres of `level`. all: every one, else the camera's. */
 export function layersOf(frame, all) {
   const edges = frame.free ? frame.free.layers : [], own = layerAt(edges, 100 * frame.cam[2]);
