@@ -37,7 +37,7 @@ class PacketRate:
         self._senders: dict[tuple[str, int], _Bucket] = {}
         self._all = _Bucket(ALL_BURST, 0)
         # all keys from the beginning: another thread reads them
-        self.dropped: Counter[str] = Counter(flood=0, unknown_sender=0, unrecorded=0)
+        self.dropped: Counter[str] = Counter(flood=0, unknown_sender=0)
 
     def allows(self, packet: ReceivedPacket) -> bool:
         """Whether a packet may be taken; others are counted."""

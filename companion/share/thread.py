@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
-
-from google.protobuf.message import Message
 
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.records import SharedPlanes
 from core.sharing.send_budget import Budget
 from core.types import AttitudeSample, PoseSample
 from core.world.world import World
-from drivers.sharing.link import ReceivedPacket, TeamLink
+from drivers.sharing.link import Deliver, ReceivedPacket, TeamLink
 from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -23,11 +21,13 @@ from ..config.share import ShareConfig
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.tracking import TracksResult
 from ..streams.publisher import Publisher
+from .link_health import LinkHealth
 from .messages import neighbour_messages, obstacles_message, packet_message
 from .own_motion import OwnMotion
 from .own_movers import OwnMovers
 from .own_planes import OwnPlanes, own_planes
 from .packet_rate import PacketRate
+from .record_limit import Log, RecordLimit
 from .team import Team
 
 NS: Final = 1_000_000_000
@@ -37,12 +37,11 @@ PUBLISH_NS, SOON_NS = NS // 5, NS // 10
 """Longest time between two publications; and the same if a packet was accepted since the last one."""
 LOG_NS: Final = NS
 OWN_PLANES_NS: Final = NS // 10
-MOST_PER_STEP, MOST_LOGGED_PER_S = 64, 100
+MOST_PER_STEP: Final = 64
 SAME_NUMBER_NS: Final = 30 * NS
 """A packet of another vehicle with the own number is a fault for this time."""
 MOST_WAITING: Final = 512
 """Packets; beyond it the oldest are dropped."""
-Log = Callable[[str, Message, int], None]
 
 
 def is_due(published_ns: int, now_ns: int, *, has_new: bool) -> bool:
@@ -53,14 +52,13 @@ def is_due(published_ns: int, now_ns: int, *, has_new: bool) -> bool:
 class Sharing:
     """Exchanges obstacles with other vehicles, in a thread.
 
-    links: makes the links, which deliver to the given callable. log: records a message (key of the table of topics,
-    message, time). vehicle: own number; 0: not known yet, then nothing is exchanged."""
+    links: makes the links, which deliver to the given callable. log: see RecordLimit. vehicle: own number; 0: not known yet, then nothing is exchanged."""
 
     def __init__(
         self,
         config: ShareConfig,
         radius_m: float,
-        links: Callable[[Callable[[ReceivedPacket], None]], Sequence[TeamLink]],
+        links: Callable[[Deliver], Sequence[TeamLink]],
         stream: int,
         vehicle: Callable[[], int],
         publisher: Publisher | None,
@@ -68,7 +66,8 @@ class Sharing:
         log: Log,
     ) -> None:
         self._config, self._radius_m, self._stream = config, radius_m, stream
-        self._vehicle, self._publisher, self._boot, self._log = vehicle, publisher, boot, log
+        self._vehicle, self._publisher, self._boot = vehicle, publisher, boot
+        self._limit = RecordLimit(log)
         self._packets: deque[ReceivedPacket] = deque(maxlen=MOST_WAITING)
         self._rate = PacketRate(config.member_numbers())
         self.links = tuple(links(self._arrived))
@@ -82,12 +81,11 @@ class Sharing:
         self._planes = OwnPlanes(SharedPlanes.empty(), 0)
         self._movers = OwnMovers()
         self._health = pb.TeamHealth()
-        self._logged_ns = self._logged = 0
         self._world_fault = ""
         self._stop = threading.Event()
         self._thread = WatchedThread(self._run, "sharing")
         self.alive_ns = self._begun_ns
-        self._rates: deque[tuple[int, dict[str, int]]] = deque(maxlen=11)
+        self._link_health = LinkHealth()
 
     # ---- in, from other threads -------------------------------------------------------------------------------------------
 
@@ -202,16 +200,6 @@ class Sharing:
         if self._rate.allows(packet):
             self._packets.append(packet)
 
-    def _record(self, key: str, message: Message, t_ns: int) -> None:
-        """Records a message, at most MOST_LOGGED_PER_S: a log has priority for what a replay needs."""
-        if t_ns - self._logged_ns >= NS:
-            self._logged_ns, self._logged = t_ns, 0
-        self._logged += 1
-        if self._logged <= MOST_LOGGED_PER_S:
-            self._log(key, message, t_ns)
-        else:
-            self._rate.dropped["unrecorded"] += 1
-
     def _found_team(self) -> bool:
         vehicle = self._config.vehicle or self._vehicle()
         if not 0 < vehicle < 256:
@@ -249,7 +237,7 @@ class Sharing:
             for link in self.links:
                 if link.name == packet.transport:
                     link.confirm(packet)
-            self._record("team", packet_message(packet, code), packet.arrival_ns)
+            self._limit.record("team", packet_message(packet, code), packet.arrival_ns)
 
     def _send(self, team: Team, now_ns: int) -> None:
         """Sends what is due, and records it."""
@@ -260,7 +248,7 @@ class Sharing:
                 link.send(some, team.vehicle)
             for data in some:
                 message = pb.TeamPacket(transport=link.name, data=data, sent=True, sender=team.vehicle)
-                self._record("team", message, now_ns)
+                self._limit.record("team", message, now_ns)
 
     def _publish(self, section: int, now_ns: int) -> None:
         """Publishes the obstacles, and records them once a second. A recorded message is serialised later, in the recorder's
@@ -273,38 +261,21 @@ class Sharing:
             self._publisher.publish(message)
         if now_ns >= self._next_log_ns:
             self._next_log_ns = now_ns + LOG_NS
-            self._record("neighbours", message, now_ns)
+            self._limit.record("neighbours", message, now_ns)
 
     def _received(self, team: Team) -> dict[str, int]:
         """Packets by code, with the messages that the links have refused."""
-        counts = team.map.counts + self._rate.dropped
+        counts = team.map.counts + self._rate.dropped + Counter(unrecorded=self._limit.unrecorded)
         for link in self.links:
             counts.update(link.refused)
         return dict(sorted(counts.items()))
 
     def _health_of(self, team: Team, now_ns: int) -> pb.TeamHealth:
-        """The state of the team; rates are those of the last ten seconds."""
-        health = pb.TeamHealth(
+        """The state of the team."""
+        return pb.TeamHealth(
             vehicle=team.vehicle,
             frame_known=team.frame is not None,
             neighbours=neighbour_messages(self._obstacles.neighbours),
             received=self._received(team),
+            links=self._link_health.messages(self.links, team.queues, now_ns),
         )
-        sent = {name: queue.sent_bytes for name, queue in team.queues.items()}
-        if not self._rates or now_ns - self._rates[-1][0] >= NS:
-            self._rates.append((now_ns, sent))
-        begun_ns, before = self._rates[0]
-        seconds = (now_ns - begun_ns) / NS
-        for link in self.links:
-            rate = (sent[link.name] - before[link.name]) / seconds if seconds > 0.0 else 0.0
-            health.links.append(
-                pb.TeamLinkHealth(
-                    name=link.name,
-                    fault=link.fault,
-                    sent_bytes=sent[link.name],
-                    sent_packets=team.queues[link.name].sent_packets,
-                    sent_bytes_per_s=rate,
-                    unencodable=team.queues[link.name].unencodable,
-                )
-            )
-        return health

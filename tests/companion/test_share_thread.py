@@ -15,7 +15,8 @@ from companion.config.share import ShareConfig
 from companion.pipeline.tracking import TracksResult
 from companion.share.own_motion import OwnMotion
 from companion.share.own_planes import OwnPlanes
-from companion.share.thread import MOST_LOGGED_PER_S, SAME_NUMBER_NS, Sharing
+from companion.share.record_limit import MOST_LOGGED_PER_S
+from companion.share.thread import SAME_NUMBER_NS, Sharing
 from core.frames import quaternion_from_euler
 from core.sharing.neighbour_map import NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind
