@@ -114,3 +114,8 @@ class Diagnostic:
         return pb.Diagnostic(
             code=self.code.value, camera=self.camera, text=self.text, code_enum=f"CODE_{self.code.name}"
         )
+
+
+def without_digits(text: str) -> str:
+    """A text without its digits: texts of one cause differ in their numbers."""
+    return "".join(c for c in text if not c.isdigit())

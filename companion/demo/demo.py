@@ -194,7 +194,7 @@ def _print_summary(done: Demo) -> None:
     )
     ages = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"
     print_line(f"{ages};")
-    blind = ", ".join(f"{n} {code} ({received.texts[code]})" for code, n in sorted(received.causes.items())) or "none"
+    blind = ", ".join(f"{n} ({text})" for text, n in received.texts.items()) or "none"
     print_line(
         f"blind messages (valid = false), sent while no recent frame is valid, as before the first one: {blind}."
     )

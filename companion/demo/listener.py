@@ -16,6 +16,8 @@ import zmq
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..diagnostic import without_digits
+
 POLL_MS = 100
 
 
@@ -30,8 +32,15 @@ class ReceiveStats:
     age_ms: tuple[float, float] = (0.0, 0.0)
     causes: dict[str, int] = field(default_factory=dict)
     """Number of invalid frames by code of the cause."""
-    texts: dict[str, str] = field(default_factory=dict)
-    """Texts of these causes."""
+    texts: dict[str, int] = field(default_factory=dict)
+    """Number of invalid frames by text of the cause. Texts that differ in numbers only are counted under the first one."""
+
+    def add_invalid(self, message: pb.PrismsFrame) -> None:
+        """Counts an invalid frame."""
+        code, kind = cause_code(message.cause), without_digits(message.cause_text)
+        self.causes[code] = self.causes.get(code, 0) + 1
+        text = next((t for t in self.texts if without_digits(t) == kind), message.cause_text)
+        self.texts[text] = self.texts.get(text, 0) + 1
 
 
 def listen(address: str) -> ReceiveStats:
@@ -52,9 +61,7 @@ def listen(address: str) -> ReceiveStats:
         received.messages += 1
         received.bytes += len(data)
         if not message.valid:
-            code = cause_code(message.cause)
-            received.causes[code] = received.causes.get(code, 0) + 1
-            received.texts[code] = message.cause_text
+            received.add_invalid(message)
             continue
         received.valid += 1
         received.planes += len(message.planes.margin_m)

@@ -21,6 +21,7 @@ from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, ConfigError, load_config
 from ..console import print_line
+from ..diagnostic import without_digits
 from ..paths import folders
 from .open_files import raise_limit
 from .record_note import RecordRate, record_note
@@ -102,17 +103,13 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
 
 def _log_changes(now: list[str], before: list[str]) -> None:
     """Logs each diagnostic when it appears and when it is cleared; changes of numbers within it are not logged."""
-    old, new = {_without_digits(t): t for t in before}, {_without_digits(t): t for t in now}
+    old, new = {without_digits(t): t for t in before}, {without_digits(t): t for t in now}
     for kind, line in new.items():
         if kind not in old:
             log.warning(line)
     for kind, line in old.items():
         if kind not in new:
             log.info("cleared: %s", line)
-
-
-def _without_digits(line: str) -> str:
-    return "".join(c for c in line if not c.isdigit())
 
 
 def add_parser(subparsers: Any) -> None:

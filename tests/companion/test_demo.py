@@ -16,6 +16,7 @@ from companion.config.camera import CameraConfig
 from companion.config.loader import Config, config_of, load_config
 from companion.config.service import AutopilotConfig
 from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config, scripts_outside_path
+from companion.demo.listener import ReceiveStats
 from companion.demo.live import DemoError, Processes, live_config, toml_of
 from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
@@ -52,6 +53,15 @@ def test_without_matplotlib_the_demo_draws_its_page_alone(
     assert f"companion run -c {os.path.relpath(ROOT / 'configs' / 'simulated.toml')}" in printed.out
     assert (out / "view" / "flight.html").stat().st_size > 10_000
     assert not list((out / "view").glob("*.png"))
+
+
+def test_causes_of_one_code_are_counted_by_their_texts() -> None:
+    """All blind messages of a camera have one code: those before its first frame were printed with the cause of the last."""
+    stats = ReceiveStats()
+    for text in ("starting: no frame yet", "it is 0.4 s old", "it is 12.5 s old"):
+        stats.add_invalid(pb.PrismsFrame(cause=pb.CAUSE_CAMERA, cause_text=text))
+    assert stats.causes == {"camera": 3}
+    assert stats.texts == {"starting: no frame yet": 1, "it is 0.4 s old": 2}
 
 
 def test_the_embedded_default_is_the_shipped_file() -> None:
