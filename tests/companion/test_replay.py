@@ -207,8 +207,10 @@ def test_the_check_fails_when_there_is_nothing_to_compare(recorded, folder, repl
     assert "nothing to compare" in capsys.readouterr().err
 
 
-def test_a_log_that_begins_in_mid_flight_checks_exactly(folder, replayed):
-    """The second half of a flight with the state the first half left: bit by bit the same prisms."""
+@pytest.fixture(scope="module")
+def tail(folder, replayed):
+    """The second half of a flight with the state the first half left: (path, state)."""
+    path = folder / "tail.mcap"
     with McapRecording(replayed) as recording:
         pipeline = make_pipeline_of(recording)
         events = list(recording.events())
@@ -216,24 +218,29 @@ def test_a_log_that_begins_in_mid_flight_checks_exactly(folder, replayed):
         for event in events[:half]:
             pipeline.handle(event)
         state = pipeline.state()
-        tail = folder / "tail.mcap"
-        with LogWriter(tail) as log:
+        with LogWriter(path) as log:
             log.begin(recording.run, recording.cameras, state, events[half].t_arrival_ns)
             left = {p.sequence: p for p in prisms_of(replayed)}
             for event in events[half:]:
                 log.event(event)
                 if hasattr(event, "sequence"):
                     log.write("prisms", left[event.sequence], event.t_arrival_ns, "front", event.sequence)
-    assert main(["replay", str(tail), "--check"]) == 0
-    result = replay(tail, Options(check=True))
-    assert 0 < result.comparison.compared < len(left)
-    with McapRecording(tail) as recording:
+    return path, state
+
+
+def test_a_log_that_begins_in_mid_flight_checks_exactly(replayed, tail):
+    """Bit by bit the same prisms."""
+    path, state = tail
+    assert main(["replay", str(path), "--check"]) == 0
+    result = replay(path, Options(check=True))
+    assert 0 < result.comparison.compared < len(prisms_of(replayed))
+    with McapRecording(path) as recording:
         assert state_from_message(recording.snapshot) == state
 
 
-def test_the_snapshot_matters(folder, replayed):
+def test_the_snapshot_matters(folder, tail):
     """The same tail without its snapshot differs: what the test above proves is not empty."""
-    without = rewritten(folder / "tail.mcap", folder / "no-state.mcap", lambda key, message: key == "state")
+    without = rewritten(tail[0], folder / "no-state.mcap", lambda key, message: key == "state")
     assert main(["replay", str(without), "--check"]) == 1
 
 
