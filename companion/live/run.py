@@ -132,6 +132,25 @@ def check_live(config: Config, source: Path) -> None:
         raise ConfigError(str(source), problems)
 
 
+def _kernels_of(config: Config) -> list[str]:
+    """The sets of kernels that the service needs."""
+    wanted = {
+        "extractor": True,
+        "world": bool(config.publish.world),
+        "tracking": config.tracking.enabled,
+        "sharing": config.share.enabled,
+        "simulated": any(camera.kind == "simulated" for camera in config.cameras),
+    }
+    return [name for name, is_wanted in wanted.items() if is_wanted]
+
+
+def _log_to_stderr() -> None:
+    """Writes the log for the journal or the terminal."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
 def run(args: argparse.Namespace) -> int:
     """0: stopped on request; 1: a part could not start or has ended."""
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
@@ -144,12 +163,7 @@ def run(args: argparse.Namespace) -> int:
     from ..kernels.compilation import WarmupError
     from ..kernels.loading import Loading
 
-    world = ("world",) if config.publish.world else ()
-    tracking = ("tracking",) if config.tracking.enabled else ()
-    simulated = ("simulated",) if any(camera.kind == "simulated" for camera in config.cameras) else ()
-    sharing = ("sharing",) if config.share.enabled else ()
-    # loads beside the imports, which take longer
-    loading = Loading("extractor", *world, *tracking, *sharing, *simulated)
+    loading = Loading(*_kernels_of(config))  # loads beside the imports, which take longer
     stop = threading.Event()
 
     def end(*_: object) -> None:
@@ -163,9 +177,7 @@ def run(args: argparse.Namespace) -> int:
     loading.start()
     from .service import Service
 
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    _log_to_stderr()
 
     def warm_up() -> None:
         try:

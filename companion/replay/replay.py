@@ -105,8 +105,7 @@ def replay(
             pipeline = make_pipeline(config, source.cameras, state)
         except ValueError as error:  # a state that does not fit the configuration
             raise BadData(f"{source.path}: {TOPICS['state'].name}: {error}") from error
-        compared = ("prisms", "tracks") if options.check else ()
-        comparisons = {key: Comparison(options.tolerance) for key in compared}
+        comparisons = {key: Comparison(options.tolerance) for key in ("prisms", "tracks") if options.check}
         prisms, tracks = comparisons.get("prisms"), comparisons.get("tracks")
         cameras = effective_cameras(config, source.cameras)
         result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), prisms, tracks)
@@ -133,17 +132,22 @@ def replay(
         sink.end()
         result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
-        recorded = readable_recorded_config(source)
-        if recorded is not None:
-            result.configured_offsets_ms = {
-                info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras
-            }
-            result.depth_note = depth_note(recorded.record)
         result.obstacle_range_m = {
             info.camera: obstacle_range_m(info, result.counts.ke_per_m.get(info.camera), config.extractor)
             for info in cameras
         }
+        _add_recorded_settings(result, source)
         return result
+
+
+def _add_recorded_settings(result: Replay, source: McapRecording) -> None:
+    """Adds what the report needs of the configuration in the log, where it can be read."""
+    recorded = readable_recorded_config(source)
+    if recorded is not None:
+        result.depth_note = depth_note(recorded.record)
+        result.configured_offsets_ms = {
+            info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras
+        }
 
 
 def _track(pipeline: Pipeline, output: Output, sink: _Sink, comparison: Comparison | None) -> None:
