@@ -167,6 +167,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(_json(done, problems))
     else:
         _print_summary(done)
+        _print_next(done)
     for note in done.views.notes:
         warn(note)
     for problem in problems:
@@ -181,6 +182,7 @@ def _announced(label: str) -> Any:
 
 
 def _print_summary(done: Demo) -> None:
+    """Prints the state of the service and what the planner and the replay found."""
     received, counts = done.live.received, done.replay.counts
     valid = max(1, counts.valid)
     print_line()
@@ -210,6 +212,10 @@ def _print_summary(done: Demo) -> None:
     comparison = done.replay.comparison
     if comparison is not None and comparison.passed:
         print_line("Replaying the log gave the same prisms bit for bit.")
+
+
+def _print_next(done: Demo) -> None:
+    """Prints the paths of the results, and the commands to try next."""
     print_line()
     print_line("Look at:")
     if done.views.page is not None:
