@@ -7,19 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from http.server import BaseHTTPRequestHandler
-from socketserver import TCPServer
-from typing import Any
 
 from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.supervisor import CameraCondition
+from ..http_server import HttpHandler, HttpServer
 from .health import STATES
 
 NS = 1_000_000_000
@@ -93,28 +90,17 @@ class MetricsServer:
             self._server = None
 
 
-class _Server(TCPServer):
-    """A TCPServer in place of HTTPServer, which resolves the host name before it listens."""
-
-    allow_reuse_address = True
-
+class _Server(HttpServer):
     def __init__(self, port: int, text: Callable[[], str | None]) -> None:
         self.text = text
         super().__init__((LOOPBACK, port), _Handler)
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignores connections that the client has reset; prints the traceback of other exceptions."""
-        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
-            super().handle_error(request, client_address)
 
-
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(HttpHandler):
     """Answers one request."""
 
     server: _Server
     timeout = CLIENT_TIMEOUT_S
-    server_version = "osape-companion"
-    sys_version = ""
 
     def setup(self) -> None:
         super().setup()
@@ -148,9 +134,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Writes nothing: each scrape would add a line to the journal."""
 
 
 def metrics_text(report: pb.Health) -> str:

@@ -14,9 +14,8 @@ import sys
 import threading
 import time
 from dataclasses import replace
-from http.server import BaseHTTPRequestHandler
 from ipaddress import ip_address
-from socketserver import ThreadingTCPServer
+from socketserver import ThreadingMixIn
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -25,6 +24,7 @@ from drivers.base import DeviceNotFound
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
+from ..http_server import HttpHandler, HttpServer
 from ..stop_signal import stop_event
 from .first_frame import load_drawing
 from .live_page import LivePage
@@ -119,10 +119,9 @@ def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
     return 200, "application/json", page.answer(query.get("name", [""])[0], *map(int, numbers))
 
 
-class _Server(ThreadingTCPServer):
-    """A TCPServer in place of HTTPServer, which resolves the host name before it listens."""
+class _Server(ThreadingMixIn, HttpServer):
+    """Serves each connection in a thread of its own."""
 
-    allow_reuse_address = True
     daemon_threads = True
     block_on_close = False
 
@@ -145,11 +144,6 @@ class _Server(ThreadingTCPServer):
         self._connections.discard(request)
         super().shutdown_request(request)
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignores connections that the client has reset; prints the traceback of other exceptions."""
-        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
-            super().handle_error(request, client_address)
-
     def finish(self, longest_s: float) -> None:
         """Waits until no request is being answered. Later ones are refused."""
         end_s = time.monotonic() + longest_s
@@ -171,15 +165,13 @@ class _Server(ThreadingTCPServer):
             self._places.release()
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(HttpHandler):
     """Serves the requests of one connection."""
 
     server: _Server
     timeout = CLIENT_TIMEOUT_S
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
-    server_version = "osape-companion"
-    sys_version = ""
 
     def do_GET(self) -> None:
         headers = self.headers
@@ -198,9 +190,6 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
             self.close_connection = True  # the page was closed
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Writes nothing: each request would add a line."""
 
 
 def run(args: argparse.Namespace) -> int:
