@@ -299,7 +299,9 @@ def test_frames_of_a_view_before_a_restart_are_removed(page: Page, following: Fo
         other.wait(VALID)
         before = "app.play(false); app.data.frames.forEach((frame) => { frame.t += 1000; });"
         cameras = "app.data.cameras.unshift({ ...app.data.cameras[0], name: 'gone' }); app.data.frames.forEach((frame) => { frame.c = 1; });"
-        other.ask(f"{before} {cameras} app.camera = 1; app.chosen = 'front'; app.meet(); live.name = 'another'")
+        other.ask(
+            f"{before} {cameras} app.camera = 1; app.chosen = 'front'; app.updateCameras(); live.name = 'another'"
+        )
         other.wait("live.name !== 'another'")
         other.wait(VALID)
         assert other.ask("Math.max(...app.data.frames.map((frame) => frame.t))") < 1000
@@ -345,7 +347,10 @@ def test_labels_can_be_read_on_a_phone(page: Page, following: Following, browser
 
 @pytest.mark.parametrize(
     "defect",
-    ["app.frames.draw = () => { throw new Error('a defect') }", "live.tell = () => { throw new Error('a defect') }"],
+    [
+        "app.frames.draw = () => { throw new Error('a defect') }",
+        "live.showState = () => { throw new Error('a defect') }",
+    ],
 )
 def test_a_page_that_cannot_draw_any_more_does_not_pretend(
     page: Page, following: Following, browser: Browser, defect: str

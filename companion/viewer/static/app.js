@@ -126,7 +126,7 @@ class App {
 
   #words(frame, options) {
     const { data } = this;
-    if (this.live) this.live.tell();
+    if (this.live) this.live.showState();
     else showBanner(frame);
     $("count").textContent = this.live ? $("count").textContent : `${this.at + 1} / ${data.frames.length}`;
     showFacts(frame, data.cameras[frame.c].name, options.world === "ned");
@@ -178,12 +178,12 @@ class App {
       attitude: null, pos: null, R: null, ground: null, tracks: null });
     this.camera = 0;
     this.depth.images.clear();
-    this.meet();
+    this.updateCameras();
     this.play(true);
   }
 
-  /** Adds or changes a camera. */
-  meet() {
+  /** Shows the cameras after one was added or changed. */
+  updateCameras() {
     const { cameras } = this.data, known = cameras.findIndex((camera) => camera?.name === this.chosen);
     if (this.live && known >= 0) this.camera = known;
     const option = (camera, k) => new Option(camera.name, String(k), false, k === this.camera);
@@ -194,7 +194,7 @@ class App {
 
   play(on) {
     this.playing = on;
-    if (this.live) return this.#follow_live(on);
+    if (this.live) return this.#followLive(on);
     $("play").textContent = on ? "❚❚" : "▶";
     $("play").title = on ? "pause (space)" : "play (space)";
     if (!on) return;
@@ -212,11 +212,11 @@ class App {
     requestAnimationFrame(tick);
   }
 
-  #follow_live(on) {
+  #followLive(on) {
     $("play").textContent = on ? "● live" : "▶ live";
     $("play").title = on ? "stop here (space)" : "back to now (space)";
     if (on) this.show(model.stepFrame(this.data.frames, this.data.frames.length, -1, this.camera));
-    this.live.tell();
+    this.live.showState();
   }
 
   #controls() {
@@ -236,7 +236,7 @@ class App {
     $("world").addEventListener("change", () => { this.look(this.view); this.show(this.at); });
     for (const name of Object.keys(VIEWS)) $(`view-${name}`).addEventListener("click", () => this.look(name));
     if (this.live) {
-      this.meet();
+      this.updateCameras();
       this.play(true);
     } else data.cameras.forEach((camera, k) => $("camera").add(new Option(camera.name, String(k))));
     $("camera").parentElement.hidden = data.cameras.length < 2;

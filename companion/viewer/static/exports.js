@@ -1,4 +1,4 @@
-// Files that the page gives out: the picture as PNG, walls and trail as glTF.
+// Files to save: the picture as PNG, walls and trail as glTF.
 
 /** Offers a file for saving. */
 export function save(blob, name) {

@@ -1,4 +1,4 @@
-// Words about the shown frame: the banner of its state, and the table of facts.
+// Texts of the shown frame: the banner of its state, and the table of facts.
 
 const $ = (id) => document.getElementById(id);
 

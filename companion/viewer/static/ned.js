@@ -1,4 +1,4 @@
-// What stands in ned and changes seldom: the merged world and the obstacles of other vehicles. Both are made once for many frames
+// Drawings in ned that change seldom: the merged world and the obstacles of other vehicles. Both are made once for many frames
 // and moved to the position of the frame.
 
 import * as THREE from "three";
@@ -36,8 +36,8 @@ export class NedGroup {
   setTeam(team) {
     empty(this.team);
     for (const vehicle of new Set(team.sender)) {
-      const mine = team.sender.flatMap((sender, k) => (sender === vehicle ? team.planes.slice(6 * k, 6 * k + 6) : []));
-      this.team.add(...walls(quads(mine), teamColor(vehicle), 0.16, 0.6));
+      const planes = team.sender.flatMap((sender, k) => (sender === vehicle ? team.planes.slice(6 * k, 6 * k + 6) : []));
+      this.team.add(...walls(quads(planes), teamColor(vehicle), 0.16, 0.6));
     }
     for (const mover of team.movers) this.#mover(mover);
   }

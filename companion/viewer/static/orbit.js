@@ -31,7 +31,7 @@ export class Orbit {
     this.camera.position.set(x + this.distance * c * Math.sin(this.azimuth),
       y + this.distance * Math.sin(this.elevation), z + this.distance * c * Math.cos(this.azimuth));
     this.camera.lookAt(x, y, z);
-    this.camera.updateMatrixWorld(); // who asks what lies under the pointer need not wait for the next drawing
+    this.camera.updateMatrixWorld(); // for rays through the pointer before the next drawing
     this.onChange();
   }
 
