@@ -28,11 +28,11 @@ WIDTH_PX = 320
 """Largest width of a reduced image."""
 
 
-def subsample(depth_mm: NDArray[np.uint16], width_px: int = WIDTH_PX) -> NDArray[np.uint16]:
+def subsample(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
     """(h, w) uint16: the centre pixel of each n x n block of a depth image (H, W), with the smallest n that gives at
-    most width_px columns. Pixels are not averaged: the mean of an edge and its background is a point where nothing is.
+    most WIDTH_PX columns. Pixels are not averaged: the mean of an edge and its background is a point where nothing is.
     """
-    step = max(1, -(-depth_mm.shape[1] // width_px))
+    step = max(1, -(-depth_mm.shape[1] // WIDTH_PX))
     rows, columns = (max(1, n // step) for n in depth_mm.shape)
     at = min(step // 2, depth_mm.shape[0] - 1)
     return np.ascontiguousarray(depth_mm[at::step, step // 2 :: step][:rows, :columns])
@@ -45,7 +45,7 @@ class DepthPreviews:
     def __init__(self, hz: float, boot_id: str) -> None:
         self._period_ns, self._boot = round(NS / hz), boot_id
         self._publisher: Publisher | None = None
-        self._listeners: set[bytes] = set()
+        self._subscribed: set[bytes] = set()
         self._due_ns: dict[str, int] = {}
         self.fault = ""
 
@@ -99,9 +99,9 @@ class DepthPreviews:
     def _has_subscriber(self, publisher: Publisher) -> bool:
         """Whether a subscriber exists. ZeroMQ reports the first and the last subscription of each topic."""
         while int(publisher.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN:
-            word = publisher.socket.recv(zmq.DONTWAIT)
-            if word[:1] == b"\1":
-                self._listeners.add(word[1:])
-            elif word[:1] == b"\0":
-                self._listeners.discard(word[1:])
-        return bool(self._listeners)
+            change = publisher.socket.recv(zmq.DONTWAIT)
+            if change[:1] == b"\1":
+                self._subscribed.add(change[1:])
+            elif change[:1] == b"\0":
+                self._subscribed.discard(change[1:])
+        return bool(self._subscribed)

@@ -1,7 +1,7 @@
-"""Keys for streams that leave this machine: CURVE, with a list of the clients that may listen.
+"""Keys for streams to other computers: CURVE, with a list of the clients that may subscribe.
 
-A folder of keys holds server.secret (mode 0600), server.public (given to clients), and clients/NAME.public, one for
-each client that may listen. `companion keys` makes them."""
+A folder of keys contains server.secret (mode 0600), server.public (given to clients), and clients/NAME.public, one for
+each client that may subscribe. `companion keys` makes them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ CLIENTS = "clients"
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ServerKeys:
-    """Ours, and the public keys of the clients that may listen. Its secret never shows in a message or a trace."""
+    """The keys of the service, and the public keys of the clients that may subscribe. Without a repr, so that the secret is in
+    no message or traceback."""
 
     secret: bytes
     public: bytes
@@ -94,22 +95,22 @@ def load_keys(folder: Path) -> ServerKeys:
     except KeyFileError as error:
         raise BadData(str(error)) from error
     if not clients:
-        raise BadData(f"{folder / CLIENTS}: no client may listen; add one with `companion keys --client NAME`")
+        raise BadData(f"{folder / CLIENTS}: no client may subscribe; add one with `companion keys --client NAME`")
     return ServerKeys(secret, public, clients)
 
 
 def serve(socket: zmq.Socket[bytes], keys: ServerKeys) -> None:
-    """Makes a socket one that only the known clients can talk to; `allow` must hold on its context."""
+    """Restricts a socket to the known clients. Its context needs an AllowList."""
     socket.setsockopt(zmq.CURVE_SERVER, 1)
     socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
     socket.setsockopt(zmq.ZAP_DOMAIN, b"osape")
 
 
 class AllowList:
-    """Answers, for the sockets of a context, whether a client is known. Hold it as long as they live."""
+    """Checks the keys of clients that connect to the sockets of a context. Keep it until these are closed."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys) -> None:
-        from zmq.auth.thread import ThreadAuthenticator  # brings asyncio and ssl along: only where there are keys
+        from zmq.auth.thread import ThreadAuthenticator  # imports asyncio and ssl: only where there are keys
 
         self._auth = ThreadAuthenticator(context)
         self._auth.start()
@@ -117,16 +118,16 @@ class AllowList:
 
     @property
     def running(self) -> bool:
-        """Whether its thread answers."""
+        """Whether its thread runs."""
         return bool(self._auth.is_alive())
 
     def close(self) -> None:
-        """May be called again."""
+        """Ends the thread. May be called twice."""
         self._auth.stop()
 
 
 class _Known:
-    """The library's contract for a callback: an object with this method."""
+    """The callback that the library expects: an object with this method."""
 
     def __init__(self, clients: tuple[bytes, ...]) -> None:
         self._clients = frozenset(clients)
