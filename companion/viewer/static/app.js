@@ -89,7 +89,7 @@ class App {
     return known && newest.t - known.t < 1 ? known : newest;
   }
 
-  /** Turns the eye to one of VIEWS, about a point ahead of the vehicle. */
+  /** Sets the viewpoint to one of VIEWS, about a point ahead of the vehicle. */
   look(name) {
     this.view = name;
     const frame = this.data.frames[this.at], place = this.place(frame), view = VIEWS[name];
@@ -115,7 +115,7 @@ class App {
     this.ask();
   }
 
-  /** Moves the eye along with the vehicle, keeping the way it looks. */
+  /** Moves the viewpoint with the vehicle, in the same direction of view. */
   #follow(place) {
     if (!this.anchor) return;
     const level = model.toLevel([-this.orbit.target[2], this.orbit.target[0], -this.orbit.target[1]], this.anchor);

@@ -17,7 +17,7 @@ export function rangeIndex(distance, camera) {
   return FIRST + Math.round(Math.min(1, Math.max(0, share)) * (LAST - FIRST));
 }
 
-/** The distance that a byte 1..254 stands for. */
+/** The distance of a byte 1..254. */
 export function indexRange(index, camera) {
   return camera.min_m * Math.pow(camera.max_m / camera.min_m, (index - FIRST) / (LAST - FIRST));
 }

@@ -1,4 +1,4 @@
-// Turning, moving and zooming the eye about a point. Drag: turn; right button or shift: move; wheel or pinch: zoom.
+// Turning, moving and zooming the viewpoint about a point. Drag: turn; right button or shift: move; wheel or pinch: zoom.
 
 const TOP = Math.PI / 2 - 0.001;
 
@@ -60,7 +60,7 @@ export class Orbit {
 
   #pan(dx, dy) {
     const scale = (2 * this.distance * Math.tan((this.camera.fov * Math.PI) / 360)) / this.element.clientHeight;
-    const e = this.camera.matrixWorld.elements; // its columns are the eye's right and up
+    const e = this.camera.matrixWorld.elements; // its columns are the viewpoint's right and up
     this.set({ target: this.target.map((v, k) => v - dx * scale * e[k] + dy * scale * e[4 + k]) });
   }
 }

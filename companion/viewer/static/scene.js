@@ -9,7 +9,7 @@ import { NedGroup } from "viewer/ned";
 import { trackDrawing } from "viewer/tracks";
 
 const FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xf5f7fa, RINGS = [1, 2, 5, 10, 20];
-/** How each class of space is drawn: colour, opacity in one layer, opacity where all layers lie over each other. */
+/** How each class of space is drawn: colour, opacity in one layer, opacity where all layers overlap. */
 const SPACE_LOOKS = { free: [FREE, 0.30, 0.13], open: [OPEN, 0.30, 0.13], unknown: [0x8b97a3, 0.22, 0] }, UNKNOWN_REACH_M = 20;
 
 export class FrameScene {
@@ -163,7 +163,7 @@ export class FrameScene {
     const put = (p) => model.toDrawing([p[0], p[1], height(p) + place.t[2]]);
     const middle = place.t.slice(0, 2).map(Math.round);
     for (let k = -reach; k <= reach; k++) {
-      for (let from = -reach; from < reach; from += 4) { // short pieces: one that passes behind the eye may vanish
+      for (let from = -reach; from < reach; from += 4) { // short pieces: one that passes behind the viewpoint may not be drawn
         for (const across of [true, false]) {
           const ends = [from, from + 4].map((v) => (across ? [middle[0] + k, middle[1] + v] : [middle[0] + v, middle[1] + k]));
           ((middle[across ? 0 : 1] + k) % 5 === 0 ? bold : lines).push(...ends.map(put));
