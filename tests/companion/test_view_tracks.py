@@ -230,7 +230,7 @@ def test_the_page_draws_outlines_and_the_arrow_of_what_moves(tmp_path: Path) -> 
                 shown.wait(f"document.body.dataset.drawn === '{k}'")
                 assert shown.ask("document.getElementById('tracks').parentElement.hidden") is False
                 shown.picture(target)
-                assert shown.ask(LEGEND).endswith("trackedmoving")
+                assert shown.ask(LEGEND).startswith("trackedmovingfree")
                 shown.ask("document.getElementById('tracks').click()")
                 assert "tracked" not in shown.ask(LEGEND)
             b, g, r = cv2.split(cv2.imread(str(target)).astype(int))

@@ -2,11 +2,14 @@
 
 import * as model from "viewer/model";
 import { cssColor, WORLD } from "viewer/ned";
+import { FREE, GROUND, OPEN, UNKNOWN, VEHICLE } from "viewer/scene";
 import { MOVING, STATIC } from "viewer/tracks";
 
 const $ = (id) => document.getElementById(id);
 const NUMBER_PX = 34;
 const css = (color) => `rgb(${color.map((v) => Math.round(255 * v)).join(",")})`;
+const ALWAYS = [["free", FREE], ["presumed free", OPEN], ["unknown", UNKNOWN], ["ground", GROUND], ["vehicle, trail", VEHICLE]]
+  .map(([text, color]) => [text, cssColor(color)]);
 /** Switches that only some pages have, and what they show: text, colour. */
 const OPTIONAL = { merged: [["merged world", cssColor(WORLD)]], tracks: [["tracked", css(STATIC)], ["moving", css(MOVING)]] };
 
@@ -39,7 +42,7 @@ export function drawLegend(data) {
     return tick;
   }));
   const present = Object.entries(OPTIONAL).flatMap(([id, shown]) => ($(id).checked && !$(id).parentElement.hidden ? shown : []));
-  $("marks").replaceChildren(...[...marks, ...present].map(([text, color]) => {
+  $("marks").replaceChildren(...[...marks, ...present, ...ALWAYS].map(([text, color]) => {
     const mark = document.createElement("span");
     mark.textContent = text;
     mark.style.setProperty("--mark", color);

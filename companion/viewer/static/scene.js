@@ -8,9 +8,11 @@ import { Labels } from "viewer/labels";
 import { NedGroup } from "viewer/ned";
 import { trackDrawing } from "viewer/tracks";
 
-const FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xf5f7fa, RINGS = [1, 2, 5, 10, 20];
+/** Colours that the legend names. */
+export const FREE = 0x43c46b, OPEN = 0xe6c619, UNKNOWN = 0x8b97a3, GROUND = 0x9c8570, VEHICLE = 0xf5f7fa;
+const VIEW = 0x64a8ff, BLIND = 0xff4136, RINGS = [1, 2, 5, 10, 20];
 /** How each class of space is drawn: colour, opacity in one layer, opacity where all layers overlap. */
-const SPACE_LOOKS = { free: [FREE, 0.30, 0.13], open: [OPEN, 0.30, 0.13], unknown: [0x8b97a3, 0.22, 0] }, UNKNOWN_REACH_M = 20;
+const SPACE_LOOKS = { free: [FREE, 0.30, 0.13], open: [OPEN, 0.30, 0.13], unknown: [UNKNOWN, 0.22, 0] }, UNKNOWN_REACH_M = 20;
 
 export class FrameScene {
   constructor(data) {
@@ -171,7 +173,7 @@ export class FrameScene {
       }
     }
     for (const [group, opacity] of [[lines, 0.16], [bold, 0.4]]) {
-      this.#lines(group, seen ? 0x9c8570 : 0x7d8791, seen ? 0 : 0.25).material.opacity = seen ? opacity : opacity / 2;
+      this.#lines(group, seen ? GROUND : 0x7d8791, seen ? 0 : 0.25).material.opacity = seen ? opacity : opacity / 2;
     }
     for (const r of RINGS) {
       const ring = [], point = (a) => {
@@ -188,7 +190,7 @@ export class FrameScene {
     const arms = [];
     for (const [x, y] of [[0.25, 0.25], [0.25, -0.25]]) arms.push(this.at([x, y, 0]), this.at([-x, -y, 0]));
     arms.push(this.at([0, 0, 0]), this.at([0.5, 0, 0]));
-    this.#lines(arms, PATH);
+    this.#lines(arms, VEHICLE);
     if (!frame.R) return;
     const eye = this.at(frame.cam), lines = [], corners = [];
     for (const [u, v] of [[0, 0], [1, 0], [1, 1], [0, 1]]) {
@@ -207,6 +209,6 @@ export class FrameScene {
     const way = (ned ? frames : frames.filter((f) => f.t <= frame.t)).filter((f) => f.pos).map((f) => model.toDrawing(ned ? f.pos : model.toLevel(f.pos, here)));
     for (let k = 0; k + 1 < way.length; k++) lines.push(way[k], way[k + 1]);
     this.trail = way.flat();
-    this.#lines(lines, PATH);
+    this.#lines(lines, VEHICLE);
   }
 }
