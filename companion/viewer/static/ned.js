@@ -29,7 +29,7 @@ export class NedGroup {
   /** Replaces the merged world; planes: whole centimetres of ned, six numbers each. */
   setWorld(planes) {
     empty(this.world);
-    if (planes.length) this.world.add(...walls(quads(planes), WORLD, 0.12, 0.35));
+    if (planes.length) this.world.add(...walls(quads(planes), WORLD, 0.04, 0.2));
   }
 
   /** Replaces the obstacles of other vehicles; team: of an answer of the server. */
