@@ -83,7 +83,7 @@ def extract_strips(codes, ground, view, bins, settings, strips):
     area, measured, opened = homography_area(view.H), 0, 0
     for u in range(cols):
         line = codes[u]
-        measured += mask_open_rows(line, ground.limit, ground.shift[u], view.tan_mid, b.mask)
+        measured += mask_open_rows(line, ground, ground.shift[u], view.tan_mid, b.mask)
         n = gather_rows(line, b.mask, b.px)
         if n > 0:
             opened += n

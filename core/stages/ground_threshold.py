@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, inner_ieee, record
+from ..jit import inner, record
 from ..params import Params
 from ..types import Ground
-from .ground_fit import GroundPlane
 from .strips import MERGED
 from .support import compact
 from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
@@ -28,55 +27,49 @@ STAND_M = 0.1
 
 
 class GroundThreshold(NamedTuple):
-    """Decides which cells of the levelled view are ground or below it.
+    """Decides which cells of the levelled view are ground or below it, see `ground_limit`.
 
-    A cell of quantised disparity q in column u, at the row tangent m, is ground if m - shift[u] > limit[q].
+    A cell z = X m is ground if it is lower than h + slope_x X + slope_y y - tolerance(X), with X = f lsb_per_px / q. The
+    tolerance is `spread` X, limited to two constants.
 
-    Attributes:
-        limit: (65536,) float32, infinite if no ground was found.
-        shift: (cols,) float32."""
+    Attributes, float32 but for the last:
+        height: height h of the ground over f lsb_per_px.
+        least, cap: limits of the tolerance over f lsb_per_px.
+        spread: tolerance per metre of X.
+        slope_x: slope of the ground ahead; infinite if no ground was found.
+        shift: (cols,) float32, slope_y times the tangent of azimuth of each column."""
 
-    limit: NDArray[np.float32]
+    height: np.float32
+    least: np.float32
+    cap: np.float32
+    spread: np.float32
+    slope_x: np.float32
     shift: NDArray[np.float32]
 
 
-@inner_ieee
-def fill_threshold(view, plane, tolerance, limit, shift):
-    """Fills limit and shift of GroundThreshold.
-
-    A cell z = X m is ground if it is lower than h + slope_x X + slope_y y - tolerance(X), with X = f lsb_per_px / q.
-
-    Args:
-        view: ViewGeometry.
-        plane: GroundPlane with h, slope_x and slope_y.
-        tolerance: (spread, least, cap); the tolerance at X is spread X, limited to least..cap metres.
-        limit: (65536,) float32 out.
-        shift: (cols,) float32 out."""
-    spread, least, cap = tolerance
-    gain, cu, lateral, f_px = view.f_px * view.lsb_per_px, view.cu, np.float64(view.lateral[0]), view.f_px
-    for q in range(len(limit)):
-        s = np.int32(q) / gain
-        limit[q] = plane.height_m * s - min(max(spread, least * s), cap * s) + plane.slope_x
-    for u in range(len(shift)):
-        shift[u] = plane.slope_y * ((np.int32(u) - cu) * lateral / f_px)
+@inner
+def ground_limit(code, ground):
+    """Returns the limit of m - shift[u] above which a cell with this quantised disparity, at the row tangent m of column u, is
+    ground. ground: GroundThreshold."""
+    q = np.float32(code)
+    return ground.height * q - min(max(ground.spread, ground.least * q), ground.cap * q) + ground.slope_x
 
 
-def ground_threshold(
-    ground: Ground, view: ViewGeometry, ke_per_m: float, params: Params, limit: NDArray[np.float32]
-) -> GroundThreshold:
-    """Returns the threshold that separates obstacles from the ground of a frame. limit: (65536,) float32 out."""
+def ground_threshold(ground: Ground, view: ViewGeometry, ke_per_m: float, params: Params) -> GroundThreshold:
+    """Returns the threshold that separates obstacles from the ground of a frame."""
+    f, zero = np.float32, np.float32(0.0)
     if not ground.seen:
-        limit[:] = np.inf
-        return GroundThreshold(limit, np.zeros(view.cols, np.float32))
-    cap, shift = params.ground_tolerance_cap * params.min_obstacle_height_m, np.empty(view.cols, np.float32)
-    tolerance = (
-        params.ground_sigmas * ke_per_m * ground.height_m,
-        float(min(params.ground_tolerance_m, cap)),
-        float(cap),
+        return GroundThreshold(zero, zero, zero, zero, f(np.inf), np.zeros(view.cols, np.float32))
+    gain, cap = view.f_px * view.lsb_per_px, params.ground_tolerance_cap * params.min_obstacle_height_m
+    azimuth_t = (np.arange(view.cols) - view.cu) * view.lateral[0] / view.f_px
+    return GroundThreshold(
+        height=f(ground.height_m / gain),
+        least=f(min(params.ground_tolerance_m, cap) / gain),
+        cap=f(cap / gain),
+        spread=f(params.ground_sigmas * ke_per_m * ground.height_m),
+        slope_x=f(ground.slope_x),
+        shift=(ground.slope_y * azimuth_t).astype(np.float32),
     )
-    plane = GroundPlane(float(ground.height_m), float(ground.slope_x), float(ground.slope_y))
-    fill_threshold(view, plane, tolerance, limit, shift)
-    return GroundThreshold(limit, shift)
 
 
 GROUND_NOISE_TEST = record(

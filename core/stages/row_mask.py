@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inner_inline
+from .ground_threshold import ground_limit
 from .view_geometry import Q_FAR
 
 ROW, CODE = range(2)
@@ -20,19 +21,18 @@ Of two labels the greater one is kept."""
 
 
 @inner_inline
-def mask_open_rows(line, limit, shift, tan_mid, mask):
+def mask_open_rows(line, ground, shift, tan_mid, mask):
     """Sets mask[v] to 1 where row v of a column is measured and not ground, else to 0; returns the number of measured rows.
 
     Args:
         line: (V,) uint16 codes.
-        limit: (65536,) float32, `limit` of GroundThreshold.
+        ground: GroundThreshold.
         shift: of the column, see GroundThreshold.
         tan_mid: (V,) float32 of the view.
         mask: (V rounded up to 8,) uint8 out, zero beyond V."""
     measured = np.int32(0)
     for v in range(line.shape[0]):
-        code = line[v]
-        is_measured, is_ground = code > Q_FAR, tan_mid[v] - shift > limit[code]
+        is_measured, is_ground = line[v] > Q_FAR, tan_mid[v] - shift > ground_limit(line[v], ground)
         mask[v] = is_measured & ~is_ground
         measured += is_measured
     return measured

@@ -139,7 +139,7 @@ class StripSearch:
     ) -> Strips:
         """Returns the strips of a frame, valid until the next call. source: (1,) SOURCE."""
         view, p = levelled.view, self._params
-        threshold = ground_threshold(ground, view, ke_per_m, p, self._buffers("threshold", (65536,), np.float32))
+        threshold = ground_threshold(ground, view, ke_per_m, p)
         noise_test = ground_noise_test(ground, view, ke_per_m, p)
         if len(self._tables.first_of_column) <= view.cols:
             self._make_room(-(-view.cols // _MORE_COLUMNS) * _MORE_COLUMNS)

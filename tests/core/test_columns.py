@@ -21,20 +21,21 @@ pytestmark = pytest.mark.nojit
 COLS, ROWS = 12, 120
 
 
-def search_of(codes: np.ndarray, p: Params, gate: np.ndarray | None = None) -> tuple[Any, ...]:
-    """What `extract_strips` takes of codes (cols, rows) in a level view, with an empty table."""
+def search_of(codes: np.ndarray, p: Params, limit: float = np.inf) -> tuple[Any, ...]:
+    """What `extract_strips` takes of codes (cols, rows) in a level view, with an empty table. limit: row tangent below which all
+    is ground."""
     g = view(codes.shape[1], codes.shape[0])
-    gate = np.full(65536, np.inf, np.float32) if gate is None else gate
     sigma = 0.0015 * F
     strips = np.zeros(len(codes) * p.max_column_strips, s.STRIP)
     strips["disparity_px"] = np.nan
-    ground = GroundThreshold(gate, np.zeros(g.cols, np.float32))
+    zero = np.float32(0.0)
+    ground = GroundThreshold(zero, zero, zero, zero, np.float32(limit), np.zeros(g.cols, np.float32))
     return codes, ground, g, bin_table(F, QUANTUM, sigma, p), strip_settings(g, 0.0015, sigma, p), strips
 
 
-def strips_of(codes: np.ndarray, p: Params, gate: np.ndarray | None = None) -> tuple[np.ndarray, int, int]:
+def strips_of(codes: np.ndarray, p: Params, limit: float = np.inf) -> tuple[np.ndarray, int, int]:
     """(strips, ground pixels, merged strips) of codes (cols, rows) in a level view, by top row within a column."""
-    search = search_of(codes, p, gate)
+    search = search_of(codes, p, limit)
     strips = search[-1]
     n, ground, merged = extract_strips(*search)
     columns = np.zeros(len(codes) + 1, np.int32)
@@ -69,8 +70,7 @@ def test_all_that_is_measured_is_in_a_strip() -> None:
 
 def test_ground_is_taken_out_and_counted() -> None:
     codes = np.full((COLS, ROWS), code(9.0)[0], np.uint16)
-    gate = np.full(65536, 0.3, np.float32)  # all that is seen more than 0.3 below the horizon
-    strips, ground, _ = strips_of(codes, Params(), gate)
+    strips, ground, _ = strips_of(codes, Params(), limit=0.3)
     below = int(np.sum((np.arange(ROWS) - 59.5) / F > 0.3))
     assert ground == COLS * below
     assert strips["bottom_row"].max() == ROWS - below - 1

@@ -22,7 +22,7 @@ from core.stages.ground import (
     height_bins,
     vote,
 )
-from core.stages.ground_threshold import drop_ground_noise, ground_noise_test, ground_threshold
+from core.stages.ground_threshold import drop_ground_noise, ground_limit, ground_noise_test, ground_threshold
 from core.stages.view_geometry import view_geometry
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
 from drivers.simulation.source import camera_info
@@ -174,9 +174,8 @@ def test_the_ground_threshold_against_its_definition(height: float, slope_x: flo
     rng = np.random.default_rng(seed)
     info = CameraInfo("test", Intrinsics(40, 30, 30.0, 30.0, 19.5, 14.5))
     view = view_geometry(info, level(-0.3, 0.2), P)
-    gate = np.empty(65536, np.float32)
     ground = Ground(seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y)
-    _, shift = ground_threshold(ground, view, 0.005, P, gate)
+    threshold = ground_threshold(ground, view, 0.005, P)
     for _ in range(20):
         q, u = round(view.f_px * view.lsb_per_px / rng.uniform(1.0, 20.0)), int(rng.integers(0, view.cols))
         x = view.f_px * view.lsb_per_px / q  # there is one limit for each code, so a code's own distance is asked for
@@ -184,10 +183,10 @@ def test_the_ground_threshold_against_its_definition(height: float, slope_x: flo
         tolerance = min(max(4 * 0.005 * x * height, 0.25), 0.9 * 0.6)
         for above, expected in ((tolerance + 0.03, False), (tolerance - 0.03, True), (-5.0, True)):
             z = height + slope_x * x + slope_y * y - above
-            assert bool(z / x - shift[u] > gate[q]) == expected
-    _, shift = ground_threshold(NO_GROUND, view, 0.005, P, gate)
-    assert np.isinf(gate).all()
-    assert (shift == 0).all()
+            assert bool(z / x - threshold.shift[u] > ground_limit(q, threshold)) == expected
+    threshold = ground_threshold(NO_GROUND, view, 0.005, P)
+    assert all(np.isinf(ground_limit(q, threshold)) for q in (2, 1000, 65535))
+    assert (threshold.shift == 0).all()
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.4, 0.3)])
