@@ -52,8 +52,7 @@ class ArgumentParser(argparse.ArgumentParser):
         for word in self._words:
             if word.startswith("-") and os.path.lexists(word):
                 super().error(f"{message}; give the file as {shell_word(word)}")
-        if message.startswith(
-            "unrecognized arguments"
-        ):  # of the parser of all commands, whose usage line names no option
+        # the parser of all commands finds them, and its usage line names no option
+        if message.startswith("unrecognized arguments"):
             message += "; `--help` after the command lists its arguments"
         super().error(message)

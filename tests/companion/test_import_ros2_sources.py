@@ -60,13 +60,17 @@ def test_the_position_of_px4_is_used_where_its_estimator_calls_it_valid(
     assert poses[25].reset_counter != poses[24].reset_counter
 
 
-def test_positions_with_a_damaged_stamp_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_positions_with_a_damaged_stamp_are_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Every fifth of the 95 valid ones. They were left out without a report."""
     flight = RosFlight(motion=("px4 attitude", "px4 position"))
     position = flight.px4_position
-    flight.px4_position = lambda t_ns, stamp_us: position(  # type: ignore[method-assign]
-        t_ns, stamp_us if (t_ns - START_NS) // 1_000_000 % 100 else stamp_us + 600_000_000
-    )
+
+    def damaged(t_ns: int, stamp_us: int) -> Any:
+        return position(t_ns, stamp_us if (t_ns - START_NS) // 1_000_000 % 100 else stamp_us + 600_000_000)
+
+    monkeypatch.setattr(flight, "px4_position", damaged)
     status, _ = imported(flight.write(tmp_path / "in.mcap"))
     assert status == 1
     assert "19 positions have a stamp far from their log time; left out" in capsys.readouterr().err
