@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mavlink.ardupilot_faces import face_of
+from drivers.mavlink.ardupilot_faces import FACES, face_of
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from .obstacle_distance import UNKNOWN
@@ -24,7 +24,8 @@ most."""
 SLACK_CM = 60
 """Tolerance between sent and echoed distances: an echo may belong to one or two messages before, at some metres per
 second."""
-FACES = 8
+FIRST_FACE_ID = 10
+"""Least id of the DISTANCE_SENSOR of a face (PROXIMITY_SENSOR_ID_START of ArduPilot); its range finders have lower ones."""
 CAUSES = {
     PX4: "is CP_DIST above 0, and is MAV_n_MODE of its link Onboard?",
     ARDUPILOT: "is PRX1_TYPE = 2, and was the autopilot restarted since?",
@@ -109,10 +110,15 @@ def nearest_sent(message: Any) -> tuple[int | None, int] | None:
     if message.get_type() == "OBSTACLE_DISTANCE":
         known = [int(v) for v in message.distances if v != UNKNOWN and v < message.max_distance]
         return (None, min(known)) if known else None
-    if message.get_type() == "DISTANCE_SENSOR" and 0 <= message.orientation < FACES:
-        below = message.current_distance < message.max_distance
-        return (int(message.orientation), int(message.current_distance)) if below else None
+    if (face := echoed_face(message)) is not None and message.current_distance < message.max_distance:
+        return face, int(message.current_distance)
     return None
+
+
+def echoed_face(message: Any) -> int | None:
+    """Returns the face that a DISTANCE_SENSOR of ArduPilot is of; None: another message, or of a range finder."""
+    is_face = message.get_type() == "DISTANCE_SENSOR" and message.orientation < FACES and message.id >= FIRST_FACE_ID
+    return int(message.orientation) if is_face else None
 
 
 def faces_cm(values: NDArray[np.uint16]) -> list[int]:

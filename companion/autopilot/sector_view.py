@@ -9,9 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mavlink.ardupilot_faces import FACES
 from osape_client.proto import osape_v1_pb2 as pb
 
-from .feedback_check import FACES
+from .feedback_check import echoed_face
 from .obstacle_distance import BODY_FRD, UNKNOWN
 from .polar_histogram import SECTORS
 
@@ -54,11 +55,11 @@ class SectorView:
             )
             with self._lock:
                 self._map = echo
-        elif message.get_type() == "DISTANCE_SENSOR" and 0 <= message.orientation < FACES:
+        elif (face := echoed_face(message)) is not None:
             near = message.current_distance < message.max_distance
             with self._lock:
                 value = int(message.current_distance) if near else int(message.max_distance) + 1
-                self._faces[int(message.orientation)] = (now_ns, value)
+                self._faces[face] = (now_ns, value)
 
     def fill(self, health: pb.AutopilotHealth, now_ns: int) -> None:
         """Writes the values that are not older than FORGOTTEN_NS into a report."""

@@ -55,7 +55,8 @@ def test_px4_sends_its_map_back() -> None:
 def test_ardupilot_answers_with_eight_faces() -> None:
     view = SectorView()
     for face, cm in ((0, 400), (3, 5000)):
-        view.take(dialect.MAVLink_distance_sensor_message(0, 10, 1000, cm, 0, 1, face, 0), 70)
+        view.take(dialect.MAVLink_distance_sensor_message(0, 10, 1000, cm, 0, 10 + face, face, 0), 70)
+    view.take(dialect.MAVLink_distance_sensor_message(0, 10, 1000, 150, 0, 0, 0, 0), 70)  # a range finder
     echoed = filled(view, 80).obstacles_echoed
     assert list(echoed.cm) == [400, 65535, 65535, 1001, 65535, 65535, 65535, 65535]
     assert echoed.step_deg == 45.0
