@@ -110,7 +110,7 @@ def test_all_mistakes_that_concern_several_keys_at_once() -> None:
 @pytest.mark.parametrize("baud", ["0", "9600000000", "115"])
 def test_a_baud_rate_that_no_port_has_is_a_mistake(baud: str) -> None:
     (text,) = problems({"autopilot": {"address": f"serial:/dev/ttyACM0:{baud}"}})
-    assert f"the baud rate is {baud}, expected 1200 to 12000000" in text
+    assert f'the baud rate is "{baud}", expected 1200 to 12000000' in text
 
 
 @pytest.mark.parametrize(

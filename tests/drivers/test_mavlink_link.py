@@ -615,6 +615,10 @@ def test_what_we_post_reaches_the_autopilot() -> None:
             "serial:/dev/serial/by-path/pci-0:1.2:1.0",
             Address("serial", "/dev/serial/by-path/pci-0:1.2:1.0", 921600),
         ),
+        (
+            "serial:/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0:57600",
+            Address("serial", "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0", 57600),
+        ),
         ("udpin:0.0.0.0:14540", Address("udpin", "0.0.0.0", 14540)),
         ("tcp:host:5760", Address("tcp", "host", 5760)),
         ("udpout:[fe80::1%eth0]:14550", Address("udpout", "[fe80::1%eth0]", 14550)),
@@ -631,6 +635,14 @@ def test_addresses(text: str, address: Address) -> None:
 def test_a_wrong_address_names_the_forms_there_are(text: str) -> None:
     with pytest.raises(ValueError, match="expected serial:/dev/serial/by-id"):
         parse_address(text)
+
+
+@pytest.mark.parametrize("baud", ["abc", "", "57600baud", "57.6k", "-1", "921600 "])
+def test_a_baud_rate_that_is_no_number_is_named(baud: str) -> None:
+    """It was taken for a part of the device's name: no such file, plug it in."""
+    for place in ("/dev/ttyUSB0", "/dev/serial/by-id/usb-x", "/dev/serial/by-path/pci-0:1.2:1.0"):
+        with pytest.raises(ValueError, match=f'the baud rate is "{baud}", expected 1200 to 12000000, such as 921600'):
+            parse_address(f"serial:{place}:{baud}")
 
 
 def test_failures_to_open_name_cause_and_remedy(tmp_path: Path) -> None:
