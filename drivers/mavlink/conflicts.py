@@ -4,12 +4,14 @@ Only signing prevents them; without signing they are reported."""
 
 from __future__ import annotations
 
+import struct
 from collections import OrderedDict, deque
 from typing import Any
 
 from .clock_sync import NS
 from .dialect import MAV_COMP_ID_AUTOPILOT1
-from .parser import MAVLINK1
+from .parser import Frame
+from .session_types import ARDUPILOT
 
 RECENT_NS = 10 * NS
 """A conflict is reported for this time after the last message that caused it."""
@@ -18,11 +20,11 @@ SEVERAL_NS = 60 * NS
 OBSTACLES = frozenset({330, 11037})
 """OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D."""
 DISTANCE_SENSOR = 132
-HORIZONTAL = 7
-"""Greatest MAV_SENSOR_ORIENTATION of the eight around the vehicle, beginning at 0. Autopilots use such a DISTANCE_SENSOR as they use
-OBSTACLE_DISTANCE."""
-_ORIENTATION_AT = 12
-"""Place of the orientation in the payload of DISTANCE_SENSOR; zeros at its end are not transmitted."""
+_TO_ORIENTATION = struct.Struct("<I3H3B")
+"""The fields of DISTANCE_SENSOR up to its MAV_SENSOR_ORIENTATION."""
+HORIZONTAL, UPWARD, DOWNWARD = 7, 24, 25
+"""Greatest MAV_SENSOR_ORIENTATION of the eight around the vehicle, beginning at 0, and two others. ArduPilot uses a DISTANCE_SENSOR around
+the vehicle as it uses OBSTACLE_DISTANCE, PX4 each one that looks neither up nor down."""
 _SENT, _MOST = 256, 16
 
 
@@ -46,23 +48,30 @@ class ConflictDetector:
         """Records a frame of this service; a router may send it back."""
         self._sent.append(frame)
 
-    def received(self, message: Any, system: int, now_ns: int) -> None:
+    def received(self, frame: Frame, system: int, now_ns: int) -> None:
         """Takes a received message. system: that of the vehicle, 0: not known yet.
 
         Autopilots take obstacles from any system: also those of another vehicle on the line, and the map of its PX4."""
-        source = (message.get_srcSystem(), message.get_srcComponent())
+        source = (frame.system, frame.component)
         if not system or source == (system, MAV_COMP_ID_AUTOPILOT1):
             return
         ours = source == (system, self._component)
-        if not ours and not _is_obstacle(message):
+        if not ours and not self._is_obstacle(frame):
             return
-        if ours and bytes(message.get_msgbuf()) in self._sent:
+        if ours and frame.data in self._sent:
             return
         if ours:
             self._doubles_ns = now_ns
         else:
             self._own_system = system
             _remember(self._rivals, source, now_ns)
+
+    def _is_obstacle(self, frame: Frame) -> bool:
+        """Returns whether the autopilot takes obstacles around the vehicle from a message."""
+        if frame.id != DISTANCE_SENSOR:
+            return frame.id in OBSTACLES
+        orientation = frame.fields(_TO_ORIENTATION)[-1]
+        return orientation <= HORIZONTAL or (self._kind != ARDUPILOT and orientation not in (UPWARD, DOWNWARD))
 
     def left_out(self, system: int, now_ns: int) -> None:
         """Records an autopilot that is ignored because its system id is not the configured one."""
@@ -134,16 +143,6 @@ class ConflictDetector:
                 "vehicle's"
             )
         return texts_by_topic
-
-
-def _is_obstacle(message: Any) -> bool:
-    """Returns whether a message has obstacles around the vehicle."""
-    kind = int(message.get_msgId())
-    if kind != DISTANCE_SENSOR:
-        return kind in OBSTACLES
-    frame = bytes(message.get_msgbuf())
-    begin, length = (6 if frame[0] == MAVLINK1 else 10), frame[1]
-    return length <= _ORIENTATION_AT or frame[begin + _ORIENTATION_AT] <= HORIZONTAL
 
 
 def _remember(seen: OrderedDict[Any, int], key: Any, now_ns: int) -> None:

@@ -9,15 +9,16 @@ from companion.autopilot.feedback_check import CAUSES, EchoCheck
 from companion.autopilot.status_text import MOST_CHARACTERS
 from drivers.mavlink.conflicts import ConflictDetector
 from drivers.mavlink.dialect import dialect
+from drivers.mavlink.parser import Frame, MessageSplitter
 from drivers.simulation.autopilot import ARDUPILOT, PX4
 
 NS = 1_000_000_000
 
 
-def message(system: int, component: int) -> object:
+def message(system: int, component: int) -> Frame:
     m = dialect.MAVLink_obstacle_distance_message(0, 4, [500] * 72, 5, 20, 1200, 5.0, 0.0, 12)
-    m.pack(dialect.MAVLink(None, system, component))
-    return m
+    (frame,) = MessageSplitter().frames(bytes(m.pack(dialect.MAVLink(None, system, component))))
+    return frame
 
 
 def all_conflicts() -> dict[str, str]:

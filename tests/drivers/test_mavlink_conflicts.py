@@ -65,11 +65,22 @@ def test_the_autopilots_own_map_and_other_components_are_none() -> None:
     assert conflicts(c) == {}
 
 
-@pytest.mark.parametrize(("orientation", "named"), [(0, True), (7, True), (24, False), (25, False)])
+@pytest.mark.parametrize(
+    ("kind", "orientation", "named"),
+    [
+        *((kind, orientation, True) for kind in (PX4, ARDUPILOT) for orientation in (0, 7)),
+        *((kind, orientation, False) for kind in (PX4, ARDUPILOT) for orientation in (24, 25)),
+        *((PX4, orientation, True) for orientation in (8, 39, 100)),  # 100: direction by a quaternion
+        *((ARDUPILOT, orientation, False) for orientation in (8, 39, 100)),
+    ],
+)
 @pytest.mark.parametrize("mavlink_1", [False, True])
-def test_a_range_finder_that_looks_around_is_named(orientation: int, named: bool, mavlink_1: bool) -> None:
-    """Its distances replace those of the service; one that looks down has nothing to do with them."""
-    c = talk(ARDUPILOT)
+def test_a_range_finder_that_looks_around_is_named(kind: str, orientation: int, named: bool, mavlink_1: bool) -> None:
+    """Its distances replace those of the service; one that looks down has nothing to do with them.
+
+    PX4 uses all that look neither up nor down (CollisionPrevention::_updateObstacleMap), ArduPilot those around the
+    vehicle (AP_Proximity_MAV::handle_distance_sensor_msg)."""
+    c = talk(kind)
     c.run(2.0)
     m = dialect.MAVLink_distance_sensor_message(0, 20, 1200, 500, 0, 1, orientation, 0)
     encoder = dialect.MAVLink(None, 1, 197)
@@ -158,7 +169,7 @@ def test_answers_to_timesync_that_mirror_nothing_we_asked_leave_the_clock() -> N
 def test_made_up_ids_do_not_fill_the_memory() -> None:
     s = ConflictDetector(196)
     for component in range(2, 256):
-        (m,) = MessageSplitter().feed(frame(obstacles(), component=component))
+        (m,) = MessageSplitter().frames(frame(obstacles(), component=component))
         s.received(m, 1, NS)
         s.left_out(component, NS)
     assert len(s._rivals) == len(s._left_out) == 16
