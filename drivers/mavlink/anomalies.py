@@ -20,6 +20,7 @@ class LinkAnomaly(Code):
     ODOMETRY_UNCONFIRMED = "odometry_unconfirmed", "odometry while no valid LOCAL_POSITION_NED is received"
     ODOMETRY_UNIX_TIME = "odometry_unix_time", "odometry with unix time"
     OTHER_VEHICLE = "other_vehicle", "heartbeats of other vehicles"
+    LATE_HEARTBEAT = "late_heartbeat", "late copies of heartbeats"
     UNSENT_NO_AUTOPILOT = "unsent_no_autopilot", "messages not sent: no autopilot is received"
     TIMESYNC_UNPAIRED = "timesync_unpaired", "TIMESYNC answers that were not requested"
     UNSIGNED = "unsigned", "rejected: unsigned"

@@ -5,8 +5,9 @@ autopilot only heartbeats are sent, and only on links whose other end waits for 
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from core.types import AttitudeSample, PoseSample
@@ -40,6 +41,8 @@ MAV_MODE_FLAG_SAFETY_ARMED = 128
 AUTOPILOTS = {3: ARDUPILOT, 12: PX4}
 SILENT_NS = 3 * NS
 """Without messages for this long an autopilot counts as disconnected; another one may take its place."""
+LATE_COPY_NS, _MOST_HEARTBEATS = 10 * NS, 64
+"""A network or a second route may deliver a heartbeat again for this long; greatest number of heartbeats that are kept for it."""
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
 MOST_SOURCES = 16
@@ -104,6 +107,7 @@ class MavlinkSession:
         self._received_ns = 0
         self._clock_restarts = 0
         self._outbox = Outbox()
+        self._heartbeats: deque[tuple[int, bytes]] = deque(maxlen=_MOST_HEARTBEATS)
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -250,16 +254,32 @@ class MavlinkSession:
             self.clock.restart()  # another autopilot, another clock
             self._clock_restarts = self.clock.restarts
             self._restart()
-        self.vehicle = Vehicle(
+        data = bytes(m.get_msgbuf())
+        vehicle = Vehicle(
             system,
             self._conflicts.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
             int(m.type),
             bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
             int(m.custom_mode),
             arrival_ns,
-            m.get_msgbuf()[0] == MAVLINK1,
+            data[0] == MAVLINK1,
             int(m.system_status),
         )
+        if self._is_late_copy(data, vehicle):
+            self.counts[LinkAnomaly.LATE_HEARTBEAT] += 1
+            return
+        self._heartbeats.append((arrival_ns, data))
+        self.vehicle = vehicle
+
+    def _is_late_copy(self, data: bytes, new: Vehicle) -> bool:
+        """Returns whether a heartbeat was received before, byte by byte, and would bring its state back.
+
+        Each message of an autopilot has the next number of 256, so that a true return to an earlier state is hardly ever such a
+        copy; the next heartbeat then shows it."""
+        old, since_ns = self.vehicle, new.heartbeat_ns - LATE_COPY_NS
+        if old is None or replace(new, heartbeat_ns=old.heartbeat_ns) == old:
+            return False
+        return any(data == before and at_ns > since_ns for at_ns, before in self._heartbeats)
 
     def _restart(self) -> None:
         self._timesync.restart()

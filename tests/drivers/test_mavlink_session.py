@@ -212,6 +212,13 @@ def test_a_command_that_a_heartbeat_contradicts_before_it_is_sent_is_dropped(
     assert any(m.get_type() == "COMMAND_LONG" and m.command == DO_SET_MODE for m in messages) is sent
 
 
+def test_what_contradicts_the_state_by_which_a_command_was_decided() -> None:
+    decided_by = Vehicle(1, PX4, 2, True, 4, 0)
+    assert not replace(decided_by, heartbeat_ns=NS, system_status=5).contradicts(decided_by)
+    for change in ({"system_id": 2}, {"autopilot": ARDUPILOT}, {"custom_mode": 3}, {"armed": False}):
+        assert replace(decided_by, **change).contradicts(decided_by)
+
+
 def test_of_distances_that_wait_the_newest_alone_goes_out() -> None:
     """After a gap of the link, old messages would be sent before the present one, with directions that were free then."""
     c = talk(PX4, boot_at_ns=90 * NS)
@@ -364,6 +371,40 @@ def test_the_clock_of_another_vehicle_is_estimated_anew() -> None:
     while c.session.vehicle is not None and c.session.vehicle.system_id != 7:
         c.run(0.001)
     assert c.session.status(c.now_ns).clock_restarts == 1
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_a_late_copy_of_a_heartbeat_brings_no_earlier_state_back(kind: str) -> None:
+    """A network or a second route delivers it again, seconds later."""
+    heartbeats: list[bytes] = []
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, armed=True, custom_mode=5))
+
+    def keep(data: bytes, _: int) -> None:
+        heartbeats.extend([data] if data[7:10] == b"\0\0\0" else [])
+
+    c = Conversation(MavlinkSession(on_frame=keep), [autopilot])
+    c.run(4.0)
+    copies = tuple(heartbeats)
+    assert len(copies) >= 4
+    for armed, mode in ((True, 3), (False, 5)):
+        autopilot.profile.armed, autopilot.profile.custom_mode = armed, mode
+        c.run(1.5)
+        vehicle = c.session.vehicle
+        assert vehicle is not None
+        assert (vehicle.armed, vehicle.custom_mode) == (armed, mode)
+        c.session.post(set_px4_hold(1), c.now_ns, vehicle)
+        c.session.receive([(data, c.now_ns) for data in copies])
+        assert c.session.vehicle == vehicle
+        assert c.session.has_posted
+        sent = len(c.sent)
+        c.run(0.01)
+        assert "COMMAND_LONG" in Conversation(c.session, [], sent=c.sent[sent:]).kinds()
+    assert c.session.status(c.now_ns).counts["late_heartbeat"] == 2 * len(copies)
+    autopilot.profile.armed = True
+    c.run(1.1)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.armed
+    assert c.session.vehicle.custom_mode == 5  # of a new heartbeat, as before the copies
 
 
 def test_whether_a_silent_vehicle_is_armed_is_known_only_if_it_was() -> None:
