@@ -103,9 +103,8 @@ class GuardLoop:
         self._noise_m_s, self._rng = np.zeros(3), np.random.default_rng([30, seed])
         extractor = Extractor()
         self._pipeline = Pipeline((camera,), lambda info: extractor)
-        self.guard = Guard(
-            self.params, self.avoid, COMPONENT, AutopilotLine(self._vehicle, self._post), self._link_status, None
-        )
+        line = AutopilotLine(self._vehicle, self._post, command=lambda message, _: self._post(message))
+        self.guard = Guard(self.params, self.avoid, COMPONENT, line, self._link_status, None)
         self._builder = ObstacleReportBuilder(
             self.avoid,
             SeenCameras(

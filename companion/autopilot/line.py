@@ -12,6 +12,10 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import Vehicle
 
 
+def _no_commands(message: Any, decided_by: Vehicle) -> None:
+    raise RuntimeError("no command is sent on this line: it was created without `command`")
+
+
 @dataclass(frozen=True, slots=True)
 class AutopilotLine:
     """The line to one autopilot. Its functions may be called from any thread.
@@ -20,22 +24,13 @@ class AutopilotLine:
         vehicle: returns the autopilot that is received now; None: none.
         post: sends a message to it.
         silent: returns an autopilot in flight that is not received any more; None: none. It may still receive.
-        post_decided: sends a message that was decided by this state of the vehicle, unless a newer one contradicts it at the
-            moment of sending; None: `command` compares them when it posts."""
+        command: sends a command that was decided by this state of the vehicle, unless a newer one contradicts it at the moment of
+            sending."""
 
     vehicle: Callable[[], Vehicle | None]
     post: Callable[[Any], None]
     silent: Callable[[], Vehicle | None] = lambda: None
-    post_decided: Callable[[Any, Vehicle], None] | None = None
-
-    def command(self, message: Any, decided_by: Vehicle) -> None:
-        """Sends a command that was decided by this state of the vehicle, unless a newer one contradicts it."""
-        if self.post_decided is not None:
-            self.post_decided(message, decided_by)
-            return
-        vehicle = self.vehicle()
-        if vehicle is not None and not vehicle.contradicts(decided_by):
-            self.post(message)
+    command: Callable[[Any, Vehicle], None] = _no_commands
 
 
 def line_of(session: MavlinkSession, link: MavlinkLink) -> AutopilotLine:

@@ -13,7 +13,7 @@ import pytest
 
 from companion.autopilot.distance_sensor import DOWNWARD
 from companion.autopilot.failsafe import FENCE_SHARE, STOP_INSIDE_M
-from companion.autopilot.line import AutopilotLine
+from companion.autopilot.line import line_of
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.config.avoidance import AvoidParams
@@ -90,7 +90,7 @@ class Companion:
         self.avoidance = Avoidance(
             avoid,
             SeenCameras(cameras=("front",), timeout_s=0.3),
-            AutopilotLine(lambda: session.vehicle if session.connected(time.monotonic_ns()) else None, self.link.post),
+            line_of(session, self.link),
         )
         self.avoidance.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Extractor(PARAMS))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.autopilot.line import AutopilotLine
+from companion.autopilot.line import line_of
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_report import SeenCameras
 from companion.cameras.frozen_frames import FrozenFrameDetector
@@ -58,11 +58,7 @@ class Flown:
         self.avoidance = Avoidance(
             AVOID,
             SeenCameras(cameras=("front",), timeout_s=0.3, frame_fault=lambda camera: self.cause),
-            AutopilotLine(
-                lambda: session.vehicle if session.connected(time.monotonic_ns()) else None,
-                self.link.post,
-                lambda: session.vehicle if session.fell_silent(time.monotonic_ns()) else None,
-            ),
+            line_of(session, self.link),
         )
         self.avoidance.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Sees(CLEAR))
