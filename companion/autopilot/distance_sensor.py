@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.segment_distance import segment_distance_m
 from drivers.mavlink.dialect import dialect
@@ -17,14 +18,14 @@ from drivers.mavlink.dialect import dialect
 from ..config.avoidance import AvoidParams
 from .obstacle_distance import SENSOR_UNKNOWN, limits_cm
 from .obstacle_memory import Here, rotated
-from .view_free import View
+from .view_free import View, ground_z_m
 
 NS = 1_000_000_000
 UPWARD, DOWNWARD = 24, 25
 """MAV_SENSOR_ROTATION_PITCH_90 and _PITCH_270."""
 SENSOR_ID, NO_COVARIANCE = 1, 255
 MOST = 4096
-"""Greatest number of undersides that are kept; the newest ones are."""
+"""Greatest number of undersides that are kept; the nearest ones are. Below a roof 15 frames a second have a hundred each."""
 
 
 class Overhead:
@@ -48,7 +49,9 @@ class Overhead:
             return
         ends = [here.to_world().places(*xy.T) for xy in (planes[over, 0:2], planes[over, 2:4])]
         rest = (planes[over, 5] + self._place_m[2], view.model.margin_m[over], np.full(over.sum(), now_ns / NS))
-        self._known = np.concatenate([self._known, np.column_stack([*ends[0], *ends[1], *rest])])[-MOST:]
+        self._known = np.concatenate([self._known, np.column_stack([*ends[0], *ends[1], *rest])])
+        if len(self._known) > MOST:
+            self._known = self._known[np.argsort(self._distance_m(), kind="stable")[:MOST]]
 
     def upward_m(self, here: Here, now_ns: int) -> float | None:
         """Returns the distance from the vehicle's middle up to the lowest obstacle above its hull, less the margin;
@@ -58,12 +61,15 @@ class Overhead:
         self._follow(here, now_ns)
         self._known = self._known[now_ns / NS - self._known[:, 6] <= self._avoid.remember_up_s]
         known = self._known
-        above = known[known[:, 4] < self._place_m[2]]
-        distance = segment_distance_m(self._place_m[:2], above[:, 0:2], above[:, 2:4])
-        above = above[distance <= self._avoid.radius_m + above[:, 5]]
+        over = self._distance_m() <= self._avoid.radius_m + known[:, 5]
+        above = known[over & (known[:, 4] < self._place_m[2])]
         if not len(above):
             return None
         return float(np.maximum(0.0, self._place_m[2] - above[:, 4] - above[:, 5]).min())
+
+    def _distance_m(self) -> NDArray[np.float64]:
+        """Returns the horizontal distance of each known underside from the vehicle, (N,)."""
+        return segment_distance_m(self._place_m[:2], self._known[:, 0:2], self._known[:, 2:4])
 
     def _follow(self, here: Here, now_ns: int) -> None:
         """Forgets the memory if the position is lost, and moves the memory if the position or the heading jumps. What the
@@ -87,20 +93,17 @@ class Overhead:
 def downward_m(views: Sequence[View]) -> float | None:
     """Returns the distance from the vehicle's middle down to the nearest ground that a camera sees now; None: none
     does."""
-    found = []
-    for view in views:
-        ground = view.model.ground
-        if view.model.valid and ground.seen:
-            x, y, z = view.place_m
-            found.append(z + ground.height_m - ground.slope_x * x - ground.slope_y * y)
-    known = [m for m in found if math.isfinite(m) and m > 0.0]
-    return min(known) if known else None
+    here = np.zeros(1)
+    found = [float(ground_z_m(view, here, here)[0]) for view in views]
+    return min((m for m in found if 0.0 < m < math.inf), default=None)
 
 
 def distance_sensor_message(distance_m: float, orientation: int, time_ms: int, avoid: AvoidParams) -> Any:
-    """Returns the message. The distance is rounded towards the vehicle. orientation: UPWARD or DOWNWARD."""
+    """Returns the message. The distance is rounded towards the vehicle. orientation: UPWARD or DOWNWARD.
+
+    A distance below min_distance is sent as it is: a greater one would be wrong, also as a height."""
     low, high = limits_cm(avoid)
-    cm = min(high - 1, max(low + 1, math.floor(100.0 * distance_m)))
+    cm = min(high - 1, math.floor(100.0 * distance_m))
     return dialect.MAVLink_distance_sensor_message(
         time_ms % 2**32, low, high, cm, SENSOR_UNKNOWN, SENSOR_ID, orientation, NO_COVARIANCE
     )

@@ -42,6 +42,17 @@ def test_a_beam_is_sent_while_the_vehicle_is_under_it_and_only_then() -> None:
     assert known.upward_m(Here(0.0, (106.0, 50.0, -10.0), 1), 6 * NS + 1) is None  # long ago
 
 
+def test_many_undersides_ahead_do_not_displace_the_beam_above() -> None:
+    """Below the roof of a hall each frame has a hundred of them, all of them farther ahead."""
+    known, here = Overhead(UP), Here(0.0, (0.0, 0.0, -10.0), 1)
+    known.see(View(model((2.0, -3.0, 2.0, 3.0, -4.0, -2.5)), AHEAD), here, NS)
+    roof = model(*((8.0 + k / 50.0, -3.0, 8.0 + k / 50.0, 3.0, -9.0, -8.0) for k in range(200)))
+    for frame in range(40):
+        known.see(View(roof, AHEAD), here, NS + frame * NS // 15)
+    assert known.upward_m(Here(0.0, (2.0, 0.0, -10.0), 1), 4 * NS) == pytest.approx(2.5)
+    assert known.upward_m(Here(0.0, (9.0, 0.0, -10.0), 1), 4 * NS) == pytest.approx(8.0)
+
+
 @pytest.mark.parametrize("pitch_deg", [0.0, 10.0, 20.0])
 @pytest.mark.parametrize("ceiling_m", [0.7, 1.0, 2.0])
 def test_under_a_ceiling_the_sent_distance_is_not_larger_than_the_true_one(ceiling_m: float, pitch_deg: float) -> None:
@@ -159,6 +170,16 @@ def test_ardupilot_removes_obstacles_that_are_not_sent_again() -> None:
     assert heights.up_m(NS + NS // 2 + 1) is None
 
 
+@pytest.mark.parametrize("distance_m", [0.0, 0.059, 0.1, 0.19, 0.2, 0.75])
+def test_a_distance_below_the_least_one_is_not_sent_as_farther(distance_m: float) -> None:
+    """A height that is too great would go into the autopilot's estimate; below min_distance both autopilots take it for out of
+    range (RangeFinder_MAVLink, EKF2). ArduPilot uses each distance upward."""
+    for orientation in (UPWARD, DOWNWARD):
+        message = distance_sensor_message(distance_m, orientation, 0, replace(AVOID, min_distance_m=0.7))
+        assert message.min_distance == 70
+        assert distance_m - 0.01 < message.current_distance / 100.0 <= distance_m
+
+
 def test_golden_bytes() -> None:
     packer = dialect.MAVLink(None, 1, 196)
     got_m = ((1.239, UPWARD), (99.0, DOWNWARD), (0.0, DOWNWARD))
@@ -166,5 +187,5 @@ def test_golden_bytes() -> None:
     assert [distance_sensor_message(m, way, 0x01020304, avoid).pack(packer).hex() for m, way in got_m] == [
         "fd0e00000001c4840000040302011400b0047b00040118ff2482",
         "fd0e00000001c4840000040302011400b004af04040119fff053",
-        "fd0e00000001c4840000040302011400b0041500040119ff5cfa",
+        "fd0e00000001c4840000040302011400b0040000040119ff36bf",
     ]
