@@ -77,6 +77,7 @@ class ParameterWriter:
         self._lock = threading.Lock()
         self._received: dict[str, tuple[float, int]] = {}
         self._armed_ns: int | None = None
+        self._target: tuple[str, int, int] = ("", 0, 0)
         self._signing = signing_of(config.autopilot, folders().state)
         session = MavlinkSession(params_of(config), on_message=self._take, signing=self._signing)
         self._link = MavlinkLink(parse_address(config.autopilot.address), session, lambda samples: None)
@@ -103,9 +104,10 @@ class ParameterWriter:
                 if self._reader.settled and self._version.settled and time.monotonic() - begun_s > STILL_S:
                     break
             time.sleep(0.05)
-        kind, _ = self._writable()
+        self._target = self._writable()
         return changes(
-            AutopilotFacts(kind=kind, values=self._reader.values(), version=self._version.version), self._config
+            AutopilotFacts(kind=self._target[0], values=self._reader.values(), version=self._version.version),
+            self._config,
         )
 
     def write(self, wanted: list[Change]) -> Iterator[tuple[Change, str]]:
@@ -119,10 +121,12 @@ class ParameterWriter:
     def _written(self, change: Change) -> str:
         value = 0.0
         for _ in range(TRIES):
-            _, system = self._writable()
+            if self._writable() != self._target:
+                raise ValueError("the autopilot was replaced or restarted since the list was made; start again")
+            kind, system, _ = self._target
             with self._lock:
                 param_type = self._received[change.name][1]
-            name, to = change.name.encode(), param_value_of(change.to, self._reader.kind, param_type)
+            name, to = change.name.encode(), param_value_of(change.to, kind, param_type)
             self._link.post(dialect.MAVLink_param_set_message(system, MAV_COMP_ID_AUTOPILOT1, name, to, param_type))
             time.sleep(0.2)
             with self._lock:
@@ -155,8 +159,9 @@ class ParameterWriter:
                 value = value_of(message, self._reader.kind)
                 self._received[str(message.param_id)] = (value, int(message.param_type))
 
-    def _writable(self) -> tuple[str, int]:
-        """The autopilot's kind and system id. Raises ValueError where nothing may be written to it."""
+    def _writable(self) -> tuple[str, int, int]:
+        """The autopilot's kind and system id, and the number of restarts of its clock. Raises ValueError where nothing may be
+        written to it."""
         status, now_ns = self._link.status(), time.monotonic_ns()
         vehicle = status.vehicle
         if vehicle is None or now_ns - vehicle.heartbeat_ns > FRESH_NS:
@@ -166,7 +171,7 @@ class ParameterWriter:
         fault = status.signing_fault or next(iter(status.conflicts.values()), "")
         if fault:
             raise ValueError(f"target system is ambiguous: {fault}")
-        return vehicle.autopilot, vehicle.system_id
+        return vehicle.autopilot, vehicle.system_id, status.clock_restarts
 
 
 def apply(config: Config, patience_s: float, agreed: Callable[[list[Change]], bool]) -> Iterator[tuple[bool, str]]:

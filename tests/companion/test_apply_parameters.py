@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -167,6 +168,22 @@ def test_nothing_is_written_when_the_vehicle_is_armed_before_the_confirmation(tm
         assert sets(line) == []
         assert results
         assert all(not good and "ARMED" in text for good, text in results)
+
+
+def test_nothing_is_written_to_an_autopilot_that_was_exchanged_before_the_confirmation(tmp_path: Path) -> None:
+    """The list is of the one before. The other one has the same ids, but another clock."""
+    with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
+
+        def exchanged_meanwhile(wanted: list[Change]) -> bool:
+            line.change(lambda a: (a.received.clear(), a.reboot(time.monotonic_ns())))
+            # three answers that contradict the clock of before show it
+            assert until(lambda: len(line.change(lambda a: a.of_kind("TIMESYNC"))) >= 6)
+            return True
+
+        results = steps(config, exchanged_meanwhile)
+        assert sets(line) == []
+        assert results
+        assert all(not good and "replaced or restarted since the list was made" in text for good, text in results)
 
 
 def test_a_rejected_parameter_is_reported_and_the_others_are_written(tmp_path: Path) -> None:
