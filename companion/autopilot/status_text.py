@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from drivers.mavlink.dialect import dialect
@@ -15,14 +15,17 @@ CRITICAL, WARNING, INFO = 2, 4, 6
 
 
 class StatusTexts:
-    """Decides which text to send. A state that begins and ends within two seconds is sent once, when it ends."""
+    """Decides which text to send. What begins and ends between two texts is not sent. A camera or topic that changes all the time
+    leaves room for others."""
 
     def __init__(self) -> None:
         self._sent: dict[str, bool] = {}
         self._noted: dict[str, str] = {}
         self._repeated: set[str] = set()  # cameras and topics
+        self._sent_ns: dict[str, int] = {}  # the newest text of each camera and topic
         self._begun_ns: int | None = None
         self._last_ns: int | None = None
+        self._last_was_note = True
 
     def repeat(self) -> None:
         """Sends the faults of cameras and notes once more, to an autopilot that is received again."""
@@ -41,29 +44,43 @@ class StatusTexts:
         self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
         if self._last_ns is not None and now_ns - self._last_ns < LEAST_APART_NS:
             return None
-        for camera, cause in blind.items():
-            is_blind = bool(cause)
-            if camera not in self._sent and (not is_blind or now_ns - self._begun_ns < OPENING_NS):
+        opening = now_ns - self._begun_ns < OPENING_NS
+        for is_note in (not self._last_was_note, self._last_was_note):
+            news = self._note(notes or {}) if is_note else self._change(blind, opening)
+            if news is not None:
+                name, severity, text = news
+                self._repeated.discard(name)
+                self._sent_ns[name] = self._last_ns = now_ns
+                self._last_was_note = is_note
+                return dialect.MAVLink_statustext_message(severity, shortened(f"OA: {text}").encode())
+        return None
+
+    def _change(self, blind: Mapping[str, str], opening: bool) -> tuple[str, int, str] | None:
+        """Returns (camera, severity, text) of a camera that became blind or recovered; None: none did."""
+        for camera in self._longest_unsent(blind):
+            is_blind = bool(blind[camera])
+            if camera not in self._sent and (not is_blind or opening):
                 if not is_blind:
                     self._sent[camera] = False
                 continue
             if self._sent.get(camera) != is_blind or camera in self._repeated:
-                self._repeated.discard(camera)
-                self._sent[camera], self._last_ns = is_blind, now_ns
-                text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} recovered"
-                return dialect.MAVLink_statustext_message(CRITICAL if is_blind else INFO, shortened(text).encode())
-        return self._note(notes or {}, now_ns)
-
-    def _note(self, notes: Mapping[str, str], now_ns: int) -> Any | None:
-        for topic, text in notes.items():
-            now, before = text.split(":")[0], self._noted.get(topic, "")
-            if now == before and topic not in self._repeated:
-                continue
-            self._repeated.discard(topic)
-            self._noted[topic], self._last_ns = now, now_ns
-            text = f"OA: {now}" if now else f"OA: cleared: {before}"
-            return dialect.MAVLink_statustext_message(WARNING if now else INFO, shortened(text).encode())
+                self._sent[camera] = is_blind
+                if is_blind:
+                    return camera, CRITICAL, f"{camera} blind: {blind[camera]}"
+                return camera, INFO, f"{camera} recovered"
         return None
+
+    def _note(self, notes: Mapping[str, str]) -> tuple[str, int, str] | None:
+        """Returns (topic, severity, text) of a note that changed; None: none did."""
+        for topic in self._longest_unsent(notes):
+            now, before = notes[topic].split(":")[0], self._noted.get(topic, "")
+            if now != before or topic in self._repeated:
+                self._noted[topic] = now
+                return (topic, WARNING, now) if now else (topic, INFO, f"cleared: {before}")
+        return None
+
+    def _longest_unsent(self, names: Iterable[str]) -> list[str]:
+        return sorted(names, key=lambda name: self._sent_ns.get(name, 0))
 
 
 def mount_note(camera: str, degraded: bool) -> str:

@@ -353,6 +353,22 @@ def test_one_text_for_a_change_and_never_a_stream() -> None:
     assert all(b[0] - a[0] >= 20 for a, b in itertools.pairwise(lines))
 
 
+def test_a_camera_that_changes_all_the_time_leaves_room_for_others() -> None:
+    """Each text was of the first camera that had changed: a second blind camera, and that nothing is braked for, were never sent."""
+    texts, lines = StatusTexts(), []
+    for tenth in range(600):
+        front = "silent" if tenth // 19 % 2 else ""
+        left, echo = ("lost", "autopilot does not use the obstacles: CP_DIST") if tenth >= 300 else ("", "")
+        message = texts.due({"front": front, "left": left}, NS + tenth * NS // 10, {"clock": "", "echo": echo})
+        if message is not None:
+            lines.append((tenth, message.text))
+    told = [(tenth, text) for tenth, text in lines if "front" not in text]
+    assert {text for _, text in told} == {"OA: left blind: lost", "OA: autopilot does not use the obstacles"}
+    assert len(told) == 2
+    assert told[-1][0] <= 300 + 60
+    assert len(lines) >= 20
+
+
 @pytest.mark.parametrize("camera", ["front", "downward_left"])
 def test_a_degraded_mount_is_sent_once_and_fits(camera: str) -> None:
     texts = StatusTexts()
