@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import euler_from_rotation, quaternion_from_euler, rotation_from_quaternion
-from core.types import AttitudeSample, PoseSample
+from core.types import MAX_RATE_RAD_S, MAX_SPEED_M_S, AttitudeSample, PoseSample
 from drivers.base import BadData
 from drivers.mavlink.dataflash import read_dataflash
+from drivers.mavlink.motion import MAX_ANGLE_RAD, within
 from drivers.mavlink.tlog import Tlog, TlogAttitude, TlogPose, VehicleLog, read_tlog, vehicle_log
 from drivers.mavlink.ulog import read_ulog
 
@@ -98,12 +99,16 @@ def flight_log_samples(
         )
     attitudes = [s for a in near if (s := _attitude(a, epoch_us)) is not None]
     if len(attitudes) < len(near):
-        report.problem("attitude", f"{path}: {len(near) - len(attitudes)} attitudes are not finite and were left out")
+        report.problem(
+            "attitude",
+            f"{path}: {len(near) - len(attitudes)} attitudes are no attitudes of a vehicle and were left out",
+        )
     poses = []
     for p in vehicle.poses:
-        if is_near(p) and _has_arrival(p) and all(map(math.isfinite, p.position_m + p.velocity_m_s)):
-            stamps = _stamps(p.t_us, p.stamp_us, epoch_us)
-            poses.append(PoseSample(*stamps, p.position_m, p.velocity_m_s, p.reset_counter))
+        position_m = within(p.position_m, math.inf)
+        if is_near(p) and _has_arrival(p) and position_m is not None:
+            velocity_m_s = within(p.velocity_m_s, MAX_SPEED_M_S)
+            poses.append(PoseSample(*_stamps(p.t_us, p.stamp_us, epoch_us), position_m, velocity_m_s, p.reset_counter))
     if not poses:
         report.warning("position", f"{path}: no position at the time of the frames: results are not placed in ned")
     return attitudes, poses
@@ -136,15 +141,17 @@ def _stamps(t_us: float, stamp_us: int, epoch_us: int) -> tuple[int, int]:
 
 
 def _attitude(a: TlogAttitude, epoch_us: int) -> AttitudeSample | None:
-    q = a.q_wxyz if a.q_wxyz is not None else quaternion_from_euler(*a.euler_rad) if a.euler_rad else None
-    if q is None or not all(map(math.isfinite, q)):
-        return None
-    norm = math.sqrt(sum(c * c for c in q))
-    if not 0.9 < norm < 1.1:
+    """The sample; None for an attitude that is none. The limits are those in flight."""
+    if a.euler_rad is not None:
+        q = None if within(a.euler_rad, MAX_ANGLE_RAD) is None else quaternion_from_euler(*a.euler_rad)
+    else:
+        q = a.q_wxyz
+    norm = 0.0 if q is None else math.hypot(*q)
+    if q is None or not 0.9 < norm < 1.1:
         return None
     w, x, y, z = (c / norm for c in q)
-    rates = a.rates_rad_s if all(map(math.isfinite, a.rates_rad_s)) else None
-    return AttitudeSample(*_stamps(a.t_us, a.stamp_us, epoch_us), (w, x, y, z), rates)
+    stamps = _stamps(a.t_us, a.stamp_us, epoch_us)
+    return AttitudeSample(*stamps, (w, x, y, z), within(a.rates_rad_s, MAX_RATE_RAD_S))
 
 
 def _derived_epoch(

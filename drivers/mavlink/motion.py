@@ -20,6 +20,8 @@ HALF_MS = 500_000
 """time_boot_ms is rounded down: on average the measurement is half a millisecond later."""
 PREFER_FOR_NS = NS // 2
 """Time for which a better kind of message replaces a poorer one."""
+MAX_ANGLE_RAD = 2.0 * math.pi + 1e-3
+"""Greatest angle of an attitude."""
 UNIX_NS = 10**17
 """Stamps beyond 3 years are no time since boot: some senders use unix time in time_usec."""
 ATTITUDE_ID = 30
@@ -94,15 +96,15 @@ class MotionDecoder:
         return UNKNOWN_DELAY_NS if bound_ns is None else max(1, bound_ns)
 
     def _attitude(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> AttitudeSample | None:
-        roll, pitch, yaw = numbers[:3]
-        if not all(map(math.isfinite, numbers[:3])) or max(map(abs, numbers[:3])) > 2.0 * math.pi + 1e-3:
+        angles = within(numbers[:3], MAX_ANGLE_RAD)
+        if angles is None:
             self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
         t_ns = self._stamp(self._clock.boot_ns(time_boot_ms), HALF_MS, arrival_ns)
         if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
             return None
-        q = quaternion_from_euler(roll, pitch, yaw)
-        return AttitudeSample(t_ns, arrival_ns, q, _within(numbers[3:], MAX_RATE_RAD_S), self._stamp_error_ns())
+        q = quaternion_from_euler(*angles)
+        return AttitudeSample(t_ns, arrival_ns, q, within(numbers[3:], MAX_RATE_RAD_S), self._stamp_error_ns())
 
     def _attitude_quaternion(
         self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int
@@ -117,10 +119,10 @@ class MotionDecoder:
             return None
         self._quaternion_ns = arrival_ns
         q = (w / norm, x / norm, y / norm, z / norm)
-        return AttitudeSample(t_ns, arrival_ns, q, _within(numbers[4:], MAX_RATE_RAD_S), self._stamp_error_ns())
+        return AttitudeSample(t_ns, arrival_ns, q, within(numbers[4:], MAX_RATE_RAD_S), self._stamp_error_ns())
 
     def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
-        position = _within(numbers[:3], math.inf)
+        position = within(numbers[:3], math.inf)
         if position is None:
             self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
@@ -131,7 +133,7 @@ class MotionDecoder:
         self._locals_since += 1
         if _recent(self._odometry_ns, arrival_ns) and self._locals_since <= MOST_BETWEEN:
             return None
-        velocity = _within(numbers[3:], MAX_SPEED_M_S)
+        velocity = within(numbers[3:], MAX_SPEED_M_S)
         return PoseSample(t_ns, arrival_ns, position, velocity, stamp_error_ns=self._stamp_error_ns())
 
     def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
@@ -172,7 +174,7 @@ def _recent(received_ns: int | None, now_ns: int, for_ns: int = PREFER_FOR_NS) -
     return received_ns is not None and now_ns - received_ns < for_ns
 
 
-def _within(numbers: tuple[float, ...], most: float) -> tuple[float, float, float] | None:
+def within(numbers: tuple[float, ...], most: float) -> tuple[float, float, float] | None:
     """Returns three numbers; None if one of them is not finite, or exceeds this limit."""
     x, y, z = numbers
     return (x, y, z) if all(map(math.isfinite, numbers)) and max(abs(x), abs(y), abs(z)) <= most else None
@@ -180,7 +182,7 @@ def _within(numbers: tuple[float, ...], most: float) -> tuple[float, float, floa
 
 def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:
     """Returns the velocity in ned. ODOMETRY gives it in child_frame_id."""
-    v = _within((float(m.vx), float(m.vy), float(m.vz)), MAX_SPEED_M_S)
+    v = within((float(m.vx), float(m.vy), float(m.vz)), MAX_SPEED_M_S)
     if v is None:
         return None
     if int(m.child_frame_id) in LOCAL_FRAMES:

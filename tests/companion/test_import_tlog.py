@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import struct
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from companion.cli import main
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.mavlink.dialect import dialect
 
 from .recordings import EPOCH_US, events_of, row, tilt, write_folder, write_tlog
 
@@ -49,6 +52,32 @@ def test_fractions_of_the_epoch_count_to_the_microsecond(tmp_path: Path) -> None
     assert min(e.t_exposure_ns for e in events if isinstance(e, DepthFrame)) == 1_000_000_000
     stamps = [a.t_ns - 1_000_000_000 + 123_457_000 for a in attitudes(events)]
     assert stamps == [i * 20_000_000 for i in range(251)]
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 3e36, 7.0])
+def test_values_that_no_vehicle_has_are_left_out(
+    value: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As in flight. An infinite angle ended the import with "math domain error"."""
+    folder = write_folder(tmp_path / "rec", 30)
+    log, sender = write_tlog(folder / "a.tlog", 3.0, lag_us=0), dialect.MAVLink(None, 1, 1)
+    damaged = (
+        dialect.MAVLink_attitude_message(10_020, value, 0.0, 0.0, 0.0, 0.0, 0.0),
+        dialect.MAVLink_attitude_message(10_040, 0.0, 0.0, 0.0, 0.0, 0.0, 100.0 * value),
+        dialect.MAVLink_local_position_ned_message(10_060, 1.0, 2.0, 3.0, 100.0 * value, 0.0, 0.0),
+    )
+    with log.open("ab") as file:
+        for k, message in enumerate(damaged, 1):
+            file.write(struct.pack(">Q", EPOCH_US + 3_000_000 + 20_000 * k) + bytes(message.pack(sender)))
+    status, events = imported(folder, "--tlog-epoch", EPOCH)
+    assert status == 1
+    assert "1 attitudes are no attitudes of a vehicle and were left out" in capsys.readouterr().err
+    found = attitudes(events)
+    assert len(found) == 151 + 1
+    assert found[-1].rates_frd_rad_s is None
+    assert [(e.position_ned_m, e.velocity_ned_m_s) for e in events if isinstance(e, PoseSample)] == [
+        ((1.0, 2.0, 3.0), None)
+    ]
 
 
 def test_the_epoch_is_found_where_both_saw_the_same_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
