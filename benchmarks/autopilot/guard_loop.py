@@ -104,7 +104,7 @@ class GuardLoop:
         extractor = Extractor()
         self._pipeline = Pipeline((camera,), lambda info: extractor)
         line = AutopilotLine(self._vehicle, self._post, command=lambda message, _: self._post(message))
-        self.guard = Guard(self.params, self.avoid, COMPONENT, line, self._link_status, None)
+        self.guard = Guard(self.params, self.avoid, line, self._link_status, None)
         self._builder = ObstacleReportBuilder(
             self.avoid,
             SeenCameras(

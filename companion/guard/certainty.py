@@ -36,17 +36,11 @@ request for the rate of its heartbeat with FAILED (MavlinkReceiver::set_message_
 class Certainty:
     """Requests more frequent heartbeats; the COMMAND_ACK shows that commands arrive and that answers come back."""
 
-    component_id: int
     _who: tuple[int, str] = (0, "")
     _reached_ns: int | None = None
     _next_ns: int = 0
     _wait_ns: int = FIRST_WAIT_NS
     _asked: bool = field(default=False)
-
-    def is_for_us(self, ack: Any, vehicle: Vehicle) -> bool:
-        """True if a COMMAND_ACK answers a command of the service. Autopilots without target fields send 0."""
-        system, component = getattr(ack, "target_system", 0), getattr(ack, "target_component", 0)
-        return system in (0, vehicle.system_id) and component in (0, self.component_id)
 
     def acknowledged(self, command: int, result: int, now_ns: int) -> None:
         """Handles a COMMAND_ACK of the vehicle for the service."""

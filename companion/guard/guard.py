@@ -65,7 +65,6 @@ class Guard:
         self,
         guard: GuardParams,
         avoid: AvoidParams,
-        component_id: int,
         line: AutopilotLine,
         link_status: Callable[[], LinkStatus],
         folder: Path | None,
@@ -75,12 +74,11 @@ class Guard:
         Args:
             guard: parameters of the guard.
             avoid: parameters of the obstacle output.
-            component_id: MAVLink component of the service.
             line: the autopilot.
             link_status: returns conflicts and signing of the link.
             folder: folder of the state; None: nothing is kept."""
         self._guard, self._avoid, self._line, self._link_status = guard, avoid, line, link_status
-        self._certainty = Certainty(component_id)
+        self._certainty = Certainty()
         self._landed = LandedState()
         self._assessor = PathAssessor(guard, braking_of(guard, avoid), avoid)
         self._velocity = VelocityHold()
@@ -157,7 +155,7 @@ class Guard:
         """Does one step: reads messages, decides and sends."""
         vehicle = self._line.vehicle()
         if vehicle is not None:
-            self._acknowledgements(vehicle, now_ns)
+            self._acknowledgements(now_ns)
             for request in self._certainty.requests(vehicle, now_ns):
                 self._line.post(request)
         with self._lock:
@@ -167,12 +165,11 @@ class Guard:
             self._send(output, now_ns, vehicle)
         self._file.keep(self.memory, now_ns)
 
-    def _acknowledgements(self, vehicle: Vehicle, now_ns: int) -> None:
+    def _acknowledgements(self, now_ns: int) -> None:
         while self._messages:
             ack = self._messages.popleft()
-            if self._certainty.is_for_us(ack, vehicle):
-                self._certainty.acknowledged(int(ack.command), int(ack.result), now_ns)
-                self._machine.acknowledged(int(ack.command), int(ack.result))
+            self._certainty.acknowledged(int(ack.command), int(ack.result), now_ns)
+            self._machine.acknowledged(int(ack.command), int(ack.result))
 
     def _input(self, vehicle: Vehicle | None, now_ns: int) -> GuardInput:
         doubt, in_air = "", False

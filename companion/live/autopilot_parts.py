@@ -100,8 +100,7 @@ def make_autopilot(
     if config.guard.enabled:
         from ..guard.guard import Guard
 
-        component = config.autopilot.component_id
-        guard = Guard(config.guard, config.avoid, component, line, link.status, folders.state)
+        guard = Guard(config.guard, config.avoid, line, link.status, folders.state)
     observer = None if guard is None else guard.observe
     avoidance = Avoidance(config.avoid, seen_cameras(config, cameras, observer), line, last)
     return AutopilotParts(session=session, link=link, avoidance=avoidance, guard=guard)

@@ -73,7 +73,8 @@ class MavlinkSession:
             clock: parameters of the clock estimate.
             on_frame: called with every accepted frame as received, without its signature, and its arrival time, for
                 the log.
-            on_message: called with every accepted message of the autopilot of the kinds in `reads`, decoded.
+            on_message: called with every accepted message of the autopilot of the kinds in `reads`, decoded; not with a
+                COMMAND_ACK to others.
             signing: with the companion's key. Without a key nothing is signed and unsigned messages are accepted.
             reads: ids of messages for on_message; None: all but motion. Decoding takes most of the time.
             expected: the autopilot of the last run. Any message of it counts before its first heartbeat.
@@ -208,11 +209,18 @@ class MavlinkSession:
         if not self._from_autopilot(message):
             return
         self._note_autopilot(kind, arrival_ns)
+        self._follow_clock()
         if kind == COMMAND_ACK_ID:
+            if not self._is_answer(message):
+                return
             self.rates.acknowledged(int(message.command), int(message.result))
         if self._on_message is not None and (self._reads is None or kind in self._reads):
             self._on_message(message, arrival_ns)
-        self._follow_clock()
+
+    def _is_answer(self, ack: Any) -> bool:
+        """True if a COMMAND_ACK of the autopilot answers a command of this service. Autopilots without target fields send 0."""
+        own = self.vehicle is not None and ack.target_system in (0, self.vehicle.system_id)
+        return own and ack.target_component in (0, self.params.component_id)
 
     def _follow_clock(self) -> None:
         """Requests rates and times again after a restart of the autopilot's clock: it has rebooted."""

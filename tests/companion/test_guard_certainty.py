@@ -38,19 +38,15 @@ LINK = LinkStatus(
 )
 
 
-def ack(command: int, result: int, system: int = 7, component: int = 196) -> Any:
-    return dialect.MAVLink_command_ack_message(command, result, 0, 0, system, component)
-
-
 def reached() -> Certainty:
-    certainty = Certainty(196)
+    certainty = Certainty()
     assert len(certainty.requests(COPTER, NOW)) == 1
     certainty.acknowledged(511, 0, NOW)
     return certainty
 
 
 def test_before_an_acknowledgement_there_is_doubt() -> None:
-    certainty = Certainty(196)
+    certainty = Certainty()
     certainty.acknowledged(511, 0, NOW)  # nothing was asked yet: the answer to another station
     request = certainty.requests(COPTER, NOW)[0]
     assert (request.target_system, request.target_component, request.command, request.param1) == (7, 1, 511, 0)
@@ -64,7 +60,7 @@ def test_before_an_acknowledgement_there_is_doubt() -> None:
 @pytest.mark.parametrize(("command", "result"), [(512, 0), (512, 3), (511, 4)])
 def test_any_answer_of_px4_shows_that_commands_arrive(command: int, result: int) -> None:
     """PX4 answers a request for the rate of its heartbeat with MAV_RESULT_FAILED (MavlinkReceiver::set_message_interval)."""
-    px4, certainty = replace(COPTER, autopilot="PX4"), Certainty(196)
+    px4, certainty = replace(COPTER, autopilot="PX4"), Certainty()
     certainty.requests(px4, NOW)
     certainty.acknowledged(command, result, NOW)
     assert certainty.doubt(px4, {}, "", NOW) == ""
@@ -76,7 +72,7 @@ def test_a_change_of_mode_is_known_within_a_quarter_of_a_second(kind: str) -> No
     """PX4 sends its heartbeat at 1 Hz, whatever rate is requested, and a single one on request. A mission that is resumed
     close to a wall would be noticed up to 1 s late."""
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, armed=True))
-    session, certainty, encoder = MavlinkSession(), Certainty(196), dialect.MAVLink(None, 1, 196)
+    session, certainty, encoder = MavlinkSession(), Certainty(), dialect.MAVLink(None, 1, 196)
     beats: list[int] = []
     for step in range(200):
         now_ns = NOW + step * NS // 20
@@ -97,7 +93,7 @@ def test_a_change_of_mode_is_known_within_a_quarter_of_a_second(kind: str) -> No
 def test_a_simulated_autopilot_answers_for_longer_than_an_answer_counts(kind: str) -> None:
     """Its other rates are requested at the start alone."""
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind))
-    session, certainty = MavlinkSession(), Certainty(196)
+    session, certainty = MavlinkSession(), Certainty()
     encoder = dialect.MAVLink(None, 1, 196)
     for tenth in range(200):
         now_ns = NOW + tenth * NS // 10
@@ -142,7 +138,7 @@ def heartbeat(system: int, autopilot: int = 3) -> bytes:
 def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternating_s: int) -> None:
     """First both are received, then only the second, which the session takes over when the first is silent."""
     session, now_ns = MavlinkSession(), NOW
-    certainty = Certainty(196)
+    certainty = Certainty()
     for second in range(90):
         now_ns += NS
         for system in systems if second < alternating_s else systems[1:]:
@@ -180,7 +176,7 @@ def test_another_vehicle_must_answer_for_itself(other: Vehicle) -> None:
 
 
 def test_requests_are_repeated_with_growing_waits() -> None:
-    certainty = Certainty(196)
+    certainty = Certainty()
     asked = [n for n in range(600) if certainty.requests(COPTER, NOW + n * NS // 10)]
     assert asked[:4] == [0, 10, 30, 70]
     assert max(b - a for a, b in itertools.pairwise(asked)) == 100
@@ -202,18 +198,10 @@ def test_a_vehicle_that_does_not_answer_any_more_is_silent_and_asked_more_often(
 
 
 def test_a_vehicle_that_never_answered_is_in_doubt_and_not_silent() -> None:
-    certainty = Certainty(196)
+    certainty = Certainty()
     certainty.requests(COPTER, NOW)
     assert certainty.doubt(COPTER, {}, "", NOW + 60 * NS) != ""
     assert not certainty.silent(NOW + 60 * NS)
-
-
-def test_answers_to_others_do_not_count() -> None:
-    certainty = Certainty(196)
-    assert certainty.is_for_us(ack(176, 0), COPTER)
-    assert certainty.is_for_us(ack(176, 0, 0, 0), COPTER)
-    assert not certainty.is_for_us(ack(176, 0, 7, 190), COPTER)
-    assert not certainty.is_for_us(ack(176, 0, 255, 190), COPTER)
 
 
 @pytest.mark.parametrize(
@@ -255,7 +243,6 @@ def test_its_texts_fit_and_are_not_repeated(tmp_path: Any) -> None:
     guard = Guard(
         GuardParams(enabled=True),
         AvoidParams(),
-        196,
         AutopilotLine(lambda: COPTER, sent.append),
         lambda: LINK,
         tmp_path,

@@ -48,7 +48,6 @@ class Flight:
         self.guard = Guard(
             GuardParams(enabled=True, limit_speed=False),
             AvoidParams(radius_m=0.4),
-            196,
             AutopilotLine(self._vehicle, self.sent.append, command=self._command),
             lambda: self.link,
             folder,
@@ -166,7 +165,7 @@ def test_texts_that_were_announced_are_forgotten_when_they_may_be_repeated() -> 
     """Most texts contain a distance, so that each one differs from those before."""
     sent: list[Any] = []
     guard = Guard(
-        GuardParams(enabled=True), AvoidParams(), 196, AutopilotLine(lambda: None, sent.append), lambda: LINK, None
+        GuardParams(enabled=True), AvoidParams(), AutopilotLine(lambda: None, sent.append), lambda: LINK, None
     )
     for k in range(1000):
         guard._announce(Announcement(f"guard: stop, obstacle {k} m ahead"), START_NS + k * NS)
@@ -194,9 +193,7 @@ def parts_of(guard: Guard) -> Parts:
 
 
 def guard_with(vehicle: Callable[[], Vehicle | None]) -> Guard:
-    return Guard(
-        GuardParams(enabled=True), AvoidParams(), 196, AutopilotLine(vehicle, lambda _: None), lambda: LINK, None
-    )
+    return Guard(GuardParams(enabled=True), AvoidParams(), AutopilotLine(vehicle, lambda _: None), lambda: LINK, None)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -279,6 +279,22 @@ def test_an_ardupilot_without_intervals_is_asked_in_the_old_way_once() -> None:
     assert c.session.status(c.now_ns).attitude_hz == pytest.approx(100.0, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("system", "component", "ours"), [(0, 0, True), (1, 196, True), (1, 197, False), (255, 190, False)]
+)
+def test_answers_to_commands_of_others_do_not_count(system: int, component: int, ours: bool) -> None:
+    """A router brings them, and PX4 sends them on every link. A station whose command was not known had the rates requested
+    in the old way until the autopilot was restarted. Autopilots without target fields send 0."""
+    answers: list[Any] = []
+    c = talk(ARDUPILOT)
+    c.session = MavlinkSession(on_message=lambda m, _: answers.append(m), reads=frozenset({77}))
+    c.run(2.0)
+    answers.clear()
+    ack = dialect.MAVLink_command_ack_message(511, 3, 0, 0, system, component)
+    c.session.receive([(bytes(ack.pack(dialect.MAVLink(None, 1, 1))), c.now_ns)])
+    assert (len(answers), c.session.rates.knows_intervals) == (ours, not ours)
+
+
 def test_the_old_way_is_asked_again_after_another_station_has_changed_the_rates() -> None:
     c = talk(ARDUPILOT, knows_intervals=False)
     c.run(10.0)
