@@ -28,9 +28,9 @@ DELTA_WALK_RAD = math.radians(0.02)
 """Per square root of a second. A mount is fixed, but may come loose."""
 SLOPE_SD_RAD = math.radians(0.5)
 """Noise of one measured slope: the ground is not quite plane, and the attitude has an error."""
-FORGOTTEN_SD_RAD = math.pi
-"""Standard deviation of a forgotten terrain. That of a new terrain is less: each time, the mount would be estimated from the
-expectation that terrain is level."""
+FORGOTTEN_SD_RAD = 100.0
+"""Standard deviation of a forgotten terrain: of nothing known. With that of a new terrain each gap of the attitude, four times a second
+at 4 Hz, would estimate the mount from the expectation that terrain is level; with a half turn some hundred gaps would."""
 WALLS_SD_RAD = math.radians(2.0)
 """Noise of the terrain's slope as the walls show it."""
 GATE = 9.0
