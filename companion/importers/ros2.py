@@ -106,11 +106,12 @@ class Ros2Source:
         )
 
     def _images(self) -> Iterator[tuple[int, Any]]:
+        topic, kind = self._depth_topic, self._scan.types[self._depth_topic]
         for item in self._recording.items():
-            if item.topic == self._depth_topic:
+            if item.topic == topic and item.kind == kind:
                 message = item.decode()
                 if message is None:
-                    self._report.problem("image", f"{self._path}: an image of {self._depth_topic} cannot be decoded")
+                    self._report.problem("image", f"{self._path}: an image of {topic} cannot be decoded")
                 else:
                     yield item.log_ns, message
 

@@ -98,8 +98,8 @@ def complete(kind: str, message: Any) -> bool:
 
 
 class Ros2Decoder:
-    """Decodes messages of the supported types; None where a message does not fit its definition, or the definition not
-    its type."""
+    """Decodes messages of the supported types of one file, whose numbers of types another file may use for others; None where
+    a message does not fit its definition, or the definition not its type."""
 
     def __init__(self) -> None:
         self._factory = DecoderFactory()

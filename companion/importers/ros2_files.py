@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -69,7 +70,7 @@ def open_ros(path: Path, report: Report) -> RosRecording:
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sorts flight_2 before flight_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 class McapFiles:
@@ -78,12 +79,11 @@ class McapFiles:
     def __init__(self, paths: list[Path], report: Report) -> None:
         self._paths, self._report = paths, report
         self._reported: set[str] = set()
-        self._decode = Ros2Decoder()
 
     def items(self) -> Iterator[RosItem]:
         """All messages in file order."""
         for path in self._paths:
-            scan = open_scan(path)
+            scan, decode = open_scan(path), Ros2Decoder()
             try:
                 for item in scan.items():
                     if isinstance(item, Damage):
@@ -92,12 +92,10 @@ class McapFiles:
                             self._reported.add(text)
                             self._report.problem("damage", text)
                     elif isinstance(item, Logged) and item.schema is not None:
-                        yield self._item(item, type_of(item.schema.name))
+                        kind, log_ns = type_of(item.schema.name), item.message.log_time
+                        yield RosItem(item.channel.topic, kind, log_ns, partial(decode, item))
             finally:
                 scan.close()
-
-    def _item(self, item: Logged, kind: str) -> RosItem:
-        return RosItem(item.channel.topic, kind, item.message.log_time, lambda: self._decode(item))
 
 
 class RosBag:

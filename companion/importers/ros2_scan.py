@@ -32,8 +32,8 @@ class RosScan:
     """What a recording holds, and how its log times and stamps are related.
 
     Attributes:
-        types: topic -> type.
-        counts: topic -> number of messages.
+        types: topic -> type of its first message; those of another type are left out.
+        counts: topic -> number of messages of this type.
         first_images: topic -> the first image.
         infos: topic -> the first CameraInfo.
         static_tree: the constant transforms.
@@ -68,9 +68,12 @@ class RosScan:
     def _scan(self, recording: RosRecording) -> None:
         """Reads all messages, of images and camera infos the first of each topic."""
         undecoded: Counter[str] = Counter()
+        others: Counter[tuple[str, str]] = Counter()
         for item in recording.items():
             topic, kind = item.topic, item.kind
-            self.types[topic] = kind
+            if kind != self.types.setdefault(topic, kind):
+                others[topic, kind] += 1
+                continue
             self.counts[topic] += 1
             first_ns, last_ns = self._log_span_ns.get(topic, (item.log_ns, item.log_ns))
             self._log_span_ns[topic] = min(first_ns, item.log_ns), max(last_ns, item.log_ns)
@@ -93,6 +96,10 @@ class RosScan:
                 self._delays_ns.append(item.log_ns - stamp_ns(message.header))
                 self.motion.add_message(topic, kind, message, stamp_ns(message.header), item.log_ns)
         self._report_undecoded(undecoded)
+        for (topic, kind), number in others.items():
+            what = "1 message is" if number == 1 else f"{number} messages are"
+            text = f"{self._path}: {topic}: {what} {kind}, the first is {self.types[topic]}; left out"
+            self._report.problem("type", text)
 
     def _report_undecoded(self, undecoded: Counter[str]) -> None:
         for topic, number in undecoded.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -156,20 +157,25 @@ class RosFlight:
 
     def write(self, path: Path) -> Path:
         """The recording as MCAP."""
-        return self._write(path, self.entries())
+        return self.write_entries(path, self.entries())
 
     def write_parts(self, folder: Path, parts: int) -> None:
-        """The recording as several files, as a recorder splits it."""
-        entries = self.entries()
+        """The recording as several files, as a recorder splits it. The types have other numbers in each."""
+        entries, kinds = self.entries(), ["sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"]
         for i in range(parts):
             some = entries[i * len(entries) // parts : (i + 1) * len(entries) // parts]
-            self._write(folder / f"bag_{i}.mcap", some)
+            self.write_entries(folder / f"bag_{i}.mcap", some, kinds if i % 2 else kinds[::-1])
 
-    def _write(self, path: Path, entries: list[tuple[int, str, str, dict[str, Any]]]) -> Path:
+    def write_entries(
+        self, path: Path, entries: list[tuple[int, str, str, dict[str, Any]]], first_kinds: Sequence[str] = ()
+    ) -> Path:
+        """These messages as MCAP. first_kinds: types that have the lowest numbers in the file."""
         with path.open("wb") as stream:
             compression = CompressionType.NONE if self.plain else CompressionType.ZSTD
             writer = Writer(stream, chunk_size=16_384, compression=compression, enable_crcs=not self.plain)
-            schemas = {kind: writer.register_msgdef(kind, text) for kind, text in DEFINITIONS.items()}
+            schemas = {
+                k: writer.register_msgdef(k, DEFINITIONS[k]) for k in dict.fromkeys([*first_kinds, *DEFINITIONS])
+            }
             for log_ns, topic, kind, message in entries:
                 stamp = log_ns + self.log_offset_ns
                 writer.write_message(topic, schemas[kind], message, log_time=stamp, publish_time=stamp)

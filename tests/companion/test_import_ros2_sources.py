@@ -318,6 +318,34 @@ def test_split_files_are_one_recording(tmp_path: Path, capsys: pytest.CaptureFix
     assert [f.t_exposure_ns for f in frames_of(out)] == expected  # part 10 comes after part 9
 
 
+@pytest.mark.parametrize(("topic", "number"), [("/cam/depth/image", 0), ("/cam/depth/image", 2), ("/odom", 2)])
+def test_messages_of_another_type_on_a_topic_are_left_out(
+    topic: str, number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Images of two types ended with a traceback; two positions of PX4 replaced all of an odometry."""
+    flight, folder = RosFlight(), tmp_path / "bag"
+    folder.mkdir()
+    flight.write(folder / "bag_1.mcap")
+    t_ns = START_NS + 3 * NS // 10 + flight.latency_ns
+    odd = (
+        ("px4_msgs/msg/VehicleLocalPosition", flight.px4_position(t_ns, t_ns // 1000))
+        if topic == "/odom"
+        else ("sensor_msgs/msg/CompressedImage", flight.compressed(t_ns, 3))
+    )
+    flight.write_entries(folder / f"bag_{number}.mcap", [(t_ns, topic, *odd)])
+    status, out = imported(folder)
+    captured = capsys.readouterr()
+    assert status == 1
+    if number == 0:  # no image has the type of the first
+        assert f"{topic}: 10 messages are sensor_msgs/Image, the first is sensor_msgs/CompressedImage" in captured.err
+        return
+    expected = "sensor_msgs/Image" if topic == "/cam/depth/image" else "nav_msgs/Odometry"
+    assert f"{topic}: 1 message is {odd[0].replace('/msg', '')}, the first is {expected}; left out" in captured.err
+    events = events_of(out)
+    assert len(frames_of(out)) == 10
+    assert sum(isinstance(e, PoseSample) for e in events) == 100
+
+
 def test_a_bag_without_rosbags_names_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
