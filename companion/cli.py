@@ -8,13 +8,13 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from textwrap import fill
 from typing import Any, Final
 
 from .argument_parser import ArgumentParser
 from .command_list import COMMANDS, GROUPS
 from .console import fail, print_line
+from .error_text import error_text
 from .kernels.jit_cache import no_place_text
 from .standard_streams import discard_stdout, prepare
 from .usage_error import UsageError
@@ -68,7 +68,7 @@ def _flushed(quiet: bool) -> bool:
         raise
     except OSError as error:
         if not quiet:
-            fail(_error_text(error, None))
+            fail(error_text(error))
         discard_stdout()
         return False
     return True
@@ -93,21 +93,8 @@ def _run(words: Sequence[str]) -> int:
         fail(str(error))
         return 2
     except _expected_errors() as error:
-        output = getattr(args, "output", None)  # of `companion batch` a text, which may be an address
-        fail(_error_text(error, None if output is None else Path(output)))
+        fail(error_text(error, getattr(args, "output", None)))
         return 1
-
-
-def _error_text(error: Exception, output: Path | None) -> str:
-    """The message of an error. For errors of the operating system: the file and what to check. output: of the command."""
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}; check the path, its permissions and the free space"
-    if isinstance(error, OSError):
-        text = f"{'' if output is None else f'{output}: '}{error.strerror or error} while writing; check the free space"
-        if output is None or not (part := output.with_name(f"{output.name}.active")).exists():
-            return text
-        return f"{text}. The log that was begun is kept as {part} (`companion recover` reads it)"
-    return str(error)
 
 
 def _parser(command: str) -> argparse.ArgumentParser:

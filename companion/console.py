@@ -19,6 +19,11 @@ def print_json(what: Mapping[str, Any]) -> None:
     sys.stdout.write(json.dumps(what, indent=2, allow_nan=False) + "\n")
 
 
+def counted(number: int, noun: str) -> str:
+    """The number with its noun: "1 clip", "2 clips"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def fail(text: str) -> None:
     """Prints an error with its cause and remedy."""
     sys.stderr.write(f"companion: error: {text}\n")

@@ -3,7 +3,7 @@ replayed alone with the same results."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -45,20 +45,19 @@ def merged(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     return joined
 
 
-def cut(path: Path, spans: Sequence[Span]) -> str | None:
-    """Writes the clips of a log, whose spans must not overlap; returns the damage of the log, None: none. A span without
-    a message gives no file, and a clip of an earlier search at its place is removed.
+def cut(path: Path, spans: Sequence[Span], on_written: Callable[[Path], None]) -> str | None:
+    """Writes the clips of a log, whose spans must not overlap, and calls `on_written` for each; returns the damage of the log,
+    None: none. A span without a message gives no file, and a clip of an earlier search at its place is removed. A clip that
+    cannot be completed leaves what was at its place.
 
     The state at the beginning of a clip is computed with the configuration in the log from the frames before it. Raises
     BadData and ConfigError for a log that cannot be replayed, ValueError and OSError for an output that cannot be written."""
     for span in spans:
         refuse_output(span.output, path)
-    for span in spans:
-        span.output.unlink(missing_ok=True)
     with McapRecording(path) as source:
         state = opening_state(source)
         pipeline = make_pipeline(recorded_config(source, otherwise=""), source.cameras, state)
-        cutter = _Cutter(source, pipeline, sorted(spans, key=lambda s: s.begin_ns))
+        cutter = _Cutter(source, pipeline, sorted(spans, key=lambda s: s.begin_ns), on_written)
         ignored = skipped_live(path)
         try:
             for item in _until(source, cutter):
@@ -70,10 +69,12 @@ def cut(path: Path, spans: Sequence[Span]) -> str | None:
                     continue
                 for output in pipeline.handle(item):
                     pipeline.track(output)
+            cutter.end()
         except BadData as error:
+            cutter.complete()
             return str(error)
         finally:
-            cutter.close()
+            cutter.discard()
     return None
 
 
@@ -89,8 +90,10 @@ def _until(source: McapRecording, cutter: _Cutter) -> Iterator[Event | LoggedMes
 class _Cutter:
     """Writes one clip after the other."""
 
-    def __init__(self, source: McapRecording, pipeline: Pipeline, spans: Sequence[Span]) -> None:
-        self._source, self._pipeline = source, pipeline
+    def __init__(
+        self, source: McapRecording, pipeline: Pipeline, spans: Sequence[Span], on_written: Callable[[Path], None]
+    ) -> None:
+        self._source, self._pipeline, self._on_written = source, pipeline, on_written
         self._waiting = list(spans)
         self._log: LogWriter | None = None
         self._begun = False
@@ -100,11 +103,29 @@ class _Cutter:
         """Whether all clips are written."""
         return not self._waiting
 
-    def close(self) -> None:
-        """Completes the clip that is being written."""
+    def complete(self) -> None:
+        """Completes the clip that is being written, if there is one."""
         if self._log is not None:
             self._log.finish()
+            self._on_written(self._log.path)
             self._log = None
+
+    def discard(self) -> None:
+        """Deletes a clip that could not be completed: it would look like a short one."""
+        if self._log is not None:
+            self._log.active_path.unlink(missing_ok=True)
+            self._log.abandon()
+
+    def end(self) -> None:
+        """Ends all clips at the end of the log."""
+        while self._waiting:
+            self._end_clip()
+
+    def _end_clip(self) -> None:
+        span = self._waiting.pop(0)
+        if self._log is None:
+            span.output.unlink(missing_ok=True)
+        self.complete()
 
     def event(self, event: Event) -> None:
         """Takes an event before the pipeline handles it."""
@@ -126,8 +147,7 @@ class _Cutter:
     def _advance(self, t_ns: int) -> None:
         """Ends and begins clips."""
         while self._waiting and t_ns > self._waiting[0].end_ns:
-            self.close()
-            self._waiting.pop(0)
+            self._end_clip()
         if self._waiting and self._log is None and t_ns >= self._waiting[0].begin_ns:
             self._log = LogWriter(self._waiting[0].output)
             run = self._source.run or run_info("replay", recorded_config(self._source))

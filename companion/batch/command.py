@@ -15,7 +15,7 @@ from typing import Any, Final
 from ..argument_types import number_in
 from ..common_options import add_config
 from ..config.loader import config_text, load_config
-from ..console import fail, print_json, print_line, progress, warn
+from ..console import counted, fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
 from ..log.provenance import software
 from ..usage_error import UsageError, given_option
@@ -252,11 +252,11 @@ def _compare(args: argparse.Namespace) -> int:
 def _print_report(report: BatchReport, output: str) -> None:
     processed = report.flights - report.skipped - len(report.failed)
     print_line(
-        f"{report.flights} flights: {processed} processed, {report.skipped} already present, {len(report.failed)} failed"
+        f"{counted(report.flights, 'flight')}: {processed} processed, {report.skipped} already present, {len(report.failed)} failed"
     )
-    print_line(f"{report.frames} frames; {report.cpu_s:.1f} s of processor time in {report.wall_s:.1f} s")
+    print_line(f"{counted(report.frames, 'frame')}; {report.cpu_s:.1f} s of processor time in {report.wall_s:.1f} s")
     if report.different:
-        print_line(f"{len(report.different)} flights differ from the results on board")
+        print_line(f"results that differ from those on board: {counted(len(report.different), 'flight')}")
     for name, text in list(report.damaged.items())[:_LISTED]:
         warn(f"{name}: {text}")
     if len(report.damaged) > _LISTED:

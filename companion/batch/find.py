@@ -15,8 +15,10 @@ from drivers.base import DriverError
 
 from ..argument_types import number_in
 from ..config.loader import ConfigError
-from ..console import fail, print_json, print_line, progress, warn
+from ..console import counted, fail, print_json, print_line, progress, warn
+from ..error_text import error_text
 from ..kernels.warmup import ensure_compiled
+from ..usage_error import UsageError
 from .clip import Span, cut, merged
 from .conditions import NAMED, SEARCHED, Hit, find_hits
 from .dataset import open_table, read_rows
@@ -55,8 +57,8 @@ class Clip:
 
 @dataclass(slots=True)
 class Found:
-    """The result. left_out: clips beyond the limit; failed: log -> why no clip was cut of it; damaged: logs that end
-    early."""
+    """The result. left_out: clips beyond the limit; failed: log -> which of its clips are missing, and why; damaged: logs that
+    end early."""
 
     clips: list[Clip] = field(default_factory=list)
     left_out: int = 0
@@ -87,19 +89,26 @@ def plan_clips(dataset: str, hits: Iterable[Hit], folder: Path, before_s: float,
 def cut_clips(clips: list[Clip], found: Found) -> None:
     """Cuts the clips, all of one log in one pass."""
     with tempfile.TemporaryDirectory(prefix="osape-find-") as copies, progress("find") as on_progress:
-        by_log = itertools.groupby(clips, key=lambda clip: clip.location)
-        for location, group in by_log:
-            several = list(group)
+        for location, group in itertools.groupby(clips, key=lambda clip: clip.location):
+            waiting = {clip.output: clip for clip in group}
+            number = len(waiting)
+
+            def on_written(output: Path, waiting: dict[Path, Clip] = waiting) -> None:
+                found.clips.append(waiting.pop(output))
+                on_progress(len(found.clips) / len(clips))
+
+            spans = [Span(c.begin_ns, c.end_ns, c.output) for c in waiting.values()]
             try:
                 with local_copy(StoredFile(location, 0), Path(copies)) as path:
-                    damage = cut(path, [Span(c.begin_ns, c.end_ns, c.output) for c in several])
+                    damage = cut(path, spans, on_written)
+                lost = bool(damage and waiting)
             except (DriverError, ConfigError, OSError, ValueError) as error:
-                found.failed[location] = str(error)
-                continue
-            if damage:
+                damage, lost = error_text(error, spans[0].output.parent), True
+            if lost:
+                missing = "no clip" if len(waiting) == number else f"{len(waiting)} of {number} clips are missing"
+                found.failed[location] = f"{missing}: {damage}"
+            elif damage:
                 found.damaged[location] = damage
-            found.clips += [clip for clip in several if clip.output.exists()]
-            on_progress(len(found.clips) / len(clips))
 
 
 def add_parser(subparsers: Any) -> None:
@@ -112,7 +121,9 @@ def add_parser(subparsers: Any) -> None:
         metavar="CONDITION",
         help="a named condition (below), a filter [[COLUMN, OPERATOR, VALUE], ...], or a Parquet file of rows",
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="directory for the clips")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="directory for the clips; needed without --list"
+    )
     parser.add_argument("--table", choices=SEARCHED, help=f"table that a filter is applied to (default: {SEARCHED[0]})")
     seconds = number_in(float, 0.0, 600.0)
     parser.add_argument(
@@ -131,10 +142,12 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: all clips are written; 1: a log gave none."""
+    """0: all clips are written; 1: clips of a log are missing. Raises UsageError."""
+    if args.output is None and not args.list:
+        raise UsageError("no directory for the clips is given; give -o DIR, or --list to write none")
     dataset = args.dataset if is_url(args.dataset) else os.path.realpath(args.dataset)
     hits = find_hits(dataset, args.condition, args.table)
-    clips = plan_clips(dataset, hits, args.output, args.before, args.after)
+    clips = plan_clips(dataset, hits, args.output or Path(), args.before, args.after)
     found = Found(left_out=max(0, len(clips) - args.limit))
     chosen = clips[: args.limit]
     if args.list:
@@ -155,15 +168,15 @@ def run(args: argparse.Namespace) -> int:
             }
         )
     else:
-        print_line(f"{len(hits)} rows, {len(found.clips)} clips")
+        print_line(f"{counted(len(hits), 'row')}, {counted(len(found.clips), 'clip')}")
         for clip in found.clips:
             print_line(
                 f"{clip.output}  {(clip.end_ns - clip.begin_ns) / NS:.1f} s of {clip.vehicle}/{clip.flight} at {clip.flight_s:.1f} s"
             )
     if found.left_out:
-        warn(f"{found.left_out} clips are beyond --limit {args.limit} and were left out")
+        warn(f"--limit {args.limit}: {counted(found.left_out, 'clip')} left out")
     for text in found.damaged.values():
         warn(text)
     for location, text in found.failed.items():
-        fail(f"{location}: no clip: {text}")
+        fail(f"{location}: {text}")
     return 1 if found.failed else 0

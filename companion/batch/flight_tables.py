@@ -26,7 +26,7 @@ _HEALTH_GAP_NS: Final = 3 * NS
 
 class FlightTables:
     """The observer of a flight's replays (companion.replay.observer). `begin_file` before and `end_file` after each file,
-    then `finish`; `close` in any case."""
+    then `finish`; `discard` in any case."""
 
     def __init__(self, flight: Flight, folder: Path, near_m: float, with_planes: bool) -> None:
         """folder: of the files to write, TABLE.parquet. near_m: distance below which a frame is part of a near pass."""
@@ -111,12 +111,13 @@ class FlightTables:
         """Writes the row of the flight and completes the files."""
         self._add("events", self._events.end())
         self._add("flights", [self.flight_row()])
-        self.close()
-
-    def close(self) -> None:
-        """Closes the files. May be called twice."""
         for file in self.files.values():
             file.close()
+
+    def discard(self) -> None:
+        """Closes files that `finish` did not complete."""
+        for file in self.files.values():
+            file.discard()
 
     # ---- rows -----------------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -53,10 +54,15 @@ class TableFile:
             self._write()
 
     def close(self) -> None:
-        """Writes the rest and the end of the file. May be called twice."""
+        """Writes the rest and the end of the file."""
         if self._waiting:
             self._write()
         self._writer.close()
+
+    def discard(self) -> None:
+        """Closes a file that is not needed. Does nothing after `close`."""
+        with suppress(OSError, ValueError):  # after a failed write it fails again, with another cause
+            self._writer.close()
 
     def _write(self) -> None:
         self._writer.write_table(self._arrow.Table.from_pylist(self._waiting, schema=self._schema))

@@ -13,6 +13,7 @@ from pathlib import Path
 from drivers.base import BadData, DriverError
 
 from ..config.loader import Config, ConfigError
+from ..error_text import error_text
 from ..kernels.compilation import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..log.provenance import software
@@ -33,7 +34,7 @@ def run_task(task: FlightTask) -> Outcome | Failure:
     try:
         return process_flight(task)
     except (DriverError, ConfigError, WarmupError, ValueError, OSError) as error:
-        return Failure(str(error))
+        return Failure(error_text(error, task.output))
 
 
 def process_flight(task: FlightTask) -> Outcome:
@@ -52,7 +53,7 @@ def process_flight(task: FlightTask) -> Outcome:
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         copies = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="osape-batch-")))
         tables = FlightTables(task.flight, folder, task.options.near_m, task.options.planes)
-        stack.callback(tables.close)
+        stack.callback(tables.discard)
         for number, file in enumerate(task.flight.files):
             with local_copy(file, copies) as path:
                 tables.begin_file(number)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import resource
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from companion.batch.events import FlightEvents, FrameSummary
 from companion.batch.find import plan_clips
 from companion.batch.flights import find_flights
 from companion.batch.frame_rows import digest_of, nearest_plane_m
-from companion.batch.jobs import BatchOptions, FlightTask, Outcome
+from companion.batch.jobs import BatchOptions, Failure, FlightTask, Outcome
 from companion.batch.schema import TABLES
 from companion.batch.task import run_task
 from companion.cli import main
@@ -304,6 +306,23 @@ def test_a_log_that_disappears_is_no_result(tmp_path: Path) -> None:
     failure = run_task(FlightTask(flight, str(tmp_path / "out"), BatchOptions(), software()))
     assert "the file does not exist" in getattr(failure, "text", "")
     assert not list((tmp_path / "out").rglob("*.parquet"))
+
+
+def test_tables_that_the_disk_does_not_take_are_no_result(fleet: Path, tmp_path: Path) -> None:
+    """A limit of the file size acts as a full disk. The failure was `[Errno 27] ...` without a remedy."""
+    (flight,) = (f for f in find_flights([str(fleet)]) if f.name == "20261102-110000")
+    task = FlightTask(flight, str(tmp_path / "output"), BatchOptions(), software())
+    run_task(replace(task, output=str(tmp_path / "other")))  # what it compiles is not limited
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (64, hard))
+    try:
+        failed = run_task(task)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert isinstance(failed, Failure)
+    assert str(tmp_path / "output") in failed.text
+    assert "check the" in failed.text
+    assert [path for path in (tmp_path / "output").rglob("*") if path.is_file()] == []
 
 
 def test_a_worker_of_another_version_is_refused(fleet: Path, tmp_path: Path) -> None:

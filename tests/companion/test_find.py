@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,8 +21,9 @@ from companion.config.loader import Config, ConfigError
 from companion.log.log_writer import LogWriter
 from companion.log.provenance import run_info, software
 from companion.replay.replay import Options, replay
-from drivers.base import DeviceNotFound
+from drivers.base import DeviceNotFound, Event
 from drivers.logs.reader import McapRecording
+from drivers.logs.record_scanner import MAGIC
 
 from .fleet import NS, flight_events, write_fleet, write_parts
 
@@ -42,6 +44,13 @@ def frames_of(path: Path) -> list[int]:
         return [item.sequence for item in source.messages("depth")]
 
 
+def cut_all(log: Path, spans: list[Span]) -> list[Path]:
+    """The clips of an undamaged log."""
+    written: list[Path] = []
+    assert cut(log, spans, written.append) is None
+    return written
+
+
 def assert_replays_equally(path: Path) -> int:
     """The number of compared frames of a clip."""
     result = replay(path, Options(check=True))
@@ -60,7 +69,7 @@ def test_overlapping_spans_are_joined() -> None:
 def test_a_clip_continues_with_the_state_of_the_flight(tmp_path: Path) -> None:
     (log,) = write_parts(tmp_path, "long", flight_events(4, 2.0))
     spans = [Span(round(b * NS), round((b + 0.4) * NS), tmp_path / f"clip{b}.mcap") for b in (11.2, 10.5)]
-    assert cut(log, spans) is None
+    cut_all(log, spans)
     for span, first in zip(spans, (12, 5), strict=True):
         assert assert_replays_equally(span.output) == len(frames_of(span.output)) >= 3
         assert abs(frames_of(span.output)[0] - first) <= 1
@@ -86,7 +95,7 @@ def test_a_clip_continues_with_the_state_of_the_flight(tmp_path: Path) -> None:
 
 def test_a_span_without_messages_gives_no_file(tmp_path: Path) -> None:
     (log,) = write_parts(tmp_path, "short", flight_events(4, 0.3))
-    assert cut(log, [Span(0, 1, tmp_path / "none.mcap")]) is None
+    assert cut_all(log, [Span(0, 1, tmp_path / "none.mcap")]) == []
     assert not (tmp_path / "none.mcap").exists()
 
 
@@ -99,7 +108,7 @@ def test_a_log_whose_configuration_cannot_be_used_is_refused_with_a_remedy_of_th
         run.config_json = run.config_json.replace('"expert": {', '"expert": {"noise_grid": 0.1,')
         writer.begin(run, source.cameras)
     with pytest.raises(ConfigError, match="use that version") as caught:
-        cut(odd, [Span(0, 1, tmp_path / "none.mcap")])
+        cut_all(odd, [Span(0, 1, tmp_path / "none.mcap")])
     assert "-c FILE" not in str(caught.value)
 
 
@@ -282,3 +291,73 @@ def test_a_table_or_file_of_rows_that_cannot_be_read_is_named(
         assert "this table cannot be read" in capsys.readouterr().err
     assert main(["find", str(dataset), "missing.parquet", "-o", output]) == 1
     assert "missing.parquet: cannot be read (no such file)" in capsys.readouterr().err
+
+
+def one_clip(dataset: Path, output: Path) -> Clip:
+    """The first second of a log of the dataset."""
+    row = open_table(str(dataset), "flights").to_table().to_pylist()[0]
+    begin_ns = row["begin_ns"]
+    return Clip(row["vehicle"], row["flight"], row["files"][0], begin_ns, begin_ns + NS, 0.0, output)
+
+
+def test_an_earlier_clip_stays_where_its_log_is_gone(dataset: Path, tmp_path: Path) -> None:
+    """It was deleted before the log was opened, and may have been the last copy of these seconds."""
+    clip = replace(one_clip(dataset, tmp_path / "clip.mcap"), location=str(tmp_path / "deleted.mcap"))
+    clip.output.write_bytes(MAGIC + b"the last copy")
+    found = Found()
+    cut_clips([clip], found)
+    assert clip.output.read_bytes() == MAGIC + b"the last copy"
+    assert found.clips == []
+    assert "does not exist" in found.failed[clip.location]
+
+
+def test_an_interrupted_search_leaves_no_part_of_a_clip(
+    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C completed the clip, which then looked like a short one; an earlier clip was deleted."""
+    clip = one_clip(dataset, tmp_path / "clip.mcap")
+    cut_clips([clip], Found())
+    whole = clip.output.read_bytes()
+    event, events = LogWriter.event, []
+
+    def interrupted(log: LogWriter, item: Event) -> None:
+        events.append(item)
+        if len(events) == 30:
+            raise KeyboardInterrupt
+        event(log, item)
+
+    monkeypatch.setattr(LogWriter, "event", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cut_clips([clip], Found())
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mcap"]
+    assert clip.output.read_bytes() == whole
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk without space")
+def test_a_full_disk_is_named_with_the_place_and_the_remedy(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The message was `[Errno 28] No space left on device`."""
+    wanted = ["find", str(dataset), '[["sequence", "=", 5], ["flight", "=", "20261102-110000"]]']
+    clips = tmp_path / "clips"
+    assert main([*wanted, "-o", str(clips), "--list"]) == 0
+    name = Path(capsys.readouterr().out.splitlines()[1].split("  ")[0]).name
+    clips.mkdir()
+    (clips / f"{name}.active").symlink_to("/dev/full")
+    assert main([*wanted, "-o", str(clips)]) == 1
+    ended = capsys.readouterr()
+    assert "1 row, 0 clips" in ended.out
+    assert f"20261102-110000.000.mcap: no clip: {clips}: No space left on device" in ended.err
+    assert "check the free space" in ended.err
+    assert list(clips.iterdir()) == []
+
+
+def test_a_list_needs_no_output(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It writes nothing."""
+    wanted = ["find", str(dataset), '[["sequence", "=", 5], ["flight", "=", "20261102-110000"]]']
+    assert main([*wanted, "--list"]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == "1 row, 1 clip"
+    assert second.startswith("beta_20261102-110000_")
+    assert main(wanted) == 2
+    assert "-o DIR" in capsys.readouterr().err

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from companion.cli import _error_text, main
+from companion.cli import main
 from companion.config.loader import Config, config_from_text
+from companion.error_text import error_text
 from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.encode import prisms_message, state_from_message, wire_bytes
@@ -342,7 +343,7 @@ def test_a_full_disk_is_reported(recorded, tmp_path, capsys):
 def test_a_part_is_named_only_if_it_was_kept(tmp_path):
     """`companion recover` on a full disk leaves none, and was said to have kept FILE.active."""
     error = OSError(28, "No space left on device")
-    assert _error_text(error, tmp_path / "a.mcap") == (
+    assert error_text(error, tmp_path / "a.mcap") == (
         f"{tmp_path / 'a.mcap'}: No space left on device while writing; check the free space"
     )
 
