@@ -23,6 +23,7 @@ from core.params import Params
 from core.self_check.mount_params import MountCheckParams
 from core.tracking.params import TrackingParams
 from core.world.params import WorldParams
+from drivers.regular_file import regular
 
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
@@ -150,7 +151,7 @@ class ConfigError(Exception):
 def load_config(path: Path) -> Config:
     """The configuration in a TOML file; logs a warning for each key of an earlier version. Raises ConfigError."""
     try:
-        with path.open("rb") as stream:
+        with regular(path).open("rb") as stream:
             raw = stream.read(MAX_BYTES + 1)
         text = raw.decode("utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError as error:

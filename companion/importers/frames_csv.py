@@ -13,6 +13,7 @@ from statistics import median
 from typing import Any
 
 from drivers.base import BadData
+from drivers.regular_file import regular
 
 from ..pipeline.sync import NS
 from .report import Report
@@ -45,7 +46,7 @@ def read_rows(path: Path, report: Report, angles_needed: bool = True) -> tuple[l
     """(usable rows in order of time, number of rows). Problems with other rows are reported. Raises BadData for a file
     without the columns of image and time. angles_needed: no flight log gives the attitude."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
+        with regular(path).open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
             columns = list(reader.fieldnames or [])
             content = [(reader.line_num, row) for row in reader]

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from core.types import CameraInfo, Intrinsics
 from drivers.base import BadData
+from drivers.regular_file import regular
 
 from .report import ImportOptions
 
@@ -54,7 +55,7 @@ def read_intrinsics(path: Path, options: ImportOptions, usual_unit_mm: float = 1
 
 def _json_object(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = json.loads(regular(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise BadData(
             f"{path}: cannot be read ({error.strerror}); it must contain width, height, fx, fy, cx, cy"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from core.types import FAR_MM, UNKNOWN_MM
 from drivers.base import BadData
+from drivers.regular_file import regular
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 COLOURS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGBA"}
@@ -26,7 +27,7 @@ def read_depth_png(
 
     size: (width, height) of the intrinsics. unit_mm: millimetres per step. Raises BadData."""
     try:
-        data = path.read_bytes()
+        data = regular(path).read_bytes()
     except OSError as error:
         raise BadData(f"{path}: cannot be read ({error.strerror}); the file is named in frames.csv") from error
     width, height = _checked(path, data)

@@ -18,6 +18,7 @@ from drivers.cameras.stereo import MatchParams, StereoDepth
 from drivers.cameras.stereo_errors import bias_coefficient, noise_coefficient
 from drivers.cameras.zed_calibration import load_zed_calibration
 from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, halves
+from drivers.regular_file import regular
 
 from .frames_csv import FrameRow
 from .png import decoded
@@ -101,7 +102,7 @@ class StereoImages:
     def _image(self, name: str) -> Gray:
         path = self._folder / name
         try:
-            data = np.frombuffer(path.read_bytes(), np.uint8)
+            data = np.frombuffer(regular(path).read_bytes(), np.uint8)
         except OSError as error:
             raise BadData(f"{path}: cannot be read ({error.strerror}); the file is named in frames.csv") from error
         image = decoded(data, cv2.IMREAD_GRAYSCALE)

@@ -16,6 +16,7 @@ import numpy as np
 from core.frames import R_CAMFRD_OPTICAL
 from core.types import AttitudeSample, CameraInfo, Intrinsics, PoseSample
 from drivers.base import BadData
+from drivers.regular_file import regular
 
 from ..pipeline.sync import NS
 from .frame_list import FrameListSource, Samples
@@ -71,7 +72,7 @@ def _camera(folder: Path, options: ImportOptions, report: Report) -> tuple[Camer
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
     """(line number, words) of each line that is not a comment. Raises BadData."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = regular(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not a text file"
         raise BadData(f"{path}: cannot be read ({reason})") from error

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base import BadData, DeviceNotFound
+from ..regular_file import regular
 
 RESOLUTIONS = {"2K": (2208, 1242), "FHD": (1920, 1080), "HD": (1280, 720), "VGA": (672, 376)}
 """Name in the file -> image size of one eye."""
@@ -53,7 +54,7 @@ class StereoCalibration:
 def load_zed_calibration(path: Path, width: int, height: int) -> StereoCalibration:
     """The calibration for images of width x height per eye. Raises DeviceNotFound and BadData."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = regular(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not a text file"
         raise DeviceNotFound(

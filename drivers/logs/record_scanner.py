@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata, Schema, Statistics
 
+from ..regular_file import regular
 from .chunk import PARSE_ERRORS, unpacked
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -88,7 +89,7 @@ class McapScan:
     size: bytes of the file when it was opened."""
 
     def __init__(self, path: Path) -> None:
-        self._stream: BinaryIO = path.open("rb")
+        self._stream: BinaryIO = regular(path).open("rb")
         try:
             self.size: Final = self._stream.seek(0, io.SEEK_END)
             self._stream.seek(0)

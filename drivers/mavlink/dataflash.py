@@ -15,6 +15,7 @@ from pymavlink import DFReader
 
 from ..base import BadData, DeviceNotFound
 from ..library_output import collected_output
+from ..regular_file import regular
 from .tlog import TlogAttitude, TlogPose, VehicleLog
 from .ulog import NO_RATES
 
@@ -33,7 +34,7 @@ _WEEK_S: Final = 7 * 86_400
 def read_dataflash(path: Path) -> VehicleLog:
     """Reads an ArduPilot log. Raises DeviceNotFound (no file) and BadData (not an ArduPilot log, no attitude in it)."""
     try:
-        with path.open("rb") as stream:
+        with regular(path).open("rb") as stream:
             head = stream.read(len(MAGIC))
     except OSError as error:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error

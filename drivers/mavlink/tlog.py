@@ -17,6 +17,7 @@ from statistics import median_low
 from typing import Any
 
 from ..base import BadData, DeviceNotFound
+from ..regular_file import regular
 from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 
 MAVLINK1, MAVLINK2 = 0xFE, 0xFD
@@ -118,7 +119,7 @@ def read_tlog(path: Path) -> Tlog:
 
     Raises DeviceNotFound if there is no such file and BadData if it contains no MAVLink message."""
     try:
-        data = path.read_bytes()
+        data = regular(path).read_bytes()
     except OSError as error:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
     decoder = dialect.MAVLink(None)

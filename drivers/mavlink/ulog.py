@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..base import BadData, DeviceNotFound
 from ..library_output import collected_output
 from ..optional_library import optional_module
+from ..regular_file import regular
 from .tlog import TlogAttitude, TlogPose, VehicleLog
 
 ATTITUDE: Final = "vehicle_attitude"
@@ -31,7 +32,7 @@ def read_ulog(path: Path) -> VehicleLog:
     pyulog, core = optional_module("pyulog", *need), optional_module("pyulog.core", *need)
     try:
         with collected_output():
-            log = pyulog.ULog(str(path), [ATTITUDE, POSITION, *GPS])
+            log = pyulog.ULog(str(regular(path)), [ATTITUDE, POSITION, *GPS])
         return _vehicle_log(path, log)
     except OSError as error:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
