@@ -11,7 +11,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import UNKNOWN_MM, CameraInfo
+from core.types import UNKNOWN_MM, CameraInfo, Intrinsics
 
 from ..config.camera import CameraConfig
 
@@ -35,11 +35,24 @@ def configured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
     if not section.masks:
         return None
     k = info.intrinsics
-    v, u = np.mgrid[0 : k.height, 0 : k.width].astype(np.float64)
     out = np.zeros((k.height, k.width), bool)
     for corners in polygons(section.masks):
-        out |= _inside(u, v, corners)
+        out |= _inside(k, corners)
     return out
+
+
+def outside_text(section: CameraConfig, info: CameraInfo) -> str:
+    """The polygons of `masks` that contain no pixel of the image, with the remedy; "": none, as for the size of the image that
+    they were drawn in."""
+    k = info.intrinsics
+    outside = [corners for corners in polygons(section.masks) if not _inside(k, corners).any()]
+    named = "; ".join(" ".join(f"{u:g},{v:g}" for u, v in corners) for corners in outside)
+    if not outside:
+        return ""
+    return (
+        f"masks: no pixel of the image of {k.width}x{k.height} is in {named}: nothing is hidden there; draw the masks in an image "
+        "of this size"
+    )
 
 
 def unmeasured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
@@ -61,9 +74,10 @@ def apply_mask(depth_mm: NDArray[np.uint16], mask: Mask | None) -> NDArray[np.ui
     return np.where(mask, np.uint16(UNKNOWN_MM), depth_mm)
 
 
-def _inside(u: NDArray[np.float64], v: NDArray[np.float64], corners: list[tuple[float, float]]) -> Mask:
-    """Whether points lie in a polygon, by the parity of its edges to their right. Points on the upper and left edges
+def _inside(image: Intrinsics, corners: list[tuple[float, float]]) -> Mask:
+    """(H, W) whether pixels lie in a polygon, by the parity of its edges to their right. Points on the upper and left edges
     are inside."""
+    v, u = np.mgrid[0 : image.height, 0 : image.width].astype(np.float64)
     out = np.zeros(u.shape, bool)
     for (u0, v0), (u1, v1) in zip(corners, corners[1:] + corners[:1], strict=True):
         if v0 != v1:

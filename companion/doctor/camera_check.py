@@ -10,7 +10,7 @@ import numpy as np
 from core.types import CameraInfo, DepthFrame, is_measured
 
 from ..autopilot.clear_sectors import OpenedCamera, never_clear_texts
-from ..cameras.masks import unmeasured_mask
+from ..cameras.masks import outside_text, unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
 from ..config.camera_kinds import RECORDED, live_kinds
@@ -34,6 +34,8 @@ def camera_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         yield finding
         if finding.ok and info is not None:
             opened.append(OpenedCamera(info, unmeasured_mask(section, info)))
+            if text := outside_text(section, info):
+                yield Finding(f"camera {section.name}", False, text)
     if config.avoid.send:
         for camera, text in never_clear_texts(opened, config.avoid, config.extractor).items():
             if text:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One checked part. ok: no fault was found; text: the result, and the remedy of a fault; code: of DiagnosticCode, empty
-    when ok."""
+    when ok, and for a mistake that only the doctor finds."""
 
     part: str
     ok: bool

@@ -5,6 +5,7 @@ threads, their locks and queues."""
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -22,7 +23,7 @@ from drivers.mavlink.signing import Signing
 from osape_client.boot import boot_id
 
 from ..autopilot.session_factory import signing_of
-from ..cameras.masks import Mask, configured_mask, unmeasured_mask
+from ..cameras.masks import Mask, configured_mask, outside_text, unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.loader import Config
 from ..diagnostic import Diagnostic
@@ -48,6 +49,8 @@ from .stream_output import StreamOutput
 if TYPE_CHECKING:
     from ..share.setup import ShareService
     from .prometheus import MetricsServer
+
+log = logging.getLogger("companion")
 
 NS = 1_000_000_000
 
@@ -136,6 +139,8 @@ class Service:
         section = self.config.camera(name)
 
         def opened(info: CameraInfo) -> None:
+            if text := outside_text(section, info):
+                log.warning("camera %s: %s", name, text)
             event_queue.put([info])
             with self.parts.loop.lock:
                 self.health.camera_opened(name)

@@ -15,10 +15,12 @@ from companion.autopilot.obstacle_report import ObstacleReportBuilder, SeenCamer
 from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
 from companion.autopilot.vehicle_motion import VehicleMotion
 from companion.autopilot.view_free import RING_M
-from companion.cameras.masks import apply_mask, configured_mask, polygons, unmeasured_mask
+from companion.cameras.masks import apply_mask, configured_mask, outside_text, polygons, unmeasured_mask
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig
-from companion.config.loader import ConfigError, config_of, config_text
+from companion.config.loader import Config, ConfigError, config_of, config_text
+from companion.doctor import camera_check
+from companion.doctor.finding import Finding
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from companion.replay.replay import make_pipeline
@@ -141,6 +143,30 @@ def test_polygons_and_rectangles() -> None:
 def test_what_is_no_polygon_is_refused_with_its_key(text: str) -> None:
     with pytest.raises(ConfigError, match="masks"):
         config_of({"camera": [{"name": "front", "masks": text}]}, "test")
+
+
+def test_a_mask_outside_of_the_image_is_named() -> None:
+    """As one that was drawn in a larger image. It hid nothing, without a word."""
+    assert outside_text(section(), INFO) == ""
+    assert outside_text(section(ARM), INFO) == ""
+    assert outside_text(section("-20,-20 0.5,0.5; 150,110 700,500"), INFO) == ""  # partly in the image
+    text = outside_text(section(f"{ARM}; 160,0 200,60; 0,500 80,500 40,600"), INFO)
+    assert text.startswith(
+        "masks: no pixel of the image of 160x120 is in 160,0 200,0 200,60 160,60; 0,500 80,500 40,600:"
+    )
+    mask = configured_mask(section("160,0 200,60"), INFO)
+    assert mask is not None
+    assert not mask.any()
+
+
+@pytest.mark.parametrize(("masks", "number"), [("0,0 80,60", 1), ("900,0 990,60", 2)])
+def test_the_doctor_finds_a_mask_outside_of_the_image(masks: str, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = Finding("camera front", True, "640x480")
+    monkeypatch.setattr(camera_check, "camera_finding", lambda *_: (fine, INFO))
+    found = list(camera_check.camera_findings(Config(cameras=(section(masks),)), 1.0))
+    assert len(found) == number
+    assert found[-1].ok is (number == 1)
+    assert ("900,0" in found[-1].text) is (number == 2)
 
 
 def test_a_zed_never_matches_its_first_columns_unless_configured_otherwise() -> None:
