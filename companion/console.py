@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
+
+_LISTED: Final = 10
 
 
 def print_line(text: str = "") -> None:
@@ -22,6 +24,12 @@ def print_json(what: Mapping[str, Any]) -> None:
 def counted(number: int, noun: str) -> str:
     """The number with its noun: "1 clip", "2 clips"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def first_damages(texts: Sequence[str]) -> list[str]:
+    """The first ten damages of a file, and the number of the others: a disk that fails gives thousands."""
+    listed = list(texts[:_LISTED])
+    return listed + [f"and {counted(len(texts) - _LISTED, 'more damage')} (--json lists all)"] * (len(texts) > _LISTED)
 
 
 def fail(text: str) -> None:

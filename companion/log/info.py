@@ -22,7 +22,7 @@ from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.obstacle_range import obstacle_range_m
-from ..console import fail, print_json, print_line
+from ..console import counted, fail, first_damages, print_json, print_line
 from ..pipeline.sync import DropCause
 from .log_writer import is_being_written
 
@@ -38,12 +38,15 @@ _REGULAR: Final = ("depth", "attitude", "pose")
 
 @dataclass(slots=True)
 class TopicInfo:
-    """One topic. times_ns: of its records, in file order."""
+    """The messages of one type on a topic. times_ns: of their records, in file order; undecodable: number of messages that
+    could not be decoded; fault: of the first of these."""
 
     topic: str
     schema: str
     key: str | None
     size: int = 0
+    undecodable: int = 0
+    fault: str = ""
     times_ns: list[int] = field(default_factory=list)
 
     @property
@@ -73,11 +76,11 @@ class TopicInfo:
 
 @dataclass(slots=True)
 class LogInfo:
-    """The content of a file."""
+    """The content of a file. topics: by the topic and the names of its type and encoding."""
 
     path: Path
     size: int = 0
-    topics: dict[str, TopicInfo] = field(default_factory=dict)
+    topics: dict[tuple[str, str, str], TopicInfo] = field(default_factory=dict)
     cameras: list[CameraInfo] = field(default_factory=list)
     run: pb.RunInfo | None = None
     decisions: Counter[str] = field(default_factory=Counter)
@@ -89,6 +92,15 @@ class LogInfo:
     def ours(self) -> bool:
         """Whether the file contains a topic of this software."""
         return any(info.key is not None for info in self.topics.values())
+
+    @property
+    def undecodable(self) -> list[str]:
+        """Topics with messages that cannot be decoded, as text."""
+        return [
+            f"{topic.topic}: {counted(topic.undecodable, 'message')} cannot be decoded, the first: {topic.fault}"
+            for topic in self.topics.values()
+            if topic.undecodable
+        ]
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -114,18 +126,19 @@ def read_log_info(path: Path) -> LogInfo:
 
 
 def _take(info: LogInfo, item: Logged) -> None:
-    name = item.channel.topic
+    schema = item.schema.name if item.schema is not None else ""
+    name = item.channel.topic, schema, item.channel.message_encoding
     if name not in info.topics:
         found = our_channel(item.channel, item.schema)
-        schema = item.schema.name if item.schema is not None else ""
-        info.topics[name] = TopicInfo(name, schema, found[0] if found else None)
+        info.topics[name] = TopicInfo(item.channel.topic, schema, found[0] if found else None)
     topic = info.topics[name]
     topic.times_ns.append(item.message.log_time)
     topic.size += len(item.message.data)
     try:
         _read(info, topic.key, item.message.data)
     except (DecodeError, ValueError) as error:
-        info.damages.append(f"{name}: {error}")
+        topic.undecodable += 1
+        topic.fault = topic.fault or str(error)
 
 
 def _read(info: LogInfo, key: str | None, data: bytes) -> None:
@@ -169,7 +182,7 @@ def as_json(info: LogInfo) -> dict[str, Any]:
         "decisions": dict(sorted(info.decisions.items())),
         "prisms": {"valid": info.valid, "invalid": dict(sorted(info.invalid.items()))},
         "texts": {code: _text(code) for code in sorted({*info.decisions, *info.invalid} - {"used"})},
-        "damage": info.damages,
+        "damage": [*info.damages, *info.undecodable],
     }
 
 
@@ -290,6 +303,8 @@ def run(args: argparse.Namespace) -> int:
     if _is_written(args.input):
         fail(f"{args.input}: a process is writing it; what it had written was read")
         return 1
-    for damage in info.damages:
+    for damage in first_damages(info.damages):
         fail(f"{args.input}: damaged: {damage}. {_remedy(info)}")
-    return 1 if info.damages else 0
+    for text in info.undecodable:
+        fail(f"{args.input}: {text}; correct the software that wrote them, or continue without them")
+    return 1 if info.damages or info.undecodable else 0

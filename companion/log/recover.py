@@ -15,7 +15,7 @@ from drivers.base import BadData
 from drivers.logs.reader import open_scan
 from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
 
-from ..console import print_json, print_line
+from ..console import counted, first_damages, print_json, print_line
 from ..usage_error import UsageError
 from .log_writer import ACTIVE, RECOVERING, finish_file, is_being_written, open_locked, start_writer
 
@@ -151,9 +151,11 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     if result.output is None:
-        print_line(f"{args.input} is complete ({result.messages} messages): nothing to recover, nothing written")
+        print_line(
+            f"{args.input} is complete ({counted(result.messages, 'message')}): nothing to recover, nothing written"
+        )
         return 0
-    for damage in result.damages:
-        print_line(f"damaged at byte {damage.offset}: {damage.cause}")
-    print_line(f"{result.messages} messages recovered: {result.output}")
+    for text in first_damages([f"damaged at byte {damage.offset}: {damage.cause}" for damage in result.damages]):
+        print_line(text)
+    print_line(f"{counted(result.messages, 'message')} recovered: {result.output}")
     return 0

@@ -246,6 +246,68 @@ def test_a_name_with_a_minus_is_answered_with_the_remedy(whole, tmp_path, capsys
     assert main(["info", "./-x.mcap"]) == 0
 
 
+def test_info_keeps_the_types_of_a_topic_apart(tmp_path, capsys):
+    """Messages of the second type were decoded as the first, and the file was called damaged."""
+    path = tmp_path / "two.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="", library="merged")
+        ours = writer.register_schema("osape.v1.FrameDecision", "protobuf", b"")
+        other = writer.register_schema("my.Decision", "jsonschema", b"{}")
+        topic = TOPICS["decision"].of("front")
+        channels = [
+            writer.register_channel(topic, encoding, k) for encoding, k in (("protobuf", ours), ("json", other))
+        ]
+        for i in range(5):
+            writer.add_message(channels[0], i, TOPICS["decision"].message(used=True).SerializeToString(), i)
+            writer.add_message(channels[1], i, b'{"used": 1}', i)
+        writer.finish()
+    assert main(["info", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "decisions: 5 used" in out
+    assert len(re.findall(rf"{topic} +5 .*(?:osape.v1.FrameDecision|my.Decision)", out)) == 2
+
+
+def test_info_counts_messages_that_cannot_be_decoded(tmp_path, capsys):
+    """Each gave a line, which advised to recover a file that `companion recover` calls complete."""
+    path = tmp_path / "odd.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="", library="odd")
+        schema = writer.register_schema("osape.v1.FrameDecision", "protobuf", b"")
+        channel = writer.register_channel(TOPICS["decision"].of("front"), "protobuf", schema)
+        for i in range(50):
+            writer.add_message(channel, i, b"\xff", i)
+        writer.finish()
+    assert main(["info", str(path)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "/camera/front/decision: 50 messages cannot be decoded, the first: " in line
+    assert "recover" not in line
+    assert main(["info", "--json", str(path)]) == 1
+    (damage,) = json.loads(capsys.readouterr().out)["damage"]
+    assert "50 messages cannot be decoded" in damage
+
+
+@pytest.mark.parametrize("command", ["info", "recover"])
+def test_of_many_faults_the_first_are_printed(command, tmp_path, capsys):
+    path = tmp_path / "many.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="", library="many")
+        channel = writer.register_channel("/a", "json", 0)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    content = path.read_bytes()
+    bad = struct.pack("<BQ", 5, 3) + b"\0\0\0"  # a message that ends within its head
+    end = content.index(struct.pack("<BQ", 15, 4))  # the end of the data
+    path.write_bytes(content[:end] + 30 * bad)
+    assert main([command, str(path)]) == (1 if command == "info" else 0)
+    ended = capsys.readouterr()
+    lines = [line for line in (ended.err + ended.out).splitlines() if "damage" in line]
+    assert len(lines) == 11
+    assert "and 21 more damages (--json lists all)" in lines[-1]
+
+
 def test_info_of_a_log_without_messages(tmp_path, capsys):
     path = tmp_path / "empty.mcap"
     with path.open("wb") as stream:
@@ -384,7 +446,7 @@ def test_a_file_without_a_summary_is_complete(tmp_path, crc, capsys):
         writer.add_message(channel, 1, b"{}", 1)
         writer.finish()
     assert main(["recover", str(path)]) == 0
-    assert "is complete (1 messages)" in capsys.readouterr().out
+    assert "is complete (1 message)" in capsys.readouterr().out
 
 
 def test_attachments_and_metadata_are_kept(tmp_path):
