@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from ..console import print_json, print_line, progress
+from ..console import counted, print_json, print_line, progress
+from ..whole_file import whole_file, write_whole
 from .comparison import Dataset, DatasetDifference, FlightDifference, Name, compare_flight, paired_frames
 from .comparison_pictures import draw_flight, draw_overview
 from .parquet_table import arrow_module
 
 SHOWN: Final = 10
 """Flights to look at."""
+_REPORT: Final = "report.json"
 _SUMMED: Final = ("frames", "only_a", "only_b", "changed", "newly_blind", "newly_valid", "missed", "phantom")
 
 
@@ -34,13 +37,14 @@ def compare_datasets(
             found.flights.append(compare_flight(a, b, name))
             on_progress(number / len(names))
     folder.mkdir(parents=True, exist_ok=True)
+    _delete_earlier_pictures(folder)
     _write_rows(folder / "flights.parquet", [flight.as_row() for flight in found.flights])
     shown = found.worst[:SHOWN]
     _write_look(folder / "look.parquet", a, b, shown)
     if pictures:
         _draw(folder, a, b, found.flights, shown)
     report = summary(found)
-    (folder / "report.json").write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(folder / _REPORT, json.dumps(report, indent=2, allow_nan=False) + "\n")
     return found, report
 
 
@@ -72,7 +76,8 @@ def _text(name: Name) -> str:
 
 def _write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
     arrow, parquet = arrow_module(), arrow_module("pyarrow.parquet")
-    parquet.write_table(arrow.Table.from_pylist(rows), path, compression="zstd")
+    with whole_file(path) as part:
+        parquet.write_table(arrow.Table.from_pylist(rows), part, compression="zstd")
 
 
 def _write_look(path: Path, a: Dataset, b: Dataset, flights: Sequence[FlightDifference]) -> None:
@@ -93,12 +98,23 @@ def _write_look(path: Path, a: Dataset, b: Dataset, flights: Sequence[FlightDiff
 def _draw(
     folder: Path, a: Dataset, b: Dataset, flights: Sequence[FlightDifference], shown: Sequence[FlightDifference]
 ) -> None:
-    for old in folder.glob("[01][0-9]_*.png"):
-        old.unlink()
     draw_overview(flights, folder / "overview.png")
     for number, flight in enumerate(shown, start=1):
         frames, _, _ = paired_frames(a, b, (flight.vehicle, flight.flight))
-        draw_flight(flight, frames, folder / f"{number:02d}_{flight.vehicle}_{flight.flight}.png")
+        draw_flight(flight, frames, folder / _picture(number, flight.vehicle, flight.flight))
+
+
+def _picture(number: int, vehicle: str, flight: str) -> str:
+    """The name of the picture of a flight to look at."""
+    return f"{number:02d}_{vehicle}_{flight}.png"
+
+
+def _delete_earlier_pictures(folder: Path) -> None:
+    """Deletes the pictures of flights that an earlier report in the folder lists: their numbers would be those of others."""
+    with suppress(OSError, ValueError, LookupError, TypeError):  # there is none, or another file of this name
+        shown = json.loads((folder / _REPORT).read_text(encoding="utf-8"))["look_at"]
+        for number, row in enumerate(shown, start=1):
+            (folder / _picture(number, row["vehicle"], row["flight"])).unlink(missing_ok=True)
 
 
 def run_comparison(location_a: str, location_b: str, folder: Path, pictures: bool, as_json: bool) -> int:
@@ -108,10 +124,10 @@ def run_comparison(location_a: str, location_b: str, folder: Path, pictures: boo
         print_json(report)
         return 0
     total = report["total"]
-    print_line(f"{report['flights']} flights in both, {report['flights_changed']} with changed results")
+    print_line(f"{counted(report['flights'], 'flight')} in both, {report['flights_changed']} with changed results")
     for side in "ab":
         if only := report[f"flights_only_{side}"]:
-            print_line(f"{len(only)} flights only in {side.upper()}: {', '.join(only[:SHOWN])}")
+            print_line(f"{counted(len(only), 'flight')} only in {side.upper()}: {', '.join(only[:SHOWN])}")
     print_line(f"{total['changed']} of {total['frames']} frames changed")
     print_line(f"missed: {total['missed']} frames; phantom: {total['phantom']} frames (nearest plane)")
     if total["missed_planes"] is not None:

@@ -120,6 +120,23 @@ def test_the_reverse_comparison_exchanges_missed_and_phantom(datasets: tuple[Pat
         assert (there.missed_planes, there.phantom_planes) == (back.phantom_planes, back.missed_planes)
 
 
+def test_a_report_replaces_the_pictures_of_an_earlier_report_only(datasets: tuple[Path, Path], tmp_path: Path) -> None:
+    """Each file like 01_*.png in the folder was deleted."""
+    own = tmp_path / "01_holiday.png"
+    own.write_bytes(b"a picture of the user")
+    a, b = map(str, datasets)
+    assert main(["batch", "--compare", a, b, "-o", str(tmp_path)]) == 0
+    assert len(list(tmp_path.glob("0[0-9]_*.png"))) == 4
+    assert main(["batch", "--compare", a, a, "-o", str(tmp_path)]) == 0
+    assert list(tmp_path.glob("0[0-9]_*.png")) == [own]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "01_holiday.png",
+        "flights.parquet",
+        "overview.png",
+        "report.json",
+    ]
+
+
 def test_wrong_uses_are_explained(
     datasets: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
