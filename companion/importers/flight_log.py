@@ -32,6 +32,8 @@ MATCH_RAD = math.radians(0.5)
 UNIQUE_US = 150_000
 """Largest distance of other, nearly equal matches from the best one."""
 MIN_ROWS = 10
+LONGEST_US = 86_400_000_000
+"""Samples this far from the middle of a log are not of the same flight: their time is damaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +194,10 @@ def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float
     known = sorted(sample for sample in samples if all(map(math.isfinite, sample)))  # NaN would be the least error
     if not known:
         return None
+    middle_us = known[len(known) // 2][0]
+    known = [
+        sample for sample in known if abs(sample[0] - middle_us) <= LONGEST_US
+    ]  # a damaged time may be in a far future
     start = known[0][0]
     log_us, tilt = np.array([k[0] for k in known]) - start, np.array([k[1:] for k in known])
     row_us = np.array([r.t_ns for r in rows]) / 1000.0

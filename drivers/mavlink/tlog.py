@@ -27,6 +27,8 @@ MAX_DRIFT = 200e-6
 DRIFT_SPAN_MS = 30_000
 """Over a shorter span a drift cannot be distinguished from the 1 ms resolution of time_boot_ms."""
 TIMED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
+_KEPT = ("HEARTBEAT", *TIMED)
+"""Types of messages that are kept: a log of some hours has millions of others."""
 STRANGE_US = 10_000_000
 """A record stamp that differs by more from the others of its boot is damaged; it has no checksum."""
 BOOT_STEP_MS = 1_000
@@ -35,11 +37,10 @@ BOOT_STEP_MS = 1_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TlogRecord:
-    """A valid message of pymavlink, its sender, and the time at which the recorder received it (unix microseconds)."""
+    """A valid message of pymavlink, its system id, and the time at which the recorder received it (unix microseconds)."""
 
     stamp_us: int
     system: int
-    component: int
     message: Any
 
 
@@ -48,6 +49,7 @@ class Tlog:
     """A parsed log.
 
     Attributes:
+        records: the messages of autopilots (component 1) with a time, and their heartbeats, in file order.
         bad_frames: number of frames with a wrong checksum.
         skipped_bytes: bytes of noise between frames.
         truncated: the file ends within a record."""
@@ -115,7 +117,7 @@ class VehicleLog:
 
 
 def read_tlog(path: Path) -> Tlog:
-    """Returns all messages of a log in file order. Noise, wrong checksums and a truncated end are counted.
+    """Reads a log. Noise, wrong checksums and a truncated end are counted.
 
     Raises DeviceNotFound if there is no such file and BadData if it contains no MAVLink message."""
     try:
@@ -124,7 +126,7 @@ def read_tlog(path: Path) -> Tlog:
         raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
     decoder = dialect.MAVLink(None)
     records: list[TlogRecord] = []
-    bad = skipped = at = 0
+    messages = bad = skipped = at = 0
     truncated = False
     while at < len(data):
         end = _record_end(data, at)
@@ -135,8 +137,10 @@ def read_tlog(path: Path) -> Tlog:
                     at = end
                     continue
             elif message is not None:
-                stamp = int(struct.unpack_from(">Q", data, at)[0])
-                records.append(TlogRecord(stamp, message.get_srcSystem(), message.get_srcComponent(), message))
+                messages += 1
+                if message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1 and message.get_type() in _KEPT:
+                    stamp = int(struct.unpack_from(">Q", data, at)[0])
+                    records.append(TlogRecord(stamp, message.get_srcSystem(), message))
                 at = end
                 continue
             elif _starts_record(data, end):
@@ -149,7 +153,7 @@ def read_tlog(path: Path) -> Tlog:
         step = _next_start(data, at + 1)
         skipped += step - at
         at = step
-    if not records:
+    if not messages:
         raise BadData(
             f"{path}: no MAVLink message in it; expected a .tlog (8 bytes of time, a MAVLink frame, repeated)"
         )
@@ -204,8 +208,7 @@ def vehicle_log(log: Tlog, system: int | None = None) -> VehicleLog:
     (gimbals, cameras, ground stations) never count. Raises BadData if there is no attitude or if there are several
     vehicles."""
     system = _vehicle(log, system)
-    own = [r for r in log.records if r.system == system and r.component == MAV_COMP_ID_AUTOPILOT1]
-    timed = [r for r in own if r.message.get_type() in TIMED]
+    timed = [r for r in log.records if r.system == system and r.message.get_type() in TIMED]
     counts = Counter(r.message.get_type() for r in timed)
     kind = "ATTITUDE_QUATERNION" if 2 * counts["ATTITUDE_QUATERNION"] > counts["ATTITUDE"] else "ATTITUDE"
     if not counts[kind]:
@@ -228,16 +231,10 @@ def _vehicle(log: Tlog, system: int | None) -> int:
     autopilots = {
         r.system
         for r in log.records
-        if r.component == MAV_COMP_ID_AUTOPILOT1
-        and r.message.get_type() == "HEARTBEAT"
-        and r.message.autopilot != MAV_AUTOPILOT_INVALID
+        if r.message.get_type() == "HEARTBEAT" and r.message.autopilot != MAV_AUTOPILOT_INVALID
     }
     # a log cut out of the middle may hold no heartbeat: a sender of attitudes with component 1 is an autopilot too
-    found = autopilots or {
-        r.system
-        for r in log.records
-        if r.component == MAV_COMP_ID_AUTOPILOT1 and r.message.get_type().startswith("ATTITUDE")
-    }
+    found = autopilots or {r.system for r in log.records if r.message.get_type().startswith("ATTITUDE")}
     if system is not None and system in found:
         return system
     names = ", ".join(str(s) for s in sorted(found)) or "none"

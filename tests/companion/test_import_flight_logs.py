@@ -43,6 +43,25 @@ def imported(source: Path, *arguments: str) -> tuple[int, list[Event]]:
     return status, list(events_of(out)) if out.exists() else []
 
 
+@pytest.mark.parametrize("stamp", [0, 1 << 62])
+def test_a_damaged_time_does_not_lengthen_the_search_for_the_clock(
+    stamp: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The search went over the time up to the damaged one: a MemoryError."""
+    folder = write_folder(tmp_path / "rec", 40)
+    log = write_dataflash(folder / "log.bin", 12.0, start_s=-3.0, gps=False)
+    status, expected = imported(folder)
+    assert status == 0, capsys.readouterr().err
+    begin = struct.pack("<BQ", 1, BOOT_US + 1_000_000)
+    assert log.read_bytes().count(begin) == 1
+    log.write_bytes(log.read_bytes().replace(begin, struct.pack("<BQ", 1, stamp)))
+    status, events = imported(folder)
+    assert status == 0, capsys.readouterr().err
+    assert [e for e in events if isinstance(e, AttitudeSample)] == [
+        e for e in expected if isinstance(e, AttitudeSample)
+    ]  # the damaged one was long before the frames
+
+
 @pytest.mark.parametrize("number", [0, 1])
 @pytest.mark.parametrize("stamp", [1 << 61, (1 << 63) - 1])
 def test_a_damaged_arrival_costs_its_own_sample(

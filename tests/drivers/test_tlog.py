@@ -56,6 +56,16 @@ def test_reads_every_message(tmp_path: Path) -> None:
     assert vehicle.attitudes[1].stamp_us == EPOCH_US + 5020 * 1000 + 737
 
 
+def test_messages_that_are_not_used_take_no_memory(tmp_path: Path) -> None:
+    """A log of some hours has millions of them, of a kilobyte each."""
+    other = record(EPOCH_US, dialect.MAVLink_statustext_message(6, b"EKF3 IMU0 is using GPS"))
+    log = read_tlog(written(tmp_path / "a.tlog", [*flight(), *([other] * 50)]))
+    assert len(log.records) == 21
+    assert log.skipped_bytes == 0
+    with pytest.raises(BadData, match="expected one vehicle, found system ids: none"):
+        vehicle_log(read_tlog(written(tmp_path / "b.tlog", [other] * 50)))
+
+
 @given(noise=st.binary(min_size=1, max_size=60), at=st.integers(0, 20))
 def test_noise_between_records_costs_at_most_its_neighbour(
     noise: bytes, at: int, tmp_path_factory: pytest.TempPathFactory
