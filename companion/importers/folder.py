@@ -16,7 +16,7 @@ from drivers.base import BadData
 
 from .flight_log import TiltRow, find_flight_log, flight_log_samples
 from .frame_list import FrameListSource, Samples
-from .frames_csv import FrameRow, looks_like_degrees, read_rows
+from .frames_csv import FRAMES, FrameRow, looks_like_degrees, read_rows
 from .images import DepthImages, PngImages
 from .intrinsics_json import read_intrinsics
 from .report import ImportOptions, Report, attitude_rate_problem, spans, uncovered
@@ -29,7 +29,7 @@ def open_folder(folder: Path, options: ImportOptions, report: Report) -> FrameLi
     log = find_flight_log(folder, options)
     calibration = None if (folder / "intrinsics.json").exists() else find_calibration(folder)
     described = None if calibration is not None else read_intrinsics(folder / "intrinsics.json", options)
-    rows, count = read_rows(folder / "frames.csv", report, angles_needed=log is None)
+    rows, count = read_rows(folder / FRAMES, report, angles_needed=log is None)
     if not rows:
         raise BadData(f"{folder / 'frames.csv'}: no usable row; expected one for each depth image")
     images: DepthImages
@@ -41,7 +41,7 @@ def open_folder(folder: Path, options: ImportOptions, report: Report) -> FrameLi
     folder_rows = _FolderRows(folder, rows, report)
     folder_rows.report_unlisted()
     samples = folder_rows.from_log(log, options) if log is not None else folder_rows.from_rows()
-    return FrameListSource(images, rows, samples, options, report, frame_count=count)
+    return FrameListSource(images, rows, samples, options, report, count, FRAMES)
 
 
 class _FolderRows:
@@ -84,7 +84,7 @@ class _FolderRows:
 
     def _report_unusable(self) -> None:
         """Reports attitudes and positions of frames.csv that are not used."""
-        path = self._folder / "frames.csv"
+        path = self._folder / FRAMES
         without_attitude = [r.line for r in self._rows if r.euler_rad is None]
         if without_attitude:
             self._report.problem(

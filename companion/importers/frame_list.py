@@ -18,7 +18,7 @@ Samples = tuple[list[AttitudeSample], list[PoseSample]]
 
 class FrameListSource:
     """A recording (EventSource). Problems with single images are added to `report`; the rest is delivered. rows: in order
-    of time; frame_count: number of frames that the recording names."""
+    of time, of the file `list_name`; frame_count: number of frames that it names."""
 
     def __init__(
         self,
@@ -28,10 +28,11 @@ class FrameListSource:
         options: ImportOptions,
         report: Report,
         frame_count: int,
+        list_name: str,
     ) -> None:
         self._images, self._rows, self._options, self._report = images, rows, options, report
         self._attitudes, self._poses = samples
-        self.frame_count = frame_count
+        self.frame_count, self._list_name = frame_count, list_name
         self._shift_ns = self._shift()
 
     @property
@@ -62,7 +63,7 @@ class FrameListSource:
             try:
                 yield self._frame(item)
             except BadData as error:
-                self._report.problem("image", f"frames.csv line {item.line}: {error}")
+                self._report.problem("image", f"{self._list_name} line {item.line}: {error}")
 
     def _arrival_ns(self, row: FrameRow) -> int:
         return row.t_ns + round(self._options.frame_latency_s * NS)

@@ -18,6 +18,7 @@ from drivers.regular_file import regular
 from ..pipeline.sync import NS
 from .report import Report
 
+FRAMES = "frames.csv"
 ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
 POSITION = ("x_m", "y_m", "z_m")
 MAX_ANGLE_RAD = 2.0 * math.pi

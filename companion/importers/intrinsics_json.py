@@ -11,6 +11,7 @@ from core.types import CameraInfo, Intrinsics
 from drivers.base import BadData
 from drivers.regular_file import regular
 
+from .png import MAX_SIDE_PX
 from .report import ImportOptions
 
 _EXAMPLE: Final = 'an object such as {"width": 640, "height": 480, "fx": 383.5, "fy": 383.5, "cx": 320, "cy": 240}'
@@ -40,8 +41,8 @@ def read_intrinsics(path: Path, options: ImportOptions, usual_unit_mm: float = 1
     if not isinstance(invalid, list) or not all(type(v) is int and 0 <= v <= 65535 for v in invalid):
         raise BadData(f"{path}: invalid = {invalid!r}; expected a list of pixel values 0..65535")
     for key in ("width", "height"):
-        if not 16 <= numbers[key] <= 4096 or numbers[key] % 1:  # also NaN
-            raise BadData(f"{path}: {key} is {numbers[key]}; expected a whole number of pixels, 16..4096")
+        if not 16 <= numbers[key] <= MAX_SIDE_PX or numbers[key] % 1:  # also NaN
+            raise BadData(f"{path}: {key} is {numbers[key]}; expected a whole number of pixels, 16..{MAX_SIDE_PX}")
     try:
         size = int(numbers["width"]), int(numbers["height"])
         intrinsics = Intrinsics(*size, *(float(numbers[key]) for key in ("fx", "fy", "cx", "cy")))

@@ -17,6 +17,8 @@ from drivers.base import BadData
 from drivers.regular_file import regular
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+MAX_SIDE_PX = 4096
+"""Limit of the width and height of an image: a small file can state a size of gigabytes."""
 COLOURS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGBA"}
 
 
@@ -29,7 +31,7 @@ def read_depth_png(
     try:
         data = regular(path).read_bytes()
     except OSError as error:
-        raise BadData(f"{path}: cannot be read ({error.strerror}); the file is named in frames.csv") from error
+        raise BadData(f"{path}: cannot be read ({error.strerror})") from error
     width, height = _checked(path, data)
     if (width, height) != size:
         raise BadData(

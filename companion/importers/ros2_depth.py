@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 from core.types import UNKNOWN_MM
 from drivers.base import BadData
 
-from .png import SIGNATURE, decoded, millimetres
+from .png import MAX_SIDE_PX, SIGNATURE, decoded, millimetres
 from .ros2_decode import COMPRESSED
 from .ros2_frames import depth_from_image
 from .rvl import decode_rvl
 
 _CONFIG: Final = struct.Struct("<iff")
 """Before the PNG or RVL data of compressedDepth: format, and two parameters A, B of the quantised inverse depth."""
+
+_PNG_SIZE_AT: Final = len(SIGNATURE) + 8
+_PNG_SIZE: Final = struct.Struct(">II")
+"""Width and height in the first chunk of a PNG."""
 
 
 def encoding_of(kind: str, message: Any) -> str:
@@ -54,6 +58,13 @@ def _png(data: bytes) -> NDArray[np.uint16]:
     header = 0 if data.startswith(SIGNATURE) else _CONFIG.size
     if not data[header:].startswith(SIGNATURE):
         raise BadData("a compressed depth image that contains no PNG")
+    if len(data) >= header + _PNG_SIZE_AT + _PNG_SIZE.size:
+        width, height = _PNG_SIZE.unpack_from(data, header + _PNG_SIZE_AT)
+        if max(width, height) > MAX_SIDE_PX:
+            raise BadData(
+                f"a compressed depth image that is damaged, or of {width} x {height} pixels; at most {MAX_SIDE_PX} x {MAX_SIDE_PX} "
+                "are read"
+            )
     raw = decoded(np.frombuffer(data, np.uint8, offset=header), cv2.IMREAD_UNCHANGED)
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
         raise BadData("a compressed depth image whose PNG is damaged or not 16-bit grey")

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from drivers.base import BadData
 
+from .png import MAX_SIDE_PX
+
 _SIZE: Final = struct.Struct("<II")
 _MOST_GROUPS: Final = 11
 """Groups of the longest number, of 32 bits."""
-_MOST_PIXELS: Final = 1 << 26
+_MOST_PIXELS: Final = MAX_SIDE_PX**2
 _DAMAGED: Final = "a compressed depth image whose RVL data are damaged: "
 
 

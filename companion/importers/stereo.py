@@ -104,8 +104,8 @@ class StereoImages:
         try:
             data = np.frombuffer(regular(path).read_bytes(), np.uint8)
         except OSError as error:
-            raise BadData(f"{path}: cannot be read ({error.strerror}); the file is named in frames.csv") from error
+            raise BadData(f"{path}: cannot be read ({error.strerror})") from error
         image = decoded(data, cv2.IMREAD_GRAYSCALE)
         if image is None:
-            raise BadData(f"{path}: no readable image; the file is named in frames.csv")
+            raise BadData(f"{path}: no readable image")
         return np.asarray(image, np.uint8)

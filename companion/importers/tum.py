@@ -40,7 +40,7 @@ def is_tum(folder: Path) -> bool:
 
 def open_tum(folder: Path, options: ImportOptions, report: Report) -> FrameListSource:
     """The recording. Raises BadData where nothing can be delivered."""
-    rows = _rows(folder / DEPTH_LIST, report)
+    rows, count = _rows(folder / DEPTH_LIST, report)
     if not rows:
         raise BadData(f"{folder / DEPTH_LIST}: no usable line; expected `stamp file`")
     info, coding = _camera(folder, options, report)
@@ -51,7 +51,7 @@ def open_tum(folder: Path, options: ImportOptions, report: Report) -> FrameListS
     if too_slow or missing:
         text = too_slow or f"{len(missing)} of {len(rows)} frames have no pose near them and are kept without attitude"
         report.warning("attitude", f"{folder / GROUND_TRUTH}: {text}")
-    return FrameListSource(PngImages(folder, info, coding), rows, samples, options, report, frame_count=len(rows))
+    return FrameListSource(PngImages(folder, info, coding), rows, samples, options, report, count, DEPTH_LIST)
 
 
 def _camera(folder: Path, options: ImportOptions, report: Report) -> tuple[CameraInfo, DepthCoding]:
@@ -91,16 +91,17 @@ def _stamp_ns(text: str) -> int | None:
         return None
 
 
-def _rows(path: Path, report: Report) -> list[FrameRow]:
-    """The images in order of time."""
+def _rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
+    """(the images in order of time, number of lines)."""
     rows: list[FrameRow] = []
-    for number, (line, words) in enumerate(_lines(path)):
+    lines = _lines(path)
+    for number, (line, words) in enumerate(lines):
         t_ns = _stamp_ns(words[0])
         if len(words) < 2 or t_ns is None or "\0" in words[1]:
             report.problem("row", f"{path} line {line}: expected a stamp in seconds and a file; line left out")
             continue
         rows.append(FrameRow(line=line, number=number, file=words[1], t_ns=t_ns, euler_rad=None, position_ned_m=None))
-    return in_order(path, rows, report)
+    return in_order(path, rows, report), len(lines)
 
 
 def _samples(path: Path, report: Report) -> Samples:

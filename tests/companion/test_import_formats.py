@@ -146,6 +146,31 @@ def test_a_png_of_an_impossible_size_is_damaged(size: tuple[int, int]) -> None:
         depth_of(COMPRESSED, message)
 
 
+def test_a_png_that_needs_gigabytes_is_not_decoded() -> None:
+    """Half a megabyte of PNG took 5 GB: 16000 x 16000 pixels."""
+    done, png = cv2.imencode(".png", np.zeros((5000, 3000), np.uint16))
+    assert done
+    message = SimpleNamespace(data=png.tobytes(), format="16UC1; compressedDepth png")
+    with pytest.raises(BadData, match="3000 x 5000 pixels; at most 4096 x 4096 are read"):
+        depth_of(COMPRESSED, message)
+
+
+def test_a_missing_image_and_a_left_out_line_of_a_tum_folder_are_counted_and_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The message named frames.csv, and the line that was left out did not count."""
+    folder = write_tum(tmp_path / "rgbd")
+    lines = (folder / "depth.txt").read_text().splitlines()
+    (folder / lines[3].split()[1]).unlink()
+    lines[5] = "no stamp"
+    (folder / "depth.txt").write_text("\n".join(lines) + "\n")
+    assert imported(folder)[0] == 1
+    err = capsys.readouterr().err
+    assert f"depth.txt line 4: {folder / lines[3].split()[1]}: cannot be read (No such file or directory)" in err
+    assert "frames.csv" not in err
+    assert "3 of 5 frames kept" in err
+
+
 def test_options_for_the_log_of_an_autopilot_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The attitude of a TUM folder is in its own list of poses: they had no effect."""
     folder = write_tum(tmp_path / "rgbd_dataset_freiburg1_xyz")
