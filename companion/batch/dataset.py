@@ -18,7 +18,7 @@ from ..log.log_writer import ACTIVE
 from .flights import Flight
 from .parquet_table import arrow_module
 from .schema import SCHEMA_VERSION, TABLES
-from .storage import LOGS, UNFINISHED, StoredFile, file_system, is_url, publish
+from .storage import LOGS, UNFINISHED, StoredFile, file_system, is_url, publish, reaching
 
 LAST: Final = "flights"
 """The table whose file marks a flight as complete."""
@@ -100,7 +100,8 @@ def _read_text(location: str) -> str | None:
         if not is_url(location):
             return Path(location).read_text(encoding="utf-8", errors="replace")
         system, path = file_system(location)
-        return str(system.cat_file(path), "utf-8", "replace")
+        with reaching(location):
+            return str(system.cat_file(path), "utf-8", "replace")
     except FileNotFoundError:
         return None
 
@@ -108,7 +109,8 @@ def _read_text(location: str) -> str | None:
 def _write_text(output: str, name: str, text: str) -> None:
     if is_url(output):
         system, path = file_system(f"{output}/{name}")
-        system.pipe_file(path, text.encode())
+        with reaching(output):
+            system.pipe_file(path, text.encode())
         return
     Path(output).mkdir(parents=True, exist_ok=True)
     part = Path(output) / f".{name}"
@@ -126,7 +128,8 @@ def open_table(output: str, table: str) -> Any:
     try:
         if is_url(output):
             system, path = file_system(location)
-            return datasets.dataset(path, format="parquet", partitioning=partitioning, filesystem=system)
+            with reaching(location):
+                return datasets.dataset(path, format="parquet", partitioning=partitioning, filesystem=system)
         return datasets.dataset(location, format="parquet", partitioning=partitioning)
     except FileNotFoundError as error:
         raise DeviceNotFound(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from drivers.base import DeviceNotFound
+from drivers.base import DeviceNotFound, DriverError
 from drivers.optional_library import install_command
 
 LOG_NAMES: Final = ("*.mcap", "*.mcap.active")
@@ -21,6 +21,15 @@ LOGS: Final = "logs"
 UNFINISHED: Final = ".unfinished"
 """Folder in a local dataset for files that are being written; readers of Parquet skip names that begin with a dot."""
 _GLOB_CHARACTERS: Final = frozenset("*?[")
+
+
+_LIBRARIES: Final = {
+    "s3": "s3fs>=2024.2",
+    "gs": "gcsfs>=2024.2",
+    "http": "fsspec[http]>=2024.2",
+    "https": "fsspec[http]>=2024.2",
+}
+"""Packages for addresses; each installs fsspec too."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -52,15 +61,32 @@ def file_system(location: str) -> tuple[Any, str]:
         fsspec = importlib.import_module("fsspec")
         system, path = fsspec.core.url_to_fs(location)
     except ImportError as error:
+        library = _LIBRARIES.get(location.partition("://")[0], "fsspec>=2024.2")
         raise DeviceNotFound(
-            f"{location}: the library for this kind of address is not installed ({error}); run "
-            f"{install_command('fsspec>=2024.2')}, for s3:// also {install_command('s3fs>=2024.2')}"
+            f"{location}: the library for this kind of address is not installed ({error}); run {install_command(library)}"
         ) from error
     except ValueError as error:
         raise DeviceNotFound(
             f"{location}: {error}; use a local path or an address such as s3://bucket/folder"
         ) from error
     return system, path
+
+
+@contextmanager
+def reaching(location: str) -> Iterator[None]:
+    """Raises DeviceNotFound, with the remedy, for an error of the library of an address. Errors of local files, and
+    FileNotFoundError, are passed on."""
+    try:
+        yield
+    except (DriverError, ValueError):  # of a damaged table too
+        raise
+    except Exception as error:  # these libraries have no class of errors in common
+        if isinstance(error, FileNotFoundError) or (isinstance(error, OSError) and error.filename is not None):
+            raise
+        cause = str(error) or type(error).__name__
+        raise DeviceNotFound(
+            f"{location}: cannot be reached ({cause}); check the address, the access to it, and the network"
+        ) from error
 
 
 def find_logs(location: str) -> list[StoredFile]:
@@ -94,17 +120,23 @@ def _local_logs(location: str) -> Iterator[StoredFile]:
 def _remote_logs(location: str) -> Iterator[StoredFile]:
     system, path = file_system(location)
     try:
-        if _GLOB_CHARACTERS & set(path):
-            listed = system.glob(path, detail=True)
-        elif system.isdir(path):
-            listed = system.find(path, detail=True)
-        else:
-            listed = {path: system.info(path)}
+        with reaching(location):
+            if _GLOB_CHARACTERS & set(path):
+                listed = system.glob(path, detail=True)
+            elif system.isdir(path):
+                listed = system.find(path, detail=True)
+            else:
+                listed = {path: system.info(path)}
     except FileNotFoundError:
         return
     for name, info in listed.items():
         is_log = any(fnmatch.fnmatch(name, pattern) for pattern in LOG_NAMES)
         if info["type"] == "file" and (is_log or name == path):
+            if info["size"] is None:  # by it a changed log is recognised
+                raise DeviceNotFound(
+                    f"{location}: the size of this file is not known, as that of a page; give the address of a log, or copy the "
+                    "logs to this computer"
+                )
             yield StoredFile(system.unstrip_protocol(name), int(info["size"]))
 
 
@@ -117,7 +149,8 @@ def local_copy(file: StoredFile, folder: Path) -> Iterator[Path]:
     system, path = file_system(file.location)
     copy = folder / file.name
     try:
-        system.get_file(path, str(copy))
+        with reaching(file.location):
+            system.get_file(path, str(copy))
         yield copy
     finally:
         copy.unlink(missing_ok=True)
@@ -132,5 +165,6 @@ def publish(temporary: Path, destination: str) -> None:
         os.replace(temporary, destination)
         return
     system, path = file_system(destination)
-    system.put_file(str(temporary), path)
+    with reaching(destination):
+        system.put_file(str(temporary), path)
     temporary.unlink()

@@ -17,10 +17,11 @@ from companion.batch.conditions import find_hits
 from companion.batch.dataset import begin_run, finished, open_table
 from companion.batch.events import FlightEvents, FrameSummary
 from companion.batch.find import plan_clips
-from companion.batch.flights import find_flights
+from companion.batch.flights import Flight, find_flights
 from companion.batch.frame_rows import digest_of, nearest_plane_m
 from companion.batch.jobs import BatchOptions, Failure, FlightTask, Outcome
 from companion.batch.schema import TABLES
+from companion.batch.storage import StoredFile
 from companion.batch.task import run_task
 from companion.cli import main
 from companion.config.loader import Config
@@ -115,6 +116,62 @@ def test_replayed_logs_of_the_output_are_no_flights(tmp_path: Path, output: str)
 def test_an_input_without_logs_is_named(tmp_path: Path) -> None:
     with pytest.raises(DeviceNotFound, match=r"absent.*no log"):
         find_flights([str(tmp_path / "absent")])
+
+
+@pytest.mark.parametrize(
+    ("address", "package"),
+    [("http://host/a.mcap", "fsspec[http]"), ("s3://bucket/a", "s3fs"), ("gs://bucket/a", "gcsfs")],
+)
+def test_the_library_of_an_address_is_named(address: str, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For http:// the remedy was to install fsspec, which is installed, or s3fs."""
+    fsspec = pytest.importorskip("fsspec")
+
+    def missing(location: str) -> None:
+        raise ImportError("a library is missing")
+
+    monkeypatch.setattr(fsspec.core, "url_to_fs", missing)
+    with pytest.raises(DeviceNotFound) as caught:
+        find_flights([address])
+    assert f"'{package}>=" in str(caught.value)
+    assert str(caught.value).count("pip install") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("closed.mcap", "cannot be reached (403 Forbidden); check the address"),
+        ("page.mcap", "the size of this file is not known"),
+        ("none.mcap", "no log (*.mcap) found"),
+    ],
+)
+def test_an_address_that_cannot_be_read_is_named(name: str, text: str, tmp_path: Path) -> None:
+    """The errors of the libraries of addresses ended the command with a traceback."""
+    fsspec = pytest.importorskip("fsspec")
+
+    class Site(fsspec.AbstractFileSystem):  # type: ignore[misc]
+        protocol = "site"
+
+        def info(self, path: str, **_: object) -> dict[str, object]:
+            if "closed" in path:
+                raise RuntimeError("403 Forbidden")  # no OSError, as those of aiohttp and botocore
+            if "none" in path:
+                raise FileNotFoundError(path)
+            return {"name": path, "type": "file", "size": None}
+
+    fsspec.register_implementation("site", Site, clobber=True)
+    with pytest.raises(DeviceNotFound) as caught:
+        find_flights([f"site://host/{name}"])
+    assert f"site://host/{name}: " in str(caught.value)
+    assert text in str(caught.value)
+    if name == "closed.mcap":
+        task = FlightTask(flight_at("site://host/closed.mcap"), str(tmp_path), BatchOptions(), software())
+        failed = run_task(task)
+        assert isinstance(failed, Failure)
+        assert text in failed.text
+
+
+def flight_at(location: str) -> Flight:
+    return Flight("alpha", "unknown", "closed", (StoredFile(location, 1),))
 
 
 def test_a_vehicle_s_name_is_safe_as_a_folder(tmp_path: Path) -> None:
