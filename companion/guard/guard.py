@@ -136,7 +136,9 @@ class Guard:
             self._thread.join(2.0)
         self._file.close()
         if self.memory.state is not GuardState.INACTIVE:
-            self._announce(Announcement("guard: off, the service stops", critical=True), time.monotonic_ns())
+            end = Announcement("guard: off, the service stops", critical=True)
+            self._announce(end, time.monotonic_ns())
+            log.warning("%s", end.text)
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -164,6 +166,10 @@ class Guard:
         for output in outputs:  # before the file is written, so that a slow disk does not delay a command
             self._send(output, now_ns, vehicle)
         self._file.keep(self.memory, now_ns)
+        for output in outputs:  # last: it blocks while the reader of the journal or the terminal is stopped
+            log.warning(
+                "%s", output.text if isinstance(output, Announcement) else f"guard: {output}, {self.memory.cause}"
+            )
 
     def _acknowledgements(self, now_ns: int) -> None:
         while self._messages:
@@ -203,11 +209,9 @@ class Guard:
         if isinstance(output, Announcement):
             self._announce(output, now_ns)
         elif decided_by is not None:
-            log.warning("guard: %s, %s", output, self.memory.cause)
             self._line.command(message_of(output), decided_by)
 
     def _announce(self, text: Announcement, now_ns: int) -> None:
-        log.warning("%s", text.text)
         self._announced = {old: t_ns for old, t_ns in self._announced.items() if now_ns - t_ns < REPEAT_NS}
         if text.text in self._announced:
             return

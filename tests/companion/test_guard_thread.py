@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
+import os
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +28,7 @@ from companion.state_file import StateFile
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
 
+from .live import until
 from .test_guard_certainty import COPTER, LINK
 from .test_guard_path import HERE, plane
 from .test_sectors import model
@@ -134,6 +138,34 @@ def test_a_slow_disk_does_not_delay_the_stop(tmp_path: Any, monkeypatch: pytest.
     flight.wall_m = 5.0
     flight.step()
     assert at_write == [1]
+
+
+def test_a_journal_that_is_not_read_does_not_delay_the_stop() -> None:
+    """A write to a full pipe blocks until its reader goes on, as a terminal after Ctrl-S."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(4096))
+    os.set_blocking(writer, True)
+    flight = Flight()
+    flight.step(5)
+    flight.wall_m = 5.0
+    log, thread = logging.getLogger("companion"), threading.Thread(target=flight.step, daemon=True)
+    with os.fdopen(writer, "w") as stream:
+        handler = logging.StreamHandler(stream)
+        log.addHandler(handler)
+        try:
+            thread.start()
+            assert until(lambda: len(flight.stops()) == 1)
+            assert until(lambda: any(m.get_type() == "STATUSTEXT" for m in flight.sent))
+            assert thread.is_alive(), "it waits for the reader of the journal"
+        finally:
+            log.removeHandler(handler)
+            while thread.is_alive():
+                os.read(reader, 65536)
+            os.set_blocking(reader, False)
+    os.close(reader)
 
 
 def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_after_it(
