@@ -24,6 +24,8 @@ ERRORS = (ArithmeticError, LookupError, OSError, TypeError, ValueError, zmq.ZMQE
 """Errors of image or socket that end the stream but not the service."""
 MOST_WAITING = 10
 """Greatest number of images, of all cameras, that wait for a slow subscriber: it shows the newest ones."""
+MOST_CHANGES = 1000
+"""Changes of subscriptions between two frames. More end the stream: they come faster than they can be read, and wait in memory."""
 WIDTH_PX = 320
 """Largest width of a reduced image."""
 
@@ -97,11 +99,14 @@ class DepthPreviews:
         )
 
     def _has_subscriber(self, publisher: Publisher) -> bool:
-        """Whether a subscriber exists. ZeroMQ reports the first and the last subscription of each topic."""
-        while int(publisher.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN:
+        """Whether a subscriber exists. ZeroMQ reports the first and the last subscription of each topic. Raises ValueError for
+        more than MOST_CHANGES."""
+        for _ in range(MOST_CHANGES):
+            if not int(publisher.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN:
+                return bool(self._subscribed)
             change = publisher.socket.recv(zmq.DONTWAIT)
             if change[:1] == b"\1":
                 self._subscribed.add(change[1:])
             elif change[:1] == b"\0":
                 self._subscribed.discard(change[1:])
-        return bool(self._subscribed)
+        raise ValueError(f"a subscriber changes its subscriptions more than {MOST_CHANGES} times between two frames")

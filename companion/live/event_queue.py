@@ -9,7 +9,7 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 
-from core.types import CameraInfo, DepthFrame
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
 from ..pipeline.events import Item, SupersededFrame
 
@@ -17,11 +17,12 @@ WAKE_ITEMS = 64
 """Number of waiting samples at which the pipeline is woken. Samples matter only to the next frame, which wakes it
 anyway, and a wake-up costs more than the handling of some dozens of samples."""
 MAX_ITEMS = 4096
-"""Largest number of waiting items: samples of 20 s at 200 Hz. Older items are dropped and counted."""
+"""Largest number of waiting items: samples of 20 s at 200 Hz. Older items are dropped."""
 
 
 class EventQueue:
-    """`put` and `put_frame` may be called from any thread, `take` from the pipeline's thread."""
+    """`put` and `put_frame` may be called from any thread, `take` from the pipeline's thread. lost: number of dropped attitudes
+    and positions."""
 
     def __init__(self, max_items: int = MAX_ITEMS) -> None:
         self._items: deque[Item] = deque()
@@ -33,14 +34,7 @@ class EventQueue:
         """Adds samples, raw frames or a camera's description."""
         with self._changed:
             self._items.extend(items)
-            kept: list[Item] = []
-            while len(self._items) > self._max_items:
-                oldest = self._items.popleft()
-                if isinstance(oldest, CameraInfo):
-                    kept.append(oldest)  # frames of the camera cannot be interpreted without it
-                else:
-                    self.lost += 1
-            self._items.extendleft(reversed(kept))
+            self._drop_oldest()
             if len(self._items) >= WAKE_ITEMS:
                 self._changed.notify()
 
@@ -51,7 +45,19 @@ class EventQueue:
                 if isinstance(item, DepthFrame) and item.camera == frame.camera:
                     self._items[i] = SupersededFrame(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
             self._items.append(frame)
+            self._drop_oldest()
             self._changed.notify()
+
+    def _drop_oldest(self) -> None:
+        """Keeps the limit of waiting items."""
+        kept: list[Item] = []
+        while len(self._items) > self._max_items:
+            oldest = self._items.popleft()
+            if isinstance(oldest, CameraInfo):
+                kept.append(oldest)  # frames of the camera cannot be interpreted without it
+            else:
+                self.lost += isinstance(oldest, AttitudeSample | PoseSample)
+        self._items.extendleft(reversed(kept))
 
     def take(self, timeout_s: float) -> list[Item]:
         """The waiting items up to and including the first frame; later items stay, since they may still be superseded.

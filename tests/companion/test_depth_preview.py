@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -125,6 +128,36 @@ def test_a_listener_gets_each_camera_no_more_often_than_asked(
     assert np.array_equal(np.frombuffer(preview.depth_mm, "<u2").reshape(240, 320), subsample(sent))
     assert 40_000_000 <= preview.publication.age_ns < 60_000_000_000
     assert preview.publication.boot_id == "this boot"
+
+
+FLOOD = """
+import sys, zmq
+socket = zmq.Context().socket(zmq.XSUB)
+socket.connect(sys.argv[1])
+number = 0
+while True:
+    socket.send(b"\\1%d" % number)
+    socket.send(b"\\0%d" % number)
+    number += 1
+"""
+
+
+def test_a_flood_of_subscriptions_ends_the_stream_and_does_not_hold_the_pipeline(
+    address: str, previews: DepthPreviews
+) -> None:
+    """They come faster than they are read: without a limit the pipeline's thread would read for ever."""
+    floods = [subprocess.Popen([sys.executable, "-c", FLOOD, address]) for _ in range(2)]
+    shows = threading.Thread(target=lambda: until(lambda: previews.show(frame(1)) or previews.fault), daemon=True)
+    try:
+        shows.start()
+        assert until(lambda: "more than 1000 times" in previews.fault)
+        shows.join()
+    finally:
+        for flood in floods:
+            flood.kill()
+            flood.wait()
+    previews.show(frame(2))
+    assert previews.sent == 0
 
 
 def test_without_an_address_there_is_none(context: Context) -> None:

@@ -106,6 +106,17 @@ def test_the_inbox_is_bounded_and_counts_what_gave_way() -> None:
     assert event_queue.take(0.0) == [attitude(k) for k in range(15, 25)]
 
 
+def test_the_inbox_is_bounded_without_an_autopilot() -> None:
+    """As while kernels are compiled: all frames but the newest are superseded, and nothing is taken."""
+    event_queue = EventQueue(max_items=10)
+    for k in range(25):
+        event_queue.put_frame(image("front", k))
+    taken = event_queue.take(0.0)
+    assert [type(i).__name__ for i in taken] == ["SupersededFrame"] * 9 + ["DepthFrame"]
+    assert [i.sequence for i in taken if isinstance(i, SupersededFrame | DepthFrame)] == list(range(15, 25))
+    assert event_queue.lost == 0, "no attitude or position"
+
+
 def test_the_description_of_a_camera_is_never_dropped() -> None:
     """As at a first start, when kernels are compiled for a minute and nothing is taken from the queue."""
     event_queue = EventQueue(max_items=10)
