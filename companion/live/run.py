@@ -26,6 +26,7 @@ from ..paths import folders
 from .open_files import raise_limit
 from .record_note import RecordRate, record_note
 from .sd_notify import Notifier
+from .suspension import Suspension
 
 if TYPE_CHECKING:
     from .service import Service
@@ -61,10 +62,10 @@ class JournalFormatter(logging.Formatter):
 
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
-    """Runs the main loop until stopped (0) or until a required part has ended (1)."""
+    """Runs the main loop until stopped (0), or until a required part has ended or the computer was suspended (1)."""
     previous: list[str] = []
     ready = False
-    record_rate = RecordRate()
+    record_rate, suspension = RecordRate(), Suspension()
     next_alive_s = 0.0
     next_tick_s = time.monotonic()
     while not stop.is_set():
@@ -74,7 +75,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
         (stop if ready else service.parts.loop.started).wait(max(0.0, next_tick_s - time.monotonic()))
         service.parts.loop.wait_idle(IDLE_WAIT_S)
         service.tick()
-        if ended := service.parts.failures():
+        if ended := service.parts.failures() or suspension.fault():
             # the autopilot must not wait for the watchdog: end at once so that systemd restarts the service
             log.critical("%s; the service ends so that systemd restarts it", ended)
             return 1

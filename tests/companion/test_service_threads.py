@@ -20,6 +20,7 @@ from companion.live.depth_preview import DepthPreviews
 from companion.live.run import serve
 from companion.live.sd_notify import Notifier
 from companion.live.service import Service
+from companion.live.suspension import Suspension
 from companion.paths import Folders
 from drivers.mavlink.dialect import dialect
 from tests.ports import free_port
@@ -158,6 +159,50 @@ def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
         service.close()
         assert 330 in autopilot.received_cm(), "the blind policy's wall is what it hears last"
         autopilot.close()
+
+
+def test_the_service_ends_when_the_computer_was_suspended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """CLOCK_MONOTONIC stands still meanwhile: what was seen free before it counted as of the last moment."""
+    service, clock, suspended_ns = service_in(tmp_path), time.clock_gettime_ns, [0]
+
+    def gettime_ns(which: int) -> int:
+        return clock(which) + (suspended_ns[0] if which == time.CLOCK_BOOTTIME else 0)
+
+    monkeypatch.setattr(time, "clock_gettime_ns", gettime_ns)
+    with served(service) as status:
+        autopilot = Autopilot(service)
+
+        def reported() -> bool:
+            autopilot.send_heartbeat()
+            return service.parts.avoidance is not None and service.parts.avoidance.report is not None
+
+        assert until(reported)
+        time.sleep(0.2)
+        assert status == []
+        suspended_ns[0] = 60_000_000_000
+        assert until(lambda: status == [1])
+        assert "the computer was suspended for 60.0 s" in caplog.text
+        autopilot.received_cm()
+        service.close()
+        assert 330 in autopilot.received_cm()
+        autopilot.close()
+
+
+def test_a_pause_of_the_process_between_two_clocks_is_no_suspension(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = time.clock_gettime_ns
+
+    def paused(which: int) -> int:
+        now_ns = clock(which)
+        time.sleep(0.05)
+        return now_ns
+
+    monkeypatch.setattr(time, "clock_gettime_ns", paused)
+    suspension = Suspension()
+    assert [suspension.fault() for _ in range(3)] == [""] * 3
+    monkeypatch.setattr(time, "clock_gettime_ns", clock)
+    assert suspension.fault() == ""
 
 
 def test_the_service_ends_when_the_supervision_of_a_camera_does(
