@@ -71,10 +71,10 @@ class Team:
         if own.state is None:
             return {}
         others = tuple(body for body in self.map.bodies(own, now_ns) if body.vehicle != self.vehicle)
-        planes = self._views.planes(self._planes(now_ns), own.state.position_m, own.section)
+        planes = self._views.planes(self._planes(now_ns), own.state.position_m, own.section, others)
         offer = Offer(
             planes=planes,
-            movers=self._views.movers(self._movers(now_ns), planes.box, own.state.position_m),
+            movers=self._views.movers(self._movers(now_ns), planes.box, own.state.position_m, others),
             state=own.state,
             section=own.section,
             others=others,

@@ -102,8 +102,14 @@ class Body:
         end_m, end_z_m = np.hypot(off[:, 0], off[:, 1]) + half_size_m[:, 0], off[:, 2] + half_size_m[:, 1]
         near = end_m <= radius_m + np.minimum(slack_m, MOST_SLACK_M)
         near &= end_z_m <= radius_m + min(slack_z_m, MOST_SLACK_M)
-        near &= half_size_m[:, 0] <= math.sqrt(2.0) * radius_m + error_m  # the diagonal of the box of a round vehicle
-        return np.asarray(near & (half_size_m[:, 1] <= min(radius_m + HIGHER_M, MOST_HALF_HEIGHT_M)))
+        return np.asarray(near & (half_size_m <= self.most_half_size_m(error_m)).all(axis=1))
+
+    def most_half_size_m(self, error_m: Floats) -> Floats:
+        """Returns (N, 2) the greatest half of the horizontal diagonal and of the height of a report of this vehicle. error_m:
+        (N,) of each report."""
+        radius_m = min(self.radius_m, BODY_SIZE_M)
+        diagonal_m = math.sqrt(2.0) * radius_m + error_m  # of the box of a round vehicle
+        return np.column_stack([diagonal_m, np.full(len(error_m), min(radius_m + HIGHER_M, MOST_HALF_HEIGHT_M))])
 
     def _apart_m(self, r: MovingReport) -> float:
         return math.hypot(r.centre_m[0] - self.centre_m[0], r.centre_m[1] - self.centre_m[1])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.sharing.bodies import Body
 from core.sharing.records import CUT, SharedMover, SharedPlanes
 from core.sharing.whole_views import FRESH_S, WholeViews, partly_hidden
 
@@ -119,3 +120,45 @@ def test_moving_obstacles_that_may_be_hidden_in_part_are_marked() -> None:
     assert not partial(replace(SEEN, age_s=FRESH_S + 0.1), HEDGE)
     assert views.movers((), np.array([HEDGE]), EYE) == ()
     assert partial(replace(SEEN, age_s=FRESH_S + 0.1), LOW_HEDGE), "it was never examined"
+
+
+MEMBER = Body(2, (10.0, 0.0, -1.9), 0.4, 0.5)
+FRONT, BACK = (9.4, -0.4, 9.4, 0.4, -2.0, -1.7), (10.1, -0.4, 10.1, 0.4, -2.1, -1.8)
+LEGS, DRONE, BRANCH = (
+    (10.1, -0.3, 10.1, 0.3, -1.1, -0.5),
+    (9.4, -0.3, 9.4, 0.3, -1.45, -1.1),
+    (8.0, -4.0, 8.0, 4.0, -2.9, -1.88),
+)
+
+
+def test_planes_of_one_vehicle_do_not_hide_each_other() -> None:
+    """Ten metres away its depth is uncertain by more than its size: it is observed as two planes, one behind the other."""
+    assert is_marked(WholeViews().planes(planes(FRONT, BACK), EYE, 1)) == [False, True], "no vehicle is that large"
+    assert is_marked(WholeViews().planes(planes(FRONT, BACK), EYE, 1, (MEMBER,))) == [False, False]
+    small = replace(MEMBER, vehicle=3, radius_m=0.1)
+    assert is_marked(WholeViews().planes(planes(FRONT, BACK), EYE, 1, (MEMBER, small))) == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("hiders", "expected"),
+    [
+        ([DRONE], False),  # together not higher than a vehicle
+        ([(*DRONE[:4], -1.8, -1.1)], True),
+        ([BRANCH], False),
+        ([BRANCH, DRONE], True),  # what is behind the drone may go on behind the branch
+        ([(9.4, 0.2, 9.4, 2.4, -1.1, -0.6)], True),  # as wide as no vehicle
+        ([(-1.0, 0.05, 9.4, 0.05, -1.1, -0.6)], True),  # along the view, past the viewer
+    ],
+)
+def test_a_person_of_whom_more_may_be_hidden_than_a_vehicle_is_large_stays_marked(
+    hiders: list[tuple[float, ...]], expected: bool
+) -> None:
+    found = WholeViews().planes(planes(*hiders, LEGS), EYE, 1, (MEMBER,))
+    assert is_marked(found)[-1] == expected
+
+
+def test_a_moving_vehicle_is_not_hidden_by_its_own_planes() -> None:
+    seen = replace(SEEN, centre_m=(10.1, 0.0, -1.95), half_size_m=(0.3, 0.3, 0.15))
+    for others, expected in (((), True), ((MEMBER,), False)):
+        (found,) = WholeViews().movers((seen,), np.array([FRONT]), EYE, others)
+        assert found.partial == expected
