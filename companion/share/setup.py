@@ -120,9 +120,12 @@ class ShareService:
         return self.sharing.diagnostics(now_ns, self._config.service.hang_s)
 
     def fill(self, report: pb.Health) -> None:
-        """Writes the state of the team into a health report."""
-        if self.sharing is not None:
-            report.team.CopyFrom(self.sharing.health)
+        """Writes the state of the team into a health report; only the own number while the thread does not work."""
+        if self.sharing is None:
+            return
+        report.team.CopyFrom(self.sharing.health)
+        if self.sharing.fault(report.t_ns, self._config.service.hang_s):
+            report.team.CopyFrom(pb.TeamHealth(vehicle=report.team.vehicle))
 
     def foreign(self, frame: Frame, arrival_ns: int) -> None:
         """A message of another vehicle, of FOREIGN_READS."""

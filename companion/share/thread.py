@@ -142,21 +142,27 @@ class Sharing:
         """The state of the team, at most 0.2 s old."""
         return self._health
 
+    def fault(self, now_ns: int, liveness_timeout_s: float) -> str:
+        """Returns why the thread does not work, as text; empty: it does. Its newest state is then not the present one."""
+        if self._thread.failure:
+            return f"obstacles are not shared any more ({self._thread.failure}); restart the service"
+        if now_ns - self.alive_ns > liveness_timeout_s * NS:
+            return "obstacles are not shared: the thread does not respond; restart the service"
+        return ""
+
     def diagnostics(self, now_ns: int, liveness_timeout_s: float) -> list[Diagnostic]:
         """Returns the present faults."""
+        found, fault = list[Diagnostic](), self.fault(now_ns, liveness_timeout_s)
+        if fault:
+            found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", fault))
         if self._thread.failure:
-            text = f"obstacles are not shared any more ({self._thread.failure}); restart the service"
-            return [Diagnostic(DiagnosticCode.SHARE_FAULT, "", text)]
-        found = []
+            return found
         if self._world_fault:
             text = f"the own planes cannot be shared ({self._world_fault}); report this"
             found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
         same_ns = None if self._team is None else self._team.map.same_number_ns
         if self._team is not None and same_ns is not None and now_ns - same_ns <= SAME_NUMBER_NS:
             text = f"another vehicle uses number {self._team.vehicle}, so both refuse the reports of the other; give each its own"
-            found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
-        if now_ns - self.alive_ns > liveness_timeout_s * NS:
-            text = "obstacles are not shared: the thread does not respond; restart the service"
             found.append(Diagnostic(DiagnosticCode.SHARE_FAULT, "", text))
         for link in self.links:
             if link.fault:

@@ -26,6 +26,7 @@ from drivers.sharing.tunnel_line import TunnelLine
 from drivers.sharing.zenoh_link import ZenohLink
 from osape_client.proto import osape_v1_pb2 as pb
 
+from .live import until
 from .test_share_tunnel import frame_of
 
 pytestmark = pytest.mark.process
@@ -129,6 +130,24 @@ def test_messages_of_the_autopilot_give_the_frame_on_earth(made: Made) -> None:
         made.service.fill(report)
     assert report.team.frame_known
     assert report.team.vehicle == 7
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_the_health_report_has_no_state_of_the_team_that_may_be_old(
+    made: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A neighbour received 0.1 s before the thread ended would be reported so for ever."""
+
+    def known(t_ns: int) -> bool:
+        report = pb.Health(t_ns=t_ns)
+        made.service.fill(report)
+        return len(report.team.links) == 1
+
+    assert made.service.sharing is not None
+    assert until(lambda: known(time.monotonic_ns()))
+    assert not known(time.monotonic_ns() + 60 * NS), "it does not respond"
+    monkeypatch.setattr(made.service.sharing, "step", lambda now_ns: 1 // 0)
+    assert until(lambda: not known(time.monotonic_ns()))
 
 
 def test_packets_of_other_vehicles_over_the_link_of_the_autopilot_are_delivered(made: Made) -> None:
