@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 NS = 1_000_000_000
 REPORT_NS = 10 * NS
 """Time for which a loss is reported."""
@@ -11,13 +13,14 @@ class FrameRates:
     """Frame rate of each camera."""
 
     def __init__(self) -> None:
-        self._before: dict[str, tuple[int, int]] = {}
+        self._marks: dict[str, deque[tuple[int, int]]] = {}
 
     def hz(self, name: str, frames: int, now_ns: int) -> float:
-        """The rate over the last two seconds. frames: total number of frames that arrived."""
-        before, then_ns = self._before.get(name, (frames, now_ns))
-        if now_ns - then_ns > 2 * NS or name not in self._before:
-            self._before[name] = (frames, now_ns)
+        """The rate over the last one to two seconds. frames: total number of frames that arrived."""
+        marks = self._marks.setdefault(name, deque(maxlen=2))
+        if not marks or now_ns - marks[-1][1] >= NS:
+            marks.append((frames, now_ns))
+        before, then_ns = marks[0]
         return (frames - before) * NS / max(1, now_ns - then_ns)
 
 

@@ -16,6 +16,13 @@ def test_the_rate_is_that_of_the_last_seconds_and_not_of_the_whole_flight() -> N
     assert seen[-1] == 5.0
 
 
+def test_each_call_gives_a_rate_over_a_second_or_more() -> None:
+    """The main loop asks with each tick of 80 ms; a report is made of any of them."""
+    rates, tick_ns = FrameRates(), NS * 2 // 25
+    seen = [rates.hz("front", 5 * k * tick_ns // NS, k * tick_ns) for k in range(100)]
+    assert all(4.0 <= hz <= 6.0 for hz in seen[13:])
+
+
 def test_cameras_are_counted_apart() -> None:
     rates = FrameRates()
     rates.hz("front", 0, 0)
