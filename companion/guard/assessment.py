@@ -123,7 +123,8 @@ class PathAssessor:
         obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
         firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s)
         firm = firm and self._shown_before(newest.obstacle_m, 1, weak=False)
-        free_m = min(self._free_m(newest, now_ns, speed_m_s), self._follows_free_m(newest, now_ns, speed_m_s))
+        free_m = self._free_m(newest, way_m, now_ns, speed_m_s)
+        free_m = min(free_m, self._follows_free_m(newest, way_m, now_ns, speed_m_s))
         if not measured and newest.speed_m_s < LEAST_SPEED_M_S:  # the present direction of flight is not known
             free_m = 0.0
         fresh = newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
@@ -200,26 +201,24 @@ class PathAssessor:
                 return older if age_ns <= 2 * SLOPE_NS else None
         return None
 
-    def _free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
+    def _free_m(self, newest: PathSight, way_m: float, now_ns: int, speed_m_s: float) -> float:
         """Returns the distance to which the path is free by the frames exposed in the last KEEP_FREE_NS, less the
-        distance flown since.
+        distance flown since. way_m: that since the newest sight.
 
         It is the greatest of the distances of single sights, and of the rays of all sights together."""
         if now_ns - newest.t_ns > STALE_NS:  # the obstacle output has stopped
             return 0.0
         since_ns = now_ns - KEEP_FREE_NS
-        best_m = newest.free_m - _way_m(newest, newest, now_ns, speed_m_s)
+        best_m = newest.free_m - way_m
         older = []
         for sight in self._sights:
             kept = sight is not newest and sight.exposed_ns is not None and sight.exposed_ns >= since_ns
             if kept and _same_course(sight, newest):
-                way_m = _way_m(sight, newest, now_ns, speed_m_s)
-                best_m = max(best_m, min(sight.free_m, reach_m(sight, newest, self._tolerance)) - way_m)
-                older.append(Kept(sight, way_m))
-        way_m = _way_m(newest, newest, now_ns, speed_m_s)
+                older.append(Kept(sight, _way_m(sight, newest, now_ns, speed_m_s)))
+                best_m = max(best_m, min(sight.free_m, reach_m(sight, newest, self._tolerance)) - older[-1].way_m)
         return max(0.0, best_m, kept_free_m(Kept(newest, way_m), older, self._grid, self._clear_share, since_ns))
 
-    def _follows_free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
+    def _follows_free_m(self, newest: PathSight, way_m: float, now_ns: int, speed_m_s: float) -> float:
         """Returns the distance to which a turn does not limit the free space of the present course.
 
         Where both courses are at most side_m apart, what is free along the present one counts for the next one, too, as
@@ -227,15 +226,14 @@ class PathAssessor:
         beside_m = math.inf
         if newest.ahead_rad != 0.0:
             beside_m = self._guard.side_m / math.tan(min(abs(newest.ahead_rad), WIDEST_RAD))
-        beside_m -= _way_m(newest, newest, now_ns, speed_m_s)
-        return max(beside_m, self._ahead_free_m(newest, now_ns, speed_m_s))
+        return max(beside_m - way_m, self._ahead_free_m(newest, way_m, now_ns, speed_m_s))
 
-    def _ahead_free_m(self, newest: PathSight, now_ns: int, speed_m_s: float) -> float:
+    def _ahead_free_m(self, newest: PathSight, way_m: float, now_ns: int, speed_m_s: float) -> float:
         """Returns the distance to which the course that follows in a turn is free.
 
         By the newest frame, or by the one before as far as it shows the same course: a mismatch or a hole limits only
         one frame."""
-        here_m = newest.ahead_free_m - _way_m(newest, newest, now_ns, speed_m_s)
+        here_m = newest.ahead_free_m - way_m
         older = [s.exposed_ns for s in self._sights if s.exposed_ns != newest.exposed_ns and s.exposed_ns is not None]
         if newest.exposed_ns is None or not older or newest.exposed_ns - older[-1] > FRAME_BEFORE_NS:
             return here_m

@@ -34,7 +34,7 @@ SLOPE_SPEED_M_S = 1.0
 STEEPEST = 1.0
 """Greatest slope of a path, vertical over horizontal."""
 LEAST_RANGE_M = 0.3
-"""Least range in the computation of that area."""
+"""Least range at which the pixels that cover SMALL_M2 are counted."""
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 """Errors of the computation after which the path counts as not seen."""
 
