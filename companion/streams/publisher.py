@@ -21,6 +21,9 @@ from osape_client.ipv6 import allow_ipv6
 from ..pipeline.encode import wire_bytes
 from .curve_auth import ServerKeys, beyond_loopback, serve
 
+MOST_RECEIVED_BYTES = 4096
+"""Largest message that is received; the sender of a larger one is disconnected."""
+
 
 @dataclass(frozen=True, slots=True)
 class Stream:
@@ -59,6 +62,7 @@ class Publisher:
                 self._socket.setsockopt(zmq.CONFLATE, 1)
             self._socket.setsockopt(zmq.SNDHWM, most_waiting)
             self._socket.setsockopt(zmq.LINGER, 0)
+            self._socket.setsockopt(zmq.MAXMSGSIZE, MOST_RECEIVED_BYTES)
             if keys is not None:
                 serve(self._socket, keys)
             allow_ipv6(self._socket, stream.address)

@@ -17,7 +17,7 @@ import zmq
 
 from companion.live.status import address_in_use
 from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, make_keys
-from companion.streams.publisher import Publisher, Stream
+from companion.streams.publisher import MOST_RECEIVED_BYTES, Publisher, Stream
 from drivers.base import BadData, DeviceNotFound
 from osape_client.boot import boot_id
 from osape_client.newest_socket import NewestSocket
@@ -131,6 +131,18 @@ def test_what_waits_for_a_stopped_subscriber_is_bounded(tmp_path: Path, context:
         blocked.kill()
         blocked.wait()
         publisher.close()
+
+
+def test_a_large_message_of_a_client_takes_no_memory(tmp_path: Path, context: Context) -> None:
+    """Only subscriptions and requests without content are expected. ZeroMQ reserves what the header of a message states."""
+    publisher = Publisher(Stream("requests", f"ipc://{tmp_path}/requests"), context, kind=zmq.REP, newest_only=False)
+    for size, arrives in ((MOST_RECEIVED_BYTES + 1, False), (MOST_RECEIVED_BYTES, True)):
+        client = context.socket(zmq.REQ)
+        client.connect(publisher.stream.address)
+        client.send(bytes(size))
+        assert bool(publisher.socket.poll(60_000 if arrives else 500)) == arrives
+        client.close(0)
+    publisher.close()
 
 
 def test_a_late_subscriber_gets_the_newest_only(tmp_path: Path, context: Context) -> None:
