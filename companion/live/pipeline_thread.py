@@ -106,9 +106,13 @@ class PipelineThread:
             for cause, count in self.dropped.items():
                 report.frames_dropped[cause] = count
 
+    def stop(self) -> None:
+        """Makes the loop end, without waiting."""
+        self._stop.set()
+
     def close(self) -> None:
         """Ends the loop. May be called twice. A frame whose processing hangs is recorded."""
-        self._stop.set()
+        self.stop()
         if self._thread.ident is not None:
             # loading of kernels cannot be interrupted, and no frame is being processed
             self._thread.join(5.0 if self.started.is_set() else 0.5)

@@ -184,9 +184,10 @@ def run(args: argparse.Namespace) -> int:
         try:
             loading.finish()
         except WarmupError:
-            if stop.is_set():
-                return  # the loop ends before it begins
-            raise
+            if not stop.is_set():
+                raise
+            service.parts.loop.stop()  # before it begins: a frame would compile the kernels
+            return
         gc.freeze()
         gc.enable()
 

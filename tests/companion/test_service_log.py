@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from companion.cli import main
@@ -265,6 +266,23 @@ def test_a_log_without_images_reports_that_nothing_can_be_compared(
     log = recorded(tmp_path / "logs", RecordParams(depth=False))
     assert main(["replay", str(log), "--check"]) == 1
     assert "[record] depth = false: no frame can be computed again" in capsys.readouterr().out
+
+
+def test_no_frame_is_handled_if_the_service_stops_while_the_kernels_are_loaded(tmp_path: Path) -> None:
+    """Without them a frame would compile them in this thread, which no signal ends."""
+    event_queue, published, recorder = EventQueue(), list[int](), recorder_in(tmp_path / "logs")
+    loop = loop_of(event_queue, recorder, lambda result, prisms: published.append(result.sequence), lambda: loop.stop())
+    event_queue.put([camera_info(160, 120)])
+    event_queue.put_frame(
+        DepthFrame(
+            camera="front", sequence=1, t_exposure_ns=1, t_arrival_ns=2, depth_mm=np.full((120, 160), 3000, np.uint16)
+        )
+    )
+    loop.open()
+    assert until(lambda: all(thread.name != "pipeline" for thread in threading.enumerate()))
+    assert published == []
+    assert not loop.started.is_set()
+    assert loop.failure == ""
 
 
 def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_without_an_image(tmp_path: Path) -> None:
