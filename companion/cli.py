@@ -8,6 +8,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any, Final
 
@@ -42,6 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         discard_stdout()
         return 1
     except KeyboardInterrupt:
+        if sys.stderr.isatty():
+            sys.stderr.write("\n")  # the prompt of the shell would follow ^C on its line
         return _INTERRUPTED
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in _OWN:
@@ -103,7 +106,7 @@ def _parser(command: str) -> argparse.ArgumentParser:
         prog="companion",
         usage="companion COMMAND [OPTIONS]",
         description=_command_table(),
-        epilog="`companion COMMAND --help` lists the options of a command. Start with `companion demo`.",
+        epilog="`companion COMMAND --help` lists the options of a command.\nStart with `companion demo`.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="store_true", help="print the version")
@@ -124,17 +127,22 @@ def _command_table() -> str:
         lines += ["", f"{title}:"]
         for name, command in commands.items():
             gap = " " * 22
-            lines.append(fill(command.purpose, 79, initial_indent=f"  {name:<20}", subsequent_indent=gap))
+            lines.append(fill(command.purpose, _width(), initial_indent=f"  {name:<20}", subsequent_indent=gap))
     return "\n".join(lines)
+
+
+def _width() -> int:
+    """Characters in a line of help text."""
+    return max(40, min(79, get_terminal_size().columns - 1))
 
 
 def _add_texts(parser: argparse.ArgumentParser, name: str) -> None:
     """The description and the examples of a command in its help."""
     command = COMMANDS[name]
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = fill(f"{command.purpose[0].upper()}{command.purpose[1:]}.", 79)
+    parser.description = fill(f"{command.purpose[0].upper()}{command.purpose[1:]}.", _width())
     parts = ["\n".join(["examples:", *(f"  {line}" for line in command.examples)])] if command.examples else []
-    parts += [fill(parser.epilog, 79)] if parser.epilog else []
+    parts += [fill(parser.epilog, _width())] if parser.epilog else []
     parser.epilog = "\n\n".join(parts) or None
 
 

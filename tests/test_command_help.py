@@ -46,7 +46,20 @@ def test_options_with_a_number_name_their_default(command: str) -> None:
     assert [a.option_strings for a in numbers if "default: " not in str(a.help)] == []
 
 
-def test_the_list_of_commands_fits_a_terminal_and_names_each_command() -> None:
+@pytest.mark.parametrize("columns", [60, 80])
+def test_the_list_of_commands_fits_a_terminal_and_names_each_command(
+    columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a terminal of 60 characters each line but the shortest was broken twice."""
+    monkeypatch.setenv("COLUMNS", str(columns))
     text = _parser("").format_help()
-    assert [line for line in text.splitlines() if len(line) > 90] == []
+    assert [line for line in text.splitlines() if len(line) > columns] == []
     assert all(f"\n  {name} " in text for name in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_texts_of_a_command_fit_a_narrow_terminal(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    lines = subparser(command).format_help().splitlines()
+    examples = {f"  {line}" for line in COMMANDS[command].examples}
+    assert [line for line in lines if len(line) > 60 and line not in examples] == []

@@ -79,9 +79,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="1/M",
         help="depth noise: standard deviation = ke * depth^2",
     )
-    folder = parser.add_argument_group(
-        "timing, and attitude from a log of the flight (.tlog, PX4 .ulg, ArduPilot .bin)"
-    )
+    folder = parser.add_argument_group("timing and attitude (.tlog, PX4 .ulg, ArduPilot .bin)")
     folder.add_argument(
         "--frame-latency-ms",
         type=number_in(float, 0.0, 5000.0),

@@ -6,7 +6,7 @@ import argparse
 import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from drivers.base import DriverError
 from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
@@ -34,6 +34,8 @@ YAW_DEG = -180.0, 180.0
 POSITION_M = -10.0, 10.0
 WIDTH_M = 0.05, 10.0
 HEIGHT_M = 0.05, 5.0
+
+_Number = TypeVar("_Number", int, float)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -111,6 +113,10 @@ def run(args: argparse.Namespace) -> int:
     used, DriverError and OSError."""
     if args.output.exists() and not args.replace:
         raise ValueError(f"{args.output} exists; add --replace, or name another file with -o")
+    if not args.output.parent.is_dir():
+        raise ValueError(
+            f"{args.output}: {args.output.parent} is not a folder; create it, or name another file with -o"
+        )
     if not args.yes and not sys.stdin.isatty():
         warn("the input is not a terminal: nothing is asked, the options and defaults are used (as with --yes)")
     ask = Questions(silent=args.yes or not sys.stdin.isatty())
@@ -146,18 +152,23 @@ class Questions:
         self._silent = silent
 
     def text(self, question: str, default: str) -> str:
-        """A line of text; an empty one is the default."""
+        """A line of text; an empty one is the default. Raises ValueError at the end of the input."""
         if self._silent:
             return default
-        sys.stdout.write(f"{question} [{default}]: ")
+        sys.stdout.write(f"{question} [{default}]: " if default else f"{question}: ")
         sys.stdout.flush()
-        return sys.stdin.readline().strip() or default
+        if not (line := sys.stdin.readline()):
+            print_line()
+            raise ValueError("the input ended before all questions were answered; nothing was written")
+        return line.strip() or default
 
-    def number(self, question: str, default: float, limits: tuple[float, float], given: float | None = None) -> float:
-        """A number within limits, without a question if it is given; asks again for anything else."""
+    def number(
+        self, question: str, default: _Number, limits: tuple[_Number, _Number], given: _Number | None = None
+    ) -> _Number:
+        """A number of the default's type within limits, without a question if it is given; asks again for anything else."""
         if given is not None:
             return given
-        parse = number_in(float, *limits)
+        parse = number_in(type(default), *limits)
         while True:
             try:
                 return parse(self.text(question, f"{default:g}"))
@@ -220,7 +231,7 @@ def _camera(given: str | None, ask: Questions) -> FoundCamera:
             "no camera was found on USB: check cable and power (`lsusb`), or name one with --camera KIND:DEVICE; "
             "--camera simulated needs no hardware"
         )
-    number = int(ask.number("which camera", 1.0, (1.0, len(found)))) if len(found) > 1 else 1
+    number = ask.number("which camera", 1, (1, len(found))) if len(found) > 1 else 1
     return found[number - 1]
 
 

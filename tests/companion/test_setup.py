@@ -216,6 +216,46 @@ def test_questions_are_asked_where_flags_are_missing(
     assert "'-15,5': expected -90..90; write a decimal point\n" in err
 
 
+def typed(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
+    """A terminal on which these lines are typed; the input ends after them."""
+    rest = iter([f"{line}\n" for line in lines])
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: next(rest, "")))
+
+
+def test_the_number_of_a_camera_is_a_whole_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """1.7 was the first camera."""
+    typed(monkeypatch, "1.7", "2")
+    monkeypatch.setattr(setup, "find_cameras", lambda: [FoundCamera("oak", "A", "OAK"), FoundCamera("oak", "B", "OAK")])
+    options = ["--pitch", "0", "--yaw", "0", "--position", "0", "0", "0", "--width", "1", "--height", "1"]
+    out = tmp_path / "c.toml"
+    assert main(["setup", "--autopilot", "none", "--no-doctor", *options, "-o", str(out)]) == 0
+    assert load_config(out).cameras[0].device == "B"
+    assert "'1.7': expected 1..2; write a whole number\n" in capsys.readouterr().err
+
+
+def test_the_end_of_the_input_is_no_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-D, or a connection that broke, accepted the defaults of all questions that were left."""
+    typed(monkeypatch, "-15")
+    assert main(["setup", "--camera", "oak", "--no-doctor", "-o", str(tmp_path / "c.toml")]) == 1
+    assert "the input ended before all questions were answered; nothing was written" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_folder_is_reported_before_the_first_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was found after nine answers, which were lost."""
+    typed(monkeypatch)
+    assert main(["setup", "--camera", "oak", "-o", str(tmp_path / "none" / "c.toml")]) == 1
+    output = capsys.readouterr()
+    assert f"{tmp_path / 'none'} is not a folder; create it" in output.err
+    assert output.out == ""
+
+
 def test_an_address_that_cannot_be_used_is_asked_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

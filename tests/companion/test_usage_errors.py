@@ -194,6 +194,20 @@ def test_ctrl_c_while_a_command_is_loaded_prints_no_traceback(monkeypatch: pytes
     assert main(["info", "a.mcap"]) == 130
 
 
+def test_after_ctrl_c_the_prompt_is_on_a_line_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It followed ^C on the line of a question."""
+
+    def interrupt(command: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_module", interrupt)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert main(["info", "a.mcap"]) == 130
+    assert capsys.readouterr().err == "\n"
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_refusal_of_a_value_names_no_function(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     """argparse prints "invalid NAME value" with the name of the function that converts the text, where that raises
@@ -266,5 +280,5 @@ def test_the_error_of_an_output_below_a_file_names_the_output(
 ) -> None:
     """It named the temporary file beside it."""
     (tmp_path / "file").write_text("")
-    assert main(["setup", *SETUP, "-o", str(tmp_path / "file" / "my.toml")]) == 1
+    assert main(["configs", "oak", "-o", str(tmp_path / "file" / "my.toml")]) == 1
     assert f"error: {tmp_path / 'file' / 'my.toml'}: Not a directory" in capsys.readouterr().err
