@@ -8,7 +8,10 @@ from osape_client import Message, Subscriber
 
 def on_message(message: Message) -> None:
     if message.stale or not message.valid:
-        print(f"nothing may be taken as free: {message.cause or 'no message'} ({message.age_s:.1f} s old)", flush=True)
+        print(
+            f"nothing may be taken as free: {message.cause or 'no newer message'} ({message.age_s:.1f} s old)",
+            flush=True,
+        )
         return
     space, at_m = message.space, message.vehicle_m
     if at_m is None:

@@ -83,6 +83,21 @@ def test_no_fault_is_ok() -> None:
     assert status_lines(h)[:2] == ["ACTIVE, service running for 65 s", "  OK"]
 
 
+def test_a_computer_with_other_work_is_named_beside_the_faults() -> None:
+    """Blindness of an overloaded computer named the age of an exposure only."""
+    h = report()
+    h.latencies.append(pb.Latency(stage="extract_cpu", text="extracting, processor time", p50_ms=3.0))
+    assert not any("computer" in line for line in status_lines(h))
+    h.latencies[0].p50_ms, h.latencies[1].p50_ms = 142.6, 15.5
+    assert status_lines(h)[2] == (
+        "  this computer is busy: a frame took 143 ms for 16 ms of processor time (median); end other programs"
+    )
+    h.latencies[0].p50_ms, h.latencies[1].p50_ms = 0.3, 0.1  # frames that are dropped before they are processed
+    assert not any("computer" in line for line in status_lines(h))
+    h.latencies[0].p50_ms, h.latencies[1].p50_ms = 142.6, 130.0  # slow, and not busy
+    assert not any("computer" in line for line in status_lines(h))
+
+
 def test_a_report_as_text() -> None:
     text = "\n".join(status_lines(report()))
     for part in (
