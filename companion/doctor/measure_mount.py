@@ -128,11 +128,11 @@ class MountMeasurement:
         lines = [
             "[[camera]]",
             f'name = "{self.config.name}"',
-            f"roll_deg = {math.degrees(roll):.1f}",
-            f"pitch_deg = {math.degrees(pitch):.1f}",
+            f"roll_deg = {math.degrees(roll):z.1f}",
+            f"pitch_deg = {math.degrees(pitch):z.1f}",
         ]
         if self.info.mount.yaw_rad or abs(yaw) > math.radians(0.05):
-            lines.append(f"yaw_deg = {math.degrees(yaw):.1f}")
+            lines.append(f"yaw_deg = {math.degrees(yaw):z.1f}")
         return lines
 
     def text(self) -> str:
@@ -140,8 +140,8 @@ class MountMeasurement:
         roll, pitch = (math.degrees(v) for v in self.state.error_rad)
         roll_sd, pitch_sd = (math.degrees(v) for v in self.state.error_sd_rad)
         return (
-            f"{float(np.median(self.heights_m)):.2f} m above the ground; true minus configured: roll {roll:+.2f} +- {roll_sd:.2f} "
-            f"deg, pitch {pitch:+.2f} +- {pitch_sd:.2f} deg ({len(self.heights_m)} frames, turned by "
+            f"{float(np.median(self.heights_m)):.2f} m above the ground; true minus configured: roll {roll:+z.2f} +- {roll_sd:.2f} "
+            f"deg, pitch {pitch:+z.2f} +- {pitch_sd:.2f} deg ({len(self.heights_m)} frames, turned by "
             f"{math.degrees(self.turned_rad):.0f} deg)"
         )
 

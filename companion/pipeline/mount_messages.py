@@ -80,12 +80,12 @@ def mount_health(state: MountState, mount: CameraMount) -> pb.MountHealth:
 
 def mount_lines(health: pb.MountHealth) -> str:
     """The keys for the camera's section of the configuration, as one line of text."""
-    return f"roll_deg = {health.roll_deg:.1f}, pitch_deg = {health.pitch_deg:.1f}"
+    return f"roll_deg = {health.roll_deg:z.1f}, pitch_deg = {health.pitch_deg:z.1f}"
 
 
 def mount_diagnostic(camera: str, health: pb.MountHealth) -> Diagnostic | None:
     """The fault of a mount with its remedy; None: no known fault."""
-    error = f"roll {health.roll_error_deg:+.1f} deg, pitch {health.pitch_error_deg:+.1f} deg"
+    error = f"roll {health.roll_error_deg:+z.1f} deg, pitch {health.pitch_error_deg:+z.1f} deg"
     if health.verdict == pb.MountState.VERDICT_ERROR:
         text = (
             f"camera {camera}: the mount differs from its configuration by {error}; its frames are invalid; "
@@ -118,8 +118,8 @@ def mount_text(health: pb.MountHealth) -> str:
     }[health.verdict]
     yaw = ""
     if health.HasField("yaw_error_deg"):
-        yaw = f"yaw {health.yaw_error_deg:+.1f} +- {health.yaw_sd_deg:.1f} deg; "
+        yaw = f"yaw {health.yaw_error_deg:+z.1f} +- {health.yaw_sd_deg:.1f} deg; "
     return (
-        f"{text}; {yaw}error roll {health.roll_error_deg:+.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+.1f} +- "
+        f"{text}; {yaw}error roll {health.roll_error_deg:+z.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+z.1f} +- "
         f"{health.pitch_sd_deg:.1f} deg; apparent slope of the ground {health.slope_deg:.1f} deg"
     )

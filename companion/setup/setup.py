@@ -130,17 +130,19 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"edit {args.output}, then run: companion doctor -c {shell_word(args.output)}")
         return 1
     ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
-    print_line(f"next: {_next_step(answers, args.output)}")
+    print_line(f"next: {_next_step(answers, args.output, ok)}")
     return 0 if ok else 1
 
 
-def _next_step(answers: Answers, output: Path) -> str:
-    """What to do with the written configuration."""
+def _next_step(answers: Answers, output: Path, ok: bool) -> str:
+    """What to do with the written configuration. ok: the doctor found no fault, or was not asked."""
     name = shell_word(output)
     if answers.kind == "simulated" and not answers.autopilot:
         return f'set [autopilot] address = "{SIMULATED_ADDRESS}" in {name} for `companion simulate-autopilot`'
     if answers.kind == "simulated":
         return f"companion run -c {name}, and beside it companion simulate-autopilot -c {name}"
+    if not ok:
+        return f"correct each line with !, then run: companion doctor -c {name}"
     start = start_command(install_paths(Path("/")), output)
     return f"companion run -c {name}, or start the service, now and at each boot: {start}"
 

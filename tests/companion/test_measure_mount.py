@@ -12,6 +12,7 @@ from companion.config.camera import CameraConfig
 from companion.config.loader import Config
 from companion.config.service import AutopilotConfig
 from companion.doctor.measure_mount import MountMeasurement, finding_of, measured_mounts
+from companion.pipeline.mount_messages import mount_lines, mount_text
 from companion.pipeline.quaternion import product
 from companion.pipeline.sync import SyncParams
 from core.frames import quaternion_from_euler
@@ -22,6 +23,7 @@ from drivers.simulation.flights import FlightPlan
 from drivers.simulation.scene_library import make_scene
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
+from osape_client.proto import osape_v1_pb2 as pb
 from tests.ports import free_port
 
 TRUE = CameraMount(roll_rad=math.radians(1.0), pitch_rad=math.radians(-12.0))
@@ -62,6 +64,20 @@ def test_the_lines_to_paste_hold_the_true_mount(configured: CameraMount) -> None
     assert values["roll_deg"] == pytest.approx(1.0, abs=0.5)
     assert values["pitch_deg"] == pytest.approx(-12.0, abs=0.7)
     assert finding.text.startswith("1.2")
+
+
+def test_a_mount_without_an_error_has_no_negative_zero() -> None:
+    """The lines to paste were roll_deg = -0.0 and pitch_deg = -0.0."""
+    measurement = measured(by_hand(120.0), CameraMount(), count=0)
+    exact = measurement.state.filter
+    tiny = dataclasses.replace(exact, mean=(-1e-6, -1e-6, *exact.mean[2:]))
+    measurement.state = dataclasses.replace(measurement.state, filter=tiny)
+    measurement.heights_m.append(1.2)
+    assert measurement.lines()[2:] == ["roll_deg = 0.0", "pitch_deg = 0.0"]
+    assert "roll +0.00 +- " in measurement.text()
+    health = pb.MountHealth(roll_error_deg=-1e-6, pitch_error_deg=-1e-6, roll_deg=-1e-6, pitch_deg=-1e-6)
+    assert mount_lines(health) == "roll_deg = 0.0, pitch_deg = 0.0"
+    assert "-0.0" not in mount_text(health)
 
 
 def test_too_little_turning_is_refused() -> None:

@@ -287,6 +287,19 @@ def test_the_next_step_without_an_autopilot_is_its_address(tmp_path: Path, capsy
     assert "companion run" not in output
 
 
+@pytest.mark.parametrize(("healthy", "step"), [(True, "companion run -c {}, or"), (False, "correct each line with !")])
+def test_the_next_step_after_a_fault_is_not_to_start_the_service(
+    healthy: bool, step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With a camera that does not open it was `companion run`, or to install the service."""
+    monkeypatch.setattr(setup, "examine", lambda config, patience_s: [])
+    monkeypatch.setattr(setup, "print_findings", lambda findings: healthy)
+    path = tmp_path / "my.toml"
+    options = ["--yes", "--camera", "oak", "--autopilot", "udpin:127.0.0.1:14540"]
+    assert main(["setup", "-o", str(path), *options]) == (0 if healthy else 1)
+    assert f"next: {step.format(path)}" in capsys.readouterr().out
+
+
 def test_a_simulated_camera_gets_the_simulated_autopilot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without an address the service was blind for ever."""
     out = tmp_path / "c.toml"
