@@ -108,11 +108,12 @@ def strips_of_column(column, n, bins, settings, buffers, out):
     begin, end = soft_counts(px, n, bins, buffers.hist, buffers.counts)
     found = find_peaks(buffers.counts, bins.threshold, begin, end, settings, peaks)
     if found > 0:
-        label_rows(line, mask, first, last, found, peaks.low, peaks.high, bins.first_code, label)
+        open_mask, open_labels = mask[first : last + 1], label[first : last + 1]
+        label_rows(line[first : last + 1], open_mask, peaks, found, bins.first_code, open_labels)
         for k in range(found):
             peak = peak_of(k, peaks.low[k], peaks.high[k], peaks.top[k], bins, settings)
             slide_windows(column, peak, first, last, settings, buffers.windows, out)
-        mask_remaining_rows(label, first, last, mask)
+        mask_remaining_rows(open_labels, open_mask)
         n = gather_rows(line, mask, px)
     irregular_rest(px, n, column, settings, out)
 

@@ -58,7 +58,7 @@ def second_nearest(a, b, c, d):
 
 
 @inner
-def nearest_codes(codes, cell, strips, n, lsb_per_px, boxes, nearest):
+def nearest_codes(codes, strips, n, lsb_per_px, boxes, nearest):
     """Computes the code of the nearest obstacle in each cell; 0 if half of its corners or more are unknown.
 
     It is the second nearest of the four corners of the cell, which a mismatch of two by two pixels cannot be, or the
@@ -66,34 +66,30 @@ def nearest_codes(codes, cell, strips, n, lsb_per_px, boxes, nearest):
 
     Args:
         codes: (cols, rows) uint16.
-        cell: side of a cell.
         strips: (N,) STRIP.
         n: number of strips.
         lsb_per_px: of the view.
         boxes: (rows,) uint16 scratch, the second nearest corner for a cell that begins at each row.
         nearest: (C, R) uint16 out."""
     cols, rows = codes.shape
-    side, whole = np.uint32(cell), rows // cell
+    whole = rows // CELL_PX
     for i in range(nearest.shape[0]):
-        left, right, line = codes[i * cell], codes[min(cols, (i + 1) * cell) - 1], nearest[i]
-        low_left, low_right = left[cell - 1 :], right[cell - 1 :]
+        left, right, line = codes[i * CELL_PX], codes[min(cols, (i + 1) * CELL_PX) - 1], nearest[i]
+        low_left, low_right = left[CELL_PX - 1 :], right[CELL_PX - 1 :]
         for v in range(low_left.shape[0]):
             boxes[v] = second_nearest(left[v], right[v], low_left[v], low_right[v])
-        at = np.uint64(0)
         for j in range(whole):
-            line[j] = boxes[at]
-            at += np.uint64(cell)
+            line[j] = boxes[j * CELL_PX]
         if whole < line.shape[0]:  # the last cell has fewer rows
-            v = whole * cell
+            v = whole * CELL_PX
             line[whole] = second_nearest(left[v], right[v], left[rows - 1], right[rows - 1])
     for k in range(n):
         s = strips[k]
         if s.support > 0:
             code = np.uint16(min(np.float32(65535.0), s.disparity_px * lsb_per_px))
-            across = np.uint32(s.column) // side
-            first, last = np.uint32(s.top_row) // side, np.uint32(s.bottom_row) // side
-            for j in range(np.uint64(first), np.uint64(last) + np.uint64(1)):
-                nearest[across, j] = max(nearest[across, j], code)
+            crossed = nearest[s.column // CELL_PX, s.top_row // CELL_PX : s.bottom_row // CELL_PX + 1]
+            for j in range(len(crossed)):
+                crossed[j] = max(crossed[j], code)
 
 
 @inner
@@ -110,99 +106,74 @@ def count_unknown(nearest, total):
             after[j + 1] = before[j + 1] + run
 
 
-@kernel
-def any_ahead(cells, other, length):
-    """Tests for each cell if any of the `length` cells from it on is set; returns (result, the other array).
+class Box(NamedTuple):
+    """What makes a box of cells free.
 
-    Windows of doubling width are combined. The result is undefined where a window crosses the end of its column.
-    cells, other: flat uint8, both overwritten."""
-    width = 1
-    for _ in range(32):
-        if width >= length:
-            break
-        more = min(width, length - width)
-        ahead = cells[more:]
-        for k in range(ahead.shape[0]):
+    Attributes:
+        wide, high: its size in cells.
+        limit: least code that blocks it.
+        most_unknown: int32, greatest number of unknown cells."""
+
+    wide: Any
+    high: Any
+    limit: Any
+    most_unknown: Any
+
+
+@kernel
+def any_ahead(cells, other, length, step):
+    """Tests for each cell if any of `length` cells from it on, `step` apart, is set; returns (result, the other array).
+
+    Windows of doubling length are combined. cells, other: flat uint8, both overwritten. Nothing is set beyond their
+    end."""
+    reach = 1
+    while reach < length:
+        more = min(reach, length - reach)
+        ahead = cells[more * step :]
+        for k in range(len(ahead)):
             other[k] = cells[k] | ahead[k]
+        other[len(ahead) :] = cells[len(ahead) :]
         cells, other = other, cells
-        width += more
+        reach += more
     return cells, other
 
 
 @kernel
-def any_behind(cells, other, length):
-    """Tests for each cell if any of the `length` cells up to it is set; otherwise like `any_ahead`."""
-    width = 1
-    for _ in range(32):
-        if width >= length:
-            break
-        more = min(width, length - width)
-        other[:more] = cells[:more]
-        here, out = cells[more:], other[more:]
-        for k in range(here.shape[0]):
-            out[k] = here[k] | cells[k]
-        cells, other = other, cells
-        width += more
-    return cells, other
+def any_in_box(cells, other, box, rows):
+    """Tests for each cell if any cell of the box that begins with it is set; otherwise like `any_ahead`.
+
+    A box that crosses the end of its column continues with the next one. rows: cells of a column."""
+    cells, other = any_ahead(cells, other, box.high, 1)
+    return any_ahead(cells, other, box.wide, rows)
 
 
 @kernel
-def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, mask):
-    """Sets mask[i, j] to 1 where a free box of wide x high cells contains the cell, else to 0.
-
-    A box is free if no code in it reaches the limit and at most unknown_share of its cells are unknown. Columns are
-    searched by doubling windows, rows by sliding sums.
+def open_mask(nearest, box, total, spare, mask):
+    """Sets mask[i, j] to 1 where a free box contains the cell, else to 0.
 
     Args:
         nearest: (C, R) uint16 of `nearest_codes`.
-        limit: code of the greatest distance that blocks.
-        wide, high: cells of the box.
-        unknown_share: see above.
+        box: Box.
         total: (C + 1, R + 1) int32 of `count_unknown`.
         spare: (2, C * R) uint8 scratch.
-        column: (R,) uint16 scratch.
         mask: (C, R) uint8 out."""
-    cols, rows = nearest.shape
-    mask[:] = 0
+    (cols, rows), codes, (wide, high) = nearest.shape, nearest.reshape(-1), (box.wide, box.high)
     if wide > cols or high > rows:
+        mask[:] = 0
         return
-    cells, codes = spare[0], nearest.reshape(-1)
-    for k in range(codes.shape[0]):
-        cells[k] = codes[k] >= limit
-    flat, other = any_ahead(cells, spare[1], high)
-    blocked, boxes = flat.reshape(cols, rows), other.reshape(cols, rows)
-    allowed = np.int32(unknown_share * (wide * high))
-    found, places = np.uint8(0), rows - high + 1
-    other[:] = 0
-    column[:] = 0
-    for i in range(wide - 1):
-        line = blocked[i]
-        for j in range(places):
-            column[j] += line[j]
+    cells = spare[0]
+    for k in range(len(codes)):
+        cells[k] = codes[k] >= box.limit
+    blocked, free = any_in_box(cells, spare[1], box, rows)
+    free[:] = 0
+    # a free box is marked at its last cell, so that the boxes which contain a cell are marked ahead of it
+    first_cells, last_cells = blocked.reshape(cols, rows), free.reshape(cols, rows)
     for i in range(cols - wide + 1):
-        come, gone, free = blocked[i + wide - 1], blocked[i], boxes[i]
+        first, last = first_cells[i], last_cells[i + wide - 1, high - 1 :]
         a, b, c, d = total[i], total[i, high:], total[i + wide], total[i + wide, high:]
-        for j in range(places):
-            here = np.uint16(column[j] + come[j])
-            passes = np.uint8((here == 0) & (np.int32(d[j] - b[j] - c[j] + a[j]) <= allowed))
-            free[j] = passes
-            found |= passes
-            column[j] = here - gone[j]
-    if found == 0:
-        return
-    covered = any_behind(other, flat, high)[0].reshape(cols, rows)
-    column[:] = 0
-    for i in range(wide - 1):
-        line, out = covered[i], mask[i]
-        for j in range(rows):
-            column[j] += line[j]
-            out[j] = column[j] > 0
-    for i in range(cols - wide + 1):
-        come, gone, out = covered[i + wide - 1], covered[i], mask[i + wide - 1]
-        for j in range(rows):
-            here = np.uint16(column[j] + come[j])
-            out[j] = here > 0
-            column[j] = here - gone[j]
+        for j in range(len(last)):
+            last[j] = (first[j] == 0) & (np.int32(d[j] - b[j] - c[j] + a[j]) <= box.most_unknown)
+    mask.reshape(-1)[:] = any_in_box(free, blocked, box, rows)[0]
 
 
 @inner
@@ -235,7 +206,7 @@ def layer_of(x, steps_m):
 
 
 @kernel
-def open_masks(codes, strips, n, view, passable, max_range_m, spare, masks, steps_m):
+def open_masks(codes, strips, n, view, passable, max_range_m, masks):
     """Computes `open_mask` at the distances _FIRST_M * _RATIO^k.
 
     Args:
@@ -245,23 +216,21 @@ def open_masks(codes, strips, n, view, passable, max_range_m, spare, masks, step
         view: ViewGeometry.
         passable: (Ws, Hs) in m.
         max_range_m: maximum range of the camera.
-        spare: see `open_mask`.
-        masks, steps_m: of OpeningMasks, out."""
+        masks: of OpeningMasks, out."""
     (ws, hs), f, step = passable, view.f_px, np.float64(view.lateral[0])
     across, down = masks.shape[1], masks.shape[2]
     nearest, total = np.empty((across, down), np.uint16), np.empty((across + 1, down + 1), np.int32)
-    boxes, column = np.empty(codes.shape[1], np.uint16), np.empty(down, np.uint16)
-    nearest_codes(codes, CELL_PX, strips, n, view.lsb_per_px, boxes, nearest)
+    nearest_codes(codes, strips, n, view.lsb_per_px, np.empty(codes.shape[1], np.uint16), nearest)
     count_unknown(nearest, total)
+    spare = np.empty((2, across * down), np.uint8)
     for k in range(masks.shape[0]):
         x = _FIRST_M * _RATIO**k
         beyond = min(x + ws, max(max_range_m, x + _BEHIND_M))
         wide = max(1, math.ceil(ws * f / (x * step * CELL_PX) - ROUNDING))
         high = max(1, math.ceil(hs * f / (x * CELL_PX) - ROUNDING))
         limit = max(int(f * view.lsb_per_px / beyond), 2)
-        open_mask(nearest, limit, wide, high, _UNKNOWN_SHARE, total, spare, column, masks[k])
-    for k in range(1, masks.shape[0]):
-        steps_m[k - 1] = _FIRST_M * _RATIO ** (k - 0.5)
+        box = Box(wide, high, limit, np.int32(_UNKNOWN_SHARE * (wide * high)))
+        open_mask(nearest, box, total, spare, masks[k])
 
 
 def find_openings(
@@ -285,9 +254,9 @@ def find_openings(
         buffers: scratch memory."""
     shape = -(-view.cols // CELL_PX), -(-view.rows // CELL_PX)
     layers = 1 + max(0, round(math.log(max_range_m / _FIRST_M) / math.log(_RATIO)))
-    masks, steps_m = buffers("opening_masks", (layers, *shape), np.uint8), np.empty(layers - 1)
-    spare = buffers("opening_spare", (2, shape[0] * shape[1]), np.uint8)
-    open_masks(codes, strips, n, view, passable, max_range_m, spare, masks, steps_m)
+    masks = buffers("opening_masks", (layers, *shape), np.uint8)
+    open_masks(codes, strips, n, view, passable, max_range_m, masks)
+    steps_m = np.array([_FIRST_M * _RATIO ** (k + 0.5) for k in range(layers - 1)])
     f_px, column_px = view.f_px, float(view.lateral[0])
     across, down = f_px / column_px / CELL_PX, f_px / CELL_PX
     return OpeningMasks(masks, steps_m, across, down, (view.cu + 0.5) / CELL_PX, (view.cv + 0.5) / CELL_PX)

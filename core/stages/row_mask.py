@@ -42,57 +42,43 @@ def mask_open_rows(line, ground, shift, tan_mid, mask):
 def gather_rows(line, mask, px):
     """Writes ROW and CODE of the rows with mask = 1 to px, from top to bottom; returns their number.
 
-    mask: (V rounded up to 8,) uint8, zero beyond V. Eight rows are tested at a time, since most of a view is sky or
-    ground."""
-    n = np.uint64(0)
-    one, eight = np.uint64(1), np.uint64(8)
-    words = mask.view(np.uint64)
-    whole = line.shape[0] // 8
-    for w in range(whole):
-        bits = words[w]
-        if bits != 0:
-            v = eight * np.uint64(w)
-            for _ in range(8):
-                px[ROW, n] = v
-                px[CODE, n] = line[v]
-                n += bits & one
-                bits >>= eight
-                v += one
-    count = np.int64(n)
-    for row in range(8 * whole, line.shape[0]):
-        if mask[row] != 0:
-            px[ROW, count], px[CODE, count] = row, line[row]
-            count += 1
-    return count
+    mask: (V rounded up to 8,) uint8, zero beyond V. Eight flags are tested as one number, which is mostly zero: most of a
+    view is sky or ground."""
+    n, eights = 0, mask.view(np.uint64)
+    for k in range(len(eights)):
+        if eights[k] != 0:
+            for v in range(8 * k, min(8 * k + 8, len(line))):
+                px[ROW, n], px[CODE, n] = v, line[v]
+                n += mask[v]
+    return n
 
 
 @inner_inline
-def label_rows(line, mask, first, last, peaks, low, high, first_code, labels):
-    """Labels the rows first..last by the peak whose bins contain their code, else by NO_PEAK or CLOSED.
+def label_rows(line, mask, peaks, count, first_code, labels):
+    """Labels V rows by the peak whose bins contain their code, else by NO_PEAK or CLOSED.
 
     Args:
         line: (V,) uint16 codes.
-        mask: (V rounded up to 8,) uint8 of `mask_open_rows`.
-        first, last: rows.
-        peaks: number of peaks.
-        low, high: (peaks,) bins.
+        mask: (V,) uint8 of `mask_open_rows`.
+        peaks: Peaks.
+        count: number of peaks.
         first_code: of BinTable.
-        labels: (V rounded up to 8,) uint8 out, the labels."""
-    begin, end = np.uint64(first), np.uint64(last + 1)
-    for v in range(begin, end):
-        labels[v] = CLOSED - (mask[v] << 1)
-    for p in range(peaks):
+        labels: (V,) uint8 out."""
+    for v in range(len(line)):
+        labels[v] = NO_PEAK if mask[v] == 1 else CLOSED
+    for p in range(count):
         # as narrow as the codes, so that more rows are processed per instruction
-        least, most = np.uint16(min(first_code[low[p]], 65535)), np.uint16(max(first_code[high[p] + 1] - 1, 0))
-        for v in range(begin, end):
+        least = np.uint16(min(first_code[peaks.low[p]], 65535))
+        most = np.uint16(max(first_code[peaks.high[p] + 1] - 1, 0))
+        for v in range(len(line)):
             inside, so_far = mask[v] & (line[v] >= least) & (line[v] <= most), labels[v]
             labels[v] = np.uint8(p) if inside else so_far
 
 
 @inner_inline
-def mask_remaining_rows(labels, first, last, mask):
-    """Sets mask[v] to 1 where row v of first..last is open, else to 0."""
-    for v in range(np.uint64(first), np.uint64(last + 1)):
+def mask_remaining_rows(labels, mask):
+    """Sets mask[v] to 1 where row v is open, else to 0. labels, mask: (V,) uint8."""
+    for v in range(len(labels)):
         mask[v] = labels[v] <= NO_PEAK
 
 
@@ -101,11 +87,11 @@ def ends_of(labels, label, first, last):
     """Returns the first and last row of first..last with this label; first > last if there is none."""
     label = np.uint8(label)
     for _ in range(last + 1 - first):
-        if labels[np.uint64(first)] == label:
+        if labels[first] == label:
             break
         first += 1
     for _ in range(last + 1 - first):
-        if labels[np.uint64(last)] == label:
+        if labels[last] == label:
             break
         last -= 1
     return first, last

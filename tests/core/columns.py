@@ -106,7 +106,7 @@ class Column:
     def gather(self) -> int:
         """Lists the open rows in px; returns their number."""
         mask = np.zeros_like(self.mark)
-        mask_remaining_rows(self.mark, 0, len(self.line) - 1, mask)
+        mask_remaining_rows(self.mark[: len(self.line)], mask)
         return int(gather_rows(self.line, mask, self.px))
 
     def rest(self) -> int:

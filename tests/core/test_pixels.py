@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.stages import row_mask as px
+from core.stages.density import Peaks
 from core.stages.ground_threshold import GroundThreshold
 
 from . import naive
@@ -56,14 +57,14 @@ def test_rows_are_marked_with_the_peak_that_holds_their_code(seed: int, peaks: i
     edges = np.sort(rng.choice(40, 2 * peaks, replace=False))[::-1]
     high, low = edges[::2].astype(np.int32), edges[1::2].astype(np.int32)
     mark = np.full(32, px.CLOSED, np.uint8)
-    px.label_rows(line, mask, 0, rows - 1, peaks, low, high, first_code, mark)
+    px.label_rows(line, mask, Peaks(low, high, high), peaks, first_code, mark)
     for v in range(rows):
         held = [p for p in range(peaks) if low[p] <= bin_of_code[line[v]] <= high[p]]
         assert mark[v] == ((held[0] if held else px.NO_PEAK) if mask[v] else px.CLOSED)
     assert (mark[rows:] == px.CLOSED).all()
     mark[:rows:3] = px.TAKEN
     open_ = mask.copy()
-    px.mask_remaining_rows(mark, 0, rows - 1, open_)
+    px.mask_remaining_rows(mark[:rows], open_)
     assert open_.tolist() == [int(m <= px.NO_PEAK) for m in mark]
 
 

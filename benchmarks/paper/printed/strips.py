@@ -122,8 +122,10 @@ def _search(codes: Any, settings: Any, bins: Any, strips: Any) -> Any:
             continue
         first_row, last_row = px[ROW, 0], px[ROW, n - 1]
         begin, end = soft_counts(px, n, bins, hist, counts)
-        peaks = find_peaks(counts, bins.threshold, begin, end, p, Peaks(low, high, top))
-        label_rows(line, mask, first_row, last_row, peaks, low, high, bins.first_code, mark)
+        of_column = Peaks(low, high, top)
+        peaks = find_peaks(counts, bins.threshold, begin, end, p, of_column)
+        open_mask, open_marks = mask[first_row : last_row + 1], mark[first_row : last_row + 1]
+        label_rows(line[first_row : last_row + 1], open_mask, of_column, peaks, bins.first_code, open_marks)
         for k in range(peaks):
             spread = bin_px[high[k]] - bin_px[low[k]] + bin_width_px[top[k]]
             kernel = 2.0 * p.peak_alpha * weights.shape[0] * bin_width_px[top[k]]
@@ -138,7 +140,7 @@ def _search(codes: Any, settings: Any, bins: Any, strips: Any) -> Any:
                 for v in range(a, b + 1):
                     mark[v] = TAKEN if mark[v] <= NO_PEAK else mark[v]
         if peaks > 0:
-            mask_remaining_rows(mark, first_row, last_row, mask)
+            mask_remaining_rows(open_marks, open_mask)
             n = gather_rows(line, mask, px)
         found = _rest(line, mark, px, n, u, p, strips, found)
     return found
