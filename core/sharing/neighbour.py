@@ -21,7 +21,7 @@ KEEP_FIT_NS = 30 * NS
 """An alignment that newer fits do not confirm is dropped after this time."""
 SILENT_NS = 10 * NS
 """After this silence any packet is accepted, because the sender may have been restarted with its clock set back."""
-MOST_RETIRED = 8
+MOST_FORMER = 8
 """Greatest number of frames that a neighbour has left and whose reports have not expired; a further change is refused."""
 MOST_MOVERS = 128
 """Moving obstacles held of one frame; the oldest are dropped. A sender has 56 of them in two seconds."""
@@ -48,29 +48,51 @@ class HeldPlane:
 
 @dataclass(slots=True)
 class HeldMover:
-    """A moving obstacle that a neighbour has reported, in its frame; it expires from seen_ns on. Times as in HeldPlane."""
+    """A moving obstacle that a neighbour has reported, in its frame. seen_ns: newest observation by the neighbour, on the
+    own clock, from which it expires."""
 
     mover: SharedMover
     seen_ns: int
-    received_ns: int
 
 
 @dataclass(slots=True)
-class Retired:
-    """Reports of a frame that the neighbour has left, with the place of that frame. They count until they expire.
-    aligned_ns: instant of the newest fit that has confirmed `aligned`."""
+class FrameReports:
+    """What a neighbour has reported in one frame, and the place of that frame.
 
-    state: VehicleState | None
-    aligned: Placement | None
-    aligned_ns: int
-    planes: dict[int, HeldPlane]
-    movers: dict[int, HeldMover]
+    Attributes:
+        state: newest state; None: not known.
+        planes, movers: by their numbers, the one received last at the end.
+        aligned: place by planes of both vehicles; None: not known.
+        aligned_ns: instant of the newest fit that has confirmed `aligned`."""
+
+    state: VehicleState | None = None
+    planes: dict[int, HeldPlane] = field(default_factory=dict)
+    movers: dict[int, HeldMover] = field(default_factory=dict)
+    aligned: Placement | None = None
+    aligned_ns: int = 0
 
     def placement(self, own: LocalFrame | None) -> Placement | None:
         """Returns the place of the frame; None: not known."""
-        if self.aligned is not None or own is None or self.state is None:
-            return self.aligned
+        return self.aligned if self.aligned is not None or own is None else self.by_position(own)
+
+    def by_position(self, own: LocalFrame) -> Placement | None:
+        """Returns the place by the positions of both vehicles alone; None: not known."""
+        if self.state is None:
+            return None
         return placement_by_position(own, self.state.frame, self.state.position_m)
+
+    def boxes(self) -> Floats:
+        """Returns the planes in the frame of the neighbour, (N, 6)."""
+        return np.array([p.box for p in self.planes.values()], np.float64).reshape(-1, 6)
+
+    def expire(self, now_ns: int, params: SharingParams) -> None:
+        """Removes what is too old."""
+        oldest_ns = now_ns - round(params.expire_s * NS)
+        self.planes = {k: p for k, p in self.planes.items() if p.received_ns > oldest_ns}
+        oldest_ns = now_ns - round(params.mover_expire_s * NS)
+        self.movers = {k: m for k, m in self.movers.items() if m.seen_ns > oldest_ns}
+        if now_ns - self.aligned_ns > KEEP_FIT_NS:
+            self.aligned = None
 
 
 @dataclass(slots=True)
@@ -81,9 +103,9 @@ class Neighbour:
         vehicle, stream, section, sent_ms: of the newest packet, see `Header`.
         received_ns: arrival of that packet.
         least_offset_ms: least arrival less sent_ms, of the fastest packet, which delays are measured against.
-        state, state_ns: newest state and motion, and when they were sent; None: not known in this frame.
-        planes, movers: by their numbers, the one received last at the end.
-        retired: frames that the neighbour has left.
+        state_ns: when the newest state or motion was sent.
+        present: reports in the present frame.
+        former: reports in frames that the neighbour has left. They keep the place of their frame, and expire there.
         packets, refused: numbers of packets.
         last_fit, fitted_ns: newest fit, and when it was tried."""
 
@@ -93,18 +115,14 @@ class Neighbour:
     sent_ms: int
     received_ns: int
     least_offset_ms: float
-    state: VehicleState | None = None
     state_ns: int = 0
-    planes: dict[int, HeldPlane] = field(default_factory=dict)
-    retired: list[Retired] = field(default_factory=list)
-    movers: dict[int, HeldMover] = field(default_factory=dict)
+    present: FrameReports = field(default_factory=FrameReports)
+    former: list[FrameReports] = field(default_factory=list)
     packets: int = 0
     refused: int = 0
     last_fit: Fit | None = None
     fitted_ns: int = 0
     _candidate: Placement | None = None
-    _aligned: Placement | None = None
-    _aligned_ns: int = 0
     _contradictions: int = 0
 
     @classmethod
@@ -124,11 +142,9 @@ class Neighbour:
         header, silent = packet.header, arrival_ns - self.received_ns > SILENT_NS
         if header.stream < self.stream and not silent:
             return "old_stream"
-        if self._changes_frame(packet) and len(self.retired) >= MOST_RETIRED:
+        if self._changes_frame(packet) and len(self.former) >= MOST_FORMER:
             return "too_many_frames"
-        if silent:
-            return ""
-        if header.stream != self.stream:
+        if silent or header.stream != self.stream:
             return ""
         if not self._continues(header, arrival_ns, params):
             return "replayed" if header.sent_ms <= self.sent_ms else "ahead"
@@ -151,72 +167,50 @@ class Neighbour:
         self.sent_ms, self.received_ns = header.sent_ms, arrival_ns
         self.packets += 1
         sent_ns = arrival_ns - round(max(0.0, delay_s) * NS)
-        if packet.motion is not None and self.state is not None:
-            motion = packet.motion
-            self.state = replace(self.state, position_m=motion.position_m, velocity_m_s=motion.velocity_m_s)
+        motion, state = packet.motion, self.present.state
+        if motion is not None and state is not None:
+            self.present.state = replace(state, position_m=motion.position_m, velocity_m_s=motion.velocity_m_s)
             self.state_ns = sent_ns
         if isinstance(content, VehicleState):
             self._take_state(content, sent_ns)
         elif isinstance(content, SharedPlanes):
             self._take_planes(content, arrival_ns, sent_ns, params.most_planes)
         else:
-            self._take_movers(content, arrival_ns, sent_ns)
+            self._take_movers(content, sent_ns)
 
     def expire(self, now_ns: int, params: SharingParams) -> None:
         """Removes reports that are too old."""
-        oldest_ns = now_ns - round(params.expire_s * NS)
-        self.planes = {k: p for k, p in self.planes.items() if p.received_ns > oldest_ns}
-        oldest_mover_ns = now_ns - round(params.mover_expire_s * NS)
-        self.movers = {k: m for k, m in self.movers.items() if m.seen_ns > oldest_mover_ns}
-        for former in self.retired:
-            former.planes = {k: p for k, p in former.planes.items() if p.received_ns > oldest_ns}
-            former.movers = {k: m for k, m in former.movers.items() if m.seen_ns > oldest_mover_ns}
-            if now_ns - former.aligned_ns > KEEP_FIT_NS:
-                former.aligned = None
-        self.retired = [former for former in self.retired if former.planes or former.movers]
-        if self._aligned is not None and now_ns - self._aligned_ns > KEEP_FIT_NS:
-            self._aligned = None
+        for reports in (self.present, *self.former):
+            reports.expire(now_ns, params)
+        self.former = [reports for reports in self.former if reports.planes or reports.movers]
 
     def align(self, own_box: Floats, own: LocalFrame, now_ns: int) -> None:
         """Tries to refine the place of the frame by own planes, (N, 6). Two consecutive fits must agree."""
         self.fitted_ns = now_ns
-        prior = self._by_position(own)
-        if prior is None or not self.planes:
+        present, prior = self.present, self.present.by_position(own)
+        if prior is None or not present.planes:
             return
         try:
-            self.last_fit = fit(self.boxes(), own_box, prior)
+            self.last_fit = fit(present.boxes(), own_box, prior)
         except (np.linalg.LinAlgError, ArithmeticError, ValueError):
             self.last_fit = Fit(FitResult.FAILED, prior)
         accepted, new = self.last_fit.result is FitResult.ACCEPTED, self.last_fit.placement
-        if accepted and self._aligned is not None and agree(self._aligned, new):
+        if accepted and present.aligned is not None and agree(present.aligned, new):
             confirmed = True
         else:
             confirmed = accepted and self._candidate is not None and agree(self._candidate, new)
             self._contradictions += self.last_fit.result is not FitResult.TOO_LITTLE
         self._candidate = new if accepted else None
         if confirmed:
-            self._aligned, self._aligned_ns, self._contradictions = new, now_ns, 0
+            present.aligned, present.aligned_ns, self._contradictions = new, now_ns, 0
         elif self._contradictions >= MOST_CONTRADICTIONS:
-            self._aligned, self._contradictions = None, 0
+            present.aligned, self._contradictions = None, 0
 
     def forget_alignment(self) -> None:
-        """Discards the alignment, because the own frame has changed."""
-        self._aligned = self._candidate = self.last_fit = None
-        for former in self.retired:
-            former.aligned = None
-
-    def placement(self, own: LocalFrame | None) -> Placement | None:
-        """Returns the place of the frame; None: not known."""
-        return self._aligned if self._aligned is not None or own is None else self._by_position(own)
-
-    def boxes(self) -> Floats:
-        """Returns its planes in its own frame, (N, 6)."""
-        return boxes_of(self.planes)
-
-    def _by_position(self, own: LocalFrame) -> Placement | None:
-        if self.state is None:
-            return None
-        return placement_by_position(own, self.state.frame, self.state.position_m)
+        """Discards the alignments, because the own frame has changed."""
+        self._candidate = self.last_fit = None
+        for reports in (self.present, *self.former):
+            reports.aligned = None
 
     def _changes_frame(self, packet: Packet) -> bool:
         """True if a packet is of another frame than those before."""
@@ -226,7 +220,8 @@ class Neighbour:
         return isinstance(content, VehicleState) and self._moves_origin(content)
 
     def _moves_origin(self, state: VehicleState) -> bool:
-        return self.state is not None and _origin(self.state.frame) != _origin(state.frame)
+        known = self.present.state
+        return known is not None and _origin(known.frame) != _origin(state.frame)
 
     def _continues(self, header: Header, arrival_ns: int, params: SharingParams) -> bool:
         """True if a packet of the same stream is later than those before, and not ahead of its arrival."""
@@ -247,47 +242,42 @@ class Neighbour:
     def _new_section(self, section: int) -> None:
         """Begins a new frame."""
         self.section = section
-        self._retire()
-        self.state = None
+        self._leave_frame()
 
-    def _retire(self) -> None:
-        """Moves the reports to `retired`: they keep the place of the frame in which they were made, and expire there."""
-        if self.planes or self.movers:
-            self.retired.append(Retired(self.state, self._aligned, self._aligned_ns, self.planes, self.movers))
-            self.planes, self.movers = {}, {}
-        self._aligned = self._candidate = self.last_fit = None
+    def _leave_frame(self) -> None:
+        if self.present.planes or self.present.movers:
+            self.former.append(self.present)
+        self.present, self._candidate, self.last_fit = FrameReports(), None, None
 
     def _take_state(self, state: VehicleState, sent_ns: int) -> None:
         if self._moves_origin(state):
-            self._retire()
-        self.state, self.state_ns = state, sent_ns
+            self._leave_frame()
+        self.present.state, self.state_ns = state, sent_ns
 
     def _take_planes(self, planes: SharedPlanes, arrival_ns: int, sent_ns: int, most: int) -> None:
+        held = self.present.planes
         for k in range(len(planes)):
             age_s = float(planes.age_s[k])
             seen_ns = sent_ns - round(min(age_s, OLDEST_S) * NS)
             number = int(planes.ids[k])
-            self.planes.pop(number, None)
-            self.planes[number] = HeldPlane(
+            held.pop(number, None)
+            held[number] = HeldPlane(
                 tuple(planes.box[k].tolist()), float(planes.margin_m[k]), int(planes.flags[k]), seen_ns, arrival_ns
             )
-        over = len(self.planes) + sum(len(former.planes) for former in self.retired) - most
-        for held in (*(former.planes for former in self.retired), self.planes):
+        frames = [*(reports.planes for reports in self.former), held]
+        over = sum(map(len, frames)) - most
+        for held in frames:
             for number in list(islice(held, max(0, over))):
                 del held[number]
                 over -= 1
 
-    def _take_movers(self, movers: tuple[SharedMover, ...], arrival_ns: int, sent_ns: int) -> None:
+    def _take_movers(self, movers: tuple[SharedMover, ...], sent_ns: int) -> None:
+        held = self.present.movers
         for mover in movers:
-            self.movers.pop(mover.id, None)
-            self.movers[mover.id] = HeldMover(mover, sent_ns - round(mover.age_s * NS), arrival_ns)
-            if len(self.movers) > MOST_MOVERS:
-                self.movers.pop(next(iter(self.movers)))
-
-
-def boxes_of(planes: dict[int, HeldPlane]) -> Floats:
-    """Returns held planes, (N, 6)."""
-    return np.array([p.box for p in planes.values()], np.float64).reshape(-1, 6)
+            held.pop(mover.id, None)
+            held[mover.id] = HeldMover(mover, sent_ns - round(mover.age_s * NS))
+            if len(held) > MOST_MOVERS:
+                held.pop(next(iter(held)))
 
 
 def _origin(frame: LocalFrame) -> tuple[float, float, float, float]:

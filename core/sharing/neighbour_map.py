@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bodies import Body, MovingReport, are_bodies
-from .neighbour import NS, HeldMover, HeldPlane, Neighbour, boxes_of
+from .neighbour import NS, FrameReports, Neighbour
 from .obstacles import (
     MoverKind,
     NeighbourStatus,
@@ -153,59 +153,43 @@ class NeighbourMap:
         bodies: list[Body],
         now_ns: int,
     ) -> tuple[list[dict[str, NDArray[Any]]], list[SharedMovingObstacle], NeighbourStatus]:
-        placement = self._placement(neighbour, own)
-        state = _state_of(placement, self.params.max_sigma_m)
-        status = NeighbourStatus(
-            vehicle=neighbour.vehicle,
-            silent_s=_age_s(neighbour.received_ns, now_ns),
-            placement=state,
-            fit="" if neighbour.last_fit is None else str(neighbour.last_fit.result.value),
-            sigma_m=math.inf if placement is None else placement.sigma_m,
-            planes=0,
-            movers=0,
-            withheld=len(neighbour.planes),
-            packets=neighbour.packets,
-            refused=neighbour.refused,
-            vehicle_m=None,
-        )
-        frames = self._frames_of(neighbour, placement, own)
+        """Returns the planes, the moving obstacles and the state of one neighbour."""
+        vehicle, placement = neighbour.vehicle, self._placement(neighbour, own)
         # a vehicle does not observe itself: what it reports beside itself is something else
-        bodies = [body for body in bodies if body.vehicle != neighbour.vehicle]
-        parts = [self._planes_of(neighbour.vehicle, planes, place, bodies, now_ns) for planes, _, place in frames]
-        movers = [
-            mover
-            for _, held, place in frames
-            for mover in self._movers_of(neighbour.vehicle, held, place, bodies, now_ns)
-        ]
-        total = len(neighbour.planes) + sum(len(former.planes) for former in neighbour.retired)
-        count = sum(len(part["sender"]) for part in parts)
+        bodies = [body for body in bodies if body.vehicle != vehicle]
+        frames = self._frames_of(neighbour, own)
+        parts = [self._planes_of(vehicle, reports, place, bodies, now_ns) for reports, place in frames]
+        movers = [m for reports, place in frames for m in self._movers_of(vehicle, reports, place, bodies, now_ns)]
         body = self._body(neighbour, placement, now_ns)
         if body is not None:
             movers.append(body)
-        vehicle_m = None if body is None else body.centre_m
-        status = replace(status, planes=count, withheld=total - count, movers=len(movers), vehicle_m=vehicle_m)
+        count = sum(len(part["sender"]) for part in parts)
+        status = NeighbourStatus(
+            vehicle=vehicle,
+            silent_s=_age_s(neighbour.received_ns, now_ns),
+            placement=_state_of(placement, self.params.max_sigma_m),
+            fit="" if neighbour.last_fit is None else str(neighbour.last_fit.result.value),
+            sigma_m=math.inf if placement is None else placement.sigma_m,
+            planes=count,
+            movers=len(movers),
+            withheld=sum(len(reports.planes) for reports in (neighbour.present, *neighbour.former)) - count,
+            packets=neighbour.packets,
+            refused=neighbour.refused,
+            vehicle_m=None if body is None else body.centre_m,
+        )
         return parts, movers, status
 
-    def _frames_of(
-        self, neighbour: Neighbour, placement: Placement | None, own: OwnState
-    ) -> list[tuple[dict[int, HeldPlane], dict[int, HeldMover], Placement]]:
-        """Returns (planes, moving obstacles, place) of the present frame and of former ones, if their place is known
-        well enough."""
+    def _frames_of(self, neighbour: Neighbour, own: OwnState) -> list[tuple[FrameReports, Placement]]:
+        """Returns the reports of the present frame and of former ones whose place is known well enough, and that place."""
         if own.state is None:
             return []
-        former = [(f.planes, f.movers, f.placement(own.state.frame)) for f in neighbour.retired]
-        most_m = self.params.max_sigma_m
-        return [
-            (planes, movers, place)
-            for planes, movers, place in [(neighbour.planes, neighbour.movers, placement), *former]
-            if place is not None and place.sigma_m <= most_m
-        ]
+        placed = [(reports, reports.placement(own.state.frame)) for reports in (neighbour.present, *neighbour.former)]
+        return [(r, place) for r, place in placed if place is not None and place.sigma_m <= self.params.max_sigma_m]
 
     def _planes_of(
-        self, vehicle: int, planes_held: dict[int, HeldPlane], placement: Placement, bodies: list[Body], now_ns: int
+        self, vehicle: int, reports: FrameReports, placement: Placement, bodies: list[Body], now_ns: int
     ) -> dict[str, NDArray[Any]]:
-        held = list(planes_held.items())
-        box = boxes_of(planes_held)
+        held, box = list(reports.planes.items()), reports.boxes()
         error_m = np.array([p.margin_m for _, p in held], np.float64)
         planes, margin_m, sigma_m = placed_planes(box, error_m, placement)
         keep = sigma_m <= self.params.max_sigma_m
@@ -224,14 +208,14 @@ class NeighbourMap:
         }
 
     def _movers_of(
-        self, vehicle: int, movers: dict[int, HeldMover], placement: Placement, bodies: list[Body], now_ns: int
+        self, vehicle: int, reports: FrameReports, placement: Placement, bodies: list[Body], now_ns: int
     ) -> list[SharedMovingObstacle]:
         """Returns the moving obstacles of one frame without vehicles of the team."""
-        found, reports = [], []
-        for number, held in sorted(movers.items()):
+        found, candidates = [], []
+        for number, held in sorted(reports.movers.items()):
             mover = _placed_mover(vehicle, number, held.mover, placement, _age_s(held.seen_ns, now_ns))
             found.append(mover)
-            reports.append(
+            candidates.append(
                 MovingReport(
                     centre_m=mover.centre_m,
                     half_size_m=held.mover.half_size_m,  # without the uncertainty of the height
@@ -245,14 +229,14 @@ class NeighbourMap:
                 )
             )
         for body in bodies:
-            k = body.find(reports)
+            k = body.find(candidates)
             if k is not None:
-                del found[k], reports[k]
+                del found[k], candidates[k]
         return found
 
     def _body(self, neighbour: Neighbour, placement: Placement | None, now_ns: int) -> SharedMovingObstacle | None:
         """Returns the neighbour itself; None: its place is too old or too uncertain. Then it hides no report, either."""
-        state, age_s = neighbour.state, _age_s(neighbour.state_ns, now_ns)
+        state, age_s = neighbour.present.state, _age_s(neighbour.state_ns, now_ns)
         if placement is None or placement.sigma_m > self.params.max_sigma_m:
             return None
         if state is None or age_s > max(2.5, self.params.mover_expire_s):
@@ -270,7 +254,7 @@ class NeighbourMap:
         return replace(_placed_mover(neighbour.vehicle, VEHICLE_ID, mover, placement, age_s), kind=MoverKind.VEHICLE)
 
     def _placement(self, neighbour: Neighbour, own: OwnState) -> Placement | None:
-        return None if own.state is None else neighbour.placement(own.state.frame)
+        return None if own.state is None else neighbour.present.placement(own.state.frame)
 
     def _follow(self, own: OwnState) -> None:
         """Discards the alignments if the own frame has changed, or may have while the own position was not known."""

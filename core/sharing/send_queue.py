@@ -31,7 +31,7 @@ from .packet_codec import (
     planes_packet,
     state_packet,
 )
-from .plane_codec import LONG, SHORT, Anchor, PlaneForm
+from .plane_codec import LONG, SHORT, Anchor
 from .records import Header, Motion, PacketError, SharedMover, SharedPlanes, VehicleState
 from .send_budget import Budget, SentBytes
 
@@ -114,7 +114,7 @@ class SendQueue:
         if state is None or (self._states and now_ns - self._state_ns < interval_ns):
             return
         self._states, self._state_ns, self._motion_ns = self._states + 1, now_ns, now_ns
-        self._add(out, now_ns, lambda header: state_packet(header, state))
+        self._add(out, now_ns, state_packet, state)
 
     def _add_motion(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
         """Adds a packet with the motion alone if none with planes has contained it."""
@@ -128,7 +128,7 @@ class SendQueue:
             self._add_state(out, offer, now_ns)
             return
         self._motion_ns = now_ns
-        self._add(out, now_ns, lambda header: planes_packet(header, SharedPlanes.empty(), anchor_m, SHORT, motion))
+        self._add(out, now_ns, planes_packet, SharedPlanes.empty(), anchor_m, SHORT, motion)
 
     def _motion(self, offer: Offer, anchor_m: Anchor) -> Motion | None:
         if offer.state is None:
@@ -142,10 +142,10 @@ class SendQueue:
             self._stream, self._begun_ns, self._sent_ms = self._stream + 1, now_ns, 0
         return Header(vehicle=self._vehicle, stream=self._stream, sent_ms=self._sent_ms, section=self._section & 0xFF)
 
-    def _add(self, out: list[bytes], now_ns: int, encode: Callable[[Header], bytes]) -> None:
-        """Encodes a packet and deducts it from the budget; counts packets that cannot be encoded."""
+    def _add(self, out: list[bytes], now_ns: int, encode: Callable[..., bytes], *content: object) -> None:
+        """Adds the packet encode(header, *content) and deducts it from the budget; counts those that cannot be encoded."""
         try:
-            data = encode(self._header(now_ns))
+            data = encode(self._header(now_ns), *content)
         except PacketError:
             self.unencodable += 1
             return
@@ -174,7 +174,7 @@ class SendQueue:
         if not some or OVERHEAD_BYTES + 16 * len(some) + self._budget.overhead_bytes > self._sent.room(urgent=True):
             return
         self._next_mover = begin + len(some)
-        self._add(out, now_ns, lambda header: movers_packet(header, some, anchor_m))
+        self._add(out, now_ns, movers_packet, some, anchor_m)
 
     def _add_planes(self, out: list[bytes], offer: Offer, now_ns: int) -> None:
         planes = offer.planes
@@ -202,22 +202,10 @@ class SendQueue:
                 self.unencodable += 1
                 chosen = rows[:1]
             else:
-                self._add_part(out, planes.part(chosen), anchor_m, form, motion, now_ns)
+                self._motion_ns = now_ns if motion is not None else self._motion_ns
+                self._add(out, now_ns, planes_packet, planes.part(chosen), anchor_m, form, motion)
             self._note(planes, chosen, now_ns)
             urgent, paced = (rest[~np.isin(rest, chosen)] for rest in (urgent, paced))
-
-    def _add_part(
-        self,
-        out: list[bytes],
-        part: SharedPlanes,
-        anchor_m: Anchor,
-        form: PlaneForm,
-        motion: Motion | None,
-        now_ns: int,
-    ) -> None:
-        if motion is not None:
-            self._motion_ns = now_ns
-        self._add(out, now_ns, lambda header: planes_packet(header, part, anchor_m, form, motion))
 
     def _note(self, planes: SharedPlanes, rows: NDArray[np.intp], now_ns: int) -> None:
         """Records what was sent. A changed plane is repeated in its turn like a new one that was sent REPEATS times."""

@@ -1,10 +1,10 @@
 """Which own obstacles of the size of a vehicle were observed whole.
 
-The border of the image cuts a thing, which the model states, or a nearer obstacle hides a part of it, which it does
-not. What is left of a person can have the size of a vehicle of the team. Such a thing is marked, and then never taken
+The border of the image cuts an object, which the model states, or a nearer obstacle hides a part of it, which it does
+not. What is left of a person can have the size of a vehicle of the team. Such an object is marked, and then never taken
 for a vehicle.
 
-A vehicle is often observed as several planes at different distances, which hide each other. A thing counts as whole if,
+A vehicle is often observed as several planes at different distances, which hide each other. An object counts as whole if,
 together with the outlines of all that may hide a part of it, it is not larger than a vehicle: what is hidden lies behind them."""
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FRESH_S = 0.5
 BESIDE_M = 0.4
 """A nearer obstacle whose outline comes this near to that of another, as the vehicle sees both, may hide a part of it."""
 NEARER_M = 0.5
-"""Sides of one thing are not that much nearer than each other."""
+"""Sides of one object are not that much nearer than each other."""
 MOST_NEARER = 300
 """Number of the obstacles that are compared, the first ones: planes are offered with the nearest first."""
 MOST_IDS = 1 << 16
