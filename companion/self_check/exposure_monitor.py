@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical, rotation_from_quaternion
-from core.self_check.depth_registration import InverseDepthGrid, inverse_depth_grid, rotation_between
+from core.self_check.depth_registration import Pyramid, depth_pyramid, rotation_between
 from core.types import AttitudeSample, CameraInfo, DepthFrame
 from drivers.base import Event
 
@@ -79,7 +79,7 @@ class ExposureOffsetMonitor:
 class _Image:
     """A reduced image, its stamp, and the camera's attitude at each lag (L, 3, 3), R_ned_optical."""
 
-    grid: InverseDepthGrid
+    pyramid: Pyramid
     t_ns: int
     R_ned_optical: NDArray[np.float64] | None = None
 
@@ -109,8 +109,8 @@ class _Camera:
         if frame.depth_mm.shape == (k.height, k.width) and (
             newest is None or frame.t_exposure_ns - newest.t_ns >= PAIR_NS
         ):
-            grid = inverse_depth_grid(apply_mask(frame.depth_mm, self.mask), self.info)
-            self._waiting.append(_Image(grid, frame.t_exposure_ns))
+            pyramid = depth_pyramid(apply_mask(frame.depth_mm, self.mask), self.info)
+            self._waiting.append(_Image(pyramid, frame.t_exposure_ns))
         if self._waiting and attitudes.newest_ns is not None:
             if attitudes.newest_ns > self._waiting[0].t_ns - int(LAGS_NS[0]):
                 self._take(self._waiting.popleft(), attitudes)
@@ -124,7 +124,7 @@ class _Camera:
         if q is None:
             return
         turned = np.array([rotation_from_quaternion(tuple(row)) for row in q[::-1]]) @ self._R_frd_optical
-        image = self._last = _Image(image.grid, image.t_ns, turned)
+        image = self._last = _Image(image.pyramid, image.t_ns, turned)
         if before is not None and before.R_ned_optical is not None and image.t_ns - before.t_ns <= PAIR_MAX_NS:
             self._pair(before, image, before.R_ned_optical, turned)
 
@@ -135,10 +135,10 @@ class _Camera:
             if self.offset.state is OffsetState.NO_ATTITUDE:
                 self.offset = ExposureOffset(camera=self.info.camera, state=OffsetState.NOT_ENOUGH_MOTION)
             return
-        if np.array_equal(a.grid.fine, b.grid.fine, equal_nan=True):
+        if np.array_equal(a.pyramid.fine.cells, b.pyramid.fine.cells, equal_nan=True):
             return  # a frozen image
         guess = int(np.argmin(np.abs(LAGS_S - self._guess_s)))
-        found = rotation_between(a.grid, b.grid, np.ascontiguousarray(R_b_a[guess]))
+        found = rotation_between(a.pyramid, b.pyramid, np.ascontiguousarray(R_b_a[guess]))
         if found is None:
             return
         self._measured.append(found[0])

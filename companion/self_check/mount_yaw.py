@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical, rotation_from_quaternion
-from core.self_check.depth_registration import InverseDepthGrid, inverse_depth_grid, motion_between
+from core.self_check.depth_registration import Pyramid, depth_pyramid, motion_between
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import Event
 from osape_client.proto import osape_v1_pb2 as pb
@@ -165,7 +165,7 @@ class _Velocities:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Image:
-    grid: InverseDepthGrid
+    pyramid: Pyramid
     t_ns: int
 
 
@@ -194,8 +194,8 @@ class _Camera:
             return
         fits = frame.depth_mm.shape == (k.height, k.width)
         if fits and (newest is None or frame.t_exposure_ns - newest.t_ns >= PAIR_NS):
-            grid = inverse_depth_grid(apply_mask(frame.depth_mm, self.mask), self.info)
-            self._waiting.append(_Image(grid, frame.t_exposure_ns))
+            pyramid = depth_pyramid(apply_mask(frame.depth_mm, self.mask), self.info)
+            self._waiting.append(_Image(pyramid, frame.t_exposure_ns))
         if self._waiting and min(known_ns, attitudes.newest_ns or 0) > self._waiting[0].t_ns:
             image, before = self._waiting.popleft(), self._last
             self._last = image
@@ -214,7 +214,7 @@ class _Camera:
         if math.acos(max(-1.0, min(1.0, 0.5 * (float(np.trace(R_b_a)) - 1.0)))) > MAX_TURN_RAD:
             return
         expected_m = velocity.mean(axis=0) * ((b.t_ns - a.t_ns) / NS)
-        motion = motion_between(a.grid, b.grid, R_b_a, -R_b.T @ expected_m, ROUNDS)
+        motion = motion_between(a.pyramid, b.pyramid, R_b_a, -R_b.T @ expected_m, ROUNDS)
         if motion is None:
             return
         moved = R_b @ -motion.given_rotation_m  # motion of the camera in ned, assuming the configured mount

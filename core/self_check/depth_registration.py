@@ -41,6 +41,26 @@ LEAST_CELLS = 100
 """Least number of compared cells for a measurement."""
 
 
+class InverseDepthGrid(NamedTuple):
+    """A depth image reduced to square cells of mean inverse depth.
+
+    Attributes:
+        cells: (rows, columns) 1/m, NaN where not measured.
+        lens: fx, fy, cx, cy in cells.
+        sigma_per_m: noise of a cell, 1/m."""
+
+    cells: Floats
+    lens: tuple[float, float, float, float]
+    sigma_per_m: float
+
+
+class Pyramid(NamedTuple):
+    """A depth image at two resolutions: `half` has half as many rows and columns as `fine`."""
+
+    fine: InverseDepthGrid
+    half: InverseDepthGrid
+
+
 @kernel
 def reduce_depth(depth_mm, cell_px, nearest_mm, farthest_mm, out):
     """Computes the mean inverse depth of each cell (rows, columns) in 1/m; NaN where less than half of the samples
@@ -77,30 +97,27 @@ def halve(fine, out):
 
 
 @kernel
-def _accumulate(first, second, lens, R, t, sigma, H, g):
+def _accumulate(first, second, R, t, H, g):
     """Computes the normal equations of one Gauss-Newton step; returns the number of cells compared.
 
     Args:
-        first, second: grids of inverse depth.
-        lens: fx, fy, cx, cy in cells.
+        first, second: InverseDepthGrid of both images.
         R: (3, 3) present rotation.
         t: (3,) present translation.
-        sigma: noise of a cell.
         H: (6, 6) out, for rotation and translation, where the rotation is applied on the left of R.
         g: (6,) out."""
-    rows, columns = first.shape
-    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    rows, columns = first.cells.shape
+    fx, fy, cx, cy = first.lens
+    here, there = first.cells, second.cells
     J = np.empty(6)
-    for i in range(6):
-        g[i] = 0.0
-        for j in range(6):
-            H[i, j] = 0.0
+    g[:] = 0.0
+    H[:] = 0.0
     cells = 0
     shrink, edge = 1.0 / (CAUCHY * CAUCHY), EDGE_SHARE * EDGE_SHARE
     for r in range(rows):
         y = (r - cy) / fy
         for c in range(columns):
-            d = first[r, c]
+            d = here[r, c]
             if not d > 0.0:
                 continue
             x = (c - cx) / fx
@@ -116,7 +133,7 @@ def _accumulate(first, second, lens, R, t, sigma, H, g):
                 continue
             c0, r0 = int(u), int(v)
             a, b = u - c0, v - r0
-            s00, s01, s10, s11 = second[r0, c0], second[r0, c0 + 1], second[r0 + 1, c0], second[r0 + 1, c0 + 1]
+            s00, s01, s10, s11 = there[r0, c0], there[r0, c0 + 1], there[r0 + 1, c0], there[r0 + 1, c0 + 1]
             top, bottom = s01 - s00, s11 - s10
             du = top + b * (bottom - top)
             left, right = s10 - s00, s11 - s01
@@ -124,7 +141,7 @@ def _accumulate(first, second, lens, R, t, sigma, H, g):
             e = s00 + a * top + b * left + a * b * (bottom - top) - d * iz
             if not e * e >= 0.0:  # a neighbour is not measured
                 continue
-            w = 1.0 / (sigma * sigma + edge * (du * du + dv * dv) + shrink * e * e)
+            w = 1.0 / (first.sigma_per_m * first.sigma_per_m + edge * (du * du + dv * dv) + shrink * e * e)
             gx, gy = du * fx * iz, dv * fy * iz
             # derivative of e by q, then by the rotation (q x) and the translation (d)
             ez = d * iz * iz - gx * px - gy * py
@@ -158,16 +175,16 @@ def _turn(R, v, out):
 
 
 @kernel
-def _align(first, second, lens, R, t, sigma, steps, H):
+def _align(first, second, R, t, steps, H):
     """Improves R (3, 3) and t (3,) in place, so that `first` fits `second`; returns the number of cells compared.
 
     H: (6, 6) out, information of the last step. The result is 0, and R and t are not changed, if too few cells are
     compared."""
     g, turned = np.empty(6), np.empty((3, 3))
     prior = 1.0 / (TRANSLATION_PRIOR_M * TRANSLATION_PRIOR_M)
-    cells, least = 0, LEAST_CELLS * first.size // 4800
+    cells, least = 0, LEAST_CELLS * first.cells.size // 4800
     for _ in range(steps):
-        cells = _accumulate(first, second, lens, R, t, sigma, H, g)
+        cells = _accumulate(first, second, R, t, H, g)
         if cells < least:
             return 0
         for i in range(3):
@@ -182,36 +199,19 @@ def _align(first, second, lens, R, t, sigma, steps, H):
     return cells
 
 
-class InverseDepthGrid(NamedTuple):
-    """A depth image reduced to mean inverse depth.
-
-    Attributes:
-        fine: (rows, columns) 1/m, NaN where not measured.
-        half: the same at half the resolution.
-        lens: fx, fy, cx, cy in cells of `fine`.
-        lens_half: the same in cells of `half`.
-        sigma_per_m: noise of a cell, 1/m."""
-
-    fine: Floats
-    half: Floats
-    lens: Floats
-    lens_half: Floats
-    sigma_per_m: float
-
-
 @kernel
 def _align_pyramid(first, second, R, t, H):
     """Aligns from coarse to fine; returns True if the motion could be measured.
 
-    first, second: InverseDepthGrid. R (3, 3) and t (3,): the guess, improved in place. H: (6, 6) out, information of
-    rotation (1/rad^2) and translation (1/m^2)."""
-    if _align(first.half, second.half, first.lens_half, R, t, first.sigma_per_m, STEPS_COARSE, H) == 0:
+    first, second: Pyramid. R (3, 3) and t (3,): the guess, improved in place. H: (6, 6) out, information of rotation
+    (1/rad^2) and translation (1/m^2)."""
+    if _align(first.half, second.half, R, t, STEPS_COARSE, H) == 0:
         return False
-    return _align(first.fine, second.fine, first.lens, R, t, first.sigma_per_m, STEPS_FINE, H) > 0
+    return _align(first.fine, second.fine, R, t, STEPS_FINE, H) > 0
 
 
-def inverse_depth_grid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> InverseDepthGrid:
-    """Returns the grid of a depth image (H, W) uint16 mm. Depths outside of the camera's range are not measured."""
+def depth_pyramid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> Pyramid:
+    """Returns the grids of a depth image (H, W) uint16 mm. Depths outside of the camera's range are not measured."""
     k = info.intrinsics
     cell = max(2, round(k.width / GRID_COLUMNS))
     fine = np.empty((k.height // cell // 2 * 2, k.width // cell // 2 * 2))
@@ -219,15 +219,13 @@ def inverse_depth_grid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> Invers
     reduce_depth(depth_mm, cell, info.least_mm, round(1000.0 * info.max_range_m), fine)
     halve(fine, half)
     middle = float((cell + 1) // 2 - 1)  # mean offset of the pixels 0, 2, 4 ... of a cell
-    lens = np.array([k.fx / cell, k.fy / cell, (k.cx - middle) / cell, (k.cy - middle) / cell])
-    lens_half = np.array([lens[0] / 2, lens[1] / 2, (lens[2] - 0.5) / 2, (lens[3] - 0.5) / 2])
+    fx, fy, cx, cy = k.fx / cell, k.fy / cell, (k.cx - middle) / cell, (k.cy - middle) / cell
     sigma = NOISE_FACTOR * info.ke_per_m / ((cell + 1) // 2)
-    return InverseDepthGrid(fine, half, lens, lens_half, sigma)
+    of_half = fx / 2, fy / 2, (cx - 0.5) / 2, (cy - 0.5) / 2
+    return Pyramid(InverseDepthGrid(fine, (fx, fy, cx, cy), sigma), InverseDepthGrid(half, of_half, sigma))
 
 
-def rotation_between(
-    first: InverseDepthGrid, second: InverseDepthGrid, R_second_first: Floats
-) -> tuple[Floats, Floats] | None:
+def rotation_between(first: Pyramid, second: Pyramid, R_second_first: Floats) -> tuple[Floats, Floats] | None:
     """Returns the rotation vector of R_second_first (3,), and its standard deviation (3,), in rad in optical axes.
 
     The standard deviation contains the depth noise only. The motion is measured in both directions and averaged: the
@@ -261,8 +259,8 @@ class Motion:
 
 
 def motion_between(
-    first: InverseDepthGrid,
-    second: InverseDepthGrid,
+    first: Pyramid,
+    second: Pyramid,
     R_second_first: Floats,
     t_second_first_m: Floats | None = None,
     rounds: int = 1,

@@ -178,17 +178,17 @@ def checked(
     wanted = _verdict(state.verdict, mount, cues, rows, confirmations, params)
     verdict, pending, streak = settled(state, wanted)
     return MountState(
-        t_ns,
-        state.measurements + 1,
-        verdict,
-        pending,
-        streak,
-        size,
-        True,
-        confirmations,
-        residual,
-        mount.state(),
-        heading_jump_ns,
+        t_ns=t_ns,
+        measurements=state.measurements + 1,
+        verdict=verdict,
+        pending=pending,
+        streak=streak,
+        slope_rad=size,
+        ground=True,
+        confirmations=confirmations,
+        residual_rad=residual,
+        filter=mount.state(),
+        heading_jump_ns=heading_jump_ns,
     )
 
 
@@ -221,10 +221,10 @@ def _residual(state: MountState, dt_s: float, rows: Floats, cues: MountCues, mou
     share = 1.0 - math.exp(-max(0.0, dt_s) / RESIDUAL_S)
     share *= SLOPE_SD_RAD**2 / (SLOPE_SD_RAD**2 + cues.slope_sd_rad**2)
     along = np.array([cues.slope_x_rad, cues.slope_y_rad]) - rows @ mount.mean
-    north, east = (float(v) for v in rows[:, 3:].T @ along)
-    return state.residual_rad[0] + share * (north - state.residual_rad[0]), state.residual_rad[1] + share * (
-        east - state.residual_rad[1]
+    north, east = (
+        mean + share * (float(v) - mean) for mean, v in zip(state.residual_rad, rows[:, 3:].T @ along, strict=True)
     )
+    return north, east
 
 
 def _confirmations(

@@ -13,7 +13,7 @@ from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.self_check.depth_registration import inverse_depth_grid
+from core.self_check.depth_registration import depth_pyramid
 from core.self_check.surfaces import find_surfaces
 from core.types import (
     BEYOND_MM,
@@ -137,7 +137,7 @@ def test_the_self_checks_take_no_mark_for_a_distance() -> None:
     depth = field()
     depth[40:80] = rng.integers(1, GREATEST_MARK_MM + 1, depth[40:80].shape)
     assert_equal(find_surfaces(depth, info, LEVEL, 0.002), find_surfaces(unmarked(depth), info, LEVEL, 0.002))
-    assert_equal(inverse_depth_grid(depth, info), inverse_depth_grid(unmarked(depth), info))
+    assert_equal(depth_pyramid(depth, info), depth_pyramid(unmarked(depth), info))
 
 
 def presuming(depth: NDArray[np.uint16] | NDArray[np.float32], info: CameraInfo) -> bool:
