@@ -123,9 +123,10 @@ def draw_merge(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) ->
     """Planes before and after the merge."""
     call = calls.of("join_planes")
     count = call.before[0]
-    after = call.after[2][:count][call.after[2]["support"][:count] >= 0]
+    after = call.after[2].planes[:count]
+    after = after[after["support"] >= 0]
     a, b = figure.subplots(1, 2)
-    _rectangles(a, calls, frame, call.before[2][:count], f"{count} pieces")
+    _rectangles(a, calls, frame, call.before[2].planes[:count], f"{count} pieces")
     _rectangles(b, calls, frame, after, f"merged: {len(after)} planes")
 
 

@@ -15,14 +15,14 @@ from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, pixel_limits
 from .stages.depth_bias import DepthBias
 from .stages.free_profile import PlaneStops, free_profile
-from .stages.free_space import FreeObservation, WalkedView, observe_free
+from .stages.free_space import WalkedView, observe_free
 from .stages.ground import find_ground, ground_search
 from .stages.ground_ranges import with_ranges
 from .stages.level import level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
 from .stages.noise_check import is_no_measurement
 from .stages.open_space import observe_open
-from .stages.plane_shaping import Planes, PlaneShaper
+from .stages.plane_shaping import PlaneShaper
 from .stages.prisms import layered_prisms
 from .stages.ramps import ramp_limits
 from .stages.settings import Settings, settings_of
@@ -100,14 +100,16 @@ class Extractor:
         if is_smeared:
             smear = remove_smeared_edges(depth_mm, marks, ramps, height_line(info, R, ground, p), self._buffers)
         stats = pixel_stats(smear.remaining(counts), depth_mm.size, smeared_px=smear.pixels)
+        # free space ends at the near end of a ramp; obstacles are searched without the pixels of ramps, below
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)
         walked = WalkedView(
             codes=levelled.exact_codes, geometry=levelled.exact_view, source=source, ground=ground, ke_per_m=ke
         )
         free = observe_free(walked, p)
-        is_marked = info.marks_smooth and depth.dtype == np.uint16
-        opened = self._observe_open(depth_mm, walked) if is_marked else None
+        opened = None
+        if info.marks_smooth and depth.dtype == np.uint16:
+            opened = observe_open(depth_mm, walked, p, self.open_sky, self._buffers)
         if smear.active:
             levelled = level_view(marks, info, R, view, ke, p, self._buffers)
         strips = self._strip_search.search(levelled, source, ground, ke, settings)
@@ -120,30 +122,13 @@ class Extractor:
         if published is None:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
-            ground, next_state = (
-                with_ranges(ground, self._ground_search.points, free.edges_t),
-                replace(next_state, ground_height_m=ground.height_m),
-            )
-        profile = self._profile(free, opened, published, planes, bias)
-        stats, table = strips.counted(stats), strip_table(strips.table, strips.count) if keep_strips else None
-        return self._model(published, profile, ground, stats, ke, table), next_state
-
-    def _observe_open(self, depth_mm: NDArray[np.uint16], walked: WalkedView) -> FreeObservation | None:
-        """Returns free or open ranges of a camera that marks smooth pixels; None: nothing may be presumed."""
-        found = observe_open(depth_mm, walked, self.params, self.open_sky, self._buffers)
-        return found.seen if found is not None else None
-
-    def _profile(
-        self,
-        free: FreeObservation,
-        opened: FreeObservation | None,
-        published: PublishedPlanes,
-        planes: Planes,
-        bias: DepthBias,
-    ) -> FreeProfile:
-        """Returns the free-range profile: free and open ranges, limited by the planes."""
+            next_state = replace(next_state, ground_height_m=ground.height_m)
+            ground = with_ranges(ground, self._ground_search.points, free.edges_t)
         stops = PlaneStops(planes.table[: len(published.rows)], published.noise_margin_m)
-        return free_profile(free, stops, bias, opened, self.open_sky.open_max_range_m)
+        open_ranges = None if opened is None else opened.seen
+        profile = free_profile(free, stops, bias, open_ranges, self.open_sky.open_max_range_m)
+        table = strip_table(strips.table, strips.count) if keep_strips else None
+        return self._model(published, profile, ground, strips.counted(stats), ke, table), next_state
 
     def _model(
         self,

@@ -255,5 +255,5 @@ class Params(ImageParams):
         0.02,
         2.0,
         "m",
-        "a region without a measurement of about this width and height may be a thing; smaller: less free space",
+        "a region without a measurement of about this width and height may hide an object; smaller: less free space",
     )

@@ -40,9 +40,9 @@ def begin_of_range(sampled, cell, rings, first, w):
     """Returns the distance from which on a layer is free whose first free ring is `first`, m: the middle between this ring
     and the one before it where the layer is free there too, else this ring.
 
-    This holds only where the ring before is out of view: one that is in view and was not free may hold a thing. The cells
+    This holds only where the ring before is out of view: one that is in view and was not free may hold an object. The cells
     that cover the layer at the middle must see through the first free ring. No hole at the middle or at that ring may hide
-    a thing between them. Arguments: see `range_of_cell`."""
+    an object between them. Arguments: see `range_of_cell`."""
     before, x, blocking = np.float64(rings.x[first - 1]), np.float64(rings.x[first]), rings.blocking[first]
     if part_at(cell, before, sampled.in_source, w).why != _VIEW:
         return x

@@ -178,7 +178,7 @@ def count_codes(cells, first, end, least, most):
 
 @inner
 def columns_hide(sampled, part, blocking):
-    """Returns whether a column that overlaps the direction may hide a thing in the rows of a part, rounded outward: it is
+    """Returns whether a column that overlaps the direction may hide an object in the rows of a part, rounded outward: it is
     unknown in more than half of its blocks, or in one block and sees through the ring in less than half of its rows.
 
     Planes end the free range at near cells. Of a surface that is seen edge-on most pixels are removed as flying ones,

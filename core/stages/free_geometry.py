@@ -25,7 +25,7 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.MAX_RANGE),
 )
 _NEAR_REACH = 1.5
-"""A thing whose front is nearer than the minimum range may reach to this multiple of it."""
+"""An object whose front is nearer than the minimum range may reach to this multiple of it."""
 _LEAST_LAYER_M = 0.1
 """A layer with less than this above the ground is unknown."""
 WALK_SETTINGS = record(
@@ -49,8 +49,8 @@ WALK_SETTINGS = record(
     ("ring_noise_cap", np.float64),  # its greatest share of the distance
     ("ring_m", np.float64),  # step of range
     ("step_rad", np.float64),  # step of direction
-    ("near_m", np.float64),  # optical depth to which a thing may reach that is too near to be measured
-    ("blank_m", np.float64),  # least side of a thing without texture
+    ("near_m", np.float64),  # optical depth to which an object may reach that is too near to be measured
+    ("blank_m", np.float64),  # least side of an object without texture
 )
 """Settings of the walk for one view and ground."""
 

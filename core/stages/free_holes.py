@@ -1,4 +1,4 @@
-"""Holes of the levelled view: squares of unknown cells that are large enough to hide a thing.
+"""Holes of the levelled view: squares of unknown cells that are large enough to hide an object.
 
 Input: the number of unknown cells of each block of the exact view. Output: for each column and block of rows the sides of the unknown squares
 that contain it. Used by free_space.py.
@@ -124,7 +124,7 @@ def join_holes(holes, columns, own, widened):
         columns: (first, end).
         own: (blocks,) uint8 out, the holes of these columns.
         widened: (blocks,) uint8 out, the holes of a column more on either side and a block more above and below: the edge
-            of a thing is known to one pixel, and a hole to the block that it fills."""
+            of an object is known to one pixel, and a hole to the block that it fills."""
     (u0, u1), last = columns, len(own) - 1
     own[:] = 0
     for u in range(u0, u1):

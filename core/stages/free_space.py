@@ -89,7 +89,7 @@ def overlapping_columns(columns, cols, begin, end):
     """Returns (first, end) of the columns that overlap a direction from column `begin` to `end` (float64; 0 is the middle
     of the first column).
 
-    Those with their middle in it, `columns`, are sampled. A thing that covers the column beside them may reach into the
+    Those with their middle in it, `columns`, are sampled. An object that covers the column beside them may reach into the
     direction by up to half a column, and none of the sampled ones shows it."""
     u0, u1 = columns
     first = u0 - 1 if u0 > 0 and u0 - 0.5 > begin else u0

@@ -25,7 +25,7 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
 
 @inner
 def is_hidden(sampled, cell, part, before, w):
-    """True if a hole in the rows of a part may hide a thing between the distance `before` and that of the part.
+    """True if a hole in the rows of a part may hide an object between the distance `before` and that of the part.
 
     Where some of this space may be too near to be measured, any hole counts, elsewhere one of the size of blank_m.
 
@@ -47,7 +47,7 @@ def walk_rings(sampled, cell, rings, w):
 
     The walk begins at the first ring that measures a greater distance, and ends at the next one that does not. In it, rings
     with a hole are not free. The free rings are those before the first such hole, or, where that is in the first ring of
-    the walk, those behind it. A ring with a column that may hide a thing ends the walk. So neither makes a ring free that would not be
+    the walk, those behind it. A ring with a column that may hide an object ends the walk. So neither makes a ring free that would not be
     without it.
 
     Nothing is free beyond the range. See `part_at` for layers that the ground cuts.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, inner_inline, kernel
-from .evidence import Cover, Rectangle, uncovered_share
+from .evidence import Rectangle, uncovered_share
 from .line_fit import add_moments
 from .merge_cost import (
     REFUSED,
@@ -162,7 +162,7 @@ def prepare_pieces(count, planes, rules, buffers):
 
 
 @kernel
-def join_planes(count, room, planes, parent, rules, settings, evidence, openings, buffers):
+def join_planes(count, room, tables, rules, settings, cover, buffers):
     """Joins planes of one cluster, the cheapest pair first, until no pair fits. Joined planes get a negative support.
 
     A merged plane has the neighbours of its parts; each of at most merge_rounds rounds searches new ones.
@@ -170,32 +170,31 @@ def join_planes(count, room, planes, parent, rules, settings, evidence, openings
     Args:
         count: number of planes.
         room: `plane_room` of the frame.
-        planes: (N,) PLANE, in and out.
-        parent: (N,) int32, the plane into which each one was merged, at first itself.
+        tables: PlaneTables, planes and parent in and out.
         rules: a record of MERGE_RULES.
         settings: a record of PLANE_SETTINGS.
-        evidence: Evidence.
-        openings: OpeningMasks.
+        cover: Cover.
         buffers: MergeBuffers."""
+    planes = tables.planes
     scored = np.full((_SLOTS, 3), -1, np.int32)
     prepare_pieces(count, planes, rules, buffers)
     buffers.order[:count] = np.argsort(buffers.place[:count], kind="mergesort")
     tries = _MOST_TRIES * room * settings.merge_partners
-    cover = Cover(evidence, openings, np.zeros(evidence.nearest.shape[1] + 2, np.int32))
     for _ in range(settings.merge_rounds):
         proposed = propose_pairs(count, planes, rules, settings, buffers)
-        if join_proposed(proposed, tries, planes, parent, rules, cover, scored, buffers) == 0:
+        if join_proposed(proposed, tries, tables, rules, cover, scored, buffers) == 0:
             break
 
 
 @inner
-def join_proposed(proposed, tries, planes, parent, rules, cover, scored, buffers):
+def join_proposed(proposed, tries, tables, rules, cover, scored, buffers):
     """Joins the first `proposed` pairs in the entries of the queue, the cheapest first; returns the number of joins.
 
     The version of a pair is the sum of the ages of both planes. A cost of an older version is computed again, and the pair
     returns to the queue if it costs more now. What the joined plane would cover takes longest, and is computed last.
 
     tries: greatest number of queue entries to take. scored: (_SLOTS, 3) int32, see `was_scored`."""
+    planes, parent = tables.planes, tables.parent
     traits, age, queue = buffers.traits, buffers.age, buffers.queue
     joined = 0
     clear_queue(queue)

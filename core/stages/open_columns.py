@@ -60,7 +60,7 @@ class Refusal(IntEnum):
     NO_EVIDENCE_BESIDE = 11
     """The next column gives no evidence and holds no measurement."""
     FLOATING = 12
-    """A thing without connection to the ground is measured nearby."""
+    """An object without connection to the ground is measured nearby."""
 
 
 _NONE, _NO_SKY, _LOW_SKY, _WIDE_EDGE, _SMOOTH_STRIP, _NOT_MEASURED = (

@@ -2,8 +2,8 @@
 
 Stereo measures no smooth surface, so a clear sky is unmeasured, as a blank wall is. The sky is distinguished from the wall by its
 border: each column of the levelled view is open where its textureless pixels reach from the upper border of the image down to an
-edge, below which something is measured at distance R. A blank thing nearer than R in that column would need an edge of its own:
-upright ones are measured, at the thing's distance; those that are nearly parallel to the image rows are not, so an edge counts at
+edge, below which something is measured at distance R. A blank object nearer than R in that column would need an edge of its own:
+upright ones are measured, at the object's distance; those that are nearly parallel to the image rows are not, so an edge counts at
 the horizon alone. The column is open up to R, or to what is measured beside it.
 
 The result is an image of codes in which open pixels see through up to that range; free_space.py then walks over it as it does
@@ -51,13 +51,13 @@ from .view_geometry import Q_FAR, Q_UNKNOWN
 _FAR = np.uint16(Q_FAR)
 _MOST_HOLE = 4
 """Rows of a textured hole in measured ground that are filled: one less than the marks of a single edge take (`SmoothLimits.grow_px`
-on both sides of it), so that a thing of its own is never filled."""
+on both sides of it), so that an object of its own is never filled."""
 
 
 @inner
 def end_of_edge(mm, u, first, most, out):
     """The row behind the textured cells of column u that are the edge of the textureless ones from row `first` on, where matched or
-    smooth ground follows. `first` where that does not follow within `most` rows: they are no edge, a textured thing may begin at
+    smooth ground follows. `first` where that does not follow within `most` rows: they are no edge, a textured object may begin at
     the horizon. Where matched ground follows within these rows, smooth ground between both is part of the edge."""
     rows, v = out.shape[1], first
     while v < rows and out[u, v] == Q_UNKNOWN and mm[u, v] == TEXTURELESS_MM:
@@ -205,7 +205,7 @@ def open_column(mm, columns, j, s, out):
 def limit_far(codes, H, columns, limit_m, s, out):
     """Limits the distance of far cells of columns (first, end) to limit_m, but not to less than free ranges see through them.
 
-    No planes stand for what is measured beyond the range. The side of a blank thing is at times measured too far away there, as its
+    No planes stand for what is measured beyond the range. The side of a blank object is at times measured too far away there, as its
     upright edge takes part of the disparity of the ground behind. So a far cell is open only as far as its column.
 
     codes, H: as in `open_codes`; s: a record of OPEN_SETTINGS; out: (cols, rows) uint16, in and out."""

@@ -53,21 +53,22 @@ def outlier_buffers(strips: int, planes: int) -> OutlierBuffers:
 
 
 @kernel
-def measure_excess(strips, n, view, settings, count, plane_of, planes, excess_m, above):
-    """Computes `near_excess_m` of each strip, and the support of the strips of each plane by step of their excess.
+def measure_excess(strips, view, settings, count, tables, buffers):
+    """Computes `near_excess_m` of each strip, and the support of the strips of each plane by step of their excess:
+    excess_m and above of OutlierBuffers.
 
-    Strips without an excess are not counted. Planes and strips are those that `measure_planes` measured; excess_m and
-    above are outputs, see `OutlierBuffers`."""
+    Strips without an excess are not counted. The other arguments are those of `measure_planes`."""
+    planes, excess_m, above = tables.planes, buffers.excess_m, buffers.above
     above[:count] = 0.0
     length = np.empty(count)
     for k in range(count):
         length[k] = math.hypot(planes[k].a, planes[k].b)
-    for i in range(n):
-        strip = strips[i]
+    for i in range(strips.count):
+        strip = strips.table[i]
         if strip.support == 0:
             excess_m[i] = -1.0
             continue
-        k = plane_of[strip.track]
+        k = tables.plane_of[strip.track]
         t = tangent(strip, view)
         excess_m[i] = near_excess_m(strip, distance_at(planes[k], t), t, planes[k], length[k], view.f_px, settings)
         if excess_m[i] > 0.0:
@@ -75,11 +76,12 @@ def measure_excess(strips, n, view, settings, count, plane_of, planes, excess_m,
 
 
 @inner
-def outlier_limits(count, planes, settings, above, least_m):
-    """Computes the excess from which strips are split off each plane: least_m, (count,) out, infinite if none are.
+def outlier_limits(count, planes, settings, buffers):
+    """Computes the excess from which strips are split off each plane: least_m of OutlierBuffers, infinite if none are.
 
     Those strips have at most stand_out_share of the support of the plane. Without them the plane is moved less, by at
     least stand_out_m and at least stand_out_spreads times the root mean square distance of its strips from its line."""
+    above, least_m = buffers.above, buffers.least_m
     for k in range(count):
         p = planes[k]
         least_m[k] = math.inf
@@ -117,33 +119,32 @@ def split_off_before(strip, k, strips, new, gap_px):
 
 
 @inner
-def split_outliers(strips, n, view, settings, count, tracks, plane_of, planes, buffers):
+def split_outliers(strips, view, settings, count, tracks, tables, buffers):
     """Makes planes of the strips whose excess is at least the limit of their plane; returns the number of all planes.
 
     A strip is added to the plane of `split_off_before`, or begins a new one. Line and ends of the new planes are written;
     all else must be measured again, also the heights of the old planes.
 
     Args:
-        strips: (N,) STRIP, in and out.
-        n: number of strips.
+        strips: StripList, in and out.
         view: ViewGeometry.
         settings: a record of PLANE_SETTINGS.
         count: number of planes.
         tracks: number of tracks. New tracks are numbered from there on.
-        plane_of: (N,) int32, in and out, with room for one more track per strip.
-        planes: (N,) PLANE, in and out, with room for one more plane per strip.
+        tables: PlaneTables, in and out, with room for one more plane and track per strip.
         buffers: OutlierBuffers, filled by `measure_excess` and `outlier_limits`."""
+    planes, plane_of, table = tables.planes, tables.plane_of, strips.table
     new, excess_m, half = buffers.new, buffers.excess_m, settings.half_column_t
     slope_weight = 1.0 / (settings.link_slope_px * settings.link_slope_px)
     total = count
-    for i in range(n):
+    for i in range(strips.count):
         if excess_m[i] <= 0.0:
             continue
-        strip = strips[i]
+        strip = table[i]
         k = plane_of[strip.track]
         if excess_m[i] < buffers.least_m[k]:
             continue
-        at = split_off_before(strip, k, strips, new[count:total], settings.link_gap_px)
+        at = split_off_before(strip, k, table, new[count:total], settings.link_gap_px)
         t = tangent(strip, view)
         if at >= 0:
             at += count

@@ -18,12 +18,20 @@ from numpy.typing import NDArray
 from ..buffers import Buffers
 from ..jit import inner, kernel
 from ..params import Params
-from .evidence import CELL_PX, Evidence, find_evidence
+from .evidence import CELL_PX, Cover, Evidence, find_evidence
 from .level import LevelledView
 from .merge import MergeBuffers, join_planes, merge_buffers
 from .openings import find_openings
 from .outlier_split import OutlierBuffers, measure_excess, outlier_buffers, outlier_limits, split_outliers
-from .planes import PLANE, compact_planes, measure_planes, planes_from_tracks, shift_to_near_side, widen_planes
+from .planes import (
+    PLANE,
+    PlaneTables,
+    compact_planes,
+    measure_planes,
+    planes_from_tracks,
+    shift_to_near_side,
+    widen_planes,
+)
 from .refine import close_concavities, drop_covered, extend_to_corners, trim_covered
 from .segments import TRACK, Front, front_buffers, grow
 from .settings import Settings
@@ -47,17 +55,13 @@ class PlaneBuffers(NamedTuple):
     """Tables and scratch memory of `shape_planes` for n strips, with N = plane_room(n).
 
     Attributes:
-        planes: (N,) PLANE.
-        plane_of: (N,) int32, the plane of a track.
-        parent: (N,) int32, the plane into which a plane was merged.
+        tables: PlaneTables.
         tracks: (n + 1,) TRACK.
         front: scratch of `grow`.
         merge: scratch of `join_planes`.
         outliers: scratch of `split_outliers`."""
 
-    planes: NDArray[Any]
-    plane_of: NDArray[np.int32]
-    parent: NDArray[np.int32]
+    tables: PlaneTables
     tracks: NDArray[Any]
     front: Front
     merge: MergeBuffers
@@ -68,9 +72,7 @@ def plane_buffers(strips: int, partners: int) -> PlaneBuffers:
     """Allocates tables for this number of strips. partners: merge_partners."""
     room = plane_room(strips)
     return PlaneBuffers(
-        np.zeros(room, PLANE),
-        np.zeros(room, np.int32),
-        np.zeros(room, np.int32),
+        PlaneTables(np.zeros(room, PLANE), np.zeros(room, np.int32), np.zeros(room, np.int32)),
         np.zeros(strips + 1, TRACK),
         front_buffers(strips),
         merge_buffers(room, partners),
@@ -80,7 +82,7 @@ def plane_buffers(strips: int, partners: int) -> PlaneBuffers:
 
 @kernel
 def shape_planes(strips, view, source, settings, rules, openings, cells, buffers):
-    """Makes planes of the strips; returns their number, hidden ones included. The planes are in buffers.planes.
+    """Makes planes of the strips; returns their number, hidden ones included. The planes are in buffers.tables.
 
     Args:
         strips: StripList, with places.
@@ -92,25 +94,25 @@ def shape_planes(strips, view, source, settings, rules, openings, cells, buffers
         cells: (C, R) float32 scratch, the cells of Evidence.
         buffers: PlaneBuffers. Planes with a negative support do not exist any more."""
     p, merge, table, n = settings[0], rules[0], strips.table, strips.count
-    planes, plane_of, parent = buffers.planes, buffers.plane_of, buffers.parent
+    tables, planes = buffers.tables, buffers.tables.planes
     room, cell = plane_room(n), CELL_PX
     tracks = grow(table, view, strips.first_of_column, p, openings, buffers.tracks, buffers.front)
-    planes_from_tracks(tracks, buffers.tracks, p, planes, plane_of, parent)
-    measure_planes(table, n, view, p, tracks, plane_of, planes)
+    planes_from_tracks(tracks, buffers.tracks, p, tables)
+    measure_planes(strips, view, p, tracks, tables)
 
     find_evidence(table, n, view, source[0], cells)
     across = view.f_px / np.float64(view.lateral[0]) / cell
     evidence = Evidence(cells, across, view.f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell)
-    join_planes(tracks, room, planes, parent, merge, p, evidence, openings, buffers.merge)
-    count = compact_planes(tracks, planes, parent, plane_of, tracks)
-    measure_planes(table, n, view, p, count, plane_of, planes)
+    cover = Cover(evidence, openings, np.zeros(cells.shape[1] + 2, np.int32))
+    join_planes(tracks, room, tables, merge, p, cover, buffers.merge)
+    count = merged = compact_planes(tracks, tracks, tables)
+    measure_planes(strips, view, p, count, tables)
 
-    outliers, merged = buffers.outliers, count
-    measure_excess(table, n, view, p, count, plane_of, planes, outliers.excess_m, outliers.above)
-    outlier_limits(count, planes, p, outliers.above, outliers.least_m)
-    count = split_outliers(table, n, view, p, count, tracks, plane_of, planes, outliers)
+    measure_excess(strips, view, p, count, tables, buffers.outliers)
+    outlier_limits(count, planes, p, buffers.outliers)
+    count = split_outliers(strips, view, p, count, tracks, tables, buffers.outliers)
     if count > merged:
-        measure_planes(table, n, view, p, count, plane_of, planes)
+        measure_planes(strips, view, p, count, tables)
     shift_to_near_side(count, planes, p.min_plane_distance_m)
     if p.smear_t > 0.0:
         widen_planes(count, planes, p.smear_t)
@@ -169,4 +171,4 @@ class PlaneShaper:
             cells,
             self._scratch,
         )
-        return Planes(table=self._scratch.planes, count=int(count))
+        return Planes(table=self._scratch.tables.planes, count=int(count))

@@ -7,6 +7,7 @@ edge of no strip is more than safe_distance_m in front of it; what remains is pa
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,20 @@ PLANE = record(
 )
 """A plane."""
 
+
+class PlaneTables(NamedTuple):
+    """Tables of N planes.
+
+    Attributes:
+        planes: (N,) PLANE.
+        plane_of: (N,) int32, the plane of a track.
+        parent: (N,) int32, the plane into which a plane was merged, at first itself."""
+
+    planes: Any
+    plane_of: Any
+    parent: Any
+
+
 MOST_M = 1e9
 """Distance of a line that does not cross a ray, or crosses it beyond 1/LEAST_S metres."""
 LEAST_S = 1e-6
@@ -55,8 +70,9 @@ def distance_at(plane, t):
 
 
 @inner
-def planes_from_tracks(count, tracks, settings, planes, plane_of, parent):
+def planes_from_tracks(count, tracks, settings, tables):
     """Makes a plane of each track, with line, moments and ends. `measure_planes` computes heights and support."""
+    planes, plane_of, parent = tables
     slope, half = settings.link_slope_px, settings.half_column_t
     for k in range(count):
         track, plane = tracks[k], planes[k]
@@ -69,18 +85,16 @@ def planes_from_tracks(count, tracks, settings, planes, plane_of, parent):
 
 
 @kernel
-def measure_planes(strips, n, view, settings, count, plane_of, planes):
+def measure_planes(strips, view, settings, count, tables):
     """Computes heights, support, rows, columns, cuts, cluster and front_m of every plane from its strips.
 
     Args:
-        strips: (N,) STRIP.
-        n: number of strips.
+        strips: StripList.
         view: ViewGeometry.
         settings: a record of PLANE_SETTINGS.
         count: number of planes.
-        plane_of: (tracks,) int32, the plane of a track.
-        planes: (N,) PLANE, in and out. front_m is the greatest `near_excess_m` of the strips."""
-    length = np.empty(count)
+        tables: PlaneTables, planes in and out. front_m is the greatest `near_excess_m` of the strips."""
+    planes, length = tables.planes, np.empty(count)
     for k in range(count):
         p = planes[k]
         length[k] = math.hypot(p.a, p.b)
@@ -88,11 +102,11 @@ def measure_planes(strips, n, view, settings, count, plane_of, planes):
         p.support, p.filled_rows, p.cut, p.irregular = 0, 0, 0, 0
         p.rows, p.columns, p.last_column = 0, 0, -1
         p.middle_m = distance_at(p, 0.5 * (p.t0 + p.t1))
-    for i in range(n):
-        strip = strips[i]
+    for i in range(strips.count):
+        strip = strips.table[i]
         if strip.support == 0:
             continue
-        k = plane_of[strip.track]
+        k = tables.plane_of[strip.track]
         p = planes[k]
         t = tangent(strip, view)
         x = distance_at(p, t)
@@ -167,8 +181,11 @@ def widen_planes(count, planes, tangent_more):
 
 
 @inner
-def compact_planes(count, planes, parent, plane_of, tracks):
-    """Moves the planes that exist to the front and assigns each track its plane; returns the number of planes."""
+def compact_planes(count, tracks, tables):
+    """Moves the planes that exist to the front and assigns each track its plane; returns the number of planes.
+
+    count, tracks: numbers of planes and tracks; tables: PlaneTables."""
+    planes, plane_of, parent = tables
     alive = 0
     for k in range(count):
         if planes[k].support >= 0:

@@ -12,7 +12,7 @@ Three conditions distinguish a ramp from a slanted surface:
 - It is so steep that a surface that continued it would pass close to the camera.
 - It is narrow: beyond its near end the depth is known and does not continue the slope of 1/Z. Where that depth is
   unknown (a hole, the border of the image), the pixel is kept and does not count as evidence.
-- Nearly all edges of the image are ramps, on the left sides of things as on their right sides. A wall seen edge-on
+- Nearly all edges of the image are ramps, on the left sides of objects as on their right sides. A wall seen edge-on
   is a ramp on one side only; a frame with little else is no evidence. This is judged from the edges of several frames, or
   of one frame if it has many edges and nearly all are ramps. Until then, and for cameras with sharp edges, all pixels are
   kept."""
@@ -34,7 +34,7 @@ _ROW_STEP = 4
 """Edges are counted in every _ROW_STEP-th row."""
 _NEVER_M = 1e9
 _ONE_SIDED_SHARE = 0.1
-"""A camera smears both sides of things: of the ramps of a D435 at least 0.38 are of the rarer side, of a wall seen edge-on
+"""A camera smears both sides of objects: of the ramps of a D435 at least 0.38 are of the rarer side, of a wall seen edge-on
 none."""
 _MEMORY = 0.9
 """Share of the previous judgement that is kept at each frame."""

@@ -68,6 +68,10 @@ class Strips:
         """(N, 4) float32 x, y, top, bottom."""
         return np.stack([self.strips[name] for name in ("x_m", "y_m", "top_m", "bottom_m")], axis=1)
 
+    @property
+    def list(self) -> s.StripList:
+        return s.StripList(self.strips, self.n, self.columns)
+
     def cluster(self, ws: float = 2.0, hs: float = 1.0) -> int:
         """join_near; returns the number of clusters."""
         return clusters.join_near(self.strips, self.n, ws, hs, SCRATCH.clusters)

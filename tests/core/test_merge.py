@@ -63,14 +63,14 @@ def merge(
     """The planes that are left of rectangles; no other thing is in view."""
     planes = pieces_of(rows)
     n, p = len(rows), Params(**changed)
-    parent = np.arange(len(planes), dtype=np.int32)
+    tables = pl.PlaneTables(planes, np.arange(n, dtype=np.int32), np.arange(len(planes), dtype=np.int32))
     rules, settings = pairs.merge_rules(view(), 0.0005, p)[0], plane_settings(F, 1.0, p)[0]
     seen = evidence.Evidence(grid_of(rows) if grid is None else grid, *FRAME)
     buffers = mg.merge_buffers(len(planes), p.merge_partners)
-    mg.join_planes(n, len(planes), planes, parent, rules, settings, seen, masks, buffers)
-    plane_of = np.arange(n, dtype=np.int32)
-    alive = pl.compact_planes(n, planes, parent, plane_of, n)
-    assert set(plane_of.tolist()) == set(range(alive))
+    cover = evidence.Cover(seen, masks, np.zeros(seen.nearest.shape[1] + 2, np.int32))
+    mg.join_planes(n, len(planes), tables, rules, settings, cover, buffers)
+    alive = pl.compact_planes(n, n, tables)
+    assert set(tables.plane_of.tolist()) == set(range(alive))
     assert planes["support"][:alive].sum() == 1000 * n
     return planes[:alive]
 

@@ -43,15 +43,20 @@ def plain(params: Params = P, **changed: float) -> np.ndarray:
     return settings
 
 
+def tables_for(planes: np.ndarray) -> pl.PlaneTables:
+    """Tables in which each track belongs to the first plane."""
+    return pl.PlaneTables(planes, np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32))
+
+
 def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[np.ndarray, int]:
     """Tracks of a table of strips as measured planes."""
     count = t.track(hs=1.0)
     size = 2 * t.n + 16
-    planes, plane_of = np.zeros(size, pl.PLANE), np.zeros(size, np.int32)
+    tables = tables_for(np.zeros(size, pl.PLANE))
     settings = plain(safe_distance_m=safe_m, footprint_t=footprint / F)
-    pl.planes_from_tracks(count, t.tracks, settings, planes, plane_of, np.zeros(size, np.int32))
-    pl.measure_planes(t.strips, t.n, t.view, settings, count, plane_of, planes)
-    return planes, count
+    pl.planes_from_tracks(count, t.tracks, settings, tables)
+    pl.measure_planes(t.list, t.view, settings, count, tables)
+    return tables.planes, count
 
 
 def test_a_wall_measures_its_heights_its_ends_and_its_support() -> None:
@@ -137,7 +142,7 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
         t.strips["kind"][20] = kind
         t.strips["disparity_px"][20] = F / 4.5
         settings = plain()
-        pl.measure_planes(t.strips, t.n, t.view, settings, 1, np.zeros(len(planes), np.int32), planes)
+        pl.measure_planes(t.list, t.view, settings, 1, tables_for(planes))
         assert planes[0].front_m == pytest.approx(front, abs=0.01)
 
 

@@ -32,6 +32,7 @@ class Measured:
     def __init__(self, table: Strips, lines: list[tuple[float, float]], plane_of_strip: np.ndarray) -> None:
         self.t, self.count, size = table, len(lines), 2 * table.n + 16
         self.planes, self.plane_of = np.zeros(size, pl.PLANE), np.zeros(size, np.int32)
+        self.tables = pl.PlaneTables(self.planes, self.plane_of, np.zeros(size, np.int32))
         self.plane_of[: self.count] = np.arange(self.count)
         table.strips["track"] = plane_of_strip
         t = (table.strips["column"] - table.view.cu) / F
@@ -46,16 +47,15 @@ class Measured:
     def measure(self) -> None:
         settings = plane_settings(F, 1.0, P)[0]
         settings.footprint_t = 0.0
-        pl.measure_planes(self.t.strips, self.t.n, self.t.view, settings, self.count, self.plane_of, self.planes)
+        pl.measure_planes(self.t.list, self.t.view, settings, self.count, self.tables)
 
     def split(self, params: Params = P) -> int:
         """measure_excess, outlier_limits, split_outliers; number of new planes."""
         before, t, settings = self.count, self.t, plane_settings(F, 1.0, params)[0]
         b = standouts.outlier_buffers(t.n, len(self.planes))
-        where = t.strips, t.n, t.view, settings, before
-        standouts.measure_excess(*where, self.plane_of, self.planes, b.excess_m, b.above)
-        standouts.outlier_limits(before, self.planes, settings, b.above, b.least_m)
-        self.count = standouts.split_outliers(*where, before, self.plane_of, self.planes, b)
+        standouts.measure_excess(t.list, t.view, settings, before, self.tables, b)
+        standouts.outlier_limits(before, self.planes, settings, b)
+        self.count = standouts.split_outliers(t.list, t.view, settings, before, before, self.tables, b)
         self.measure()
         return self.count - before
 
