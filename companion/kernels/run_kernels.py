@@ -96,7 +96,7 @@ def _run_simulation_kernels() -> None:
 
 def _run_tracking_kernels() -> None:
     """Tracks the obstacles of small frames, with a position and without."""
-    from core.tracking.free_view import free_view
+    from core.free_view import free_view
     from core.tracking.movers import support_by_view
     from core.tracking.objects import OBJECT
     from core.tracking.snapshot import TrackingFrame

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..free_view import NO_DIRECTION, direction_of, lowest_free
 from ..jit import inner, kernel
 from .intervals import at_value, index_intervals
-from .tables import NONE
 
 OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
 _INFERRED, _UNKNOWN_BEHIND = 1, 2
@@ -28,26 +28,6 @@ _SPAN_SLACK_RAD = 1e-6
 """For the rounding of directions."""
 
 
-class FreeView(NamedTuple):
-    """What one frame observed to be free. x_m, y_m: of the camera; ke_per_m: noise; edges_rad and layers_m: float64, near_m,
-    far_m: float32 and end: uint8, of its FreeProfile. ground_z_m: of the ground below the camera, inf: none seen; slope_x,
-    slope_y, tolerance_m, noise_per_m: of the Ground."""
-
-    x_m: Any
-    y_m: Any
-    ke_per_m: Any
-    edges_rad: Any
-    layers_m: Any
-    near_m: Any
-    far_m: Any
-    end: Any
-    ground_z_m: Any
-    slope_x: Any
-    slope_y: Any
-    tolerance_m: Any
-    noise_per_m: Any
-
-
 class DetectionIndex(NamedTuple):
     """The detections of a frame by their directions, to see what lies behind a place. detections: (N,) DETECTION; spans: of
     `find_spans`; intervals: index of the spans; middle_rad: azimuth of the middle of the view, from which directions count."""
@@ -59,27 +39,10 @@ class DetectionIndex(NamedTuple):
 
 
 @inner
-def direction_of(edges, azimuth):
-    """Index of the direction that holds an azimuth, NONE: outside the view."""
-    turn = azimuth - edges[0]
-    azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
-    if azimuth >= edges[-1]:
-        return NONE
-    return max(np.searchsorted(edges, azimuth, side="right") - 1, 0)  # rounding may put it before the first edge
-
-
-@inner
 def seen_from(x, y, view):
     """A place (x, y, in the tracks' frame) as seen from the camera: x, y, horizontal range, m, and azimuth, rad."""
     dx, dy = x - view.x_m, y - view.y_m
     return dx, dy, math.sqrt(dx * dx + dy * dy), math.atan2(dy, dx)
-
-
-@inner
-def lowest_free(x, y, r, view):
-    """z down to which a place at (x, y) from the camera can be free: above the ground and its noise."""
-    z = view.ground_z_m + view.slope_x * x + view.slope_y * y
-    return z - max(view.tolerance_m, view.noise_per_m * r)
 
 
 @inner
@@ -102,10 +65,10 @@ def observed_heights(place, top, bottom, slack, view):
     if r < 1e-3 or view.edges_rad.shape[0] < 2:
         return clear, explained, hidden
     d = direction_of(view.edges_rad, azimuth)
-    if d == NONE:
+    if d == NO_DIRECTION:
         return clear, explained, hidden
     off = slack + FREE_SIGMAS * view.ke_per_m * r * r
-    lowest = lowest_free(dx, dy, r, view)
+    lowest = lowest_free(dx, dy, r, 0.0, view)
     for k in range(view.layers_m.shape[0] - 1):
         upper, lower = max(top, view.layers_m[k]), min(bottom, view.layers_m[k + 1])
         if lower <= upper:
@@ -129,7 +92,7 @@ def is_unobserved(x, y, top, bottom, slack, view, limits):
     if is_beside(place, limits):
         return True
     dx, dy, r, _ = place
-    bottom = min(bottom, lowest_free(dx, dy, r, view))
+    bottom = min(bottom, lowest_free(dx, dy, r, 0.0, view))
     if bottom <= top:
         return False
     return observed_heights(place, top, bottom, slack, view)[2] > 0.5 * (bottom - top)

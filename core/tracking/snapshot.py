@@ -114,7 +114,7 @@ class TrackerState:
     None: none; positioned, reset_counter, origin_m: of that frame, see TrackingFrame; position_jump_ns, heading_jump_ns: first
     stamp after the newest jump of the vehicle's estimate that is in the place of the tracks, 0: none; velocity_m_s: of the
     vehicle, horizontal. slots: int32 slot of each of N tracks; tracks: (N,) TRACK; cells: (N, CELLS) CELL; objects: OBJECT;
-    history: float64, earlier places of the objects; views: earlier free ranges, each of `free_view.view_bytes`."""
+    history: float64, earlier places of the objects; views: earlier free ranges, each of `core.free_view.view_bytes`."""
 
     version: int = STATE_VERSION
     next_id: int = 1

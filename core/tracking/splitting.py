@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..jit import inner, kernel
-from .tables import NONE, clear_cell, copy_cell, free_slot
+from .tables import NONE, clear_cell, free_slot
 
 _LEAST_M = 0.02
 """Least length of what is left of a track, which is lengthened to it."""
@@ -76,7 +76,7 @@ def keep_part(table, j, begin, end):
     t.s0_m, t.s1_m = max(t.s0_m, low), min(t.s1_m, high)
     if begin > 0:
         for k in range(begin, end):
-            copy_cell(table, j, k, k - begin)
+            table.cells[j, k - begin] = table.cells[j, k]
     for k in range(end - begin, t.cells):
         clear_cell(table, j, k)
     t.first_cell += begin
@@ -89,22 +89,12 @@ def keep_part(table, j, begin, end):
 @inner
 def copy_part(table, j, other, begin, end, track_id):
     """Gives the cells begin..end - 1 of slot j to the empty slot `other`, as a track of its own."""
+    table.tracks[other] = table.tracks[j]
     t, o = table.tracks[j], table.tracks[other]
-    o.id, o.object_id, o.first_ns, o.seen_ns = track_id, t.object_id, t.first_ns, t.seen_ns
-    o.x_m, o.y_m, o.tx, o.ty = t.x_m, t.y_m, t.tx, t.ty
-    o.s0_m, o.s1_m, o.top_m, o.bottom_m = t.s0_m, t.s1_m, t.top_m, t.bottom_m
-    o.p00, o.p01, o.p11 = t.p00, t.p01, t.p11
-    o.margin_m, o.excess_m, o.nearer_m, o.hit_rate = t.margin_m, t.excess_m, t.nearer_m, t.hit_rate
-    o.cell_m, o.first_cell, o.cells = t.cell_m, t.first_cell, t.cells
-    o.plane_flags, o.cluster, o.state, o.first_detection = t.plane_flags, t.cluster, t.state, t.first_detection
-    o.frame_s0_m, o.frame_s1_m = t.frame_s0_m, t.frame_s1_m
-    o.frame_top_m, o.frame_bottom_m = t.frame_top_m, t.frame_bottom_m
-    o.merged_into = NONE
+    o.id, o.merged_into = track_id, NONE
     most, newest = 0, 0
     for k in range(t.cells):
-        table.cells[other, k].seen_ns = table.cells[j, k].seen_ns
-        table.cells[other, k].against = table.cells[j, k].against
-        table.cells[other, k].hits = table.cells[j, k].hits
+        table.cells[other, k] = table.cells[j, k]
         if begin <= k < end:
             most = max(most, table.cells[j, k].hits)
             newest = max(newest, table.cells[j, k].seen_ns)

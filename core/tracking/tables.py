@@ -187,7 +187,7 @@ def make_room(table, j, low, high):
     shift = track.first_cell - first
     if shift > 0:
         for k in range(track.cells - 1, -1, -1):
-            copy_cell(table, j, k, k + shift)
+            table.cells[j, k + shift] = table.cells[j, k]
         for k in range(shift):
             clear_cell(table, j, k)
         track.first_cell = first
@@ -213,15 +213,6 @@ def coarsen(table, j):
             seen, hits = max(seen, other.seen_ns), max(hits, other.hits)
         cells[j, k].seen_ns, cells[j, k].against, cells[j, k].hits = seen, against, hits
     track.first_cell, track.cells, track.cell_m = first, count, 2.0 * track.cell_m
-
-
-@inner
-def copy_cell(table, j, source, target):
-    """Copies one cell of slot j to another."""
-    cells = table.cells
-    cells[j, target].seen_ns = cells[j, source].seen_ns
-    cells[j, target].against = cells[j, source].against
-    cells[j, target].hits = cells[j, source].hits
 
 
 @inner

@@ -39,7 +39,6 @@ from .tables import (
     SHRINK_SHARE,
     THIN_M,
     append_detections,
-    copy_cell,
     count_observation,
     make_room,
     observe_cells,
@@ -178,9 +177,9 @@ def widen(table, j, sa, sb):
             first, last = min(first, k), k
     for k in range(t.cells):
         if k < first < t.cells:
-            copy_cell(table, j, first, k)
+            table.cells[j, k] = table.cells[j, first]
         elif k > last >= 0:
-            copy_cell(table, j, last, k)
+            table.cells[j, k] = table.cells[j, last]
 
 
 @inner

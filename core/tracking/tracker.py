@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..free_view import FreeView, free_view, view_bytes, view_from_bytes
 from .association import GATE, WIDE_GATE, Gate, assign, find_pairs
 from .ego_motion import common_shift
 from .evidence import collect_evidence
-from .free_view import free_view, view_bytes, view_from_bytes
 from .groups import GROUP, find_groups
 from .movers import (
     HISTORY,
@@ -29,7 +29,6 @@ from .movers import (
     update_objects,
 )
 from .objects import MOST_OBJECTS, OBJECT, assign_groups, predict_objects
-from .observed import FreeView
 from .params import TrackingParams
 from .publish import snapshot_of
 from .snapshot import STATE_VERSION, TrackerState, TrackingFrame, TrackSnapshot

@@ -10,9 +10,8 @@ import math
 
 import numpy as np
 
+from ..free_view import NO_DIRECTION, direction_of, lowest_free
 from ..jit import inner, kernel
-from .observed import direction_of, lowest_free
-from .tables import NONE
 
 _LEAST_RANGE_M = 1e-3
 
@@ -31,7 +30,7 @@ def vertical_limits(view, eye_z):
             r = max(view.near_m[d, k], _LEAST_RANGE_M)
             if view.far_m[d, k] <= r:
                 continue
-            bottom = min(view.layers_m[k + 1], lowest_free(r * c, r * s, r, view))
+            bottom = min(view.layers_m[k + 1], lowest_free(r * c, r * s, r, 0.0, view))
             highest, lowest = min(highest, (view.layers_m[k] - eye_z) / r), max(lowest, (bottom - eye_z) / r)
         limits[d, 0], limits[d, 1] = highest, lowest
     return limits
@@ -45,8 +44,8 @@ def share_in_view(place, top, bottom, eye_z, view, limits):
     if view.edges_rad.shape[0] < 2:
         return 1.0
     d = direction_of(view.edges_rad, azimuth)
-    bottom = min(bottom, lowest_free(dx, dy, r, view))
-    if d == NONE or bottom <= top:
+    bottom = min(bottom, lowest_free(dx, dy, r, 0.0, view))
+    if d == NO_DIRECTION or bottom <= top:
         return 1.0
     inside = min(bottom, eye_z + limits[d, 1] * r) - max(top, eye_z + limits[d, 0] * r)
     return max(0.0, inside) / (bottom - top)

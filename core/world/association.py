@@ -15,6 +15,7 @@ from .join_cost import (
     Box,
     Moments,
     ahead_of,
+    box_of,
     joined,
     joined_cuts,
     length_of,
@@ -44,19 +45,6 @@ _OVER = int(PlaneFlags.IRREGULAR) | int(PlaneFlags.UNKNOWN_BEHIND)
 _INFERRED = int(PlaneFlags.INFERRED)
 _WHOLE = 0.9
 """An observation of this share of a plane has measured all of it."""
-
-
-@inner
-def box_of(plane):
-    """Returns the Box of a record of SLOT or OBSERVATION."""
-    return Box(
-        float(plane.ax_m),
-        float(plane.ay_m),
-        float(plane.bx_m),
-        float(plane.by_m),
-        float(plane.top_m),
-        float(plane.bottom_m),
-    )
 
 
 @inner

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, record
-from .join_cost import Box, length_of
+from .join_cost import box_of, length_of
 
 STEP = record(
     ("hits", np.uint16),  # observations
@@ -70,9 +70,8 @@ def steps_of(box, anchor_x, anchor_y):
 @inner
 def plane_steps(tables, i):
     """Returns the Steps of slot i."""
-    p = tables.planes[i]
-    box = Box(float(p.ax_m), float(p.ay_m), float(p.bx_m), float(p.by_m), float(p.top_m), float(p.bottom_m))
-    return steps_of(box, float(p.anchor_x_m), float(p.anchor_y_m))
+    plane = tables.planes[i]
+    return steps_of(box_of(plane), float(plane.anchor_x_m), float(plane.anchor_y_m))
 
 
 @inner
@@ -155,7 +154,7 @@ def merge_steps(tables, i, k, box):
             continue
         row, added = rows[i, n % size], rows[k, m % size]
         if n < old.first or n >= old.end:
-            row.hits, row.clears = added.hits, added.clears
+            rows[i, n % size] = added
         else:
             left = max(
                 int(row.clears) - CLEARS_PER_HIT * int(added.hits), int(added.clears) - CLEARS_PER_HIT * int(row.hits)
@@ -169,8 +168,7 @@ def copy_steps(tables, i, k, steps):
     rows = tables.steps
     size = rows.shape[1]
     for n in range(steps.first, steps.end):
-        rows[k, n % size].hits = rows[i, n % size].hits
-        rows[k, n % size].clears = rows[i, n % size].clears
+        rows[k, n % size] = rows[i, n % size]
 
 
 @inner

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..free_view import azimuth_from, direction_at, lowest_free
 from ..jit import inner, kernel, record
 
 CELL_M = 0.5
@@ -51,34 +52,6 @@ class FreeTables(NamedTuple):
     heads: NDArray[np.int32]
     ground: NDArray[np.float32]
     state: NDArray[Any]
-
-
-GroundPlane = tuple[float, float, float, float, float]
-"""Ground of a frame in the frame of the world: z below the camera (inf: no ground was found), slope_x, slope_y,
-tolerance_m, noise_per_m."""
-
-
-class FrameView(NamedTuple):
-    """A frame with its free ranges, in the frame of the world.
-
-    Attributes:
-        x_m, y_m: place of the camera.
-        ke_per_m: noise coefficient, 1/m.
-        edges_rad: (D + 1,) float64 azimuths of its FreeProfile.
-        layers_m: (L + 1,) float64 heights.
-        near_m, far_m: (D, L) float32 free ranges.
-        end: (D, L) uint8.
-        plane: its GroundPlane."""
-
-    x_m: Any
-    y_m: Any
-    ke_per_m: Any
-    edges_rad: Any
-    layers_m: Any
-    near_m: Any
-    far_m: Any
-    end: Any
-    plane: Any
 
 
 def empty_free(most: int) -> FreeTables:
@@ -182,7 +155,7 @@ def any_free(free, x, y, z):
     k = find_block(free, ix >> 4, iy >> 4, iz >> 6)
     if k == NO_BLOCK:
         return False
-    return (free_bits(free, k, (ix & 15) * 16 + (iy & 15)) >> np.uint64(iz & 63)) & np.uint64(1) != 0
+    return (free_bits(free, k, column_of(ix, iy)) >> np.uint64(iz & 63)) & np.uint64(1) != 0
 
 
 @inner
@@ -196,17 +169,46 @@ def bits(first, end):
 
 
 @inner
-def direction_of(edges, azimuth):
-    """Returns the direction of a profile that contains an azimuth between its first and last edge."""
-    return min(max(np.searchsorted(edges, azimuth, side="right") - 1, 0), edges.shape[0] - 2)
+def column_of(ix, iy):
+    """Returns the index of a column of cells in its block."""
+    return (ix & 15) * SIDE + (iy & 15)
 
 
 @inner
-def lowest_free(x, y, r, plane):
-    """Returns the z down to which a column at (x, y) from the camera, at range r, can be free above a GroundPlane."""
-    z, slope_x, slope_y, tolerance, noise = plane
-    highest = z + slope_x * x + slope_y * y - math.sqrt(slope_x**2 + slope_y**2) * HALF_M
-    return highest - max(tolerance, noise * (r + HALF_M))
+def clear_bits(free, k, c, gone):
+    """Clears bits of column c of slot k."""
+    masks = free.masks
+    if (masks[k, 0, c] | masks[k, 1, c]) & gone != 0:
+        masks[k, 0, c] &= ~gone
+        masks[k, 1, c] &= ~gone
+        free.blocks[k].touched = free.state[0].frame
+
+
+@inner
+def cells_beside(ax, ay, bx, by, i, side_m):
+    """Returns (first, last) row of the square cells with a side of side_m that a segment crosses in their column i.
+
+    Its ends are ordered, ax <= bx, and column i is one that it crosses. EDGE_M is added on all sides."""
+    slope = (by - ay) / (bx - ax) if bx - ax > EDGE_M else 0.0
+    y0, y1 = ay, by
+    if slope != 0.0:
+        y0 = ay + slope * (min(max(i * side_m - EDGE_M, ax), bx) - ax)
+        y1 = ay + slope * (min(max((i + 1) * side_m + EDGE_M, ax), bx) - ax)
+    first = int(math.floor((min(y0, y1) - EDGE_M) / side_m))
+    return first, int(math.floor((max(y0, y1) + EDGE_M) / side_m))
+
+
+@inner
+def cell_directions(edges, x, y, r):
+    """Returns the first and last direction of a profile that a cell at (x, y) from the camera, at range r, extends into;
+    (0, -1): the camera stands in it, or it extends beyond the view."""
+    if r <= 2.0 * HALF_M:
+        return 0, -1
+    half = math.asin(HALF_M / r)
+    azimuth = azimuth_from(edges[0], math.atan2(y, x) - half)
+    if azimuth + 2.0 * half >= edges[-1]:
+        return 0, -1
+    return direction_at(edges, azimuth), direction_at(edges, azimuth + 2.0 * half)
 
 
 @inner
@@ -217,22 +219,17 @@ def column_free(view, x, y, low_bin, span):
     above the ground.
 
     Args:
-        view: FrameView.
+        view: FreeView.
         x, y: the column, relative to the camera.
         low_bin: index of the first cell.
         span: (2,) uint64 out."""
-    edges, layers, near_m, far_m = view.edges_rad, view.layers_m, view.near_m, view.far_m
+    layers, near_m, far_m = view.layers_m, view.near_m, view.far_m
     span[0] = span[1] = np.uint64(0)
     r = math.sqrt(x * x + y * y)
-    if r <= 2.0 * HALF_M:
+    d0, d1 = cell_directions(view.edges_rad, x, y, r)
+    if d1 < d0:
         return
-    half = math.asin(HALF_M / r)
-    turn = math.atan2(y, x) - half - edges[0]
-    azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
-    if azimuth + 2.0 * half >= edges[edges.shape[0] - 1]:
-        return
-    d0, d1 = direction_of(edges, azimuth), direction_of(edges, azimuth + 2.0 * half)
-    lowest = lowest_free(x, y, r, view.plane)
+    lowest = lowest_free(x, y, r, HALF_M, view)
     begin = -1
     for k in range(layers.shape[0]):
         ok = k < layers.shape[0] - 1
@@ -290,13 +287,10 @@ def see_free(free, view):
 
     Args:
         free: FreeTables.
-        view: FrameView."""
+        view: FreeView."""
     masks, x, y, far_m = free.masks, view.x_m, view.y_m, view.far_m
     span = np.zeros(2, np.uint64)
-    reach = 0.0
-    for d in range(far_m.shape[0]):
-        for k in range(far_m.shape[1]):
-            reach = max(reach, far_m[d, k])
+    reach = np.float64(far_m.max())
     low = int(math.floor(view.layers_m[0] / CELL_M)) >> 6
     for bx in range(cell(x - reach) >> 4, (cell(x + reach) >> 4) + 1):
         for by in range(cell(y - reach) >> 4, (cell(y + reach) >> 4) + 1):
@@ -307,7 +301,7 @@ def see_free(free, view):
                     continue
                 column_free(view, cx, cy, low * TALL, span)
                 if span[0] | span[1] != 0:
-                    beside_ground(free, bx, by, low, c, math.isfinite(view.plane[0]), span)
+                    beside_ground(free, bx, by, low, c, math.isfinite(view.ground_z_m), span)
                 if span[0] != 0:
                     if first == NO_BLOCK:
                         first = block_for(free, bx, by, low)

@@ -10,7 +10,20 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel
-from .free_grid import CELL_M, EDGE_M, HALF_M, NO_BLOCK, TALL, bits, cell, find_block, free_bits
+from .free_grid import (
+    CELL_M,
+    EDGE_M,
+    HALF_M,
+    NO_BLOCK,
+    TALL,
+    bits,
+    cell,
+    cells_beside,
+    clear_bits,
+    column_of,
+    find_block,
+    free_bits,
+)
 
 _BODY_M = 20.0
 """Greatest depth of what arrives: the length of the longest vehicles on a road."""
@@ -19,17 +32,15 @@ _BODY_M = 20.0
 @inner
 def in_column(free, ix, iy, low, high, clear):
     """True if any of the cells low..high of a column is free. clear: they are not free any more."""
-    masks, c, found = free.masks, (ix & 15) * 16 + (iy & 15), False
+    c, found = column_of(ix, iy), False
     for iz in range(low >> 6, (high >> 6) + 1):
         k = find_block(free, ix >> 4, iy >> 4, iz)
         if k == NO_BLOCK:
             continue
         here = bits(low - iz * TALL, high + 1 - iz * TALL)
         found = found or free_bits(free, k, c) & here != 0
-        if clear and (masks[k, 0, c] | masks[k, 1, c]) & here != 0:
-            masks[k, 0, c] &= ~here
-            masks[k, 1, c] &= ~here
-            free.blocks[k].touched = free.state[0].frame
+        if clear:
+            clear_bits(free, k, c, here)
     return found
 
 
@@ -39,15 +50,10 @@ def stand_in(free, b, clear):
     ax, ay, bx, by = b.ax_m, b.ay_m, b.bx_m, b.by_m
     if bx < ax:
         ax, ay, bx, by = bx, by, ax, ay
-    slope, found = (by - ay) / (bx - ax) if bx - ax > EDGE_M else 0.0, False
-    low, high = cell(b.top_m - EDGE_M), cell(b.bottom_m + EDGE_M)
+    low, high, found = cell(b.top_m - EDGE_M), cell(b.bottom_m + EDGE_M), False
     for ix in range(cell(ax - EDGE_M), cell(bx + EDGE_M) + 1):
-        if slope == 0.0:
-            y0, y1 = ay, by
-        else:
-            y0 = ay + slope * (min(max(ix * CELL_M - EDGE_M, ax), bx) - ax)
-            y1 = ay + slope * (min(max((ix + 1) * CELL_M + EDGE_M, ax), bx) - ax)
-        for iy in range(cell(min(y0, y1) - EDGE_M), cell(max(y0, y1) + EDGE_M) + 1):
+        first, last = cells_beside(ax, ay, bx, by, ix, CELL_M)
+        for iy in range(first, last + 1):
             found = in_column(free, ix, iy, low, high, clear) or found
     return found
 

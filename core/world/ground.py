@@ -11,52 +11,37 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel
-from ..types import FrameModel
 from .free_grid import (
     CELL_M,
     EDGE_M,
     HALF_M,
     NO_BLOCK,
-    SIDE,
     TALL,
-    GroundPlane,
     bits,
     block_for,
     cell,
-    direction_of,
+    cell_directions,
+    clear_bits,
+    column_of,
     find_block,
 )
-
-
-def ground_plane(model: FrameModel, place_z_m: float) -> GroundPlane:
-    """Returns the GroundPlane of a frame. place_z_m: z of its camera."""
-    g = model.ground
-    if not g.seen:
-        return math.inf, 0.0, 0.0, 0.0, 0.0
-    return float(place_z_m + g.height_m), float(g.slope_x), float(g.slope_y), float(g.tolerance_m), float(g.noise_per_m)
 
 
 @inner
 def clear_below(free, ix, iy, z):
     """Clears the free bits of a column at z and below, including the next block."""
-    masks = free.masks
-    first, c = cell(z - EDGE_M), (ix & 15) * SIDE + (iy & 15)
+    first, c = cell(z - EDGE_M), column_of(ix, iy)
     for iz in range(first >> 6, (first >> 6) + 2):
         k = find_block(free, ix >> 4, iy >> 4, iz)
-        if k == NO_BLOCK:
-            continue
-        gone = bits(first - iz * TALL, TALL)
-        if (masks[k, 0, c] | masks[k, 1, c]) & gone != 0:
-            masks[k, 0, c] &= ~gone
-            masks[k, 1, c] &= ~gone
-            free.blocks[k].touched = free.state[0].frame
+        if k != NO_BLOCK:
+            clear_bits(free, k, c, bits(first - iz * TALL, TALL))
 
 
 @inner
 def put_ground(free, ix, iy, z, noise):
     """Stores the ground of a column, unless the stored one agrees with it and has less noise; returns the z that is
     stored."""
-    ground, c = free.ground, (ix & 15) * SIDE + (iy & 15)
+    ground, c = free.ground, column_of(ix, iy)
     at = cell(z - EDGE_M) >> 6
     for iz in range(at - 1, at + 2):  # noise may move it across the border of two blocks
         k = find_block(free, ix >> 4, iy >> 4, iz)
@@ -75,20 +60,14 @@ def put_ground(free, ix, iy, z, noise):
 
 @inner
 def measured_at(x, y, edges, seen_from, seen_to):
-    """True if the ground was measured in all directions that a column at (x, y) from the camera extends into, at its
+    """True if the ground was measured in all directions that a cell at (x, y) from the camera extends into, at its
     range."""
     r = math.sqrt(x * x + y * y)
-    if r <= 2.0 * HALF_M:
-        return False
-    half = math.asin(HALF_M / r)
-    turn = math.atan2(y, x) - half - edges[0]
-    azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
-    if azimuth + 2.0 * half >= edges[edges.shape[0] - 1]:
-        return False
-    for d in range(direction_of(edges, azimuth), direction_of(edges, azimuth + 2.0 * half) + 1):
+    d0, d1 = cell_directions(edges, x, y, r)
+    for d in range(d0, d1 + 1):
         if seen_from[d] > r - HALF_M or seen_to[d] < r + HALF_M:
             return False
-    return True
+    return d1 >= d0
 
 
 @kernel
@@ -97,13 +76,11 @@ def see_ground(free, view, seen_from, seen_to):
 
     Args:
         free: FreeTables.
-        view: FrameView of the frame.
+        view: FreeView of the frame.
         seen_from, seen_to: (D,) float64 ranges at which the ground was measured."""
     x, y, edges = view.x_m, view.y_m, view.edges_rad
-    z, slope_x, slope_y, _tolerance, noise = view.plane
-    reach = 0.0
-    for d in range(len(seen_to)):
-        reach = max(reach, seen_to[d])
+    z, slope_x, slope_y, noise = view.ground_z_m, view.slope_x, view.slope_y, view.noise_per_m
+    reach = seen_to.max()
     lift = math.sqrt(slope_x**2 + slope_y**2) * HALF_M
     for ix in range(cell(x - reach), cell(x + reach) + 1):
         for iy in range(cell(y - reach), cell(y + reach) + 1):

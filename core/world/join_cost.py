@@ -83,6 +83,19 @@ def length_of(ax, ay, bx, by):
 
 
 @inner
+def box_of(plane):
+    """Returns the Box of a record with the ends and heights of a plane, such as SLOT."""
+    return Box(
+        float(plane.ax_m),
+        float(plane.ay_m),
+        float(plane.bx_m),
+        float(plane.by_m),
+        float(plane.top_m),
+        float(plane.bottom_m),
+    )
+
+
+@inner
 def segment_moments(box, weight, sigma):
     """Returns the Moments of points spread evenly over a plane, each with an error of `sigma` in x and y."""
     x, y, dx, dy, v = 0.5 * (box.ax + box.bx), 0.5 * (box.ay + box.by), box.bx - box.ax, box.by - box.ay, sigma * sigma
@@ -268,16 +281,18 @@ def widened(found, box, x, y, most):
     A plane behind the box would hide less. found: Joined; box, x, y: relative to the same point."""
     length = length_of(found.ax, found.ay, found.bx, found.by)
     dx, dy = (found.bx - found.ax) / length, (found.by - found.ay) / length
-    begin = min(0.0, hidden_end(found, box.ax, box.ay, x, y, dx, dy, most))
-    end = max(length, hidden_end(found, box.bx, box.by, x, y, dx, dy, most))
+    begin = min(0.0, hidden_end(found, box.ax, box.ay, x, y, most))
+    end = max(length, hidden_end(found, box.bx, box.by, x, y, most))
     ax, ay, bx, by = found.ax + begin * dx, found.ay + begin * dy, found.ax + end * dx, found.ay + end * dy
     return Joined(found.cost, ax, ay, bx, by, found.gap)
 
 
 @inner
-def hidden_end(found, px, py, x, y, dx, dy, most):
-    """Returns where the viewing ray of a point (px, py) meets the line of `found`, m from its end a along (dx, dy), but at
-    most `most` from the foot of the point."""
+def hidden_end(found, px, py, x, y, most):
+    """Returns where the viewing ray of a point (px, py) meets the line of `found`, m from its end a along the line, but at
+    most `most` from the foot of the point. (x, y): place of the camera."""
+    length = length_of(found.ax, found.ay, found.bx, found.by)
+    dx, dy = (found.bx - found.ax) / length, (found.by - found.ay) / length
     foot = (px - found.ax) * dx + (py - found.ay) * dy
     rx, ry = px - x, py - y
     across = rx * dy - ry * dx

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from ..jit import inner, record
 from .evidence import empty_steps, erase, plane_steps
+from .free_grid import EDGE_M, cells_beside
 
 SQUARE_M = 8.0
 """Side of a square, of which a frame covers some dozen."""
-_EDGE_M = 1e-3
-"""Tolerance greater than the rounding of float32: a plane is in the list of a square that it nearly touches."""
 _LINKS = 4
 """Links per slot: long planes need more than one."""
 NONE = -1
@@ -39,7 +38,7 @@ SLOT = record(
     ("cut", np.int32),  # END_A, END_B: the ends beside a part that was removed
     ("older", np.int32),  # neighbours in the LRU list; of an empty slot newer is the next empty one
     ("newer", np.int32),
-    ("look", np.int32),  # newest search that found it
+    ("search", np.int32),  # newest search that found it
     ("changed", np.int32),  # frame of the newest change
 )
 """A plane of the world."""
@@ -52,7 +51,7 @@ TABLE_STATE = record(
     ("newest", np.int64),
     ("free_link", np.int64),  # first empty link
     ("links_used", np.int64),  # links that were ever in use
-    ("looks", np.int64),  # searches
+    ("searches", np.int64),  # number of searches
     ("live", np.int64),  # planes
     ("frame", np.int64),  # frames
     ("dropped", np.int64),  # counts for the log
@@ -122,14 +121,9 @@ def set_links(tables, i, add):
     x0, y0, x1, y1 = float(plane.ax_m), float(plane.ay_m), float(plane.bx_m), float(plane.by_m)
     if x1 < x0:
         x0, y0, x1, y1 = x1, y1, x0, y0
-    slope = (y1 - y0) / (x1 - x0) if x1 - x0 > _EDGE_M else 0.0
-    for ix in range(square(x0 - _EDGE_M), square(x1 + _EDGE_M) + 1):
-        if slope == 0.0:
-            ya, yb = y0, y1
-        else:
-            ya = y0 + slope * (min(max(ix * SQUARE_M - _EDGE_M, x0), x1) - x0)
-            yb = y0 + slope * (min(max((ix + 1) * SQUARE_M + _EDGE_M, x0), x1) - x0)
-        for iy in range(square(min(ya, yb) - _EDGE_M), square(max(ya, yb) + _EDGE_M) + 1):
+    for ix in range(square(x0 - EDGE_M), square(x1 + EDGE_M) + 1):
+        first, last = cells_beside(x0, y0, x1, y1, ix, SQUARE_M)
+        for iy in range(first, last + 1):
             head = bucket(ix, iy, heads.shape[0])
             if add:
                 k = state.free_link
@@ -216,7 +210,7 @@ def new_slot(tables, t_ns):
         state.used += 1
     state.live += 1
     plane = planes[i]
-    plane.hits, plane.plane_flags, plane.cut, plane.look, plane.changed = 1, 0, 0, 0, 0
+    plane.hits, plane.plane_flags, plane.cut, plane.search, plane.changed = 1, 0, 0, 0, 0
     lru_insert(tables, i)
     plane.seen_ns = t_ns
     return i
@@ -262,19 +256,19 @@ def gather(tables, x0, y0, x1, y1, top, bottom, out):
     """Writes the slots of the planes whose boxes touch a box to `out`; returns their number. Those that do not fit
     are counted."""
     planes, heads, links, state = tables.planes, tables.heads, tables.links, tables.state[0]
-    state.looks = (state.looks + 1) & 0x3FFFFFFF
-    look, n = state.looks, 0
-    for ix in range(square(x0 - _EDGE_M), square(x1 + _EDGE_M) + 1):
-        for iy in range(square(y0 - _EDGE_M), square(y1 + _EDGE_M) + 1):
+    state.searches = (state.searches + 1) & 0x3FFFFFFF
+    search, n = state.searches, 0
+    for ix in range(square(x0 - EDGE_M), square(x1 + EDGE_M) + 1):
+        for iy in range(square(y0 - EDGE_M), square(y1 + EDGE_M) + 1):
             k = heads[bucket(ix, iy, heads.shape[0])]
             for _ in range(links.shape[0]):
                 if k == NONE:
                     break
                 i, k = links[k].slot, links[k].next
                 plane = planes[i]
-                if plane.look == look:
+                if plane.search == search:
                     continue
-                plane.look = look
+                plane.search = search
                 if plane.top_m > bottom or plane.bottom_m < top:
                     continue
                 if min(plane.ax_m, plane.bx_m) > x1 or max(plane.ax_m, plane.bx_m) < x0:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 
+from ..free_view import NO_DIRECTION, direction_of, lowest_free
 from ..jit import inner
-from .association import box_of, put_box
+from .association import put_box
 from .evidence import copy_steps, count_clear, erase, has_evidence, is_refuted, part_of, plane_steps
-from .free_grid import direction_of, lowest_free
-from .join_cost import END_A, END_B, Box
+from .free_grid import HALF_M
+from .join_cost import END_A, END_B, Box, box_of
 from .plane_index import insert, lru_insert, lru_remove, new_slot, remove, set_links
 
 _OBSTACLE = 1
@@ -38,16 +39,14 @@ def is_observed_clear(x, y, top, bottom, slack, pose_sigma_m, view):
         top, bottom: heights.
         slack: distance behind the place to which it must be free, without noise.
         pose_sigma_m: error of the position of the camera.
-        view: FrameView."""
-    edges, layers, near_m, far_m = view.edges_rad, view.layers_m, view.near_m, view.far_m
+        view: FreeView."""
+    layers, near_m, far_m = view.layers_m, view.near_m, view.far_m
     r = math.sqrt(x * x + y * y)
-    turn = math.atan2(y, x) - edges[0]
-    azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
-    if azimuth >= edges[edges.shape[0] - 1]:
+    d = direction_of(view.edges_rad, math.atan2(y, x))
+    if d == NO_DIRECTION:
         return False
-    d = direction_of(edges, azimuth)
     off = slack + _CLEAR_SIGMAS * view.ke_per_m * r * r
-    through, lowest = 0.0, lowest_free(x, y, r, view.plane)
+    through, lowest = 0.0, lowest_free(x, y, r, HALF_M, view)
     for k in range(layers.shape[0] - 1):
         over = min(bottom, layers[k + 1]) - max(top, layers[k])
         if over <= 0.0:
@@ -61,7 +60,7 @@ def is_observed_clear(x, y, top, bottom, slack, pose_sigma_m, view):
 
 @inner
 def count_clear_view(tables, i, pose_sigma_m, view):
-    """Counts one observation as clear of each step of slot i that a frame observed to be clear. view: FrameView."""
+    """Counts one observation as clear of each step of slot i that a frame observed to be clear. view: FreeView."""
     steps, rows = plane_steps(tables, i), tables.steps
     if not has_evidence(tables, steps):
         return
@@ -145,19 +144,10 @@ def copy_part(tables, i, box):
     lru_remove(tables, i)
     lru_insert(tables, i)  # otherwise slot i might be removed to make room for the new one
     k = new_slot(tables, planes[i].seen_ns)
-    part, plane = planes[k], planes[i]
-    part.weight, part.x, part.y, part.xx, part.xy, part.yy = (
-        plane.weight,
-        plane.x,
-        plane.y,
-        plane.xx,
-        plane.xy,
-        plane.yy,
-    )
-    part.anchor_x_m, part.anchor_y_m = plane.anchor_x_m, plane.anchor_y_m
-    part.margin_m, part.noise_m = plane.margin_m, plane.noise_m
-    part.hits, part.plane_flags, part.changed = plane.hits, plane.plane_flags, tables.state[0].frame
-    part.cut = plane.cut
+    part = planes[k]
+    older, newer = part.older, part.newer
+    planes[k] = planes[i]
+    part.older, part.newer, part.changed = older, newer, tables.state[0].frame
     part.ax_m, part.ay_m, part.bx_m, part.by_m = box.ax, box.ay, box.bx, box.by
     part.top_m, part.bottom_m = box.top, box.bottom
     copy_steps(tables, i, k, plane_steps(tables, k))

@@ -258,15 +258,4 @@ def moved(section: SavedSection, yaw_rad: float, translation_m: tuple[float, flo
             s * s * xx + 2 * c * s * xy + c * c * yy,
         ]
     )
-    return SavedSection(
-        number=section.number,
-        reset_counter=section.reset_counter,
-        begun_ns=section.begun_ns,
-        newest_ns=section.newest_ns,
-        box=box,
-        moments=moments,
-        margin_m=section.margin_m,
-        flags=section.flags,
-        hits=section.hits,
-        age_s=section.age_s,
-    )
+    return replace(section, box=box, moments=moments)

@@ -13,7 +13,6 @@ from .association import (
     OBSERVATION,
     absorb_plane,
     add_observation,
-    box_of,
     new_plane,
     put_box,
     put_moments,
@@ -22,7 +21,18 @@ from .association import (
 )
 from .evidence import set_hits
 from .free_removal import remove_free
-from .join_cost import REFUSED, WORLD_RULES, Box, Joined, Moments, moved_moments, shifted, stands_for, stays_open
+from .join_cost import (
+    REFUSED,
+    WORLD_RULES,
+    Box,
+    Joined,
+    Moments,
+    box_of,
+    moved_moments,
+    shifted,
+    stands_for,
+    stays_open,
+)
 from .params import WorldParams
 from .plane_index import BOX, MOMENTS, NONE, gather, new_slot
 from .removal import count_clear_view, cut_cleared
@@ -191,7 +201,7 @@ def add_frame(tables, free, observations, arrived, settings, t_ns, view):
         arrived: (N,) bool, those that stand in what was free before, see free_removal.py.
         settings: (1,) WORLD_RULES.
         t_ns: exposure of the frame.
-        view: FrameView."""
+        view: FreeView."""
     rules = settings[0]
     near, touched = np.empty(_NEAR, np.int32), np.full(observations.shape[0], NONE, np.int32)
     frame = Frame(observations, touched, rules, view.x_m, view.y_m)
@@ -199,12 +209,10 @@ def add_frame(tables, free, observations, arrived, settings, t_ns, view):
     remove_free(free, observations, arrived, view.x_m, view.y_m)
     for j in range(observations.shape[0]):
         join_neighbours(tables, free, touched[j], frame, near)
-    x, y, layers = view.x_m, view.y_m, view.layers_m
-    reach = 0.0
-    for d in range(view.far_m.shape[0]):
-        for k in range(view.far_m.shape[1]):
-            reach = max(reach, view.far_m[d, k])
-    n = gather(tables, x - reach, y - reach, x + reach, y + reach, layers[0], layers[layers.shape[0] - 1], near)
+    if view.far_m.size == 0:
+        return
+    x, y, reach = view.x_m, view.y_m, np.float64(view.far_m.max())
+    n = gather(tables, x - reach, y - reach, x + reach, y + reach, view.layers_m[0], view.layers_m[-1], near)
     for m in range(n):
         count_clear_view(tables, near[m], rules.pose_sigma_m, view)
     for m in range(n):

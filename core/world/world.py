@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..free_view import FreeView, free_view
 from ..types import FrameModel
 from .association import OBSERVATION
 from .evidence import empty_steps
-from .free_grid import FrameView, FreeTables, empty_free, held_blocks, see_free, seen_blocks
+from .free_grid import FreeTables, empty_free, held_blocks, see_free, seen_blocks
 from .free_removal import arrived_in_free
-from .ground import ground_plane, see_ground
+from .ground import see_ground
 from .params import WorldParams
 from .plane_index import BOX, columns, empty_tables
 from .section import Section, planes_to_load, saved_section
@@ -118,8 +119,8 @@ class World:
         observations = observations_of(observation.model, observation.place_m, self.params)
         self.counts.bad_planes += len(observation.model.planes) - len(observations)
         arrived = arrived_in_free(free, observations)
-        view, is_finite = self._view_of(observation)
-        if is_finite:
+        view = free_view(observation.model, observation.place_m)
+        if view.far_m.size:
             see_free(free, view)
             self._see_ground(free, observation, view)
         add_frame(tables, free, observations, arrived, self._rules, observation.t_ns, view)
@@ -127,22 +128,10 @@ class World:
         section.place_m = observation.place_m
 
     @staticmethod
-    def _view_of(observation: Observation) -> tuple[FrameView, bool]:
-        """(free ranges of a frame, whether they are finite): one whose ranges are not neither frees cells nor removes planes."""
-        profile, (x, y, z) = observation.model.free, observation.place_m
-        edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
-        plane, near_m, far_m = ground_plane(observation.model, z), profile.free_from_m, profile.free_to_m
-        is_finite = all(np.isfinite(a).all() for a in (edges, layers, near_m, far_m)) and not np.isnan(plane).any()
-        if not is_finite:
-            near_m = far_m = np.zeros_like(near_m)
-        ke = float(observation.model.ke_per_m)
-        return FrameView(float(x), float(y), ke, edges, layers, near_m, far_m, profile.end, plane), is_finite
-
-    @staticmethod
-    def _see_ground(free: FreeTables, observation: Observation, view: FrameView) -> None:
+    def _see_ground(free: FreeTables, observation: Observation, view: FreeView) -> None:
         ground = observation.model.ground
         fits = len(ground.seen_from_m) == len(ground.seen_to_m) == len(view.edges_rad) - 1
-        if ground.seen and fits and bool(np.isfinite([*view.plane, *ground.seen_from_m, *ground.seen_to_m]).all()):
+        if ground.seen and fits and bool(np.isfinite([*ground.seen_from_m, *ground.seen_to_m]).all()):
             see_ground(free, view, np.array(ground.seen_from_m), np.array(ground.seen_to_m))
 
     def picture(self, now_ns: int) -> WorldSnapshot:
@@ -223,22 +212,13 @@ class World:
 
     def numbers(self) -> dict[str, int]:
         """Returns counts for the log and the health report."""
-        found = {
-            "frames": self.counts.frames,
-            "blind": self.counts.blind,
-            "late": self.counts.late,
-            "bad_planes": self.counts.bad_planes,
-            "sections": self.counts.sections,
-            "sections_dropped": self.counts.sections_dropped,
-        }
+        counted = "frames", "blind", "late", "bad_planes", "sections", "sections_dropped"
+        found = {name: int(getattr(self.counts, name)) for name in counted}
         if self.section is not None:
             state, free = self.section.tables.state[0], self.section.free.state[0]
             found |= {
                 "planes": int(state.live),
-                "dropped": int(state.dropped),
-                "cleared": int(state.cleared),
-                "joined": int(state.joined),
-                "overflow": int(state.overflow),
+                **{name: int(state[name]) for name in ("dropped", "cleared", "joined", "overflow")},
                 "free_blocks": int(free.blocks),
                 "free_blocks_dropped": int(free.dropped),
             }

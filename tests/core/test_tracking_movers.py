@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from core.tracking.free_view import free_view
+from core.free_view import FreeView, free_view
 from core.tracking.groups import GROUP, find_groups
 from core.tracking.objects import OBJECT, assign_groups, turn_covariance
-from core.tracking.observed import FreeView, measured_limits
+from core.tracking.observed import measured_limits
 from core.tracking.snapshot import TrackingFrame, TrackSnapshot
 from core.tracking.tables import detections_of
 from core.tracking.tracker import Tracker
@@ -212,6 +212,16 @@ def test_views_without_a_free_range_limit_everything() -> None:
     first, last = measured_limits(free_view(f.model, f.camera_m))
     assert first == pytest.approx(math.radians(-40.0))
     assert last == pytest.approx(math.radians(40.0))
+
+
+@pytest.mark.parametrize("name", ["height_m", "slope_x", "noise_per_m"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_ground_that_is_not_finite_leaves_no_free_range(name: str, bad: float) -> None:
+    f = frame([face(6.0, 0.0)], 0)
+    seen = dataclasses.replace(f.model.ground, seen=True, height_m=2.0)
+    assert free_view(dataclasses.replace(f.model, ground=seen), f.camera_m).far_m.size > 0
+    ground = dataclasses.replace(seen, **{name: bad})
+    assert free_view(dataclasses.replace(f.model, ground=ground), f.camera_m).far_m.size == 0
 
 
 def test_the_range_of_a_person_is_less_exact_than_the_direction() -> None:

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from core.free_view import FreeView
 from core.tracking.observed import (
     CLEAR,
     EXPLAINED,
     FREE_SIGMAS,
     HIDDEN,
     OUT_OF_VIEW,
-    FreeView,
     by_direction,
     classify,
     is_beside,

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from core.free_view import FreeView
 from core.tracking.boxes import find_near
 from core.tracking.ego_motion import common_shift
 from core.tracking.intervals import at_value, index_intervals
-from core.tracking.observed import FreeView, crosses, find_spans
+from core.tracking.observed import crosses, find_spans
 from core.tracking.tables import TRACK, detections_of
 
 pytestmark = pytest.mark.nojit

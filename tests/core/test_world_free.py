@@ -9,17 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.free_view import FreeView
 from core.jit import kernel
 from core.types import FreeProfile
 from core.world.association import OBSERVATION
-from core.world.free_grid import CELL_M, FrameView, any_free, bits, empty_free, see_free, seen_blocks
+from core.world.free_grid import CELL_M, any_free, bits, empty_free, see_free, seen_blocks
 from core.world.free_removal import stand_in
 from core.world.plane_index import BOX
 from osape_client.query.space import balls_free
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
-NO_GROUND = (math.inf, 0.0, 0.0, 0.0, 0.0)
+NO_GROUND = math.inf, 0.0, 0.0, 0.0, 0.0
 
 
 def profile(rng: np.random.Generator) -> FreeProfile:
@@ -37,7 +38,7 @@ def profile(rng: np.random.Generator) -> FreeProfile:
 
 def look(free, p: FreeProfile, x: float, y: float) -> None:
     edges, layers = p.azimuth_edges_rad.astype(float), p.layer_edges_m.astype(float)
-    see_free(free, FrameView(x, y, 0.0, edges, layers, p.free_from_m, p.free_to_m, p.end, NO_GROUND))
+    see_free(free, FreeView(x, y, 0.0, edges, layers, p.free_from_m, p.free_to_m, p.end, *NO_GROUND))
 
 
 def cells(free, now: int = 0) -> set[tuple[int, int, int]]:
