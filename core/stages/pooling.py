@@ -57,7 +57,8 @@ class PoolTile(NamedTuple):
 def left_over(marks, picked, want, found):
     """Writes the positions of the measured pixels that were not picked to `found`; returns their number.
 
-    Eight flags are tested as one number, which is mostly zero.
+    Eight flags are tested as one number, which is mostly zero. Otherwise each of the eight positions is written, and
+    kept if its flag is set.
 
     Args:
         marks: (N,) uint16.
@@ -66,13 +67,15 @@ def left_over(marks, picked, want, found):
         found: (M + 1,) int32 out."""
     for u in range(len(marks)):
         want[u] = np.uint8((picked[u] == 0) & (marks[u] != 0) & (marks[u] != _FAR))
-    n, eights = 0, want.view(np.uint64)
+    n = np.uint64(0)
+    eights = want.view(np.uint64)
     for k in range(len(eights)):
-        if eights[k] != 0:
-            for u in range(8 * k, 8 * k + 8):
-                found[n] = u
-                n += want[u]
-    return n
+        eight = eights[k]
+        if eight != 0:
+            for j in range(8):
+                found[n] = np.int32(8 * k) + np.int32(j)
+                n += (eight >> np.uint64(8 * j)) & np.uint64(1)
+    return np.int64(n)
 
 
 @kernel

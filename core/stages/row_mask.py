@@ -44,13 +44,16 @@ def gather_rows(line, mask, px):
 
     mask: (V rounded up to 8,) uint8, zero beyond V. Eight flags are tested as one number, which is mostly zero: most of a
     view is sky or ground."""
-    n, eights = 0, mask.view(np.uint64)
-    for k in range(len(eights)):
+    n, eights, whole = np.uint64(0), mask.view(np.uint64), len(line) // 8  # an unsigned index needs no test of its sign
+    for k in range(whole):
         if eights[k] != 0:
-            for v in range(8 * k, min(8 * k + 8, len(line))):
+            for v in range(8 * k, 8 * k + 8):
                 px[ROW, n], px[CODE, n] = v, line[v]
                 n += mask[v]
-    return n
+    for v in range(8 * whole, len(line)):
+        px[ROW, n], px[CODE, n] = v, line[v]
+        n += mask[v]
+    return np.int64(n)
 
 
 @inner_inline
@@ -87,11 +90,11 @@ def ends_of(labels, label, first, last):
     """Returns the first and last row of first..last with this label; first > last if there is none."""
     label = np.uint8(label)
     for _ in range(last + 1 - first):
-        if labels[first] == label:
+        if labels[np.uint64(first)] == label:
             break
         first += 1
     for _ in range(last + 1 - first):
-        if labels[last] == label:
+        if labels[np.uint64(last)] == label:
             break
         last -= 1
     return first, last
