@@ -14,7 +14,7 @@ from typing import Any
 from drivers.mavlink.address import parse_address
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session import SILENT_NS, MavlinkSession
 from drivers.mavlink.session_types import PX4
 
 from ..config.loader import Config
@@ -77,6 +77,7 @@ class ParameterWriter:
         self._lock = threading.Lock()
         self._received: dict[str, tuple[float, int]] = {}
         self._armed_ns: int | None = None
+        self._received_ns = self._silences = 0
         self._target: tuple[str, int, int] = ("", 0, 0)
         self._signing = signing_of(config.autopilot, folders().state)
         session = MavlinkSession(params_of(config), on_message=self._take, signing=self._signing)
@@ -122,7 +123,7 @@ class ParameterWriter:
         value = 0.0
         for _ in range(TRIES):
             if self._writable() != self._target:
-                raise ValueError("the autopilot was replaced or restarted since the list was made; start again")
+                raise ValueError("the autopilot was silent, replaced or restarted since the list was made; start again")
             kind, system, _ = self._target
             with self._lock:
                 param_type = self._received[change.name][1]
@@ -150,6 +151,8 @@ class ParameterWriter:
         return None
 
     def _take(self, message: Any, arrival_ns: int) -> None:
+        self._silences += arrival_ns - self._received_ns > SILENT_NS
+        self._received_ns = arrival_ns
         self._reader.take(message, arrival_ns)
         self._version.take(message)
         if message.get_type() == "HEARTBEAT" and int(message.base_mode) & 128:
@@ -160,8 +163,8 @@ class ParameterWriter:
                 self._received[str(message.param_id)] = (value, int(message.param_type))
 
     def _writable(self) -> tuple[str, int, int]:
-        """The autopilot's kind and system id, and the number of restarts of its clock. Raises ValueError where nothing may be
-        written to it."""
+        """The autopilot's kind and system id, and a number that changes where another one may have taken its place. Raises
+        ValueError where nothing may be written to it."""
         status, now_ns = self._link.status(), time.monotonic_ns()
         vehicle = status.vehicle
         if vehicle is None or now_ns - vehicle.heartbeat_ns > FRESH_NS:
@@ -171,7 +174,7 @@ class ParameterWriter:
         fault = status.signing_fault or next(iter(status.conflicts.values()), "")
         if fault:
             raise ValueError(f"target system is ambiguous: {fault}")
-        return vehicle.autopilot, vehicle.system_id, status.clock_restarts
+        return vehicle.autopilot, vehicle.system_id, status.clock_restarts + self._silences
 
 
 def apply(config: Config, patience_s: float, agreed: Callable[[list[Change]], bool]) -> Iterator[tuple[bool, str]]:

@@ -20,6 +20,7 @@ from companion.autopilot.parameter_writer import Change, apply, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config
 from companion.doctor import autopilot_check, doctor
+from drivers.mavlink.session import SILENT_NS
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from tests.ports import free_port
@@ -170,12 +171,20 @@ def test_nothing_is_written_when_the_vehicle_is_armed_before_the_confirmation(tm
         assert all(not good and "ARMED" in text for good, text in results)
 
 
-def test_nothing_is_written_to_an_autopilot_that_was_exchanged_before_the_confirmation(tmp_path: Path) -> None:
-    """The list is of the one before. The other one has the same ids, but another clock."""
+@pytest.mark.parametrize("unplugged", [True, False])
+def test_nothing_is_written_to_an_autopilot_that_was_exchanged_before_the_confirmation(
+    unplugged: bool, tmp_path: Path
+) -> None:
+    """The list is of the one before. The other one has the same ids; after a long silence no clock shows that it is another."""
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
 
         def exchanged_meanwhile(wanted: list[Change]) -> bool:
-            line.change(lambda a: (a.received.clear(), a.reboot(time.monotonic_ns())))
+            if unplugged:
+                line.change(lambda a: setattr(a, "silent", True))
+                time.sleep(SILENT_NS / 1e9 + 0.5)
+                line.change(lambda a: (a.received.clear(), setattr(a, "silent", False)))
+            else:
+                line.change(lambda a: (a.received.clear(), a.reboot(time.monotonic_ns())))
             # three answers that contradict the clock of before show it
             assert until(lambda: len(line.change(lambda a: a.of_kind("TIMESYNC"))) >= 6)
             return True
@@ -183,7 +192,9 @@ def test_nothing_is_written_to_an_autopilot_that_was_exchanged_before_the_confir
         results = steps(config, exchanged_meanwhile)
         assert sets(line) == []
         assert results
-        assert all(not good and "replaced or restarted since the list was made" in text for good, text in results)
+        assert all(
+            not good and "silent, replaced or restarted since the list was made" in text for good, text in results
+        )
 
 
 def test_a_rejected_parameter_is_reported_and_the_others_are_written(tmp_path: Path) -> None:
