@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
+import os
 import re
 import shlex
 import struct
@@ -16,9 +19,18 @@ from mcap.writer import IndexType, Writer
 
 from companion.cli import main
 from companion.log.info import print_info, read_log_info
-from companion.log.log_writer import LIBRARY, FileInUseError, LogWriter, open_locked, schema_bytes, write_recording
+from companion.log.log_writer import (
+    LIBRARY,
+    FileInUseError,
+    LogWriter,
+    is_being_written,
+    open_locked,
+    schema_bytes,
+    write_recording,
+)
 from companion.log.provenance import run_info
 from companion.log.recover import recover
+from companion.log.repair import repair_file
 from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample
 from drivers.base import BadData, DriverError
@@ -286,6 +298,32 @@ def test_info_counts_messages_that_cannot_be_decoded(tmp_path, capsys):
     assert main(["info", "--json", str(path)]) == 1
     (damage,) = json.loads(capsys.readouterr().out)["damage"]
     assert "50 messages cannot be decoded" in damage
+
+
+def test_locks_work_as_nfs_has_them(tmp_path, monkeypatch):
+    """NFS makes of a lock one of fcntl: an exclusive one needs a descriptor for writing, a shared one for reading. Otherwise it
+    answers EBADF, which counts as a file system without locks: a log would not be known as being written."""
+    flock, refused = fcntl.flock, []
+
+    def of_nfs(stream, operation: int) -> None:
+        mode = fcntl.fcntl(stream, fcntl.F_GETFL) & os.O_ACCMODE
+        if mode == (os.O_RDONLY if operation & fcntl.LOCK_EX else os.O_WRONLY):
+            refused.append(operation)
+            raise OSError(errno.EBADF, "Bad file descriptor")
+        flock(stream, operation)
+
+    monkeypatch.setattr(fcntl, "flock", of_nfs)
+    with LogWriter(tmp_path / "20260101-000000.000.mcap") as log:
+        log.begin(run_info("live"), (INFO,))
+        log.sync()
+        assert is_being_written(log.active_path)
+        assert "another process writes" in repair_file(log.active_path)
+        with pytest.raises(FileInUseError):
+            open_locked(log.active_path)
+    assert not is_being_written(log.path)
+    unfinished = log.path.rename(log.active_path)
+    assert "messages recovered" in repair_file(unfinished)
+    assert not refused
 
 
 @pytest.mark.parametrize("command", ["info", "recover"])
