@@ -11,6 +11,7 @@ from pathlib import Path
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, DeviceNotFound, Event
+from drivers.regular_file import regular
 
 from ..config.loader import Config
 from ..log.log_writer import refuse_output, write_recording
@@ -30,6 +31,7 @@ REMEDY_NO_SOURCE = (
     "expected a directory with intrinsics.json, frames.csv and depth PNGs, a TUM RGB-D directory, or a ROS 2 recording "
     "(.mcap, .db3, or the bag's directory)"
 )
+_LIST_COLUMNS = ("sequence", "file")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +55,7 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
     """Writes the recording as a log. Raises DriverError when nothing can be used, OSError and ValueError when the log
     cannot be written; problems with parts are in the result."""
     refuse_output(output, path, *([options.tlog] if options.tlog is not None else []))
+    _refuse_file_list(_file_list(output))
     report = Report()
     try:
         source = open_recording(path, options, report)
@@ -86,11 +89,27 @@ def write_file_list(output: Path, files: dict[int, str]) -> Path | None:
     """Writes OUT.files.csv, which leads from a frame's number to its file; None where frames are not files."""
     if not files:
         return None
-    path = output.with_suffix(".files.csv")
+    path = _file_list(output)
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([("sequence", "file"), *sorted(files.items())])
+    csv.writer(text, lineterminator="\n").writerows([_LIST_COLUMNS, *sorted(files.items())])
     write_whole(path, text.getvalue())
     return path
+
+
+def _file_list(output: Path) -> Path:
+    return output.with_suffix(".files.csv")
+
+
+def _refuse_file_list(path: Path) -> None:
+    """Raises ValueError where something else is at the place of the list."""
+    if not path.exists():
+        return
+    begin = ",".join(_LIST_COLUMNS).encode() + b"\n"
+    with regular(path).open("rb") as stream:
+        if stream.read(len(begin)) != begin:
+            raise ValueError(
+                f"{path}: exists and is no list of `companion import`, which would replace it; give -o another name"
+            )
 
 
 def open_recording(path: Path, options: ImportOptions, report: Report) -> FrameListSource | Ros2Source:

@@ -46,6 +46,22 @@ def test_a_good_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert arrivals == sorted(arrivals)
 
 
+def test_a_table_of_the_user_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The list of files took its place, without a word."""
+    folder = write_folder(tmp_path / "rec")
+    listed = tmp_path / "out.files.csv"
+    listed.write_text("flight,pilot\n1,A. B.\n")
+    status, out = imported(folder)
+    assert status == 1
+    assert f"{listed}: exists and is no list of `companion import`" in capsys.readouterr().err
+    assert listed.read_text() == "flight,pilot\n1,A. B.\n"
+    assert not out.exists()
+    listed.unlink()
+    assert imported(folder)[0] == 0
+    assert imported(folder)[0] == 0  # an own list is replaced
+    assert listed.read_text().startswith("sequence,file\n0,depth/000000.png\n")
+
+
 def test_the_same_folder_gives_the_same_bytes(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "rec")
     first = imported(folder)[1].read_bytes()
