@@ -238,7 +238,7 @@ def test_a_log_that_is_being_written_is_not_called_damaged(tmp_path, capsys):
     assert "/run" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["my flight.mcap", "-x.mcap", "a'b;c.mcap", "two\nlines.mcap", "\u98de\u884c.mcap"])
+@pytest.mark.parametrize("name", ["-x.mcap", "my 'b;c\n\u98de\u884c.mcap"])
 def test_the_named_command_is_one_that_a_shell_runs(whole, tmp_path, name, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path(name).write_bytes(whole.read_bytes()[:-1000])
