@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import sys
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,32 +53,44 @@ class Hover:
 def hover(frames: int, confirm_px: int, kind: str = "ArduPilot", wall_m: float = 8.0, seed: int = 3) -> Hover:
     """Hovers before the wall; a frame at 12 Hz, and a message after each."""
     avoid = AvoidParams(confirm_px=confirm_px, avoid_margin_m=2.0)
-    scene, extractor = bare_wall(wall_m), Extractor()
-    pipeline = Pipeline((CAMERA,), lambda info: extractor)
     builder = ObstacleReportBuilder(avoid, SeenCameras(cameras=(CAMERA.camera,), timeout_s=0.3))
     builder.announce(CAMERA)
-    now_ns, weak, messages, near = 100 * NS, 0, 0, 0
-    for n in range(frames):
-        now_ns += FRAME_NS
-        for sample in (
-            AttitudeSample(now_ns, now_ns, quaternion_from_euler(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-            PoseSample(now_ns, now_ns, (0.0, 0.0, -HEIGHT_M), (0.0, 0.0, 0.0)),
-        ):
-            pipeline.handle(sample)
-            builder.samples([sample])
-        seen = render(scene, CAMERA, position_ned_m=(0.0, 0.0, -HEIGHT_M), sensor=SENSOR, seed=seed, frame=n)
-        frame = DepthFrame(
-            camera=CAMERA.camera, sequence=n, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=seen.depth_mm
-        )
-        for output in pipeline.handle(frame):
-            if isinstance(output, PrismsResult):
-                builder.result(output)
-                weak += output.model is not None and _has_near(output.model.planes)
-        values = builder.decide(AutopilotNow(kind=kind, margin_m=2.0), now_ns).values
+    weak, messages, near = 0, 0, 0
+    for n, result in enumerate(_results(frames, wall_m, seed)):
+        builder.samples(_samples(result.t_exposure_ns))
+        builder.result(result)
+        weak += result.model is not None and _has_near(result.model.planes)
+        values = builder.decide(AutopilotNow(kind=kind, margin_m=2.0), result.t_exposure_ns).values
         if n >= 10 and values is not None:  # after the start
             messages += 1
             near += bool((values < 100.0 * NEAR_M).any())
     return Hover(frames, weak, messages, near)
+
+
+@lru_cache(maxsize=1)
+def _results(frames: int, wall_m: float, seed: int) -> tuple[PrismsResult, ...]:
+    """The result of each frame, which no parameter of avoidance changes."""
+    scene, extractor = bare_wall(wall_m), Extractor()
+    pipeline = Pipeline((CAMERA,), lambda info: extractor)
+    results = []
+    for n in range(frames):
+        now_ns = 100 * NS + (n + 1) * FRAME_NS
+        for sample in _samples(now_ns):
+            pipeline.handle(sample)
+        seen = render(scene, CAMERA, position_ned_m=(0.0, 0.0, -HEIGHT_M), sensor=SENSOR, seed=seed, frame=n)
+        frame = DepthFrame(
+            camera=CAMERA.camera, sequence=n, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=seen.depth_mm
+        )
+        results += [output for output in pipeline.handle(frame) if isinstance(output, PrismsResult)]
+    return tuple(results)
+
+
+def _samples(t_ns: int) -> list[AttitudeSample | PoseSample]:
+    """Attitude and position of the hover."""
+    return [
+        AttitudeSample(t_ns, t_ns, quaternion_from_euler(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        PoseSample(t_ns, t_ns, (0.0, 0.0, -HEIGHT_M), (0.0, 0.0, 0.0)),
+    ]
 
 
 def _has_near(planes: np.ndarray) -> bool:

@@ -82,9 +82,11 @@ class Flight:
             AutopilotNow(kind="PX4", cp_dist_m=MARGIN_M) if px4 else AutopilotNow(kind="ArduPilot", margin_m=MARGIN_M)
         )
 
-    def fly(self, seconds: float) -> None:
-        """Steps of 20 ms: attitude and position in each, a frame and a message in every fifth."""
+    def fly(self, seconds: float, until_m: float = math.inf) -> None:
+        """Steps of 20 ms: attitude and position in each, a frame and a message in every fifth. until_m: ends there."""
         for step in range(round(50 * seconds)):
+            if self.x_m > until_m:
+                return
             self.now_ns += 20 * MS
             position = (self.x_m, 0.0, -1.5)
             samples: list[AttitudeSample | PoseSample] = [
@@ -157,11 +159,12 @@ def ardupilot() -> ArduPilotReader:
 ALL = pytest.mark.parametrize("reader", [px4, coarse_px4, ardupilot])
 
 
-@ALL
-@pytest.mark.parametrize("scene", [facade, tree])
+@pytest.mark.parametrize(
+    ("reader", "scene"), [(px4, facade), (coarse_px4, tree), (ardupilot, facade), (ardupilot, tree)]
+)
 def test_it_stops_before_what_stands_in_its_way(reader: type, scene: type) -> None:
     flight = Flight(scene(), reader())
-    flight.fly(16.0)
+    flight.fly(12.0)
     assert max(speed for _, speed in flight.track) > 2.0  # it flew
     assert max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
     assert 20.0 - flight.x_m < MARGIN_M + 1.5  # and came near
@@ -171,7 +174,7 @@ def test_it_stops_before_what_stands_in_its_way(reader: type, scene: type) -> No
 @ALL
 def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(reader: type) -> None:
     flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader())
-    flight.fly(20.0)
+    flight.fly(20.0, until_m=23.0)
     assert flight.x_m > 23.0
 
 
@@ -190,7 +193,7 @@ def test_it_does_not_fly_into_a_column_without_texture_before_a_wall(reader: typ
 def test_ardupilots_low_pass_as_delivered_brakes_in_time() -> None:
     """PRX_FILT of 0.25 Hz sees a wall that comes nearer where it was 0.6 s ago."""
     flight = Flight(facade(), ArduPilotReader(margin_m=MARGIN_M, filter_hz=0.25))
-    flight.fly(16.0)
+    flight.fly(12.0)
     assert 19.0 - MARGIN_M < max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
 
 
@@ -203,7 +206,7 @@ def test_it_stops_when_the_chain_breaks(reader: type, fault: str) -> None:
         flight.dies_at_m = 9.0
     else:
         flight.silent_at_m = 9.0
-    flight.fly(20.0)
+    flight.fly(12.0)
     assert max(speed for _, speed in flight.track) > 2.0
     assert flight.x_m < 15.0
     assert (
@@ -212,7 +215,7 @@ def test_it_stops_when_the_chain_breaks(reader: type, fault: str) -> None:
     assert flight.x_m > 7.0
 
 
-LEANS = [(pitch_deg, roll_deg) for pitch_deg in (-10.0, -6.0, -3.0, 0.0, 8.0) for roll_deg in (0.0, 10.0)]
+LEANS = [(-10.0, 0.0), (-10.0, 10.0), (-6.0, 10.0), (0.0, 0.0), (8.0, 10.0)]
 
 
 @pytest.mark.parametrize(
@@ -246,8 +249,10 @@ def open_field() -> Scene:
 THIN_LAYERS = replace(PARAMS, profile_layer_m=0.5, profile_layers=13)
 
 
-@pytest.mark.parametrize("reader", [px4, coarse_px4])
-@pytest.mark.parametrize(("pitch_deg", "params"), [(-15.0, PARAMS), (-21.0, PARAMS), (-25.0, THIN_LAYERS)])
+@pytest.mark.parametrize(
+    ("reader", "pitch_deg", "params"),
+    [(px4, -15.0, PARAMS), (px4, -21.0, PARAMS), (px4, -25.0, THIN_LAYERS), (coarse_px4, -21.0, PARAMS)],
+)
 def test_a_vehicle_that_leans_into_its_flight_flies_on(reader: type, pitch_deg: float, params: Params) -> None:
     """Leaning by 21 degrees a camera 56 degrees high looks 7 degrees above the horizon: the upper part of the near band was
     seen free from farther away, and that counts. Without it PX4 stops in mid-flight."""
