@@ -1,4 +1,5 @@
-"""The two distributions: their licence files, and osape-client in an environment that has only its three dependencies."""
+"""The two distributions: everything that an installation without the checkout needs, and osape-client in an environment
+that has only its three dependencies."""
 
 from __future__ import annotations
 
@@ -137,6 +138,36 @@ def test_both_distributions_have_one_version_and_the_service_names_it() -> None:
     assert f"osape-client=={version}" in projects[1]["dependencies"]
 
 
+def held(folder: Path) -> set[str]:
+    """The names of the files in the wheel in a folder."""
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        return set(packed.namelist())
+
+
+def test_the_service_s_wheel_is_complete(built: dict[str, Path]) -> None:
+    names, packages = held(built["osape-companion"]), ("core", "drivers", "companion")
+    files = [f for part in packages for f in (ROOT / part).rglob("*") if f.is_file() and "__pycache__" not in f.parts]
+    assert {str(f.relative_to(ROOT)) for f in files} - names == set()
+    shared = {name.partition("/data/share/osape-companion/")[2] for name in names if "/data/" in name}
+    for folder, pattern in (
+        ("configs", "*.toml"),
+        ("systemd", "*"),
+        ("docs/how-to", "*.md"),
+        ("docs/reference", "*.md"),
+    ):
+        assert {str(f.relative_to(ROOT)) for f in (ROOT / folder).glob(pattern)} - shared == set()
+    assert any(name.endswith("LICENSE.three") for name in names)
+
+
+def test_the_client_s_wheel_is_complete(built: dict[str, Path]) -> None:
+    names, (source, _) = held(built["osape-client"]), PARTS["osape-client"]
+    files = [f for f in (source / "osape_client").rglob("*.py*") if f.suffix != ".pyc"]
+    assert {str(f.relative_to(source)) for f in files} - names == set()
+    assert {"osape_client/proto/osape_v1.proto", "osape_client/py.typed"} <= names
+    assert {name.partition("/")[0] for name in names if ".dist-info" not in name} == {"osape_client"}
+
+
 @pytest.mark.parametrize("name", PARTS)
 def test_wheel_and_sdist_contain_the_licence(built: dict[str, Path], name: str) -> None:
     (wheel,), (sdist,) = built[name].glob("*.whl"), built[name].glob("*.tar.gz")
@@ -150,15 +181,3 @@ def test_wheel_and_sdist_contain_the_licence(built: dict[str, Path], name: str) 
 
 def test_the_client_has_the_licence_of_the_project() -> None:
     assert (ROOT / "clients" / "python" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
-
-
-def test_the_wheel_of_the_client_has_the_schema_and_its_types(built: dict[str, Path]) -> None:
-    (wheel,) = built["osape-client"].glob("*.whl")
-    with zipfile.ZipFile(wheel) as packed:
-        names = set(packed.namelist())
-    assert {
-        "osape_client/proto/osape_v1.proto",
-        "osape_client/proto/osape_v1_pb2.pyi",
-        "osape_client/py.typed",
-    } <= names
-    assert {name.partition("/")[0] for name in names if ".dist-info" not in name} == {"osape_client"}
