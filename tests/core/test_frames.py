@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from core import frames
 from core.types import CameraMount
 
-pytestmark = pytest.mark.nojit
-
 ANGLE = st.floats(-3.1, 3.1)
 PITCH = st.floats(-1.5, 1.5)
 FORWARD, RIGHT, DOWN = np.eye(3)

@@ -155,6 +155,11 @@ def test_more_cells_are_counted_than_a_narrow_number_holds() -> None:
     assert count_codes(cells, 1, 150_000, 9, 9) == 149_999
 
 
+def compiled(*values: object) -> object:
+    """A case that the pass without the JIT leaves out."""
+    return pytest.param(*values, marks=pytest.mark.compiled)
+
+
 THICK: dict[str, float] = {"profile_layers": 7, "profile_layer_m": 2.0, "profile_outer_layers": 0}
 """Layers of 2 m: number 3 lies around the height of the camera."""
 
@@ -183,7 +188,7 @@ def test_the_nearest_rings_are_half_a_step_apart() -> None:
     assert rings.place_rings(0.5, 12.0, found[:5]) == 5
 
 
-@pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
+@pytest.mark.parametrize("distance", [2.2, compiled(5.0), compiled(9.7), 16.0])
 def test_a_wall_ends_the_free_range_less_than_a_ring_and_its_noise_before_it(distance: float) -> None:
     g = view(rows=120, cols=160)
     f = profile(np.full((160, 120), code(distance)[0]), g)
@@ -205,7 +210,7 @@ def begins_at(codes: np.ndarray, layer: int = 3, min_range_m: float = 0.3, **par
     return f.free_from_m[:, layer] / np.sqrt(1.0 + np.maximum(edges[1:], edges[:-1]) ** 2)
 
 
-@pytest.mark.parametrize(("rows", "begin_m"), [(120, 1.75), (130, 1.625), (134, 1.5)])
+@pytest.mark.parametrize(("rows", "begin_m"), [compiled(120, 1.75), (130, 1.625), compiled(134, 1.5)])
 def test_a_free_range_begins_up_to_half_a_step_before_its_first_ring(rows: int, begin_m: float) -> None:
     """A layer of 2 m fits the view from 1.67, 1.54 and 1.49 m on; the rings are at 1.5 and 1.75 m."""
     np.testing.assert_allclose(begins_at(np.full((160, rows), 1, np.uint16)), begin_m, rtol=1e-5)
@@ -242,7 +247,7 @@ def test_a_column_that_is_unknown_at_the_middle_before_the_first_ring_is_not_fre
     np.testing.assert_allclose(begins[begins < 1.74], 1.625, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("hole", "layer", "rows"), [(24, 7, 180), (260, 8, 420)])
+@pytest.mark.parametrize(("hole", "layer", "rows"), [(24, 7, 180), compiled(260, 8, 420)])
 def test_a_hole_at_the_middle_or_at_the_first_ring_may_hide_a_near_thing(hole: int, layer: int, rows: int) -> None:
     """The middle, 0.375 m, is nearer than 1.5 times the minimum range, the first ring, 0.5 m, is not. The first hole lies in
     the rows of the middle alone, the second in those of the ring alone."""
@@ -274,12 +279,8 @@ def test_unknown_and_field_of_view_are_distinguished() -> None:
     assert (profile(spotted, g).free_to_m[:, 3] > 10).all()
 
 
-def compiled(*values: object) -> object:
-    """A case that the pass without the JIT leaves out."""
-    return pytest.param(*values, marks=pytest.mark.compiled)
-
-
-@pytest.mark.parametrize(("across", "down"), [(2, 1), compiled(1, 2), compiled(3, 1), compiled(1, 3), compiled(2, 2)])
+@pytest.mark.compiled  # a third of the columns: the test above
+@pytest.mark.parametrize(("across", "down"), [(2, 1), (1, 2), (3, 1), (1, 3), (2, 2)])
 def test_no_pattern_of_unknown_cells_escapes_the_sampling(across: int, down: int) -> None:
     """Every second or third line, column or cell unknown: at least a quarter of the cells, so nothing is free."""
     g = view(rows=240, cols=640, f=450.0)  # some twenty columns in each direction but the last
@@ -289,14 +290,15 @@ def test_no_pattern_of_unknown_cells_escapes_the_sampling(across: int, down: int
         assert (profile(codes, g).free_to_m[:-1] == 0).all()
 
 
-@pytest.mark.parametrize("column", [0, 80, 84, 159])
+@pytest.mark.parametrize("column", [compiled(0), 80, compiled(84), compiled(159)])
 def test_a_column_without_a_measurement_is_not_free(column: int) -> None:
     """One unknown column of a direction: a pole or the end of a wall may be in it."""
     g = view(rows=120, cols=160)
     codes = np.full((160, 120), 1, np.uint16)
     codes[column] = 0
-    own = np.flatnonzero(profile(codes, g).free_to_m[:, 3] == 0.0)
-    edges = np.tan(profile(codes, g).azimuth_edges_rad.astype(float))
+    f = profile(codes, g)
+    own = np.flatnonzero(f.free_to_m[:, 3] == 0.0)
+    edges = np.tan(f.azimuth_edges_rad.astype(float))
     assert len(own) == 1
     assert edges[own[0]] - 1e-6 <= (column - 79.5) / F <= edges[own[0] + 1] + 1e-6
     codes[column, ::4] = 1  # a quarter of it is seen: still hidden; with half of it seen it is not
@@ -452,7 +454,8 @@ def test_what_a_plane_of_another_layer_hides_is_not_free() -> None:
         assert (to[:, 1 if z[0] > 0 else 3] == 9.0).all()
 
 
-@pytest.mark.parametrize("tilt", [compiled((0.0, 0.0)), compiled((0.3, 0.0)), (-0.3, 0.4)])
+@pytest.mark.compiled  # the whole extractor: tests/core/test_open_space.py
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.4)])
 def test_free_ranges_before_a_wall_are_right_at_any_tilt(tilt: tuple[float, float]) -> None:
     model = extract(flat_wall(VIEW, 7.0, *tilt), VIEW, level(*tilt))
     f = model.free

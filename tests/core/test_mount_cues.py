@@ -10,7 +10,6 @@ import pytest
 from core.self_check.mount_cues import NO_CUES, Walls, cues_of, walls_of
 from core.self_check.surface_types import Surface, Surfaces
 
-pytestmark = pytest.mark.nojit
 SLOPE_DEG = 5.0
 NOISE, PRIOR = 0.0015, 0.003
 

@@ -22,8 +22,6 @@ from core.self_check.mount_filter import FilterState, MountFilter, slope_rows
 from core.self_check.mount_params import MountCheckParams
 from core.types import CameraMount
 
-pytestmark = pytest.mark.nojit
-
 NS = 1_000_000_000
 P = MountCheckParams()
 

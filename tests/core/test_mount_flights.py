@@ -16,8 +16,6 @@ from core.self_check.mount_cues import MountCues, Walls
 from core.self_check.mount_params import MountCheckParams
 from core.types import CameraMount
 
-pytestmark = pytest.mark.nojit
-
 Floats = NDArray[np.float64]
 NS = 1_000_000_000
 HZ = 10

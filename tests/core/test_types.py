@@ -25,8 +25,6 @@ from core.types import (
     readonly,
 )
 
-pytestmark = pytest.mark.nojit
-
 K = Intrinsics(640, 480, 450.0, 450.0, 319.5, 239.5)
 
 
