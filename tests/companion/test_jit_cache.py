@@ -11,7 +11,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -83,6 +83,14 @@ def kernels(folder: Path) -> set[str]:
     return {file.name.partition("-")[0] for file in folder.glob("*/*.nbi")}
 
 
+@pytest.fixture(scope="module")
+def small_core(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the small core, `project`, and a cache with its compiled kernels, `cache`. Tests use copies."""
+    folder = tmp_path_factory.mktemp("small-core")
+    assert run(sources(folder / "project", factor=2), folder / "cache") == "21"
+    return folder
+
+
 @pytest.mark.parametrize(
     ("changed", "added", "kept"),
     [
@@ -93,17 +101,16 @@ def kernels(folder: Path) -> set[str]:
     ],
 )
 def test_a_new_directory_starts_with_the_kernels_that_did_not_change(
-    tmp_path: Path, changed: str, added: str, kept: set[str]
+    small_core: Path, tmp_path: Path, changed: str, added: str, kept: set[str]
 ) -> None:
-    root, cache = sources(tmp_path / "project", factor=2), tmp_path / "cache"
-    (root / "core" / "other.py").write_text("")
+    shutil.copytree(small_core, tmp_path, dirs_exist_ok=True)
+    root, cache = tmp_path / "project", tmp_path / "cache"
     open_cache = KEYED.format(root=str(root))
-    assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
     with (root / changed).open("a") as file:
         file.write(added)
     python(open_cache, cache)
     assert kernels(state_of(root, cache)) == kept
-    assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
+    assert run(root, cache) == "21"
 
 
 def test_a_docstring_above_a_kernel_does_not_compile_it_again(tmp_path: Path) -> None:
@@ -192,10 +199,10 @@ def test_a_second_installation_uses_the_kernels_of_the_first(tmp_path: Path) -> 
 
 
 @pytest.fixture
-def shipped(base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def shipped(base: Path, small_core: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The directory of an installation with all kernels of the small core in `project`."""
-    root = sources(tmp_path / "project", factor=2)
-    assert run(root, tmp_path / "shared") == "21"
+    root = shutil.copytree(small_core / "project", tmp_path / "project")
+    shutil.copytree(small_core / "cache", tmp_path / "shared")
     add_groups(state_of(root, tmp_path / "shared"), ["extractor"])
     monkeypatch.setattr(jit_cache, "ROOT", root)
     monkeypatch.setattr(jit_cache, "SHARED", tmp_path / "shared")
@@ -577,13 +584,28 @@ def test_without_a_usable_runtime_directory_the_usual_temporary_one_stands_in(
     assert folder.parents[1] == tmp_path
 
 
-needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give directories to another user")
 ANOTHER_USER = 12345
+GiveTo = Callable[[int, Path], None]
 
 
-@needs_root
+@pytest.fixture
+def give_to(monkeypatch: pytest.MonkeyPatch) -> GiveTo:
+    """Shows a path as made by a user, a link and not its target: only root could give it away."""
+    owners: dict[str, int] = {}
+    stat = Path.stat
+
+    def stat_of(path: Path, *, follow_symlinks: bool = True) -> os.stat_result:
+        found = stat(path, follow_symlinks=follow_symlinks)
+        owner = owners.get(os.path.realpath(path) if follow_symlinks else str(path), found.st_uid)
+        (mode, inode, device, links, _, *others), names = found.__reduce__()[1]
+        return os.stat_result((mode, inode, device, links, owner, *others), names)
+
+    monkeypatch.setattr(Path, "stat", stat_of)
+    return lambda owner, path: owners.update({str(path): owner})
+
+
 def test_a_directory_that_another_user_has_made_is_not_used(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    base: Path, tmp_path: Path, give_to: GiveTo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In a folder that all users can write, such as /tmp, its name can be guessed, and kernels are machine code."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -592,7 +614,7 @@ def test_a_directory_that_another_user_has_made_is_not_used(
     (foreign / "core.outer-0" / "outer.nbi").write_text("")
     add_groups(foreign, ["extractor"])
     foreign.chmod(0o777)
-    os.chown(foreign, ANOTHER_USER, ANOTHER_USER)
+    give_to(ANOTHER_USER, foreign)
     folder = use_own_cache()
     assert folder is not None
     assert folder.parents[1] == tmp_path
@@ -600,9 +622,8 @@ def test_a_directory_that_another_user_has_made_is_not_used(
     assert missing_groups(folder, ["extractor"]) == ["extractor"]
 
 
-@needs_root
 def test_a_link_that_another_user_has_made_is_not_followed(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    base: Path, tmp_path: Path, give_to: GiveTo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its maker can turn it to another directory after the check."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -610,33 +631,31 @@ def test_a_link_that_another_user_has_made_is_not_followed(
     own.mkdir()
     foreign = base / f"kernels-{source_key(jit_cache.ROOT)}"
     foreign.symlink_to(own)
-    os.chown(foreign, ANOTHER_USER, ANOTHER_USER, follow_symlinks=False)
+    give_to(ANOTHER_USER, foreign)
     folder = use_own_cache()
     assert folder is not None
     assert folder.parents[1] == tmp_path
     assert list(own.iterdir()) == []
 
 
-@needs_root
 def test_old_directories_of_another_user_are_left_alone(
-    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    base: Path, tmp_path: Path, give_to: GiveTo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A link in the place of its lock made root create, or lock, any file of the system."""
     monkeypatch.setattr(state_folders, "MAX_STATES", 1)
     foreign, old = made(base, 90, 60)
     (foreign / "in-use").unlink()
     (foreign / "in-use").symlink_to(tmp_path / "nologin")
-    os.chown(foreign, ANOTHER_USER, ANOTHER_USER)
+    give_to(ANOTHER_USER, foreign)
     assert use_own_cache() is not None
     assert [f.exists() for f in (foreign, old, tmp_path / "nologin")] == [True, False, False]
 
 
-@needs_root
 @pytest.mark.parametrize("owner_of_base", [0, ANOTHER_USER])
-def test_no_kernels_are_taken_over_from_another_user(shipped: Path, owner_of_base: int) -> None:
+def test_no_kernels_are_taken_over_from_another_user(shipped: Path, give_to: GiveTo, owner_of_base: int) -> None:
     """Except where the whole cache is that user's, which NUMBA_CACHE_DIR then names."""
     for folder, owner in ((shipped.parent, owner_of_base), (shipped, ANOTHER_USER)):
-        os.chown(folder, owner, owner)
+        give_to(owner, folder)
     folder = use_own_cache()
     assert folder is not None
     assert kernels(folder) == ({"inner.inner", "outer.outer"} if owner_of_base else set())
@@ -684,11 +703,10 @@ def set_mode(folder: Path, mode: int) -> None:
 
 
 @pytest.fixture
-def read_only(tmp_path: Path) -> Iterator[Path]:
+def read_only(small_core: Path, tmp_path: Path) -> Iterator[Path]:
     """A cache that cannot be written, with the compiled kernels of `project` beside it."""
-    root = sources(tmp_path / "project", factor=2)
-    cache = tmp_path / "read-only"
-    python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), cache)
+    root = shutil.copytree(small_core / "project", tmp_path / "project")
+    cache = shutil.copytree(small_core / "cache", tmp_path / "read-only")
     add_groups(state_of(root, cache), ["extractor"])
     set_mode(cache, 0o555)
     yield cache
