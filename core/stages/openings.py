@@ -173,7 +173,9 @@ def open_mask(nearest, box, total, spare, mask):
         a, b, c, d = total[i], total[i, high:], total[i + wide], total[i + wide, high:]
         for j in range(len(last)):
             last[j] = (first[j] == 0) & (np.int32(d[j] - b[j] - c[j] + a[j]) <= box.most_unknown)
-    mask.reshape(-1)[:] = any_in_box(free, blocked, box, rows)[0]
+    if free.any():  # mostly there is no free box
+        free, _ = any_in_box(free, blocked, box, rows)
+    mask.reshape(-1)[:] = free
 
 
 @inner

@@ -42,18 +42,28 @@ def mask_open_rows(line, ground, shift, tan_mid, mask):
 def gather_rows(line, mask, px):
     """Writes ROW and CODE of the rows with mask = 1 to px, from top to bottom; returns their number.
 
-    mask: (V rounded up to 8,) uint8, zero beyond V. Eight flags are tested as one number, which is mostly zero: most of a
-    view is sky or ground."""
-    n, eights, whole = np.uint64(0), mask.view(np.uint64), len(line) // 8  # an unsigned index needs no test of its sign
-    for k in range(whole):
-        if eights[k] != 0:
-            for v in range(8 * k, 8 * k + 8):
-                px[ROW, n], px[CODE, n] = v, line[v]
-                n += mask[v]
-    for v in range(8 * whole, len(line)):
-        px[ROW, n], px[CODE, n] = v, line[v]
-        n += mask[v]
-    return np.int64(n)
+    mask: (V rounded up to 8,) uint8, zero beyond V. Eight rows are tested at a time, since most of a view is sky or
+    ground."""
+    n = np.uint64(0)
+    one, eight = np.uint64(1), np.uint64(8)
+    words = mask.view(np.uint64)
+    whole = line.shape[0] // 8
+    for w in range(whole):
+        bits = words[w]
+        if bits != 0:
+            v = eight * np.uint64(w)
+            for _ in range(8):
+                px[ROW, n] = v
+                px[CODE, n] = line[v]
+                n += bits & one
+                bits >>= eight
+                v += one
+    count = np.int64(n)
+    for row in range(8 * whole, line.shape[0]):
+        if mask[row] != 0:
+            px[ROW, count], px[CODE, count] = row, line[row]
+            count += 1
+    return count
 
 
 @inner_inline
