@@ -189,6 +189,7 @@ def test_a_file_that_the_user_may_not_read(tmp_path: Path, monkeypatch: pytest.M
     def refuse(path: Path, *options: object) -> str:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
+    (tmp_path / "private.toml").write_text("")
     monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(ConfigError, match=r"Permission denied\); give the user \S+ the permission to read it"):
         load_config(tmp_path / "private.toml")
