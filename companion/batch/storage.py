@@ -25,7 +25,7 @@ _GLOB_CHARACTERS: Final = frozenset("*?[")
 
 _LIBRARIES: Final = {
     "s3": "s3fs>=2024.2",
-    "gs": "gcsfs>=2024.2",
+    "gs": "gcsfs",  # no extra: it is not locked with the others
     "http": "fsspec[http]>=2024.2",
     "https": "fsspec[http]>=2024.2",
 }
