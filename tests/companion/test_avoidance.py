@@ -362,10 +362,10 @@ def test_a_camera_that_changes_all_the_time_leaves_room_for_others() -> None:
         message = texts.due({"front": front, "left": left}, NS + tenth * NS // 10, {"clock": "", "echo": echo})
         if message is not None:
             lines.append((tenth, message.text))
-    told = [(tenth, text) for tenth, text in lines if "front" not in text]
-    assert {text for _, text in told} == {"OA: left blind: lost", "OA: autopilot does not use the obstacles"}
-    assert len(told) == 2
-    assert told[-1][0] <= 300 + 60
+    others = [(tenth, text) for tenth, text in lines if "front" not in text]
+    assert {text for _, text in others} == {"OA: left blind: lost", "OA: autopilot does not use the obstacles"}
+    assert len(others) == 2
+    assert others[-1][0] <= 300 + 60
     assert len(lines) >= 20
 
 

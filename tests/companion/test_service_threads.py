@@ -130,6 +130,16 @@ def of_camera(service: Service) -> None:
     service.parts.cameras["front"]._run_process = broken  # type: ignore[assignment,method-assign]
 
 
+def wait_for_report(service: Service, autopilot: Autopilot) -> None:
+    """Sends heartbeats until obstacles were reported to the autopilot."""
+
+    def reported() -> bool:
+        autopilot.send_heartbeat()
+        return service.parts.avoidance is not None and service.parts.avoidance.report is not None
+
+    assert until(reported)
+
+
 @pytest.mark.parametrize(
     ("inject", "name"),
     [
@@ -144,12 +154,7 @@ def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
     service = service_in(tmp_path)
     with served(service) as status:
         autopilot = Autopilot(service)
-
-        def reported() -> bool:
-            autopilot.send_heartbeat()
-            return service.parts.avoidance is not None and service.parts.avoidance.report is not None
-
-        assert until(reported)
+        wait_for_report(service, autopilot)
         inject(service)
         assert until(lambda: status == [1])
         assert name in caplog.text
@@ -173,12 +178,7 @@ def test_the_service_ends_when_the_computer_was_suspended(
     monkeypatch.setattr(time, "clock_gettime_ns", gettime_ns)
     with served(service) as status:
         autopilot = Autopilot(service)
-
-        def reported() -> bool:
-            autopilot.send_heartbeat()
-            return service.parts.avoidance is not None and service.parts.avoidance.report is not None
-
-        assert until(reported)
+        wait_for_report(service, autopilot)
         time.sleep(0.2)
         assert status == []
         suspended_ns[0] = 60_000_000_000
