@@ -29,6 +29,7 @@ SETTINGS = OakSettings(camera="front", first_frame_s=3.0, fps=1.0 / PERIOD_S, ho
 MATRIX = [[F_PX, 0.0, 119.5], [0.0, F_PX, 39.5], [0.0, 0.0, 1.0]]
 STREAMS = ("left", "right")
 LEFT, RIGHT = scene(sky_rows=40)
+DEPTH_IMAGE = np.zeros((HEIGHT, WIDTH), np.uint16)
 
 
 def parts(number: int) -> dict[str, dai.ImgFrame]:
@@ -39,6 +40,11 @@ def parts(number: int) -> dict[str, dai.ImgFrame]:
     transformation.setIntrinsicMatrix(MATRIX)
     left.setTransformation(transformation)
     return {"left": left, "right": image_message(number, RIGHT, stamp, dai.ImgFrame.Type.GRAY8)}
+
+
+def stamp_of(parts: dict[str, dai.ImgFrame]) -> timedelta:
+    """The exposure of both images of a pair: a stamp taken later is refused as a missing synchronisation."""
+    return parts["left"].getTimestamp()
 
 
 def test_the_device_sends_both_images_and_no_depth() -> None:
@@ -81,12 +87,18 @@ def test_an_image_that_never_comes_is_a_lost_device(missing: str) -> None:
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
-        (lambda p: p | {"right": image_message(0, RIGHT[:, :120].copy(), now())}, r"\(80, 120\), for a frame of"),
         (
-            lambda p: p | {"left": depth_message(0, pixels=np.zeros((HEIGHT, WIDTH), np.uint16), matrix=MATRIX)},
+            lambda p: p | {"right": image_message(0, RIGHT[:, :120].copy(), stamp_of(p))},
+            r"\(80, 120\), for a frame of",
+        ),
+        (
+            lambda p: p | {"left": depth_message(0, pixels=DEPTH_IMAGE, matrix=MATRIX, stamp=stamp_of(p))},
             "a left image of uint16",
         ),
-        (lambda p: p | {"right": image_message(0, RIGHT, now() - timedelta(seconds=0.2))}, "a right image is stamped"),
+        (
+            lambda p: p | {"right": image_message(0, RIGHT, stamp_of(p) - timedelta(seconds=0.18))},
+            "a right image is stamped",
+        ),
         (lambda p: {"left": p["left"]}, "a frame without its right image"),
         (lambda p: p | {"left": cut_short(p["left"])}, "a left image cannot be read"),
         (lambda p: p | {"right": cut_short(p["right"])}, "a right image cannot be read"),

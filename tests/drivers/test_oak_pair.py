@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import timedelta
 
@@ -180,37 +181,42 @@ def cut_short(message: dai.ImgFrame) -> dai.ImgFrame:
     return message
 
 
-def changed(name: str, message: dai.ImgFrame | None) -> dai.MessageGroup:
-    """A group with another message in the place of one, or without it."""
-    found = parts(0) | ({name: message} if message is not None else {})
-    if message is None:
-        del found[name]
+def changed(name: str, make: Callable[[timedelta], dai.ImgFrame | None]) -> dai.MessageGroup:
+    """A group with another message in the place of one, or without it. make: gets the exposure of the group."""
+    found = parts(0)
+    message = make(found.pop(name).getTimestamp())
+    if message is not None:
+        found[name] = message
     return group_message(found)
 
 
 @pytest.mark.parametrize(
     ("name", "make", "cause"),
     [
-        ("left", lambda: None, "a frame without its left image"),
-        ("depth", lambda: None, "a frame without its depth image"),
+        ("left", lambda stamp: None, "a frame without its left image"),
+        ("depth", lambda stamp: None, "a frame without its depth image"),
         (
             "right",
-            lambda: image_message(0, RIGHT[:, : WIDTH // 2].copy(), now()),
+            lambda stamp: image_message(0, RIGHT[:, : WIDTH // 2].copy(), stamp),
             r"\(80, 120\), for a frame of \(80, 240\)",
         ),
-        ("left", lambda: depth_message(0, pixels=DEPTH), r"a left image of uint16, .* expected RAW8"),
+        (
+            "left",
+            lambda stamp: depth_message(0, pixels=DEPTH, stamp=stamp),
+            r"a left image of uint16, .* expected RAW8",
+        ),
         (
             "right",
-            lambda: image_message(0, RIGHT, now() - timedelta(seconds=0.2)),
+            lambda stamp: image_message(0, RIGHT, stamp - timedelta(seconds=0.18)),
             r"a right image is stamped 0\.1\d\d s",
         ),
-        ("right", lambda: cut_short(image_message(0, RIGHT, now())), "a right image cannot be read"),
-        ("left", lambda: dai.Buffer(), "a left image of type Buffer"),
+        ("right", lambda stamp: cut_short(image_message(0, RIGHT, stamp)), "a right image cannot be read"),
+        ("left", lambda stamp: dai.Buffer(), "a left image of type Buffer"),
     ],
 )
 def test_groups_that_cannot_be_used_name_the_cause_and_the_remedy(name: str, make: object, cause: str) -> None:
     assert callable(make)
-    group = changed(name, make())
+    group = changed(name, make)
     source = OakSource(SETTINGS, HostLink(lambda k: group))
     with pytest.raises(BadData, match=cause) as error:
         source.open()
