@@ -166,7 +166,7 @@ class Guard:
         for output in outputs:  # before the file is written, so that a slow disk does not delay a command
             self._send(output, now_ns, vehicle)
         self._file.keep(self.memory, now_ns)
-        for output in outputs:  # last: it blocks while the reader of the journal or the terminal is stopped
+        for output in outputs:  # last, so that a handler that blocks does not delay a command or the file
             log.warning(
                 "%s", output.text if isinstance(output, Announcement) else f"guard: {output}, {self.memory.cause}"
             )

@@ -6,7 +6,6 @@ import argparse
 import faulthandler
 import gc
 import logging
-import os
 import signal
 import sys
 import threading
@@ -20,9 +19,9 @@ from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, ConfigError, load_config
-from ..console import print_line
 from ..diagnostic import without_digits
 from ..paths import folders
+from .journal import log_to_stderr
 from .open_files import raise_limit
 from .record_note import RecordRate, record_note
 from .sd_notify import Notifier
@@ -32,10 +31,6 @@ if TYPE_CHECKING:
     from .service import Service
 
 log = logging.getLogger("companion")
-
-PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
-"""Priorities of syslog, which journald reads at the beginning of a line."""
-
 
 START_S = 180.0
 """Longest time of the imports and of opening the parts, for systemd. Seen: 1 s on a cloud computer, above 60 s on an emulated
@@ -47,18 +42,6 @@ MAX_LATE_S = 0.5
 IDLE_WAIT_S = 0.03
 """Longest wait of a tick for the end of the frame being processed: a report takes some milliseconds of Python, which
 would delay the frame."""
-
-
-class JournalFormatter(logging.Formatter):
-    """Formats `<N>message` for the journal, otherwise time, level and message."""
-
-    def __init__(self, journal: bool) -> None:
-        super().__init__("%(message)s" if journal else "%(asctime)s %(levelname)s %(message)s")
-        self._journal = journal
-
-    def format(self, record: logging.LogRecord) -> str:
-        text = super().format(record)
-        return f"<{PRIORITIES.get(record.levelno, 5)}>{text}" if self._journal else text
 
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
@@ -145,13 +128,6 @@ def _kernels_of(config: Config) -> list[str]:
     return [name for name, is_wanted in wanted.items() if is_wanted]
 
 
-def _log_to_stderr() -> None:
-    """Writes the log for the journal or the terminal."""
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
-
-
 def run(args: argparse.Namespace) -> int:
     """0: stopped on request; 1: a part could not start or has ended."""
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
@@ -178,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
     loading.start()
     from .service import Service
 
-    _log_to_stderr()
+    journal = log_to_stderr()
 
     def warm_up() -> None:
         try:
@@ -209,4 +185,5 @@ def run(args: argparse.Namespace) -> int:
             service.close()
         finally:
             if opened:
-                print_line("stopped")
+                log.info("stopped")
+            journal.close()

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -214,6 +214,28 @@ def _exists(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def fill(descriptor: int) -> int:
+    """Fills a pipe, so that the next write blocks; returns the number of bytes."""
+    os.set_blocking(descriptor, False)
+    written = 0
+    with suppress(BlockingIOError):
+        while True:
+            written += os.write(descriptor, bytes(4096))
+    os.set_blocking(descriptor, True)
+    return written
+
+
+@contextmanager
+def nobody_reads(folder: Path) -> Iterator[tuple[str, ...]]:
+    """A command for `Live.start` that gives the service a full pipe, which nobody reads, as stdout and stderr."""
+    pipe = folder / "pipe"
+    os.mkfifo(pipe)
+    descriptor = os.open(pipe, os.O_RDWR)
+    fill(descriptor)
+    yield "/bin/sh", "-c", f'exec "$@" >"{pipe}" 2>&1', "sh"
+    os.close(descriptor)
 
 
 @contextmanager

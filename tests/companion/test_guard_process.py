@@ -26,7 +26,7 @@ from drivers.simulation.firmware_models.auto_flight import (
 )
 from tests.ports import free_port
 
-from .live import Live, until
+from .live import Live, nobody_reads, until
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
@@ -148,7 +148,15 @@ class Guarded:
 
 
 @contextmanager
-def guarded(folder: Path, renders: Path, kind: str, speed_m_s: float = 1.5, start_m: float = 14.0) -> Iterator[Guarded]:
+def guarded(
+    folder: Path,
+    renders: Path,
+    kind: str,
+    speed_m_s: float = 1.5,
+    start_m: float = 14.0,
+    before: tuple[str, ...] = (),
+) -> Iterator[Guarded]:
+    """before: see `Live.start`."""
     camera_port = free_port()
     live = Live(folder, CONFIG.replace("CAMERA_PORT", str(camera_port)), renders)
     start = np.array([start_m, 0.0])
@@ -163,7 +171,7 @@ def guarded(folder: Path, renders: Path, kind: str, speed_m_s: float = 1.5, star
     )
     try:
         with AutopilotLink(autopilot, TwoPeers((live.port, camera_port))) as line:  # type: ignore[arg-type]
-            live.start()
+            live.start(*before)
             yield Guarded(live, line, flight)
     finally:
         live.close()
@@ -179,6 +187,15 @@ def test_the_vehicle_stops_before_the_wall(tmp_path: Path, renders: Path, kind: 
         assert {m.target_system for m in g.commands(DO_SET_MODE, DO_CHANGE_SPEED)} == {1}
         assert until(lambda: any("guard: stopped" in text for text in g.texts()))
         assert any("guard: stop, " in text for text in g.texts())
+
+
+def test_the_vehicle_stops_before_the_wall_while_nobody_reads_the_output(tmp_path: Path, renders: Path) -> None:
+    with nobody_reads(tmp_path) as before, guarded(tmp_path, renders, PX4, before=before) as g:
+        g.go()
+        assert g.comes_to("holding")
+        assert g.distance_m() > 1.0
+        assert until(lambda: any("guard: stopped" in text for text in g.texts()))
+        assert g.live.stop() == 0
 
 
 def test_killed_while_watching_it_stops_the_vehicle_after_the_restart(tmp_path: Path, renders: Path) -> None:

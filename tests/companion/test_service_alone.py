@@ -189,7 +189,7 @@ def test_a_second_service_is_refused_and_the_first_goes_on(tmp_path: Path, rende
         assert second.returncode == 1
         assert live.process is not None
         assert f"another service (process {live.process.pid}) publishes on" in second.stderr
-        assert "stopped" not in second.stdout, "it never ran"
+        assert "stopped" not in second.stderr, "it never ran"
         prisms = live.subscribe("prisms", pb.PrismsFrame)
         prisms.wait(lambda m: m.camera == "front", PATIENCE_S)
         assert live.stop(signal.SIGINT) == 0
