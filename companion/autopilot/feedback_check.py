@@ -21,6 +21,8 @@ PATIENCE_NS = 5 * NS
 FORGETS_NS, LONGEST_STEP_NS = 10 * NS, NS // 5
 """The time restarts if no obstacle was sent for FORGETS_NS; a pause between two messages counts as LONGEST_STEP_NS at
 most."""
+PRESENT_NS = 2 * NS
+"""Time for which what was sent, and what was echoed, counts. ArduPilot sends nothing for a face without an obstacle."""
 SLACK_CM = 60
 """Tolerance between sent and echoed distances: an echo may belong to one or two messages before, at some metres per
 second."""
@@ -39,14 +41,14 @@ class EchoCheck:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._sent: list[tuple[int, list[int]]] = []  # (instant, nearest obstacle of each face), the last two seconds
+        self._sent: list[tuple[int, list[int]]] = []  # (instant, nearest obstacle of each face), of PRESENT_NS
         self._waited_ns = self._sent_ns = self._obstacle_ns = 0
-        self._differs_since_ns: int | None = None
+        self._differs: dict[int | None, tuple[int, int]] = {}  # by face: instants of the first and newest other echo
 
     def sent(self, values: NDArray[np.uint16], clear_cm: int, now_ns: int) -> None:
         """Records values that were sent. Only a message with an obstacle is answered by both autopilots."""
         with self._lock:
-            self._sent = [(t, faces) for t, faces in self._sent if now_ns - t < 2 * NS]
+            self._sent = [(t, faces) for t, faces in self._sent if now_ns - t < PRESENT_NS]
             self._sent.append((now_ns, faces_cm(values)))
             if now_ns - self._obstacle_ns > FORGETS_NS:
                 self._waited_ns = 0
@@ -59,7 +61,8 @@ class EchoCheck:
         """Restarts the check: the autopilot does not send obstacles back in its present mode."""
         with self._lock:
             self._sent.clear()
-            self._waited_ns, self._differs_since_ns = 0, None
+            self._differs.clear()
+            self._waited_ns = 0
 
     def take(self, message: Any, now_ns: int) -> None:
         """Takes a message of the autopilot."""
@@ -71,9 +74,10 @@ class EchoCheck:
             self._waited_ns = 0
             sent = [min(faces) if face is None else faces[face] for _, faces in self._sent]
             if not sent or any(abs(cm - nearest) <= SLACK_CM for cm in sent):
-                self._differs_since_ns = None
-            elif self._differs_since_ns is None:
-                self._differs_since_ns = now_ns
+                self._differs.pop(face, None)
+                return
+            since_ns, newest_ns = self._differs.get(face, (now_ns, now_ns))
+            self._differs[face] = (since_ns if now_ns - newest_ns < PRESENT_NS else now_ns, now_ns)
 
     def fault(self, kind: str, now_ns: int, cause: str = "") -> str:
         """Returns why the obstacles seem not to be used, as text; empty: they are used, or there is nothing to
@@ -83,7 +87,8 @@ class EchoCheck:
         with self._lock:
             if self._waited_ns > PATIENCE_NS and kind in CAUSES:
                 return f"autopilot does not use the obstacles: {cause or CAUSES[kind]}"
-            if self._differs_since_ns is not None and now_ns - self._differs_since_ns > PATIENCE_NS:
+            present = (since_ns for since_ns, newest_ns in self._differs.values() if now_ns - newest_ns < PRESENT_NS)
+            if any(now_ns - since_ns > PATIENCE_NS for since_ns in present):
                 return "autopilot reports other obstacles: not those that were sent; is a second sensor or companion connected?"
             return ""
 

@@ -267,6 +267,31 @@ def test_obstacles_at_the_same_distance_in_another_face_are_others() -> None:
     assert "reports other obstacles" in check.fault(ARDUPILOT, NS + 12 * NS)
 
 
+def faces_taken(check: EchoCheck, now_ns: int, faces: dict[int, int]) -> None:
+    """ArduPilot sends one message for each face with an obstacle: face -> cm."""
+    check.sent(scene(400), clear_cm(AVOID), now_ns)
+    for face, cm in faces.items():
+        check.take(dialect.MAVLink_distance_sensor_message(0, 20, 1200, cm, 0, 10, face, 0), now_ns)
+
+
+def test_obstacles_of_a_second_sensor_in_another_face_are_others_although_ours_are_used() -> None:
+    check = EchoCheck()
+    for step in range(120):
+        faces_taken(check, NS + step * NS // 10, {0: 400, 4: 150})
+    assert "reports other obstacles" in check.fault(ARDUPILOT, 13 * NS)
+    for step in range(30):  # it is switched off
+        faces_taken(check, 13 * NS + step * NS // 10, {0: 400})
+    assert check.fault(ARDUPILOT, 16 * NS) == ""
+
+
+def test_single_obstacles_in_other_faces_are_no_second_sensor() -> None:
+    """A face without an obstacle is not sent: what was in it once does not count as being there since."""
+    check = EchoCheck()
+    for step in range(300):
+        faces_taken(check, NS + step * NS // 10, {0: 400, 4: 150} if step % 100 == 0 else {0: 400})
+        assert check.fault(ARDUPILOT, NS + step * NS // 10) == ""
+
+
 def test_obstacles_that_are_no_longer_sent_do_not_explain_those_of_another_sender() -> None:
     """The autopilot sends back what it has received in the last two seconds."""
     check = echoed(PX4, False, 10.0, scene(150))
