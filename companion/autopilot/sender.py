@@ -13,6 +13,7 @@ from drivers.mavlink.session_types import ARDUPILOT
 from drivers.watched_thread import WatchedThread
 
 from ..config.avoidance import AvoidParams
+from ..suspension import Suspension
 from .distance_sensor import DOWNWARD, UPWARD, distance_sensor_message
 from .failsafe import AutopilotNow
 from .obstacle_distance import obstacle_distance_message
@@ -55,6 +56,7 @@ class ObstacleSender:
         post: Callable[[Any], None],
     ) -> None:
         self._builder, self._avoid, self._ask, self._post = builder, avoid, ask, post
+        self._suspension = Suspension()
         self._stop = threading.Event()
         self._thread = WatchedThread(self._run, "obstacles")
         self._sent_last = False
@@ -105,6 +107,10 @@ class ObstacleSender:
         for _ in range(DECISIONS - 1):
             if time.monotonic_ns() - now_ns <= LATE_NS:
                 break
+            now_ns = time.monotonic_ns()
+            report = self._builder.decide(autopilot, now_ns)
+        if fault := self._suspension.fault():  # before or during the decision: what was seen counts as new, and is old
+            self._builder.end(fault)
             now_ns = time.monotonic_ns()
             report = self._builder.decide(autopilot, now_ns)
         self.report = report

@@ -13,6 +13,7 @@ from typing import Any, Final
 from osape_client.boot import boot_id
 
 from ..state_file import DAMAGED, StateFile
+from ..suspension import suspended_ns
 from .states import GuardMemory, GuardState
 
 NS = 1_000_000_000
@@ -20,6 +21,8 @@ NAME: Final = "guard.json"
 REFRESH_NS: Final = 2 * NS
 LIFE_NS: Final = 30 * NS
 """An older memory is not used: another station may have flown the vehicle meanwhile."""
+BETWEEN_NS: Final = NS // 10
+"""An age may be negative by less: two clocks are read one after the other, at the writing and at the reading."""
 
 
 class GuardMemoryFile:
@@ -41,10 +44,11 @@ class GuardMemoryFile:
             return None
         try:
             content = self._file.read()
-            if content["boot"] != boot_id() or not 0 <= now_ns - int(content["written_ns"]) <= LIFE_NS:
+            age_ns = now_ns + suspended_ns() - int(content["written_ns"])
+            if content["boot"] != boot_id() or not -BETWEEN_NS <= age_ns <= LIFE_NS:
                 return None
             memory = _memory(content["memory"])
-            self.loaded_ns = int(content["written_ns"])
+            self.loaded_ns = now_ns - age_ns
             return memory
         except DAMAGED:
             return None
@@ -58,7 +62,8 @@ class GuardMemoryFile:
         if self._file.busy:
             return
         self._kept, self._written_ns = memory, now_ns
-        self._file.write({"boot": boot_id(), "written_ns": now_ns, "memory": asdict(memory)})
+        written_ns = now_ns + suspended_ns()  # a time that does not stand still in a suspension
+        self._file.write({"boot": boot_id(), "written_ns": written_ns, "memory": asdict(memory)})
 
     def close(self) -> None:
         """Waits at most 0.5 s for a write in progress. May be called twice."""

@@ -25,7 +25,6 @@ from .journal import log_to_stderr
 from .open_files import raise_limit
 from .record_note import RecordRate, record_note
 from .sd_notify import Notifier
-from .suspension import Suspension
 
 if TYPE_CHECKING:
     from .service import Service
@@ -48,7 +47,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
     """Runs the main loop until stopped (0), or until a required part has ended or the computer was suspended (1)."""
     previous: list[str] = []
     ready = False
-    record_rate, suspension = RecordRate(), Suspension()
+    record_rate = RecordRate()
     next_alive_s = 0.0
     next_tick_s = time.monotonic()
     while not stop.is_set():
@@ -58,7 +57,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
         (stop if ready else service.parts.loop.started).wait(max(0.0, next_tick_s - time.monotonic()))
         service.parts.loop.wait_idle(IDLE_WAIT_S)
         service.tick()
-        if ended := service.parts.failures() or suspension.fault():
+        if ended := service.parts.failures() or service.suspension.fault():
             # the autopilot must not wait for the watchdog: end at once so that systemd restarts the service
             log.critical("%s; the service ends so that systemd restarts it", ended)
             return 1

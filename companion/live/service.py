@@ -35,6 +35,7 @@ from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import PrismsResult
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import AllowList, load_keys
+from ..suspension import Suspension
 from .autopilot_parts import AutopilotParts, LinkCallbacks, make_autopilot
 from .depth_preview import DepthPreviews
 from .event_queue import EventQueue
@@ -67,6 +68,7 @@ class Service:
         start_text: Callable[[], str] = lambda: "loading kernels",
     ) -> None:
         """warm_up: loads the kernels, in the pipeline's thread; start_text: what it is doing."""
+        self.suspension = Suspension()  # before the parts, so that it finds each one that a part finds
         self.config, self._folders, self._start_text = config, folders, start_text
         self._boot = boot_id()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()

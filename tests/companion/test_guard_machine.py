@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -907,7 +908,7 @@ def test_an_old_or_damaged_memory_is_not_used(tmp_path: Path) -> None:
     file = GuardMemoryFile(tmp_path)
     memory = stopping().machine.memory
     keep(file, memory, 100 * NS)
-    assert GuardMemoryFile(tmp_path).load(100 * NS + LIFE_NS + 1) is None
+    assert GuardMemoryFile(tmp_path).load(101 * NS + LIFE_NS) is None
     assert GuardMemoryFile(tmp_path).load(99 * NS) is None
     path = tmp_path / "guard.json"
     good = path.read_text()
@@ -923,6 +924,23 @@ def test_an_old_or_damaged_memory_is_not_used(tmp_path: Path) -> None:
     ):
         path.write_text(damaged)
         assert GuardMemoryFile(tmp_path).load(101 * NS) is None
+
+
+def test_a_suspension_of_the_computer_makes_the_memory_older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """CLOCK_MONOTONIC stands still meanwhile; another station may have flown the vehicle."""
+    clock, suspended_ns = time.clock_gettime_ns, [0]
+    monkeypatch.setattr(
+        time,
+        "clock_gettime_ns",
+        lambda which: clock(which) + (suspended_ns[0] if which == time.CLOCK_BOOTTIME else 0),
+    )
+    keep(GuardMemoryFile(tmp_path), stopping().machine.memory, 100 * NS)
+    suspended_ns[0] = 10 * NS
+    file = GuardMemoryFile(tmp_path)
+    assert file.load(101 * NS) is not None
+    assert file.loaded_ns == pytest.approx(90 * NS, abs=NS // 10), "11 s before the loading"
+    suspended_ns[0] = LIFE_NS
+    assert GuardMemoryFile(tmp_path).load(101 * NS) is None
 
 
 def test_the_memory_stays_young_while_the_guard_holds(tmp_path: Path) -> None:

@@ -209,6 +209,38 @@ def test_what_was_decided_before_a_pause_of_the_process_is_decided_again(monkeyp
     assert posted[0].time_usec == now_ns[0] // 1000 - 10_000
 
 
+def test_what_was_seen_before_a_suspension_of_the_computer_is_not_sent_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """CLOCK_MONOTONIC stands still meanwhile, so that old frames count as new."""
+    clock, suspended_ns = time.clock_gettime_ns, [0]
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    monkeypatch.setattr(
+        time,
+        "clock_gettime_ns",
+        lambda which: clock(which) + (suspended_ns[0] if which == time.CLOCK_BOOTTIME else 0),
+    )
+    monkeypatch.setattr(sender_module, "time", SimpleNamespace(monotonic_ns=lambda: chain.now_ns))
+    posted: list[Any] = []
+    sender = ObstacleSender(chain.builder, AVOID, lambda: PX4, posted.append)
+    sender._send(chain.now_ns)
+    assert posted[-1].distances[0] == 1201
+    decide = chain.builder.decide
+
+    def suspended_meanwhile(autopilot: AutopilotNow, t_ns: int) -> ObstacleReport:
+        report = decide(autopilot, t_ns)
+        suspended_ns[0] = 20 * MS
+        return report
+
+    monkeypatch.setattr(chain.builder, "decide", suspended_meanwhile)
+    for _ in range(2):
+        sender._send(chain.now_ns)
+        assert set(posted[-1].distances) == {UNKNOWN}
+        assert sender.report is not None
+        assert "the computer was suspended" in sender.report.blind["front"]
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_it_comes_back_with_good_frames(fault: str) -> None:
     chain = Chain(CLEAR)

@@ -20,8 +20,8 @@ from companion.live.depth_preview import DepthPreviews
 from companion.live.run import serve
 from companion.live.sd_notify import Notifier
 from companion.live.service import Service
-from companion.live.suspension import Suspension
 from companion.paths import Folders
+from companion.suspension import Suspension
 from drivers.mavlink.dialect import dialect
 from tests.ports import free_port
 
