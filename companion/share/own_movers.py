@@ -8,8 +8,9 @@ from core.sharing.records import CUT, MOVER_IDS, SharedMover
 from core.tracking.snapshot import MovingObject, TrackSnapshot
 
 NS = 1_000_000_000
-CAMERA_BITS = 3
-"""Bits of a shared number that distinguish the cameras, each of which numbers its obstacles by itself."""
+LEAST_CAMERAS = 8
+"""Shared numbers distinguish at least so many cameras, each of which numbers its obstacles by itself: the numbers do not change
+while the cameras start one after the other."""
 
 
 @dataclass(slots=True)
@@ -28,24 +29,25 @@ class OwnMovers:
 
         since_ns: newest jump of the own estimate. Trackers follow it with their next frame: those of earlier frames stand
         in the section before it, and are left out."""
-        cameras = enumerate(self._newest.values())
+        newest = self._newest
+        cameras = max(LEAST_CAMERAS, len(newest))
         return tuple(
-            _shared(o, number, (now_ns - exposure_ns) / NS, is_cut=o.id in cut)
-            for number, (exposure_ns, objects, cut) in cameras
+            _shared(o, o.id * cameras + camera, (now_ns - exposure_ns) / NS, is_cut=o.id in cut)
+            for camera, (exposure_ns, objects, cut) in enumerate(newest.values())
             if exposure_ns >= since_ns
             for o in objects
         )
 
 
-def _shared(o: MovingObject, camera: int, passed_s: float, *, is_cut: bool) -> SharedMover:
+def _shared(o: MovingObject, number: int, passed_s: float, *, is_cut: bool) -> SharedMover:
     """Returns a moving obstacle at its newest observation: receivers move it by its velocity and age since then.
 
-    passed_s: time since the exposure of the frame to which the tracker has moved it. is_cut: the border of the image cuts
-    one of its planes."""
+    number: distinguishes it from those of all cameras. passed_s: time since the exposure of the frame to which the
+    tracker has moved it. is_cut: the border of the image cuts one of its planes."""
     unseen_s = o.unseen_ns / NS
     (x, y, z), (vx, vy) = o.centre_m, o.velocity_m_s
     return SharedMover(
-        id=(o.id << CAMERA_BITS | camera) % MOVER_IDS,
+        id=number % MOVER_IDS,
         centre_m=(x - vx * unseen_s, y - vy * unseen_s, z),
         half_size_m=o.half_size_m,
         velocity_m_s=o.velocity_m_s,

@@ -8,6 +8,7 @@ import pytest
 
 from companion.share.own_movers import OwnMovers
 from companion.share.setup import MOST_STREAM, stream_of
+from core.sharing.records import MOVER_IDS
 from core.types import PlaneFlags
 
 from .test_share_thread import NS, Made, attitudes, moving, pose, received_movers, tracked, tracks_of
@@ -31,6 +32,17 @@ def test_a_jump_of_the_own_position_stops_the_report_of_earlier_moving_obstacles
     assert received_movers(made, 5 * NS + NS // 10) == []
     made.sharing.tracks(tracked("front", 5 * NS + NS // 2, moving(70.0)))
     assert received_movers(made, 5 * NS + 6 * NS // 10) == [pytest.approx(70.8, abs=0.3)]
+
+
+@pytest.mark.parametrize("cameras", [1, 8, 9, 20])
+def test_no_two_moving_obstacles_have_one_number(cameras: int) -> None:
+    """Each camera numbers its obstacles by itself; a receiver keeps one of each number."""
+    own = OwnMovers()
+    for camera in range(cameras):
+        own.take(f"camera {camera}", tracks_of(*(replace(moving(20.0), id=number) for number in range(1, 10))), 5 * NS)
+    numbers = [m.id for m in own.at(5 * NS, 0)]
+    assert len(set(numbers)) == len(numbers) == 9 * cameras
+    assert max(numbers) < MOVER_IDS
 
 
 @pytest.mark.parametrize("flag", [PlaneFlags.CUT_LEFT, PlaneFlags.CUT_TOP, PlaneFlags.CUT_BOTTOM])
