@@ -38,6 +38,8 @@ BLIND_HZ = 12.5
 """Rate of the main loop, which publishes a blind frame for each blind camera."""
 MAX_LATE_S = 0.5
 """Largest delay of a tick that later ticks make up for."""
+CLEARED_S = 1.0
+"""On an overloaded computer a camera becomes blind and recovers several times a second, each time for another cause."""
 IDLE_WAIT_S = 0.03
 """Longest wait of a tick for the end of the frame being processed: a report takes some milliseconds of Python, which
 would delay the frame."""
@@ -45,7 +47,7 @@ would delay the frame."""
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
     """Runs the main loop until stopped (0), or until a required part has ended or the computer was suspended (1)."""
-    previous: list[str] = []
+    logged: dict[str, tuple[str, float]] = {}
     ready = False
     record_rate = RecordRate()
     next_alive_s = 0.0
@@ -77,22 +79,25 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
                 note := record_rate.note(service.parts.recorder.status, time.monotonic_ns())
             ):
                 log.info(note)
-        now = [d.line() for d in service.diagnostics]
-        _log_changes(now, previous)
+        log_changes([d.line() for d in service.diagnostics], logged, now_s)
         notifier.status("; ".join(service.diagnostic_texts) or "OK")
-        previous = now
     return 0
 
 
-def _log_changes(now: list[str], before: list[str]) -> None:
-    """Logs each diagnostic when it appears and when it is cleared; changes of numbers within it are not logged."""
-    old, new = {without_digits(t): t for t in before}, {without_digits(t): t for t in now}
-    for kind, line in new.items():
-        if kind not in old:
+def log_changes(now: list[str], logged: dict[str, tuple[str, float]], now_s: float) -> None:
+    """Logs each diagnostic when it appears and when it has been absent for CLEARED_S; changes of numbers within it are not
+    logged.
+
+    logged: those that were logged and are not cleared, by kind: (line, when it was last present); updated here."""
+    for line in now:
+        kind = without_digits(line)
+        if kind not in logged:
             log.warning(line)
-    for kind, line in old.items():
-        if kind not in new:
+        logged[kind] = line, now_s
+    for kind, (line, present_s) in tuple(logged.items()):
+        if now_s - present_s > CLEARED_S:
             log.info("cleared: %s", line)
+            del logged[kind]
 
 
 def add_parser(subparsers: Any) -> None:

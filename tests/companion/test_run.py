@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from pathlib import Path
 
@@ -11,13 +12,30 @@ from companion.autopilot.failsafe import AutopilotNow
 from companion.config.avoidance import AvoidParams
 from companion.config.loader import Config
 from companion.config.service import AutopilotConfig, RecordParams
-from companion.live.run import serve
+from companion.live.run import log_changes, serve
 from companion.live.sd_notify import Notifier
 from companion.live.service import Service
 from companion.paths import Folders
 from tests.ports import free_port
 
 pytestmark = pytest.mark.process
+
+
+def test_causes_that_alternate_do_not_fill_the_journal(caplog: pytest.LogCaptureFixture) -> None:
+    """As on an overloaded computer: the main loop runs 12.5 times a second, and each time there is another cause or none."""
+    caplog.set_level(logging.INFO, "companion")
+    causes = ["blind: superseded by frame {}", "blind: exposure {} ms old", ""]
+    logged: dict[str, tuple[str, float]] = {}
+    for tick in range(250):
+        text = causes[tick % 3].format(tick)
+        log_changes([text] if text else [], logged, 0.08 * tick)
+    assert caplog.messages == ["blind: superseded by frame 0", "blind: exposure 1 ms old"]
+    caplog.clear()
+    for tick in range(250, 275):
+        log_changes([], logged, 0.08 * tick)
+    assert caplog.messages == ["cleared: blind: exposure 247 ms old", "cleared: blind: superseded by frame 249"]
+    log_changes([causes[0].format(7)], logged, 30.0)
+    assert caplog.messages[2:] == ["blind: superseded by frame 7"]
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
