@@ -36,7 +36,7 @@ class Stream:
 class Publisher:
     """One stream. kind: zmq.PUB, or zmq.REP for answers; newest_only: a slow subscriber receives the newest message
     only, otherwise every message in order while at most `most_waiting` wait. Raises DeviceNotFound where the address cannot be
-    bound, ValueError where other machines could connect without keys."""
+    bound or closed to others, ValueError where other machines could connect without keys."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Publisher:
             allow_ipv6(self._socket, stream.address)
             self._socket.bind(stream.address)
             _close_to_others(stream)
-        except zmq.ZMQError as error:
+        except (zmq.ZMQError, OSError) as error:
             self.close()
             raise DeviceNotFound(
                 f"stream {stream.name}: {stream.address} cannot be bound ({error.strerror}); check that its directory "

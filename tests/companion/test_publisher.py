@@ -303,3 +303,19 @@ def test_a_refused_service_leaves_the_socket_of_the_other(tmp_path: Path, contex
         Publisher(stream, context)
     assert (tmp_path / "prisms").is_socket()
     publisher.close()
+
+
+def test_an_address_that_cannot_be_closed_to_others_is_free_for_the_next(
+    tmp_path: Path, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
+
+    def refused(path: str, mode: int) -> None:
+        raise PermissionError(1, "Operation not permitted", path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "chmod", refused)
+        with pytest.raises(DeviceNotFound, match="Operation not permitted"):
+            Publisher(stream, context)
+    assert not (tmp_path / "prisms").exists(), "clients would take it for a service"
+    Publisher(stream, context).close()
