@@ -86,10 +86,12 @@ class JournalHandler(logging.Handler):
 
 
 def log_to_stderr() -> JournalHandler:
-    """Writes the log, and the traceback of each thread that an exception ends, to stderr. Close the handler at the end."""
+    """Writes the log, the warnings of libraries, and the traceback of each thread that an exception ends, to stderr. Close
+    the handler at the end."""
     handler = JournalHandler(sys.stderr.fileno())
     handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
+    logging.captureWarnings(True)
     threading.excepthook = _log_exception
     return handler
 

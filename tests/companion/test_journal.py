@@ -143,6 +143,24 @@ def test_a_process_whose_thread_has_failed_ends_although_nobody_reads_stderr(pip
     assert subprocess.run([sys.executable, "-c", BROKEN], cwd=ROOT, stderr=writer, timeout=PATIENCE_S).returncode == 0
 
 
+def test_a_warning_of_a_library_does_not_wait_for_the_reader(pipe: tuple[int, int]) -> None:
+    """numpy warns from the thread that computes, and Python writes it to sys.stderr."""
+    _, writer = pipe
+    fill(writer)
+    code = """
+import numpy, sys
+from companion.live.journal import log_to_stderr
+handler = log_to_stderr()
+numpy.array([1.0]) / numpy.array([0.0])
+sys.stdout.write("computed")
+handler.close()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=writer, text=True, timeout=PATIENCE_S
+    )
+    assert done.stdout == "computed"
+
+
 def test_the_service_goes_on_while_nobody_reads_its_output(tmp_path: Path, renders: Path) -> None:
     live = Live(tmp_path, CONFIG, renders)
     with (
