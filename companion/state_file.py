@@ -38,8 +38,13 @@ class StateFile:
 
     def write(self, content: dict[str, Any]) -> None:
         """Begins to write. A file that cannot be written is named in the log, once."""
-        self._writing = WatchedThread(self._write, f"write {self._path.name}", (json.dumps(content),))
-        self._writing.start()
+        writing = WatchedThread(self._write, f"write {self._path.name}", (json.dumps(content),))
+        try:
+            writing.start()
+        except RuntimeError as error:  # memory or threads are short, which must not end the caller
+            self._warn(str(error))
+        else:
+            self._writing = writing
 
     def close(self) -> None:
         """Waits at most 0.5 s for a write in progress. May be called twice."""
@@ -56,6 +61,9 @@ class StateFile:
                     os.fsync(stream.fileno())
             new.replace(self._path)
         except OSError as error:
-            if not self._warned:
-                self._warned = True
-                log.warning("%s cannot be written (%s): %s", self._path, error.strerror, self._without)
+            self._warn(str(error.strerror))
+
+    def _warn(self, cause: str) -> None:
+        if not self._warned:
+            self._warned = True
+            log.warning("%s cannot be written (%s): %s", self._path, cause, self._without)

@@ -27,6 +27,7 @@ from companion.pipeline.transform import LevelTransform
 from companion.state_file import StateFile
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import Vehicle
+from drivers.watched_thread import WatchedThread
 
 from .live import until
 from .test_guard_certainty import COPTER, LINK
@@ -191,6 +192,28 @@ def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_afte
     kept = GuardMemoryFile(tmp_path).load(flight.now_ns)
     assert kept is not None
     assert kept.state is GuardState.STOPPING
+
+
+def test_a_file_that_no_thread_can_write_ends_no_step(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Where memory or threads are short. The thread of the guard would end, and with it the service, in flight."""
+
+    def none_left(thread: WatchedThread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    flight = Flight(tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(WatchedThread, "start", none_left)
+        flight.step(5)
+        flight.wall_m = 5.0
+        flight.step()
+        assert len(flight.stops()) == 1
+        assert "guard.json cannot be written (can't start new thread)" in caplog.text
+        flight.guard._file.close()
+    flight.step(60)
+    flight.guard._file.close()
+    assert (tmp_path / "guard.json").exists()
 
 
 def test_texts_that_were_announced_are_forgotten_when_they_may_be_repeated() -> None:
