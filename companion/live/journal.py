@@ -20,7 +20,7 @@ PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERR
 MOST_WAITING: Final = 1000
 """Records that wait for the reader; further ones are dropped and counted."""
 LAST_S: Final = 1.0
-"""Longest wait at the end of the service for the last records to be written."""
+"""Longest wait at the end of the service: for room in the queue, and for the last records to be written."""
 
 
 class JournalFormatter(logging.Formatter):
@@ -44,6 +44,7 @@ class JournalHandler(logging.Handler):
         self._waiting: queue.Queue[logging.LogRecord | None] = queue.Queue(MOST_WAITING)
         self._dropped = 0  # counted by the threads that log, one at a time
         self._reported = 0  # of them, counted by the thread that writes
+        self._is_closed = False
         self._thread = threading.Thread(target=self._write_all, name="journal", daemon=True)
         self._thread.start()
 
@@ -55,7 +56,11 @@ class JournalHandler(logging.Handler):
             self._dropped += 1
 
     def close(self) -> None:
-        """Waits until all records are written, but not longer than LAST_S for a reader that is stopped."""
+        """Waits until all records are written, but not longer than twice LAST_S for a reader that is stopped. Python calls it
+        again at its end, and must not wait again."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=LAST_S)
         self._thread.join(LAST_S)
