@@ -134,11 +134,18 @@ def _kernels_of(config: Config) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """0: stopped on request; 1: a part could not start or has ended."""
+    journal = log_to_stderr()
+    try:
+        return _run(config_path(args.config))
+    finally:
+        journal.close()
+
+
+def _run(path: Path) -> int:
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
     raise_limit()
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
-    path = config_path(args.config)
     config = load_config(path)
     check_live(config, path)
     from ..kernels.compilation import WarmupError
@@ -157,8 +164,6 @@ def run(args: argparse.Namespace) -> int:
     notifier.extend_timeout(START_S)
     loading.start()
     from .service import Service
-
-    journal = log_to_stderr()
 
     def warm_up() -> None:
         try:
@@ -190,4 +195,3 @@ def run(args: argparse.Namespace) -> int:
         finally:
             if opened:
                 log.info("stopped")
-            journal.close()

@@ -162,7 +162,9 @@ handler.close()
 
 
 def test_the_service_goes_on_while_nobody_reads_its_output(tmp_path: Path, renders: Path) -> None:
-    live = Live(tmp_path, CONFIG, renders)
+    live = Live(
+        tmp_path, CONFIG + "[extractor]\npaper_roll_deg = 5.0\n", renders
+    )  # a line before the start, as it is retired
     with (
         nobody_reads(tmp_path) as before,
         flown(live, ARDUPILOT) as line,
