@@ -19,7 +19,7 @@ from ..config.devices import device_problems
 from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, ConfigError, load_config
-from ..diagnostic import without_digits
+from ..diagnostic import Diagnostic, without_digits
 from ..paths import folders
 from .journal import log_to_stderr
 from .open_files import raise_limit
@@ -47,7 +47,7 @@ would delay the frame."""
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
     """Runs the main loop until stopped (0), or until a required part has ended or the computer was suspended (1)."""
-    logged: dict[str, tuple[str, float]] = {}
+    logged: dict[tuple[str, str], tuple[str, float]] = {}
     ready = False
     record_rate = RecordRate()
     next_alive_s = 0.0
@@ -79,18 +79,19 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
                 note := record_rate.note(service.parts.recorder.status, time.monotonic_ns())
             ):
                 log.info(note)
-        log_changes([d.line() for d in service.diagnostics], logged, now_s)
+        log_changes(service.diagnostics, logged, now_s)
         notifier.status("; ".join(service.diagnostic_texts) or "OK")
     return 0
 
 
-def log_changes(now: list[str], logged: dict[str, tuple[str, float]], now_s: float) -> None:
+def log_changes(now: list[Diagnostic], logged: dict[tuple[str, str], tuple[str, float]], now_s: float) -> None:
     """Logs each diagnostic when it appears and when it has been absent for CLEARED_S; changes of numbers within it are not
     logged.
 
-    logged: those that were logged and are not cleared, by kind: (line, when it was last present); updated here."""
-    for line in now:
-        kind = without_digits(line)
+    logged: those that were logged and are not cleared, by camera and kind: (line, when it was last present); updated here."""
+    for diagnostic in now:
+        line = diagnostic.line()
+        kind = diagnostic.camera, without_digits(line)
         if kind not in logged:
             log.warning(line)
         logged[kind] = line, now_s

@@ -12,6 +12,7 @@ from companion.autopilot.failsafe import AutopilotNow
 from companion.config.avoidance import AvoidParams
 from companion.config.loader import Config
 from companion.config.service import AutopilotConfig, RecordParams
+from companion.diagnostic import Diagnostic, DiagnosticCode
 from companion.live.run import log_changes, serve
 from companion.live.sd_notify import Notifier
 from companion.live.service import Service
@@ -21,21 +22,39 @@ from tests.ports import free_port
 pytestmark = pytest.mark.process
 
 
+def blind(text: str, camera: str = "front") -> Diagnostic:
+    return Diagnostic(DiagnosticCode.CAMERA_UNAVAILABLE, camera, f"camera {camera} is blind: {text}")
+
+
+def lines(*found: Diagnostic) -> list[str]:
+    return [d.line() for d in found]
+
+
 def test_causes_that_alternate_do_not_fill_the_journal(caplog: pytest.LogCaptureFixture) -> None:
     """As on an overloaded computer: the main loop runs 12.5 times a second, and each time there is another cause or none."""
     caplog.set_level(logging.INFO, "companion")
-    causes = ["blind: superseded by frame {}", "blind: exposure {} ms old", ""]
-    logged: dict[str, tuple[str, float]] = {}
+    logged: dict[tuple[str, str], tuple[str, float]] = {}
     for tick in range(250):
-        text = causes[tick % 3].format(tick)
-        log_changes([text] if text else [], logged, 0.08 * tick)
-    assert caplog.messages == ["blind: superseded by frame 0", "blind: exposure 1 ms old"]
+        found = [[blind(f"superseded by frame {tick}")], [blind(f"exposure {tick} ms old")], []][tick % 3]
+        log_changes(found, logged, 0.08 * tick)
+    assert caplog.messages == lines(blind("superseded by frame 0"), blind("exposure 1 ms old"))
     caplog.clear()
     for tick in range(250, 275):
         log_changes([], logged, 0.08 * tick)
-    assert caplog.messages == ["cleared: blind: exposure 247 ms old", "cleared: blind: superseded by frame 249"]
-    log_changes([causes[0].format(7)], logged, 30.0)
-    assert caplog.messages[2:] == ["blind: superseded by frame 7"]
+    last = lines(blind("exposure 247 ms old"), blind("superseded by frame 249"))
+    assert caplog.messages == [f"cleared: {line}" for line in last]
+    log_changes([blind("superseded by frame 7")], logged, 30.0)
+    assert caplog.messages[2:] == lines(blind("superseded by frame 7"))
+
+
+def test_cameras_whose_names_differ_by_a_digit_are_logged_each(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "companion")
+    logged: dict[tuple[str, str], tuple[str, float]] = {}
+    one, two = blind("no frame for 2 s", "cam1"), blind("no frame for 3 s", "cam2")
+    log_changes([one], logged, 0.0)
+    log_changes([one, two], logged, 1.0)
+    log_changes([two], logged, 3.0)
+    assert caplog.messages == [*lines(one, two), f"cleared: {one.line()}"]
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
