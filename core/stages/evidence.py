@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..jit import inner, inner_inline
 from .openings import is_open
+from .strips import SMOOTH
 
 
 class Evidence(NamedTuple):
@@ -61,21 +62,24 @@ class Cover(NamedTuple):
 
 CELL_PX = 8
 """Side of the cells in which evidence is counted, in columns and rows of the view."""
-_BEHIND_M = 0.7
-"""Greatest distance behind a plane at which a measurement is evidence for it."""
+_ROUGH_M = 0.2
+"""A strip that is not smooth is evidence as if it were nearer by this: its pixels, as those of leaves, are scattered."""
 _OUTSIDE = 1e6
 """1/x of a cell outside of the source image, greater than that of any obstacle."""
 
 
 @inner
 def mark_nearest(strips, n, f, grid):
-    """Computes 1/x of the nearest strip that crosses each cell: grid, (C, R) float32 out, 0 where there is none."""
+    """Computes 1/x of the nearest strip that crosses each cell, nearer by _ROUGH_M if it is not smooth: grid, (C, R)
+    float32 out, 0 where there is none."""
     grid[:] = 0.0
     for k in range(n):
         strip = strips[k]
         if strip.support <= 0:
             continue
         s = strip.disparity_px / f
+        if strip.kind != SMOOTH:
+            s /= max(1.0 - _ROUGH_M * s, 0.1)
         i = strip.column // CELL_PX
         for j in range(strip.top_row // CELL_PX, strip.bottom_row // CELL_PX + 1):
             if s > grid[i, j]:
@@ -123,7 +127,7 @@ def uncovered_share(joined, a, b, p, q, rules, cover):
 
     It must not be made if it contains an empty square with a side of gap_m, or an open cell (openings.py) that lies
     more than slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is less than
-    _BEHIND_M, and `sigmas` of noise of 1/x, behind the line.
+    tolerance_m, and `sigmas` of noise of 1/x, behind the line, as a strip of the joined plane may be.
 
     Args:
         joined: Rectangle on the line.
@@ -132,7 +136,7 @@ def uncovered_share(joined, a, b, p, q, rules, cover):
         rules: a record of MERGE_RULES.
         cover: Cover."""
     evidence, run = cover.evidence, cover.run
-    grid, noise_s = evidence.nearest, rules.sigmas * rules.sigma_s
+    grid, noise_s = evidence.nearest, rules.sigmas * rules.sigma_s + rules.smear_s
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))
     i1 = min(grid.shape[0], first_cell(joined.t1 * evidence.across + evidence.cu))
     run[:] = 0
@@ -143,7 +147,7 @@ def uncovered_share(joined, a, b, p, q, rules, cover):
         down = evidence.down * s
         j0 = min(max(0, first_cell(joined.top_m * down + evidence.cv)), grid.shape[1])
         j1 = max(j0, min(grid.shape[1], first_cell(joined.bottom_m * down + evidence.cv)))
-        limit = s / (1.0 + _BEHIND_M * s) - noise_s
+        limit = s / (1.0 + rules.tolerance_m * s) - noise_s
         longest = rules.gap_m * min(evidence.across, evidence.down) * s
         slack = rules.slack_m * down
         corner = run[j0]

@@ -79,8 +79,8 @@ _LONG_WS = 0.5
 """Planes that are both longer than this are merged within plane_angle_deg only, in Ws."""
 _GAP_SHARE = 0.9
 """Greatest side of an empty square that a merged plane covers, as a share of Ws or Hs."""
-_SMEARED_GAP_M, _SMEARED_NOISE_CAP, _SMEARED_EMPTY_SHARE = 0.9, 8.0, 0.2
-"""join_gap_m, merge_noise_cap and merge_empty_share of a camera that smears edges."""
+_SMEARED_GAP_M, _SMEARED_NOISE_CAP = 0.9, 8.0
+"""join_gap_m and merge_noise_cap of a camera that smears edges."""
 REFUSED = 2.0
 """Cost of a pair that must not be merged. Any cost of 1 or more is too great."""
 
@@ -272,7 +272,7 @@ def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = 
         long_m=_LONG_WS * p.passable_width_m,
         spread_m=p.merge_spread_m,
         sigma_s=max(ke_per_m, p.min_sigma_px / view.f_px) / math.sqrt(p.min_support_px),
-        most_empty=_SMEARED_EMPTY_SHARE if smeared else p.merge_empty_share,
+        most_empty=p.merge_empty_share,
         slack_m=p.opening_slack_m,
         shift_m=p.merge_shift_m,
         smear_s=p.smear_merge_sigmas * ke_per_m if smeared else 0.0,

@@ -16,6 +16,7 @@ from core.stages import planes as pl
 from core.stages import priority_queue as pq
 from core.stages.openings import OpeningMasks
 from core.stages.plane_settings import plane_settings
+from core.stages.strips import ROUGH
 from core.stages.view_geometry import SOURCE
 
 from . import naive
@@ -113,6 +114,14 @@ def test_small_pieces_do_not_creep_over_a_corner_one_by_one() -> None:
         assert not (6.0 * p.t0 < 2.4 < 6.0 * p.t1 and p.top_m < -1.2 < p.bottom_m)
 
 
+@pytest.mark.parametrize(("behind_m", "planes"), [(0.2, 1), (0.7, 2)])
+def test_a_plane_covers_a_wall_only_within_what_a_strip_may_be_behind_it(behind_m: float, planes: int) -> None:
+    """A balcony in front of a house: one plane for its parapet and its end would stop rays to the wall below."""
+    rows = [(6.0, -1.0, 6.0, 1.0, -1.0, 0.0), (6.0, 1.0, 6.0, 1.3, -1.0, 2.0)]
+    wall = (6.0 + behind_m, -3.0, 6.0 + behind_m, 3.0, -2.0, 3.0)
+    assert len(merge(rows, grid=grid_of([*rows, wall]))) == planes
+
+
 def test_an_opening_that_was_seen_is_never_covered() -> None:
     rows = [(6.0, -3.0, 6.0, -0.2, -1, 1), (6.0, 0.2, 6.0, 3.0, -1, 1)]
     assert len(merge(rows)) == 1
@@ -166,14 +175,16 @@ def test_merging_never_moves_a_plane_farther_than_allowed(seed: int, n: int) -> 
 
 def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
     t = Strips(cols=60)
-    for u, top, bottom, x in ((10, 20, 43, 5.0), (11, 22, 43, 4.0), (30, 0, 99, 8.0)):
+    for u, top, bottom, x in ((10, 20, 43, 5.0), (11, 22, 43, 4.0), (20, 0, 7, 5.2), (30, 0, 99, 8.0)):
         t.add(u, top, bottom, x)
     t.build()
-    t.strips["support"][2] = 0
+    t.strips["kind"][2] = ROUGH
+    t.strips["support"][3] = 0
     grid = np.full((8, 13), 9.0, np.float32)
     evidence.find_evidence(t.strips, t.n, t.view, image_of(60), grid)
     assert grid[1, 2:6] == pytest.approx([0.25] * 4)
-    assert np.count_nonzero(grid) == 4
+    assert grid[2, 0] == pytest.approx(1 / 5.0), "a rough strip is evidence as if it were 0.2 m nearer"
+    assert np.count_nonzero(grid) == 5
     # the last cells reach beyond the image; a smaller image leaves cells without a measurement
     evidence.find_evidence(t.strips, t.n, t.view, image_of(40), grid)
     assert (grid[5:, :] > 1e3).all()
@@ -199,12 +210,12 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     q = (0.4 * t0 + 0.6 * t1, t1, m0 / a, m1 / a)
     rect = (t0, t1, m0 / a, m1 / a)
     rules = pairs.merge_rules(view(), 0.0005, Params())[0]
-    rules.sigmas, rules.sigma_s, rules.gap_m, rules.slack_m = 1.0, 0.002, gap, 0.1
+    rules.sigmas, rules.sigma_s, rules.smear_s, rules.gap_m, rules.slack_m = 2.0, 0.001, 0.003, gap, 0.1
     boxes = evidence.Rectangle(*rect), a, b, evidence.Rectangle(*p), evidence.Rectangle(*q)
     openings = OpeningMasks(masks, STEPS, *frame)
     cover = evidence.Cover(evidence.Evidence(grid, *frame), openings, np.zeros(18, np.int32))
     got = evidence.uncovered_share(*boxes, rules, cover)
-    want = naive.uncovered_share(rect, a, b, p, q, 0.7, 0.002, gap, 0.1, grid, frame, masks[4])
+    want = naive.uncovered_share(rect, a, b, p, q, rules.tolerance_m, 0.005, gap, 0.1, grid, frame, masks[4])
     assert got == pytest.approx(want)
 
 
