@@ -11,6 +11,11 @@ def add_config(parser: Any, help: str, *, required: bool = False) -> None:
     parser.add_argument("-c", "--config", type=Path, metavar="FILE", required=required, help=help)
 
 
+def add_replace(parser: Any) -> None:
+    """Adds `--replace` of a command that writes files which the user names; see `refuse_existing`."""
+    parser.add_argument("--replace", action="store_true", help="replace existing files")
+
+
 def add_service(parser: Any) -> None:
     """Adds `-c FILE` of a command that subscribes to a running service."""
     add_config(parser, "configuration of the service; needed only if its [publish] addresses are changed")

@@ -1,4 +1,4 @@
-"""Writes a file completely, or leaves what was there."""
+"""Writes a file completely, or leaves what was there, and replaces no file unasked."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+
+def refuse_existing(*paths: Path, replace: bool, what: str = "") -> None:
+    """Raises ValueError where one of the files exists and `replace` was not requested: it may be the only copy of a flight.
+    what: a sentence part on the file."""
+    for path in paths:
+        if not replace and os.path.lexists(path):
+            raise ValueError(f"{path} exists{what}; give -o another name, or --replace to replace it")
 
 
 @contextmanager

@@ -53,7 +53,7 @@ def cut(path: Path, spans: Sequence[Span], on_written: Callable[[Path], None]) -
     The state at the beginning of a clip is computed with the configuration in the log from the frames before it. Raises
     BadData and ConfigError for a log that cannot be replayed, ValueError and OSError for an output that cannot be written."""
     for span in spans:
-        refuse_output(span.output, path)
+        refuse_output(span.output, path, replace=True)
     with McapRecording(path) as source:
         state = opening_state(source)
         pipeline = make_pipeline(recorded_config(source, otherwise=""), source.cameras, state)

@@ -14,11 +14,13 @@ from typing import Any, Final
 from drivers.base import DriverError
 
 from ..argument_types import number_in
+from ..common_options import add_replace
 from ..config.loader import ConfigError
 from ..console import counted, fail, print_json, print_line, progress, warn
 from ..error_text import error_text
 from ..kernels.warmup import ensure_compiled
 from ..usage_error import UsageError
+from ..whole_file import refuse_existing
 from .clip import Span, cut, merged
 from .conditions import NAMED, SEARCHED, Hit, find_hits
 from .dataset import open_table, read_rows
@@ -124,6 +126,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", help="directory for the clips; needed without --list"
     )
+    add_replace(parser)
     parser.add_argument("--table", choices=SEARCHED, help=f"table that a filter is applied to (default: {SEARCHED[0]})")
     seconds = number_in(float, 0.0, 600.0)
     parser.add_argument(
@@ -154,6 +157,7 @@ def run(args: argparse.Namespace) -> int:
         found.clips = chosen
     else:
         if chosen:
+            refuse_existing(*(clip.output for clip in chosen), replace=args.replace)
             args.output.mkdir(parents=True, exist_ok=True)
             ensure_compiled("extractor", "tracking")
         cut_clips(chosen, found)

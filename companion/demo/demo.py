@@ -16,7 +16,7 @@ from drivers.simulation.camera import SimulatedDepthSource
 
 from ..argument_types import number_in
 from ..cameras.factory import make_source
-from ..common_options import add_config
+from ..common_options import add_config, add_replace
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig, RecordParams, SupervisorParams
@@ -31,9 +31,10 @@ from ..replay.replay import Options, replay
 from ..replay.replay_report import Replay
 from ..viewer.png import missing_library
 from ..viewer.view import ViewOptions, Views, make_views
+from ..whole_file import refuse_existing
 from .live import DemoError, LiveRun, fly
 
-OUTPUT = Path("demo-out")
+OUTPUT, LOG = Path("demo-out"), "prisms.mcap"
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
 EMBEDDED = Config(
     cameras=(CAMERA,),
@@ -93,7 +94,7 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
         _render(config, on)
     with bar(f"flying for {options.seconds:g} s: service, autopilot and planner, each in a process of its own") as on:
         live = fly(config, options.folder, options.seconds, on)
-    log = options.folder / "prisms.mcap"
+    log = options.folder / LOG
     live.log.replace(log)
     live.log.parent.rmdir()
     with bar("replaying the log and comparing it bit for bit") as on:
@@ -135,10 +136,10 @@ def add_parser(subparsers: Any) -> None:
         "-o",
         "--output",
         type=Path,
-        default=OUTPUT,
         metavar="DIR",
-        help=f"directory for log, pictures and page (default: {OUTPUT})",
+        help=f"directory for log, pictures and page (default: {OUTPUT}, whose files are replaced)",
     )
+    add_replace(parser)
     add_config(parser, "configuration with a simulated camera (default: the demo flight)")
     parser.add_argument(
         "--seconds",
@@ -156,6 +157,9 @@ def run(args: argparse.Namespace) -> int:
     """0: success; 1: a problem was found."""
     seconds = args.seconds or (FAST_SECONDS if args.fast else SECONDS)
     width_px = FAST_WIDTH_PX if args.fast else None
+    if args.output is not None:
+        refuse_existing(args.output / LOG, replace=args.replace)
+    args.output = args.output or OUTPUT
     options = DemoOptions(folder=args.output, config=args.config, seconds=seconds, width_px=width_px)
     try:
         done = demo(options, progress if args.json else _announced)

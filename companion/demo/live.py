@@ -76,7 +76,7 @@ def toml_of(config: Config) -> str:
 def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress = lambda share: None) -> LiveRun:
     """Flies for duration_s from the first valid frame. Raises DemoError."""
     run = Path(tempfile.mkdtemp(prefix="osape-"))  # a short path: that of a socket is limited to 107 characters
-    logs = folder / "logs"
+    logs = folder / "demo-flight"
     shutil.rmtree(logs, ignore_errors=True)
     logs.mkdir(parents=True)
     live = live_config(config, logs.resolve(), run)

@@ -15,24 +15,29 @@ from drivers.optional_library import optional_module
 from drivers.shell_word import shell_word
 
 from ..argument_types import number_in
+from ..common_options import add_replace
 from ..console import fail, print_json, print_line
 from ..pipeline.results import PrismsResult
 from ..usage_error import UsageError
 from ..viewer.log import view_frame
 from ..viewer.placement import placed_model
-from ..whole_file import whole_file, write_whole
+from ..whole_file import refuse_existing, whole_file, write_whole
 from .gltf import glb
-from .tables import Table, Tables, read_tables
+from .tables import COLUMNS, Table, Tables, read_tables
 
 FORMATS: Final = ("csv", "npz", "parquet", "gltf")
 
 
-def export(path: Path, out: Path, kind: str, frame: int | None = None) -> tuple[list[Path], int, str]:
+def export(
+    path: Path, out: Path, kind: str, frame: int | None = None, replace: bool = False
+) -> tuple[list[Path], int, str]:
     """(written files, frames, damage of the log). frame: for glTF, the sequence of the frame; None: that with most planes.
+    replace: existing files.
 
     csv and parquet: one file per table in the directory `out`; npz and gltf: the file `out`. Raises DriverError, OSError,
     and ValueError for a log without results or without the frame."""
     _check_output(out, kind)
+    refuse_existing(*_files(out, kind), replace=replace)
     tables, damage, chosen = Tables(), "", _Chosen(frame)
     with McapRecording(path) as source:
         infos = {info.camera: info for info in source.cameras}
@@ -59,6 +64,11 @@ def _check_output(out: Path, kind: str) -> None:
         raise UsageError(f"{out}: give -o a file with the extension {suffix}")
     if suffix is None and out.exists() and not out.is_dir():
         raise ValueError(f"{out}: is a file; {kind} is written into a directory")
+
+
+def _files(out: Path, kind: str) -> list[Path]:
+    """The files of an export."""
+    return [out] if kind in ("npz", "gltf") else [out / f"{table}.{kind}" for table in COLUMNS]
 
 
 class _Chosen:
@@ -107,7 +117,7 @@ def _write_tables(out: Path, kind: str, tables: dict[str, Table]) -> list[Path]:
         return [out]
     write = _csv if kind == "csv" else _parquet_writer()
     out.mkdir(parents=True, exist_ok=True)
-    paths = [out / f"{name}.{kind}" for name in tables]
+    paths = _files(out, kind)
     for path, table in zip(paths, tables.values(), strict=True):
         with whole_file(path) as part:
             write(part, table)
@@ -161,6 +171,7 @@ def add_parser(subparsers: Any) -> None:
         "-f", "--format", choices=FORMATS, required=True, help="csv and parquet write a directory, npz and gltf a file"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="directory or file to write")
+    add_replace(parser)
     parser.add_argument(
         "--frame",
         type=number_in(int, 0, 2**32 - 1),
@@ -174,7 +185,7 @@ def run(args: argparse.Namespace) -> int:
     """0: success; 1: the log could not be read to its end. Raises UsageError."""
     if args.frame is not None and args.format != "gltf":
         raise UsageError(f"--frame needs -f gltf: {args.format} contains all frames")
-    files, frames, damage = export(args.input, args.output, args.format, args.frame)
+    files, frames, damage = export(args.input, args.output, args.format, args.frame, args.replace)
     if args.json:
         print_json({"frames": frames, "files": [str(f) for f in files], "damage": damage or None})
     else:

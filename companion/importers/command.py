@@ -14,7 +14,7 @@ from typing import Any, Final
 from drivers.shell_word import shell_word
 
 from ..argument_types import number_in
-from ..common_options import add_config
+from ..common_options import add_config, add_replace
 from ..config.loader import Config, ConfigError, config_of, load_config
 from ..console import fail, print_json, print_line, warn
 from ..usage_error import UsageError, given_option
@@ -45,6 +45,7 @@ def add_parser(subparsers: Any) -> None:
         help="directory of depth PNGs or stereo pairs, TUM RGB-D directory, or ROS 2 recording (.mcap, .db3 or bag directory)",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="the log to write")
+    add_replace(parser)
     add_config(parser, "configuration whose [[camera]] section gives mount, ranges and noise")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     camera = parser.add_argument_group("camera (overrides the configuration and the recording)")
@@ -123,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     """0: everything was converted; 1: a part or everything is missing; the readable part is kept. Raises UsageError."""
     _refuse_unused(args)
     config = load_config(args.config) if args.config is not None else Config()
-    done = import_recording(args.source, args.output, _options(args, config), config)
+    done = import_recording(args.source, args.output, _options(args, config), config, args.replace)
     if args.json:
         print_json(_json(done))
     else:

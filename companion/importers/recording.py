@@ -51,10 +51,12 @@ class Imported:
     problems: tuple[str, ...]
 
 
-def import_recording(path: Path, output: Path, options: ImportOptions, config: Config | None = None) -> Imported:
-    """Writes the recording as a log. Raises DriverError when nothing can be used, OSError and ValueError when the log
-    cannot be written; problems with parts are in the result."""
-    refuse_output(output, path, *([options.tlog] if options.tlog is not None else []))
+def import_recording(
+    path: Path, output: Path, options: ImportOptions, config: Config | None = None, replace: bool = False
+) -> Imported:
+    """Writes the recording as a log; replace: also where it exists. Raises DriverError when nothing can be used, OSError and
+    ValueError when the log cannot be written; problems with parts are in the result."""
+    refuse_output(output, path, *([options.tlog] if options.tlog is not None else []), replace=replace)
     _refuse_file_list(_file_list(output))
     report = Report()
     try:

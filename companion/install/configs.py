@@ -8,9 +8,10 @@ from typing import Any
 
 from drivers.shell_word import shell_word
 
+from ..common_options import add_replace
 from ..console import print_json, print_line
 from ..usage_error import UsageError
-from ..whole_file import write_whole
+from ..whole_file import refuse_existing, write_whole
 from .steps import packaged_file
 
 
@@ -23,6 +24,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="the copy (default: NAME.toml in this directory)"
     )
+    add_replace(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -45,8 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if source is None:
         raise UsageError(f"no configuration {args.name!r}; there are {', '.join(shipped)}")
     target = args.output or Path(f"{source.stem}.toml")
-    if target.exists():
-        raise ValueError(f"{target} exists; name another file with -o")
+    refuse_existing(target, replace=args.replace)
     write_whole(target, source.read_text(encoding="utf-8"))
     if args.json:
         print_json({"written": str(target)})

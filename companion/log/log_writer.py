@@ -28,6 +28,7 @@ from ..pipeline.encode import decision_message, prisms_bytes, state_message, wir
 from ..pipeline.results import FrameDecision, Output
 from ..pipeline.state import PipelineState
 from ..pipeline.tracking import TracksResult
+from ..whole_file import refuse_existing
 from .foxglove_scene import scene_message, transform_messages
 from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
 
@@ -83,7 +84,7 @@ class LogWriter:
 
     def __init__(self, path: Path | str, level: int = ZSTD_LEVEL) -> None:
         self.path = Path(path)
-        refuse_output(self.path)
+        refuse_output(self.path, replace=True)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
         self._file: BinaryIO = open_locked(self.active_path)
         self._writer = McapWriter(self._file, CHUNK_BYTES, level)
@@ -214,17 +215,24 @@ class LogWriter:
         finish_file(self._writer, self._file, self.active_path, self.path)
 
 
-def refuse_output(path: Path, *inputs: Path) -> None:
-    """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name), a
-    directory, a device, or a file that is not a log."""
+def refuse_output(path: Path, *inputs: Path, replace: bool) -> None:
+    """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name), as
+    `refuse_target`, and without `replace` an unfinished log."""
+    active = path.with_name(path.name + ACTIVE)
     # Path.resolve raises RuntimeError for a link to itself
-    taken = {os.path.realpath(path), os.path.realpath(path.with_name(path.name + ACTIVE))}
+    taken = {os.path.realpath(path), os.path.realpath(active)}
     for given in inputs:
         if os.path.realpath(given) in taken:
             raise ValueError(
                 f"{given}: writing {path} would overwrite this input, or its unfinished log would have the same name; "
                 "give -o another name"
             )
+    refuse_target(path, replace=replace)
+    refuse_existing(active, replace=replace, what=", an unfinished log (`companion recover` completes it)")
+
+
+def refuse_target(path: Path, *, replace: bool) -> None:
+    """Raises ValueError for a directory, a device, or a file that is not a log; without `replace` also for a log."""
     if path.is_dir():
         raise ValueError(f"{path}: is a directory; give -o the name of a file, such as {path / 'out.mcap'}")
     if path.exists() and not path.is_file():
@@ -233,6 +241,7 @@ def refuse_output(path: Path, *inputs: Path) -> None:
         with path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
                 raise ValueError(f"{path}: exists and is not a log; it is not overwritten; give -o another name")
+    refuse_existing(path, replace=replace)
 
 
 def start_writer(stream: BinaryIO) -> Writer:

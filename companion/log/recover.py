@@ -15,9 +15,10 @@ from drivers.base import BadData
 from drivers.logs.reader import open_scan
 from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
 
+from ..common_options import add_replace
 from ..console import counted, first_damages, print_json, print_line
 from ..usage_error import UsageError
-from .log_writer import ACTIVE, RECOVERING, finish_file, is_being_written, open_locked, start_writer
+from .log_writer import ACTIVE, RECOVERING, finish_file, is_being_written, open_locked, refuse_target, start_writer
 
 
 @dataclass(slots=True)
@@ -30,9 +31,9 @@ class RecoverResult:
     damages: list[Damage] = field(default_factory=list)
 
 
-def recover(path: Path, output: Path | None = None) -> RecoverResult:
+def recover(path: Path, output: Path | None = None, replace: bool = False) -> RecoverResult:
     """Writes the readable part of an MCAP file of any origin into `output` (default: `default_output`). Raises
-    DriverError when nothing is readable, ValueError when the output would overwrite a file."""
+    DriverError when nothing is readable, ValueError where the output is no file, or exists without `replace`."""
     target = output or default_output(path)
     if os.path.realpath(target) == os.path.realpath(path):
         raise UsageError(f"{path}: input and output are the same file; give -o another name")
@@ -40,8 +41,7 @@ def recover(path: Path, output: Path | None = None) -> RecoverResult:
         raise ValueError(
             f"{path}: a process is writing it, and completes it at its end; `companion replay` reads it as it is"
         )
-    if os.path.lexists(target):
-        raise ValueError(f"{target} exists already; give -o another name")
+    refuse_target(target, replace=replace)
     return copy_readable(path, target)
 
 
@@ -134,12 +134,13 @@ def add_parser(subparsers: Any) -> None:
         metavar="OUT.mcap",
         help="the complete log (default: FILE.recovered.mcap, or FILE.mcap for FILE.mcap.active)",
     )
+    add_replace(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
     """0: recovered, or nothing to recover."""
-    result = recover(args.input, args.output)
+    result = recover(args.input, args.output, args.replace)
     if args.json:
         print_json(
             {

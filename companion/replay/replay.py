@@ -19,7 +19,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..argument_types import number_in
 from ..cameras.masks import configured_mask
-from ..common_options import add_config
+from ..common_options import add_config, add_replace
 from ..config.loader import Config, ConfigError, load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, print_json, progress
@@ -74,10 +74,11 @@ def process(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Options of a replay. output None: nothing is written; config: a file or its content, None: that in the log.
+    """Options of a replay. output None: nothing is written; replace: an existing output; config: a file or its content, None: that in the log.
     as_live: leave out the frames that the live run skipped, as `check` does."""
 
     output: Path | None = None
+    replace: bool = False
     config: Path | Config | None = None
     check: bool = False
     tolerance: float = 0.0
@@ -94,7 +95,7 @@ def replay(
     """Runs a log through the pipeline. Raises DriverError, ConfigError or OSError when it cannot start. Damage found
     later ends the replay and is part of the result; the events before it are written and counted."""
     if options.output is not None:
-        refuse_output(options.output, path)
+        refuse_output(options.output, path, replace=options.replace)
     with ExitStack() as stack:
         source = stack.enter_context(McapRecording(path))
         config = _config(options, source)
@@ -164,7 +165,7 @@ def _track(pipeline: Pipeline, output: Output, sink: _Sink, comparison: Comparis
 def check_input(path: Path, options: Options) -> Config:
     """The configuration. Raises what `replay` would raise for its files, before anything is computed."""
     if options.output is not None:
-        refuse_output(options.output, path)
+        refuse_output(options.output, path, replace=options.replace)
     with McapRecording(path) as source:
         return _config(options, source)
 
@@ -299,6 +300,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("replay")
     parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth images and attitude")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with the obstacles (prisms)")
+    add_replace(parser)
     add_config(parser, "use this configuration instead of the recorded one")
     parser.add_argument(
         "--check",
@@ -319,10 +321,13 @@ def run(args: argparse.Namespace) -> int:
     """0: success; 1: the input was damaged, frames were dropped or the check failed. Raises UsageError."""
     if args.tolerance is not None and not args.check:
         raise UsageError("--tolerance needs --check")
+    if args.replace and args.output is None:
+        raise UsageError("--replace needs -o OUT.mcap, the file to replace")
     if args.no_depth and args.output is None:
         raise UsageError("--no-depth needs -o OUT.mcap: it leaves the depth images out of that file")
     options = Options(
         output=args.output,
+        replace=args.replace,
         config=args.config,
         check=args.check,
         tolerance=args.tolerance or 0.0,

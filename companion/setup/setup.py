@@ -15,13 +15,14 @@ from drivers.mavlink.address import parse_address
 from drivers.shell_word import shell_word
 
 from ..argument_types import checked_by, number_in
+from ..common_options import add_replace
 from ..config.camera_kinds import CAMERA_KINDS
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import PATIENCE_S, examine, print_findings
 from ..install.steps import install_paths, start_command
 from ..usage_error import UsageError
-from ..whole_file import write_whole
+from ..whole_file import refuse_existing, write_whole
 from .configuration import Answers, configuration_text
 from .devices import FoundCamera, find_cameras, find_serial_ports
 from .listen import candidates, find_autopilot
@@ -49,7 +50,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="FILE",
         help=f"the configuration to write (default: {OUTPUT})",
     )
-    parser.add_argument("--replace", action="store_true", help="replace an existing file")
+    add_replace(parser)
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: use the options, the devices that are found, and defaults"
     )
@@ -111,8 +112,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """0: written, and the doctor found no fault; 1: written, with a fault. Raises ValueError for answers that cannot be
     used, DriverError and OSError."""
-    if args.output.exists() and not args.replace:
-        raise ValueError(f"{args.output} exists; add --replace, or name another file with -o")
+    refuse_existing(args.output, replace=args.replace)
     if not args.output.parent.is_dir():
         raise ValueError(
             f"{args.output}: {args.output.parent} is not a folder; create it, or name another file with -o"

@@ -40,6 +40,23 @@ def test_the_demo_flies_the_service_and_makes_what_it_names(tmp_path: Path, caps
     assert sum(isinstance(m, pb.PrismsFrame) and m.valid for m in results) > 5
 
 
+def test_the_demo_keeps_the_logs_of_the_user(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It replaced prisms.mcap, and deleted the folder logs."""
+    log, result = tmp_path / "logs" / "flight.000.mcap", tmp_path / "prisms.mcap"
+    log.parent.mkdir()
+    log.write_text("the only copy")
+    result.write_text("the only copy")
+    words = ["demo", "--fast", "--seconds", "1", "-o", str(tmp_path)]
+    assert main(words) == 1
+    assert f"{result} exists; give -o another name, or --replace" in capsys.readouterr().err
+    assert result.read_text() == "the only copy"
+    assert main([*words, "--replace"]) == 0
+    assert log.read_text() == "the only copy"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["logs", "prisms.mcap", "view"]
+
+
 def test_without_matplotlib_the_demo_draws_its_page_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

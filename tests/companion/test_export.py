@@ -122,7 +122,7 @@ def test_gltf_of_a_log(log: Path, results: list[Any], tmp_path: Path, capsys: py
     content, _ = read_glb(out.read_bytes())
     best = max((r for r in results if r.valid), key=lambda r: len(r.model.planes))
     assert content["meshes"][0]["name"] == f"obstacles of front frame {best.sequence}"
-    assert main(["export", str(log), "-f", "gltf", "-o", str(out), "--frame", "9999"]) == 1
+    assert main(["export", str(log), "-f", "gltf", "-o", str(out), "--replace", "--frame", "9999"]) == 1
     assert "frame 9999" in capsys.readouterr().err
 
 
@@ -135,7 +135,8 @@ def test_gltf_of_a_frame_without_position_has_no_trajectory(tmp_path: Path) -> N
         results = [prisms_from_message(cast(pb.PrismsFrame, m.message)) for m in source.messages("prisms")]
     placed = {r.pose is not None: r.sequence for r in results if r.valid}
     for position, meshes in ((True, 2), (False, 1)):
-        assert main(["export", str(log), "-f", "gltf", "-o", str(out), "--frame", str(placed[position])]) == 0
+        frame = str(placed[position])
+        assert main(["export", str(log), "-f", "gltf", "-o", str(out), "--replace", "--frame", frame]) == 0
         assert len(read_glb(out.read_bytes())[0]["meshes"]) == meshes
 
 

@@ -265,9 +265,25 @@ def test_an_output_that_cannot_be_written_stops_no_other_clip(
     first.symlink_to(log)
     for clip in others:
         clip.unlink()
-    assert main(arguments) == 1
+    assert main([*arguments, "--replace"]) == 1
     assert f"{log}: no clip" in capsys.readouterr().err
     assert [clip.read_bytes() for clip in others] == before
+
+
+def test_a_clip_of_an_earlier_search_is_replaced_on_request_only(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A search with a shorter `--after` shortened it."""
+    wanted = ["find", str(dataset), '[["sequence", "=", 5], ["flight", "=", "20261102-110000"]]', "-o", str(tmp_path)]
+    assert main(wanted) == 0
+    (clip,) = tmp_path.glob("*.mcap")
+    before = clip.read_bytes()
+    shorter = [*wanted, "--after", "0.1"]
+    assert main(shorter) == 1
+    assert f"{clip} exists; give -o another name, or --replace" in capsys.readouterr().err
+    assert clip.read_bytes() == before
+    assert main([*shorter, "--replace"]) == 0
+    assert len(clip.read_bytes()) < len(before)
 
 
 def test_a_clip_of_an_earlier_search_does_not_count(dataset: Path, tmp_path: Path) -> None:

@@ -58,7 +58,8 @@ def test_a_table_of_the_user_is_not_overwritten(tmp_path: Path, capsys: pytest.C
     assert not out.exists()
     listed.unlink()
     assert imported(folder)[0] == 0
-    assert imported(folder)[0] == 0  # an own list is replaced
+    out.unlink()
+    assert imported(folder)[0] == 0  # an own list without its log is replaced
     assert listed.read_text().startswith("sequence,file\n0,depth/000000.png\n")
 
 
@@ -197,7 +198,7 @@ def test_a_pause_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "warning: " in (summary := capsys.readouterr().err)
     assert "lines 3-4: a pause of 0.80 s (median: 0.100 s)" in summary
     assert len(frames_of(out)) == 13
-    assert imported(folder, "--json")[0] == 0
+    assert imported(folder, "--replace", "--json")[0] == 0
     captured = capsys.readouterr()
     assert captured.err == summary  # the warnings, and no notes, as without --json
     assert json.loads(captured.out)["warnings"] == summary.removeprefix("companion: warning: ").splitlines()

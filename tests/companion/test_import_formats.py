@@ -241,5 +241,5 @@ def test_exchanged_or_foreign_images_are_named(tmp_path: Path, capsys: pytest.Ca
     assert len(frames_of(out)) == 1
     text = (folder / "frames.csv").read_text().replace(",file_right", ",other")
     (folder / "frames.csv").write_text(text)
-    assert imported(folder)[0] == 1
+    assert imported(folder, "--replace")[0] == 1
     assert "file_right" in capsys.readouterr().err

@@ -120,7 +120,7 @@ def test_the_intrinsics_are_those_of_the_rectified_image(
 def test_without_transforms_the_mount_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert imported(RosFlight(), tmp_path)[0] == 0
     assert "--mount" in capsys.readouterr().out
-    _, out = imported(RosFlight(), tmp_path, "--mount", "0,-15,0")
+    _, out = imported(RosFlight(), tmp_path, "--replace", "--mount", "0,-15,0")
     assert "--mount" not in capsys.readouterr().out
     assert camera_of(out).mount.pitch_rad == pytest.approx(math.radians(-15))
 
@@ -348,7 +348,7 @@ def test_a_body_that_nothing_joins_with_the_vehicle_is_reported(
 ) -> None:
     assert imported(RosFlight(odometry_child="t265_pose"), tmp_path)[0] == 0
     assert "no transform connects t265_pose and base_link" in capsys.readouterr().out
-    assert imported(RosFlight(), tmp_path)[0] == 0
+    assert imported(RosFlight(), tmp_path, "--replace")[0] == 0
     assert "t265" not in capsys.readouterr().out
 
 

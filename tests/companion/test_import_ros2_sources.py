@@ -254,7 +254,7 @@ def test_a_db3_file_and_a_folder_without_metadata(tmp_path: Path, capsys: pytest
     assert status == 0, capsys.readouterr().err
     assert len(frames_of(out)) == 10
     (bag / "metadata.yaml").unlink()
-    status, out = imported(bag)
+    status, out = imported(bag, "--replace")
     assert status == 0, capsys.readouterr().err
     assert len(frames_of(out)) == 10
 
@@ -313,7 +313,7 @@ def test_split_files_are_one_recording(tmp_path: Path, capsys: pytest.CaptureFix
     assert imported(whole)[0] == 0
     expected = [f.t_exposure_ns for f in frames_of(tmp_path / "out.mcap")]
     RosFlight(frames=20, motion_until_s=3.0).write_parts(bag, parts=11)
-    status, out = imported(bag)
+    status, out = imported(bag, "--replace")
     assert status == 0, capsys.readouterr().err
     assert [f.t_exposure_ns for f in frames_of(out)] == expected  # part 10 comes after part 9
 

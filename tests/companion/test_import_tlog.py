@@ -172,7 +172,7 @@ def test_a_real_log_beside_real_frames(shared_data: Path, tmp_path: Path, capsys
     source = str(shared_data / "rs_d435_handheld")
     found = []
     for arguments in (["--no-tlog"], ["--tlog-epoch", "1700000000"], []):
-        assert main(["import", source, "-o", str(tmp_path / "o.mcap"), *arguments]) == 0
+        assert main(["import", source, "-o", str(tmp_path / "o.mcap"), "--replace", *arguments]) == 0
         found.append({a.t_ns: a.q_ned_frd_wxyz for a in attitudes(list(events_of(tmp_path / "o.mcap")))})
     rows, logged, derived = found
     assert logged == derived

@@ -420,7 +420,7 @@ def test_a_killed_log_gets_its_own_name(tmp_path):
     active.write_bytes(log.active_path.read_bytes())
     log.finish()
     assert recover(active).output == tmp_path / "f2.mcap"
-    with pytest.raises(ValueError, match="exists already"):
+    with pytest.raises(ValueError, match="exists; give -o another name"):
         recover(active)
     with McapRecording(tmp_path / "f2.mcap") as recording:
         assert len(list(recording.events())) > 100
@@ -521,8 +521,16 @@ def test_an_unreadable_file_is_not_overwritten(whole):
         recover(whole, whole)
 
 
-@pytest.mark.parametrize("name", ["flight.mcap", "notes.txt", "folder", "link"])
-def test_what_exists_is_not_overwritten(whole, tmp_path, name, capsys):
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("flight.mcap", " exists; give -o another name, or --replace"),
+        ("notes.txt", ": exists and is not a log"),
+        ("folder", ": is a directory"),
+        ("link", " exists; give -o another name"),
+    ],
+)
+def test_what_exists_is_not_overwritten(whole, tmp_path, name, cause, capsys):
     """It replaced every file that -o named."""
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:-100])
@@ -532,7 +540,7 @@ def test_what_exists_is_not_overwritten(whole, tmp_path, name, capsys):
     (tmp_path / "link").symlink_to("nowhere")
     before = sorted(tmp_path.iterdir())
     assert main(["recover", str(cut), "-o", str(tmp_path / name)]) == 1
-    assert f"{tmp_path / name} exists already; give -o another name" in capsys.readouterr().err
+    assert f"{tmp_path / name}{cause}" in capsys.readouterr().err
     assert sorted(tmp_path.iterdir()) == before
     assert (tmp_path / "flight.mcap").read_bytes() == whole.read_bytes()
     assert (tmp_path / "notes.txt").read_text() == "mine"

@@ -333,7 +333,7 @@ def test_an_output_that_cannot_be_written(recorded, tmp_path, capsys):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk without space")
 def test_a_full_disk_is_reported(recorded, tmp_path, capsys):
     (tmp_path / "out.mcap.active").symlink_to("/dev/full")
-    assert main(["replay", str(recorded), "-o", str(tmp_path / "out.mcap")]) == 1
+    assert main(["replay", str(recorded), "-o", str(tmp_path / "out.mcap"), "--replace"]) == 1
     err = capsys.readouterr().err
     assert "No space left on device while writing" in err
     assert f"kept as {tmp_path / 'out.mcap.active'}" in err

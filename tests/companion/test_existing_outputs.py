@@ -1,0 +1,64 @@
+"""Files that are at the place of an output: no command replaces one, unless `--replace` is given."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from drivers.logs.record_scanner import MAGIC
+
+from .recordings import write_folder
+
+LOG = Path(__file__).parents[1] / "data" / "street.mcap"
+RECORDED = MAGIC + b"the only copy of a flight"
+WRITERS = {
+    "import": ("FOLDER -o OUT.mcap", "OUT.mcap"),
+    "import, unfinished": ("FOLDER -o OUT.mcap", "OUT.mcap.active"),
+    "replay": ("LOG -o OUT.mcap", "OUT.mcap"),
+    "replay, unfinished": ("LOG -o OUT.mcap", "OUT.mcap.active"),
+    "recover": ("CUT -o OUT.mcap", "OUT.mcap"),
+    "recover, flight": ("cut.mcap.active", "cut.mcap"),
+    "recover, no name": ("CUT", "cut.recovered.mcap"),
+    "export, npz": ("RESULTS -f npz -o OUT.npz", "OUT.npz"),
+    "export, gltf": ("RESULTS -f gltf -o OUT.glb", "OUT.glb"),
+    "export, csv": ("RESULTS -f csv -o FOLDER", "rec/frames.csv"),
+    "configs": ("oak -o OUT.toml", "OUT.toml"),
+    "setup": ("--yes --no-doctor --camera simulated --autopilot none -o OUT.toml", "OUT.toml"),
+}
+"""Command, and the case of it -> (arguments, file at the place of an output). RESULTS is a log with prisms, CUT a damaged
+one."""
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("results") / "prisms.mcap"
+    assert main(["replay", str(LOG), "-o", str(path)]) == 0
+    return path
+
+
+@pytest.mark.parametrize("case", WRITERS)
+def test_a_file_is_replaced_on_request_only(
+    case: str, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, name = WRITERS[case]
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(results, "prisms.mcap")
+    Path("cut.mcap").write_bytes(LOG.read_bytes()[:-50])
+    Path("cut.mcap.active").write_bytes(LOG.read_bytes()[:-50])
+    write_folder(Path("rec"))
+    places = {"FOLDER": "rec", "LOG": str(LOG), "RESULTS": "prisms.mcap", "CUT": "cut.mcap"}
+    words = [case.partition(",")[0], *(places.get(word, word) for word in arguments.split())]
+    there = Path(name)
+    if not there.exists():
+        there.write_bytes(RECORDED)
+    before = there.read_bytes()
+    assert main(words) == 1
+    unfinished = ", an unfinished log (`companion recover` completes it)" if there.suffix == ".active" else ""
+    assert f"{there} exists{unfinished}; give -o another name, or --replace" in capsys.readouterr().err
+    assert there.read_bytes() == before
+    assert not list(Path().glob("*.part-*"))
+    assert main([*words, "--replace"]) == 0
+    assert not there.exists() or there.read_bytes() != before
