@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from google.protobuf.message import Message
 
@@ -16,6 +16,8 @@ from ..pipeline.encode import wire_bytes
 
 Key = tuple[str, int, int]
 """Camera, sequence and exposure of a frame."""
+WAITING: Final = 1000
+"""Messages of each side that wait for their counterpart, which comes within a second: 20 MB. Of older ones the key is kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,7 @@ def key_of(message: Compared | pb.FrameDecision | DepthFrame) -> Key:
 
 @dataclass(slots=True)
 class Comparison:
-    """Pairs messages in any order and keeps the differences. tolerance: greatest difference of two numbers, in their unit; 0 is bit-exact."""
+    """Pairs messages, in any order within the newest `WAITING`, and keeps the differences. tolerance: greatest difference of two numbers, in their unit; 0 is bit-exact."""
 
     tolerance: float = 0.0
     compared: int = 0
@@ -53,32 +55,36 @@ class Comparison:
     _newest_ns: dict[str, int] = field(default_factory=dict)
     _logged: dict[Key, Compared] = field(default_factory=dict)
     _computed: dict[Key, Compared] = field(default_factory=dict)
+    _older_logged: list[Key] = field(default_factory=list)
+    _older_computed: list[Key] = field(default_factory=list)
 
     def logged(self, message: Compared) -> None:
         """Adds a message of the log."""
         newest_ns = self._newest_ns.get(message.camera, message.t_exposure_ns)
         self._newest_ns[message.camera] = max(newest_ns, message.t_exposure_ns)
         self._take(message, self._logged, self._computed, logged=True)
+        _drop_oldest(self._logged, self._older_logged)
 
     def computed(self, message: Compared) -> None:
         """Adds a recomputed message."""
         self._take(message, self._computed, self._logged, logged=False)
+        _drop_oldest(self._computed, self._older_computed)
 
     @property
     def only_logged(self) -> tuple[Key, ...]:
         """Keys in the log without a frame to compute them from."""
-        return tuple(self._logged)
+        return (*self._older_logged, *self._logged)
 
     @property
     def only_computed(self) -> tuple[Key, ...]:
         """Keys computed but missing from the log."""
-        return tuple(self._computed)
+        return (*self._older_computed, *self._computed)
 
     @property
     def gaps(self) -> tuple[Key, ...]:
         """Keys of `only_computed` after which the log contains later frames of the camera, or of which it contains none
         at all. A missing end is not a gap: a log cut short by a power failure usually ends with a depth image."""
-        return tuple(key for key in self._computed if key[2] <= self._newest_ns.get(key[0], key[2]))
+        return tuple(key for key in self.only_computed if key[2] <= self._newest_ns.get(key[0], key[2]))
 
     @property
     def passed(self) -> bool:
@@ -97,6 +103,14 @@ class Comparison:
         if difference is not None:
             self.different += 1
             self.first = self.first or Difference(key, *difference)
+
+
+def _drop_oldest(waiting: dict[Key, Compared], older: list[Key]) -> None:
+    """Keeps the key only of the oldest message where too many wait."""
+    if len(waiting) > WAITING:
+        key = next(iter(waiting))
+        del waiting[key]
+        older.append(key)
 
 
 def first_difference(logged: Compared, computed: Compared, tolerance: float = 0.0) -> tuple[str, str, str] | None:

@@ -20,7 +20,7 @@ from companion.log.log_writer import LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.encode import prisms_message, state_from_message, wire_bytes
 from companion.pipeline.state import PipelineState
-from companion.replay.compare import Comparison, first_difference
+from companion.replay.compare import WAITING, Comparison, first_difference
 from companion.replay.replay import Options, make_pipeline, replay
 from companion.replay.replay_report import replay_problems, report
 from companion.self_check.exposure_offset import ExposureOffset, OffsetState
@@ -404,6 +404,21 @@ def test_what_is_missing_at_the_end_of_a_camera_is_no_gap():
         comparison.logged(pb.PrismsFrame(camera=camera, sequence=sequence, t_exposure_ns=sequence))
     assert comparison.only_computed == (("b", 1, 1), ("a", 2, 2), ("c", 1, 1))
     assert comparison.gaps == (("b", 1, 1), ("c", 1, 1))
+
+
+def test_a_check_without_counterparts_keeps_a_bounded_number_of_messages():
+    """Of a log without depth images it kept all results: 2 GB for an hour of flight."""
+    comparison = Comparison()
+    for sequence in range(3 * WAITING):
+        comparison.logged(pb.PrismsFrame(camera="a", sequence=sequence, t_exposure_ns=sequence))
+        comparison.computed(pb.PrismsFrame(camera="b", sequence=sequence, t_exposure_ns=sequence))
+    assert len(comparison._logged) == len(comparison._computed) == WAITING
+    assert comparison.only_logged == tuple(("a", k, k) for k in range(3 * WAITING))
+    assert comparison.only_computed == tuple(("b", k, k) for k in range(3 * WAITING))
+    comparison.logged(pb.PrismsFrame(camera="b", sequence=0, t_exposure_ns=0))  # later than any log has it
+    assert comparison.compared == 0
+    assert ("b", 0, 0) in comparison.only_logged
+    assert ("b", 0, 0) in comparison.gaps
 
 
 def test_problems_of_an_empty_run_are_reported(recorded):
