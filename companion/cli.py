@@ -42,9 +42,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output has closed it
         discard_stdout()
         return 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         if sys.stderr.isatty():
             sys.stderr.write("\n")  # the prompt of the shell would follow ^C on its line
+        if text := str(interrupt):  # of a command that says what was done
+            fail(text)
         return _INTERRUPTED
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] in _OWN:

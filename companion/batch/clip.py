@@ -113,8 +113,7 @@ class _Cutter:
     def discard(self) -> None:
         """Deletes a clip that could not be completed: it would look like a short one."""
         if self._log is not None:
-            self._log.active_path.unlink(missing_ok=True)
-            self._log.abandon()
+            self._log.discard()
 
     def end(self) -> None:
         """Ends all clips at the end of the log."""

@@ -118,9 +118,14 @@ def batch(flights: Sequence[Flight], output: str, options: BatchOptions, engine:
         tasks = [FlightTask(f, output, options, software()) for f in flights if f not in present]
         report.skipped = len(flights) - len(tasks)
         with progress("batch") as on_progress:
-            for number, done in enumerate(engine.run(tasks), start=1):
-                report.add(done)
-                on_progress(number / len(tasks))
+            number = 0
+            try:
+                for number, done in enumerate(engine.run(tasks), start=1):
+                    report.add(done)
+                    on_progress(number / len(tasks))
+            except KeyboardInterrupt as interrupt:
+                done_of = f"{report.skipped + number} of {counted(len(flights), 'flight')} are processed"
+                raise KeyboardInterrupt(f"interrupted: {done_of}; the same command continues") from interrupt
         delete_unfinished(output)
     report.wall_s = time.monotonic() - begun_s
     return report

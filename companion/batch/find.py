@@ -160,7 +160,11 @@ def run(args: argparse.Namespace) -> int:
             refuse_existing(*(clip.output for clip in chosen), replace=args.replace)
             args.output.mkdir(parents=True, exist_ok=True)
             ensure_compiled("extractor", "tracking")
-        cut_clips(chosen, found)
+        try:
+            cut_clips(chosen, found)
+        except KeyboardInterrupt as interrupt:
+            done = f"{len(found.clips)} of {counted(len(chosen), 'clip')} are written to {args.output}"
+            raise KeyboardInterrupt(f"interrupted: {done}") from interrupt
     if args.json:
         print_json(
             {

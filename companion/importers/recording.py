@@ -68,6 +68,9 @@ def import_recording(
         write_recording(counted, output, run_info("import", config or Config()))
     except BadData as error:
         report.problem("recording", str(error))
+    except KeyboardInterrupt as interrupt:
+        done = f"{counted.kinds[DepthFrame]} of {source.frame_count} frames"
+        raise KeyboardInterrupt(f"interrupted after {done}; {output} was not written") from interrupt
     finally:
         source.close()
     if not counted.kinds[DepthFrame]:

@@ -75,7 +75,8 @@ def is_being_written(path: Path) -> bool:
 
 
 class LogWriter:
-    """A log being written. As a context manager it is finished at the end, or left as .active after an exception.
+    """A log being written. As a context manager it is finished at the end, left as .active after an exception, and deleted
+    after Ctrl-C.
 
     Raises OSError (no space, no permission), FileInUseError, and ValueError for an output that exists and is not a log, and
     for timestamps and names that a log cannot hold.
@@ -102,6 +103,8 @@ class LogWriter:
     ) -> None:
         if kind is None:
             self.finish()
+        elif kind is KeyboardInterrupt:
+            self.discard()
         else:
             self.abandon()
 
@@ -128,6 +131,11 @@ class LogWriter:
         """Closes the file as FILE.active."""
         with contextlib.suppress(OSError):  # a full disk refuses the rest of the buffer
             self._file.close()
+
+    def discard(self) -> None:
+        """Deletes the unfinished file."""
+        self.active_path.unlink(missing_ok=True)  # before the lock ends: it is the file of this process
+        self.abandon()
 
     def begin(
         self, run: pb.RunInfo, cameras: Iterable[CameraInfo], state: PipelineState | None = None, t_ns: int = 0

@@ -335,8 +335,19 @@ def run(args: argparse.Namespace) -> int:
     )
     config = check_input(args.input, options)  # a mistake is not to wait for the compiler
     ensure_compiled("extractor", *(("tracking",) if config.tracking.enabled else ()))
-    with progress("replay") as on_progress:
-        result = replay(args.input, options, on_progress)
+    share = 0.0
+    with progress("replay") as show:
+
+        def on_progress(now: float) -> None:
+            nonlocal share
+            share = now
+            show(now)
+
+        try:
+            result = replay(args.input, options, on_progress)
+        except KeyboardInterrupt as interrupt:
+            unwritten = f"; {args.output} was not written" if args.output is not None else ""
+            raise KeyboardInterrupt(f"interrupted after {share:.0%} of {args.input}{unwritten}") from interrupt
     problems = replay_problems(result)
     if args.json:
         print_json(report(result, args.input, args.output, problems))
