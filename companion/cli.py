@@ -6,8 +6,10 @@ import argparse
 import difflib
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any, Final
@@ -21,6 +23,7 @@ from .standard_streams import discard_stdout, prepare
 from .usage_error import UsageError
 
 _INTERRUPTED: Final = 130
+_ADDRESS: Final = re.compile(r"[a-z][a-z0-9]+:/")
 _OWN: Final = ("companion", "core", "drivers")
 """Packages of this software: if a module of them is missing, this is a defect."""
 
@@ -91,6 +94,7 @@ def _run(words: Sequence[str]) -> int:
         fail("no command is given; `companion --help` lists the commands")
         return 2
     try:
+        _refuse_addresses(args)
         return _print_version() if args.version else int(_module(args.command).run(args))
     except BrokenPipeError:  # an OSError, but not of the command
         raise
@@ -100,6 +104,16 @@ def _run(words: Sequence[str]) -> int:
     except _expected_errors() as error:
         fail(error_text(error, getattr(args, "output", None)))
         return 1
+
+
+def _refuse_addresses(args: argparse.Namespace) -> None:
+    """Raises UsageError for an address in place of a file: as a Path it has lost a slash, and would be a file's name."""
+    for value in vars(args).values():
+        if isinstance(value, Path) and _ADDRESS.match(str(value)):
+            raise UsageError(
+                f"{str(value).replace(':/', '://', 1)}: an address, and this command takes files of this computer; copy it to a "
+                "file first (`companion batch` and `companion find` take addresses)"
+            )
 
 
 def _parser(command: str) -> argparse.ArgumentParser:

@@ -81,6 +81,9 @@ def find_hits(dataset: str, condition: str, table: str | None = None) -> list[Hi
     except (ValueError, arrow.ArrowNotImplementedError, TypeError, OSError) as error:
         check_files(source, f"{dataset}/{table}")
         raise ValueError(f"{condition}: not a filter of the table {table}: {error}") from error
+    except Exception:  # of the library of an address
+        check_files(source, f"{dataset}/{table}")
+        raise
     return _hits(f"the table {table}", found.to_pylist())
 
 

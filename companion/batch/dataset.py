@@ -8,7 +8,8 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Final
 
@@ -125,6 +126,11 @@ def open_table(output: str, table: str) -> Any:
     fields = arrow.schema([("vehicle", arrow.string()), ("date", arrow.string())])
     partitioning = datasets.partitioning(fields, flavor="hive")
     location = f"{output}/{table}"
+    if output.startswith(("http://", "https://")):
+        raise DeviceNotFound(
+            f"{output}: a dataset cannot be read from a web server, which lists no folders; copy it to this computer, or to an "
+            "object store (s3://, gs://)"
+        )
     try:
         if is_url(output):
             system, path = file_system(location)
@@ -143,18 +149,25 @@ def open_table(output: str, table: str) -> Any:
 
 
 def read_rows(table: Any, location: str, columns: Sequence[str]) -> list[dict[str, Any]]:
-    """The rows of a table or of one of its files. Raises BadData for a damaged file."""
-    try:
+    """The rows of a table or of one of its files. Raises BadData for a damaged file, DeviceNotFound where an address cannot be
+    reached."""
+    with _reading(location):
         rows: list[dict[str, Any]] = table.to_table(columns=list(columns)).to_pylist()
-    except (arrow_module().ArrowInvalid, OSError) as error:
-        raise _damaged(location, error) from error
     return rows
 
 
 def check_files(table: Any, location: str) -> None:
-    """Raises BadData where a file of a table is damaged."""
-    try:
+    """Raises BadData where a file of a table is damaged, DeviceNotFound where an address cannot be reached."""
+    with _reading(location):
         table.count_rows()
+
+
+@contextmanager
+def _reading(location: str) -> Iterator[None]:
+    """Raises the errors of `check_files`."""
+    try:
+        with reaching(location) if is_url(location) else nullcontext():
+            yield
     except (arrow_module().ArrowInvalid, OSError) as error:
         raise _damaged(location, error) from error
 

@@ -309,6 +309,50 @@ def test_a_table_or_file_of_rows_that_cannot_be_read_is_named(
     assert "missing.parquet: cannot be read (no such file)" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "lost", [ConnectionResetError("connection lost"), RuntimeError("connection lost")], ids=["OSError", "other"]
+)
+@pytest.mark.parametrize("first_lost", range(4))
+def test_a_dataset_whose_connection_is_lost_is_not_called_damaged(
+    lost: Exception, first_lost: int, dataset: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The remedy was to delete a file of it; errors that are no OSError, as those of aiohttp and botocore, ended with a
+    traceback."""
+    fsspec = pytest.importorskip("fsspec")
+    local = pytest.importorskip("fsspec.implementations.local")
+    opened: list[str] = []
+
+    class Site(local.LocalFileSystem):  # type: ignore[misc]
+        protocol = "site"
+        cachable = False
+
+        @classmethod
+        def _strip_protocol(cls, path: str) -> str:
+            return str(path).removeprefix("site://")
+
+        def open(self, path: str, mode: str = "rb", **options: object) -> object:
+            opened.append(path)
+            if len(opened) > first_lost:
+                raise lost
+            return super().open(path, mode, **options)
+
+    fsspec.register_implementation("site", Site, clobber=True)
+    assert main(["find", f"site://{dataset}", '[["sequence", "=", 5]]', "--list"]) == 1
+    err = capsys.readouterr().err
+    assert "cannot be reached (connection lost); check the address, the access to it, and the network" in err
+    assert "delete" not in err
+
+
+def test_a_dataset_at_a_web_address_is_refused_with_the_remedy(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where the server could not be reached: "there is no such table"; otherwise "a file of this table is damaged"."""
+    for words in (
+        ["find", "http://127.0.0.1:9/ds", "blind", "--list"],
+        ["batch", "--compare", "https://h/a", "b", "-o", "r"],
+    ):
+        assert main(words) == 1
+        assert "a dataset cannot be read from a web server, which lists no folders; copy it" in capsys.readouterr().err
+
+
 def one_clip(dataset: Path, output: Path) -> Clip:
     """The first second of a log of the dataset."""
     row = open_table(str(dataset), "flights").to_table().to_pylist()[0]

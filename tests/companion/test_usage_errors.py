@@ -184,6 +184,23 @@ def test_parsers_accept_a_list_that_begins_with_a_minus() -> None:
     assert views.parse_args(["--pitch", "-20,5"]).pitch == ["-20", "5"]
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "info http://host/a.mcap",
+        "replay s3://bucket/a.mcap",
+        "import https://host/a.mcap -o b.mcap",
+        "replay a.mcap -o s3://bucket/b.mcap",
+        "view a.mcap -o s3://bucket/pictures",
+    ],
+)
+def test_an_address_in_place_of_a_file_is_called_so(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """`http:/host/a.mcap: the file does not exist`; `view` made a folder `s3:`."""
+    (address,) = (word for word in line.split() if "://" in word)
+    assert main(line.split()) == 2
+    assert f"{address}: an address, and this command takes files of this computer; copy" in capsys.readouterr().err
+
+
 def test_ctrl_c_while_a_command_is_loaded_prints_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     """Loading takes a second or more, in which an interrupt ended with some 40 lines."""
 
