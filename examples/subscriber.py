@@ -1,5 +1,6 @@
 """A minimal planner client. Run it beside the service: .venv/bin/python examples/subscriber.py [ADDRESS]"""
 
+import argparse
 import sys
 from contextlib import suppress
 
@@ -23,11 +24,10 @@ def on_message(message: Message) -> None:
     print(flush=True)
 
 
-if len(sys.argv) > 2:
-    print(f"usage: {sys.argv[0]} [ADDRESS]", file=sys.stderr)
-    sys.exit(2)
+parser = argparse.ArgumentParser(description="Prints what a planner may take as free.")
+parser.add_argument("address", nargs="?", help="ipc://PATH or tcp://HOST:PORT (default: the service on this computer)")
 try:
-    with suppress(KeyboardInterrupt), Subscriber(*sys.argv[1:2]) as subscriber:  # Ctrl-C ends it
+    with suppress(KeyboardInterrupt), Subscriber(parser.parse_args().address) as subscriber:  # Ctrl-C ends it
         while subscriber.wait(1.0) is None:
             print(
                 f"no message on {subscriber.address}: nothing may be taken as free; does the service run?", flush=True

@@ -257,6 +257,9 @@ def test_a_file_that_cannot_be_used_is_an_error_that_names_it(program: Path, nam
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
+        ("query", ["--help"]),
+        ("tracks", ["--help"]),
+        ("subscriber", ["--help"]),
         ("query", ["FILE", "--allow-opened"]),
         ("query", ["FILE", "--allow-open", "more"]),
         ("tracks", ["FILE", "more"]),

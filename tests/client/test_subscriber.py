@@ -397,6 +397,14 @@ def test_the_example_refuses_a_second_argument() -> None:
     assert done.stderr.startswith("usage:")
 
 
+def test_the_example_explains_itself() -> None:
+    """`--help` was an address that cannot be used."""
+    command = [sys.executable, str(ROOT / "examples" / "subscriber.py"), "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment())
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("usage:")
+
+
 def environment() -> dict[str, str]:
     """With the modules of this checkout."""
     return os.environ | {"PYTHONPATH": str(ROOT)}

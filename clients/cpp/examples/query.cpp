@@ -9,7 +9,7 @@
 
 int main(int argc, char** argv) {
   const bool allow_open = argc == 3 && std::string(argv[2]) == "--allow-open";
-  if (argc != 2 && !allow_open) {
+  if ((argc != 2 && !allow_open) || *argv[1] == '-') {
     std::cerr << "usage: " << argv[0] << " FILE [--allow-open]   with an osape.v1.PrismsFrame\n";
     return 2;
   }

@@ -46,7 +46,7 @@ int run(const char* address, long count) {
 int main(int argc, char** argv) {
   char* end = nullptr;
   const long count = argc > 2 ? std::strtol(argv[2], &end, 10) : -1;  // -1: without end
-  if (argc < 2 || argc > 3 || (argc == 3 && (end == argv[2] || *end != '\0' || count < 0))) {
+  if (argc < 2 || *argv[1] == '-' || argc > 3 || (argc == 3 && (end == argv[2] || *end != '\0' || count < 0))) {
     std::fprintf(stderr, "usage: %s ADDRESS [COUNT]   e.g. ipc:///run/osape-companion/prisms\n", argv[0]);
     return 2;
   }

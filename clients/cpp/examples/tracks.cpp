@@ -6,7 +6,7 @@
 #include "osape_client/tracks.h"
 
 int main(int argc, char** argv) {
-  if (argc != 2) {
+  if (argc != 2 || *argv[1] == '-') {
     std::fprintf(stderr, "usage: %s FILE   with an osape.v1.Tracks\n", argv[0]);
     return 2;
   }
