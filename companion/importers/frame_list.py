@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Final
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, Event
@@ -12,6 +13,9 @@ from ..pipeline.sync import NS
 from .frames_csv import FrameRow
 from .images import DepthImages
 from .report import ImportOptions, Report
+
+_LONGEST_NS: Final = 1 << 62
+"""Shifted times, with the delay of the arrival, fit into the 63 bits of a log's stamps."""
 
 Samples = tuple[list[AttitudeSample], list[PoseSample]]
 
@@ -78,10 +82,15 @@ class FrameListSource:
         )
 
     def _shift(self) -> int:
-        """Shift in whole seconds that makes all timestamps 0 or later, as a log requires."""
+        """Shift in whole seconds that makes all timestamps 0 or later, as a log requires. Raises BadData for times too far apart."""
         samples: list[AttitudeSample | PoseSample] = [*self._attitudes, *self._poses]
-        first = min([r.t_ns for r in self._rows] + [s.t_ns for s in samples])
+        times = [r.t_ns for r in self._rows] + [s.t_ns for s in samples]
+        first, last = min(times), max(times)
         shift_ns = -(first // NS) * NS if first < 0 else 0
+        if last - first > _LONGEST_NS:
+            raise BadData(
+                f"{self._list_name}: times from {first} ns to {last} ns do not fit into one log; correct the first or the last stamp"
+            )
         if shift_ns:
             self._report.note(f"all timestamps were shifted by {shift_ns // NS} s, so that none is negative")
         return shift_ns

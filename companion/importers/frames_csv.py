@@ -117,7 +117,7 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
         )
         return None
     if not -(1 << 62) < t_ns < 1 << 62:
-        report.problem("row", f"{path} line {line}: t_ns {stamp} is out of range; row left out")
+        report.problem("row", f"{path} line {line}: t_ns {stamp} is out of range; row left out; correct the stamp")
         return None
     file_right = cells.get("file_right") or ""
     for name in (file, file_right):

@@ -188,6 +188,23 @@ def test_bad_rows_are_reported_with_their_lines(
     assert len(frames_of(out)) == kept
 
 
+def test_times_that_fit_into_no_log_are_an_error_of_the_list(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was `Value out of range: 9223372037427387903`, and a part of a log was left."""
+    first, last = (
+        row(0).replace("png,0,", f"png,{1 - (1 << 62)},"),
+        row(19).replace(",1900000000,", f",{(1 << 62) - 1},"),
+    )
+    folder = write_folder(tmp_path / "rec", 20, [first, *map(row, range(1, 19)), last])
+    status, _ = imported(folder)
+    assert status == 1
+    err = capsys.readouterr().err
+    assert "frames.csv: times from -4611686018427387903 ns to 4611686018427387903 ns do not fit into one log" in err
+    assert "correct the first or the last stamp" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["rec"]
+
+
 def test_a_pause_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = rows_with(dict.fromkeys(range(2, 9)), 20)
     folder = write_folder(tmp_path / "rec", 20, rows)
