@@ -26,7 +26,7 @@ from .frame_rows import text_hash
 from .jobs import BatchOptions, Failure, FlightTask, Process
 from .local_engine import LocalEngine
 from .parquet_table import arrow_module
-from .storage import is_url
+from .storage import is_url, utf8_name
 
 _LISTED: Final = 10
 LOCK_FILE: Final = ".lock"
@@ -222,7 +222,7 @@ def run(args: argparse.Namespace) -> int:
     options = BatchOptions(
         config=config, near_m=_NEAR_M if args.near is None else args.near, planes=args.planes, logs=args.logs
     )
-    output = args.output if is_url(args.output) else os.path.realpath(args.output)
+    output = utf8_name(args.output if is_url(args.output) else os.path.realpath(args.output))
     engine_name = EngineName(args.engine or EngineName.LOCAL)
     engine = make_engine(engine_name, args.address, args.workers, run_task)
     flights = find_flights(args.inputs, args.vehicle, output)

@@ -94,8 +94,21 @@ def find_logs(location: str) -> list[StoredFile]:
     DeviceNotFound where there is none."""
     found = list(_remote_logs(location) if is_url(location) else _local_logs(location))
     if not found:
-        raise DeviceNotFound(f"{location}: no log (*.mcap) found; check the path")
+        raise DeviceNotFound(f"{location}: no log (*.mcap) found; check the path and its permissions")
+    for file in found:
+        utf8_name(file.location)
     return sorted(found)
+
+
+def utf8_name(location: str) -> str:
+    """The location. Raises ValueError where it is not UTF-8, as the texts of a table are."""
+    try:
+        location.encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(
+            f"{location}: this name is not UTF-8, which the tables need; rename the file or folder"
+        ) from error
+    return location
 
 
 def is_result(location: str, output: str) -> bool:

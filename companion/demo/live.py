@@ -101,7 +101,10 @@ def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress =
         shutil.rmtree(run, ignore_errors=True)
     recorded = [f.path for f in files_of(logs) if not f.active]
     if len(recorded) != 1:
-        raise DemoError(f"{logs}: {len(recorded)} finished logs, expected one")
+        raise DemoError(
+            f"{logs}: {len(recorded)} finished logs, expected one; check the free space there. The service reported: "
+            f"{'; '.join(health.troubles) or 'no fault'}"
+        )
     return LiveRun(log=recorded[0], health=health, received=received, duration_s=duration_s)
 
 

@@ -55,6 +55,8 @@ def open_scan(path: Path) -> McapScan:
         ) from error
     except FileNotFoundError as error:
         raise DeviceNotFound(f"{path}: the file does not exist; check the path") from error
+    except IsADirectoryError as error:
+        raise BadData(f"{path}: a directory; give one of its logs (`companion batch` takes directories)") from error
     except OSError as error:
         raise DeviceNotFound(
             f"{path}: cannot be opened ({error.strerror}); check the path and its permissions"

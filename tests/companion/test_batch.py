@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import shutil
 from dataclasses import replace
@@ -111,6 +112,18 @@ def test_replayed_logs_of_the_output_are_no_flights(tmp_path: Path, output: str)
     touch(tmp_path, f"{output}/.unfinished/alpha-one-x/one.mcap")
     found = find_flights([str(tmp_path / "all")], output=str(tmp_path / output))
     assert [str(flight) for flight in found] == ["alpha/one", "logs/two"]
+
+
+def test_a_name_that_no_table_can_hold_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`'utf-8' codec can't encode character '\\udce9'`."""
+    errors: list[str] = []
+    monkeypatch.setattr("companion.cli.fail", errors.append)
+    name = os.fsdecode(b"caf\xe9")
+    touch(tmp_path, f"{name}.mcap", "plain.mcap")
+    for words in ([f"{name}.mcap", "-o", "out"], ["plain.mcap", "-o", name]):
+        assert main(["batch", *(word if word == "-o" else str(tmp_path / word) for word in words)]) == 1
+        assert errors.pop().endswith("this name is not UTF-8, which the tables need; rename the file or folder")
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_an_input_without_logs_is_named(tmp_path: Path) -> None:

@@ -516,6 +516,14 @@ def test_where_nothing_is_readable_nothing_is_written(tmp_path, content, capsys)
     assert [p.name for p in tmp_path.iterdir()] == ["bad.mcap"]
 
 
+@pytest.mark.parametrize("command", ["info", "replay", "recover", "export -f csv -o out", "view -o out"])
+def test_a_directory_is_no_log(command, tmp_path, capsys):
+    """`cannot be opened (Is a directory); check the path and its permissions`."""
+    name, *options = command.split()
+    assert main([name, str(tmp_path), *options]) == 1
+    assert f"{tmp_path}: a directory; give one of its logs" in capsys.readouterr().err
+
+
 def test_an_unreadable_file_is_not_overwritten(whole):
     with pytest.raises(ValueError, match="the same file"):
         recover(whole, whole)
