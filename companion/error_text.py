@@ -8,6 +8,8 @@ from pathlib import Path
 def error_text(error: Exception, output: Path | str | None = None) -> str:
     """The message of an error. For errors of the operating system: the file and what to check. output: of the command; it is
     named where the error names no file."""
+    if isinstance(error, FileExistsError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}; give another name"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; check the path, its permissions and the free space"
     if isinstance(error, OSError):

@@ -226,7 +226,7 @@ class LogWriter:
 def refuse_output(path: Path, *inputs: Path, replace: bool) -> None:
     """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name), as
     `refuse_target`, and without `replace` an unfinished log."""
-    active = path.with_name(path.name + ACTIVE)
+    active = Path(f"{path}{ACTIVE}")  # with_name raises ValueError for the directory "."
     # Path.resolve raises RuntimeError for a link to itself
     taken = {os.path.realpath(path), os.path.realpath(active)}
     for given in inputs:

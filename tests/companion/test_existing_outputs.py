@@ -39,6 +39,28 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.parametrize("output", [".", "/", "there"])
+@pytest.mark.parametrize("command", ["replay", "recover", "import"])
+def test_a_directory_is_no_place_of_a_log(
+    command: str, output: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`PosixPath('.') has an empty name`."""
+    monkeypatch.chdir(tmp_path)
+    Path("there").mkdir()
+    source = write_folder(tmp_path / "rec") if command == "import" else LOG
+    assert main([command, str(source), "-o", output, "--replace"]) == 1
+    assert f"{output}: is a directory; give -o the name of a file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", ["view -o", "demo --fast -o"])
+def test_a_file_is_no_directory(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`File exists; check the path, its permissions and the free space`."""
+    (there := tmp_path / "there").touch()
+    name, *options = words.split()
+    assert main([name, *([str(LOG)] if name == "view" else []), *options, str(there)]) == 1
+    assert capsys.readouterr().err == f"companion: error: {there}: File exists; give another name\n"
+
+
 @pytest.mark.parametrize("case", WRITERS)
 def test_a_file_is_replaced_on_request_only(
     case: str, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
