@@ -15,6 +15,8 @@ from typing import Any, Final
 from drivers.base import DeviceNotFound, DriverError
 from drivers.optional_library import install_command
 
+from ..console import warn
+
 LOG_NAMES: Final = ("*.mcap", "*.mcap.active")
 LOGS: Final = "logs"
 """Folder in a dataset for replayed logs."""
@@ -120,7 +122,8 @@ def is_result(location: str, output: str) -> bool:
 def _local_logs(location: str) -> Iterator[StoredFile]:
     path = Path(location)
     if path.is_dir():
-        paths = [p for pattern in LOG_NAMES for p in path.rglob(pattern)]
+        found_in = ((Path(folder), names) for folder, _, names in os.walk(path, onerror=_left_out))
+        paths = [folder / name for folder, names in found_in for name in names if _is_log(name)]
     elif path.exists():
         paths = [path]
     else:
@@ -128,6 +131,15 @@ def _local_logs(location: str) -> Iterator[StoredFile]:
     for found in paths:
         if found.is_file():
             yield StoredFile(str(found.resolve()), found.stat().st_size)
+
+
+def _left_out(error: OSError) -> None:
+    """Prints which folder cannot be read."""
+    warn(f"{error.filename}: cannot be read ({error.strerror}): logs in it are left out; check its permissions")
+
+
+def _is_log(name: str) -> bool:
+    return any(fnmatch.fnmatch(name, pattern) for pattern in LOG_NAMES)
 
 
 def _remote_logs(location: str) -> Iterator[StoredFile]:
@@ -143,8 +155,7 @@ def _remote_logs(location: str) -> Iterator[StoredFile]:
     except FileNotFoundError:
         return
     for name, info in listed.items():
-        is_log = any(fnmatch.fnmatch(name, pattern) for pattern in LOG_NAMES)
-        if info["type"] == "file" and (is_log or name == path):
+        if info["type"] == "file" and (_is_log(name) or name == path):
             if info["size"] is None:  # by it a changed log is recognised
                 raise DeviceNotFound(
                     f"{location}: the size of this file is not known, as that of a page; give the address of a log, or copy the "

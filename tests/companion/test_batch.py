@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -124,6 +125,25 @@ def test_a_name_that_no_table_can_hold_is_named(tmp_path: Path, monkeypatch: pyt
         assert main(["batch", *(word if word == "-o" else str(tmp_path / word) for word in words)]) == 1
         assert errors.pop().endswith("this name is not UTF-8, which the tables need; rename the file or folder")
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_folder_that_cannot_be_read_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its flights were missing without a message."""
+    touch(tmp_path, "alpha/one.mcap", "beta/two.mcap")
+    scandir = os.scandir
+
+    def scan(path: str) -> object:
+        if Path(path).name == "beta":
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", scan)
+    assert [str(flight) for flight in find_flights([str(tmp_path)])] == ["alpha/one"]
+    assert (
+        f"{tmp_path / 'beta'}: cannot be read (Permission denied): logs in it are left out" in capsys.readouterr().err
+    )
 
 
 def test_an_input_without_logs_is_named(tmp_path: Path) -> None:
