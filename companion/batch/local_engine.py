@@ -19,8 +19,13 @@ from .jobs import Failure, FlightTask, Outcome, Process
 
 
 def _start_worker() -> None:
-    """Ends a worker whose parent was killed."""
+    """Ends a worker whose parent was killed, and lets one that is ended delete its temporary files."""
+    signal.signal(signal.SIGTERM, _exit)
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+
+
+def _exit(number: int, frame: object) -> None:
+    raise SystemExit(1)
 
 
 def _end_with_parent() -> None:
@@ -52,7 +57,7 @@ class _Slot:
             error = future.exception()
             if error is None:
                 return Done(task, future.result(), attempt)
-            if not isinstance(error, BrokenProcessPool):
+            if not isinstance(error, BrokenProcessPool | SystemExit):
                 return Done(task, Failure(unexpected_text(error)), attempt)
             self.close()
             if self._stopped:

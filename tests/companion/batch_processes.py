@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tempfile
 import time
 from pathlib import Path
 
@@ -41,7 +42,8 @@ def defective(task: FlightTask) -> Outcome:
 
 
 def endless(task: FlightTask) -> Outcome:
-    """Runs until its process is killed."""
-    note(task)
-    time.sleep(600.0)
+    """Runs until its process is ended, with a temporary folder as of copies of logs."""
+    with tempfile.TemporaryDirectory(dir=task.output, prefix="copies-"):
+        note(task)
+        time.sleep(600.0)
     return outcome_of(task)
