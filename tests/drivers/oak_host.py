@@ -30,6 +30,11 @@ def now() -> timedelta:
     return timedelta(microseconds=time.monotonic_ns() // 1000)
 
 
+def stamp_ns(message: dai.ImgFrame) -> int:
+    """The stamp of an image, ns."""
+    return message.getTimestamp() // timedelta(microseconds=1) * 1000
+
+
 def depth_message(number: int, **changes: Any) -> dai.ImgFrame:
     """A RAW16 frame as StereoDepth sends it. changes: pixels, age_s or stamp, matrix, kind, size of its transformation."""
     message = dai.ImgFrame()
