@@ -177,7 +177,7 @@ def test_free_space_that_the_service_no_longer_holds_is_not_free_in_the_copy(
             begun = mirror.space.snapshot.blocks.tolist()
             while world.numbers()["free_blocks_dropped"] < 20:
                 advance()
-            assert until(lambda: follows() and same_place(mirror, world), 20.0)
+            assert until(lambda: follows() and same_place(mirror, world), 60.0)
             assert not any(block in mirror.space.snapshot.blocks.tolist() for block in begun)
     finally:
         speaker.close()

@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -254,15 +253,13 @@ def attitude_error_deg(message: pb.PrismsFrame, flight: LoopingFlight) -> float:
     return float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
 
 
+def sent_ns(message: Any) -> int:
+    """When the service sent a message of a frame."""
+    return int(message.t_exposure_ns + message.publication.age_ns)
+
+
 def sent_hz(messages: list[Any]) -> float:
-    """Rate of one stream at the sender, in Hz, from the numbers and times of sending in the messages: it does not depend on
-    when this process received them."""
-    first, last = (m.publication for m in (messages[0], messages[-1]))
-    dt_ns = messages[-1].t_exposure_ns + last.age_ns - messages[0].t_exposure_ns - first.age_ns
-    return (last.number - first.number) * NS / dt_ns
-
-
-def longest_silence_s(subscription: Subscription, since_ns: int, camera: str = "front") -> float:
-    """Longest time between two messages of a camera, in seconds."""
-    received = [at for at, m in list(subscription.received) if at >= since_ns and m.camera == camera]
-    return max((b - a for a, b in pairwise(received)), default=10**12) / NS
+    """Rate of one stream at the sender, in Hz, from the numbers and times of sending in the newest 40 messages: it does not
+    depend on when this process received them. A busy machine may send some of them late."""
+    first, last = messages[-40:][0], messages[-1]
+    return (last.publication.number - first.publication.number) * NS / max(1, sent_ns(last) - sent_ns(first))

@@ -24,7 +24,7 @@ from companion.cameras import supervisor as camera_supervisor
 from companion.cameras import worker
 from companion.cameras.factory import make_source
 from companion.cameras.frozen_frames import FrozenFrameDetector
-from companion.cameras.supervisor import CameraCondition, CameraSupervisor
+from companion.cameras.supervisor import CameraCondition, CameraStatus, CameraSupervisor
 from companion.cameras.worker import info_from_json, info_to_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
@@ -48,6 +48,8 @@ from drivers.cameras.frame_channel import FrameReader
 pytestmark = pytest.mark.process
 
 QUICK = SupervisorParams(silent_s=0.3, restart_s=1.0, first_backoff_s=0.0, longest_backoff_s=0.2)
+PATIENT = SupervisorParams(silent_s=10.0, restart_s=30.0, first_backoff_s=0.0, longest_backoff_s=0.2)
+"""Where silence is not the subject: a slow machine may hold up a camera process for seconds."""
 
 CAMERA = textwrap.dedent("""
     import json, os, sys, time
@@ -155,7 +157,7 @@ def test_a_process_that_cannot_be_ended_does_not_stop_its_supervision(
     with Watched(tmp_path, "hangs:3") as w:
         assert w.until(lambda: bool(ends))
         alive_ns = w.supervisor.status.alive_ns
-        assert w.until(lambda: "still held by the kernel" in w.supervisor.status.cause, 10.0), w.supervisor.status
+        assert w.until(lambda: "still held by the kernel" in w.supervisor.status.cause), w.supervisor.status
         assert w.until(lambda: w.supervisor.status.alive_ns > alive_ns)
         assert w.is_(CameraCondition.LOST)
         assert w.supervisor.status.starts == 1  # the device is in use by the process
@@ -194,7 +196,7 @@ def test_the_process_of_a_channel_that_fails_is_collected_before_the_next_start(
 
 def test_ctrl_c_in_the_terminal_reaches_the_service_alone(tmp_path: Path) -> None:
     """A camera process that was still importing its modules printed a traceback."""
-    with Watched(tmp_path, "well:0") as w:
+    with Watched(tmp_path, "well:0", PATIENT) as w:
         assert w.until(lambda: w.supervisor.pid is not None)
         assert w.supervisor.pid is not None
         assert os.getpgid(w.supervisor.pid) != os.getpgrp()
@@ -217,7 +219,7 @@ def test_the_cause_of_a_failure_may_be_long(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_frames_of_a_camera_flow(tmp_path: Path) -> None:
-    with Watched(tmp_path, "well:0") as w:
+    with Watched(tmp_path, "well:0", PATIENT) as w:
         assert w.until(lambda: len(w.frames) > 20)
         assert w.is_(CameraCondition.RUNNING)
         assert w.infos[0].intrinsics.width == 64
@@ -225,7 +227,7 @@ def test_frames_of_a_camera_flow(tmp_path: Path) -> None:
 
 
 def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
-    with Watched(tmp_path, "well:0") as w:
+    with Watched(tmp_path, "well:0", PATIENT) as w:
         assert w.until(lambda: len(w.frames) > 5)
         assert w.supervisor.status.last_loss_ns is None
         pid = w.supervisor.pid
@@ -238,13 +240,13 @@ def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
 
 
 def test_the_exit_status_of_a_process_without_a_cause_is_reported(tmp_path: Path) -> None:
-    with Watched(tmp_path, "exits:3") as w:
+    with Watched(tmp_path, "exits:3", PATIENT) as w:
         assert w.until(lambda: bool(w.supervisor.status.last_loss))
         assert w.supervisor.status.last_loss == "camera front: its process has ended, exit status 7"
 
 
 def test_the_cause_that_a_camera_gives_is_reported(tmp_path: Path) -> None:
-    with Watched(tmp_path, "ends:5") as w:
+    with Watched(tmp_path, "ends:5", PATIENT) as w:
         assert w.until(lambda: w.supervisor.status.last_loss == "the cable is out")
         assert w.until(lambda: w.supervisor.status.starts >= 2)
 
@@ -255,7 +257,7 @@ def starts_of(folder: Path, habit: str, monkeypatch: pytest.MonkeyPatch, starts:
     monkeypatch.setattr(CameraSupervisor, "_wait", lambda self, seconds: waits.append(seconds))
     slow = SupervisorParams(first_backoff_s=0.5, longest_backoff_s=4.0)
     with Watched(folder, habit, slow) as w:
-        assert w.until(lambda: w.supervisor.status.starts >= starts, 40.0)
+        assert w.until(lambda: w.supervisor.status.starts >= starts)
     return waits[: starts - 1]
 
 
@@ -295,7 +297,7 @@ def test_a_frozen_image_is_named_and_not_passed_on(tmp_path: Path) -> None:
 
 def test_a_repeated_image_is_not_passed_on_with_a_new_stamp(tmp_path: Path) -> None:
     """In a turn of 60 deg/s the attitude of the next frame at 30 Hz is 2 degrees from that of the image, after four frames 8."""
-    with Watched(tmp_path, "twice:0") as w:
+    with Watched(tmp_path, "twice:0", PATIENT) as w:
         assert w.until(lambda: len(w.frames) > 10)
         assert w.is_(CameraCondition.RUNNING)
         assert differing(w.frames)
@@ -310,8 +312,9 @@ def test_an_image_that_is_frozen_after_the_restart_too_is_not_passed_on_again(tm
 
 def test_stamps_that_stand_still_are_named(tmp_path: Path) -> None:
     with Watched(tmp_path, "stuck:10") as w:
-        assert w.until(lambda: w.is_(CameraCondition.FROZEN))
-        assert "its stamps have not moved" in w.supervisor.status.cause
+        found: list[CameraStatus] = []
+        assert w.until(lambda: (found.append(w.supervisor.status), found[-1].condition is CameraCondition.FROZEN)[1])
+        assert "its stamps have not moved" in found[-1].cause
 
 
 def test_a_camera_that_cannot_be_opened_names_the_cause(tmp_path: Path) -> None:
@@ -334,7 +337,7 @@ def test_the_simulated_camera_in_its_own_process(tmp_path: Path) -> None:
 
 
 def test_the_process_ends_with_the_service(tmp_path: Path) -> None:
-    with Watched(tmp_path, "well:0") as w:
+    with Watched(tmp_path, "well:0", PATIENT) as w:
         assert w.until(lambda: len(w.frames) > 2)
         pid = w.supervisor.pid
         assert pid is not None

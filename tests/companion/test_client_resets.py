@@ -27,7 +27,7 @@ class Room:
 
 def reset(port: int, request: bytes) -> None:
     """Sends a request, or a part of it, and ends the connection by a reset."""
-    with socket.create_connection(("127.0.0.1", port), 5.0) as client:
+    with socket.create_connection(("127.0.0.1", port), 60.0) as client:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         client.sendall(request)
         time.sleep(0.05)  # the server must have begun to read, or there would be nothing to reset
@@ -46,7 +46,7 @@ def port(request: pytest.FixtureRequest) -> Iterator[int]:
 def test_a_reset_leaves_no_traceback(port: int, request_bytes: bytes, capfd: pytest.CaptureFixture[str]) -> None:
     for _ in range(3):
         reset(port, request_bytes)
-    with socket.create_connection(("127.0.0.1", port), 5.0) as client:  # it answers on
+    with socket.create_connection(("127.0.0.1", port), 60.0) as client:  # it answers on
         client.sendall(b"GET /none HTTP/1.0\r\nHost: localhost\r\n\r\n")
         assert b"404" in client.recv(100)
     assert "Traceback" not in capfd.readouterr().err
@@ -59,7 +59,7 @@ def test_another_error_shows_its_trace(monkeypatch: pytest.MonkeyPatch, capfd: p
     monkeypatch.setattr(view_live, "answer", broken)
     server = LiveServer(cast(Any, Room()), "127.0.0.1", 0)
     server.open()
-    with socket.create_connection(("127.0.0.1", server.port), 5.0) as client:
+    with socket.create_connection(("127.0.0.1", server.port), 60.0) as client:
         client.sendall(b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
         client.recv(100)
     server.close()
@@ -79,8 +79,8 @@ def test_the_end_waits_for_a_request_that_is_being_answered(monkeypatch: pytest.
     monkeypatch.setattr(view_live, "answer", slow)
     server = LiveServer(cast(Any, Room()), "127.0.0.1", 0)
     server.open()
-    with socket.create_connection(("127.0.0.1", server.port), 5.0) as client:
+    with socket.create_connection(("127.0.0.1", server.port), 60.0) as client:
         client.sendall(b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
-        assert begun.wait(5.0)
+        assert begun.wait(60.0)
         server.close()
         assert ended.is_set()

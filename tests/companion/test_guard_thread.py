@@ -175,7 +175,7 @@ def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_afte
     flight, disk, write = Flight(tmp_path), threading.Event(), StateFile._write
 
     def slow(file: StateFile, *args: Any) -> None:
-        assert disk.wait(30.0)
+        assert disk.wait(60.0)
         write(file, *args)
 
     monkeypatch.setattr(StateFile, "_write", slow)
@@ -262,7 +262,7 @@ def test_a_guard_that_has_ended_ends_the_service() -> None:
     guard = guard_with(vehicle)
     assert parts_of(guard).stalled(START_NS, NS) == "", "not started"
     guard.open()
-    assert reached.wait(10.0)
+    assert reached.wait(60.0)
     guard.close()
     assert parts_of(guard).failures() == "the guard has ended: ValueError: test"
     assert parts_of(guard).stalled(guard.alive_ns, NS) == "", "it has ended"
@@ -273,13 +273,13 @@ def test_a_guard_that_does_not_respond_is_a_stalled_part() -> None:
 
     def vehicle() -> Vehicle | None:
         reached.set()
-        release.wait(10.0)
+        release.wait(60.0)
         return None
 
     guard = guard_with(vehicle)
     guard.open()
     try:
-        assert reached.wait(10.0)
+        assert reached.wait(60.0)
         assert parts_of(guard).stalled(guard.alive_ns + NS, NS) == ""
         assert parts_of(guard).stalled(guard.alive_ns + NS + 1, NS) == "the guard does not respond"
         assert parts_of(guard).failures() == ""

@@ -90,7 +90,7 @@ def test_a_frame_and_several_samples_end_the_wait() -> None:
             waiting = pool.submit(event_queue.take, 30.0)
             assert not wait([waiting], 0.05).done
             wake()
-            assert len(waiting.result(10.0)) == count
+            assert len(waiting.result(60.0)) == count
     event_queue.put([attitude(1)])
     assert event_queue.take(0.01) == [attitude(1)]
 

@@ -133,10 +133,8 @@ def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(avoid
         allowed = {302} if avoiding.kind == PX4 else {WALL_CM}
         assert late
         assert [x for x in late if not set(x[1]) <= allowed] == []
-    counts = avoiding.health.since(0)[-1].autopilot.counts
-    assert counts["other_vehicle"] > 100
-    assert counts["timesync_unpaired"] > 100
-    assert counts["noise_bytes"] > 1000
+        least = {"other_vehicle": 100, "timesync_unpaired": 100, "noise_bytes": 1000}
+        avoiding.health.wait(lambda h: all(h.autopilot.counts[name] > n for name, n in least.items()), PATIENCE_S)
     assert until(avoiding.has_obstacles), avoiding.live.output()
 
 
@@ -150,8 +148,9 @@ def test_a_forged_kind_of_autopilot_causes_no_silence_and_no_clear_sector(avoidi
         avoiding.health.wait(lambda h: any("contradictory heartbeats" in t for t in h.troubles), PATIENCE_S)
         assert until(avoiding.has_obstacles)
         stopped_ns, late = blind_after(avoiding, 3.5)
-        begin_ns, end_ns = stopped_ns + 3 * NS, stopped_ns + round(3.5 * NS)
-        # no silence; on a busy machine the service answers the other address for a while
+        # no silence: that of PX4's policy would begin after 2 s
+        begin_ns, end_ns = stopped_ns + round(2.5 * NS), stopped_ns + round(3.5 * NS)
+        # on a busy machine the service answers the other address for a while
         assert until(lambda: any(begin_ns < t < end_ns for t in decisions_ns(avoiding, answers)))
         wall = late[len(late) // 2][1]
         assert all(v < 1200 for v in wall)
@@ -208,7 +207,7 @@ def test_forged_parameters_do_not_move_the_wall(avoiding: AvoidingService) -> No
     values = [packed(dialect.MAVLink_param_value_message(name, v, 9, 1, 0)) for v in (20.0, 0.5)]
     with sending(avoiding, lambda k: values if k % 10 == 0 else []):
         begun_ns = time.monotonic_ns()
-        assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
+        assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS)
         _, late = blind_after(avoiding, 1.0)
         assert late
         assert {v for _, ahead in late for v in ahead} == ({302} if avoiding.kind == PX4 else {WALL_CM})

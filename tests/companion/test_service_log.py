@@ -98,7 +98,7 @@ def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, re
     try:
         with flown(live) as line:
             live.start()
-            prisms.wait(lambda m: m.valid and m.camera == "right", 60.0)
+            prisms.wait(lambda m: m.valid and m.camera == "right", PATIENCE_S)
             os.kill(live.camera_pids()["front"], signal.SIGKILL)
             prisms.wait(lambda m: not m.valid and m.camera == "front", PATIENCE_S)
             prisms.wait(lambda m: m.valid and m.camera == "front", PATIENCE_S)

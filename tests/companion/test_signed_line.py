@@ -63,9 +63,8 @@ def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_report
     avoiding.health.wait(lambda h: any("does not sign, but a key is set" in t for t in h.troubles), PATIENCE_S)
     assert until(lambda: "OA: the autopilot does not sign, but a key is set" in avoiding.texts())
     silent_from = len(avoiding.messages())
-    health = avoiding.health.wait(
-        lambda h: h.state == pb.Health.STATE_BLIND, 10.0
-    )  # without an attitude it sees nothing
+    # without an attitude it sees nothing
+    health = avoiding.health.wait(lambda h: h.state == pb.Health.STATE_BLIND, PATIENCE_S)
     assert health.autopilot.counts["unsigned"] > 0
     assert len(avoiding.messages()) == silent_from
     sign(avoiding.line, bytes(reversed(KEY)))
@@ -95,7 +94,7 @@ def test_without_the_key_it_is_reported_that_the_autopilot_drops_messages(tmp_pa
         try:
             live.start()
             fault = "signs and no key is configured: it drops all messages"
-            avoiding.health.wait(lambda h: any(fault in t for t in h.troubles), 60.0)
+            avoiding.health.wait(lambda h: any(fault in t for t in h.troubles), PATIENCE_S)
             assert avoiding.messages() == []
             assert line.change(lambda a: len(a.of_kind("HEARTBEAT"))) > 0  # which it accepts unsigned
             text = "OA: the autopilot signs and no key is configured"
@@ -113,7 +112,7 @@ def test_a_key_that_others_can_read_stops_the_start(tmp_path: Path, renders: Pat
     live.start()
     try:
         assert live.process is not None
-        assert live.process.wait(60) == 1
+        assert live.process.wait(PATIENCE_S) == 1
         assert "others can read it (mode 644)" in live.output()
     finally:
         live.close()

@@ -57,6 +57,13 @@ def until(condition: Callable[[], bool], seconds: float = 60.0) -> bool:
     return condition()
 
 
+def next_round(link: MavlinkLink) -> None:
+    """Waits until the link's thread has begun another round, and with it has ended the one at hand."""
+    for _ in range(2):
+        now_ns = time.monotonic_ns()
+        assert until(partial(_is_alive_since, link, now_ns))
+
+
 @contextmanager
 def linked(address: Address, params: MavlinkParams | None = None) -> Iterator[tuple[MavlinkLink, Samples]]:
     samples: Samples = []
@@ -112,15 +119,15 @@ def test_distances_do_not_wait_in_the_buffer_of_a_slow_line(monkeypatch: pytest.
         for late, number in ((4000, 1), (4000, 2), (0, 3)):
             waiting[0] = late
             if late:
-                time.sleep(0.2)  # what is being sent
+                next_round(link)  # what is being sent
             link.post(dialect.MAVLink_obstacle_distance_message(0, 0, [number] * 72, 5, 20, 1200))
         assert until(lambda: bool(line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE"))))
         received = line.change(lambda a: [m.distances[0] for m in a.of_kind("OBSTACLE_DISTANCE")])
         assert received == [3]
         waiting[0] = 4000
-        assert until(lambda: "takes no messages: 4000 bytes" in link.state.warning, 5.0)
+        assert until(lambda: "takes no messages: 4000 bytes" in link.state.warning)
         waiting[0] = 0
-        assert until(lambda: "takes no messages" not in link.state.warning, 5.0)
+        assert until(lambda: "takes no messages" not in link.state.warning)
 
 
 def test_a_command_does_not_wait_until_a_line_takes_messages_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,7 +139,7 @@ def test_a_command_does_not_wait_until_a_line_takes_messages_again(monkeypatch: 
     with AutopilotLink(autopilot, end) as line, linked(parse_address(f"serial:{end.device}:57600")) as (link, _):
         assert until(lambda: link.status().vehicle is not None)
         waiting[0] = 4000
-        time.sleep(0.2)  # what is being sent
+        next_round(link)  # what is being sent
         link.post(commands.set_copter_mode(1, commands.COPTER_BRAKE))
         link.post(dialect.MAVLink_obstacle_distance_message(0, 0, [1201] * 72, 5, 20, 1200))
         time.sleep(1.0)
@@ -205,11 +212,12 @@ def test_a_host_name_that_takes_long_to_resolve_does_not_stop_the_thread(
     monkeypatch: pytest.MonkeyPatch, found: bool
 ) -> None:
     """Without a network the system tries for 10 to 20 s. The service was restarted meanwhile, as if it were hung."""
-    release, resolve, asked = threading.Event(), socket.getaddrinfo, threading.Event()
+    resolve, asked, release, resolved = socket.getaddrinfo, threading.Event(), threading.Event(), threading.Event()
 
     def slow(*args: Any) -> Any:
         asked.set()
         release.wait(60.0)
+        resolved.set()
         if not found:
             raise socket.gaierror(-3, "Temporary failure in name resolution")
         return resolve(*args)
@@ -223,13 +231,13 @@ def test_a_host_name_that_takes_long_to_resolve_does_not_stop_the_thread(
         release.set()
         assert until(lambda: link.state.open if found else "Temporary failure" in link.state.error)
     release.clear()
+    resolved.clear()
     link = MavlinkLink(Address("udpout", "localhost", free_port()), MavlinkSession(), lambda samples: None)
     asked.clear()
     link.open()
     assert asked.wait(60.0)
-    begun_ns = time.monotonic_ns()
     link.close()
-    assert time.monotonic_ns() - begun_ns < 10 * NS, "it does not wait for the name"
+    assert not resolved.is_set(), "it does not wait for the name"
     release.set()
 
 
@@ -259,7 +267,7 @@ def test_a_connection_that_falls_silent_is_opened_again(monkeypatch: pytest.Monk
     """After a network was down, TCP itself waits about as long again before it sends the rest."""
     monkeypatch.setattr(tcp_line, "SILENT_NS", NS // 2, raising=False)
     with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(10.0)
+        server.settimeout(60.0)
         with linked(parse_address(f"tcp:127.0.0.1:{server.getsockname()[1]}")) as (link, _):
             first, _ = server.accept()
             assert until(lambda: link.state.open)
@@ -291,7 +299,7 @@ def test_distances_do_not_wait_in_the_buffer_of_a_connection() -> None:
             assert until(lambda: link.status().vehicle is not None)
             for number in range(1, 601):
                 post(number)
-            assert until(lambda: "takes no messages" in link.state.warning, 5.0)
+            assert until(lambda: "takes no messages" in link.state.warning)
             parser, received = dialect.MAVLink(None), [0]
             while received[-1] < 601:
                 post(601)
@@ -299,7 +307,7 @@ def test_distances_do_not_wait_in_the_buffer_of_a_connection() -> None:
                     if message.get_type() == "OBSTACLE_DISTANCE":
                         received.append(message.distances[0])
             assert len(received) < 100, "600 were sent"
-            assert until(lambda: "takes no messages" not in link.state.warning, 5.0)
+            assert until(lambda: "takes no messages" not in link.state.warning)
 
 
 def test_bytes_waiting_on_the_link_are_read_by_catch_up() -> None:
@@ -455,11 +463,13 @@ def test_a_flood_is_named_beside_the_line() -> None:
     ):
         assert until(lambda: synchronised(link) and len(samples) > 20)
         assert link.state.flood == ""
-        for _ in range(1000):
-            sender.sendto(b"\x55" * 100, place)
-            if link.state.flood:
-                break
-            time.sleep(0.001)
+
+        def flooded() -> bool:
+            for _ in range(10):
+                sender.sendto(b"\x55" * 100, place)
+            return bool(link.state.flood)
+
+        assert until(flooded)
         assert "from 127.0.0.1:" in link.state.flood
         assert until(lambda: link.state.flood == "")
 
@@ -531,7 +541,7 @@ def test_a_line_that_breaks_while_it_catches_up_is_opened_again(monkeypatch: pyt
             return broken.is_set()
 
         assert until(caught_up)
-        assert until(lambda: link.state.losses == 1 and link.state.open, 10.0)
+        assert until(lambda: link.state.losses == 1 and link.state.open)
 
 
 def _is_alive_since(link: MavlinkLink, t_ns: int) -> bool:
@@ -663,10 +673,10 @@ def test_udp_and_tcp_over_ipv6() -> None:
     sending = UdpLine(parse_address(f"udpout:[::1]:{listening.port}"))
     try:
         sending.write(b"heartbeat")
-        ((data, _),) = listening.read(5.0)
+        ((data, _),) = listening.read(60.0)
         listening.answer(0)
         listening.write(b"answer")
-        assert (data, sending.read(5.0)[0][0]) == (b"heartbeat", b"answer")
+        assert (data, sending.read(60.0)[0][0]) == (b"heartbeat", b"answer")
     finally:
         listening.close()
         sending.close()
@@ -740,7 +750,7 @@ def test_bytes_that_arrive_during_a_read_are_not_stamped_before_their_arrival(mo
     try:
         os.write(own, b"early")
         monkeypatch.setattr("drivers.mavlink.serial_line.os.read", interrupted)
-        ((data, arrival_ns),) = line.read(5.0)
+        ((data, arrival_ns),) = line.read(60.0)
         assert data == b"earlylate"
         assert arrival_ns >= sent_ns
     finally:
@@ -755,7 +765,7 @@ def test_a_pty_that_hangs_up_is_lost() -> None:
     os.close(theirs)
     os.close(own)
     with pytest.raises(DeviceLost, match="check its cable"):
-        line.read(5.0)
+        line.read(60.0)
     line.close()
 
 

@@ -49,7 +49,7 @@ def at_the_end(stop: Callable[[], None]) -> Callable[[], None]:
 def oak(folder: Path) -> Camera:
     """A pipeline on the host, which stops."""
     link = HostLink(depth_message)
-    return OakSource(OakSettings(camera="front", match=DEVICE_ALONE, first_frame_s=20.0, find_s=0.1), link), at_the_end(
+    return OakSource(OakSettings(camera="front", match=DEVICE_ALONE, first_frame_s=60.0, find_s=0.1), link), at_the_end(
         link.stop
     )
 
@@ -96,7 +96,7 @@ def test_a_camera(make: Callable[[Path], Camera], tmp_path: Path) -> None:
         frames = []
         for _ in range(2):
             more()
-            frames.append(source.read(20.0))
+            frames.append(source.read(60.0))
         for frame in frames:
             assert isinstance(frame, DepthFrame)
             assert frame.camera == "front"

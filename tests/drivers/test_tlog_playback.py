@@ -76,7 +76,7 @@ def test_over_udp_as_it_came(shared_data: Path) -> None:
     try:
         assert until(lambda: link.state.open)
         player.start()
-        assert until(lambda: sum(isinstance(s, AttitudeSample) for s in samples) > 50, 20.0)
+        assert until(lambda: sum(isinstance(s, AttitudeSample) for s in samples) > 50)
         assert link.status().vehicle is not None
         assert all(s.t_ns <= s.t_arrival_ns for s in samples)
     finally:
