@@ -126,6 +126,8 @@ def test_the_commands_of_a_page_run_as_printed(
 ) -> None:
     pytest.importorskip("pyulog")
     pytest.importorskip("matplotlib")
+    # which frames are drawn is the subject of test_view_geometry.py: each page draws one
+    monkeypatch.setattr("companion.viewer.view.select_frames", lambda planes, blind: [0])
     for thing in material.iterdir():
         (tmp_path / thing.name).symlink_to(thing)
     monkeypatch.chdir(tmp_path)

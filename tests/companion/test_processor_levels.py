@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 import subprocess
 import sys
@@ -138,15 +139,29 @@ def installation(tmp_path: Path) -> Installation:
     return Installation(tmp_path)
 
 
+@pytest.fixture(scope="module")
+def shipped_once(tmp_path_factory: pytest.TempPathFactory) -> Installation:
+    """With the kernels of two levels. Tests use copies."""
+    shipped = Installation(tmp_path_factory.mktemp("installation"))
+    for flags in (V2, V3):
+        shipped.ship(flags)
+    return shipped
+
+
+@pytest.fixture
+def shipped(shipped_once: Installation, installation: Installation) -> Installation:
+    """An installation with the kernels of two levels."""
+    shutil.copytree(shipped_once.shared, installation.shared)
+    return installation
+
+
 @pytest.mark.process
 @needs_v3
-def test_an_empty_cache_starts_with_the_shipped_kernels_of_the_level(installation: Installation) -> None:
-    for flags in (V2, V3):
-        installation.ship(flags)
-    assert installation.start(V3, "of v3") == "x86-64-v3 1 0"
-    assert installation.start(V2, "of v2") == "x86-64-v2 1 0"
-    shipped, own = (set(installation.folder.joinpath(name).rglob("*.nbc")) for name in ("shared", "of v3"))
-    assert len(own) == len(shipped) / 2  # no kernel of another level is copied
+def test_an_empty_cache_starts_with_the_shipped_kernels_of_the_level(shipped: Installation) -> None:
+    assert shipped.start(V3, "of v3") == "x86-64-v3 1 0"
+    assert shipped.start(V2, "of v2") == "x86-64-v2 1 0"
+    every, own = (set(shipped.folder.joinpath(name).rglob("*.nbc")) for name in ("shared", "of v3"))
+    assert len(own) == len(every) / 2  # no kernel of another level is copied
 
 
 @pytest.mark.process
@@ -160,12 +175,10 @@ def test_shipped_kernels_of_another_level_are_not_used(installation: Installatio
 
 @pytest.mark.process
 @needs_v3
-def test_a_processor_below_all_levels_compiles_for_itself(installation: Installation) -> None:
-    for flags in (V2, V3):
-        installation.ship(flags)
-    assert installation.start("fpu sse sse2", "own") == "None 0 1"
-    assert installation.start("fpu sse sse2 popcnt", "own") == "None 0 1"  # a disk that was moved to another computer
-    assert installation.start("fpu sse sse2", "own") == "None 1 0"
+def test_a_processor_below_all_levels_compiles_for_itself(shipped: Installation) -> None:
+    assert shipped.start("fpu sse sse2", "own") == "None 0 1"
+    assert shipped.start("fpu sse sse2 popcnt", "own") == "None 0 1"  # a disk that was moved to another computer
+    assert shipped.start("fpu sse sse2", "own") == "None 1 0"
 
 
 @pytest.mark.process

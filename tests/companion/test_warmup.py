@@ -335,13 +335,17 @@ def test_progress_is_shown_while_a_child_compiles(
 
 
 def test_a_start_that_is_cancelled_does_not_wait_for_the_compiler(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compilation, "CHILD", "import time; time.sleep(5)")
+    done = small.parent / "done"
+    # not for ever: a defect would have the test wait for it
+    wait = f"import os, time\nfor _ in range(6000): os.path.exists({str(done)!r}) or time.sleep(0.01)"
+    monkeypatch.setattr(compilation, "CHILD", wait)
     thread = loading.Loading("extractor")
     thread.start()
     thread.cancel()
     with pytest.raises(compilation.WarmupError, match="shutting down"):
         thread.finish()
     assert thread.is_alive()
+    done.touch()
     thread.join()
 
 
