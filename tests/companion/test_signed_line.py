@@ -152,7 +152,7 @@ def test_the_doctor_reports_the_state_of_signing(
     with AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line:
         line.change(lambda a: (a.sign(theirs), a.parameters.update(PARAMETERS[PX4])))
         # with different keys the clocks are never synchronised, and the command takes all of its time
-        main(["doctor", "-c", str(config), "--json", "--patience", "60" if good else "3"])
+        main(["doctor", "-c", str(config), "--json", "--patience", "60" if good else "5"])
     findings = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "signing"]
     assert len(findings) == 1
     assert findings[0]["ok"] == good

@@ -38,6 +38,9 @@ def twice(x):
 
 COMPILE = "from small_kernel import twice; assert twice(3) == 6"
 
+WAIT = "import os, time\nfor _ in range(6000): os.path.exists({place!r}) or time.sleep(0.01)"
+"""Waits until a file exists; not for ever: with a defect its test would not end."""
+
 
 def use_small_kernel(folder: Path, cache: Path, patch: pytest.MonkeyPatch) -> Path:
     """Makes the empty directory of a state in a cache, for a child that compiles the small kernel of a folder alone."""
@@ -327,7 +330,16 @@ def test_progress_is_shown_while_a_child_compiles(
     folder = next(f for f in count.folders if f.name.startswith("core.stages.level-"))
     folder.mkdir()
     index = folder / "level.pool_columns-0.py311.nbi"
-    monkeypatch.setattr(compilation, "CHILD", f"import time; open({str(index)!r}, 'w'); time.sleep(0.5)")
+    counted, done = small.parent / "counted", CompiledCount.done
+
+    def noted(count: CompiledCount) -> int:
+        number = done(count)
+        if number:
+            counted.touch()
+        return number
+
+    monkeypatch.setattr(CompiledCount, "done", noted)
+    monkeypatch.setattr(compilation, "CHILD", f"open({str(index)!r}, 'w')\n{WAIT.format(place=str(counted))}")
     warmup.ensure_compiled("extractor")
     assert capsys.readouterr().err == f"compiling kernels 1 of {count.total}, once for this version\n"
     warmup.ensure_compiled("extractor")
@@ -336,9 +348,7 @@ def test_progress_is_shown_while_a_child_compiles(
 
 def test_a_start_that_is_cancelled_does_not_wait_for_the_compiler(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done = small.parent / "done"
-    # not for ever: a defect would have the test wait for it
-    wait = f"import os, time\nfor _ in range(6000): os.path.exists({str(done)!r}) or time.sleep(0.01)"
-    monkeypatch.setattr(compilation, "CHILD", wait)
+    monkeypatch.setattr(compilation, "CHILD", WAIT.format(place=str(done)))
     thread = loading.Loading("extractor")
     thread.start()
     thread.cancel()
