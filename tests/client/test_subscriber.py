@@ -264,12 +264,12 @@ def test_foreign_late_and_doubled_messages_are_counted_and_passed_over(service: 
         joined(client, service)
         service.say(a_frame(), number=1000)
         assert client.wait(60.0) is not None
-        for number in (1000, 999):
+        for k, number in enumerate((1000, 999), start=1):  # one at a time: the newest one replaces any before
             service.say(a_frame(), number=number)
-        assert until(lambda: client.wait(0.05) is None and client.stats.out_of_order == 2, 60.0)
-        service.publisher._socket.send(b"\xff\xfe nonsense")
-        service.publisher._socket.send(pb.PrismsFrame(schema_version=9).SerializeToString())
-        assert until(lambda: client.wait(0.05) is None and client.stats.undecodable == 2, 60.0)
+            assert until(lambda k=k: client.wait(0.05) is None and client.stats.out_of_order == k, 60.0)
+        for k, data in enumerate((b"\xff\xfe nonsense", pb.PrismsFrame(schema_version=9).SerializeToString()), start=1):
+            service.publisher._socket.send(data)
+            assert until(lambda k=k: client.wait(0.05) is None and client.stats.undecodable == k, 60.0)
         assert "schema version 9" in client.stats.last_error
         service.say(a_frame(), boot="another boot", number=3)
         assert client.wait(60.0) is not None
