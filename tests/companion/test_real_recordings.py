@@ -114,8 +114,15 @@ def test_the_floor_lies_where_it_was_measured(replayed: tuple[str, Replayed]) ->
     assert max(errors_m) < 0.03, "measured: 12 mm at most (D435), under 1 mm (simulated room), 10 mm (tunnel)"
 
 
+def is_floor(plane: Floats, points: Floats) -> bool:
+    """True if nothing that is higher than the floor was measured within 0.1 m of the middle of a plane."""
+    middle = 0.5 * (plane[0:2] + plane[2:4])
+    near = np.hypot(*(points[:, 0:2] - middle).T) < 0.1
+    return not np.any(points[near, 2] > LOW_M)
+
+
 def test_the_floor_is_no_obstacle(replayed: tuple[str, Replayed]) -> None:
-    """Nothing near lies as low as the floor. What little does is a leg's end, in a few frames, and tiny."""
+    """No plane near is as low as the floor, except short ones at the lower end of what stands there."""
     name, got = replayed
     clean, low_m, all_m = 0, 0.0, 0.0
     for frame in got.frames:
@@ -123,11 +130,11 @@ def test_the_floor_is_no_obstacle(replayed: tuple[str, Replayed]) -> None:
         near = nearest_m(planes) < NEAR_M
         low = near & (planes[:, 4] < LOW_M)
         length_m = np.hypot(planes[:, 2] - planes[:, 0], planes[:, 3] - planes[:, 1])
-        clean += not low.any()
+        clean += not any(is_floor(plane, frame.points(got.info)) for plane in planes[low])
         low_m += float(length_m[low].sum())
         all_m += float(length_m[near].sum())
     share = clean / len(got.frames)
-    assert share >= 0.85, f"{name}: the floor is clean in {share:.2f} of the frames; measured: 0.94 (D435), 1 (others)"
+    assert share >= 0.9, f"{name}: the floor is clean in {share:.2f} of the frames; measured: 0.97 (D435), 1 (others)"
     assert low_m <= 0.005 * all_m, f"{name}: {low_m:.2f} of {all_m:.1f} m of planes; measured: 0.001"
 
 
