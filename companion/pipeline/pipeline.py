@@ -277,10 +277,9 @@ class Pipeline:
         ke_per_m: float,
     ) -> MountState:
         """The state of the mount check after this frame. camera_rad: heading of the camera."""
+        # imported late: compiled code, which commands that only read results do not need
         from core.self_check.mount_cues import cues_of
-        from core.self_check.surfaces import (
-            find_surfaces,
-        )  # imported late: planner clients, which only decode, have no numba
+        from core.self_check.surfaces import find_surfaces
 
         cues = cues_of(find_surfaces(depth_mm, info, R_level_optical, ke_per_m))
         return checked(

@@ -41,7 +41,8 @@ class LevelTransform:
 def transform_model(model: FrameModel, transform: LevelTransform) -> FrameModel:
     """The model in the transform's target frame; an invalid model where its numbers are not all finite. See
     `core.transformed`."""
-    from core.transformed import turned  # imported late: planner clients, which only decode, have no numba
+    # imported late: compiled code, which commands that only read results do not need
+    from core.transformed import turned
 
     return turned(model, transform.yaw_rad, transform.translation_m)
 
