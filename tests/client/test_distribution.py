@@ -132,10 +132,12 @@ def test_the_named_dependencies_are_these_three() -> None:
     assert {re.split(r"[<>=]", r)[0] for r in project["dependencies"]} == set(DEPENDENCIES)
 
 
-def test_both_distributions_have_one_version_and_the_service_names_it() -> None:
+def test_all_places_name_one_version() -> None:
     projects = [tomllib.loads((source / "pyproject.toml").read_text())["project"] for source, _ in PARTS.values()]
     (version,) = {project["version"] for project in projects}
     assert f"osape-client=={version}" in projects[1]["dependencies"]
+    assert f"project(osape_client VERSION {version} " in (ROOT / "clients" / "cpp" / "CMakeLists.txt").read_text()
+    assert f"/osape-companion_{version}_" in (ROOT / "docs" / "how-to" / "install.md").read_text()
 
 
 def held(folder: Path) -> set[str]:
