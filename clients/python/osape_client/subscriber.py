@@ -79,7 +79,8 @@ class Message:
 
     @property
     def valid(self) -> bool:
-        """False: at least one camera is unavailable, see `unavailable`; nothing may be taken as free in its view."""
+        """False: the camera is unavailable; of several cameras: a required one is, or all are. Others may be unavailable while
+        this is True, see `unavailable`: nothing may be taken as free in their view."""
         return bool(self.content.valid)
 
     @property
@@ -112,8 +113,9 @@ class Message:
 
     @cached_property
     def space(self) -> Space:
-        """Queries of this message. Unavailable cameras contribute neither free nor occupied space. If the parts of a message
-        do not fit together, or it is of an unknown frame, everything is unknown."""
+        """Queries of this message at its exposure, whatever its age: check `stale` first. Unavailable cameras contribute
+        neither free nor occupied space. If the parts of a message do not fit together, or it is of an unknown frame, everything
+        is unknown."""
         if self.frame not in FRAMES:
             return Space([])
         models = []
