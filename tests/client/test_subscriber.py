@@ -30,7 +30,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import Message as Received
 from tests.companion.live import until
 from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
-from tests.companion.test_surround import keeper, results, sees
+from tests.companion.test_multi_camera import keeper, results, sees
 from tests.ports import free_port
 
 pytestmark = pytest.mark.process
