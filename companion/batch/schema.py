@@ -40,7 +40,7 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         nearest_m float distance from the camera to the nearest plane, without its margin; null: no plane
         free_share float share of the directions that are free for a metre at the camera's height
         measured_share float share of measured pixels
-        noise_per_m float depth noise coefficient: the standard deviation of a depth Z is noise_per_m * Z^2
+        noise_per_m float depth noise coefficient (`ke_per_m` of the messages): the standard deviation of a depth Z is noise_per_m * Z^2
         ground_seen bool whether ground was found
         ground_height_m float height of the camera above it; null: not found
         attitude string source of the attitude: none, exact, interpolated, extrapolated
