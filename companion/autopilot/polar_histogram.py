@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,64 +156,101 @@ def seen_free(
 
     Returns:
         free_m (72,); seen (72,), the sector was seen far enough; lacking of SectorScan."""
-    x, y, z, ranges = _sector_rays(avoid)
-    free = np.zeros((len(z), *x.shape), bool)
+    rays = _sector_rays(avoid)
     valid = [view for view in views if view.model.valid]
+    free = np.zeros((len(rays.z_m), *rays.x_m.shape), bool)
     for view in valid:
-        free |= points_free(view, x, y, z, along_rays=True)
+        free |= points_free(view, rays.x_m, rays.y_m, rays.z_m, along_rays=True)
     must_m = _must_be_seen_m(valid, plane_m, avoid.step_m)
-    needed = np.repeat(np.where(np.isfinite(plane_m), np.searchsorted(ranges, must_m), len(ranges)), avoid.rays)
+    to_plane = np.searchsorted(rays.ranges_m, must_m)
+    needed = np.repeat(np.where(np.isfinite(plane_m), to_plane, len(rays.ranges_m)), avoid.rays)
     reached = _reached(free)
     seen = reached >= needed
-    # behind a measured obstacle nothing needs to be seen
-    i, ray = np.nonzero(~seen & np.isfinite(plane_m).repeat(avoid.rays))
+    _add_ended_at_plane(seen, reached, rays, valid, plane_m, must_m)
+    _add_ended_at_plane_beside(seen, reached, rays, valid, plane_m, avoid)
+    if recall is not None:
+        _add_recalled(free, seen, rays, recall)
+        reached = _reached(free)
+        seen |= reached >= needed
+    least = math.ceil(avoid.clear_share * (len(rays.z_m) * avoid.rays))
+    by_sector = _by_sector(seen)
+    at_height = by_sector.reshape(SECTORS, len(rays.z_m), avoid.rays)
+    enough = (by_sector.sum(axis=1) >= least) & np.any(at_height[:, inner_heights(avoid)], axis=2).all(axis=1)
+    far_enough = enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid))
+    return _common_m(reached, rays, least), far_enough, ~at_height
+
+
+class _SectorRays(NamedTuple):
+    """Samples along the rays of all sectors. x_m, y_m: (72 * rays, ranges); z_m: (slices,) heights in the band; ranges_m:
+    (ranges,) from the vehicle's middle."""
+
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    z_m: NDArray[np.float64]
+    ranges_m: NDArray[np.float64]
+
+
+def _sector_rays(avoid: AvoidParams) -> _SectorRays:
+    rays = (centres_rad()[:, None] + np.linspace(-0.4, 0.4, avoid.rays) * STEP_RAD).ravel()
+    ranges_m = np.arange(avoid.near_m, avoid.max_distance_m + avoid.step_m, avoid.step_m)
+    band_m = avoid.band_above_m + avoid.band_below_m
+    z_m = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * band_m
+    return _SectorRays(np.cos(rays)[:, None] * ranges_m, np.sin(rays)[:, None] * ranges_m, z_m, ranges_m)
+
+
+def _add_ended_at_plane(
+    seen: NDArray[np.bool_],
+    reached: NDArray[np.int64],
+    rays: _SectorRays,
+    valid: Sequence[View],
+    plane_m: NDArray[np.float64],
+    must_m: NDArray[np.float64],
+) -> None:
+    """Adds to `seen` the rays that end at a measured obstacle of their sector: behind it nothing needs to be seen."""
+    each = reached.shape[1] // SECTORS
+    i, ray = np.nonzero(~seen & np.isfinite(plane_m).repeat(each))
     k = reached[i, ray]
+    share = must_m.repeat(each)[ray] / rays.ranges_m[k]
     for view in valid:
-        share = must_m.repeat(avoid.rays)[ray] / ranges[k]
-        seen[i, ray] |= ended_by_obstacle(view, x[ray, k], y[ray, k], z[i], share)
-    # A direction of the profile that reaches across the border of two sectors ends at the plane that stands in the other.
-    # This holds for rays at that border which end at the plane: those that end elsewhere have met another obstacle.
+        seen[i, ray] |= ended_by_obstacle(view, rays.x_m[ray, k], rays.y_m[ray, k], rays.z_m[i], share)
+
+
+def _add_ended_at_plane_beside(
+    seen: NDArray[np.bool_],
+    reached: NDArray[np.int64],
+    rays: _SectorRays,
+    valid: Sequence[View],
+    plane_m: NDArray[np.float64],
+    avoid: AvoidParams,
+) -> None:
+    """Adds to `seen` the rays of sectors without a plane that end at the plane of the next sector.
+
+    A direction of the profile that reaches across the border of two sectors ends at the plane that stands in the other.
+    This holds for rays at that border which end at the plane: those that end elsewhere have met another obstacle."""
     beside_m = _beside_m(plane_m, avoid.rays)
     at_m = np.where(np.isfinite(beside_m), beside_m, 0.0)
     short_m = at_m - _must_be_seen_m(valid, at_m, avoid.step_m)
     i, ray = np.nonzero(~seen & (np.isinf(plane_m).repeat(avoid.rays) & np.isfinite(beside_m)))
     k = reached[i, ray]
-    at_plane = np.abs(ranges[k] - beside_m[ray]) <= short_m[ray]
+    at_plane = np.abs(rays.ranges_m[k] - beside_m[ray]) <= short_m[ray]
+    x_m, y_m, z_m = rays.x_m[ray, k], rays.y_m[ray, k], rays.z_m[i]
     for view in valid:
-        at_x, at_y = x[ray, k], y[ray, k]
-        above_ground = z[i] <= ground_z_m(view, at_x, at_y) - view.model.ground.tolerance_m
-        ended = ended_by_obstacle(view, at_x, at_y, z[i], np.ones(len(k)))
-        seen[i, ray] |= ended & above_ground & at_plane
-    if recall is not None:
-        share = _by_sector(seen).mean(axis=1)
-        enough = np.repeat((share >= SEEN_SHARE) & (share < 1.0), avoid.rays)
-        i, ray, k = np.nonzero(~free & enough[None, :, None])
-        free[i, ray, k] = recall(x[ray, k], y[ray, k], z[i])
-        reached = _reached(free)
-        seen |= reached >= needed
-    # the distance that at least clear_share of the rays and slices reach
-    each = np.sort(_by_sector(reached), axis=1)[:, ::-1]
-    least = math.ceil(avoid.clear_share * each.shape[1])
-    common = each[:, least - 1]
-    free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
-    by_sector = _by_sector(seen)
-    at_height = by_sector.reshape(SECTORS, len(z), avoid.rays)
-    enough = (by_sector.sum(axis=1) >= least) & np.any(at_height[:, inner_heights(avoid)], axis=2).all(axis=1)
-    lacking = ~at_height
-    return free_m, enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid)), lacking
+        above_ground = z_m <= ground_z_m(view, x_m, y_m) - view.model.ground.tolerance_m
+        seen[i, ray] |= ended_by_obstacle(view, x_m, y_m, z_m, np.ones(len(k))) & above_ground & at_plane
 
 
-def _sector_rays(
-    avoid: AvoidParams,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Returns (x, y, z, ranges): the samples along the rays of all sectors.
+def _add_recalled(free: NDArray[np.bool_], seen: NDArray[np.bool_], rays: _SectorRays, recall: Recall) -> None:
+    """Adds to `free` the places that were seen free before, in sectors of which the views show SEEN_SHARE."""
+    share = _by_sector(seen).mean(axis=1)
+    completed = np.repeat((share >= SEEN_SHARE) & (share < 1.0), seen.shape[1] // SECTORS)
+    i, ray, k = np.nonzero(~free & completed[None, :, None])
+    free[i, ray, k] = recall(rays.x_m[ray, k], rays.y_m[ray, k], rays.z_m[i])
 
-    x, y: (72 * rays, ranges); z: (slices,) heights in the band; ranges: (ranges,) from the vehicle's middle."""
-    rays = (centres_rad()[:, None] + np.linspace(-0.4, 0.4, avoid.rays) * STEP_RAD).ravel()
-    ranges = np.arange(avoid.near_m, avoid.max_distance_m + avoid.step_m, avoid.step_m)
-    band_m = avoid.band_above_m + avoid.band_below_m
-    z = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * band_m
-    return np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges, z, ranges
+
+def _common_m(reached: NDArray[np.int64], rays: _SectorRays, least: int) -> NDArray[np.float64]:
+    """Returns the distance, (72,), that at least `least` of the rays and slices of each sector reach."""
+    common = np.sort(_by_sector(reached), axis=1)[:, -least]
+    return np.where(common > 0, rays.ranges_m[np.maximum(common - 1, 0)], 0.0)
 
 
 def inner_heights(avoid: AvoidParams) -> slice:
