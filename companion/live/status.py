@@ -96,43 +96,56 @@ def status_lines(h: pb.Health) -> list[str]:
     lines += _busy_lines(h)
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
-        age = f"frame age {c.age_ns / MS:.0f} ms" if c.HasField("age_ns") else "no valid frame yet"
-        kind = "" if c.required else ", not required"
-        lines.append(
-            f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{_restarts(c)}"
-        )
-        if c.HasField("exposure_offset"):
-            lines.append(f"  exposure time offset: {c.exposure_offset.text}")
-        if c.HasField("mount"):
-            lines.append(f"  mount: {mount_text(c.mount)}")
-        if c.HasField("info"):
-            lines.append(f"  {_range_text(c.info)}")
+        lines += _camera_lines(c)
     if h.HasField("autopilot"):
         lines += _autopilot_lines(h.autopilot)
     if h.HasField("team"):
         lines += _team_lines(h.team)
-    r = h.recording
+    lines += _log_lines(h.recording)
+    lines += _frame_lines(h)
+    temperatures = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
+    lines.append(
+        f"service: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB"
+        + (f", {temperatures}" if temperatures else "")
+    )
+    return lines
+
+
+def _camera_lines(c: pb.CameraHealth) -> list[str]:
+    age = f"frame age {c.age_ns / MS:.0f} ms" if c.HasField("age_ns") else "no valid frame yet"
+    kind = "" if c.required else ", not required"
+    lines = [f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{_restarts(c)}"]
+    if c.HasField("exposure_offset"):
+        lines.append(f"  exposure time offset: {c.exposure_offset.text}")
+    if c.HasField("mount"):
+        lines.append(f"  mount: {mount_text(c.mount)}")
+    if c.HasField("info"):
+        lines.append(f"  {_range_text(c.info)}")
+    return lines
+
+
+def _log_lines(r: pb.RecordingHealth) -> list[str]:
     if r.recording:
-        lines.append(f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} items dropped")
+        lines = [f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} items dropped"]
     else:
-        lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
+        lines = [f"log: not recording{', ' + r.trouble if r.trouble else ''}"]
     if r.repairing:
         lines.append(f"log: repairing {r.repairing}, left unfinished by an earlier run")
+    return lines
+
+
+def _frame_lines(h: pb.Health) -> list[str]:
+    """Used and dropped frames, lost samples, and the latency of each stage."""
     dropped = ", ".join(
         f"{count} {code} ({text_of(code, DropCause)})" for code, count in sorted(h.frames_dropped.items())
     )
-    lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
+    lines = [f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped")]
     if h.samples_lost:
         lines.append(f"attitude and position samples lost: {h.samples_lost}")
     for latency in h.latencies:
         lines.append(
             f"  {latency.text or latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
         )
-    temperatures = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
-    lines.append(
-        f"service: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB"
-        + (f", {temperatures}" if temperatures else "")
-    )
     return lines
 
 
