@@ -42,7 +42,7 @@ HEALTH_NS = NS
 class HealthReporter:
     """Reports once per second and at each change of state, to the stream, the log, the metrics and the autopilot.
 
-    Used by the main thread. `camera_opened` and `result` are called by other threads, with the loop's lock held.
+    Used by the main thread. `camera_opened` and `result` are called by other threads, with the lock of the pipeline thread held.
 
     Attributes:
         diagnostics: those of the newest `update`.
@@ -51,7 +51,7 @@ class HealthReporter:
     def __init__(
         self, config: Config, parts: Parts, output: StreamOutput, staleness: StalenessMonitor, boot: str, state: Path
     ) -> None:
-        """staleness: guarded by the loop's lock. state: folder of the service's state, whose disk is reported."""
+        """staleness: guarded by the lock of the pipeline thread. state: folder of the service's state, whose disk is reported."""
         self._config, self._parts, self._output, self._staleness, self._boot = config, parts, output, staleness, boot
         self._changed_safety_keys = safety_lines(config)
         self._template = template_intrinsics(config.cameras)
@@ -74,10 +74,10 @@ class HealthReporter:
 
     def camera_views(self, now_ns: int) -> list[CameraView]:
         """The state of each camera."""
-        loop = self._parts.loop
-        with loop.lock:
-            offsets = {offset.camera: offset for offset in loop.exposure_offsets}
-            yaws = {yaw.camera: yaw for yaw in loop.mount_yaws}
+        thread = self._parts.pipeline_thread
+        with thread.lock:
+            offsets = {offset.camera: offset for offset in thread.exposure_offsets}
+            yaws = {yaw.camera: yaw for yaw in thread.mount_yaws}
         return [
             self._camera_view(camera, offsets.get(name), yaws.get(name), now_ns)
             for name, camera in self._parts.cameras.items()
@@ -87,7 +87,7 @@ class HealthReporter:
         self, camera: CameraSupervisor, offset: ExposureOffset | None, yaw: MountYaw | None, now_ns: int
     ) -> CameraView:
         status = camera.status
-        with self._parts.loop.lock:
+        with self._parts.pipeline_thread.lock:
             blind = self._staleness.cause(status.camera, now_ns, status)
             age_ns = self._staleness.age_ns(status.camera, now_ns)
             mount = self._mounts.health(status.camera, status.info)
@@ -109,7 +109,7 @@ class HealthReporter:
         link = self._parts.link
         if link is None:
             return None
-        newest_ns = self._parts.loop.newest_attitude_ns
+        newest_ns = self._parts.pipeline_thread.newest_attitude_ns
         status = link.status()
         heartbeat_ns = status.vehicle.heartbeat_ns if status.vehicle is not None else 0
         return AutopilotView(
@@ -145,9 +145,9 @@ class HealthReporter:
         thread_fault = parts.failures() or parts.stalled(now_ns, round(hang_s * NS))
         found = diagnostics_of(views, autopilot, recording, thread_fault)
         found += parts.ended_optional()
-        with parts.loop.lock:
+        with parts.pipeline_thread.lock:
             found += self._mounts.diagnostics((view.status.camera, view.status.info) for view in views)
-            ground, yaws = self._ground.check(), parts.loop.mount_yaws
+            ground, yaws = self._ground.check(), parts.pipeline_thread.mount_yaws
         if parts.avoidance is not None:
             found += parts.avoidance.diagnostics(now_ns)
         if parts.guard is not None:
@@ -182,7 +182,7 @@ class HealthReporter:
                 parts.avoidance.fill(report.autopilot, report.t_ns)
         if parts.recorder is not None:
             report.recording.CopyFrom(recording_message(parts.recorder.status))
-        parts.loop.fill(report)
+        parts.pipeline_thread.fill(report)
         to_autopilot = parts.avoidance.latency() if parts.avoidance is not None else None
         if to_autopilot is not None:
             report.latencies.append(latency_message(*to_autopilot))

@@ -37,7 +37,7 @@ class Parts:
     them the service ends. The others report their faults."""
 
     cameras: dict[str, CameraSupervisor]
-    loop: PipelineThread
+    pipeline_thread: PipelineThread
     event_queue: EventQueue
     previews: DepthPreviews
     signing: Signing
@@ -58,7 +58,7 @@ class Parts:
     def failures(self) -> str:
         """The required threads that an exception has ended, as text; empty: none. The service then ends and systemd restarts
         it (docs/reference/service.md)."""
-        failures = {"the pipeline": self.loop.failure}
+        failures = {"the pipeline": self.pipeline_thread.failure}
         if self.link is not None:
             failures["the link to the autopilot"] = self.link.failure
         if self.avoidance is not None:
@@ -74,8 +74,8 @@ class Parts:
 
         The recorder is not checked here: a slow disk is reported but does not end the service."""
         alive_ns: dict[str, int] = {}
-        if self.loop.started.is_set():
-            alive_ns["the pipeline"] = self.loop.alive_ns
+        if self.pipeline_thread.started.is_set():
+            alive_ns["the pipeline"] = self.pipeline_thread.alive_ns
         if self.link is not None:
             alive_ns["the link to the autopilot"] = self.link.state.alive_ns + LINK_OPEN_NS
         if self.avoidance is not None:

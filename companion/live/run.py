@@ -56,8 +56,8 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
         # fixed rate independent of the duration of a tick: blind cameras are reported at BLIND_HZ
         next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MAX_LATE_S)
         # the wait for the start ends at once when the pipeline runs
-        (stop if ready else service.parts.loop.started).wait(max(0.0, next_tick_s - time.monotonic()))
-        service.parts.loop.wait_idle(IDLE_WAIT_S)
+        (stop if ready else service.parts.pipeline_thread.started).wait(max(0.0, next_tick_s - time.monotonic()))
+        service.parts.pipeline_thread.wait_idle(IDLE_WAIT_S)
         service.tick()
         if ended := service.parts.failures() or service.suspension.fault():
             # the autopilot must not wait for the watchdog: end at once so that systemd restarts the service
@@ -172,7 +172,7 @@ def _run(path: Path) -> int:
         except WarmupError:
             if not stop.is_set():
                 raise
-            service.parts.loop.stop()  # before it begins: a frame would compile the kernels
+            service.parts.pipeline_thread.stop()  # before it begins: a frame would compile the kernels
             return
         gc.freeze()
         gc.enable()

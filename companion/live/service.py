@@ -75,7 +75,7 @@ class Service:
         self._staleness = StalenessMonitor(tuple(c.name for c in config.cameras), config.service.timeout_s)
         self._raw_frames: list[RawFrame] = []
         self.parts = self._make_parts(warm_up)
-        self._output = StreamOutput(config, self._boot, self._staleness, self.parts.loop.lock)
+        self._output = StreamOutput(config, self._boot, self._staleness, self.parts.pipeline_thread.lock)
         self.health = HealthReporter(config, self.parts, self._output, self._staleness, self._boot, folders.state)
 
     def _make_parts(self, warm_up: Callable[[], None]) -> Parts:
@@ -92,7 +92,7 @@ class Service:
         previews = DepthPreviews(config.publish.depth_hz, self._boot)
         return Parts(
             cameras=cameras,
-            loop=self._make_loop(event_queue, recorder, autopilot, previews, warm_up),
+            pipeline_thread=self._make_pipeline_thread(event_queue, recorder, autopilot, previews, warm_up),
             event_queue=event_queue,
             previews=previews,
             signing=signing,
@@ -105,7 +105,7 @@ class Service:
             metrics=self._make_metrics(),
         )
 
-    def _make_loop(
+    def _make_pipeline_thread(
         self,
         event_queue: EventQueue,
         recorder: Recorder | None,
@@ -144,7 +144,7 @@ class Service:
             if text := outside_text(section, info):
                 log.warning("camera %s: %s", name, text)
             event_queue.put([info])
-            with self.parts.loop.lock:
+            with self.parts.pipeline_thread.lock:
                 self.health.camera_opened(name)
             if self.parts.avoidance is not None:
                 self.parts.avoidance.announce(info, unmeasured_mask(section, info))
@@ -198,7 +198,7 @@ class Service:
             parts.share.open(self._context, keys)
         self._output.open(run, self._context, keys)
         parts.previews.open(publish.address("depth", run), self._context, keys)
-        for part in (parts.recorder, parts.metrics, parts.loop, parts.link, parts.avoidance, parts.guard):
+        for part in (parts.recorder, parts.metrics, parts.pipeline_thread, parts.link, parts.avoidance, parts.guard):
             if part is not None:
                 part.open()
         for camera in parts.cameras.values():
@@ -220,7 +220,7 @@ class Service:
             steps.append(partial(parts.link.set_system_status, MAV_STATE_CRITICAL))
         steps += [camera.stop for camera in parts.cameras.values()]
         steps += [camera.close for camera in parts.cameras.values()]
-        steps.append(parts.loop.close)
+        steps.append(parts.pipeline_thread.close)
         rest = (parts.recorder, parts.share, parts.avoidance, parts.link, parts.signing, parts.metrics, parts.world)
         steps += [part.close for part in rest if part is not None]
         steps += [parts.previews.close, self._output.close, self._close_allow_list]
@@ -239,7 +239,7 @@ class Service:
     @property
     def started(self) -> bool:
         """Whether the kernels are loaded and the pipeline runs."""
-        return self.parts.loop.started.is_set()
+        return self.parts.pipeline_thread.started.is_set()
 
     def stalled_part(self) -> str:
         """The first required thread that does not respond within `[service] hang_s`, as text; empty: none."""
@@ -303,7 +303,7 @@ class Service:
             self.parts.avoidance.result(result)
         if self.parts.world is not None:
             self.parts.world.put(result)
-        with self.parts.loop.lock:
+        with self.parts.pipeline_thread.lock:
             self.health.result(result)
             self._output.add_result(result)
         self._output.publish_all_cameras(time.monotonic_ns(), self.parts.camera_statuses())

@@ -208,7 +208,7 @@ def test_the_health_report_holds_code_and_text(tmp_path: Path) -> None:
     camera |= dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), TEMPLATE_V4L2_PX, strict=True))
     config: Config = config_of({"camera": [camera], "record": {"record": "off"}, "avoid": {"clear_share": 0.5}}, "x")
     service = Service(config, Folders(tmp_path, tmp_path), lambda: None)
-    service.parts.loop.started.set()
+    service.parts.pipeline_thread.started.set()
     published: list[pb.Health] = []
     service._output.publishers["health"] = cast(
         Any, SimpleNamespace(published=0, publish=published.append, close=lambda: None)

@@ -37,7 +37,7 @@ from .test_sectors import model
 NS = 1_000_000_000
 START_NS = 100 * NS
 STEP_NS = NS // 20
-LOOP: Any = SimpleNamespace(failure="", started=threading.Event(), alive_ns=0)
+PIPELINE_THREAD: Any = SimpleNamespace(failure="", started=threading.Event(), alive_ns=0)
 
 
 class Flight:
@@ -246,7 +246,9 @@ def test_a_fast_vehicle_does_not_stand_on_the_ground(speed_m_s: float, protected
 def parts_of(guard: Guard) -> Parts:
     """The parts of a service whose guard alone can fail."""
     unused: Any = None
-    return Parts(cameras={}, loop=LOOP, event_queue=unused, previews=unused, signing=unused, guard=guard)
+    return Parts(
+        cameras={}, pipeline_thread=PIPELINE_THREAD, event_queue=unused, previews=unused, signing=unused, guard=guard
+    )
 
 
 def guard_with(vehicle: Callable[[], Vehicle | None]) -> Guard:

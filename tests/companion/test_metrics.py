@@ -195,7 +195,7 @@ def test_the_service_publishes_its_own_boot_id(tmp_path: Path) -> None:
     running = service(tmp_path, port)
     try:
         running.open()
-        assert running.parts.loop.started.wait(60.0)
+        assert running.parts.pipeline_thread.started.wait(60.0)
         running.tick()
         status, text = fetched(port)
         assert status == 200
@@ -213,7 +213,7 @@ def test_the_service_goes_on_where_the_port_is_taken(tmp_path: Path) -> None:
         running = service(tmp_path, taken.getsockname()[1])
         try:
             running.open()
-            assert running.parts.loop.started.wait(60.0)
+            assert running.parts.pipeline_thread.started.wait(60.0)
             running.tick()
             assert any("choose another [service] metrics_port" in t for t in running.diagnostic_texts)
         finally:

@@ -256,7 +256,7 @@ def test_the_flight_goes_on_and_what_ended_is_named(
         assert until(lambda: any(name in fault for fault in service.diagnostic_texts)), service.diagnostic_texts
         time.sleep(0.2)
         assert status == []
-        assert service.parts.loop.failure == ""
+        assert service.parts.pipeline_thread.failure == ""
 
 
 def test_an_error_in_a_viewers_image_ends_its_stream_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,7 +276,7 @@ def test_a_part_that_raises_keeps_no_other_from_being_closed(tmp_path: Path) -> 
         pass
     closed: list[str] = []
     service.parts.cameras["front"].close = broken  # type: ignore[method-assign]
-    service.parts.loop.close = broken  # type: ignore[method-assign]
+    service.parts.pipeline_thread.close = broken  # type: ignore[method-assign]
     assert service.parts.recorder is not None
     assert service.parts.link is not None
     service.parts.recorder.close = lambda: closed.append("recorder")  # type: ignore[method-assign]

@@ -27,7 +27,9 @@ def parts(silent: str = "", age_ns: int = 0, started: bool = True) -> Parts:
         return NOW_NS - age_ns if part == silent else NOW_NS
 
     of: dict[str, Any] = {
-        "loop": SimpleNamespace(started=SimpleNamespace(is_set=lambda: started), alive_ns=alive_ns("the pipeline")),
+        "pipeline_thread": SimpleNamespace(
+            started=SimpleNamespace(is_set=lambda: started), alive_ns=alive_ns("the pipeline")
+        ),
         "link": SimpleNamespace(state=SimpleNamespace(alive_ns=alive_ns("the link to the autopilot"))),
         "avoidance": SimpleNamespace(sender=SimpleNamespace(alive_ns=alive_ns("the obstacle sender"))),
         "guard": SimpleNamespace(alive_ns=alive_ns("the guard")),

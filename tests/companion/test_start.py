@@ -80,7 +80,7 @@ def test_a_long_start_is_not_a_stalled_part(tmp_path: Path) -> None:
     service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), warm_up)
     try:
         service.open()
-        assert service.parts.loop.started.wait(60.0)
+        assert service.parts.pipeline_thread.started.wait(60.0)
         assert stalled == [""]
         assert until(lambda: service.stalled_part() == "")
     finally:
@@ -93,7 +93,7 @@ def test_with_nothing_configured_the_missing_sections_are_reported(tmp_path: Pat
     service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: None)
     try:
         service.open()
-        assert service.parts.loop.started.wait(60.0)
+        assert service.parts.pipeline_thread.started.wait(60.0)
         service.tick()
         assert service.diagnostic_texts == [
             "no camera is configured: add a [[camera]] to the configuration",
@@ -117,7 +117,7 @@ def test_dropped_samples_are_reported(tmp_path: Path) -> None:
             DiagnosticCode.STARTING
         ]  # nothing sees yet, nothing is lacking
         service.open()
-        assert service.parts.loop.started.wait(60.0)
+        assert service.parts.pipeline_thread.started.wait(60.0)
         service.tick()
         assert not any("samples" in t for t in service.diagnostic_texts)
         before = service.parts.event_queue.lost
