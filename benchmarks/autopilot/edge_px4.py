@@ -18,9 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.autopilot.px4_loop import Px4Loop, Values, stick_at
+from companion.autopilot.camera_coverage import covered, looked_into, too_near_the_edge
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, braking_reach, policy_of
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
-from companion.autopilot.polar_histogram import covered, looked_into, scan, too_near_the_edge
+from companion.autopilot.polar_histogram import scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform

@@ -22,6 +22,7 @@ from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import HEADING_LOST
 from ..pipeline.results import PrismsResult
+from .camera_coverage import PARTS, Look, covered, looked_into, too_near_the_edge
 from .confirmation import PlaneConfirmation
 from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach, policy_of
@@ -29,17 +30,7 @@ from .free_space_memory import FreeMemory
 from .obstacle_distance import for_reader
 from .obstacle_distance_3d import NO_POINTS, other_points
 from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
-from .polar_histogram import (
-    PARTS,
-    SECTORS,
-    Look,
-    Recall,
-    SectorScan,
-    covered,
-    looked_into,
-    scan,
-    too_near_the_edge,
-)
+from .polar_histogram import SECTORS, Recall, SectorScan, scan
 from .seen_sectors import SectorSight, SeenSectors
 from .surroundings import Observer, Surroundings
 from .vehicle_motion import VehicleMotion, seen_ns

@@ -12,11 +12,12 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.autopilot import clear_sectors as clear_sectors_module
+from companion.autopilot.camera_coverage import covered, looked_into
 from companion.autopilot.clear_sectors import OpenedCamera, clear_sectors, far_view, never_clear_texts
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_report import SeenCameras
-from companion.autopilot.polar_histogram import SectorState, covered, looked_into, scan
+from companion.autopilot.polar_histogram import SectorState, scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.config.clear_reach import clear_reach_m, clear_reach_text, clear_reach_texts, must_reach_m

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.autopilot.edge_px4 import AVOID, CAMERA, LOOKS, Blank, Case, empty_model, flown
-from companion.autopilot.polar_histogram import EDGE_MARGIN_M, MOVES_DEG, looked_into, too_near_the_edge
+from companion.autopilot.camera_coverage import EDGE_MARGIN_M, MOVES_DEG, looked_into, too_near_the_edge
 from core.types import CameraInfo, CameraMount, Intrinsics
 
 from .made_up import easy_model

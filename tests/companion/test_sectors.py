@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.autopilot.camera_coverage import covered, looked_into
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, policy_of
 from companion.autopilot.obstacle_distance import (
     UNKNOWN,
@@ -24,15 +25,7 @@ from companion.autopilot.obstacle_distance import (
     only_near,
 )
 from companion.autopilot.obstacle_memory import nothing_remembered
-from companion.autopilot.polar_histogram import (
-    SECTORS,
-    SectorScan,
-    SectorState,
-    covered,
-    looked_into,
-    scan,
-    segment_distances,
-)
+from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan, segment_distances
 from companion.autopilot.view_free import View, points_free
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from companion.autopilot.camera_coverage import covered, looked_into, too_near_the_edge
 from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, braking_reach, policy_of
 from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
@@ -26,16 +27,7 @@ from companion.autopilot.obstacle_distance import (
 )
 from companion.autopilot.obstacle_distance_3d import level_points
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
-from companion.autopilot.polar_histogram import (
-    SECTORS,
-    STEP_RAD,
-    SectorScan,
-    SectorState,
-    covered,
-    looked_into,
-    scan,
-    too_near_the_edge,
-)
+from companion.autopilot.polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState, scan
 from companion.autopilot.view_free import View, points_free
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform, transform_model
