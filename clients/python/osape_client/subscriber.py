@@ -146,9 +146,10 @@ class ReceiveStats:
 class Subscriber(StreamSubscriber):
     """Receives the obstacle stream of the service; only the newest message is kept.
 
-    address: None: the service on this machine; all_cameras: receive all cameras as one message, where several are
-    configured; timeout_s: age at which a message becomes stale; keys: folder of this client's CURVE keys, for a service on
-    another machine. Raises KeyFileError. Not thread-safe: use one subscriber per thread."""
+    address: None: the service on this machine; all_cameras: receive all cameras as one message. With several cameras a message
+    is otherwise of one of them, whichever was published last. timeout_s: age at which a message becomes stale; keys: folder of
+    this client's CURVE keys, for a service on another machine. Raises KeyFileError. Not thread-safe: use one subscriber per
+    thread."""
 
     def __init__(
         self,

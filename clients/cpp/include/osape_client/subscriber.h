@@ -1,4 +1,4 @@
-// Receives the obstacle stream of the service: the newest frame of one camera, and its age.
+// Receives the obstacle stream of the service: the newest frame, and its age.
 #pragma once
 
 #include <chrono>
@@ -34,7 +34,7 @@ struct ReceiveStats {
   std::string last_error;
 };
 
-// Keeps the newest message only. ZeroMQ reconnects by itself when the service is restarted. Not thread-safe.
+// Keeps the newest message only: of several cameras that of whichever was published last. ZeroMQ reconnects by itself when the service is restarted. Not thread-safe.
 class Subscriber {
  public:
   // address: ipc:///run/osape-companion/prisms or tcp://HOST:PORT, IPv6 as tcp://[::1]:PORT. Throws std::runtime_error for an address that ZeroMQ refuses.
