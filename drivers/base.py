@@ -1,4 +1,5 @@
-"""The two protocols of the drivers, and their errors. A driver imports core.types, but not the algorithm."""
+"""The two protocols of the drivers, and their errors. A driver imports types, frames and parameter fields of core, but not
+the algorithm."""
 
 from __future__ import annotations
 
@@ -38,7 +39,10 @@ class DepthSource(Protocol):
         ...
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The newest undelivered frame, or None after timeout_s. Raises DeviceLost."""
+        """The newest undelivered frame, stamped with the middle of its exposure on time.monotonic_ns; None after timeout_s.
+
+        Raises DeviceLost, and BadData where what the device delivers cannot be used. Either ends the process of the camera,
+        which is then started again."""
         ...
 
     def close(self) -> None: ...
