@@ -20,7 +20,7 @@ from ..config.differences import expert_lines, safety_lines
 from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, ConfigError, load_config
 from ..diagnostic import Diagnostic, without_digits
-from ..paths import folders
+from ..paths import Folders, folders
 from .journal import log_to_stderr
 from .open_files import raise_limit
 from .record_note import RecordRate, record_note
@@ -142,11 +142,24 @@ def run(args: argparse.Namespace) -> int:
         journal.close()
 
 
-def _run(path: Path) -> int:
+def _prepare_process() -> None:
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
     raise_limit()
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
+
+
+def _log_configuration(config: Config, here: Folders) -> None:
+    """Logs the changed safety and expert keys, and where the flight is recorded."""
+    for line in safety_lines(config):
+        log.warning("safety key changed: %s", line)
+    for line in expert_lines(config):
+        log.warning("expert key changed: %s", line)
+    log.info(record_note(config, here))
+
+
+def _run(path: Path) -> int:
+    _prepare_process()
     config = load_config(path)
     check_live(config, path)
     from ..kernels.compilation import WarmupError
@@ -177,13 +190,14 @@ def _run(path: Path) -> int:
         gc.freeze()
         gc.enable()
 
-    for line in safety_lines(config):
-        log.warning("safety key changed: %s", line)
-    for line in expert_lines(config):
-        log.warning("expert key changed: %s", line)
     here = folders()
-    log.info(record_note(config, here))
+    _log_configuration(config, here)
     service = Service(config, here, warm_up, lambda: loading.text)
+    return _open_and_serve(service, notifier, stop)
+
+
+def _open_and_serve(service: Service, notifier: Notifier, stop: threading.Event) -> int:
+    """Runs the service and closes it, also where it could not be opened."""
     opened = False
     try:
         service.open()
