@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib
+import inspect
 import re
 import textwrap
 from pathlib import Path
@@ -15,6 +16,7 @@ from companion.cli import _parser
 from companion.command_list import COMMANDS
 from companion.config.retired import RETIRED
 from companion.config.sections import SECTIONS, fields_of
+from core.extractor import Extractor
 
 from ..conftest import CHECKOUT
 from ..test_docs_links import USER_PAGES, lines_of, name_of
@@ -37,6 +39,17 @@ def test_each_named_key_exists(page: Path) -> None:
 def test_a_wrong_key_is_found() -> None:
     assert unknown_keys("set `[avoid] send = true`, `[[camera]]` `device`, `[record] drawings`") == []
     assert unknown_keys("`[avoid] sends = true`, `[guard]` `none`") == ["[avoid] sends", "[guard] none"]
+
+
+def test_the_table_of_stages_names_the_calls_of_the_extractor_and_their_modules() -> None:
+    page = (CHECKOUT / "docs" / "explanation" / "algorithm.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ") for line in page.splitlines() if re.match(r"\| \[\d+ ", line)]
+    body = inspect.getsource(Extractor)
+    calls = [name.rpartition(".")[2] for row in rows for name in re.findall(r"`([\w.]+)`", row[1])]
+    modules = [name for row in rows for name in re.findall(r"`(\w+)`", row[2])]
+    assert len(rows) == 10
+    assert [name for name in calls if not re.search(rf"(?<!\w){name}\(", body)] == []
+    assert [name for name in modules if not (CHECKOUT / "core" / "stages" / f"{name}.py").is_file()] == []
 
 
 def python_blocks(page: Path) -> list[str]:
