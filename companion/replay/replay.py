@@ -101,11 +101,7 @@ def replay(
         config = _config(options, source)
         if observer is not None:
             observer.begin(source, config)
-        state = opening_state(source)
-        try:
-            pipeline = make_pipeline(config, source.cameras, state)
-        except ValueError as error:  # a state that does not fit the configuration
-            raise BadData(f"{source.path}: {TOPICS['state'].name}: {error}") from error
+        pipeline = _pipeline_of(source, config)
         comparisons = {key: Comparison(options.tolerance) for key in ("prisms", "tracks") if options.check}
         prisms, tracks = comparisons.get("prisms"), comparisons.get("tracks")
         cameras = effective_cameras(config, source.cameras)
@@ -114,9 +110,7 @@ def replay(
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, cameras, pipeline.state())
         events = _without(_events(source, comparisons, pipeline, observer), skipped)
-        monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
-        for info in pipeline.cameras:
-            monitor.announce(info)
+        monitor = _exposure_monitor(config, pipeline.cameras)
         try:
             for event, outputs in process(events, pipeline, result.counts):
                 monitor.event(event)
@@ -139,6 +133,22 @@ def replay(
         }
         _add_recorded_settings(result, source)
         return result
+
+
+def _pipeline_of(source: McapRecording, config: Config) -> Pipeline:
+    """The pipeline with the state at the beginning of the log. Raises BadData where that does not fit the configuration."""
+    state = opening_state(source)
+    try:
+        return make_pipeline(config, source.cameras, state)
+    except ValueError as error:
+        raise BadData(f"{source.path}: {TOPICS['state'].name}: {error}") from error
+
+
+def _exposure_monitor(config: Config, cameras: Iterable[CameraInfo]) -> ExposureOffsetMonitor:
+    monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
+    for info in cameras:
+        monitor.announce(info)
+    return monitor
 
 
 def _add_recorded_settings(result: Replay, source: McapRecording) -> None:
