@@ -122,19 +122,37 @@ def test_the_vehicle_is_where_the_pose_of_the_newest_part_is() -> None:
     assert Received(pb.SurroundFrame(frame="other", cameras=[content]), 0, 0.4).vehicle_m is None
 
 
-def test_in_a_message_cut_before_the_place_of_the_camera_nothing_is_free() -> None:
-    content = a_frame()
-    now_ns = time.monotonic_ns()
+def a_free_place(content: pb.PrismsFrame) -> list[list[float]]:
+    """The middle of the longest free range of a frame."""
     free, camera = content.free, content.transform.translation_m
     layers = len(free.layer_edges_m) - 1
     cell = int(np.argmax(np.subtract(free.free_to_m, free.free_from_m)))
     azimuth_rad = np.mean(free.azimuth_edges_rad[cell // layers : cell // layers + 2])
     range_m = 0.5 * (free.free_from_m[cell] + free.free_to_m[cell])
     z_m = np.mean(free.layer_edges_m[cell % layers : cell % layers + 2])
-    at = [[camera.x + range_m * np.cos(azimuth_rad), camera.y + range_m * np.sin(azimuth_rad), z_m]]
-    assert Received(content, now_ns, 0.4).space.points(at).tolist() == [Occupancy.FREE]
+    return [[camera.x + range_m * np.cos(azimuth_rad), camera.y + range_m * np.sin(azimuth_rad), float(z_m)]]
+
+
+def test_in_a_message_cut_before_the_place_of_the_camera_nothing_is_free() -> None:
+    content, now_ns = a_frame(), time.monotonic_ns()
+    at = a_free_place(content)
+    assert Received(content, now_ns, math.inf).space.points(at).tolist() == [Occupancy.FREE]
     content.ClearField("transform")
-    assert Received(content, now_ns, 0.4).space.points(at).tolist() == [Occupancy.UNKNOWN]
+    assert Received(content, now_ns, math.inf).space.points(at).tolist() == [Occupancy.UNKNOWN]
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_nothing_in_a_stale_message_is_free_and_its_obstacles_stay(
+    monkeypatch: pytest.MonkeyPatch, together: bool
+) -> None:
+    one = a_frame()
+    content = pb.SurroundFrame(schema_version=1, frame=one.frame, valid=True, cameras=[one]) if together else one
+    a_x, a_y, b_x, b_y, top, bottom = one.planes.corners_m[:6]
+    at = [*a_free_place(one), [(a_x + b_x) / 2, (a_y + b_y) / 2, (top + bottom) / 2]]
+    received = Received(content, time.monotonic_ns())
+    for stale, first in ((False, Occupancy.FREE), (True, Occupancy.UNKNOWN), (False, Occupancy.FREE)):
+        monkeypatch.setattr(Received, "stale", stale)
+        assert received.space.points(at).tolist() == [first, Occupancy.OCCUPIED]
 
 
 def test_the_newest_message_with_its_age(service: Service) -> None:

@@ -38,7 +38,7 @@ def result(camera: str, model: FrameModel, transform: LevelTransform) -> PrismsR
 def space_of(*results: PrismsResult) -> Space:
     """What a planner asks who heard these cameras as one model."""
     cameras = [pb.PrismsFrame.FromString(prisms_message(r).SerializeToString()) for r in results]
-    return Message(pb.SurroundFrame(schema_version=1, frame="level", valid=True, cameras=cameras), 0).space
+    return Message(pb.SurroundFrame(schema_version=1, frame="level", valid=True, cameras=cameras), 0, math.inf).space
 
 
 def moved(p: NDArray[np.float64], transform: LevelTransform) -> NDArray[np.float64]:
@@ -76,7 +76,7 @@ def test_ground_of_an_older_version_frees_nothing_below_it() -> None:
     message = prisms_message(sent)
     for name in ("tolerance_m", "noise_per_m", "seen_from_m", "seen_to_m"):
         message.ground.ClearField(name)
-    space = Message(message, 0).space
+    space = Message(message, 0, math.inf).space
     for z in (1.5, 2.1, 2.4, 2.95):
         assert Occupancy.FREE not in space.points(ahead(z))
     assert space.points([[5.0, 0.0, 1.3]]).tolist() == [Occupancy.FREE]
@@ -93,7 +93,7 @@ def test_a_ground_of_numbers_that_are_none_is_refused(name: str, bad: float) -> 
     setattr(message.ground, name, bad)
     with pytest.raises(ValueError, match="ground"):
         ground_from_message(message.ground)
-    assert set(Message(message, 0).space.points(ahead(1.0)).tolist()) == {Occupancy.UNKNOWN}
+    assert set(Message(message, 0, math.inf).space.points(ahead(1.0)).tolist()) == {Occupancy.UNKNOWN}
 
 
 @pytest.mark.parametrize("name", ["tolerance_m", "noise_per_m"])
@@ -108,7 +108,7 @@ def test_a_ground_whose_margin_is_negative_is_refused(name: str) -> None:
 def test_ranges_that_are_no_numbers_or_do_not_fit_the_profile_free_nothing_below_the_ground() -> None:
     message = seen_from_front()
     del message.ground.seen_to_m[-1]
-    assert Occupancy.FREE not in Message(message, 0).space.points(ahead(2.1))
+    assert Occupancy.FREE not in Message(message, 0, math.inf).space.points(ahead(2.1))
     message.ground.seen_from_m[0] = math.nan
     with pytest.raises(ValueError, match="seen_from_m"):
         ground_from_message(message.ground)
@@ -121,4 +121,4 @@ def test_a_profile_whose_edges_do_not_rise_is_refused(name: str, bad: float) -> 
     getattr(message.free, name)[-1] = bad
     with pytest.raises(ValueError, match=name):
         free_from_message(message.free)
-    assert set(Message(message, 0).space.points(ahead(1.0)).tolist()) == {Occupancy.UNKNOWN}
+    assert set(Message(message, 0, math.inf).space.points(ahead(1.0)).tolist()) == {Occupancy.UNKNOWN}

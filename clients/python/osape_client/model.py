@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, IntFlag
 from typing import Any
 
@@ -161,6 +161,20 @@ class CameraModel:
         set_readonly(self, "cluster", np.int32, (n,))
         if n and not (self.planes[:, 4] < self.planes[:, 5]).all():
             raise ValueError("planes: top must be less than bottom (z points down)")
+
+
+def without_free(model: CameraModel) -> CameraModel:
+    """The model in which nothing is free or open. Planes, prisms and ground stay."""
+    free = model.free
+    none = np.zeros_like(free.free_to_m)
+    free = FreeProfile(
+        azimuth_edges_rad=free.azimuth_edges_rad,
+        layer_edges_m=free.layer_edges_m,
+        free_from_m=none,
+        free_to_m=none,
+        end=np.zeros_like(free.end),
+    )
+    return replace(model, free=free)
 
 
 def set_readonly(owner: object, name: str, dtype: type[np.generic], shape: tuple[int | None, ...]) -> None:

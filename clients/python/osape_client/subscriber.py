@@ -24,6 +24,7 @@ from pathlib import Path
 from google.protobuf.message import DecodeError
 
 from .decode import cause_code, model_from_message
+from .model import without_free
 from .proto import osape_v1_pb2 as pb
 from .query.space import PlacedModel, Space
 from .receive_time import age_ns
@@ -111,25 +112,38 @@ class Message:
         """Whether it is too old to be used. A stopped service is detected by this alone."""
         return not self.age_s <= self.timeout_s
 
-    @cached_property
+    @property
     def space(self) -> Space:
-        """Queries of this message at its exposure, whatever its age: check `stale` first. Unavailable cameras contribute
-        neither free nor occupied space. If the parts of a message do not fit together, or it is of an unknown frame, everything
-        is unknown."""
+        """Queries of this message. While it is stale nothing is free or open; obstacles and ground remain: call it for each
+        query. Unavailable cameras contribute neither free nor occupied space. If the parts of a message do not fit together,
+        or it is of an unknown frame, everything is unknown."""
+        return self._obstacles if self.stale else self._whole
+
+    @cached_property
+    def _whole(self) -> Space:
+        return Space(self._models)
+
+    @cached_property
+    def _obstacles(self) -> Space:
+        """Without what is free or open."""
+        return Space([PlacedModel(without_free(placed.model), placed.place_m) for placed in self._models])
+
+    @cached_property
+    def _models(self) -> list[PlacedModel]:
         if self.frame not in FRAMES:
-            return Space([])
+            return []
         models = []
         for frame in self._frames:
             try:
                 model = model_from_message(frame) if frame.valid else None
             except ValueError:
-                return Space([])
+                return []
             if model is not None:
                 if not frame.HasField("transform") or frame.frame != self.frame:
-                    return Space([])  # cut short, so that the position of the camera is missing, or of another frame
+                    return []  # cut short, so that the position of the camera is missing, or of another frame
                 at = frame.transform.translation_m
                 models.append(PlacedModel(model, (at.x, at.y, at.z)))
-        return Space(models)
+        return models
 
 
 @dataclass(slots=True)
