@@ -75,7 +75,8 @@ def test_a_batch_ends_at_once_and_prints_one_line(tmp_path: Path) -> None:
         (tmp_path / "v").mkdir(exist_ok=True)
         (tmp_path / "v" / f"flight{k}.mcap").write_bytes(LOG.read_bytes())
     code = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell lets its background jobs ignore it
 from companion.batch import task
 from companion.cli import main
 from tests.companion.batch_processes import endless
