@@ -89,19 +89,25 @@ def message_seen_everywhere(found: SectorScan, autopilot: str) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("ends_m", "to_deg", "state"), [(4.0, 3.0, "CLEAR"), (8.0, 3.0, "UNSEEN"), (4.0, 7.0, "UNSEEN")]
+    ("ends_m", "to_deg", "ends_at", "state"),
+    [
+        (4.0, 3.0, FreeEnd.OBSTACLE, "CLEAR"),
+        (8.0, 3.0, FreeEnd.OBSTACLE, "UNSEEN"),
+        (4.0, 7.0, FreeEnd.OBSTACLE, "UNSEEN"),
+        (4.0, 3.0, FreeEnd.UNKNOWN, "UNSEEN"),
+    ],
 )
 def test_a_sector_beside_a_plane_is_clear_only_where_the_profile_ends_at_that_plane(
-    ends_m: float, to_deg: float, state: str
+    ends_m: float, to_deg: float, ends_at: FreeEnd, state: str
 ) -> None:
-    """The profile of sector 1 ends at a measured obstacle from its border on, at the pole's distance or farther."""
+    """The profile of sector 1 ends from its border on, at the pole's distance or farther."""
     found = model(wall_at(0.0, 4.0), free_to_m=13.0, view_deg=72.0)
     free_to, end = found.free.free_to_m.copy(), found.free.end.copy()
     edges_deg = np.degrees(found.free.azimuth_edges_rad)
     at_pole = (edges_deg[:-1] < 1.0) & (edges_deg[1:] > -1.0)
     beside = (edges_deg[:-1] > 1.0) & (edges_deg[:-1] < to_deg)
     free_to[at_pole], free_to[beside] = 4.0, ends_m
-    end[at_pole | beside] = FreeEnd.OBSTACLE
+    end[at_pole], end[beside] = FreeEnd.OBSTACLE, ends_at
     found = replace(found, free=replace(found.free, free_to_m=free_to, end=end))
     sectors = scan([View(found, HERE)], AVOID)
     assert sectors.state[0] == SectorState.OBSTACLE
@@ -154,8 +160,10 @@ def test_only_what_reaches_into_the_band_counts() -> None:
     low = (5.0, -1.0, 5.0, 1.0, AVOID.band_below_m + 0.1, 4.0)
     high = (5.0, -1.0, 5.0, 1.0, -4.0, -AVOID.band_above_m - 0.1)
     beam = (5.0, -1.0, 5.0, 1.0, -AVOID.band_above_m - 1.0, -AVOID.band_above_m + 0.01)
+    stump = (5.0, -1.0, 5.0, 1.0, AVOID.band_below_m - 0.01, 4.0)
     assert np.isinf(scan([View(model(low, high), HERE)], AVOID).distance_m).all()
-    assert scan([View(model(beam, free_to_m=4.5), HERE)], AVOID).state[0] == SectorState.OBSTACLE
+    for plane in (beam, stump):
+        assert scan([View(model(plane, free_to_m=4.5), HERE)], AVOID).state[0] == SectorState.OBSTACLE
 
 
 def test_margin_and_radius_come_off_the_distance() -> None:
@@ -174,7 +182,7 @@ def test_what_was_seen_free_to_the_end_is_clear_and_nothing_else_is() -> None:
     assert (found.state[away >= 45.0] == SectorState.UNSEEN).all()
 
 
-@pytest.mark.parametrize("free_to_m", [0.0, 1.0, 6.0, 11.7])
+@pytest.mark.parametrize("free_to_m", [0.0, 1.0, 6.0, 11.9])
 def test_free_but_not_to_the_end_is_not_clear(free_to_m: float) -> None:
     found = scan([View(model(free_to_m=free_to_m), HERE)], AVOID)
     assert (found.state == SectorState.UNSEEN).all()
@@ -317,6 +325,13 @@ def test_only_the_outermost_height_of_the_band_may_be_unseen_over_a_whole_sector
     assert (clear == (SectorState.CLEAR if seen else SectorState.UNSEEN)).all()
     every = scan([seen_but_at(*unseen)], replace(AVOID, clear_share=1.0)).state[5:-5]
     assert (every == (SectorState.UNSEEN if unseen else SectorState.CLEAR)).all()
+
+
+@pytest.mark.parametrize(("unseen", "state"), [(range(5), "CLEAR"), (range(7), "UNSEEN"), (range(10), "UNSEEN")])
+def test_earlier_free_space_completes_only_a_sector_of_which_enough_is_seen_now(unseen: range, state: str) -> None:
+    """All of the rest was seen free before."""
+    found = scan([seen_but_at(*unseen)], AVOID, recall=lambda x, y, z: np.ones(len(x), bool))
+    assert (found.state[5:-5] == SectorState[state]).all()
 
 
 @pytest.mark.parametrize(("unseen", "state"), [((0,), "OBSTACLE"), ((0, 1), "UNSEEN"), ((8, 9), "UNSEEN")])

@@ -594,8 +594,8 @@ def test_nothing_is_free_where_the_extractor_takes_what_it_measures_for_ground(t
 
 def test_the_way_to_a_plane_may_end_a_ring_and_a_step_before_it() -> None:
     """With the ring that is configured, whatever it is."""
-    for ring_m, seen in ((0.2, False), (0.5, True)):
-        view = View(model(wall_at(0.0, 5.0), free_to_m=3.85), HERE, ring_m=ring_m)
+    for ring_m, free_to_m, seen in ((0.2, 3.85, False), (0.5, 3.85, True), (0.5, 3.6, False)):
+        view = View(model(wall_at(0.0, 5.0), free_to_m=free_to_m), HERE, ring_m=ring_m)
         avoid = replace(AVOID, step_m=0.2)
         state = scan([view], avoid).state[0]
         assert state == (SectorState.OBSTACLE if seen else SectorState.UNSEEN)
