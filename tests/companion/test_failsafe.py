@@ -69,6 +69,7 @@ STOP, NOT_KNOWN = stop_at(2.0), Policy("unknown")
         (AutopilotNow(kind="PX4", cp_dist_m=3.0), "brake", 3.02, True),
         (AutopilotNow(kind="PX4", cp_dist_m=0.1), "brake", 0.22, True),  # PX4 keeps min_distance at least
         (AutopilotNow(kind="PX4", cp_dist_m=-1.0), "unknown", 0.0, False),  # collision prevention is off
+        (AutopilotNow(kind="PX4", cp_dist_m=0.0), "unknown", 0.0, False),
         (AutopilotNow(kind="PX4", cp_dist_m=12.0), "unknown", 0.0, False),  # no room below max_distance_m
         (AutopilotNow(kind="ArduPilot", margin_m=2.0), "stop", 2.121, False),
         (AutopilotNow(kind="ArduPilot"), "stop", 2.121, False),
@@ -302,11 +303,37 @@ def test_with_contradictory_heartbeats_a_blind_camera_beside_the_edge_of_another
 def test_with_contradictory_heartbeats_no_sector_is_clear_into_which_the_hull_does_not_fit() -> None:
     both = policy_of(AVOID, AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0))
     edge = replace(sight(front_seen(), seeing=FRONT), edge=SECTOR == 2)
-    for policy, value in ((both, UNKNOWN), (STOP, clear_cm(AVOID))):  # ArduPilot takes unknown for clear
-        values = BlindPolicy(AVOID).values(edge, policy, NS)
-        assert values is not None
-        assert values[2] == value
-        assert values[0] == clear_cm(AVOID)
+    unseen = sight(front_seen(), seeing=FRONT)
+    unseen.scan.state[3] = SectorState.UNSEEN  # PX4 moves into it by the value of the sector below it, too
+    for view in (edge, unseen):
+        for policy, value in ((both, UNKNOWN), (STOP, clear_cm(AVOID))):  # ArduPilot takes unknown for clear
+            values = BlindPolicy(AVOID).values(view, policy, NS)
+            assert values is not None
+            assert values[2] == value
+            assert values[0] == clear_cm(AVOID)
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "velocity_m_s", "sent_cm"),
+    [(8.0, (0.0, 0.0), UNKNOWN), (8.0, (4.0, 0.0), 769), (2.51, (0.0, 0.0), 221)],
+)
+def test_an_obstacle_at_the_edge_of_the_view_is_sent_to_px4_only_if_it_is_near_or_approached(
+    distance_m: float, velocity_m_s: tuple[float, float], sent_cm: int
+) -> None:
+    """PX4 moves into a sector that has any value."""
+    edge = replace(sight(front_seen(wall_at(20.0, distance_m)), seeing=FRONT), edge=SECTOR == 4)
+    values = BlindPolicy(AVOID).values(replace(edge, velocity_m_s=velocity_m_s), BRAKE, 0)
+    assert values is not None
+    assert int(values[4]) == sent_cm
+
+
+def test_px4_is_still_sent_an_obstacle_that_has_left_the_view() -> None:
+    """The hull does not fit into any sector without a camera: such a sector is also at the edge."""
+    distance_m = np.where(SECTOR == 20, 5.0, np.inf)
+    left = replace(sight(front_seen(), seeing=FRONT), edge=~FRONT, recalled=Remembered(distance_m, distance_m))
+    values = BlindPolicy(AVOID).values(replace(left, velocity_m_s=(0.0, 0.0)), BRAKE, 0)
+    assert values is not None
+    assert values[20] == 500
 
 
 # ---- recovery ---------------------------------------------------------------------------------------------------------
@@ -508,7 +535,9 @@ def test_on_the_ground_the_wall_for_a_wide_margin_is_not_clear(blind: np.ndarray
     avoid = replace(AVOID, max_distance_m=5.0)
     wide = policy_of(avoid, AutopilotNow(kind="ArduPilot", margin_m=5.0))
     assert 100 * wide.wall_m > clear_cm(avoid)
-    near = replace(sight(front_seen(wall_at(0.0, 0.6)), seeing=FRONT, blind=blind), on_ground=True)
+    found = front_seen(wall_at(0.0, 0.6), wall_at(20.0, 1.21))
+    near = replace(sight(found, seeing=FRONT, blind=blind), on_ground=True)
     values = BlindPolicy(avoid).values(near, wide, NS)
     assert values is not None
     assert values[0] == clear_cm(avoid) - 2
+    assert values[4] == 90

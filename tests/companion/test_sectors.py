@@ -21,6 +21,7 @@ from companion.autopilot.obstacle_distance import (
     encoded,
     for_coarse_bins,
     for_reader,
+    near_cm,
     obstacle_distance_message,
     only_near,
 )
@@ -451,11 +452,12 @@ def test_a_second_obstacle_in_the_front_face_does_not_hide_the_nearer_one() -> N
 
 
 @pytest.mark.parametrize("filter_hz", [0.0, 0.25, 2.0])
+@pytest.mark.parametrize("aside_deg", [10.0, 20.0])
 @pytest.mark.parametrize(("right_m", "left_m"), [(3.0, 8.0), (8.0, 3.0)])
 def test_the_nearer_half_of_the_front_face_counts_whatever_the_low_pass(
-    right_m: float, left_m: float, filter_hz: float
+    right_m: float, left_m: float, aside_deg: float, filter_hz: float
 ) -> None:
-    planes = (wall_at(10.0, right_m), wall_at(90.0, 9.0), wall_at(350.0, left_m))
+    planes = (wall_at(aside_deg, right_m), wall_at(90.0, 9.0), wall_at(360.0 - aside_deg, left_m))
     reader = ArduPilotReader(filter_hz=filter_hz)
     for tenth in range(10):
         reader.read(message_of(scan([View(model(*planes, free_to_m=13.0), HERE)], AVOID)), NS + tenth * NS // 10)
@@ -531,6 +533,11 @@ def test_beside_unknown_an_obstacle_that_must_be_braked_for_is_sent_at_the_wall(
     assert for_coarse_bins(values, clear_cm(AVOID), reach)[12] == 302
     values[11] = 200
     assert for_coarse_bins(values, clear_cm(AVOID), reach)[12] == 200
+
+
+def test_an_obstacle_is_sent_inside_of_the_range_that_both_autopilots_use() -> None:
+    """Of other values ArduPilot uses none, and a value above the range means clear."""
+    assert near_cm(np.array([0.0, 0.215, 11.999, 50.0]), AVOID).tolist() == [21, 21, 1199, 1199]
 
 
 def test_golden_vectors() -> None:
