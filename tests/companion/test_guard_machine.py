@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from companion.config.guard import GuardParams
 from companion.guard.assessment import Action, Verdict
-from companion.guard.attempt import FAILED_AFTER, MODE_NS, SETTLE_NS
+from companion.guard.attempt import FAILED_AFTER, MODE_NS
 from companion.guard.machine import GAP_NS, REARM_NS, GuardMachine
 from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
 from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
@@ -215,7 +216,7 @@ def test_repeats_without_acknowledgement_and_takes_the_next_command_when_refused
 def test_an_acknowledged_attempt_is_repeated_when_a_heartbeat_shows_the_old_mode() -> None:
     f = stopping()
     f.machine.acknowledged(DO_SET_MODE, 0)
-    assert commands(f.step(SETTLE_NS // STEP_NS - 1)) == []
+    assert commands(f.step(4)) == []
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
 
 
@@ -350,11 +351,10 @@ def test_announces_a_stop_without_effect_once_and_goes_on() -> None:
     f = stopping()
     out = f.step(150)
     assert texts(out) == ["guard: STOP NOT CONFIRMED, take over"]
-    assert len(commands(out)) > FAILED_AFTER
-    assert {c.method for c in commands(out) if isinstance(c, StopCommand)} == {
-        StopMethod.COPTER_BRAKE,
-        StopMethod.COPTER_LOITER,
-    }
+    methods = [c.method for c in commands(out) if isinstance(c, StopCommand)]
+    assert len(methods) > FAILED_AFTER
+    assert methods.count(StopMethod.COPTER_LOITER) > 1
+    assert (StopMethod.COPTER_LOITER,) * 2 not in pairwise(methods)
 
 
 def test_next_command_when_the_vehicle_does_not_brake_in_the_stop_mode() -> None:

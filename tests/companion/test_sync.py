@@ -249,6 +249,15 @@ def test_in_fast_flight_no_position_is_used_whose_instant_is_uncertain(error_ms,
         assert isinstance(answer, str)
 
 
+@pytest.mark.parametrize(("down_m_s", "reset", "used"), [(8.0, 0, True), (9.0, 0, False), (0.0, 1, False)])
+def test_the_velocity_between_two_positions_is_vertical_too_and_not_that_of_a_jump(down_m_s, reset, used):
+    sync = Synchroniser(SyncParams())
+    for t_ms, counter in ((0, 0), (40, reset)):
+        place_m = (0.0, 0.0, down_m_s * t_ms / 1000.0)
+        sync.add(PoseSample(t_ms * MS, t_ms * MS, place_m, reset_counter=counter, stamp_error_ns=30 * MS))
+    assert isinstance(sync.pose_at(40 * MS), PoseAt) == used
+
+
 def test_a_single_position_without_velocity_and_with_an_uncertain_instant_is_not_used() -> None:
     sample = PoseSample(0, 0, (0.0, 0.0, 0.0), stamp_error_ns=MS)
     assert isinstance(synchroniser(sample).pose_at(0), str)
