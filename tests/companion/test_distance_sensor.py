@@ -42,6 +42,12 @@ def test_a_beam_is_sent_while_the_vehicle_is_under_it_and_only_then() -> None:
     assert known.upward_m(Here(0.0, (106.0, 50.0, -10.0), 1), 6 * NS + 1) is None  # long ago
 
 
+def test_of_two_obstacles_above_the_lower_one_is_sent() -> None:
+    known, here = Overhead(UP), Here(0.0, (0.0, 0.0, -10.0), 1)
+    known.see(View(model((0.0, -3.0, 0.0, 3.0, -6.0, -5.0), (0.1, -3.0, 0.1, 3.0, -4.0, -2.5)), AHEAD), here, NS)
+    assert known.upward_m(here, NS) == pytest.approx(2.5)
+
+
 def test_many_undersides_ahead_do_not_displace_the_beam_above() -> None:
     """Below the roof of a hall each frame has a hundred of them, all of them farther ahead."""
     known, here = Overhead(UP), Here(0.0, (0.0, 0.0, -10.0), 1)

@@ -68,8 +68,8 @@ def test_where_a_later_frame_finds_an_obstacle_nothing_is_free() -> None:
     assert free(memory, START, 5.0, 0.0, -0.7)
     found = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
     memory.see("front", 11 * NS, replace(looking(0.0), model=found), START)
-    for x, y in ((5.0, 0.0), (4.8, 0.9), (5.2, -0.9)):
-        assert not free(memory, START, x, y, -0.7, t_ns=11 * NS)
+    for x, y in ((4.8, 0.9), (5.2, -0.9), *((5.0, y) for y in np.arange(-1.0, 1.01, 0.1))):
+        assert not free(memory, START, x, float(y), -0.7, t_ns=11 * NS)
     assert free(memory, START, 5.0, 2.0, -0.7, t_ns=11 * NS)
     assert free(memory, START, 7.0, 0.0, -0.7, t_ns=11 * NS)
 
@@ -87,24 +87,24 @@ WALL = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
 
 
 def test_older_frames_never_free_the_place_of_an_obstacle() -> None:
-    """However many: two newer ones would."""
+    """However many: two newer ones would. One of the same instant is no newer one."""
     memory = FreeMemory(AVOID)
-    found = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0)
-    memory.see("left", 11 * NS, replace(looking(0.0), model=found), START)
-    for before_ns in (3 * NS // 10, 2 * NS // 10, NS // 10):
-        memory.see("front", 11 * NS - before_ns, looking(0.0), START)
+    memory.see("left", 11 * NS, replace(looking(0.0), model=WALL), START)
+    for after_ns in (-2 * NS // 10, -NS // 10, 0, NS // 10):
+        memory.see("front", 11 * NS + after_ns, looking(0.0), START)
     assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=11 * NS)
 
 
-def test_beside_an_obstacle_the_next_cell_is_not_free() -> None:
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0])
+@pytest.mark.parametrize("at_m", [4.9, 5.3])
+def test_beside_an_obstacle_the_next_cell_is_not_free(at_m: float, heading_deg: float) -> None:
     """A ray passes between two cells that touch at a corner."""
-    north = replace(START, heading_rad=0.0)
-    memory = remembering(north)
-    found = model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.0, view_deg=72.0)
-    near_m = 5.0 - 0.4 * AVOID.step_m
-    assert free(memory, north, near_m, 0.0, -0.7)
-    memory.see("front", 11 * NS, replace(looking(0.0), model=found), north)
-    assert not free(memory, north, near_m, 0.0, -0.7, t_ns=11 * NS)
+    here = replace(START, heading_rad=math.radians(heading_deg))
+    memory = remembering(here)
+    found = model((5.1, -1.0, 5.1, 1.0, -2.0, 2.0), free_to_m=4.0, view_deg=72.0)
+    assert free(memory, here, at_m, 0.0, -0.7)
+    memory.see("front", 11 * NS, replace(looking(0.0), model=found), here)
+    assert not free(memory, here, at_m, 0.0, -0.7, t_ns=11 * NS)
 
 
 def test_only_the_memory_of_the_named_cameras_counts() -> None:
@@ -147,6 +147,13 @@ def test_below_an_obstacle_it_stays_free() -> None:
     memory.see("front", 11 * NS, replace(looking(0.0), model=model((5.0, -1.0, 5.0, 1.0, -2.0, -0.6))), START)
     assert not free(memory, START, 5.0, 0.0, -0.7, t_ns=11 * NS)
     assert free(memory, START, 5.0, 0.0, 0.5, t_ns=11 * NS)
+
+
+def test_above_an_obstacle_it_stays_free() -> None:
+    memory = remembering()
+    memory.see("front", 11 * NS, replace(looking(0.0), model=model((5.0, -1.0, 5.0, 1.0, 0.1, 2.0))), START)
+    assert not free(memory, START, 5.0, 0.0, 0.15, t_ns=11 * NS)
+    assert free(memory, START, 5.0, 0.0, -0.5, t_ns=11 * NS)
 
 
 def test_after_a_while_it_is_forgotten() -> None:
