@@ -303,7 +303,7 @@ def test_obstacles_that_are_no_longer_sent_do_not_explain_those_of_another_sende
     assert "reports other obstacles" in check.fault(PX4, 21 * NS)
 
 
-def test_a_range_finder_of_the_autopilot_is_no_echo() -> None:
+def test_a_range_finder_of_the_autopilot_and_a_face_without_an_obstacle_are_no_echo() -> None:
     """ArduPilot sends range finders with the ids 0 to 9, the faces of the obstacles with 10 and above (AP_Proximity.h). A range
     finder that looks ahead hid that the obstacles are not used, or was reported as a second sensor."""
     unused, used = EchoCheck(), EchoCheck()
@@ -313,6 +313,7 @@ def test_a_range_finder_of_the_autopilot_is_no_echo() -> None:
             check.sent(scene(400), clear_cm(AVOID), now_ns)
             check.take(dialect.MAVLink_distance_sensor_message(0, 20, 700, 150, 0, 0, 0, 0), now_ns)
         used.take(dialect.MAVLink_distance_sensor_message(0, 20, 1200, 400, 0, 10, 0, 0), now_ns)
+        unused.take(dialect.MAVLink_distance_sensor_message(0, 20, 1200, 1200, 0, 10, 0, 0), now_ns)
     assert "does not use the obstacles" in unused.fault(ARDUPILOT, 13 * NS)
     assert used.fault(ARDUPILOT, 13 * NS) == ""
 

@@ -314,6 +314,17 @@ def taken(
     return kept.take(scan_of(SectorState.UNSEEN) if found is None else found, replace(now, **lost))
 
 
+@pytest.mark.parametrize(("speed_m_s", "state"), [(0.0, SectorState.CLEAR), (2.0, SectorState.UNSEEN)])
+def test_a_sector_lost_nearer_by_the_way_flown_is_lost_at_the_same_place(speed_m_s: float, state: SectorState) -> None:
+    kept, nowhere = SeenSectors(AVOID), np.zeros(SECTORS, np.bool_)
+    for n, ends_m in enumerate((12.0, 12.0, 12.0, 5.0, 12.0, 4.3), 1):
+        found = replace(
+            scan_of(SectorState.CLEAR if ends_m == 12.0 else SectorState.UNSEEN), free_m=np.full(SECTORS, ends_m)
+        )
+        taken = kept.take(found, SectorSight(np.full(SECTORS, n * NS // 10), nowhere, 0.0, speed_m_s, n * NS // 10))
+    assert (taken.state == state).all()
+
+
 ALL, UPPER, LOWER = range(10), range(4), range(5, 10)
 
 

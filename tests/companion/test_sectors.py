@@ -27,7 +27,7 @@ from companion.autopilot.obstacle_distance import (
 )
 from companion.autopilot.obstacle_memory import nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan, segment_distances
-from companion.autopilot.view_free import View, points_free
+from companion.autopilot.view_free import View, ended_by_obstacle, points_free
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform
 from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Ground, Intrinsics
@@ -113,6 +113,15 @@ def test_a_sector_beside_a_plane_is_clear_only_where_the_profile_ends_at_that_pl
     sectors = scan([View(found, HERE)], AVOID)
     assert sectors.state[0] == SectorState.OBSTACLE
     assert sectors.state[1] == SectorState[state]
+
+
+def test_heights_outside_of_the_profile_do_not_end_at_its_obstacles() -> None:
+    """Nothing was looked for there."""
+    found = model(free_to_m=4.0)
+    found = replace(found, free=replace(found.free, end=np.full((36, 3), FreeEnd.OBSTACLE, np.uint8)))
+    z, at_m = np.array([-3.5, -2.5, 0.0, 2.5, 3.5]), np.full(5, 5.0)
+    ended = ended_by_obstacle(View(found, HERE), at_m, np.zeros(5), z, np.ones(5))
+    assert ended.tolist() == [False, True, True, True, False]
 
 
 def test_a_ray_beside_a_plane_that_meets_the_ground_does_not_count() -> None:
