@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 from drivers.mavlink.commands import REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, request_message, set_message_interval
@@ -40,18 +40,17 @@ class Certainty:
     _reached_ns: int | None = None
     _next_ns: int = 0
     _wait_ns: int = FIRST_WAIT_NS
-    _asked: bool = field(default=False)
 
     def acknowledged(self, command: int, result: int, now_ns: int) -> None:
         """Handles a COMMAND_ACK of the vehicle for the service."""
-        if command in _REQUESTS and self._asked and result in _ANSWERS:
+        if command in _REQUESTS and result in _ANSWERS:
             self._reached_ns = now_ns
 
     def requests(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
         """Returns the request to send now, if any. After a change of the vehicle it must be acknowledged again."""
         who = (vehicle.system_id, vehicle.autopilot)
         if who != self._who:
-            self._who, self._reached_ns, self._asked, self._next_ns = who, None, False, now_ns
+            self._who, self._reached_ns, self._next_ns = who, None, now_ns
             self._wait_ns = FIRST_WAIT_NS
         if vehicle.autopilot not in STOP_ORDER or now_ns < self._next_ns:
             return []
@@ -62,7 +61,6 @@ class Certainty:
             self._next_ns = now_ns + POLL_NS
         else:
             self._next_ns = now_ns + (AGAIN_NS if now_ns - self._reached_ns <= AGAIN_NS else FIRST_WAIT_NS)
-        self._asked = True
         if vehicle.autopilot == PX4:
             return [request_message(vehicle.system_id, HEARTBEAT_ID)]
         return [set_message_interval(vehicle.system_id, HEARTBEAT_ID, HEARTBEAT_HZ)]
