@@ -114,6 +114,7 @@ def test_a_simulated_autopilot_answers_for_longer_than_an_answer_counts(kind: st
     ("vehicle", "conflicts", "signing", "doubt"),
     [
         (COPTER, {"two autopilots": "heartbeats contradict"}, "", "two autopilots"),
+        (COPTER, {"two clocks": "stamps of two clocks"}, "", "two clocks"),
         (COPTER, {"two services": "a second sender"}, "", "two services"),
         (COPTER, {"two companions": "another one sends obstacles"}, "", ""),
         (replace(COPTER, autopilot="ArduPilot or PX4"), {}, "", "autopilot kind unknown"),

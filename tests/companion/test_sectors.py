@@ -27,7 +27,7 @@ from companion.autopilot.obstacle_distance import (
 )
 from companion.autopilot.obstacle_memory import nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan, segment_distances
-from companion.autopilot.view_free import View, ended_by_obstacle, points_free
+from companion.autopilot.view_free import View, above_ground_share, ended_by_obstacle, points_free
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform
 from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Ground, Intrinsics
@@ -113,6 +113,21 @@ def test_a_sector_beside_a_plane_is_clear_only_where_the_profile_ends_at_that_pl
     sectors = scan([View(found, HERE)], AVOID)
     assert sectors.state[0] == SectorState.OBSTACLE
     assert sectors.state[1] == SectorState[state]
+
+
+@pytest.mark.parametrize("along_rays", [True, False])
+def test_a_range_is_free_from_its_begin_to_its_end(along_rays: bool) -> None:
+    """Through what was seen free, the way there was seen free, but only if the ray is followed."""
+    at_m = np.array([1.4, 1.6, 3.9, 4.1])
+    free = points_free(View(model(free_to_m=4.0), HERE), at_m, np.zeros(4), np.zeros(1), along_rays=along_rays)
+    assert free[0].tolist() == [along_rays, True, True, False]
+
+
+def test_from_within_the_margin_of_the_ground_only_rising_rays_stay_above_it() -> None:
+    """As of a vehicle that stands, with a camera 0.1 m above the ground."""
+    view = View(replace(model(free_to_m=4.0), ground=Ground(seen=True, height_m=0.1, tolerance_m=0.25)), HERE)
+    x, y = np.array([5.0]), np.zeros(1)
+    assert [float(above_ground_share(view, x, y, z, x)[0]) for z in (-1.0, 0.0, 1.0)] == [math.inf, 0.0, 0.0]
 
 
 def test_heights_outside_of_the_profile_do_not_end_at_its_obstacles() -> None:
