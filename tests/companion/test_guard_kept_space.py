@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from companion.guard.assessment import LATE_NS, Action
 from companion.guard.corridor import ACROSS, common_free_m, corridor_free_m
-from companion.guard.kept_space import NEWEST_SHARE, Kept, eroded, grid_of, kept_free_m
+from companion.guard.kept_space import NEWEST_SHARE, Kept, Tolerance, eroded, grid_of, kept_free_m, reach_m
 from companion.guard.kept_views import KeptRays
 from companion.guard.path_sight import PathSight
 
@@ -123,6 +123,25 @@ def test_rays_count_along_a_sloping_path_of_a_vehicle_that_follows_it() -> None:
     after = later(80, **rays(HOLES[1]), slope=-0.3, position_ned_m=(0.4, 0.0, -3.12))
     assert action(before, after) is not Action.STOP
     assert action(before, replace(after, position_ned_m=(0.4, 0.0, -2.88))) is Action.STOP
+
+
+@pytest.mark.parametrize(
+    ("change", "reaches"),
+    [
+        ({"estimate": (None, 0)}, True),
+        ({"estimate": (1, 0)}, True),
+        ({"estimate": (2, 0)}, False),
+        ({"estimate": (1, 1)}, False),
+        ({"course_rad": math.pi}, False),
+    ],
+)
+def test_a_corridor_reaches_nowhere_after_a_jump_or_in_the_opposite_direction(
+    change: dict[str, Any], reaches: bool
+) -> None:
+    newest = replace(SIGHT, course_rad=0.0, estimate=(1, 0))
+    reach = reach_m(replace(newest, **change), newest, Tolerance(0.3, 0.3))
+    assert (reach > FAR_M) == reaches
+    assert reach == 0.0 or reaches
 
 
 def test_the_slope_of_a_sight_is_that_of_the_path() -> None:

@@ -48,6 +48,7 @@ def seen(
     weak_px: float = 0.0,
     turn_deg_s: float = 0.0,
     recall: Recall | None = None,
+    moved: bool = True,
 ) -> PathSight:
     views = () if found is None else (View(found, LevelTransform(0.0, (0.0, 0.0, 0.0))),)
     s = Surroundings(
@@ -60,6 +61,7 @@ def seen(
         blind={} if views else {"front": "no frame yet"},
         here=replace(HERE, heading_rad=heading),
         velocity_ned_m_s=velocity,
+        moved=moved,
     )
     return path_sight(s, AVOID, GUARD, math.radians(turn_deg_s))
 
@@ -394,6 +396,28 @@ def later(ms: int, **changes: object) -> PathSight:
     """A sight so much later, at 5 m/s."""
     at = replace(SIGHT, t_ns=T_NS + ms * MS, exposed_ns=T_NS + (ms - 50) * MS, position_ned_m=(0.005 * ms, 0.0, -3.0))
     return replace(at, **changes)  # type: ignore[arg-type]
+
+
+def test_distances_of_views_that_were_not_moved_begin_at_their_exposure() -> None:
+    """At 5 m/s the vehicle has flown 0.25 m since."""
+    free = model(free_to_m=15.0)
+    assert seen(free).shown_ns is None
+    assert seen(free, moved=False).shown_ns == T_NS - 50 * MS
+    for changes in ({"free_m": 9.0}, {"obstacle_m": 9.0}):
+        room_m = []
+        for shown_ns in (None, T_NS - 50 * MS):
+            assessor = PathAssessor(GUARD, BRAKING, AVOID)
+            assessor.take(replace(SIGHT, shown_ns=shown_ns, **changes))
+            verdict = assessor.verdict(T_NS)
+            assert verdict is not None
+            room_m.append(verdict.room_m)
+        assert room_m == pytest.approx([9.0, 8.75])
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
+    for sight in (replace(SIGHT, shown_ns=T_NS - 50 * MS, free_m=12.0), later(100, free_m=0.0)):
+        assessor.take(sight)
+    verdict = assessor.verdict(T_NS + 100 * MS)
+    assert verdict is not None
+    assert verdict.room_m == pytest.approx(12.0 - 0.75), "by an earlier sight"
 
 
 def action(*sights: PathSight, after_ms: int = 0) -> Action:
