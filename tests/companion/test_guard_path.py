@@ -420,6 +420,17 @@ def test_distances_of_views_that_were_not_moved_begin_at_their_exposure() -> Non
     assert verdict.room_m == pytest.approx(12.0 - 0.75), "by an earlier sight"
 
 
+@pytest.mark.parametrize(("after_ms", "stops"), [(0, False), (100, True)])
+def test_the_way_since_the_newest_sight_counts_for_a_firm_stop(after_ms: int, stops: bool) -> None:
+    at_m = BRAKING.needed_m(5.0) + 0.3
+    assessor = PathAssessor(GUARD, BRAKING, AVOID)
+    for sight in (later(0, obstacle_m=at_m + 0.5), later(100, obstacle_m=at_m)):
+        assessor.take(sight)
+    verdict = assessor.verdict(T_NS + (100 + after_ms) * MS)
+    assert verdict is not None
+    assert verdict.firm_stop == verdict.obstacle_stop == stops
+
+
 def action(*sights: PathSight, after_ms: int = 0) -> Action:
     assessor = PathAssessor(GUARD, BRAKING, AVOID)
     for sight in sights:
