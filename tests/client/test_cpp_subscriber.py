@@ -156,6 +156,53 @@ def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, s
         assert [int(line) for line in done.stdout.split()] == expected.tolist()
 
 
+OCCUPANCY_OF_MESSAGES = """
+#include <iostream>
+#include "osape_client/subscriber.h"
+int main() {
+  osape_client::Message message;
+  if (!message.content.ParseFromIstream(&std::cin)) return 1;
+  for (const double timeout_s : {1e9, 0.0}) {
+    message.timeout_s = timeout_s;
+    for (const double x : {3.0, 6.0, 11.0})
+      std::cout << static_cast<int>(osape_client::occupancy(message, {x, 0.0, 0.0}, 0.1, true)) << ' ';
+  }
+}
+"""
+
+
+def test_nothing_is_free_in_a_stale_message(program: Path, tmp_path: Path) -> None:
+    """Free, behind a wall and open, first of a message that is not stale."""
+    source, binary = tmp_path / "message.cpp", tmp_path / "message"
+    source.write_text(OCCUPANCY_OF_MESSAGES)
+    libraries = subprocess.run(
+        ["pkg-config", "--cflags", "--libs", "protobuf", "libzmq"], capture_output=True, text=True, check=True
+    )
+    build, include = program.parent, SOURCE / "include"
+    command = ["c++", "-std=c++17", source, f"-I{include}", f"-I{build}", build / "libosape_client.a", "-o", binary]
+    done = subprocess.run([*command, *libraries.stdout.split()], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    message = frame(stats=pb.FrameStats(planes=2))
+    message.transform.SetInParent()
+    message.free.CopyFrom(
+        pb.FreeProfile(
+            azimuth_edges_rad=[-1.0, 1.0],
+            layer_edges_m=[-2.0, 2.0],
+            free_from_m=[1.0],
+            free_to_m=[8.0],
+            end=bytes(1),
+            open_from_dm=bytes([80]),
+            open_to_dm=bytes([140]),
+        )
+    )
+    done = subprocess.run([binary], input=message.SerializeToString(), capture_output=True, check=True)
+    fresh, stale = (
+        [Occupancy.FREE, Occupancy.OCCUPIED, Occupancy.OPEN],
+        [Occupancy.UNKNOWN, Occupancy.OCCUPIED, Occupancy.UNKNOWN],
+    )
+    assert [int(word) for word in done.stdout.split()] == [*fresh, *stale]
+
+
 def _damage(message: pb.PrismsFrame, part: str) -> None:
     """Damages this part of a message."""
     if part == "cause":

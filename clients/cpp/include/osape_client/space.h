@@ -4,7 +4,7 @@
 // Free: all of it lies in space that the camera observed to be free, above the camera's ground. Else it is unknown.
 // Open is a fourth answer, for callers that ask for it: all of it lies in space that was observed free or is presumed free without
 // a measurement. Without allow_open that is unknown.
-// Check the age of the message first: see Message::stale.
+// A frame has no age: query a received one through its Message (subscriber.h).
 #pragma once
 
 #include <algorithm>

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 
+#include "osape_client/space.h"
 #include "osape_v1.pb.h"
 
 namespace osape_client {
@@ -24,6 +25,12 @@ struct Message {
   double age_s() const;
   bool stale() const { return !(age_s() <= timeout_s); }
 };
+
+// Occupancy of a ball as in space.h, but nothing is free or open while the message is stale.
+inline Occupancy occupancy(const Message& message, const Point& p, double radius_m, bool allow_open = false) {
+  const Occupancy found = occupancy(message.content, p, radius_m, allow_open);
+  return message.stale() && found != Occupancy::kOccupied ? Occupancy::kUnknown : found;
+}
 
 // Counts of received messages. undecodable: not a frame of this schema version; out_of_order: not newer than an earlier one;
 // last_error: the cause of the last undecodable one.
