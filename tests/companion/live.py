@@ -227,14 +227,16 @@ def fill(descriptor: int) -> int:
 
 
 @contextmanager
-def nobody_reads(folder: Path) -> Iterator[tuple[str, ...]]:
-    """A command for `Live.start` that gives the service a full pipe, which nobody reads, as stdout and stderr."""
+def unread_output(folder: Path) -> Iterator[tuple[str, ...]]:
+    """A command for `Live.start` that gives the service a full pipe, which is not read, as stdout and stderr."""
     pipe = folder / "pipe"
     os.mkfifo(pipe)
     descriptor = os.open(pipe, os.O_RDWR)
-    fill(descriptor)
-    yield "/bin/sh", "-c", f'exec "$@" >"{pipe}" 2>&1', "sh"
-    os.close(descriptor)
+    try:
+        fill(descriptor)
+        yield "/bin/sh", "-c", f'exec "$@" >"{pipe}" 2>&1', "sh"
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

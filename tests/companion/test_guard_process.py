@@ -26,7 +26,7 @@ from drivers.simulation.firmware_models.auto_flight import (
 )
 from tests.ports import free_port
 
-from .live import Live, nobody_reads, until
+from .live import Live, unread_output, until
 
 pytestmark = [pytest.mark.process, pytest.mark.realtime]
 
@@ -189,8 +189,8 @@ def test_the_vehicle_stops_before_the_wall(tmp_path: Path, renders: Path, kind: 
         assert any("guard: stop, " in text for text in g.texts())
 
 
-def test_the_vehicle_stops_before_the_wall_while_nobody_reads_the_output(tmp_path: Path, renders: Path) -> None:
-    with nobody_reads(tmp_path) as before, guarded(tmp_path, renders, PX4, before=before) as g:
+def test_the_vehicle_stops_before_the_wall_while_its_output_is_not_read(tmp_path: Path, renders: Path) -> None:
+    with unread_output(tmp_path) as before, guarded(tmp_path, renders, PX4, before=before) as g:
         g.go()
         assert g.comes_to("holding")
         assert g.distance_m() > 1.0

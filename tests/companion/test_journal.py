@@ -1,4 +1,4 @@
-"""The log of the service on a pipe that nobody reads."""
+"""The log of the service on a pipe that is not read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from companion.live import journal
 from companion.live.journal import JournalFormatter, JournalHandler
 from drivers.simulation.autopilot import ARDUPILOT
 
-from .live import PATIENCE_S, ROOT, Live, fill, flown, nobody_reads, until
+from .live import PATIENCE_S, ROOT, Live, fill, flown, unread_output, until
 from .test_service_avoids import CONFIG, FRONT, AvoidingService
 
 pytestmark = pytest.mark.process
@@ -63,7 +63,9 @@ def test_a_pipe_that_is_not_read_blocks_no_thread_that_logs_and_dropped_lines_ar
     descriptor, writer = os.pipe()
     fill(writer)
     handler = handler_on(writer)
-    for number in range(journal.MOST_WAITING + 50):
+    handler.handle(record("line 0"))
+    assert until(handler._waiting.empty), "the thread has it, and waits for the reader"
+    for number in range(1, journal.MOST_WAITING + 50):
         handler.handle(record(f"line {number}"))
     reader = Reader(descriptor)
     assert until(lambda: any("dropped" in line for line in reader.lines))
@@ -107,7 +109,7 @@ def test_a_reader_that_has_ended_ends_no_thread() -> None:
     reader, writer = os.pipe()
     os.close(reader)
     handler = handler_on(writer)
-    handler.handle(record("to nobody"))
+    handler.handle(record("without a reader"))
     handler.close()
     assert not handler._thread.is_alive()
     os.close(writer)
@@ -136,7 +138,7 @@ def test_the_traceback_of_a_thread_is_in_the_journal() -> None:
     assert done.stderr.endswith("ValueError: a broken part\n")
 
 
-def test_a_process_whose_thread_has_failed_ends_although_nobody_reads_stderr(pipe: tuple[int, int]) -> None:
+def test_a_process_whose_thread_has_failed_ends_although_stderr_is_not_read(pipe: tuple[int, int]) -> None:
     """A traceback that a thread writes by sys.stderr holds its lock, which the end of the interpreter needs."""
     _, writer = pipe
     fill(writer)
@@ -161,12 +163,12 @@ handler.close()
     assert done.stdout == "computed"
 
 
-def test_the_service_goes_on_while_nobody_reads_its_output(tmp_path: Path, renders: Path) -> None:
+def test_the_service_goes_on_while_its_output_is_not_read(tmp_path: Path, renders: Path) -> None:
     live = Live(
         tmp_path, CONFIG + "[extractor]\npaper_roll_deg = 5.0\n", renders
     )  # a line before the start, as it is retired
     with (
-        nobody_reads(tmp_path) as before,
+        unread_output(tmp_path) as before,
         flown(live, ARDUPILOT) as line,
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd,
     ):
