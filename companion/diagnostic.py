@@ -22,6 +22,10 @@ class DiagnosticCode(Code):
     OPTIONAL_CAMERA_UNAVAILABLE = "optional_camera_unavailable", "a camera that is not required gives no usable frame"
     CAMERA_FEW_MEASURED = "camera_few_measured", "almost no pixel of the camera holds a measurement"
     CAMERA_RATE_LOW = "camera_rate_low", "the camera's frame rate is below the configured one"
+    CAMERA_MISALIGNED = (
+        "camera_misaligned",
+        "the rows of a stereo camera's images differ; its calibration is inaccurate",
+    )
     TEMPLATE_INTRINSICS = "template_intrinsics", "the intrinsics are those of the shipped configuration"
     INTRINSICS_DIFFER = "intrinsics_differ", "the configured intrinsics differ from those that the camera reports"
     EXPOSURE_TIME_OFFSET = "exposure_time_offset", "the exposure stamps do not fit the attitude"

@@ -34,6 +34,11 @@ class DepthSource(Protocol):
         """The description, known after open()."""
         ...
 
+    @property
+    def notice(self) -> str:
+        """What the user has to know about the opened camera: what was observed and what to do; empty: nothing."""
+        ...
+
     def open(self) -> None:
         """Opens the camera. Raises DriverError."""
         ...

@@ -60,7 +60,7 @@ class CameraCondition(StrEnum):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraStatus:
     """State of a camera. cause: why it does not run; since_ns: time of the last change of condition; last_loss: cause
-    of the last restart; last_loss_ns: time of that cause, None: none yet."""
+    of the last restart; last_loss_ns: time of that cause, None: none yet; notice: `DepthSource.notice` of the opened camera."""
 
     camera: str
     condition: CameraCondition
@@ -73,6 +73,7 @@ class CameraStatus:
     last_loss_ns: int | None = None
     last_arrival_ns: int | None = None
     info: CameraInfo | None = None
+    notice: str = ""
     alive_ns: int = 0
 
 
@@ -235,7 +236,8 @@ class CameraSupervisor:
                 raise BadData(
                     f"camera {self.section.name}: its process sent an invalid description: {error}"
                 ) from error
-            self._update(info=info, cause=self._with_last_loss("no frame yet"))
+            notice = str(notification.payload.get("notice", ""))
+            self._update(info=info, notice=notice, cause=self._with_last_loss("no frame yet"))
             self._on_info(info)
 
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:

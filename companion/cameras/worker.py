@@ -56,7 +56,7 @@ def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) 
     try:
         source.open()
         info = section.applied_to(source.info)
-        writer.send("opened", info=info_to_json(info))
+        writer.send("opened", info=info_to_json(info), notice=shortened(source.notice))
         while True:
             frame = source.read(READ_S)
             if frame is not None:

@@ -64,6 +64,8 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
             cause += f" (for {patience_s:g} s; --patience gives it more time)"
         return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE), None
     finding = frames_finding(part, section, frames, max(MIN_MEASURED_SHARE, least_share))
+    if finding.ok and status.notice:
+        finding = Finding(part, False, status.notice, DiagnosticCode.CAMERA_MISALIGNED)
     return finding, infos[-1] if infos else None
 
 

@@ -34,7 +34,7 @@ def open_folder(folder: Path, options: ImportOptions, report: Report) -> FrameLi
         raise BadData(f"{folder / 'frames.csv'}: no usable row; expected one for each depth image")
     images: DepthImages
     if calibration is not None:
-        images = StereoImages(folder, calibration, rows[0], options, report)
+        images = StereoImages(folder, calibration, rows, options, report)
     else:
         assert described is not None
         images = PngImages(folder, *described)

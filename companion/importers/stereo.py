@@ -5,6 +5,7 @@ SN<serial>.conf lies in the same folder."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo
 from drivers.base import BadData
+from drivers.cameras.row_alignment import RowAlignment
 from drivers.cameras.row_check import matched_corners
 from drivers.cameras.stereo import MatchParams, StereoDepth
 from drivers.cameras.stereo_errors import bias_coefficient, noise_coefficient
@@ -25,6 +27,8 @@ from .png import decoded
 from .report import ImportOptions, Report
 
 Gray = NDArray[np.uint8]
+ALIGNED_PAIRS = 10
+"""Pairs of a recording by which the rows of its images are aligned, at most."""
 
 
 def find_calibration(folder: Path) -> Path | None:
@@ -39,10 +43,10 @@ class StereoImages:
     """Pairs of one calibration; the first one gives the size of the images. Raises DriverError."""
 
     def __init__(
-        self, folder: Path, calibration: Path, first: FrameRow, options: ImportOptions, report: Report
+        self, folder: Path, calibration: Path, rows: list[FrameRow], options: ImportOptions, report: Report
     ) -> None:
         self._folder = folder
-        left, right = self._pair(first)
+        left, right = self._pair(rows[0])
         height, width = left.shape
         c = options.camera
         match = MatchParams(
@@ -50,18 +54,20 @@ class StereoImages:
         )
         self._stereo = StereoDepth(load_zed_calibration(calibration, width, height), match)
         self._check(calibration, left, right, report)
+        row_error_px = self._align(calibration, rows)
         optics = self._stereo.intrinsics.fx, self._stereo.baseline_m
         info = CameraInfo(
             c.name,
             self._stereo.intrinsics,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
-            bias_per_m=bias_coefficient(self._stereo.intrinsics, optics[1]),
+            bias_per_m=bias_coefficient(self._stereo.intrinsics, optics[1], row_error_px),
         )
         self.info = c.applied_to(info)
         nearest_m = self._stereo.intrinsics.fx * self._stereo.baseline_m / c.disparities
         report.note(
             f"stereo pairs matched with {calibration.name}: {width}x{height} px, baseline "
-            f"{1000 * self._stereo.baseline_m:.0f} mm, {c.disparities} disparities (nearest {nearest_m:.2f} m)"
+            f"{1000 * self._stereo.baseline_m:.0f} mm, {c.disparities} disparities (nearest {nearest_m:.2f} m); rows of the "
+            f"images aligned by up to {self._stereo.rotation.greatest_row_px(self._stereo.intrinsics):.2f} px"
         )
 
     def _check(self, calibration: Path, left: Gray, right: Gray, report: Report) -> None:
@@ -74,6 +80,19 @@ class StereoImages:
             )
         if not found.enough:
             report.warning("stereo", f"too few corners in the first pair ({found.corners}) to check {calibration}")
+
+    def _align(self, calibration: Path, rows: list[FrameRow]) -> float:
+        """Aligns the rows of both images by pairs from the whole recording; returns the error of the calibration in pixels."""
+        k = self._stereo.intrinsics
+        alignment = RowAlignment(str(calibration), "the calibration belongs to another camera", corrects=True)
+        for row in rows[:: -(-len(rows) // ALIGNED_PAIRS)]:
+            with suppress(BadData):  # `read` reports an image that cannot be used
+                left, right = self._pair(row)
+                if not alignment.settled and left.shape == (k.height, k.width):
+                    alignment.take(*self._stereo.rectified(left, right), k)
+        self._stereo.align(alignment.rotation)
+        alignment.opened(k)
+        return alignment.row_error_px
 
     def read(self, row: FrameRow) -> NDArray[np.uint16]:
         """(H, W) uint16 millimetres in the rectified left image. Raises BadData."""

@@ -51,6 +51,15 @@ def offset_warnings(config: Config, views: Iterable[CameraView]) -> list[Diagnos
     return [Diagnostic(DiagnosticCode.EXPOSURE_TIME_OFFSET, camera, text) for camera, text in texts.items() if text]
 
 
+def misaligned(views: Iterable[CameraView]) -> list[Diagnostic]:
+    """Cameras whose driver found their calibration inaccurate."""
+    return [
+        Diagnostic(DiagnosticCode.CAMERA_MISALIGNED, view.status.camera, view.status.notice)
+        for view in views
+        if view.status.notice
+    ]
+
+
 class AttitudeRateCheck:
     """Reports an attitude rate that stays below MIN_ATTITUDE_HZ while attitudes arrive."""
 

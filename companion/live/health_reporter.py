@@ -16,7 +16,14 @@ from ..self_check.exposure_offset import ExposureOffset
 from ..self_check.mount_watch import MountWatch
 from ..self_check.mount_yaw import MountYaw, add_yaw
 from .counts import FrameRates, RecentLosses
-from .diagnostics import AttitudeRateCheck, GroundCheck, offset_warnings, template_intrinsics, yaw_warnings
+from .diagnostics import (
+    AttitudeRateCheck,
+    GroundCheck,
+    misaligned,
+    offset_warnings,
+    template_intrinsics,
+    yaw_warnings,
+)
 from .health import (
     HEARTBEAT_STATES,
     AutopilotView,
@@ -165,7 +172,8 @@ class HealthReporter:
             found += parts.share.diagnostics(now_ns)
         rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
         rate = self._attitude_rate.check(rate_hz, now_ns)
-        return [*found, *self._template, *rate, *ground, *offset_warnings(self._config, views), *yaw_warnings(yaws)]
+        found += [*self._template, *misaligned(views), *rate, *ground]
+        return [*found, *offset_warnings(self._config, views), *yaw_warnings(yaws)]
 
     def _report(self, views: list[CameraView], autopilot: AutopilotView | None) -> pb.Health:
         """The health report, the answers of all parts in it."""

@@ -29,7 +29,7 @@ from .oak_pipeline import (
     connect_device,
     first_line,
 )
-from .row_check import RowCheck
+from .row_alignment import RowAlignment
 from .stereo import Gray, StereoMatcher
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import one_repeats
@@ -68,9 +68,7 @@ class OakSource:
     ) -> None:
         self.settings = settings
         self._correction = correction or ClockCorrection()
-        self._rows = RowCheck(
-            settings.camera, "the stereo calibration of the device is wrong, as after a crash: calibrate it again"
-        )
+        self._rows = self._alignment()
         self._matcher = StereoMatcher(settings.match) if settings.host_matching else None
         self._connect = connect or connect_device
         self._link: OakLink | None = None
@@ -87,17 +85,26 @@ class OakSource:
         return self._info
 
     def open(self) -> None:
-        """Boots the device and waits for its first frame, which contains the intrinsics. Raises DeviceNotFound,
-        DeviceLost and BadData; a partially opened device is closed."""
+        """Boots the device, waits for its first frame, which contains the intrinsics, and measures the rows of the first images.
+        Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed."""
         self._correction.take(time.monotonic_ns())
+        self._rows = self._alignment()
         self._link = self._connect(self.settings)
         try:
             message = self._first()
             self._info = self._describe(message)
+            if len(self.settings.streams) > 1:
+                message = self._align(message)
+                self._info = self._describe(message)
             self._waiting = self._frame(message)
         except Exception:
             self.close()
             raise
+
+    @property
+    def notice(self) -> str:
+        """See `DepthSource.notice`."""
+        return self._rows.notice(self.info.intrinsics)
 
     def close(self) -> None:
         """Closes the device. May be called twice."""
@@ -132,6 +139,23 @@ class OakSource:
             f"camera {settings.camera}: no {_FRAMES[settings.streams]} within {settings.first_frame_s:g} s; check that the "
             "cable is USB 3 and the power supply sufficient (OAK needs up to 1.5 A)"
         )
+
+    def _alignment(self) -> RowAlignment:
+        """One for each opening of the device."""
+        remedy = "the stereo calibration of the device is wrong, as after a crash: calibrate it again"
+        return RowAlignment(self.settings.camera, remedy, corrects=self.settings.host_matching)
+
+    def _align(self, message: Any) -> Any:
+        """Aligns the rows by this message and those that follow, until they are known or show too few corners; returns the last
+        one. Raises DeviceLost and BadData."""
+        while self._take_rows(*self._pair(message, self._size(message))) and not self._rows.settled:
+            message = self._first()
+        self._rows.opened(self.info.intrinsics)
+        return message
+
+    def _take_rows(self, left: Gray, right: Gray) -> bool:
+        k = self.info.intrinsics
+        return self._rows.take(left, self._rows.rotation.turned(right, k), k)
 
     def _apart_s(self, message: Any) -> float:
         """Time between the exposures of the left and the right image, 0 without images, and for images of different frames,
@@ -234,12 +258,17 @@ class OakSource:
         """(H, W) uint16 mm: matched on the host, or the device's depth, of which the images confirm each match. Raises
         BadData."""
         settings = self.settings
-        if self._matcher is not None:
-            return self._matcher.depth(*self._pair(message, self._size(message)), self._f_b_px_m())
-        depth = self._pixels(self._part(message, DEPTH))
         if len(settings.streams) == 1:
-            return depth
-        return confirmed_depth(depth, self._pair(message, depth.shape), self._f_b_px_m(), settings.match)
+            return self._pixels(self._part(message, DEPTH))
+        left, right = self._pair(message, self._size(message))
+        if self._rows.due:
+            self._take_rows(left, right)
+        right = self._rows.rotation.turned(right, self.info.intrinsics)
+        if self._matcher is not None:
+            return self._matcher.depth(left, right, self._f_b_px_m())
+        return confirmed_depth(
+            self._pixels(self._part(message, DEPTH)), (left, right), self._f_b_px_m(), settings.match
+        )
 
     def _pair(self, group: Any, shape: tuple[int, ...]) -> tuple[Gray, Gray]:
         """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape, not of the
@@ -265,8 +294,6 @@ class OakSource:
             raise BadData(
                 f"camera {self.settings.camera}: one of both images is that of an earlier frame, while the other one changed. {_RESTART}"
             )
-        if self._rows.due:
-            self._rows.take(pair[0], pair[1])
         return pair[0], pair[1]
 
     def _f_b_px_m(self) -> float:
@@ -332,7 +359,7 @@ class OakSource:
             max_range_m=self.settings.max_range_m,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=self.settings.host_matching and self.settings.match.mark_smooth,
-            bias_per_m=bias_coefficient(intrinsics, optics[1]),
+            bias_per_m=bias_coefficient(intrinsics, optics[1], self._rows.row_error_px),
         )
 
 

@@ -12,6 +12,7 @@ from core.param_field import check, number, switch
 from core.types import UNKNOWN_MM, Intrinsics
 
 from .match_confidence import ConfidenceLimits, accepted_matches
+from .right_rotation import RightRotation
 from .textureless import SmoothLimits, mark_unmeasured
 from .zed_calibration import StereoCalibration
 
@@ -87,7 +88,8 @@ class StereoDepth:
             c.left.matrix, c.left.distortion, c.right.matrix, c.right.distortion, size, c.R, c.T.reshape(3, 1), alpha=0
         )
         self._left = cv2.initUndistortRectifyMap(c.left.matrix, c.left.distortion, R1, P1, size, cv2.CV_16SC2)
-        self._right = cv2.initUndistortRectifyMap(c.right.matrix, c.right.distortion, R2, P2, size, cv2.CV_16SC2)
+        self._calibration, self._R_rectified_raw_right, self._P_right = c, np.asarray(R2), np.asarray(P2)
+        self.align(RightRotation())
         self.R_rectified_raw: NDArray[np.float64] = np.asarray(R1)
         """Rotation of the rectified left view from the raw one, about a degree; the mount refers to the rectified view.
         """
@@ -96,6 +98,16 @@ class StereoDepth:
             c.width, c.height, float(P1[0, 0]), float(P1[1, 1]), float(P1[0, 2]), float(P1[1, 2])
         )
         self._matcher = StereoMatcher(params)
+
+    def align(self, rotation: RightRotation) -> None:
+        """Rectifies the right images by a calibration whose right camera is rotated so much more."""
+        c = self._calibration
+        R = rotation.R_rectified_right @ self._R_rectified_raw_right
+        size = (c.width, c.height)
+        self._right = cv2.initUndistortRectifyMap(
+            c.right.matrix, c.right.distortion, R, self._P_right, size, cv2.CV_16SC2
+        )
+        self.rotation = rotation
 
     def rectified(self, left: Gray, right: Gray) -> tuple[Gray, Gray]:
         """Both images with rows along the epipolar lines."""

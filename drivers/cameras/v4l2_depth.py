@@ -65,6 +65,8 @@ class Capture(Protocol):
 class V4l2Source:
     """A DepthSource. `connect` opens the stream; tests pass their own."""
 
+    notice = ""
+
     def __init__(self, settings: V4l2Settings, connect: Callable[[V4l2Settings], Capture] | None = None) -> None:
         self._settings = settings
         self._connect = connect or LinuxpyCapture

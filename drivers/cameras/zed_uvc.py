@@ -18,7 +18,7 @@ from core.types import CameraInfo, DepthFrame
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .kernel_stamps import KernelStamps
-from .row_check import RowCheck
+from .row_alignment import RowAlignment
 from .stereo import MatchParams, StereoDepth
 from .stereo_errors import bias_coefficient, noise_coefficient
 from .torn_images import TornImageCheck
@@ -82,9 +82,7 @@ class ZedSource:
         self._first_ns = 0
         self._stamps = KernelStamps(settings.camera)
         self._torn = TornImageCheck(settings.camera)
-        self._rows = RowCheck(
-            settings.camera, f"{settings.calibration} belongs to another camera, or this camera was bent"
-        )
+        self._rows = self._alignment()
 
     @property
     def info(self) -> CameraInfo:
@@ -100,15 +98,21 @@ class ZedSource:
             max_range_m=s.max_range_m,
             ke_per_m=noise_coefficient(DISPARITY_SIGMA_PX, *optics),
             marks_smooth=s.match.mark_smooth,
-            bias_per_m=bias_coefficient(stereo.intrinsics, optics[1]),
+            bias_per_m=bias_coefficient(stereo.intrinsics, optics[1], self._rows.row_error_px),
         )
 
+    @property
+    def notice(self) -> str:
+        """See `DepthSource.notice`."""
+        return self._rows.notice(self.info.intrinsics)
+
     def open(self) -> None:
-        """Opens the device, reads a first image and checks the calibration with it, or with later ones if it has too few
-        corners. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed."""
+        """Opens the device, reads its first images, checks the calibration with them and aligns their rows, or does so with
+        later ones if these have too few corners. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is
+        closed."""
         s = self._settings
         calibration = self._given or load_zed_calibration(s.calibration, s.width, s.height)
-        self._stereo = StereoDepth(calibration, s.match)
+        self._stereo, self._rows = StereoDepth(calibration, s.match), self._alignment()
         self._video = self._connect(s)
         try:
             if not self._video.isOpened():
@@ -124,10 +128,12 @@ class ZedSource:
                     (cv2.CAP_PROP_BUFFERSIZE, 1.0),
                 ):
                     self._video.set(prop, value)
-            self._first, self._first_ns = self._image()
-            while s.is_device and self._torn.is_torn(self._first):
+            measured = True
+            while measured and not self._rows.settled:
                 self._first, self._first_ns = self._image()
-            self._check(self._first)
+                if not (s.is_device and self._torn.is_torn(self._first)):
+                    measured = self._check(self._first)
+            self._rows.opened(self._stereo.intrinsics)
         except (DeviceNotFound, DeviceLost, BadData):
             self.close()
             raise
@@ -149,7 +155,8 @@ class ZedSource:
             image, stamp_ns = self._image()
             if s.is_device and self._torn.is_torn(image):
                 return None
-            self._check(image)
+            if self._rows.due:
+                self._check(image)
         assert self._stereo is not None
         left, right = halves(image)
         depth = self._stereo.depth(left, right)
@@ -160,6 +167,13 @@ class ZedSource:
             t_exposure_ns=stamp_ns - round(s.exposure_latency_s * 1e9),
             t_arrival_ns=time.monotonic_ns(),
             depth_mm=depth,
+        )
+
+    def _alignment(self) -> RowAlignment:
+        """One for each opening of the camera."""
+        s = self._settings
+        return RowAlignment(
+            s.camera, f"{s.calibration} belongs to another camera, or this camera was bent", corrects=True
         )
 
     def _image(self) -> tuple[NDArray[np.uint8], int]:
@@ -180,11 +194,14 @@ class ZedSource:
             return image, now_ns
         return image, self._stamps.accepted_ns(round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6), now_ns)
 
-    def _check(self, image: NDArray[np.uint8]) -> None:
-        """Checks the calibration, once. Raises BadData."""
-        assert self._stereo is not None
-        if self._rows.due:
-            self._rows.take(*self._stereo.rectified(*halves(image)))
+    def _check(self, image: NDArray[np.uint8]) -> bool:
+        """Checks the calibration and aligns the rows; returns whether these could be measured. Raises BadData."""
+        stereo, rows = self._stereo, self._rows
+        assert stereo is not None
+        measured = rows.take(*stereo.rectified(*halves(image)), stereo.intrinsics)
+        if rows.rotation != stereo.rotation:
+            stereo.align(rows.rotation)
+        return measured
 
 
 def halves(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -62,7 +62,9 @@ CAMERA = textwrap.dedent("""
     writer = FrameWriter(int(sys.argv[2]), "front")
     habit, times = sys.argv[1].split(":")
     rng = np.random.default_rng(0)
-    writer.send("opened", info=info_to_json(CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))))
+    info = CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
+    notice = "the rows differ" if habit == "misaligned" and not os.path.exists("was_open") else ""
+    writer.send("opened", info=info_to_json(info), notice=notice)
     depth = np.full((48, 64), 3000, np.uint16)
     for k in range(1 << 30):
         after = k >= int(times)
@@ -130,6 +132,18 @@ class Watched:
 @pytest.fixture(autouse=True)
 def _import_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+
+
+def test_the_notice_of_a_camera_is_that_of_its_last_opening(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with Watched(tmp_path, "misaligned:0") as w:
+        assert w.until(lambda: bool(w.frames))
+        assert w.supervisor.status.notice == "the rows differ"
+        (tmp_path / "was_open").touch()
+        assert w.supervisor.pid is not None
+        os.kill(w.supervisor.pid, signal.SIGKILL)
+        assert w.until(lambda: len(w.infos) == 2)
+        assert w.until(lambda: w.supervisor.status.notice == "")
 
 
 def test_a_process_that_cannot_be_started_is_tried_again(tmp_path: Path) -> None:

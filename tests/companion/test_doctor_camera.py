@@ -60,11 +60,29 @@ def test_a_camera_whose_frames_are_invalid_is_a_fault(
     """With a greater [expert] min_measured_share the doctor found no fault, and the service was blind."""
     depth = np.zeros((60, 80))
     depth[:6] = 1500
+    give(monkeypatch, depth)
+    config = Config(extractor=Params(min_measured_share=min_measured_share))
+    finding, _ = camera_finding(SECTION, config, 0.0)
+    assert finding.code == code
+
+
+def test_a_camera_whose_calibration_is_inaccurate_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    give(
+        monkeypatch, np.full((60, 80), 1500), notice="camera front: the rows of both images differ by up to 0.8 px; ..."
+    )
+    finding, _ = camera_finding(SECTION, Config(), 0.0)
+    assert not finding.ok
+    assert finding.code == "camera_misaligned"
+    assert "differ by up to 0.8 px" in finding.text
+
+
+def give(monkeypatch: pytest.MonkeyPatch, depth: np.ndarray, notice: str = "") -> None:
+    """Lets the camera of the doctor deliver frames of one image."""
 
     class Opened:
         """A camera that gives its frames when it is opened."""
 
-        status = CameraStatus(camera="front", condition=CameraCondition.RUNNING, cause="", since_ns=0)
+        status = CameraStatus(camera="front", condition=CameraCondition.RUNNING, cause="", since_ns=0, notice=notice)
 
         def __init__(
             self, section: object, on_info: object, on_frame: Callable[[DepthFrame], None], *_: object, **__: object
@@ -79,6 +97,3 @@ def test_a_camera_whose_frames_are_invalid_is_a_fault(
             """Does nothing."""
 
     monkeypatch.setattr(camera_check, "CameraSupervisor", Opened)
-    config = Config(extractor=Params(min_measured_share=min_measured_share))
-    finding, _ = camera_finding(SECTION, config, 0.0)
-    assert finding.code == code

@@ -198,16 +198,19 @@ CALIBRATION = (
 )
 
 
-def write_pairs(folder: Path, apart: bool) -> Path:
-    """A textured wall at f B / disparity, as side-by-side images or as two."""
+def write_pairs(folder: Path, apart: bool, rows_px: float = 0.0, pairs: int = 2) -> Path:
+    """A textured wall at f B / disparity, as side-by-side images or as two. rows_px: by how much lower the right one is."""
     folder.mkdir(parents=True)
     noise = np.random.default_rng(5).integers(0, 255, (HEIGHT, WIDTH + DISPARITY_PX), np.uint8)
     wall = cv2.GaussianBlur(noise, (0, 0), 1.2)
     wall = cv2.normalize(wall, None, 0, 255, cv2.NORM_MINMAX)
     left, right = wall[:, :WIDTH], wall[:, DISPARITY_PX:]
+    if rows_px:
+        move = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, rows_px]])
+        right = cv2.warpAffine(right, move, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
     (folder / "SN1.conf").write_text(CALIBRATION)
     rows = []
-    for i in range(2):
+    for i in range(pairs):
         names = (f"l{i}.png", f"r{i}.png") if apart else (f"p{i}.png",)
         for name, image in zip(names, (left, right) if apart else (np.hstack([left, right]),), strict=True):
             assert cv2.imwrite(str(folder / name), image)
@@ -230,6 +233,15 @@ def test_stereo_pairs_become_depth(apart: bool, tmp_path: Path, capsys: pytest.C
     measured = found[found > 0]
     assert measured.size > 0.5 * found.size
     assert np.median(measured) == pytest.approx(1000 * F_PX * BASELINE_M / DISPARITY_PX, rel=0.02)
+
+
+def test_the_rows_of_stereo_pairs_are_aligned(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An image that cannot be read does not hinder it."""
+    folder = write_pairs(tmp_path / "rec", apart=True, rows_px=0.8, pairs=4)
+    (folder / "r1.png").unlink()
+    _, out = imported(folder)
+    assert "rows of the images aligned by up to 0.9" in capsys.readouterr().out
+    assert camera_of(out).bias_per_m == pytest.approx(1.5 * 0.8 / (F_PX * BASELINE_M), rel=0.1)
 
 
 def test_exchanged_or_foreign_images_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -145,6 +145,37 @@ def test_images_of_a_wrong_calibration_are_refused(on_host: bool) -> None:
         source.open()
 
 
+@pytest.mark.parametrize("on_host", [True, False])
+def test_rows_that_differ_are_corrected_where_the_host_matches(on_host: bool) -> None:
+    """By 0.9 px: the device's own matches stay as they are, and the user is told."""
+    rng = np.random.default_rng(1)
+    left = cv2.GaussianBlur(rng.integers(0, 256, (200, 320)).astype(np.uint8), (0, 0), 0.8)
+    move = np.array([[1.0, 0.0, -6.0], [0.0, 1.0, 0.9]])
+    right = np.asarray(cv2.warpAffine(left, move, (320, 200), flags=cv2.INTER_CUBIC), np.uint8)
+    matrix = [[450.0, 0.0, 159.5], [0.0, 450.0, 99.5], [0.0, 0.0, 1.0]]
+
+    def lower(number: int) -> dict[str, dai.ImgFrame]:
+        stamp = now() - timedelta(milliseconds=20)
+        depth = depth_message(number, pixels=np.full(left.shape, 5625, np.uint16), matrix=matrix, stamp=stamp)
+        first = image_message(number, left, stamp)
+        first.setTransformation(depth.getTransformation())
+        found = {"left": first, "right": image_message(number, right, stamp)}
+        return found if on_host else {"depth": depth, **found}
+
+    settings = replace(SETTINGS, host_matching=on_host)
+    source = OakSource(settings, HostPairLink(lower, streams=settings.streams))
+    source.open()
+    try:
+        frame = source.read(60.0)
+        assert frame is not None
+        assert np.mean(frame.depth_mm[20:-20, 60:-20] > 0) > (0.99 if on_host else 0.0)
+        assert ("the right image is turned to fit" in source.notice) is on_host
+        assert ("the device matches them as they are" in source.notice) is not on_host
+        assert source.info.bias_per_m * 450.0 * 0.075 == pytest.approx(1.5 * 0.9, rel=0.1)
+    finally:
+        source.close()
+
+
 def test_the_configuration_chooses_where_images_are_matched() -> None:
     on_host = CameraConfig(name="front", kind="oak", match_on="host", mark_smooth=True, disparities=64)
     on_device = replace(on_host, match_on="device")

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
+from core.types import Intrinsics
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.cameras import row_check
-from drivers.cameras.row_check import MatchedCorners, matched_corners
+from drivers.cameras import row_alignment
+from drivers.cameras.row_alignment import FAULTS, MEASUREMENTS, RowAlignment
+from drivers.cameras.row_check import matched_corners
 from drivers.cameras.stereo import MatchParams, StereoDepth, StereoMatcher, depth_mm
 from drivers.cameras.zed_calibration import (
     EyeCalibration,
@@ -162,6 +164,14 @@ def test_both_images_agree_in_height_and_a_wrong_calibration_is_found() -> None:
     assert "px in height" in found.fault
 
 
+K = Intrinsics(640, 400, 441.0, 441.0, 319.5, 199.5)
+
+
+def alignment() -> RowAlignment:
+    """Of a camera that was just opened."""
+    return RowAlignment("front", "calibrate it again", corrects=True)
+
+
 @pytest.mark.parametrize("roll_deg", [-2.0, -0.5, 0.5, 1.0, 2.0])
 def test_a_camera_that_has_rolled_is_found(roll_deg: float) -> None:
     """The row differences on both sides are opposite: their median is 0."""
@@ -170,11 +180,9 @@ def test_a_camera_that_has_rolled_is_found(roll_deg: float) -> None:
     right = np.roll(left, -6, axis=1)
     turn = cv2.getRotationMatrix2D((319.5, 199.5), roll_deg, 1.0)
     rolled = np.asarray(cv2.warpAffine(right, turn, (640, 400)), np.uint8)
-    check = row_check.RowCheck("front", "calibrate it again")
-    check.take(left, right)
-    assert check.done
+    alignment().take(left, right, K)
     with pytest.raises(BadData, match=r"px in height.*; calibrate it again"):
-        row_check.RowCheck("front", "calibrate it again").take(left, rolled)
+        alignment().take(left, rolled, K)
 
 
 def test_another_focal_length_is_found() -> None:
@@ -203,26 +211,31 @@ def test_a_rolled_camera_is_found_over_open_ground(scene: str) -> None:
     assert "px in height" in found.fault
 
 
-def test_a_view_with_corners_on_one_side_only_is_checked_for_roll_later() -> None:
+def test_a_view_with_corners_on_one_side_only_does_not_pass() -> None:
+    """A rolled camera that has passed such a view is a fault at the next one, and not after several."""
     rng = np.random.default_rng(2)
     left = cv2.GaussianBlur(rng.integers(0, 256, (400, 640)).astype(np.uint8), (0, 0), 2.0)
     half = left.copy()
     half[:, 200:] = 90
-    check = row_check.RowCheck("front", "calibrate it again")
-    check.take(half, np.roll(half, -6, axis=1))
-    assert not check.done
-    check.take(left, np.roll(left, -6, axis=1))
-    assert check.done
+    rolled = np.roll(cv2.warpAffine(left, cv2.getRotationMatrix2D((319.5, 199.5), 2.0, 1.0), (640, 400)), -6, axis=1)
+    check = alignment()
+    check.take(half, np.roll(half, -6, axis=1), K)
+    with pytest.raises(BadData, match=r"px in height"):
+        check.take(left, rolled, K)
+    passed = alignment()
+    passed.take(left, np.roll(left, -6, axis=1), K)
+    for _ in range(FAULTS - 1):
+        passed.take(left, rolled, K)
+    with pytest.raises(BadData, match=r"px in height"):
+        passed.take(left, rolled, K)
 
 
 def test_exchanged_images_are_found() -> None:
     """Each disparity is then negative, and no pixel is measured."""
     c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
     left, right = StereoDepth(c).rectified(*pair(c, 3.0))
-    check = row_check.RowCheck("front", "connect them again")
-    with pytest.raises(BadData, match=r"left and right are exchanged.*connect them again"):
-        check.take(right, left)
-    assert check.done
+    with pytest.raises(BadData, match=r"left and right are exchanged.*calibrate it again"):
+        alignment().take(right, left, StereoDepth(c).intrinsics)
 
 
 def test_what_only_one_image_shows_has_no_depth() -> None:
@@ -304,8 +317,14 @@ def side_by_side(z_m: float = 3.0) -> np.ndarray:
     return cv2.cvtColor(np.hstack(pair(CALIBRATION, z_m)), cv2.COLOR_GRAY2BGR)
 
 
+def after_opening(*images: np.ndarray) -> Video:
+    """A device that delivers these images after those by which its rows are aligned at the opening. The last of those is the first
+    frame."""
+    return Video([*[side_by_side()] * MEASUREMENTS, *images])
+
+
 def test_frames_of_a_device() -> None:
-    video = Video([side_by_side(), side_by_side()])
+    video = after_opening(side_by_side())
     source = ZedSource(SETTINGS, video, CALIBRATION)
     source.open()
     first = source.read(1.0)
@@ -329,14 +348,16 @@ def test_an_image_that_arrived_in_part_is_left_out() -> None:
     torn[:150] = second[:150]
     empty = cv2.cvtColor(np.zeros((376, 1344, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)
     empty[:200] = second[:200]
-    source = ZedSource(SETTINGS, Video([empty, first, torn, second]), CALIBRATION)
+    video = Video([empty, *[first] * MEASUREMENTS, torn, second])
+    source = ZedSource(SETTINGS, video, CALIBRATION)
     source.open()
+    assert len(video.images) == 2
     assert [source.read(1.0) is not None for _ in range(3)] == [True, False, True]
 
 
 def test_an_image_that_waited_in_a_buffer_keeps_its_stamp() -> None:
     """A process that was stopped for 3 s reads a buffered image first: it does not show the present."""
-    video = Video([side_by_side(), side_by_side()])
+    video = after_opening(side_by_side())
     source = ZedSource(SETTINGS, video, CALIBRATION)
     source.open()
     source.read(1.0)
@@ -359,7 +380,7 @@ def test_a_device_without_monotonic_stamps_is_refused(stamp_ms: float) -> None:
 @pytest.mark.parametrize("marks", [False, True])
 def test_the_description_holds_whether_it_marks(marks: bool) -> None:
     settings = replace(SETTINGS, match=MatchParams(mark_smooth=marks))
-    source = ZedSource(settings, Video([side_by_side()]), CALIBRATION)
+    source = ZedSource(settings, after_opening(), CALIBRATION)
     source.open()
     assert source.info.marks_smooth is marks
     width_px = source.info.intrinsics.width
@@ -395,7 +416,7 @@ def test_after_a_view_without_corners_the_calibration_is_checked_with_a_later_on
 ) -> None:
     """A camera that starts before a blank wall, or in the dark."""
     wrong = parse_zed_calibration(NEW.replace("cy=193.637", "cy=203.637"), "SN3.conf", 672, 376)
-    monkeypatch.setattr(row_check, "CHECK_AGAIN_NS", 0)
+    monkeypatch.setattr(row_alignment, "CHECK_SOON_NS", 0)
     source = ZedSource(SETTINGS, Video([BLANK, BLANK, side_by_side()]), wrong)
     source.open()
     for _ in range(2):
@@ -404,20 +425,30 @@ def test_after_a_view_without_corners_the_calibration_is_checked_with_a_later_on
         source.read(1.0)
 
 
-def test_a_checked_calibration_is_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(row_check, "CHECK_AGAIN_NS", 0)
-    source = ZedSource(SETTINGS, Video([BLANK, side_by_side(), side_by_side()]), CALIBRATION)
+def rows_apart(rows_px: float) -> np.ndarray:
+    """A pair whose right eye is lower by so much."""
+    left, right = pair(CALIBRATION, 3.0)
+    move = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, rows_px]])
+    lower = np.asarray(cv2.warpAffine(right, move, (672, 376), flags=cv2.INTER_CUBIC), np.uint8)
+    return cv2.cvtColor(np.hstack([left, lower]), cv2.COLOR_GRAY2BGR)
+
+
+def test_a_camera_that_was_bent_after_its_opening_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once checked was for ever, before: a hard landing between two flights went unnoticed."""
+    for name in ("CHECK_SOON_NS", "CHECK_AGAIN_NS"):
+        monkeypatch.setattr(row_alignment, name, 0)
+    source = ZedSource(SETTINGS, after_opening(*[rows_apart(3.0)] * FAULTS), CALIBRATION)
     source.open()
-    source.read(1.0)
-    source.read(1.0)
-    monkeypatch.setattr(row_check, "matched_corners", lambda *_: MatchedCorners(500, 9.0, 0))
-    assert source.read(1.0) is not None
+    for _ in range(FAULTS):
+        assert source.read(1.0) is not None
+    with pytest.raises(BadData, match=r"px in height; SN2.conf belongs to another camera, or this camera was bent"):
+        source.read(1.0)
 
 
 def test_a_video_file_as_the_device(tmp_path: Path) -> None:
     path = tmp_path / "pair.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (1344, 376))
-    for _ in range(4):
+    for _ in range(MEASUREMENTS + 1):
         writer.write(side_by_side())
     writer.release()
     settings = ZedSettings(camera="front", device=str(path), calibration=Path("SN2.conf"))
