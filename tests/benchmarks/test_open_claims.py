@@ -16,10 +16,10 @@ from core.types import FreeProfile
 from drivers.simulation.stereo.stereo_profiles import StereoCamera
 
 
-def seen(scene: str, roll_deg: float = 0.0) -> Seen:
-    camera = StereoCamera(marked(profile_of("zed")))
+def seen(scene: str, roll_deg: float = 0.0, profile: str = "zed") -> Seen:
+    camera = StereoCamera(marked(profile_of(profile)))
     extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
-    return next(see(View(scene=scene, roll_deg=roll_deg), (1.0,), camera, extractor))
+    return next(see(View(scene=scene, roll_deg=roll_deg, profile=profile), (1.0,), camera, extractor))
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +41,14 @@ def test_a_rolled_view_of_a_field_is_open(roll_deg: float) -> None:
     rolled = seen("field", roll_deg)
     claims = claims_of(rolled.frame, rolled.model, rolled.unmatched_left_px, Params())
     assert claims.opened >= 0.8 * claims.directions > 0
+    assert not claims.wrong_open
+
+
+def test_an_open_field_is_open_in_rectified_images() -> None:
+    """Real images are interpolated. Nothing was open in them."""
+    field = seen("field", profile="zed_rectified")
+    claims = claims_of(field.frame, field.model, field.unmatched_left_px, Params())
+    assert claims.opened >= 0.3 * claims.directions > 0
     assert not claims.wrong_open
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +16,8 @@ from .textures import Floats
 
 SUPERSAMPLING = 2
 """Rays per pixel along each side."""
+TurnDeg = tuple[float, float, float]
+"""Rotation vector in degrees about the optical axes x (right), y (down), z (forward)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,11 +36,28 @@ class GlassPane:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoView:
-    """A rectified stereo camera. intrinsics: of both images; baseline_m: the right camera is this far to the right."""
+    """A rectified stereo camera. intrinsics: of both images; baseline_m: the right camera is this far to the right; imagers_deg: by how
+    much the left and the right imager are turned from the rectified view. Their noisy images are rectified by interpolation then, as
+    a driver does."""
 
     intrinsics: Intrinsics
     baseline_m: float
     exposure: Exposure = field(default_factory=Exposure)
+    imagers_deg: tuple[TurnDeg, TurnDeg] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+    def R_rectified_imager(self, eye: int) -> Floats:
+        """(3, 3) of the left (0) or the right (1) imager."""
+        return np.asarray(cv2.Rodrigues(np.radians(self.imagers_deg[eye]))[0], np.float64)
+
+    def rectified(self, image: Gray, eye: int) -> Gray:
+        """The rectified image of an imager."""
+        if not any(self.imagers_deg[eye]):
+            return image
+        k = self.intrinsics
+        matrix = np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]])
+        homography = matrix @ self.R_rectified_imager(eye) @ np.linalg.inv(matrix)
+        size = (k.width, k.height)
+        return np.asarray(cv2.warpPerspective(image, homography, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -93,10 +113,12 @@ def brightness(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PairBrightness:
-    """Brightness (H, W) float32 of both views, before exposure and noise."""
+    """Brightness (H, W) float32 of both imagers, before exposure and noise; view: the camera that rectifies them, None: they are
+    rectified."""
 
     left: NDArray[np.float32]
     right: NDArray[np.float32]
+    view: StereoView | None = None
 
 
 def pair_brightness(
@@ -112,10 +134,13 @@ def pair_brightness(
     across = np.asarray(R_ned_optical)[:, 0]
     offset = light.projector.offset_m if light.projector is not None else 0.0
     left, right = (
-        brightness(surfaces, panes, view.intrinsics, R_ned_optical, at, light, left_at + across * offset)
-        for at in (left_at, left_at + across * view.baseline_m)
+        brightness(surfaces, panes, view.intrinsics, R_ned_optical @ R, at, light, left_at + across * offset)
+        for at, R in (
+            (left_at, view.R_rectified_imager(0)),
+            (left_at + across * view.baseline_m, view.R_rectified_imager(1)),
+        )
     )
-    return PairBrightness(left=left, right=right)
+    return PairBrightness(left=left, right=right, view=view)
 
 
 def expose_pair(bright: PairBrightness, exposure: Exposure, seed: int, frame: int = 0) -> StereoPair:
@@ -125,6 +150,8 @@ def expose_pair(bright: PairBrightness, exposure: Exposure, seed: int, frame: in
     rng = np.random.Generator(np.random.PCG64([seed, frame, 77]))
     left = expose(bright.left, gain, exposure, rng)
     right = expose(bright.right, gain * exposure.right_gain, exposure, rng)
+    if bright.view is not None:
+        left, right = bright.view.rectified(left, 0), bright.view.rectified(right, 1)
     return StereoPair(left=left, right=right)
 
 

@@ -88,6 +88,12 @@ def _view(width: int, height: int, focal_px: float, baseline_m: float) -> Stereo
 
 
 ZED = StereoProfile(name="zed", view=_view(672, 376, 350.0, 0.12), max_range_m=12.0)
+ZED_RECTIFIED = replace(
+    ZED,
+    name="zed_rectified",
+    view=replace(ZED.view, imagers_deg=((0.1, -0.15, 0.2), (-0.1, 0.12, -0.15))),
+)
+"""The same with imagers that are turned as those of a real camera, so that its images are interpolated."""
 LONG = StereoProfile(
     name="long", view=_view(640, 480, 450.0, 0.25), match=MatchParams(disparities=128), max_range_m=20.0
 )
@@ -112,7 +118,7 @@ D400 = StereoProfile(
     max_range_m=6.0,
 )
 D400_ACTIVE = replace(D400, name="d400_active", projector=Projector(offset_m=0.025, strength=2.0))
-PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, LONG, OAK, OAK_HOST, D400, D400_ACTIVE)}
+PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, ZED_RECTIFIED, LONG, OAK, OAK_HOST, D400, D400_ACTIVE)}
 
 
 class StereoCamera:
