@@ -14,11 +14,15 @@ from .device_matches import needs_images
 from .oak_calibration import baseline_m
 from .stereo import MatchParams
 
-# read by the library at its import: no signal handlers, no telemetry
+# read by the library: no signal handlers, nothing sent to its maker, and no calibration from what the cameras see at a start,
+# which changes all depths while frames are delivered and is written into the device (default since 3.6)
 for _name, _value in (
     ("DEPTHAI_LEVEL", "error"),
     ("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0"),
     ("DEPTHAI_DISABLE_CRASHDUMP_COLLECTION", "1"),
+    ("DEPTHAI_AUTOCALIBRATION", "OFF"),
+    ("DEPTHAI_TELEMETRY", "0"),
+    ("DEPTHAI_DISABLE_STARTUP_NOTIFICATIONS", "1"),
 ):
     os.environ.setdefault(_name, _value)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import subprocess
 import sys
 import textwrap
@@ -224,3 +225,47 @@ def test_a_library_that_aborts_takes_its_own_process_only() -> None:
         [sys.executable, "-c", ABORTS], cwd=root, capture_output=True, text=True, timeout=60, check=False
     )
     assert child.returncode != 0
+
+
+BACKGROUND = textwrap.dedent("""
+    {first}
+    import depthai as dai
+
+    class Node(dai.node.ThreadedHostNode):
+        def run(self):
+            pass
+
+    pipeline = dai.Pipeline(createImplicitDevice=False)
+    pipeline.create(Node)
+    pipeline.start()
+    pipeline.stop()
+    pipeline.wait()
+""")
+LIBRARY_VARIABLES = ("DEPTHAI_AUTOCALIBRATION", "DEPTHAI_TELEMETRY", "DEPTHAI_DISABLE_STARTUP_NOTIFICATIONS")
+
+
+def library_output(first: str, tmp_path: Path) -> str:
+    """What the library logs of a pipeline on the host."""
+    environment = {k: v for k, v in os.environ.items() if k not in LIBRARY_VARIABLES}
+    environment |= {"DEPTHAI_LEVEL": "debug", "DEPTHAI_TELEMETRY_URL": "http://127.0.0.1:9/", "HOME": str(tmp_path)}
+    child = subprocess.run(
+        [sys.executable, "-c", BACKGROUND.format(first=first)],
+        cwd=Path(__file__).parents[2],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    return child.stdout + child.stderr
+
+
+def test_the_device_is_not_calibrated_anew_by_what_it_sees_and_nothing_is_uploaded(tmp_path: Path) -> None:
+    """DepthAI 3.6 and later by default: at each start, in flight too, it computes another rotation between both cameras from
+    the images, applies it while frames are delivered, and writes it into the device."""
+    default = library_output("", tmp_path)
+    assert "Skipping AutoCalibration node creation" in default  # it would be created for a device
+    assert "Telemetry disabled" not in default
+    ours = library_output("import drivers.cameras.oak_pipeline", tmp_path)
+    assert "AutoCalibration" not in ours
+    assert "Telemetry disabled" in ours
