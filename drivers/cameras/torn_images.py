@@ -1,7 +1,8 @@
 """Detects images with old content: those of a USB video device that arrived in part, whose last rows are of an earlier image, and
 a pair of which one image repeats.
 
-A buffer that was not filled keeps what it held before. The kernel's driver marks it as faulty and delivers it (recent
+A buffer that was not filled keeps at its end what it held before, as many bytes as were lost: the kernel's driver moves up what
+follows a lost packet, so that the rows after it mix both eyes. The driver marks the buffer as faulty and delivers it (recent
 versions of Linux by default, others with `nodrop = 1`), and OpenCV does not read the mark. In a live image the noise changes
 every row that shows anything."""
 
@@ -22,6 +23,9 @@ BUFFERS = 4
 LEAST_STEP_GREY, LEAST_SHARE, LEAST_STEPS = 3, 0.01, 100
 """Rows that do not change count where steps of this size along the row make up this share of their pixels, and at least this
 number. Black and saturated rows do not change either; nothing can be matched on them."""
+END_PX, LEAST_END_STEPS = 480, 24
+"""Pixels at the end of the last row that are compared, less than the 1012 bytes that one packet of USB carries, and least number of
+steps in them where the row began anew."""
 MOST_IN_A_ROW = 10
 _EMPTY_BGR = cv2.cvtColor(np.zeros((1, 2, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)[0, 0]
 """Zeros of a YUYV buffer, a green, as this version of OpenCV converts them."""
@@ -38,8 +42,8 @@ class TornImageCheck:
     _torn: int = 0
 
     def is_torn(self, image: NDArray[np.uint8]) -> bool:
-        """Whether the last rows of an image (H, W, C), or all, are those of an earlier one, or of an empty buffer. An image that equals the one before
-        is not torn: it is repeated, which the supervision of the camera judges. Raises BadData where many are torn in a row."""
+        """Whether an image (H, W, C) ends as an earlier one, or as an empty buffer. An image that equals the one before is not torn:
+        it is repeated, which the supervision of the camera judges. Raises BadData where many are torn in a row."""
         repeated = bool(self._images) and _is(image, self._images[-1])
         torn = not repeated and (_ends_empty(image) or any(_ends_like(image, earlier) for earlier in self._images))
         self._images.append(image)
@@ -66,19 +70,22 @@ def _is(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
 
 
 def _ends_empty(image: NDArray[np.uint8]) -> bool:
-    """Whether the last row is that of a buffer that was never filled."""
-    return image.ndim == 3 and bool((image[-1] == _EMPTY_BGR).all())
+    """Whether the end is that of a buffer that was never filled."""
+    return image.ndim == 3 and bool((image[-1, -END_PX:] == _EMPTY_BGR).all())
 
 
 def _ends_like(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:
-    """Whether both end with the same rows, and these show something."""
-    if image.shape != earlier.shape or not _is(image[-1], earlier[-1]):
+    """Whether both end with the same pixels, and these show something."""
+    if image.shape != earlier.shape or not _is(image[-1, -END_PX:], earlier[-1, -END_PX:]):
         return False
     changed = np.flatnonzero((image != earlier).any(axis=(1, 2)))
-    return _shows_something(image[changed[-1] + 1 if len(changed) else 0 :].max(axis=2))
+    same = image[changed[-1] + 1 if len(changed) else 0 :].max(axis=2)
+    if len(same):
+        return _shows_something(same)
+    return _shows_something(image[-1:, -END_PX:].max(axis=2), LEAST_END_STEPS)
 
 
-def _shows_something(rows: NDArray[np.uint8]) -> bool:
-    """Whether rows (N, W) have enough contrast that the noise would change them."""
+def _shows_something(rows: NDArray[np.uint8], least: int = LEAST_STEPS) -> bool:
+    """Whether rows (N, W) have enough contrast that the noise would change them. least: number of steps."""
     steps = np.abs(np.diff(rows.astype(np.int16), axis=1)) >= LEAST_STEP_GREY
-    return bool(np.count_nonzero(steps) >= max(LEAST_STEPS, LEAST_SHARE * steps.size))
+    return bool(np.count_nonzero(steps) >= max(least, LEAST_SHARE * steps.size))

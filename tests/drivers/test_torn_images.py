@@ -12,6 +12,7 @@ from drivers.cameras.torn_images import MOST_IN_A_ROW, TornImageCheck, one_repea
 
 Image = NDArray[np.uint8]
 HEIGHT, WIDTH = 120, 320
+ZED_HEIGHT, ZED_WIDTH = 376, 1344
 
 
 def view(number: int) -> Image:
@@ -84,6 +85,33 @@ def test_the_first_image_is_torn_where_its_buffer_is_still_empty() -> None:
     empty = cv2.cvtColor(np.zeros((HEIGHT, WIDTH, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)
     assert verdicts([torn(view(0), empty, 110), view(1)]) == [True, False]
     assert verdicts([empty, view(1)]) == [True, False]
+
+
+def yuyv(number: int) -> bytes:
+    """A live image of both eyes as a ZED sends it: two bytes per pixel."""
+    texture = np.random.Generator(np.random.PCG64(0)).integers(40, 200, (ZED_HEIGHT, ZED_WIDTH)).astype(float)
+    noise = np.random.Generator(np.random.PCG64(number + 1)).normal(0.0, 1.0, texture.shape)
+    grey = np.clip(texture + noise, 16, 235).astype(np.uint8)
+    return np.dstack([grey, np.full_like(grey, 128)]).tobytes()
+
+
+def decoded(data: bytes) -> Image:
+    rows = np.frombuffer(data, np.uint8).reshape(ZED_HEIGHT, ZED_WIDTH, 2)
+    return np.asarray(cv2.cvtColor(rows, cv2.COLOR_YUV2BGR_YUYV), np.uint8)
+
+
+@pytest.mark.parametrize("lost", [1012, 1344, 2024, 2 * ZED_WIDTH, 3060, 33_000])
+@pytest.mark.parametrize("buffers", [1, 4])
+def test_a_packet_that_was_lost_inside_of_an_image_is_found(lost: int, buffers: int) -> None:
+    """The kernel's driver moves up what follows, so that the eyes are mixed from there on, and the end of the buffer keeps as
+    many bytes as were lost: for one packet of USB less than a row."""
+    sent = [yuyv(k) for k in range(6)]
+    begin = 100 * 2 * ZED_WIDTH + 400
+    held = sent[5 - buffers]
+    arrived = sent[5][:begin] + sent[5][begin + lost :] + held[-lost:]
+    assert verdicts([decoded(data) for data in [*sent[:5], arrived]]) == [False] * 5 + [True]
+    empty = sent[5][:begin] + sent[5][begin + lost :] + bytes(lost)
+    assert verdicts([decoded(empty)]) == [True]
 
 
 def test_an_image_of_another_size_is_compared_with_none() -> None:

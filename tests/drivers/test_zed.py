@@ -355,6 +355,25 @@ def test_an_image_that_arrived_in_part_is_left_out() -> None:
     assert [source.read(1.0) is not None for _ in range(3)] == [True, False, True]
 
 
+@pytest.mark.parametrize("lost", [1012, 2024])
+def test_an_image_that_lost_a_packet_would_be_measured_too_far_and_is_left_out(lost: int) -> None:
+    """The kernel's driver moves up what follows the packet: both halves then show parts of both eyes, in the same rows."""
+    sent, held = (cv2.cvtColor(side_by_side(6.0), cv2.COLOR_BGR2GRAY) for _ in range(2))
+    held = np.clip(held + np.random.Generator(np.random.PCG64(9)).normal(0.0, 2.0, held.shape), 0, 255).astype(np.uint8)
+    sent_bytes, held_bytes = (np.dstack([image, np.full_like(image, 128)]).tobytes() for image in (sent, held))
+    begin = 100 * 2 * 1344 + 400
+    data = sent_bytes[:begin] + sent_bytes[begin + lost :] + held_bytes[-lost:]
+    first, mixed = (
+        np.asarray(cv2.cvtColor(np.frombuffer(b, np.uint8).reshape(376, 1344, 2), cv2.COLOR_YUV2BGR_YUYV), np.uint8)
+        for b in (held_bytes, data)
+    )
+    depth_mm = StereoDepth(CALIBRATION).depth(*halves(mixed))[110:]
+    assert np.mean(depth_mm > 1.2 * 6000) > 0.01
+    source = ZedSource(SETTINGS, Video([first, mixed, first]), CALIBRATION)
+    source.open()
+    assert [source.read(1.0) is not None for _ in range(2)] == [True, False]
+
+
 def test_an_image_that_waited_in_a_buffer_keeps_its_stamp() -> None:
     """A process that was stopped for 3 s reads a buffered image first: it does not show the present."""
     video = after_opening(side_by_side())
