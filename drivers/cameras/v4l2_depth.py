@@ -1,7 +1,7 @@
 """Depth cameras with plain V4L2 and Z16 pixels (RealSense and others), without the manufacturers' libraries.
 
-The kernel stamps each buffer on the monotonic clock when it is filled. The device does not report the delay since the
-middle of the exposure (`exposure_latency_s`), the depth unit and the intrinsics: they come from the configuration."""
+The kernel stamps each buffer on the monotonic clock when its first bytes arrive. The device does not report the delay since
+the middle of the exposure (`exposure_latency_s`), the depth unit and the intrinsics: they come from the configuration."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo, DepthFrame,
 from ..base import BadData, DeviceLost, DeviceNotFound
 from ..optional_library import install_command
 from .kernel_stamps import KernelStamps
+
+MOST_IN_A_ROW = 10
+"""Number of buffers that may be filled in part, one after the other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +45,8 @@ class V4l2Settings:
 
 @dataclass(frozen=True, slots=True)
 class RawBuffer:
-    """One filled buffer. stamp_ns: the kernel's, on CLOCK_MONOTONIC; faulty: the driver reports missing data."""
+    """One filled buffer. data: as many bytes as arrived; stamp_ns: the kernel's, on CLOCK_MONOTONIC; faulty: the driver reports
+    missing data."""
 
     data: bytes
     bytes_per_line: int
@@ -72,6 +76,7 @@ class V4l2Source:
         self._connect = connect or LinuxpyCapture
         self._capture: Capture | None = None
         self._stamps = KernelStamps(settings.camera)
+        self._partial = 0
 
     @property
     def info(self) -> CameraInfo:
@@ -117,9 +122,21 @@ class V4l2Source:
                     f"camera {self._settings.camera}: {self._settings.device} was lost ({reason}); check cable and "
                     "power"
                 ) from error
-            if not buffer.faulty:
+            if self._is_whole(buffer):
                 newest = buffer
         return self._frame(newest) if newest is not None else None
+
+    def _is_whole(self, buffer: RawBuffer) -> bool:
+        """Whether all of a buffer arrived: not every kernel reports missing data. Raises BadData after many that did not."""
+        size = self._settings.intrinsics
+        whole = not buffer.faulty and len(buffer.data) >= _least_bytes(buffer.bytes_per_line, size)
+        self._partial = 0 if whole else self._partial + 1
+        if self._partial >= MOST_IN_A_ROW:
+            raise BadData(
+                f"camera {self._settings.camera}: the last {self._partial} buffers were filled in part only; check the cable, use "
+                "a USB 3 port of its own, lower fps, or set width_px and height_px to the camera's format"
+            )
+        return whole
 
     def _frame(self, buffer: RawBuffer) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
@@ -139,12 +156,13 @@ def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.u
     BadData."""
     width, height = settings.intrinsics.width, settings.intrinsics.height
     line = buffer.bytes_per_line or 2 * width
-    if line < 2 * width or len(buffer.data) < line * (height - 1) + 2 * width:
+    needed = _least_bytes(buffer.bytes_per_line, settings.intrinsics)
+    if line < 2 * width or len(buffer.data) < needed:
         raise BadData(
             f"camera {settings.camera}: a buffer of {len(buffer.data)} bytes, {line} per line, is too small for "
             f"{width}x{height} pixels; set width_px and height_px to the camera's format"
         )
-    padded = np.frombuffer(buffer.data, np.uint8, line * (height - 1) + 2 * width)
+    padded = np.frombuffer(buffer.data, np.uint8, needed)
     if line == 2 * width:
         units = padded.view("<u2").reshape(height, width)
     else:
@@ -156,6 +174,11 @@ def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.u
     mm = units * np.float64(settings.depth_unit_mm) + 0.5
     # the greatest value is no distance in any unit: in tenths of a millimetre it would be one of 6.55 m
     return np.where((mm < FAR_MM) & (units != SATURATED_MM), mm, float(UNKNOWN_MM)).astype(np.uint16)
+
+
+def _least_bytes(bytes_per_line: int, size: Intrinsics) -> int:
+    """Bytes of an image of this size whose last line has no padding. bytes_per_line: 0: no padding."""
+    return (bytes_per_line or 2 * size.width) * (size.height - 1) + 2 * size.width
 
 
 class LinuxpyCapture:

@@ -14,7 +14,7 @@ import pytest
 from core.types import FAR_MM, SATURATED_MM, Intrinsics, is_measured
 from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.cameras.kernel_stamps import AHEAD_NS, KernelStamps
-from drivers.cameras.v4l2_depth import RawBuffer, V4l2Settings, V4l2Source, depth_from_buffer
+from drivers.cameras.v4l2_depth import MOST_IN_A_ROW, RawBuffer, V4l2Settings, V4l2Source, depth_from_buffer
 
 SIZE = Intrinsics(32, 16, 30.0, 30.0, 15.5, 7.5)
 SETTINGS = V4l2Settings(camera="front", device="/dev/video9", intrinsics=SIZE, exposure_latency_s=0.012)
@@ -109,6 +109,31 @@ def test_a_buffer_that_the_driver_calls_faulty_is_left_out() -> None:
     frame = source.read(1.0)
     assert frame is not None
     assert frame.sequence == 0
+
+
+def short(sequence: int) -> RawBuffer:
+    """A buffer of which a part arrived. Old kernels do not mark it, where the camera uses bulk transfers as a D400 does."""
+    return buffer(sequence, data=pixels(1000 + sequence).tobytes()[:600])
+
+
+def test_a_buffer_that_was_filled_in_part_is_left_out() -> None:
+    """One of them ended the camera's process, with a remedy for another size."""
+    source, stream = opened()
+    for item in (short(0), buffer(1), short(2)):
+        stream.fill(item)
+    frame = source.read(1.0)
+    assert frame is not None
+    assert frame.sequence == 1
+    stream.fill(short(3))
+    assert source.read(0.0) is None
+
+
+def test_buffers_that_are_always_filled_in_part_name_the_causes() -> None:
+    source, stream = opened()
+    for k in range(MOST_IN_A_ROW):
+        stream.fill(short(k) if k % 2 else buffer(k, faulty=True))
+    with pytest.raises(BadData, match="the last 10 buffers were filled in part only; check the cable"):
+        source.read(0.0)
 
 
 def test_an_unplugged_device_is_lost() -> None:
