@@ -93,7 +93,7 @@ class CameraConfig:
     )
     device: str = text(
         "",
-        "oak: its id (empty: the only one that is connected); zed, v4l2: a path, best in /dev/v4l/by-id; "
+        "oak: its id (empty: the only one that is connected); zed, v4l2: a path, best in /dev/v4l/by-id or by-path; "
         "simulated: a file that stands for its cable, unplugged while the file is missing (empty: plugged in)",
     )
     width_px: int = number(640, 16, 4096, "px", "width of the depth image; of a zed, of one eye")

@@ -14,13 +14,13 @@ _ENUMERATED = re.compile(r"/dev/video\d+")
 
 def device_problems(cameras: Sequence[CameraConfig]) -> list[str]:
     """Causes and remedies. A camera that opens the device of another one places what that sees in its own direction."""
-    return [*_recordings(cameras), *_shared(cameras), *_unnamed(cameras), *_numbered(cameras)]
+    return [*_recordings(cameras), *_shared(cameras), *_unnamed(cameras), *_numbered(cameras), *_alike(cameras)]
 
 
 def _recordings(cameras: Sequence[CameraConfig]) -> list[str]:
     return [
         f'[[camera]] "{c.name}": device = "{c.device}" is no device but a file, whose images would count as taken now; set the '
-        "path of a camera, best in /dev/v4l/by-id"
+        "path of a camera, best in /dev/v4l/by-id or by-path"
         for c in _video(cameras)
         if not c.device.startswith("/dev/")
     ]
@@ -55,6 +55,17 @@ def _numbered(cameras: Sequence[CameraConfig]) -> list[str]:
         "devices configured; set a path in /dev/v4l/by-id, or in /dev/v4l/by-path for cameras without a serial number"
         for c in video
         if len(video) > 1 and _ENUMERATED.fullmatch(c.device)
+    ]
+
+
+def _alike(cameras: Sequence[CameraConfig]) -> list[str]:
+    """All ZED of a model have the same name by id: no serial number of their own is in it."""
+    zeds = [c for c in cameras if c.kind == "zed"]
+    return [
+        f'[[camera]] "{c.name}": device = "{c.device}" may be the other ZED after each connection; set a path in '
+        "/dev/v4l/by-path for each of them"
+        for c in zeds
+        if len(zeds) > 1 and c.device.startswith("/dev/v4l/by-id/")
     ]
 
 

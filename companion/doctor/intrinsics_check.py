@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
 
 from drivers.base import DriverError
 from drivers.cameras.realsense_calibration import LIBRARY, read_calibration
@@ -16,21 +18,31 @@ FOCAL_SHARE = 0.005
 """Largest relative difference of focal lengths: half a percent of each distance to the side."""
 CENTRE_PX = 2.0
 UNIT_SHARE = 0.001
+NODES: Final = Path("/sys/class/video4linux")
 
 
-def intrinsics_findings(cameras: Iterable[CameraConfig]) -> Iterator[Finding]:
+def intrinsics_findings(cameras: Iterable[CameraConfig], nodes: Path = NODES) -> Iterator[Finding]:
     """One finding per RealSense on V4L2; none without its library, which the service does not need."""
     if importlib.util.find_spec(LIBRARY) is None:
         return
     for camera in cameras:
-        if camera.kind == "v4l2" and "realsense" in camera.device.lower():
-            yield _finding(camera)
+        node = nodes / Path(camera.device).resolve().name
+        if camera.kind == "v4l2" and "realsense" in (camera.device + _text(node / "name")).lower():
+            yield _finding(camera, _text((node / "device").resolve().parent / "serial"))
 
 
-def _finding(camera: CameraConfig) -> Finding:
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def _finding(camera: CameraConfig, serial: str) -> Finding:
+    """serial: of the device on USB, empty: unknown."""
     part = f"camera {camera.name}"
     try:
-        device = read_calibration(camera.width_px, camera.height_px)
+        device = read_calibration(camera.width_px, camera.height_px, serial)
     except DriverError as error:
         return Finding(part, True, f"its intrinsics cannot be compared: {error}")
     k = device.intrinsics

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 USB: Final = Path("/sys/bus/usb/devices")
-VIDEO: Final = Path("/dev/v4l/by-id")
+LINKS: Final = Path("/dev/v4l/by-id"), Path("/dev/v4l/by-path")
+"""Names of video nodes: by maker, product and serial number of the USB device, and by its port."""
 SERIAL: Final = Path("/dev/serial/by-id")
 UARTS: Final = ("ttyAMA0", "ttyTHS1", "ttyTHS0")
 """Ports on the pins of a Raspberry Pi and of a Jetson, which have no entry by id."""
@@ -25,35 +27,44 @@ class FoundCamera:
     serial: str = ""
 
 
-def find_cameras(usb: Path = USB, video: Path = VIDEO) -> list[FoundCamera]:
+def find_cameras(usb: Path = USB, links: tuple[Path, Path] = LINKS) -> list[FoundCamera]:
     """The connected cameras that a driver exists for."""
-    found = list(_cameras(usb, video))
+    found = list(_cameras(usb, links))
     oaks = [camera for camera in found if camera.kind == "oak"]
     if len(oaks) == 1:  # the driver takes the only one, whose id changes when its firmware is loaded
         found[found.index(oaks[0])] = FoundCamera("oak", "", oaks[0].name, oaks[0].serial)
     return found
 
 
-def _cameras(usb: Path, video: Path) -> Iterator[FoundCamera]:
-    for device in sorted(usb.glob("*")) if usb.is_dir() else []:
-        vendor, product, serial = (_text(device / name) for name in ("idVendor", "product", "serial"))
+def _cameras(usb: Path, links: tuple[Path, Path]) -> Iterator[FoundCamera]:
+    devices = sorted(usb.glob("*")) if usb.is_dir() else []
+    identities = {d: tuple(_text(d / name) for name in ("idVendor", "product", "serial")) for d in devices}
+    known = Counter(identities.values())
+    for device, identity in identities.items():
+        vendor, product, serial = identity
         if vendor == MOVIDIUS:
             yield FoundCamera("oak", serial, f"Luxonis OAK ({product or 'Movidius'})", serial)
-        elif vendor == STEREOLABS:
-            # a ZED has a video device, and some have a separate one for their sensors
-            if path := _video(video, serial, "STEREOLABS", "ZED"):
-                yield FoundCamera("zed", path, product or "ZED", serial)
-        elif vendor == INTEL and "realsense" in product.lower() and (path := _video(video, serial, "RealSense")):
-            yield FoundCamera("v4l2", path, product, serial)
+            continue
+        kind = "zed" if vendor == STEREOLABS else "v4l2" if vendor == INTEL and "realsense" in product.lower() else ""
+        # the sensors of a ZED are a device of their own without video
+        if kind and (path := _image_node(device, links, unique=known[identity] == 1)):
+            yield FoundCamera(kind, path, product or "ZED", serial)
 
 
-def _video(video: Path, serial: str, *names: str) -> str:
-    """The image stream of a device by id, the first one: of a RealSense it is the depth. Where no name holds the serial number of the
-    device, the first of its maker."""
-    entries = sorted(video.iterdir()) if video.is_dir() else []
-    matching = (e for e in entries if any(n.lower() in e.name.lower() for n in names) and e.name.endswith("index0"))
-    found = list(matching)
-    return str(next((e for e in found if serial and f"_{serial}-" in e.name), next(iter(found), "")))
+def _image_node(device: Path, links: tuple[Path, Path], unique: bool) -> str:
+    """The name of the first image node of a USB device, of a RealSense that of its depth; empty: it has none. unique: no other device
+    has its maker, product and serial number.
+
+    Nodes of two devices, or of two functions of one (depth and colour of a D435), may share their name by id, which is then
+    that of one or the other after each connection: they are named by their port."""
+    nodes = sorted(n for n in device.glob("*/video4linux/video*") if _text(n / "index") == "0")
+    if not nodes:
+        return ""
+    for folder in links if unique and len(nodes) == 1 else links[1:]:
+        for entry in sorted(folder.iterdir()) if folder.is_dir() else []:
+            if entry.resolve().name == nodes[0].name:
+                return str(entry)
+    return f"/dev/{nodes[0].name}"
 
 
 def _text(file: Path) -> str:

@@ -32,8 +32,8 @@ class DepthCalibration:
 
 
 def read_calibration(width_px: int, height_px: int, serial: str = "") -> DepthCalibration:
-    """The calibration of the depth stream of this size. serial: of the device, empty: the only one. Raises DeviceNotFound
-    without the library, the device or a stream of this size."""
+    """The calibration of the depth stream of this size. serial: of the device, as the library or as USB reports it, empty: the
+    only one. Raises DeviceNotFound without the library, the device or a stream of this size."""
     rs = optional_module(
         LIBRARY,
         f"the intrinsics of a RealSense are read with {LIBRARY}",
@@ -63,12 +63,18 @@ def read_calibration(width_px: int, height_px: int, serial: str = "") -> DepthCa
 def _depth_sensor(rs: Any, serial: str) -> tuple[Any, str]:
     """The depth sensor and the serial number of its device."""
     devices = {d.get_info(rs.camera_info.serial_number): d for d in rs.context().query_devices()}
-    chosen = {name: d for name, d in devices.items() if serial in ("", name)}
+    chosen = {name: d for name, d in devices.items() if serial in ("", name, _board_serial(rs, d))}
     if len(chosen) != 1:
         there = ", ".join(sorted(devices)) or "none"
         raise DeviceNotFound(f"RealSense {serial or 'camera'}: {len(chosen)} match; connected: {there}")
     ((name, device),) = chosen.items()
     return device.first_depth_sensor(), name
+
+
+def _board_serial(rs: Any, device: Any) -> str:
+    """The serial number of the main board, which USB reports; serial_number is that of the optical module."""
+    kind = rs.camera_info.asic_serial_number
+    return str(device.get_info(kind)) if device.supports(kind) else ""
 
 
 def _emitter(rs: Any, sensor: Any) -> bool | None:

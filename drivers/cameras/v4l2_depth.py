@@ -27,7 +27,8 @@ MOST_IN_A_ROW = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class V4l2Settings:
-    """device: best under /dev/v4l/by-id, whose names survive reconnection. depth_unit_mm: millimetres per unit of Z16."""
+    """device: best under /dev/v4l/by-id or by-path, whose names survive reconnection. depth_unit_mm: millimetres per unit of
+    Z16."""
 
     camera: str
     device: str
@@ -203,7 +204,7 @@ class LinuxpyCapture:
             self._device.close()
             raise DeviceNotFound(
                 f"camera {settings.camera}: {settings.device} cannot be opened "
-                f"({getattr(error, 'strerror', None) or error}); check that it is connected (ls /dev/v4l/by-id), that "
+                f"({getattr(error, 'strerror', None) or error}); check that it is connected (ls /dev/v4l/by-path), that "
                 "no other program uses it and that the user is in the group video"
             ) from error
         except BadData:
@@ -220,7 +221,8 @@ class LinuxpyCapture:
             raise BadData(
                 f"camera {settings.camera}: requested {width}x{height} {settings.pixel_format.strip()}, the device "
                 f"gives {got.width}x{got.height} {name.strip()}; `v4l2-ctl -d {settings.device} --list-formats-ext` "
-                "lists the supported formats"
+                "lists the supported formats. Of a RealSense a path in /dev/v4l/by-id may be that of its colour images: set the one "
+                "in /dev/v4l/by-path that has the depth"
             )
         self._stream.set_fps(settings.fps)
 

@@ -11,6 +11,7 @@ from companion.config.loader import ConfigError, config_of
 from companion.live.run import check_live
 
 BY_ID = "/dev/v4l/by-id/usb-Intel_R__RealSense_TM__Depth_Camera_435_"
+ZED_BY_ID = "/dev/v4l/by-id/usb-Technologies__Inc._ZED_2i_OV0001-video-index0"
 V4L2 = {"kind": "v4l2", "fx_px": 384.1, "fy_px": 384.1, "cx_px": 321.0, "cy_px": 239.0}
 ZED = {"kind": "zed", "calibration": "SN1.conf", "width_px": 672, "height_px": 376}
 
@@ -40,6 +41,10 @@ def problems(*cameras: dict[str, object]) -> str:
             (V4L2 | {"device": BY_ID + "1"}, ZED | {"device": "/dev/video4"}),
             '"rear": device = "/dev/video4" may be another',
         ),
+        (
+            (ZED | {"device": ZED_BY_ID}, ZED | {"device": "/dev/v4l/by-path/b"}),
+            f'"front": device = "{ZED_BY_ID}" may be the other ZED after each connection',
+        ),
         ((ZED | {"device": "flight.avi"},), "is no device but a file, whose images would count as taken now"),
         ((ZED | {"device": "/home/pilot/flight.avi"},), "is no device but a file"),
     ],
@@ -56,6 +61,7 @@ def test_cameras_that_cannot_be_told_apart_are_refused(cameras: tuple[dict[str, 
         ({"kind": "oak"}, V4L2 | {"device": "/dev/video0"}),
         (V4L2 | {"device": BY_ID + "1"}, V4L2 | {"device": BY_ID + "2"}),
         (V4L2 | {"device": "/dev/v4l/by-path/a"}, ZED | {"device": BY_ID + "2"}),
+        (ZED | {"device": "/dev/v4l/by-path/a"}, ZED | {"device": "/dev/v4l/by-path/b"}),
         ({"kind": "simulated"}, {"kind": "simulated"}),
     ],
 )

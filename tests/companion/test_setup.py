@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import types
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -32,61 +33,97 @@ ZED_CALIBRATION = (
     f"[LEFT_CAM_VGA]\n{EYE}\n[RIGHT_CAM_VGA]\n{EYE}\n[STEREO]\nBaseline=120\nTY=0\nTZ=0\nCV_VGA=0\nRX_VGA=0\nRZ_VGA=0\n"
 )
 D435 = "usb-Intel_R__RealSense_TM__Depth_Camera_435-video-index0"
+D405 = "usb-Intel_R__RealSense_TM__Depth_Camera_405_88-video-index0"
 
 
-def usb(folder: Path, *devices: tuple[str, str, str]) -> Path:
-    """A tree as below /sys/bus/usb/devices: vendor, product and serial number of each."""
+def usb(folder: Path, *devices: tuple[str, str, str], functions: dict[int, int] | None = None) -> Path:
+    """A tree as below /sys/bus/usb/devices: vendor, product and serial number of each. functions: number of video functions by the
+    place of the device, each with an image and a metadata node; of a RealSense D435 depth, then colour."""
+    number = 0
     for k, (vendor, product, serial) in enumerate(devices):
         place = folder / "usb" / f"1-{k}"
         place.mkdir(parents=True)
         for name, text in (("idVendor", vendor), ("product", product), ("serial", serial)):
             (place / name).write_text(text + "\n")
+        for function in range((functions or {}).get(k, 0)):
+            for index in range(2):
+                node = place / f"1-{k}:1.{3 * function}" / "video4linux" / f"video{number}"
+                node.mkdir(parents=True)
+                (node / "index").write_text(f"{index}\n")
+                number += 1
     return folder / "usb"
 
 
-def video(folder: Path, *names: str) -> Path:
-    (folder / "video").mkdir()
-    for name in names:
-        (folder / "video" / name).write_text("")
-    return folder / "video"
+def video(folder: Path, **names: str) -> tuple[Path, Path]:
+    """Folders as /dev/v4l/by-id and by-path, which link to the nodes in /dev. names: node -> name, with / before one by path."""
+    folders = folder / "by-id", folder / "by-path"
+    for place in folders:
+        place.mkdir()
+    for node, listed in names.items():
+        for name in listed.split():
+            link = folders[1] / name[1:] if name.startswith("/") else folders[0] / name
+            link.symlink_to(folder / "dev" / node)
+    return folders
 
 
 def test_cameras_are_found_by_their_makers(tmp_path: Path) -> None:
     devices = usb(
         tmp_path,
         ("03e7", "Movidius MyriadX", "1944"),
-        ("2b03", "ZED 2i", "77"),
-        ("8086", "Intel(R) RealSense(TM) Depth Camera 435", "88"),
+        ("2b03", "ZED 2i", "OV0001"),
+        ("2b03", "ZED-2i HID INTERFACE", "37612345"),
+        ("8086", "Intel(R) RealSense(TM) Depth Camera 405", "88"),
         ("8086", "a hub", "1"),
         ("1d6b", "xHCI", "0"),
+        functions={1: 1, 3: 1},
     )
-    nodes = video(tmp_path, "usb-STEREOLABS_ZED_2i_OV0001-video-index0", D435, D435.replace("index0", "index1"))
-    assert [(c.kind, c.device) for c in find_cameras(devices, nodes)] == [
+    zed = "usb-Technologies__Inc._ZED_2i_OV0001-video-index0"
+    by_id, by_path = video(tmp_path, video0=f"{zed} /zed", video1="zed1", video2=f"{D405} /d405", video3="d405_1")
+    assert [(c.kind, c.device) for c in find_cameras(devices, (by_id, by_path))] == [
         ("oak", ""),
-        ("zed", str(nodes / "usb-STEREOLABS_ZED_2i_OV0001-video-index0")),
-        ("v4l2", str(nodes / D435)),
+        ("zed", str(by_id / zed)),
+        ("v4l2", str(by_id / D405)),
     ]
+
+
+def test_a_realsense_with_a_colour_stream_has_the_path_of_its_port(tmp_path: Path) -> None:
+    """Both streams have the same name by id, which is that of one or the other after each connection."""
+    devices = usb(tmp_path, ("8086", "Intel(R) RealSense(TM) Depth Camera 435", "88"), functions={0: 2})
+    folders = video(tmp_path, video0="/port:1.0-video-index0", video2=f"{D435} /port:1.3-video-index0")
+    assert [c.device for c in find_cameras(devices, folders)] == [str(folders[1] / "port:1.0-video-index0")]
+
+
+def test_cameras_with_the_same_name_have_the_paths_of_their_ports(tmp_path: Path) -> None:
+    """All ZED 2i have the same serial number on USB, and one of two the name by id."""
+    devices = usb(tmp_path, ("2b03", "ZED 2i", "OV0001"), ("2b03", "ZED 2i", "OV0001"), functions={0: 1, 1: 1})
+    name = "usb-Technologies__Inc._ZED_2i_OV0001-video-index0"
+    folders = video(tmp_path, video0=f"{name} /a", video2="/b")
+    assert [c.device for c in find_cameras(devices, folders)] == [str(folders[1] / "a"), str(folders[1] / "b")]
+
+
+def test_without_names_the_node_itself_is_the_device(tmp_path: Path) -> None:
+    devices = usb(tmp_path, ("2b03", "ZED", ""), functions={0: 1})
+    assert [c.device for c in find_cameras(devices, (tmp_path / "none", tmp_path / "none"))] == ["/dev/video0"]
 
 
 def test_several_oaks_have_their_ids(tmp_path: Path) -> None:
     devices = usb(tmp_path, ("03e7", "Movidius", "A"), ("03e7", "Movidius", "B"))
-    assert [c.device for c in find_cameras(devices, tmp_path)] == ["A", "B"]
+    assert [c.device for c in find_cameras(devices, (tmp_path, tmp_path))] == ["A", "B"]
 
 
 def test_several_realsense_have_their_own_devices(tmp_path: Path) -> None:
     """The second one had the path of the first, with the intrinsics of its own serial number."""
     model = "Intel(R) RealSense(TM) Depth Camera 435"
-    devices = usb(tmp_path, ("8086", model, "814"), ("8086", model, "813"))
-    names = [D435.replace("435-", f"435_{serial}-") for serial in ("813", "814")]
-    nodes = video(tmp_path, *names, *(name.replace("index0", "index1") for name in names))
-    assert [(c.serial, c.device) for c in find_cameras(devices, nodes)] == [
-        ("814", str(nodes / names[1])),
-        ("813", str(nodes / names[0])),
+    devices = usb(tmp_path, ("8086", model, "814"), ("8086", model, "813"), functions={0: 2, 1: 2})
+    folders = video(tmp_path, video0="/p814", video2="/p814_colour", video4="/p813", video6="/p813_colour")
+    assert [(c.serial, c.device) for c in find_cameras(devices, folders)] == [
+        ("814", str(folders[1] / "p814")),
+        ("813", str(folders[1] / "p813")),
     ]
 
 
 def test_no_devices_at_all(tmp_path: Path) -> None:
-    assert find_cameras(tmp_path / "none", tmp_path / "none") == []
+    assert find_cameras(tmp_path / "none", (tmp_path / "none", tmp_path / "none")) == []
     assert find_serial_ports(tmp_path / "none", tmp_path) == []
 
 
@@ -353,6 +390,11 @@ class Profile:
         return SimpleNamespace(width=self._size[0], height=self._size[1], fx=391.2, fy=391.3, ppx=322.1, ppy=238.7)
 
 
+def board_serial(serial: str) -> str:
+    """The serial number of the main board, which USB and the names in /dev/v4l/by-id contain; `serial` is that of the optics."""
+    return serial.replace("1", "7")
+
+
 def library(*serials: str) -> types.ModuleType:
     """A pyrealsense2 with these devices, each with two depth streams."""
     sensor = SimpleNamespace(
@@ -361,12 +403,19 @@ def library(*serials: str) -> types.ModuleType:
         supports=lambda option: True,
         get_option=lambda option: 1.0,
     )
-    devices = [SimpleNamespace(get_info=lambda _, s=s: s, first_depth_sensor=lambda: sensor) for s in serials]
+    devices = [
+        SimpleNamespace(
+            get_info=lambda kind, s=s: s if kind == "serial_number" else board_serial(s),
+            supports=lambda kind: True,
+            first_depth_sensor=lambda: sensor,
+        )
+        for s in serials
+    ]
     module = types.ModuleType("pyrealsense2")
     module.__spec__ = SimpleNamespace(name="pyrealsense2")  # type: ignore[assignment]
     for name, value in {
         "context": lambda: SimpleNamespace(query_devices=lambda: devices),
-        "camera_info": SimpleNamespace(serial_number="serial_number"),
+        "camera_info": SimpleNamespace(serial_number="serial_number", asic_serial_number="asic_serial_number"),
         "stream": SimpleNamespace(depth="depth"),
         "format": SimpleNamespace(z16="z16"),
         "option": SimpleNamespace(emitter_enabled="emitter_enabled"),
@@ -396,6 +445,14 @@ def test_of_several_devices_none_is_guessed(monkeypatch: pytest.MonkeyPatch) -> 
     assert read_calibration(640, 480, serial="2").serial == "2"
 
 
+def test_the_device_is_found_by_its_serial_number_on_usb(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A D400 has another one there than the library reports as its own: the intrinsics of none were read."""
+    monkeypatch.setitem(sys.modules, "pyrealsense2", library("813112060123", "943222072600"))
+    assert read_calibration(640, 480, serial="873772060723").serial == "813112060123"
+    with pytest.raises(DeviceNotFound, match="0 match; connected: 813112060123, 943222072600"):
+        read_calibration(640, 480, serial="111111111111")
+
+
 def camera(fx_px: float, unit_mm: float = 1.0) -> CameraConfig:
     return CameraConfig(
         name="front",
@@ -419,6 +476,22 @@ def test_the_doctor_compares_with_the_device(configured: CameraConfig, wrong: st
     assert finding.ok == (not wrong)
     assert wrong in finding.text
     assert finding.code == (DiagnosticCode.INTRINSICS_DIFFER if wrong else "")
+
+
+def test_the_doctor_compares_with_the_device_at_a_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two cameras are connected, and the path of the port does not name the maker."""
+    monkeypatch.setitem(sys.modules, "pyrealsense2", library("123", "456"))
+    node = tmp_path / "usb" / "1-2" / "1-2:1.0" / "video4linux" / "video5"
+    node.mkdir(parents=True)
+    (node / "name").write_text("Intel(R) RealSense(TM) Depth Ca\n")
+    (node / "device").symlink_to(node.parents[1])
+    (node.parents[2] / "serial").write_text(board_serial("123") + "\n")
+    (tmp_path / "port").symlink_to("/dev/video5")
+    configured = replace(camera(383.0), device=str(tmp_path / "port"))
+    (finding,) = intrinsics_check.intrinsics_findings([configured], node.parent)
+    assert "RealSense 123 reports other values" in finding.text
+    (node / "name").write_text("a webcam\n")
+    assert list(intrinsics_check.intrinsics_findings([configured], node.parent)) == []
 
 
 def test_without_the_library_nothing_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
