@@ -1,7 +1,7 @@
 """Reads the factory calibration of a ZED: SN<serial>.conf, which the manufacturer provides for each camera.
 
-Older files have no k3, TY and TZ, name the resolutions 2K, FHD, HD, VGA, and have trailing blanks. Lengths are
-millimetres; angles are the components of a rotation vector in radians (CV is the one about y)."""
+Older files have no k3, TY and TZ, name the resolutions 2K, FHD, HD, VGA, and have trailing blanks; some have TY and TZ for each
+resolution. Lengths are millimetres; angles are the components of a rotation vector in radians (CV is the one about y)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ a hundredth."""
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EyeCalibration:
-    """matrix: (3, 3); distortion: (5,) k1, k2, p1, p2, k3."""
+    """matrix: (3, 3); distortion: (5,) k1, k2, p1, p2, k3, or (12,) with k4, k5, k6, s1, s2, s3, s4 too."""
 
     matrix: Floats
     distortion: Floats
@@ -76,7 +76,8 @@ def parse_zed_calibration(text: str, source: str, width: int, height: int) -> St
         stereo = parser["STEREO"]
         baseline_mm = float(stereo["Baseline"])
         vector = np.array([float(stereo[f"{key}_{name}"]) for key in ("RX", "CV", "RZ")])
-        offset_mm = np.array([-baseline_mm, float(stereo.get("TY", "0")), float(stereo.get("TZ", "0"))])
+        aside = (float(stereo.get(f"{key}_{name}", stereo.get(key, "0"))) for key in ("TY", "TZ"))
+        offset_mm = np.array([-baseline_mm, *aside])
     except (configparser.Error, KeyError, ValueError) as error:
         cause = " ".join(str(error).split())  # of configparser: several lines
         raise BadData(f"{source}: not a ZED calibration ({cause}); download it again") from error
@@ -107,6 +108,9 @@ def _eye(parser: configparser.ConfigParser, section: str) -> EyeCalibration:
     s = parser[section]
     fx, fy, cx, cy = (float(s[key]) for key in ("fx", "fy", "cx", "cy"))
     distortion = [float(s[key]) for key in ("k1", "k2", "p1", "p2")] + [float(s.get("k3", "0"))]
+    further = [float(s.get(key, "0")) for key in ("k4", "k5", "k6", "s1", "s2", "s3", "s4")]
+    if any(further):
+        distortion += further
     if not all(map(math.isfinite, [fx, fy, cx, cy, *distortion])) or fx <= 0.0 or fy <= 0.0:
         raise ValueError(f"[{section}] contains invalid camera parameters")
     return EyeCalibration(

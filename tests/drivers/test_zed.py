@@ -92,6 +92,34 @@ def test_a_newer_file_with_k3_and_offsets() -> None:
     assert c.T.tolist() == [-0.1199, 0.00005, -0.0003]
 
 
+def test_offsets_of_a_resolution_are_read() -> None:
+    """Some files have one for each resolution; it was taken for 0."""
+    text = NEW.replace("TY=0.05", "TY_HD=9\r\nTY_VGA=0.05").replace("TZ=-0.3", "TZ_VGA=-0.3")
+    assert parse_zed_calibration(text, "SN2.conf", 672, 376).T.tolist() == [-0.1199, 0.00005, -0.0003]
+
+
+def test_all_coefficients_of_the_distortion_are_read() -> None:
+    """Of a lens whose model has more than five: without the others the rectified images would be bent."""
+    text = NEW.replace("k3=-0.002", "k3=-0.002\r\nk4=0.31\r\nk5=-0.02\r\nk6=0.004\r\ns1=0.0005")
+    found = parse_zed_calibration(text, "SN2.conf", 672, 376).left
+    assert found.distortion.tolist() == [
+        -0.173243,
+        0.0253571,
+        0.0,
+        0.0001,
+        -0.002,
+        0.31,
+        -0.02,
+        0.004,
+        0.0005,
+        0.0,
+        0.0,
+        0.0,
+    ]
+    with pytest.raises(BadData, match="invalid camera parameters"):
+        parse_zed_calibration(text.replace("k5=-0.02", "k5=nan"), "SN2.conf", 672, 376)
+
+
 def test_the_rotation_vector_is_read_as_opencv_reads_it() -> None:
     vector = np.array([-0.00325192, 0.0228216, -0.00116869])
     assert np.allclose(rotation_from_vector(vector), cv2.Rodrigues(vector)[0], atol=1e-12)
