@@ -27,7 +27,10 @@ class DiagnosticCode(Code):
         "the rows of a stereo camera's images differ; its calibration is inaccurate",
     )
     TEMPLATE_INTRINSICS = "template_intrinsics", "the intrinsics are those of the shipped configuration"
-    INTRINSICS_DIFFER = "intrinsics_differ", "the configured intrinsics differ from those that the camera reports"
+    INTRINSICS_DIFFER = (
+        "intrinsics_differ",
+        "the configured intrinsics or calibration file are not those of the connected camera",
+    )
     EXPOSURE_TIME_OFFSET = "exposure_time_offset", "the exposure stamps do not fit the attitude"
     # mount and ground
     MOUNT_ERROR = "mount_error", "the mount differs from its configuration; frames are invalid"

@@ -35,6 +35,7 @@ from .intrinsics_check import intrinsics_findings
 from .measure_mount import measured_mounts
 from .service_check import running_service
 from .share_check import share_findings
+from .zed_serial_check import zed_serial_findings
 
 PATIENCE_S = 25.0
 """Time limit for each camera and for the autopilot, without --patience."""
@@ -54,6 +55,7 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
             text = "none is configured: add a [[camera]] to the configuration"
             yield Finding("cameras", False, text, DiagnosticCode.NO_CAMERA_CONFIGURED)
         yield from intrinsics_findings(config.cameras)
+        yield from zed_serial_findings(config.cameras)
         yield from camera_findings(config, patience_s)
         yield from autopilot_findings(config, patience_s)
     yield from share_findings(config)

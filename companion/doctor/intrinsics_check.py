@@ -9,6 +9,7 @@ from typing import Final
 
 from drivers.base import DriverError
 from drivers.cameras.realsense_calibration import LIBRARY, read_calibration
+from drivers.cameras.usb_devices import text_of
 
 from ..config.camera import CameraConfig
 from ..diagnostic import DiagnosticCode
@@ -27,15 +28,8 @@ def intrinsics_findings(cameras: Iterable[CameraConfig], nodes: Path = NODES) ->
         return
     for camera in cameras:
         node = nodes / Path(camera.device).resolve().name
-        if camera.kind == "v4l2" and "realsense" in (camera.device + _text(node / "name")).lower():
-            yield _finding(camera, _text((node / "device").resolve().parent / "serial"))
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
+        if camera.kind == "v4l2" and "realsense" in (camera.device + text_of(node / "name")).lower():
+            yield _finding(camera, text_of((node / "device").resolve().parent / "serial"))
 
 
 def _finding(camera: CameraConfig, serial: str) -> Finding:

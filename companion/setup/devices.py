@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-USB: Final = Path("/sys/bus/usb/devices")
+from drivers.cameras.usb_devices import INTEL, MOVIDIUS, STEREOLABS, USB, text_of
+
 LINKS: Final = Path("/dev/v4l/by-id"), Path("/dev/v4l/by-path")
 """Names of video nodes: by maker, product and serial number of the USB device, and by its port."""
 SERIAL: Final = Path("/dev/serial/by-id")
 UARTS: Final = ("ttyAMA0", "ttyTHS1", "ttyTHS0")
 """Ports on the pins of a Raspberry Pi and of a Jetson, which have no entry by id."""
-MOVIDIUS, STEREOLABS, INTEL = "03e7", "2b03", "8086"
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ def find_cameras(usb: Path = USB, links: tuple[Path, Path] = LINKS) -> list[Foun
 
 def _cameras(usb: Path, links: tuple[Path, Path]) -> Iterator[FoundCamera]:
     devices = sorted(usb.glob("*")) if usb.is_dir() else []
-    identities = {d: tuple(_text(d / name) for name in ("idVendor", "product", "serial")) for d in devices}
+    identities = {d: tuple(text_of(d / name) for name in ("idVendor", "product", "serial")) for d in devices}
     known = Counter(identities.values())
     for device, identity in identities.items():
         vendor, product, serial = identity
@@ -57,7 +57,7 @@ def _image_node(device: Path, links: tuple[Path, Path], unique: bool) -> str:
 
     Nodes of two devices, or of two functions of one (depth and colour of a D435), may share their name by id, which is then
     that of one or the other after each connection: they are named by their port."""
-    nodes = sorted(n for n in device.glob("*/video4linux/video*") if _text(n / "index") == "0")
+    nodes = sorted(n for n in device.glob("*/video4linux/video*") if text_of(n / "index") == "0")
     if not nodes:
         return ""
     for folder in links if unique and len(nodes) == 1 else links[1:]:
@@ -65,13 +65,6 @@ def _image_node(device: Path, links: tuple[Path, Path], unique: bool) -> str:
             if entry.resolve().name == nodes[0].name:
                 return str(entry)
     return f"/dev/{nodes[0].name}"
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
 
 
 def find_serial_ports(by_id: Path = SERIAL, dev: Path = Path("/dev")) -> list[str]:
