@@ -38,7 +38,7 @@ def read_calibration(width_px: int, height_px: int, serial: str = "") -> DepthCa
         LIBRARY,
         f"the intrinsics of a RealSense are read with {LIBRARY}",
         "pyrealsense2>=2.54",
-        otherwise=", or enter the values that `rs-enumerate-devices -c` prints",
+        otherwise=" (x86-64 only), or enter the values that `rs-enumerate-devices -c` prints on any computer",
     )
     sensor, found_serial = _depth_sensor(rs, serial)
     sizes = []
