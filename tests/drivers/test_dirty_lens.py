@@ -1,0 +1,62 @@
+"""Dirt, water and covers on one lens of a stereo camera: what they hide is unmeasured, never measured too far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.cameras.stereo import StereoDepth
+from drivers.cameras.zed_calibration import parse_zed_calibration
+
+from .test_zed import NEW, pair
+
+Float = NDArray[Any]
+Y, X = np.mgrid[0:376, 0:672].astype(np.float32)
+SPOT = np.clip((60.0 - np.hypot(X - 330.0, Y - 190.0)) / 10.0 + 0.5, 0.0, 1.0)  # a disc with a soft edge
+
+
+def _seen(image: Float, noise: np.random.Generator) -> NDArray[np.uint8]:
+    return np.clip(np.round(image + noise.normal(0.0, 1.2, image.shape)), 0, 255).astype(np.uint8)
+
+
+def _on_spot(image: Float, other: Float) -> Float:
+    return image * (1.0 - SPOT) + other * SPOT
+
+
+def _dirt(image: Float) -> Float:
+    return _on_spot(image, np.full_like(image, 25.0))
+
+
+def _blur(image: Float) -> Float:
+    return _on_spot(image, cv2.GaussianBlur(image, (0, 0), 8.0))
+
+
+def _drop(image: Float) -> Float:
+    """A drop shows the scene upside down and smaller."""
+    x, y = 330.0 - 3.0 * (X - 330.0), 190.0 - 3.0 * (Y - 190.0)
+    return _on_spot(image, cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT))
+
+
+def _fog(image: Float) -> Float:
+    return 0.35 * cv2.GaussianBlur(image, (0, 0), 4.0) + 110.0
+
+
+def _cover(image: Float) -> Float:
+    return np.full_like(image, 12.0)
+
+
+@pytest.mark.parametrize(("effect", "around"), [(_dirt, 0.6), (_drop, 0.6), (_blur, 0.6), (_fog, 0.0), (_cover, 0.0)])
+def test_what_one_dirty_lens_hides_is_not_measured(effect: Callable[[Float], Float], around: float) -> None:
+    """around: least share of the image that is measured nevertheless."""
+    calibration = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
+    left, right = (image.astype(np.float32) for image in pair(calibration, 6.0))
+    noise = np.random.Generator(np.random.PCG64(1))
+    depth_mm = StereoDepth(calibration).depth(_seen(left, noise), _seen(effect(right), noise))
+    assert np.mean(depth_mm > 0) >= around
+    assert np.mean(depth_mm > 1.2 * 6000) < 0.0001
+    assert not depth_mm[175:205, 322:352].any()  # the spot lies 7 px farther right in the left image
