@@ -397,7 +397,7 @@ def test_an_image_that_lost_a_packet_would_be_measured_too_far_and_is_left_out(l
     )
     depth_mm = StereoDepth(CALIBRATION).depth(*halves(mixed))[110:]
     assert np.mean(depth_mm > 1.2 * 6000) > 0.01
-    source = ZedSource(SETTINGS, Video([first, mixed, first]), CALIBRATION)
+    source = ZedSource(SETTINGS, Video([*[first] * MEASUREMENTS, mixed, first]), CALIBRATION)
     source.open()
     assert [source.read(1.0) is not None for _ in range(2)] == [True, False]
 
