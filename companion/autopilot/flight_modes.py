@@ -2,7 +2,8 @@
 
 The values sent are the same in each mode: the mode is known up to a second late, and a mode that brakes may be chosen
 at any moment. Modes and path planners that do not brake are reported. Sources: documentation and code of the
-autopilots; LOITER was measured."""
+autopilots (PX4: px4_custom_mode.h, FlightModeManager.cpp; ArduCopter: mode_*.cpp, AC_WPNav_OA.cpp); LOITER was
+measured."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from enum import StrEnum
 from drivers.mavlink.commands import PX4_AUTO, px4_main_and_sub
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
+from .firmware_version import PX4_ACCELERATION_MODE
 from .parameter_advice import AutopilotFacts, position_mode_fault
 
 
@@ -20,6 +22,7 @@ class Effect(StrEnum):
     BRAKES = "brakes"
     STANDS = "does not move"
     LEANS = "leans away from near obstacles, the pilot can override it"
+    STICK = "brakes for the pilot's stick alone"
     TARGETS = "limits velocity targets, not position targets"
     PLANS = "plans around obstacles, and when blind may plan around the artificial wall into unobserved space"
     WRONG_MODE = "does not brake with this MPC_POS_MODE"
@@ -33,21 +36,26 @@ _COPTER = {
     7: ("CIRCLE", Effect.NOTHING), 9: ("LAND", Effect.NOTHING), 11: ("DRIFT", Effect.NOTHING),
     13: ("SPORT", Effect.NOTHING), 16: ("POSHOLD", Effect.NOTHING), 17: ("BRAKE", Effect.STANDS),
     20: ("GUIDED_NOGPS", Effect.NOTHING), 21: ("SMART_RTL", Effect.NOTHING), 22: ("FLOWHOLD", Effect.LEANS),
-    23: ("FOLLOW", Effect.BRAKES), 24: ("ZIGZAG", Effect.BRAKES),
+    23: ("FOLLOW", Effect.BRAKES), 24: ("ZIGZAG", Effect.STICK), 27: ("AUTO_RTL", Effect.NOTHING),
 }  # fmt: skip
 _COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
 """MAV_TYPE of ArduCopter and of PX4's multicopters: quadrotor to decarotor, and helicopter. Others do not brake as described here, and
 ArduPilot's numbers of modes mean other modes there."""
-_PLANNED = ("AUTO", "GUIDED", "RTL")
-"""Modes in which a path planner (OA_TYPE) works."""
+_PLANNED = ("AUTO", "GUIDED", "RTL", "SMART_RTL", "AUTO_RTL")
+"""Modes that fly by the waypoint controller, in which a path planner (OA_TYPE) works."""
+PX4_POSITION = 3
+_SLOW = 2
 _PX4 = {
     1: ("Manual", Effect.NOTHING),
     2: ("Altitude", Effect.NOTHING),
-    3: ("Position", Effect.BRAKES),
     5: ("Acro", Effect.NOTHING),
     6: ("Offboard", Effect.NOTHING),
     7: ("Stabilized", Effect.NOTHING),
+    10: ("Termination", Effect.NOTHING),
+    11: ("Altitude Cruise", Effect.NOTHING),
 }
+_PX4_POSITION = {0: ("Position", Effect.BRAKES), 1: ("Orbit", Effect.NOTHING), _SLOW: ("Position Slow", Effect.UNKNOWN)}
+"""Sub modes of main mode 3."""
 _PX4_AUTO = {
     1: ("Ready", Effect.STANDS),
     2: ("Takeoff", Effect.NOTHING),
@@ -64,11 +72,7 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
     number = vehicle.custom_mode
     copter = vehicle.vehicle_type in _COPTERS
     if vehicle.autopilot == PX4:
-        main, sub = px4_main_and_sub(number)
-        known = _PX4_AUTO.get(sub) if main == PX4_AUTO else _PX4.get(main)
-        name, effect = known or (f"mode {main}.{sub}" if number else "mode not reported", Effect.UNKNOWN)
-        if effect is Effect.BRAKES and facts.version is not None and position_mode_fault(facts):
-            effect = Effect.WRONG_MODE
+        name, effect = _px4_mode(number, facts)
         return name, effect if copter else Effect.UNKNOWN
     if vehicle.autopilot == ARDUPILOT and copter:
         name, effect = _COPTER.get(number, (f"mode {number}", Effect.UNKNOWN))
@@ -76,6 +80,30 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
             effect = Effect.PLANS
         return name, effect
     return f"mode {number}", Effect.UNKNOWN
+
+
+def _px4_mode(number: int, facts: AutopilotFacts) -> tuple[str, Effect]:
+    """Returns (name, effect) of a mode of a multicopter. Position Slow is flown by acceleration with every
+    MPC_POS_MODE."""
+    main, sub = px4_main_and_sub(number)
+    sub_modes = {PX4_AUTO: _PX4_AUTO, PX4_POSITION: _PX4_POSITION}.get(main)
+    known = _PX4.get(main) if sub_modes is None else sub_modes.get(sub)
+    name, effect = known or (f"mode {main}.{sub}" if number else "mode not reported", Effect.UNKNOWN)
+    if (main, sub) == (PX4_POSITION, _SLOW) and facts.version is not None:
+        effect = Effect.BRAKES if facts.version >= PX4_ACCELERATION_MODE else Effect.NOTHING
+    elif effect is Effect.BRAKES and facts.version is not None and position_mode_fault(facts):
+        effect = Effect.WRONG_MODE
+    return name, effect
+
+
+def sends_obstacles_back(vehicle: Vehicle, facts: AutopilotFacts) -> bool:
+    """Returns whether the autopilot should send the obstacles back now: PX4 evaluates them, and sends its map, only
+    armed in Position mode and, from v1.16 on, in Position Slow."""
+    if vehicle.autopilot != PX4:
+        return True
+    main, sub = px4_main_and_sub(vehicle.custom_mode)
+    slow = sub == _SLOW and facts.version is not None and facts.version >= PX4_ACCELERATION_MODE
+    return vehicle.armed and main == PX4_POSITION and (sub == 0 or slow)
 
 
 def mode_name(vehicle: Vehicle) -> str:
@@ -103,6 +131,8 @@ def mode_fault(vehicle: Vehicle, facts: AutopilotFacts) -> str:
         )
     if effect is Effect.LEANS:
         return f"{name} only leans away from obstacles: the pilot can override it; {where} stops"
+    if effect is Effect.STICK:
+        return f"{name} {effect}: on the legs that it flies by itself it flies on, also when blind; {where} stops"
     if effect is Effect.TARGETS:
         unread = "" if "OA_TYPE" in facts.values else "; whether a path planner works (OA_TYPE) is not known"
         creeps = ""

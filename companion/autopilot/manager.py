@@ -9,7 +9,7 @@ from typing import Any
 
 from core.self_check.mount_check import MountVerdict
 from core.types import AttitudeSample, CameraInfo, PoseSample
-from drivers.mavlink.commands import px4_main_and_sub, set_message_interval
+from drivers.mavlink.commands import set_message_interval
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 from osape_client.proto import osape_v1_pb2 as pb
@@ -28,7 +28,7 @@ from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
 from .firmware_version import AUTOPILOT_VERSION
-from .flight_modes import mode_fault
+from .flight_modes import mode_fault, sends_obstacles_back
 from .landed import EXTENDED_SYS_STATE
 from .last_values import LastValuesFile
 from .line import AutopilotLine
@@ -49,7 +49,6 @@ REQUESTED = (EXTENDED_SYS_STATE,)
 """Ids of messages that both autopilots are asked to send, as often as their echo."""
 READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, *REQUESTED, *ECHOES.values()})
 """Ids of the autopilot's messages that `message` handles."""
-PX4_POSITION_MODE = 3
 
 
 class Avoidance:
@@ -180,10 +179,11 @@ class Avoidance:
         return mode_fault(vehicle, self.values.facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
 
     def _echo_fault(self, vehicle: Vehicle, now_ns: int) -> str:
-        if not echoes(vehicle):
+        facts = self.values.facts(vehicle)
+        if not sends_obstacles_back(vehicle, facts):
             return ""
         signing = self._link.signing_fault if self._link is not None else ""
-        cause = likely_cause(vehicle, self.values.facts(vehicle), signing)
+        cause = likely_cause(vehicle, facts, signing)
         return self._echo.fault(vehicle.autopilot, now_ns, cause)
 
     def _blind(self) -> dict[str, str]:
@@ -248,7 +248,7 @@ class Avoidance:
         if report is not None and report.values is not None and report is not self._counted:
             self._counted = report
             vehicle = self._line.vehicle()
-            if vehicle is not None and echoes(vehicle):
+            if vehicle is not None and sends_obstacles_back(vehicle, self.values.facts(vehicle)):
                 self._echo.sent(report.values, clear_cm(self._avoid), report.t_ns)
             else:
                 self._echo.pause()
@@ -285,11 +285,3 @@ def shutdown_text(facts: AutopilotFacts) -> str:
     ArduPilot flies on. PX4 does not move in Position mode, if that mode brakes at all."""
     stands = facts.kind == PX4 and not position_mode_fault(facts)
     return "OA: stopped, Position mode stands" if stands else "OA: stopped, vehicle does not brake"
-
-
-def echoes(vehicle: Vehicle) -> bool:
-    """True if this autopilot should send obstacles back now: PX4 evaluates them only in Position mode, and sends its
-    map only then."""
-    if vehicle.autopilot != PX4:
-        return True
-    return vehicle.armed and px4_main_and_sub(vehicle.custom_mode)[0] == PX4_POSITION_MODE

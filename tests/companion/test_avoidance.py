@@ -9,7 +9,7 @@ import pytest
 
 from companion.autopilot.feedback_check import PATIENCE_NS, EchoCheck, likely_cause
 from companion.autopilot.firmware_version import FirmwareVersion
-from companion.autopilot.manager import PX4_POSITION_MODE, echoes
+from companion.autopilot.flight_modes import PX4_POSITION, sends_obstacles_back
 from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
 from companion.autopilot.parameter_advice import AutopilotFacts, advice, delay_advice
 from companion.autopilot.parameters import ASK_AGAIN_NS, AT_ONCE, OPTIONAL, RENEW_NS, TRIES, WANTED, ParameterReader
@@ -344,7 +344,7 @@ def test_an_autopilot_of_another_kind_is_not_expected_to_send_obstacles_back(kin
 def test_the_likely_cause_is_the_one_that_is_known(
     kind: str, values: dict[str, float], signing: str, mavlink_1: bool, text: str
 ) -> None:
-    vehicle = Vehicle(1, kind, 2, True, PX4_POSITION_MODE << 16, 0, mavlink_1)
+    vehicle = Vehicle(1, kind, 2, True, PX4_POSITION << 16, 0, mavlink_1)
     lines = echoed(kind, True, 8.0, scene(400)).fault(
         kind, NS + 8 * NS, likely_cause(vehicle, AutopilotFacts(kind=kind, values=values), signing)
     )
@@ -353,13 +353,21 @@ def test_the_likely_cause_is_the_one_that_is_known(
 
 
 def test_px4_sends_its_map_in_position_mode_alone() -> None:
-    def px4(armed: bool, mode: int) -> Vehicle:
-        return Vehicle(1, PX4, 2, armed, mode << 16, 0)
+    def sends(armed: bool, mode: int, version: FirmwareVersion | None = None) -> bool:
+        facts = AutopilotFacts(kind=PX4, version=version)
+        return sends_obstacles_back(Vehicle(1, PX4, 2, armed, mode, 0), facts)
 
-    assert echoes(px4(True, 3))
-    assert not echoes(px4(False, 3))
-    assert not echoes(px4(True, 4))
-    assert echoes(Vehicle(1, ARDUPILOT, 2, False, 5, 0))
+    orbit, slow = 3 << 16 | 1 << 24, 3 << 16 | 2 << 24
+    assert sends(True, 3 << 16)
+    assert not sends(False, 3 << 16)
+    assert not sends(True, 4 << 16)
+    assert not sends(True, orbit, FirmwareVersion(1, 16))
+    assert [sends(True, slow, v) for v in (None, FirmwareVersion(1, 15), FirmwareVersion(1, 16))] == [
+        False,
+        False,
+        True,
+    ]
+    assert sends_obstacles_back(Vehicle(1, ARDUPILOT, 2, False, 5, 0), AutopilotFacts(kind=ARDUPILOT))
     assert PATIENCE_NS > 2 * NS
 
 

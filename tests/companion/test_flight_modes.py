@@ -10,6 +10,7 @@ import pytest
 
 import companion.autopilot.sender as sender_module
 from companion.autopilot.failsafe import STOP_INSIDE_M
+from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.flight_modes import Effect, mode_fault, mode_of
 from companion.autopilot.line import AutopilotLine
 from companion.autopilot.manager import Avoidance
@@ -39,12 +40,19 @@ COPTER = {
     "POSHOLD": 16,
     "BRAKE": 17,
     "SMART_RTL": 21,
+    "ZIGZAG": 24,
+    "AUTO_RTL": 27,
     "mode 99": 99,
 }
 PX4 = {
     "Manual": 1 << 16,
     "Altitude": 2 << 16,
     "Position": 3 << 16,
+    "Orbit": 3 << 16 | 1 << 24,
+    "Position Slow": 3 << 16 | 2 << 24,
+    "mode 3.77": 3 << 16 | 77 << 24,
+    "Altitude Cruise": 11 << 16,
+    "Termination": 10 << 16,
     "Mission": 4 << 16 | 4 << 24,
     "Return": 4 << 16 | 5 << 24,
     "Land": 4 << 16 | 6 << 24,
@@ -89,7 +97,25 @@ def test_a_vehicle_that_is_no_multicopter_is_not_said_to_brake(kind: str, number
     assert mode_fault(replace(other, armed=False), AutopilotFacts(kind=kind)) == ""
 
 
-@pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL"])
+@pytest.mark.parametrize("mode", [0.0, 3.0, 4.0])
+@pytest.mark.parametrize(("version", "brakes"), [((1, 14), False), ((1, 15), False), ((1, 16), True), ((1, 17), True)])
+def test_position_slow_is_flown_by_acceleration_whatever_mpc_pos_mode_is(
+    version: tuple[int, int], brakes: bool, mode: float
+) -> None:
+    """FlightModeManager starts ManualAccelerationSlow without a look at MPC_POS_MODE; only v1.16 and newer brake in it."""
+    facts = AutopilotFacts(kind="PX4", values={"MPC_POS_MODE": mode}, version=FirmwareVersion(*version))
+    slow = vehicle("PX4", PX4["Position Slow"])
+    assert (mode_of(slow, facts)[1] is Effect.BRAKES) == brakes
+    assert (mode_fault(slow, facts) == "") == brakes
+
+
+def test_the_legs_that_zigzag_flies_by_itself_do_not_brake() -> None:
+    """ModeZigZag::auto_control flies by the waypoint controller, which simple avoidance does not limit."""
+    text = mode_fault(vehicle("ArduPilot", COPTER["ZIGZAG"]), AutopilotFacts(kind="ArduPilot"))
+    assert text.startswith("ZIGZAG brakes for the pilot's stick alone:")
+
+
+@pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL", "SMART_RTL", "AUTO_RTL"])
 def test_a_path_planner_and_one_that_may_be_there_are_reported(name: str) -> None:
     copter = vehicle("ArduPilot", COPTER[name])
     on, off, unread = (AutopilotFacts(kind="ArduPilot", values=v) for v in ({"OA_TYPE": 1.0}, {"OA_TYPE": 0.0}, {}))
@@ -169,6 +195,8 @@ def test_px4_need_not_send_obstacles_back_before_position_mode(monkeypatch: pyte
             avoidance.sender._send(chain.now_ns)
         return "obstacles_not_accepted" in [d.code for d in avoidance.diagnostics(chain.now_ns)]
 
+    assert not faulty(9.0)
+    now[0] = vehicle("PX4", PX4["Orbit"])
     assert not faulty(9.0)
     now[0] = vehicle("PX4", PX4["Position"])
     assert not faulty(3.0)
