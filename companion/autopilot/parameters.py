@@ -21,11 +21,13 @@ WANTED = {
         "PRX1_ORIENT", "PRX1_YAW_CORR", "PRX_IGN_GND", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX", *RC_OPTIONS,
     ),
 }  # fmt: skip
-HEADING = {PX4: ("MPC_YAW_MODE", "RTL_HDG_MD"), ARDUPILOT: ("WP_YAW_BEHAVIOR",)}
-"""Parameters read on request: the direction of the nose in the modes that the guard watches."""
+GUARD = {PX4: ("MPC_YAW_MODE", "RTL_HDG_MD"), ARDUPILOT: ("WP_YAW_BEHAVIOR", "FLTMODE_GCSBLOCK")}
+"""Parameters read on request: the direction of the nose in the modes that the guard watches, and modes that ArduCopter
+refuses to commands."""
 OPTIONAL = frozenset(
     {
         "RTL_HDG_MD",
+        "FLTMODE_GCSBLOCK",
         *RC_OPTIONS,
         "PRX1_MIN",
         "PRX1_MAX",
@@ -78,10 +80,10 @@ class Known:
 class ParameterReader:
     """Requests and reads parameters. `due` returns requests, `take` gets every message of the autopilot. Thread-safe."""
 
-    def __init__(self, heading: bool = False) -> None:
-        """Starts without an autopilot. heading: HEADING is read as well."""
+    def __init__(self, guard: bool = False) -> None:
+        """Starts without an autopilot. guard: GUARD is read as well."""
         self._lock = threading.Lock()
-        self._heading = heading
+        self._guard = guard
         self._kind, self._system_id = "", 0
         self._known: dict[str, Known] = {}
 
@@ -90,7 +92,7 @@ class ParameterReader:
         with self._lock:
             if (kind, system_id) != (self._kind, self._system_id):
                 self._kind, self._system_id = kind, system_id
-                names = WANTED.get(kind, ()) + (HEADING.get(kind, ()) if self._heading else ())
+                names = WANTED.get(kind, ()) + (GUARD.get(kind, ()) if self._guard else ())
                 self._known = {name: Known() for name in names}
 
     def take(self, message: Any, now_ns: int) -> None:

@@ -24,6 +24,7 @@ from ..autopilot.session_factory import params_of, signing_of
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..guard.heading_advice import heading_advice, look_all_around
+from ..guard.stop_advice import stop_advice
 from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low
 from ..live.health import clock_uncertain_text
 from ..paths import FolderError, folders
@@ -52,7 +53,7 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     except DriverError as error:
         yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
         return
-    readers = _Readers(heading=config.guard.enabled)
+    readers = _Readers(guard=config.guard.enabled)
     session = MavlinkSession(params_of(config), on_message=readers.take, signing=signing)
     link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
     link.open()
@@ -79,9 +80,9 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
 class _Readers:
     """Reads the parameters, the firmware's version and the presence of the proximity sensor."""
 
-    def __init__(self, heading: bool) -> None:
-        """heading: read the parameters that decide where the nose points, too."""
-        self.parameters = ParameterReader(heading=heading)
+    def __init__(self, guard: bool) -> None:
+        """guard: read the parameters that the guard depends on, too."""
+        self.parameters = ParameterReader(guard=guard)
         self.version, self.proximity = VersionReader(), ProximityPresence()
 
     def take(self, message: Any, arrival_ns: int) -> None:
@@ -121,6 +122,8 @@ def _parameter_findings(config: Config, autopilot: str, readers: _Readers) -> It
         around = look_all_around([c.mount.yaw_rad for c in config.cameras])
         for line in heading_advice(facts, config.guard):
             yield _advice("guard", around, line)
+        for line in stop_advice(facts):
+            yield _advice("guard", False, line)
     for line in parameters.contradictions(time.monotonic_ns()):
         yield Finding("parameters", False, line, DiagnosticCode.PARAMETER_CONTRADICTION)
 

@@ -112,7 +112,7 @@ def test_what_keeps_it_from_braking_is_reported(
 ) -> None:
     px4 = line.autopilot.profile.kind == PX4
     bad = {"CP_DIST": -1.0} if px4 else {"PRX1_TYPE": 0}
-    heading = {"MPC_YAW_MODE": 1, "RTL_HDG_MD": 0} if px4 else {"WP_YAW_BEHAVIOR": 0}
+    heading = {"MPC_YAW_MODE": 1, "RTL_HDG_MD": 0} if px4 else {"FLTMODE_GCSBLOCK": 1 << 12, "WP_YAW_BEHAVIOR": 0}
     line.change(lambda a: a.parameters.update(bad | heading))
     live.config.write_text(live.config.read_text() + "[guard]\nenabled = true\n")
     status, findings = examined(live, capsys)

@@ -91,18 +91,23 @@ def test_cameras_all_around(yaws_deg: tuple[int, ...], around: bool) -> None:
 
 
 def test_the_parameters_are_requested_for_the_guard_alone() -> None:
-    for kind, name in ((PX4, "MPC_YAW_MODE"), (PX4, "RTL_HDG_MD"), (ARDUPILOT, "WP_YAW_BEHAVIOR")):
-        for heading in (False, True):
-            reader = ParameterReader(heading=heading)
+    for kind, name in (
+        (PX4, "MPC_YAW_MODE"),
+        (PX4, "RTL_HDG_MD"),
+        (ARDUPILOT, "WP_YAW_BEHAVIOR"),
+        (ARDUPILOT, "FLTMODE_GCSBLOCK"),
+    ):
+        for guard in (False, True):
+            reader = ParameterReader(guard=guard)
             reader.begin(kind)
             asked: set[str] = set()
             for n in range(8):
                 asked |= {str(m.param_id) for m in reader.due((n + 1) * 100_000_000, 1)}
-            assert (name in asked) == heading
+            assert (name in asked) == guard
 
 
 def test_a_missing_yaw_mode_is_reported_and_a_missing_return_heading_is_not() -> None:
-    reader = ParameterReader(heading=True)
+    reader = ParameterReader(guard=True)
     reader.begin(PX4)
     for n in range(40):
         reader.due((n + 1) * 1_000_000_000, 1)
