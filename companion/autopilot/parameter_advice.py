@@ -14,6 +14,8 @@ from .failsafe import FENCE_SHARE
 from .firmware_version import PX4_ACCELERATION_MODE, FirmwareVersion
 from .parameters import RC_OPTIONS
 
+LEAST_CUTOFF_HZ = 1.0
+"""Of ArduPilot's low pass on the distance of a face. It delays an approaching obstacle by 1 / (2 pi f); 0: no low pass."""
 RC_PROXIMITY_SWITCH = 40
 """RCn_OPTION of ArduPilot for a switch that turns proximity avoidance on and off."""
 
@@ -177,6 +179,13 @@ def _proximity_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[Parame
         "those ahead for lower ones; set it to 0"
     )
     found += _unless(v, "PRX_IGN_GND", 0.0, text, "it reads obstacles and the artificial wall near the ground")
+    cutoff_hz = v.get("PRX_FILT", 0.0)
+    if 0.0 < cutoff_hz < LEAST_CUTOFF_HZ:
+        late_s = 1.0 / (math.tau * cutoff_hz)
+        text = f"ArduPilot delays an approaching obstacle by {late_s:.1f} s: PRX_FILT = {cutoff_hz:g} Hz; set it to 1 to 2 Hz"
+        found.append(
+            ParameterFault(text, "PRX_FILT", LEAST_CUTOFF_HZ, "an approaching obstacle is delayed by 0.2 s at most")
+        )
     text = "ArduPilot does not brake below AVOID_ALT_MIN = {:g} m; set it to 0"
     found += _unless(v, "AVOID_ALT_MIN", 0.0, text, "it brakes at each height")
     switches = [name for name in RC_OPTIONS if v.get(name) == RC_PROXIMITY_SWITCH]

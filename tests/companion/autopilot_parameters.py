@@ -15,6 +15,7 @@ DEFAULTS: dict[str, dict[str, float]] = {
         "PRX1_ORIENT": 0.0,
         "PRX1_YAW_CORR": 0.0,
         "PRX_IGN_GND": 0.0,
+        "PRX_FILT": 1.0,
         "AVOID_ALT_MIN": 0.0,
         "AVOID_ACCEL_MAX": 3.0,
         **dict.fromkeys(RC_OPTIONS, 0.0),

@@ -99,6 +99,8 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (ARDUPILOT, {"PRX_IGN_GND": 1.0}, "artificial wall near the ground: PRX_IGN_GND = 1"),
         (ARDUPILOT, {"AVOID_ALT_MIN": 2.0}, "AVOID_ALT_MIN = 2"),
         (ARDUPILOT, {"RC9_OPTION": 40.0, "RC7_OPTION": 41.0}, "turns proximity avoidance off: RC9_OPTION = 40"),
+        (ARDUPILOT, {"PRX_FILT": 0.25}, "delays an approaching obstacle by 0.6 s: PRX_FILT = 0.25 Hz"),
+        (ARDUPILOT, {"RC3_OPTION": 40.0}, "turns proximity avoidance off: RC3_OPTION = 40"),
         (ARDUPILOT, {"PRX1_TYPE": 0.0}, "does not read obstacles: PRX1_TYPE = 0"),
         (ARDUPILOT, {"AVOID_ENABLE": 1.0}, "AVOID_ENABLE = 1 is without 2"),
         (ARDUPILOT, {"AVOID_MARGIN": 11.9}, "AVOID_MARGIN = 11.9"),
@@ -136,6 +138,7 @@ def test_good_parameters_are_not_reported() -> None:
         "OA_TYPE": 0.0,
         "PRX1_MIN": 0.0,
         "PRX1_MAX": 0.0,
+        "PRX_FILT": 1.0,
         "RC9_OPTION": 41.0,
     }
     assert advice(AutopilotFacts(kind=ARDUPILOT, values=good), AVOID) == []
