@@ -56,10 +56,9 @@ class SectorView:
             with self._lock:
                 self._map = echo
         elif (face := echoed_face(message)) is not None:
-            near = message.current_distance < message.max_distance
+            near = message.current_distance < message.max_distance  # the greatest distance stands for an empty face
             with self._lock:
-                value = int(message.current_distance) if near else int(message.max_distance) + 1
-                self._faces[face] = (now_ns, value)
+                self._faces[face] = (now_ns, int(message.current_distance) if near else UNKNOWN)
 
     def fill(self, health: pb.AutopilotHealth, now_ns: int) -> None:
         """Writes the values that are not older than FORGOTTEN_NS into a report."""

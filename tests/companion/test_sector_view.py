@@ -54,12 +54,22 @@ def test_px4_sends_its_map_back() -> None:
 
 def test_ardupilot_answers_with_eight_faces() -> None:
     view = SectorView()
-    for face, cm in ((0, 400), (3, 5000)):
+    for face, cm in ((0, 400), (3, 990)):
         view.take(dialect.MAVLink_distance_sensor_message(0, 10, 1000, cm, 0, 10 + face, face, 0), 70)
     view.take(dialect.MAVLink_distance_sensor_message(0, 10, 1000, 150, 0, 0, 0, 0), 70)  # a range finder
     echoed = filled(view, 80).obstacles_echoed
-    assert list(echoed.cm) == [400, 65535, 65535, 1001, 65535, 65535, 65535, 65535]
+    assert list(echoed.cm) == [400, 65535, 65535, 990, 65535, 65535, 65535, 65535]
     assert echoed.step_deg == 45.0
+
+
+def test_a_face_that_ardupilot_has_emptied_is_no_obstacle() -> None:
+    """Once a face was valid, GCS_MAVLINK::send_proximity goes on to send it with the greatest distance. It was
+    shown as an obstacle just beyond that distance."""
+    view = SectorView()
+    for cm in (400, 1000):
+        view.take(dialect.MAVLink_distance_sensor_message(0, 10, 1000, cm, 0, 10, 0, 0), 70)
+    view.take(dialect.MAVLink_distance_sensor_message(0, 10, 1000, 300, 0, 11, 1, 0), 70)
+    assert list(filled(view, 80).obstacles_echoed.cm)[:2] == [65535, 300]
 
 
 def test_the_page_gets_null_for_unknown_and_the_ages() -> None:
