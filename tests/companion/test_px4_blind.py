@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
 from benchmarks.autopilot.blind_px4 import VERSIONS, stopped
+from drivers.simulation.firmware_models.px4_position_mode import Px4Params, drag_m_s2
 
 STICKS = [(1.0, 0.0), (1.0, 30.0), (0.4, -30.0), (0.1, 0.0)]
 
@@ -31,3 +35,11 @@ def test_what_the_wall_must_not_be(policy: str, angle_deg: float, at_least_m_s: 
 @pytest.mark.parametrize(("deflection", "distance_m"), [(1.0, 14.3), (0.4, 6.9)])
 def test_without_data_v1_16_coasts_as_its_own_code_did(deflection: float, distance_m: float) -> None:
     assert stopped((1, 16), "unknown", deflection, 0.0).distance_m == pytest.approx(distance_m, rel=0.12)
+
+
+@pytest.mark.parametrize(("boost", "drag"), [(1.0, 0.6 * 0.25), (2.0, 1.2 * 0.5), (1.5, 0.9 * 0.375)])
+def test_drag_below_1_m_s_is_linear_while_the_stick_is_held(boost: float, drag: float) -> None:
+    """StickAccelerationXY::calculateDrag: the root of the speed counts while the stick is released alone."""
+    velocity = np.array([0.0, -0.25])
+    assert drag_m_s2(velocity, boost, Px4Params()) == pytest.approx(np.array([0.0, -drag]))
+    assert math.hypot(*drag_m_s2(8.0 * velocity, boost, Px4Params())) == pytest.approx(boost * 0.6 * 2.0)

@@ -22,7 +22,7 @@ CASES = [
     Case((1, 16), 0.0, False, 36.0, 43.5, 3.0),
     Case((1, 16), 30.0, False, 33.0, 40.5, 2.0),
     Case((1, 16), 30.0, False, -38.0, -40.5, 2.0),  # guided to the last clear sector
-    Case((1, 16), 30.0, True, 32.0, 44.5, 2.0),
+    Case((1, 16), 30.0, True, 32.0, 42.5, 2.0),
 ]
 
 

@@ -53,6 +53,17 @@ def speed_from_distance_m_s(jerk: float, acceleration: float, distance_m: float)
     return max(0.0, 0.5 * (-b + math.sqrt(b * b + 8.0 * acceleration * distance_m)))
 
 
+def drag_m_s2(velocity: Vector, boost: float, p: Px4Params) -> Vector:
+    """Acceleration that v1.16 subtracts in Position mode, for the velocity setpoint. boost: 1 while the stick is held, grows to
+    the larger of 2 and sqrt(MPC_VEL_MANUAL) while it is released. Below 1 m/s it falls with the root of the speed, the more
+    so the longer the stick is released."""
+    speed = float(np.hypot(*velocity))
+    released = min(1.0, max(0.0, boost - 1.0))
+    mixed = released * math.sqrt(speed) + (1.0 - released) * speed if speed < 1.0 else speed
+    out: Vector = boost * 2.0 * p.mpc_acc_hor_m_s2 / p.mpc_vel_manual_m_s * mixed * velocity / max(speed, 1e-9)
+    return out
+
+
 def direction_deg(v: Vector) -> float:
     """Angle of a vector clockwise from the nose, 0 to 360 degrees."""
     return math.degrees(math.atan2(v[1], v[0])) % 360.0
@@ -173,10 +184,10 @@ class AccelerationPositionMode:
         wanted = self._modified(2.0 * p.mpc_acc_hor_m_s2 * stick, now_ns)
         drag = self._drag(stick, dt_s)
         still = float(np.hypot(*self._velocity_setpoint)) < float(np.hypot(*drag)) * dt_s
-        if still and float(np.hypot(*wanted)) < 1e-3:
+        turned_over = bool((np.sign(wanted) != np.sign(self._slewed)).any())
+        if still and (turned_over or float(np.hypot(*wanted)) < 1e-3):
             drag, self._velocity_setpoint = np.zeros(2), np.zeros(2)
-        change = np.clip(wanted - drag - self._slewed, -p.mpc_jerk_max_m_s3 * dt_s, p.mpc_jerk_max_m_s3 * dt_s)
-        self._slewed = self._slewed + change
+        self._slewed = self._slewed + shortened(wanted - drag - self._slewed, p.mpc_jerk_max_m_s3 * dt_s)
         acceleration = shortened(self._slewed, p.most_acceleration_m_s2)
         self._velocity_setpoint = self._velocity_setpoint + acceleration * dt_s
         feedback = p.mpc_xy_vel_p_acc * (self._velocity_setpoint - self.velocity_m_s)
@@ -187,10 +198,7 @@ class AccelerationPositionMode:
         released = float(np.hypot(*stick)) < 1e-3
         target = max(2.0, math.sqrt(p.mpc_vel_manual_m_s)) if released else 1.0
         self._boost += (target - self._boost) * dt_s / (0.8 + dt_s)
-        speed = float(np.hypot(*self._velocity_setpoint))
-        boosted = math.sqrt(speed) if speed < 1.0 else speed
-        coefficient = self._boost * 2.0 * p.mpc_acc_hor_m_s2 / p.mpc_vel_manual_m_s
-        return coefficient * boosted * self._velocity_setpoint / max(speed, 1e-9)
+        return drag_m_s2(self._velocity_setpoint, self._boost, p)
 
     def _modified(self, setpoint: Vector, now_ns: int) -> Vector:
         length = float(np.hypot(*setpoint))
