@@ -118,7 +118,15 @@ def _px4_faults(facts: AutopilotFacts, avoid: AvoidParams) -> list[ParameterFaul
         to = None if facts.version is None else float(braking_position_modes(facts.version)[0])
         found.append(ParameterFault(fault, "MPC_POS_MODE", to, f"the mode that brakes in v{facts.version}"))
     text = "PX4 flies where no camera looks: CP_GO_NO_DATA = {:g}; with 0 it moves only into directions with data"
-    return found + _unless(v, "CP_GO_NO_DATA", 0.0, text, "it moves only into directions with data")
+    found += _unless(v, "CP_GO_NO_DATA", 0.0, text, "it moves only into directions with data")
+    if v.get("COM_OBS_AVOID", 0.0) != 0.0:
+        # up to v1.15. Component 196 passes its check before arming, but sends no path. Not written: with 0 missions fly on
+        text = (
+            f"PX4 hovers in Mission, Return, Takeoff and Land: COM_OBS_AVOID = {v['COM_OBS_AVOID']:g} waits for a path from a "
+            "companion computer, and none is sent; set it to 0"
+        )
+        found.append(ParameterFault(text, "COM_OBS_AVOID"))
+    return found
 
 
 def _unless(v: Mapping[str, float], name: str, good: float, text: str, effect: str) -> list[ParameterFault]:

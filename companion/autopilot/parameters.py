@@ -15,7 +15,7 @@ from drivers.mavlink.session_types import ARDUPILOT, PX4
 NS = 1_000_000_000
 RC_OPTIONS = tuple(f"RC{n}_OPTION" for n in range(1, 17))
 WANTED = {
-    PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "MPC_POS_MODE"),
+    PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "MPC_POS_MODE", "COM_OBS_AVOID"),
     ARDUPILOT: (
         "AVOID_MARGIN", "PRX1_TYPE", "AVOID_ENABLE", "AVOID_BEHAVE", "AVOID_BACKUP_SPD", "OA_TYPE", "PRX1_MIN", "PRX1_MAX",
         "PRX1_ORIENT", "PRX1_YAW_CORR", "PRX_IGN_GND", "PRX_FILT", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX", *RC_OPTIONS,
@@ -26,6 +26,7 @@ GUARD = {PX4: ("MPC_YAW_MODE", "RTL_HDG_MD"), ARDUPILOT: ("WP_YAW_BEHAVIOR", "FL
 refuses to commands."""
 OPTIONAL = frozenset(
     {
+        "COM_OBS_AVOID",
         "RTL_HDG_MD",
         "FLTMODE_GCSBLOCK",
         *RC_OPTIONS,

@@ -8,7 +8,7 @@ from companion.autopilot.parameters import RC_OPTIONS
 from drivers.simulation.autopilot import ARDUPILOT, PX4
 
 DEFAULTS: dict[str, dict[str, float]] = {
-    PX4: {},
+    PX4: {"COM_OBS_AVOID": 0},
     ARDUPILOT: {
         "PRX1_MIN": 0.0,
         "PRX1_MAX": 0.0,
@@ -23,7 +23,7 @@ DEFAULTS: dict[str, dict[str, float]] = {
 }
 PARAMETERS: dict[str, dict[str, float]] = {
     # CP_DELAY: more than what a busy machine adds to the age of obstacles, which would be a diagnostic
-    PX4: {"CP_DIST": 3.0, "CP_DELAY": 1.0, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
+    PX4: DEFAULTS[PX4] | {"CP_DIST": 3.0, "CP_DELAY": 1.0, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
     ARDUPILOT: DEFAULTS[ARDUPILOT]
     | {
         "PRX1_TYPE": 2,

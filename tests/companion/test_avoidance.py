@@ -50,7 +50,7 @@ def receive(reader: ParameterReader, name: str, value: float, now_ns: int) -> No
 @pytest.mark.parametrize(
     ("kind", "parameters"),
     [
-        (PX4, {"CP_DIST": 3.5, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": -1}),
+        (PX4, {"CP_DIST": 3.5, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": -1, "COM_OBS_AVOID": 1}),
         (ARDUPILOT, {"PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 0, "RC9_OPTION": 40}),
     ],
 )  # fmt: skip
@@ -90,6 +90,7 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (PX4, {"CP_DIST": 12.0}, "never fly on"),
         (PX4, {"CP_DIST": 3.0, "CP_GO_NO_DATA": 1.0}, "CP_GO_NO_DATA"),
         (PX4, {"CP_DIST": 3.0, "MPC_POS_MODE": 1.0}, "MPC_POS_MODE = 1"),
+        (PX4, {"CP_DIST": 3.0, "COM_OBS_AVOID": 1.0}, "hovers in Mission, Return, Takeoff and Land: COM_OBS_AVOID = 1"),
         (ARDUPILOT, {"PRX1_MIN": 3.0, "AVOID_MARGIN": 3.0}, "PRX1_MIN = 3 m, also the artificial wall"),
         (ARDUPILOT, {"PRX1_MIN": 0.5}, "PRX1_MIN = 0.5 m, while they are nearer"),
         (ARDUPILOT, {"PRX1_MAX": 3.0, "AVOID_MARGIN": 3.0}, "PRX1_MAX = 3 m, also the artificial wall"),
@@ -127,7 +128,7 @@ def test_a_delay_shorter_than_what_was_measured_is_reported_with_the_one_to_set(
 
 
 def test_good_parameters_are_not_reported() -> None:
-    px4 = {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0}
+    px4 = {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0, "COM_OBS_AVOID": 0.0}
     assert advice(AutopilotFacts(kind=PX4, values=px4, version=FirmwareVersion(1, 16)), AVOID) == []
     good = {
         "PRX1_TYPE": 2.0,
