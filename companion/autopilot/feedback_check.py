@@ -13,7 +13,7 @@ from drivers.mavlink.ardupilot_faces import FACES, face_of
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
 from .obstacle_distance import UNKNOWN
-from .parameter_advice import AutopilotFacts, position_mode_fault
+from .parameter_advice import MAVLINK_SENSOR, AutopilotFacts, position_mode_fault
 
 NS = 1_000_000_000
 PATIENCE_NS = 5 * NS
@@ -105,7 +105,10 @@ def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_fault: str) ->
         return f"CP_DIST = {values['CP_DIST']:g} switches collision prevention off"
     if vehicle.autopilot == PX4 and (fault := position_mode_fault(facts)):
         return fault
-    if vehicle.autopilot == ARDUPILOT and values.get("PRX1_TYPE", 2.0) != 2.0:
+    if vehicle.autopilot == ARDUPILOT and MAVLINK_SENSOR not in (
+        values.get("PRX1_TYPE", MAVLINK_SENSOR),
+        values.get("PRX2_TYPE"),
+    ):
         return f"PRX1_TYPE = {values['PRX1_TYPE']:g}; set it to 2 and restart the autopilot"
     return ""
 

@@ -16,6 +16,8 @@ from .parameters import RC_OPTIONS
 
 LEAST_CUTOFF_HZ = 1.0
 """Of ArduPilot's low pass on the distance of a face. It delays an approaching obstacle by 1 / (2 pi f); 0: no low pass."""
+MAVLINK_SENSOR = 2.0
+"""PRXn_TYPE of ArduPilot for obstacles by MAVLink."""
 RC_PROXIMITY_SWITCH = 40
 """RCn_OPTION of ArduPilot for a switch that turns proximity avoidance on and off."""
 
@@ -137,8 +139,7 @@ def _unless(v: Mapping[str, float], name: str, good: float, text: str, effect: s
 
 def _ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[ParameterFault]:
     """Returns the faults of ArduPilot's parameters, those after AVOID_ENABLE by its sources, not flown."""
-    text = "ArduPilot does not read obstacles: PRX1_TYPE = {:g}; set it to 2 (MAVLink) and restart the autopilot"
-    found = _unless(v, "PRX1_TYPE", 2.0, text, "it reads obstacles from MAVLink")
+    found = _sensor_faults(v)
     enable = int(v.get("AVOID_ENABLE", 7.0))
     if not enable & 2:
         text = f"ArduPilot will not brake: AVOID_ENABLE = {enable} is without 2 (proximity sensors); set it to 7"
@@ -163,6 +164,27 @@ def _ardupilot_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[Parame
         )
         found.append(ParameterFault(text, "OA_TYPE"))
     return found
+
+
+def _sensor_faults(v: Mapping[str, float]) -> list[ParameterFault]:
+    """Returns the fault of ArduPilot's proximity sensors. Another sensor is reported and not replaced."""
+    first, second = v.get("PRX1_TYPE", MAVLINK_SENSOR), v.get("PRX2_TYPE", 0.0)
+    if first == MAVLINK_SENSOR:
+        return []
+    if second == MAVLINK_SENSOR:
+        text = (
+            "PRX2_TYPE = 2: it reads obstacles as second proximity sensor, whose parameters (PRX2_...) are not checked here; make "
+            "it the first one: PRX1_TYPE = 2"
+        )
+        return [ParameterFault(text, "PRX1_TYPE")]
+    if first != 0.0:
+        text = (
+            f"ArduPilot does not read obstacles: PRX1_TYPE = {first:g} is another sensor; make it the second one (PRX2_TYPE), set "
+            "PRX1_TYPE to 2 (MAVLink) and restart the autopilot"
+        )
+        return [ParameterFault(text, "PRX1_TYPE")]
+    text = "ArduPilot does not read obstacles: PRX1_TYPE = 0; set it to 2 (MAVLink) and restart the autopilot"
+    return [ParameterFault(text, "PRX1_TYPE", MAVLINK_SENSOR, "it reads obstacles from MAVLink")]
 
 
 def _proximity_faults(v: Mapping[str, float], avoid: AvoidParams) -> list[ParameterFault]:

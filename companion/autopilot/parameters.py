@@ -18,7 +18,7 @@ WANTED = {
     PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "MPC_POS_MODE", "COM_OBS_AVOID"),
     ARDUPILOT: (
         "AVOID_MARGIN", "PRX1_TYPE", "AVOID_ENABLE", "AVOID_BEHAVE", "AVOID_BACKUP_SPD", "OA_TYPE", "PRX1_MIN", "PRX1_MAX",
-        "PRX1_ORIENT", "PRX1_YAW_CORR", "PRX_IGN_GND", "PRX_FILT", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX", *RC_OPTIONS,
+        "PRX2_TYPE", "PRX1_ORIENT", "PRX1_YAW_CORR", "PRX_IGN_GND", "PRX_FILT", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX", *RC_OPTIONS,
     ),
 }  # fmt: skip
 GUARD = {PX4: ("MPC_YAW_MODE", "RTL_HDG_MD"), ARDUPILOT: ("WP_YAW_BEHAVIOR", "FLTMODE_GCSBLOCK")}
@@ -30,6 +30,7 @@ OPTIONAL = frozenset(
         "RTL_HDG_MD",
         "FLTMODE_GCSBLOCK",
         *RC_OPTIONS,
+        "PRX2_TYPE",
         "PRX1_MIN",
         "PRX1_MAX",
         "PRX1_ORIENT",
@@ -112,7 +113,8 @@ class ParameterReader:
         """Returns the requests to send now."""
         requests: list[Any] = []
         with self._lock:
-            for name, known in self._known.items():
+            # longest unasked first: more parameters than AT_ONCE permits in ASK_AGAIN_NS would leave the last ones out
+            for name, known in sorted(self._known.items(), key=lambda item: item[1].asked_ns):
                 wait_ns = RENEW_NS if known.value is not None and known.tries == 0 else ASK_AGAIN_NS
                 if known.value != known.candidate:
                     wait_ns = ASK_TO_BE_SURE_NS

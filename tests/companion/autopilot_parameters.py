@@ -10,6 +10,7 @@ from drivers.simulation.autopilot import ARDUPILOT, PX4
 DEFAULTS: dict[str, dict[str, float]] = {
     PX4: {"COM_OBS_AVOID": 0},
     ARDUPILOT: {
+        "PRX2_TYPE": 0.0,
         "PRX1_MIN": 0.0,
         "PRX1_MAX": 0.0,
         "PRX1_ORIENT": 0.0,

@@ -226,6 +226,12 @@ def test_a_margin_without_room_is_changed_as_it_is_reported() -> None:
     assert [(c.name, c.to) for c in changes(narrow, Config())] == [("AVOID_MARGIN", 2.0)]
 
 
+def test_a_proximity_sensor_of_the_vehicle_is_not_replaced() -> None:
+    """PRX1_TYPE = 5 is a lidar: written over, the vehicle would lose it."""
+    for sensors in ({"PRX1_TYPE": 5.0}, {"PRX1_TYPE": 5.0, "PRX2_TYPE": 2.0}, {"PRX1_TYPE": 0.0, "PRX2_TYPE": 2.0}):
+        assert changes(facts(ARDUPILOT, GOOD[ARDUPILOT] | sensors), Config()) == []
+
+
 def test_good_parameters_are_not_changed(tmp_path: Path) -> None:
     for kind, good in (*PARAMETERS.items(), *GOOD.items()):
         assert changes(facts(kind, good), Config()) == []

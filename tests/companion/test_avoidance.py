@@ -103,6 +103,12 @@ def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None
         (ARDUPILOT, {"PRX_FILT": 0.25}, "delays an approaching obstacle by 0.6 s: PRX_FILT = 0.25 Hz"),
         (ARDUPILOT, {"RC3_OPTION": 40.0}, "turns proximity avoidance off: RC3_OPTION = 40"),
         (ARDUPILOT, {"PRX1_TYPE": 0.0}, "does not read obstacles: PRX1_TYPE = 0"),
+        (ARDUPILOT, {"PRX1_TYPE": 5.0}, "PRX1_TYPE = 5 is another sensor; make it the second one"),
+        (
+            ARDUPILOT,
+            {"PRX1_TYPE": 5.0, "PRX2_TYPE": 2.0},
+            "PRX2_TYPE = 2: it reads obstacles as second proximity sensor",
+        ),
         (ARDUPILOT, {"AVOID_ENABLE": 1.0}, "AVOID_ENABLE = 1 is without 2"),
         (ARDUPILOT, {"AVOID_MARGIN": 11.9}, "AVOID_MARGIN = 11.9"),
         (ARDUPILOT, {"AVOID_BEHAVE": 0.0}, "AVOID_BEHAVE = 0"),
@@ -342,6 +348,7 @@ def test_an_autopilot_of_another_kind_is_not_expected_to_send_obstacles_back(kin
         (PX4, {"CP_DIST": 3.0}, "", True, "MAV_PROTO_VER = 2"),
         (ARDUPILOT, {"PRX1_TYPE": 2.0}, "", True, "SERIALn_PROTOCOL = 2"),
         (PX4, {"CP_DIST": 3.0}, "", False, "MAV_n_MODE of its link Onboard"),
+        (ARDUPILOT, {"PRX1_TYPE": 5.0, "PRX2_TYPE": 2.0}, "", False, "restarted since"),
         (ARDUPILOT, {}, "", False, "restarted since"),
     ],
 )
