@@ -118,13 +118,13 @@ class Extractor:
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
         planes = self._plane_shaper.shape(levelled, strips, source, settings)
         bias = DepthBias(info.bias_per_m, float(R[0, 2]), float(R[2, 2]))
-        published = published_planes(planes.count, planes.table, ground, levelled.view, bias, p, settings.publish)
+        published = published_planes(planes, ground, levelled.view, bias, settings.view)
         if published is None:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
             next_state = replace(next_state, ground_height_m=ground.height_m)
             ground = with_ranges(ground, self._ground_search.points, free.edges_t)
-        stops = PlaneStops(planes.table[: len(published.rows)], published.noise_margin_m)
+        stops = PlaneStops(planes[: len(published.rows)], published.noise_margin_m)
         open_ranges = None if opened is None else opened.seen
         profile = free_profile(free, stops, bias, open_ranges, self.open_sky.open_max_range_m)
         table = strip_table(strips.table, strips.count) if keep_strips else None

@@ -15,6 +15,8 @@ else b`."""
 
 from __future__ import annotations
 
+from dataclasses import fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,10 +45,24 @@ def record(*fields: tuple[str, Any]) -> np.dtype[Any]:
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
 
 
+def parameter_record(parameters: type, *derived: tuple[str, Any]) -> np.dtype[Any]:
+    """Returns a `record` of all fields of a class of parameters that are numbers or switches, and of further fields."""
+    kinds = {"float": np.float64, "int": np.int64, "bool": np.bool_}
+    return record(*((f.name, kinds[str(f.type)]) for f in fields(parameters) if str(f.type) in kinds), *derived)
+
+
 def record_of(dtype: np.dtype[Any], parameters: Any, **derived: Any) -> NDArray[Any]:
     """Returns an array (1,) of a dtype of `record`. Each field is set from `derived`, else from the parameter of the
     same name."""
+    out = _of_parameters(dtype, parameters, frozenset(derived)).copy()
+    for name, value in derived.items():
+        out[name] = value
+    return out
+
+
+@lru_cache(maxsize=32)
+def _of_parameters(dtype: np.dtype[Any], parameters: Any, derived: frozenset[str]) -> NDArray[Any]:
     out = np.zeros(1, dtype)
-    for name in dtype.names or ():
-        out[name] = derived[name] if name in derived else getattr(parameters, name)
+    for name in set(dtype.names or ()) - derived:
+        out[name] = getattr(parameters, name)
     return out

@@ -50,7 +50,7 @@ class ColumnBuffers(NamedTuple):
 
 @kernel
 def column_buffers(rows, bins, settings):
-    """Allocates ColumnBuffers for columns of so many rows. bins: BinTable; settings: a record of STRIP_SETTINGS."""
+    """Allocates ColumnBuffers for columns of so many rows. bins: BinTable; settings: a record of VIEW_SETTINGS."""
     n_bins, half, whole = bins.disparity_px.shape[0], bins.weights.shape[0] // 2, (rows + 7) // 8 * 8
     low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
     sums_open, sums_own, codes = np.zeros(rows + 1, np.int64), np.zeros(rows + 1, np.int64), np.zeros(rows, np.int32)
@@ -75,7 +75,7 @@ def extract_strips(codes, ground, view, bins, settings, strips):
         ground: GroundThreshold.
         view: ViewGeometry.
         bins: BinTable.
-        settings: (1,) STRIP_SETTINGS.
+        settings: (1,) VIEW_SETTINGS.
         strips: (N,) STRIP out, with room for max_column_strips per column."""
     p, counted = settings[0], np.zeros(1, COUNTS)
     cols, rows = codes.shape
@@ -100,7 +100,7 @@ def strips_of_column(column, n, bins, settings, buffers, out):
         column: Column.
         n: number of its open pixels, at least 1.
         bins: BinTable.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         buffers: ColumnBuffers with the open pixels in mask and px.
         out: StripOutput."""
     line, label, mask, px, peaks = column.line, column.label, buffers.mask, buffers.px, buffers.peaks

@@ -23,9 +23,9 @@ class DepthBias(NamedTuple):
 
 
 @inner
-def greatest_depth(axis_x, axis_z, x, top, bottom):
+def greatest_depth(bias, x, top, bottom):
     """Returns the greatest optical depth of the places at forward distance x between two heights, 0 or more."""
-    return max(axis_x * x + max(axis_z * top, axis_z * bottom), 0.0)
+    return max(bias.axis_x * x + max(bias.axis_z * top, bias.axis_z * bottom), 0.0)
 
 
 @inner
@@ -37,5 +37,5 @@ def shorten_by_bias(bias, layers, free_to):
         for d in range(free_to.shape[0]):
             for layer in range(free_to.shape[1]):
                 x = free_to[d, layer]
-                depth = greatest_depth(bias.axis_x, bias.axis_z, x, layers[layer], layers[layer + 1])
+                depth = greatest_depth(bias, x, layers[layer], layers[layer + 1])
                 free_to[d, layer] = x / (1.0 + bias.per_m * depth)

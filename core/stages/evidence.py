@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, inner_inline
+from .line_fit import LINE_SIGMAS
 from .openings import is_open
 from .strips import SMOOTH
 
@@ -122,21 +123,21 @@ def first_cell(value):
 
 
 @inner_inline
-def uncovered_share(joined, a, b, p, q, rules, cover):
+def uncovered_share(joined, a, b, p, q, settings, cover):
     """Returns the share of the cells of a joined rectangle that are not blocked; 2 if it must not be made.
 
     It must not be made if it contains an empty square with a side of gap_m, or an open cell (openings.py) that lies
-    more than slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is less than
-    tolerance_m, and `sigmas` of noise of 1/x, behind the line, as a strip of the joined plane may be.
+    more than opening_slack_m inside its border and in neither p nor q. A cell is blocked by a strip that is less than
+    merge_distance_m, and LINE_SIGMAS of noise of 1/x, behind the line, as a strip of the joined plane may be.
 
     Args:
         joined: Rectangle on the line.
         a, b: line s = a + b t.
         p, q: Rectangles of the two planes, with heights at the joined line.
-        rules: a record of MERGE_RULES.
+        settings: a record of VIEW_SETTINGS.
         cover: Cover."""
     evidence, run = cover.evidence, cover.run
-    grid, noise_s = evidence.nearest, rules.sigmas * rules.sigma_s + rules.smear_s
+    grid, noise_s = evidence.nearest, LINE_SIGMAS * settings.sigma_s + settings.smear_s
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))
     i1 = min(grid.shape[0], first_cell(joined.t1 * evidence.across + evidence.cu))
     run[:] = 0
@@ -147,9 +148,9 @@ def uncovered_share(joined, a, b, p, q, rules, cover):
         down = evidence.down * s
         j0 = min(max(0, first_cell(joined.top_m * down + evidence.cv)), grid.shape[1])
         j1 = max(j0, min(grid.shape[1], first_cell(joined.bottom_m * down + evidence.cv)))
-        limit = s / (1.0 + rules.tolerance_m * s) - noise_s
-        longest = rules.gap_m * min(evidence.across, evidence.down) * s
-        slack = rules.slack_m * down
+        limit = s / (1.0 + settings.merge_distance_m * s) - noise_s
+        longest = settings.gap_m * min(evidence.across, evidence.down) * s
+        slack = settings.opening_slack_m * down
         corner = run[j0]
         run[j0] = 0
         for j in range(j0, j1):

@@ -89,7 +89,7 @@ def fill_columns(strips, clusters, view, first_of_column, settings, buffers):
         clusters: number of clusters.
         view: ViewGeometry.
         first_of_column: (cols + 1,) int32.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         buffers: GapBuffers."""
     open_of, lower = buffers.open_of, buffers.lower
     open_of[:clusters] = -1

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Rotation
-from ..jit import inner, kernel, record, record_of
+from ..jit import inner, kernel, parameter_record, record, record_of
 from ..params import Params
 from ..types import FAR_MM, CameraInfo, Ground
 from .ground_fit import MIN_SHARE, GroundPlane, fit_ground
@@ -42,24 +42,8 @@ _SEED_WEIGHT, _SEED_STEPS = 1.5, 2
 """Weight of votes up to this many steps of height from the ground of the last frame."""
 _TRIES = 6
 """Number of heights that are tried, beginning with the one of most votes."""
-GROUND_SETTINGS = record(
-    ("tolerance_m", np.float64),  # `ground_tolerance_m`, at most cap_m
-    ("cap_m", np.float64),  # greatest tolerance
-    ("min_height_m", np.float64),
-    ("max_height_m", np.float64),
-    ("height_step", np.float64),
-    ("pair_climb", np.float64),
-    ("pair_climb_min_m", np.float64),
-    ("pair_climb_max_m", np.float64),
-    ("sigmas", np.float64),
-    ("fit_floor_m", np.float64),
-    ("max_slope", np.float64),
-    ("recede_share", np.float64),
-    ("pair_parts", np.int64),
-    ("fit_rounds", np.int64),
-)
-"""Settings of the ground search. Fields without a comment are the parameters of these names with the prefix
-`ground_`."""
+GROUND_SETTINGS = parameter_record(Params, ("tolerance_m", np.float64), ("cap_m", np.float64))
+"""All parameters, the greatest tolerance `cap_m`, and `ground_tolerance_m` limited to it."""
 
 POINT = record(
     ("x", np.float32),  # place in level_cam, m
@@ -125,8 +109,7 @@ def ground_search(p: Params) -> GroundSearch:
 def ground_settings(p: Params) -> NDArray[Any]:
     """Returns (1,) GROUND_SETTINGS."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
-    named = {name: getattr(p, f"ground_{name}") for name in (GROUND_SETTINGS.names or ())[2:]}
-    return record_of(GROUND_SETTINGS, p, tolerance_m=min(p.ground_tolerance_m, cap), cap_m=cap, **named)
+    return record_of(GROUND_SETTINGS, p, tolerance_m=min(p.ground_tolerance_m, cap), cap_m=cap)
 
 
 def height_bins(p: Params) -> int:
@@ -176,12 +159,12 @@ def judge_pair(marks, v, u, place, camera, tuning):
         (level, tangent step, inverse step, mean height). level, tangent step and inverse step: see POINT, 0 if there is
             no pair. Mean height: m below the camera, 0 if level is 0."""
     x, _, z, d = place
-    if z < tuning.min_height_m or x <= 0.0:
+    if z < tuning.ground_min_height_m or x <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
     # the height that a wall covers over the rows of the pair
-    climb_min = min(tuning.pair_climb_min_m, _CLIMB_MOST * z)
-    climb = min(max(tuning.pair_climb * z, climb_min), tuning.pair_climb_max_m)
-    most_rows = np.float64(marks.shape[0] // tuning.pair_parts)
+    climb_min = min(tuning.ground_pair_climb_min_m, _CLIMB_MOST * z)
+    climb = min(max(tuning.ground_pair_climb * z, climb_min), tuning.ground_pair_climb_max_m)
+    most_rows = np.float64(marks.shape[0] // tuning.ground_pair_parts)
     v2 = v - int(max(_PAIR_MIN_PX, min(most_rows, climb * camera.k[1] * d)))
     if v2 < 0 or not is_measured(marks[v2, u]):
         return 0.0, 0.0, 0.0, 0.0
@@ -208,7 +191,7 @@ def vote(marks, camera, tuning, samples):
         samples: GroundSamples; votes and points are outputs."""
     rows, cols = marks.shape
     votes, points = samples.votes, samples.points
-    lowest = step_of(tuning.min_height_m, tuning.height_step)
+    lowest = step_of(tuning.ground_min_height_m, tuning.ground_height_step)
     votes[:] = 0
     n, sampled = 0, 0
     for u in range(samples.column_step // 2, cols, samples.column_step):
@@ -224,7 +207,7 @@ def vote(marks, camera, tuning, samples):
                 point.level, point.tangent_step, point.inverse_step = level, tangent_step, inverse_step
                 n += 1
             if level > 0.0:
-                at = step_of(height, tuning.height_step) - lowest
+                at = step_of(height, tuning.ground_height_step) - lowest
                 if 0 <= at < len(votes):
                     votes[at] += 1
     return n, sampled
@@ -246,18 +229,18 @@ def search_ground(marks, camera, last_height, settings, samples):
     score = np.zeros(bins, np.float64)
     for b in range(bins):
         score[b] = votes[max(b - 1, 0) : b + 2].sum()
-    lowest = step_of(tuning.min_height_m, tuning.height_step)
-    if last_height > tuning.min_height_m:
-        at, reach = step_of(last_height, tuning.height_step) - lowest, _SEED_STEPS
+    lowest = step_of(tuning.ground_min_height_m, tuning.ground_height_step)
+    if last_height > tuning.ground_min_height_m:
+        at, reach = step_of(last_height, tuning.ground_height_step) - lowest, _SEED_STEPS
         score[max(0, at - reach) : at + reach + 1] *= _SEED_WEIGHT
     tries = _TRIES if sampled >= _MIN_SAMPLES else 0
     for _ in range(tries):
         best = np.argmax(score)
         if score[best] < MIN_SHARE * sampled:
             break
-        height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning.height_step)
+        height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning.ground_height_step)
         score[max(0, best - 2) : best + 3] = 0.0  # all scores that contain votes for this step
-        if height <= tuning.max_height_m:
+        if height <= tuning.ground_max_height_m:
             found = fit_ground(points[:n], height, tuning)
             if found[0]:
                 return found

@@ -57,7 +57,7 @@ def fit_tolerance(sigma, tuning):
 
     sigma: noise of the height of the point, m. The tolerance is not limited to less than _FIT_SIGMAS of it: it would
     cut into the noise of the points, and the fit could not move from where it starts."""
-    return min(max(tuning.sigmas * sigma, tuning.tolerance_m), max(tuning.cap_m, _FIT_SIGMAS * sigma))
+    return min(max(tuning.ground_sigmas * sigma, tuning.tolerance_m), max(tuning.cap_m, _FIT_SIGMAS * sigma))
 
 
 @inner
@@ -79,7 +79,7 @@ def sums_near(points, plane, tuning):
         if abs(r) < fit_tolerance(sigma, tuning):
             on += 1
             # inverse variance of height, sigma_h = ke X h
-            weight = 1.0 / (tuning.fit_floor_m + sigma) ** 2
+            weight = 1.0 / (tuning.ground_fit_floor_m + sigma) ** 2
             w, wx, wy, wr = w + weight, wx + weight * x, wy + weight * y, wr + weight * r
             wxx, wxy, wyy = wxx + weight * x * x, wxy + weight * x * y, wyy + weight * y * y
             wxr, wyr = wxr + weight * x * r, wyr + weight * y * r
@@ -141,8 +141,8 @@ def judge_plane(points, plane, noise_height, tuning):
                 rows *= points[i].level
                 rise = rows / height
             recedes, recede = recedes + rows * rise, recede + rows * rows
-    is_ground = below <= _MAX_BELOW_SHARE * n and height >= tuning.min_height_m
-    return is_ground and recedes * height >= tuning.recede_share * recede, on / n
+    is_ground = below <= _MAX_BELOW_SHARE * n and height >= tuning.ground_min_height_m
+    return is_ground and recedes * height >= tuning.ground_recede_share * recede, on / n
 
 
 @inner
@@ -158,11 +158,11 @@ def fit_ground(points, height, tuning):
         (accepted, GroundPlane, share of the points that lie on the plane). A plane with too few points is not
             accepted, nor one that `judge_plane` refuses."""
     plane, before = GroundPlane(height, 0.0, 0.0), height
-    for _ in range(tuning.fit_rounds):
+    for _ in range(tuning.ground_fit_rounds):
         on, sums = sums_near(points, plane, tuning)
         if on < max(_FIT_MIN_PX, MIN_SHARE * len(points)):
             return False, plane, 0.0
         before = plane.height_m
-        plane = moved_plane(plane, sums, tuning.max_slope)
+        plane = moved_plane(plane, sums, tuning.ground_max_slope)
     accepted, share = judge_plane(points, plane, before, tuning)
     return accepted, plane, share

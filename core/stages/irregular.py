@@ -27,7 +27,7 @@ def irregular_rest(px, n, column, settings, out):
         px: list of pixels, see row_mask.py.
         n: number of pixels.
         column: Column.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         out: StripOutput."""
     if n == 0:
         return

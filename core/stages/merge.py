@@ -82,17 +82,17 @@ def merge_buffers(planes: int, partners: int) -> MergeBuffers:
 
 
 @inner_inline
-def cover_cost(p, q, a, b, rules, cover):
+def cover_cost(p, q, a, b, settings, cover):
     """Returns the cost of the empty cells that the joined rectangle of planes p and q on the line s = a + b t would
     cover. cover: Cover."""
     one, other = Rectangle(p.t0, p.t1, p.top_m, p.bottom_m), Rectangle(q.t0, q.t1, q.top_m, q.bottom_m)
     joined = Rectangle(min(p.t0, q.t0), max(p.t1, q.t1), min(p.top_m, q.top_m), max(p.bottom_m, q.bottom_m))
-    share = uncovered_share(joined, a, b, one, other, rules, cover)
-    return REFUSED if share > rules.most_empty else _EMPTY_WEIGHT * share
+    share = uncovered_share(joined, a, b, one, other, settings, cover)
+    return REFUSED if share > settings.merge_empty_share else _EMPTY_WEIGHT * share
 
 
 @kernel
-def propose_pairs(count, planes, rules, settings, buffers):
+def propose_pairs(count, planes, settings, buffers):
     """Writes pairs of planes of one cluster that may be one to the entries of the queue; returns their number.
 
     Each plane is scored with at most merge_candidates of the next planes in buffers.order. The cheapest
@@ -107,8 +107,8 @@ def propose_pairs(count, planes, rules, settings, buffers):
     fill_tiles(order, alive, buffers.traits, buffers.tiles)
     for k in range(alive):
         i = order[k]
-        end = end_of_neighbours(k, min(alive, k + 1 + settings.merge_candidates), planes, order, rules.gap_m)
-        costs_of_next(buffers.tiles, k, end, rules, buffers.next_cost)
+        end = end_of_neighbours(k, min(alive, k + 1 + settings.merge_candidates), planes, order, settings.gap_m)
+        costs_of_next(buffers.tiles, k, end, settings, buffers.next_cost)
         found = 0
         for m in range(k + 1, end):
             found = keep_cheapest(buffers.next_cost[m], order[m], found, best_cost, best)
@@ -153,16 +153,16 @@ def keep_cheapest(cost, plane, found, best_cost, best):
 
 
 @inner
-def prepare_pieces(count, planes, rules, buffers):
+def prepare_pieces(count, planes, settings, buffers):
     """Writes the traits and ages of all planes, and where each one lies, by cluster and first tangent, to buffers.place."""
     for k in range(count):
         buffers.age[k] = 0
-        score_piece(planes[k], buffers.traits, k, rules)
+        score_piece(planes[k], buffers.traits, k, settings)
         buffers.place[k] = _MORE_THAN_T * planes[k].cluster + planes[k].t0
 
 
 @kernel
-def join_planes(count, room, tables, rules, settings, cover, buffers):
+def join_planes(count, room, tables, settings, cover, buffers):
     """Joins planes of one cluster, the cheapest pair first, until no pair fits. Joined planes get a negative support.
 
     A merged plane has the neighbours of its parts; each of at most merge_rounds rounds searches new ones.
@@ -171,23 +171,22 @@ def join_planes(count, room, tables, rules, settings, cover, buffers):
         count: number of planes.
         room: `plane_room` of the frame.
         tables: PlaneTables, planes and parent in and out.
-        rules: a record of MERGE_RULES.
-        settings: a record of PLANE_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         cover: Cover.
         buffers: MergeBuffers."""
     planes = tables.planes
     scored = np.full((_SLOTS, 3), -1, np.int32)
-    prepare_pieces(count, planes, rules, buffers)
+    prepare_pieces(count, planes, settings, buffers)
     buffers.order[:count] = np.argsort(buffers.place[:count], kind="mergesort")
     tries = _MOST_TRIES * room * settings.merge_partners
     for _ in range(settings.merge_rounds):
-        proposed = propose_pairs(count, planes, rules, settings, buffers)
-        if join_proposed(proposed, tries, tables, rules, cover, scored, buffers) == 0:
+        proposed = propose_pairs(count, planes, settings, buffers)
+        if join_proposed(proposed, tries, tables, settings, cover, scored, buffers) == 0:
             break
 
 
 @inner
-def join_proposed(proposed, tries, tables, rules, cover, scored, buffers):
+def join_proposed(proposed, tries, tables, settings, cover, scored, buffers):
     """Joins the first `proposed` pairs in the entries of the queue, the cheapest first; returns the number of joins.
 
     The version of a pair is the sum of the ages of both planes. A cost of an older version is computed again, and the pair
@@ -207,17 +206,17 @@ def join_proposed(proposed, tries, tables, rules, cover, scored, buffers):
         entry = queue.entries[k]
         first, second = root_of(parent, entry.first), root_of(parent, entry.second)
         i, j = min(first, second), max(first, second)
-        if i == j or apart(planes[i], planes[j], rules.gap_m):
+        if i == j or apart(planes[i], planes[j], settings.gap_m):
             continue
         version = age[i] + age[j]
         current = entry.version == version
         if not current and was_scored(scored, i, j, version):
             continue
-        cost, a, b = pair_cost(of_piece(traits, i), of_piece(traits, j), rules)
+        cost, a, b = pair_cost(of_piece(traits, i), of_piece(traits, j), settings)
         if not (current and entry.complete):
             complete = cost <= entry.cost + _SAME
             if complete:
-                cost += cover_cost(planes[i], planes[j], a, b, rules, cover)
+                cost += cover_cost(planes[i], planes[j], a, b, settings, cover)
             if not cost < 1.0:
                 continue
             if cost > entry.cost + _SAME:
@@ -225,7 +224,7 @@ def join_proposed(proposed, tries, tables, rules, cover, scored, buffers):
                 push(queue, k)
                 continue
         absorb(planes, traits, i, j, a, b)
-        score_piece(planes[i], traits, i, rules)
+        score_piece(planes[i], traits, i, settings)
         parent[j] = i
         age[i] += age[j] + 1
         joined += 1

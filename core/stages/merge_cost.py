@@ -9,30 +9,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..jit import inline_ieee, inner, inner_ieee, record, record_of
-from ..params import Params
+from ..jit import inline_ieee, inner, inner_ieee
 from .line_fit import LINE_SIGMAS, misfit
 from .planes import LEAST_S
-from .view_geometry import ViewGeometry
-
-MERGE_RULES = record(
-    ("tolerance_m", np.float64),  # distance between a new line and the strips of a piece, without noise
-    ("sigmas", np.float64),  # noise allowed in addition
-    ("noise_cap", np.float64),  # greatest noise allowed, over tolerance_m
-    ("slope_prior", np.float64),  # weight of a slope of 0
-    ("turn", np.float64),  # tangent of the greatest angle between two long pieces
-    ("long_m", np.float64),  # length of a long piece
-    ("spread_m", np.float64),  # distance of strips from the new line, root mean square
-    ("sigma_s", np.float64),  # noise of 1/x of a strip with the least support, 1/m
-    ("most_empty", np.float64),  # greatest share of covered empty cells
-    ("gap_m", np.float64),  # greatest gap between two pieces
-    ("slack_m", np.float64),  # width of an opening's border that may be covered
-    ("shift_m", np.float64),  # shift towards the camera
-    ("smear_s", np.float64),  # error of 1/x that all pixels of a surface share, for a camera that smears edges, 1/m
-)
-"""Rules of the merge. Fields without a comment are parameters, see `merge_rules`."""
 
 
 class Piece(NamedTuple):
@@ -75,29 +55,23 @@ TILE = 64
 """Number of pieces whose traits are stored side by side."""
 _SURELY = 2.0
 """Factor on the allowed deviation, beyond which `surely_apart` refuses a pair without a fit."""
-_LONG_WS = 0.5
-"""Planes that are both longer than this are merged within plane_angle_deg only, in Ws."""
-_GAP_SHARE = 0.9
-"""Greatest side of an empty square that a merged plane covers, as a share of Ws or Hs."""
-_SMEARED_GAP_M, _SMEARED_NOISE_CAP = 0.9, 8.0
-"""join_gap_m and merge_noise_cap of a camera that smears edges."""
 REFUSED = 2.0
 """Cost of a pair that must not be merged. Any cost of 1 or more is too great."""
 
 
 @inner
-def score_piece(plane, traits, k, rules):
-    """Writes the traits of a plane to row k of traits, (N, TRAITS) float64. rules: a record of MERGE_RULES.
+def score_piece(plane, traits, k, settings):
+    """Writes the traits of a plane to row k of traits, (N, TRAITS) float64. settings: a record of VIEW_SETTINGS.
 
-    The allowed deviation is tolerance_m and `sigmas` of the plane's noise; the latter is limited to noise_cap *
-    tolerance_m."""
+    The allowed deviation is merge_distance_m and LINE_SIGMAS of the plane's noise; the latter is limited to noise_cap *
+    merge_distance_m."""
     a, b, t0, t1 = plane.a, plane.b, plane.t0, plane.t1
     w = plane.sum_w
     mean = plane.sum_t / w
     s = max(a + b * mean, LEAST_S)
-    tolerance = rules.tolerance_m
-    noise = rules.sigmas / (s * s * math.sqrt(w)) + rules.smear_s / (s * s)
-    noise = min(noise, rules.noise_cap * tolerance)
+    tolerance = settings.merge_distance_m
+    noise = LINE_SIGMAS / (s * s * math.sqrt(w)) + settings.smear_s / (s * s)
+    noise = min(noise, settings.noise_cap * tolerance)
     allowed = (tolerance + noise) * s * s
     piece = Piece(
         a,
@@ -174,7 +148,7 @@ def front_on(p, a, b):
 
 
 @inline_ieee
-def pair_cost(p, q, rules):
+def pair_cost(p, q, settings):
     """Returns (cost, a, b) of one plane for both p and q, without the cost of covered cells; REFUSED if one line
     cannot serve both.
 
@@ -186,7 +160,7 @@ def pair_cost(p, q, rules):
     tt, ts, ss = p.tt + q.tt, p.ts + q.ts, p.ss + q.ss
     each = 1.0 / w
     t_mean, s_mean = t * each, s * each
-    b = (ts - t * s_mean) / (max(0.0, tt - t * t_mean) + rules.slope_prior)
+    b = (ts - t * s_mean) / (max(0.0, tt - t * t_mean) + settings.slope_prior)
     a = s_mean - b * t_mean
     worst = max(deviation_squared(p, a, b), deviation_squared(q, a, b))
     at = a + b * t_mean
@@ -197,17 +171,19 @@ def pair_cost(p, q, rules):
     t0, t1 = min(p.t1, q.t1), max(p.t0, q.t0)
     x0, x1 = p1 if p.t1 < q.t1 else q1, q0 if p.t0 < q.t0 else p0
     ahead, aside = x0 - x1, t0 * x0 - t1 * x1
-    refused |= (t0 < t1) & (ahead * ahead + aside * aside > rules.gap_m * rules.gap_m)
+    refused |= (t0 < t1) & (ahead * ahead + aside * aside > settings.gap_m * settings.gap_m)
     # long pieces must agree in direction
     cross = p.a * q.b - q.a * p.b
     dot = p.a * q.a + p.b * q.b
-    both_long = min(p.t1 - p.t0, q.t1 - q.t0) > rules.long_m * at
-    refused |= both_long & ((dot <= 0.0) | (abs(cross) > rules.turn * dot))
+    both_long = min(p.t1 - p.t0, q.t1 - q.t0) > settings.long_m * at
+    refused |= both_long & ((dot <= 0.0) | (abs(cross) > settings.turn * dot))
     shift = max(0.0, max(p.front_m + max(p0 - p.x0, p1 - p.x1), q.front_m + max(q0 - q.x0, q1 - q.x1)))
     front = p.front_m if p.w > q.w else q.front_m
-    moved = (shift - max(0.0, front)) * at * at / (rules.shift_m * at * at + rules.sigma_s + rules.smear_s)
+    moved = (
+        (shift - max(0.0, front)) * at * at / (settings.merge_shift_m * at * at + settings.sigma_s + settings.smear_s)
+    )
     refused |= moved >= 1.0
-    allowed = rules.spread_m * at * at + rules.sigma_s + rules.smear_s
+    allowed = settings.merge_spread_m * at * at + settings.sigma_s + settings.smear_s
     spread = misfit(w, t, s, tt, ts, ss, a, b) / (allowed * allowed)
     cost = max(max(moved, 0.0), math.sqrt(max(worst, spread)))
     return (REFUSED if refused else cost), a, b
@@ -239,42 +215,20 @@ def of_tile(tiles, at):
 
 
 @inner_ieee
-def costs_of_next(tiles, k, end, rules, costs):
+def costs_of_next(tiles, k, end, settings, costs):
     """Computes `pair_cost` of piece k with each of the pieces k + 1..end - 1; REFUSED where `surely_apart`.
 
     Args:
         tiles: of `fill_tiles`.
         k: a piece, by its position in the order.
         end: end of the pieces.
-        rules: a record of MERGE_RULES.
+        settings: a record of VIEW_SETTINGS.
         costs: (N,) float64 out."""
     p = of_tile(tiles, np.uint64(k // TILE * TRAITS * TILE + k % TILE))
-    gap = rules.gap_m
+    gap = settings.gap_m
     for tile in range((k + 1) // TILE, (end - 1) // TILE + 1):
         begin, before = np.uint64(tile * TRAITS * TILE), np.uint64(tile * TILE)
         for lane in range(np.uint64(max(k + 1 - tile * TILE, 0)), np.uint64(min(end - tile * TILE, TILE))):
             q = of_tile(tiles, begin + lane)
-            cost, _, _ = pair_cost(p, q, rules)
+            cost, _, _ = pair_cost(p, q, settings)
             costs[before + lane] = REFUSED if surely_apart(p, q, gap) else cost
-
-
-def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = False) -> NDArray[Any]:
-    """Returns (1,) MERGE_RULES of a view and its noise. smeared: True if the camera smears its edges."""
-    gap_m = _SMEARED_GAP_M if smeared else p.join_gap_m
-    return record_of(
-        MERGE_RULES,
-        p,
-        tolerance_m=p.merge_distance_m,
-        sigmas=LINE_SIGMAS,
-        noise_cap=_SMEARED_NOISE_CAP if smeared else p.merge_noise_cap,
-        slope_prior=1.0 / (p.link_slope_px * p.link_slope_px),
-        turn=math.tan(math.radians(p.plane_angle_deg)),
-        long_m=_LONG_WS * p.passable_width_m,
-        spread_m=p.merge_spread_m,
-        sigma_s=max(ke_per_m, p.min_sigma_px / view.f_px) / math.sqrt(p.min_support_px),
-        most_empty=p.merge_empty_share,
-        slack_m=p.opening_slack_m,
-        shift_m=p.merge_shift_m,
-        smear_s=p.smear_merge_sigmas * ke_per_m if smeared else 0.0,
-        gap_m=min(gap_m, _GAP_SHARE * p.passable_width_m, _GAP_SHARE * p.passable_height_m),
-    )

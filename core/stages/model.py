@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, record, record_of
+from ..jit import inner, kernel
 from ..params import Params
 from ..types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
 from .depth_bias import DepthBias, greatest_depth
 from .free_profile import empty_profile
 from .ground import NO_GROUND
+from .ground_fit import GroundPlane
 from .planes import LEAST_S
 from .strips import CUT_BOTTOM, CUT_TOP, PX
 from .view_geometry import ViewGeometry
@@ -35,24 +36,6 @@ _INFERRED, _UNKNOWN_BEHIND = int(PlaneFlags.INFERRED), int(PlaneFlags.UNKNOWN_BE
 _CUT_LEFT, _CUT_RIGHT = int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT)
 _CUT_TOP, _CUT_BOTTOM, _IRREGULAR = int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM), int(PlaneFlags.IRREGULAR)
 """The flags as numbers for the kernels."""
-
-PUBLISH_SETTINGS = record(
-    ("ground_seen", np.int64),  # ground of the frame
-    ("height_m", np.float64),
-    ("slope_x", np.float64),
-    ("slope_y", np.float64),
-    ("column_t", np.float64),  # tangent of a column
-    ("left_t", np.float64),  # tangents beyond which a plane is cut by the left and right border
-    ("right_t", np.float64),
-    ("bias_per_m", np.float64),  # of the camera
-    ("axis_x", np.float64),  # of the optical axis in level_cam: the depth of a point (x, y, z) is axis_x x + axis_z z
-    ("axis_z", np.float64),
-    ("ground_tolerance_m", np.float64),
-    ("safe_distance_m", np.float64),
-    ("margin_sigmas", np.float64),
-    ("noise_alike_px", np.float64),
-)
-"""Settings of `published_planes`. Fields without a comment are the parameters of the same names."""
 
 
 class PublishedPlanes(NamedTuple):
@@ -105,23 +88,8 @@ def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameSt
     )
 
 
-def publish_settings(column_t: float, params: Params) -> NDArray[Any]:
-    """Returns (1,) PUBLISH_SETTINGS without ground, borders and bias, which are set for each frame. column_t: tangent of
-    a column."""
-    frame = dict.fromkeys(
-        ("ground_seen", "height_m", "slope_x", "slope_y", "left_t", "right_t", "bias_per_m", "axis_x", "axis_z"), 0.0
-    )
-    return record_of(PUBLISH_SETTINGS, params, column_t=column_t, **frame)
-
-
 def published_planes(
-    count: int,
-    planes: NDArray[Any],
-    ground: Ground,
-    view: ViewGeometry,
-    bias: DepthBias,
-    params: Params,
-    settings: NDArray[Any],
+    planes: NDArray[Any], ground: Ground, view: ViewGeometry, bias: DepthBias, settings: NDArray[Any]
 ) -> PublishedPlanes | None:
     """Returns the planes to publish; None if a number of one of them is not finite, since its place is then not
     known.
@@ -131,56 +99,40 @@ def published_planes(
     that all depths of the camera share. Neighbouring columns share the noise.
 
     Args:
-        count: number of planes.
         planes: (N,) PLANE. Planes that exist are moved to the front.
         ground: ground of the frame.
         view: geometry of the levelled view.
         bias: of the camera.
-        params: parameters.
-        settings: (1,) of `publish_settings`; ground, borders and bias are written."""
+        settings: (1,) VIEW_SETTINGS."""
     column_t = float(view.lateral[0]) / view.f_px
-    settings["ground_seen"], settings["height_m"] = ground.seen, ground.height_m
-    settings["slope_x"], settings["slope_y"] = ground.slope_x, ground.slope_y
-    settings["left_t"] = (_CUT_COLUMNS - view.cu) * column_t
-    settings["right_t"] = (view.cols - 1 - _CUT_COLUMNS - view.cu) * column_t
-    settings["bias_per_m"], settings["axis_x"], settings["axis_z"] = bias
-    out = PublishedPlanes(
-        np.empty((count, 6), np.float32),
-        np.empty(count, np.float32),
-        np.empty(count, np.float32),
-        np.empty(count, np.uint8),
-        np.empty(count, np.int32),
-        np.empty(count, np.int32),
-    )
-    n = write_planes(count, planes, settings, out)
-    if n < 0:
-        return None
-    return PublishedPlanes(
-        out.rows[:n],
-        out.margin_m[:n],
-        out.noise_margin_m[:n],
-        out.flags[:n],
-        out.support_px[:n],
-        out.cluster[:n],
-    )
+    cut_t = (_CUT_COLUMNS - view.cu) * column_t, (view.cols - 1 - _CUT_COLUMNS - view.cu) * column_t
+    height_m = float(ground.height_m) if ground.seen else math.inf
+    floor = GroundPlane(height_m, float(ground.slope_x), float(ground.slope_y))
+    finite, out = write_planes(planes, floor, bias, cut_t, settings)
+    return out if finite else None
 
 
-@inner
-def write_planes(count, planes, settings, out):
-    """Writes the planes that exist to `out` (PublishedPlanes); returns their number, -1 if a number is not finite."""
-    p = settings[0]
-    n = 0
-    for k in range(count):
+@kernel
+def write_planes(planes, floor, bias, cut_t, settings):
+    """Returns whether all numbers are finite, and PublishedPlanes of the planes that exist, which are moved to the front.
+
+    floor: GroundPlane, at an infinite height if there is none; cut_t: tangents beyond which a plane is cut by the left and
+    right border of the image; else see `published_planes`."""
+    p, n = settings[0], 0
+    for k in range(len(planes)):
         if planes[k].support >= 0:
             if n != k:
                 planes[n] = planes[k]
-            out.support_px[n], out.cluster[n] = planes[n].support // PX, planes[n].cluster
             n += 1
-    if p.ground_seen != 0:
-        _cut_at_ground(n, planes, p)
-    _write_rows(n, planes, p, out.rows, out.margin_m, out.noise_margin_m)
-    _write_flags(n, planes, p, out.flags)
-    return n if _all_finite(n, planes, out.rows, out.margin_m) else -1
+    rows, margin_m, noise_margin_m = np.empty((n, 6), np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    flags, support_px, cluster = np.empty(n, np.uint8), np.empty(n, np.int32), np.empty(n, np.int32)
+    for k in range(n):
+        support_px[k], cluster[k] = planes[k].support // PX, planes[k].cluster
+    out = PublishedPlanes(rows, margin_m, noise_margin_m, flags, support_px, cluster)
+    _cut_at_ground(n, planes, floor, p.ground_tolerance_m)
+    _write_rows(n, planes, bias, p, out)
+    _write_flags(n, planes, cut_t, p.column_t, flags)
+    return _all_finite(n, planes, rows, margin_m), out
 
 
 @inner
@@ -200,22 +152,22 @@ def _all_finite(count, planes, rows, margin):
 
 
 @inner
-def _cut_at_ground(count, planes, settings):
+def _cut_at_ground(count, planes, ground, tolerance_m):
     """Ends each plane at the ground. Where noise makes a strip too distant, its rows extend below the ground."""
     for k in range(count):
         p = planes[k]
         middle = 0.5 * (p.t0 + p.t1)
         x = 1.0 / max(p.a + p.b * middle, LEAST_S)
-        floor = settings.height_m + (settings.slope_x + settings.slope_y * middle) * x + settings.ground_tolerance_m
+        floor = ground.height_m + (ground.slope_x + ground.slope_y * middle) * x + tolerance_m
         p.bottom_m = min(p.bottom_m, max(floor, p.top_m + _LEAST_BELOW_GROUND_M))
 
 
 @inner
-def _write_rows(count, planes, settings, rows, margin, noise_margin):
+def _write_rows(count, planes, bias, settings, out):
     """Writes rows and both margins of PublishedPlanes."""
-    safe_m, alike_px = settings.safe_distance_m, settings.noise_alike_px
+    safe_m, alike_px, noise_margin = settings.safe_distance_m, settings.noise_alike_px, out.noise_margin_m
     for k in range(count):
-        p, row = planes[k], rows[k]
+        p, row = planes[k], out.rows[k]
         t0, t1 = p.t0 - _OUTWARD, p.t1 + _OUTWARD
         x0 = 1.0 / max(p.a + p.b * t0, LEAST_S)
         x1 = 1.0 / max(p.a + p.b * t1, LEAST_S)
@@ -229,23 +181,23 @@ def _write_rows(count, planes, settings, rows, margin, noise_margin):
         noise_margin[k] = min(max(p.front_m + safe_m, 0.0), safe_m) + settings.margin_sigmas * noise
         # the bias moves points along their rays; across the plane, at its distance d, that is bias depth d
         across_m = 1.0 / max(math.sqrt(p.a * p.a + p.b * p.b), LEAST_S)
-        depth_m = greatest_depth(settings.axis_x, settings.axis_z, max(x0, x1), p.top_m, p.bottom_m)
-        margin[k] = noise_margin[k] + settings.bias_per_m * depth_m * across_m
+        depth_m = greatest_depth(bias, max(x0, x1), p.top_m, p.bottom_m)
+        out.margin_m[k] = noise_margin[k] + bias.per_m * depth_m * across_m
 
 
 @inner
-def _write_flags(count, planes, settings, flags):
+def _write_flags(count, planes, cut_t, column_t, flags):
     """Writes the flags of PublishedPlanes."""
     for k in range(count):
         p = planes[k]
         inferred = p.inferred > 0
         filled = p.filled_rows > _INFERRED_SHARE * p.rows
-        columns = (p.t1 - p.t0) / settings.column_t
+        columns = (p.t1 - p.t0) / column_t
         spanned = p.columns < (1.0 - _INFERRED_SHARE) * columns - _INFERRED_COLUMNS
         found = _INFERRED if inferred or filled or spanned else 0
         found |= 0 if inferred else _UNKNOWN_BEHIND
-        found |= _CUT_LEFT if p.t0 <= settings.left_t else 0
-        found |= _CUT_RIGHT if p.t1 >= settings.right_t else 0
+        found |= _CUT_LEFT if p.t0 <= cut_t[0] else 0
+        found |= _CUT_RIGHT if p.t1 >= cut_t[1] else 0
         found |= _CUT_TOP if p.cut & CUT_TOP else 0
         found |= _CUT_BOTTOM if p.cut & CUT_BOTTOM else 0
         found |= _IRREGULAR if 2 * p.irregular > p.support else 0

@@ -128,14 +128,13 @@ def split_outliers(strips, view, settings, count, tracks, tables, buffers):
     Args:
         strips: StripList, in and out.
         view: ViewGeometry.
-        settings: a record of PLANE_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         count: number of planes.
         tracks: number of tracks. New tracks are numbered from there on.
         tables: PlaneTables, in and out, with room for one more plane and track per strip.
         buffers: OutlierBuffers, filled by `measure_excess` and `outlier_limits`."""
     planes, plane_of, table = tables.planes, tables.plane_of, strips.table
     new, excess_m, half = buffers.new, buffers.excess_m, settings.half_column_t
-    slope_weight = 1.0 / (settings.link_slope_px * settings.link_slope_px)
     total = count
     for i in range(strips.count):
         if excess_m[i] <= 0.0:
@@ -163,6 +162,6 @@ def split_outliers(strips, view, settings, count, tracks, tables, buffers):
         add_point(plane, t, strip.disparity_px / view.f_px, 1.0 / variance)
         strip.track = tracks + at - count
     for k in range(count, total):
-        a, b, _, _ = fit_line(planes[k], slope_weight)
+        a, b, _, _ = fit_line(planes[k], settings.slope_prior)
         planes[k].a, planes[k].b = a, b
     return total

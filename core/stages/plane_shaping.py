@@ -1,7 +1,7 @@
 """From strips to planes (Sections 5.2 and 5.3): tracks, merge, outliers, near side, corners, concavities, hidden
 parts.
 
-Input: the table of strips and the settings. Output: `Planes`, vertical rectangles, each in front of the strips for
+Input: the table of strips and the settings. Output: records of PLANE, vertical rectangles, each in front of the strips for
 which it stands.
 
 `shape_planes` is one kernel because a call from Python costs some microseconds. Its stages can be traced one by one:
@@ -9,7 +9,6 @@ which it stands.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,19 +80,18 @@ def plane_buffers(strips: int, partners: int) -> PlaneBuffers:
 
 
 @kernel
-def shape_planes(strips, view, source, settings, rules, openings, cells, buffers):
+def shape_planes(strips, view, source, settings, openings, cells, buffers):
     """Makes planes of the strips; returns their number, hidden ones included. The planes are in buffers.tables.
 
     Args:
         strips: StripList, with places.
         view: ViewGeometry.
         source: (1,) SOURCE.
-        settings: (1,) PLANE_SETTINGS.
-        rules: (1,) MERGE_RULES.
+        settings: (1,) VIEW_SETTINGS.
         openings: OpeningMasks.
         cells: (C, R) float32 scratch, the cells of Evidence.
         buffers: PlaneBuffers. Planes with a negative support do not exist any more."""
-    p, merge, table, n = settings[0], rules[0], strips.table, strips.count
+    p, table, n = settings[0], strips.table, strips.count
     tables, planes = buffers.tables, buffers.tables.planes
     room, cell = plane_room(n), CELL_PX
     tracks = grow(table, view, strips.first_of_column, p, openings, buffers.tracks, buffers.front)
@@ -104,7 +102,7 @@ def shape_planes(strips, view, source, settings, rules, openings, cells, buffers
     across = view.f_px / np.float64(view.lateral[0]) / cell
     evidence = Evidence(cells, across, view.f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell)
     cover = Cover(evidence, openings, np.zeros(cells.shape[1] + 2, np.int32))
-    join_planes(tracks, room, tables, merge, p, cover, buffers.merge)
+    join_planes(tracks, room, tables, p, cover, buffers.merge)
     count = merged = compact_planes(tracks, tracks, tables)
     measure_planes(strips, view, p, count, tables)
 
@@ -124,18 +122,6 @@ def shape_planes(strips, view, source, settings, rules, openings, cells, buffers
     return count
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Planes:
-    """Planes of a frame.
-
-    Attributes:
-        table: (N,) PLANE, of which the first `count` are used. A negative support: the plane is hidden.
-        count: number of planes."""
-
-    table: NDArray[Any]
-    count: int
-
-
 class PlaneShaper:
     """Makes planes of strips. It holds tables and scratch memory, no state between frames."""
 
@@ -146,8 +132,10 @@ class PlaneShaper:
     def _make_room(self, strips: int) -> None:
         self._room, self._scratch = strips, plane_buffers(strips, self._params.merge_partners)
 
-    def shape(self, levelled: LevelledView, strips: Strips, source: NDArray[Any], settings: Settings) -> Planes:
-        """Returns the planes of a frame, valid until the next call. source: (1,) SOURCE."""
+    def shape(self, levelled: LevelledView, strips: Strips, source: NDArray[Any], settings: Settings) -> NDArray[Any]:
+        """Returns the planes of a frame, (N,) PLANE, valid until the next call. A negative support: the plane is hidden.
+
+        source: (1,) SOURCE."""
         view, p = levelled.view, self._params
         if strips.count > self._room:
             self._make_room(-(-strips.count // _MORE_STRIPS) * _MORE_STRIPS)
@@ -165,10 +153,9 @@ class PlaneShaper:
             StripList(strips.table, strips.count, strips.first_of_column),
             view,
             source,
-            settings.planes,
-            settings.merge,
+            settings.view,
             openings,
             cells,
             self._scratch,
         )
-        return Planes(table=self._scratch.tables.planes, count=int(count))
+        return self._scratch.tables.planes[:count]

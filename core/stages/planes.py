@@ -73,10 +73,10 @@ def distance_at(plane, t):
 def planes_from_tracks(count, tracks, settings, tables):
     """Makes a plane of each track, with line, moments and ends. `measure_planes` computes heights and support."""
     planes, plane_of, parent = tables
-    slope, half = settings.link_slope_px, settings.half_column_t
+    half = settings.half_column_t
     for k in range(count):
         track, plane = tracks[k], planes[k]
-        a, b, _, _ = fit_line(track, 1.0 / (slope * slope))
+        a, b, _, _ = fit_line(track, settings.slope_prior)
         plane.a, plane.b = a, b
         copy_moments(plane, track)
         plane.t0, plane.t1 = track.first_t - half, track.last_t + half
@@ -91,7 +91,7 @@ def measure_planes(strips, view, settings, count, tables):
     Args:
         strips: StripList.
         view: ViewGeometry.
-        settings: a record of PLANE_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         count: number of planes.
         tables: PlaneTables, planes in and out. front_m is the greatest `near_excess_m` of the strips."""
     planes, length = tables.planes, np.empty(count)
@@ -143,7 +143,7 @@ def near_excess_m(strip, x, t, plane, length, f_px, settings):
         plane: a record of PLANE.
         length: hypot(a, b) of the plane.
         f_px: focal length of the view.
-        settings: a record of PLANE_SETTINGS."""
+        settings: a record of VIEW_SETTINGS."""
     near = strip.near_px
     if strip.kind != SMOOTH:
         near = max(near, strip.disparity_px - settings.rough_near_sigmas * strip.sigma_px)

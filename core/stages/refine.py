@@ -51,7 +51,7 @@ def extend_to_corners(count, planes, settings, openings):
     Args:
         count: number of planes.
         planes: (N,) PLANE, in and out.
-        settings: a record of PLANE_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         openings: OpeningMasks."""
     for i in range(count):
         for j in range(count):
@@ -188,7 +188,7 @@ def close_concavities(count, room, planes, settings, openings):
         count: number of planes.
         room: greatest number of planes.
         planes: (N,) PLANE, in and out.
-        settings: a record of PLANE_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         openings: OpeningMasks."""
     first = count
     for i in range(first):

@@ -164,15 +164,14 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
         strips: (N,) STRIP with places, in the order of columns.
         view: ViewGeometry.
         first_of_column: (cols + 1,) int32.
-        settings: a record of PLANE_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         openings: OpeningMasks.
         tracks: (N,) TRACK out.
         front: Front."""
     count, size = 0, 0
     front_track, front_strip, front_top = front.track, front.strip, front.top_row
     front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near
-    f = view.f_px
-    prior = 1.0 / (settings.link_slope_px * settings.link_slope_px)
+    f, prior = view.f_px, settings.slope_prior
     for u in range(view.cols):
         size = _continuing(u, settings.link_gap_px, strips, front, size)
         for i in range(first_of_column[u], first_of_column[u + 1]):

@@ -1,63 +1,64 @@
-"""Settings of the kernels from density to planes, as records with named fields.
+"""Settings of the kernels from density to planes, as a record with named fields.
 
 Input: the parameters, the noise and the levelled view. Output: `Settings`. They change only with the noise and the
 scale of the view, and are reused from frame to frame."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import record, record_of
+from ..jit import parameter_record, record_of
 from ..params import Params
 from .density import BinTable, bin_table
-from .merge_cost import merge_rules
-from .model import publish_settings
-from .plane_settings import plane_settings
 from .strips import PX
 from .view_geometry import ViewGeometry
 
-STRIP_SETTINGS = record(
-    ("sigma_d_px", np.float64),  # noise of disparity, 1 sigma
-    ("f_px", np.float64),  # focal length of the view
+_FOOTPRINT_PX = 0.5
+"""Extension of the end columns and rows of a plane on either side."""
+_SMEAR_FOOTPRINT_PX = 2.0
+"""Where ramps are removed, planes are extended by this, because the near side of a ramp is lost."""
+_HIDDEN_DEPTH_M = 1.0
+"""Greatest distance behind a plane at which it hides others."""
+_LONG_WS = 0.5
+"""Planes that are both longer than this are merged within plane_angle_deg only, in Ws."""
+_GAP_SHARE = 0.9
+"""Greatest side of an empty square that a merged plane covers, as a share of Ws or Hs."""
+_SMEARED_GAP_M, _SMEARED_NOISE_CAP = 0.9, 8.0
+"""join_gap_m and merge_noise_cap of a camera that smears edges."""
+
+VIEW_SETTINGS = parameter_record(
+    Params,
+    # of the view and its noise
+    ("f_px", np.float64),  # focal length
     ("lsb_per_px", np.float64),  # quantised disparity per pixel of disparity
-    ("depth_noise_coeff", np.float64),  # ke, 1/m
-    ("noise_alike_px", np.float64),
+    ("ke_per_m", np.float64),  # noise coefficient
+    ("sigma_d_px", np.float64),  # noise of disparity, 1 sigma
+    ("column_t", np.float64),  # tangent of a column
+    # of strips
+    ("noise_alike_px", np.float64),  # of the parameters
     ("support_per_px", np.float64),  # least support in 1/PX source pixels, per pixel of disparity
-    ("most_per_column", np.float64),  # `max_strips_per_column`
-    ("passable_height_m", np.float64),
-    ("passable_width_m", np.float64),
-    ("safe_distance_m", np.float64),
-    ("segment_height_m", np.float64),
-    ("peak_alpha", np.float64),
-    ("peak_valley", np.float64),
-    ("window_majority", np.float64),
-    ("window_take_sigmas", np.float64),
-    ("near_sigmas", np.float64),
-    ("near_edge_share", np.float64),
-    ("band_step_m", np.float64),
-    ("band_sigmas", np.float64),
-    ("irregular_depth_m", np.float64),
-    ("irregular_sigmas", np.float64),
-    ("support_sigmas", np.float64),
-    ("support_relative", np.float64),
-    ("support_tail_sigmas", np.float64),
-    ("window_min_px", np.int64),
-    ("window_members", np.int64),
-    ("band_rows", np.int64),
-    ("irregular_gap_px", np.int64),
-    ("min_support_px", np.int64),
-    ("support_columns", np.int64),
-    ("support_rows", np.int64),
-    ("support_large", np.int64),
-    ("cut_rows", np.int64),
-    ("max_column_strips", np.int64),
-    ("link_gap_px", np.int64),
+    # of planes
+    ("slope_prior", np.float64),  # weight of a slope of 0
+    ("half_column_t", np.float64),  # tangent by which a plane extends beyond the middle of its last column
+    ("footprint_t", np.float64),  # tangent by which a strip extends beyond its rows
+    ("reach_t", np.float64),  # tangent of `meet_columns`
+    ("hidden_depth_m", np.float64),  # _HIDDEN_DEPTH_M, at most Ws
+    ("hidden_t", np.float64),  # tangent of `covered_px`
+    ("smear_t", np.float64),  # tangent by which planes are extended if ramps were removed (smeared_edges.py), else 0
+    # of the merge
+    ("noise_cap", np.float64),  # greatest noise allowed, over merge_distance_m
+    ("turn", np.float64),  # tangent of the greatest angle between two long pieces
+    ("long_m", np.float64),  # length of a long piece
+    ("gap_m", np.float64),  # greatest gap between two pieces
+    ("sigma_s", np.float64),  # noise of 1/x of a strip with the least support, 1/m
+    ("smear_s", np.float64),  # error of 1/x that all pixels of a surface share, for a camera that smears edges, 1/m
 )
-"""Settings of the strip stages. Fields without a comment are the parameters of the same names."""
+"""All parameters, and what follows from them for one view and its noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -66,18 +67,12 @@ class Settings:
 
     Attributes:
         valid_for: the values from which the settings were computed.
-        strips: (1,) STRIP_SETTINGS.
-        bins: bins of disparity.
-        planes: (1,) PLANE_SETTINGS.
-        merge: (1,) MERGE_RULES.
-        publish: (1,) PUBLISH_SETTINGS. Its ground and borders are set for each frame."""
+        view: (1,) VIEW_SETTINGS.
+        bins: bins of disparity."""
 
     valid_for: tuple[float, ...]
-    strips: NDArray[Any]
+    view: NDArray[Any]
     bins: BinTable
-    planes: NDArray[Any]
-    merge: NDArray[Any]
-    publish: NDArray[Any]
 
 
 def settings_of(
@@ -91,30 +86,38 @@ def settings_of(
         p: parameters.
         last: settings of an earlier frame.
         smeared: True if the camera smears its edges and ramps were removed (smeared_edges.py)."""
-    column_px = float(view.lateral[0])
-    key = (view.f_px, view.lsb_per_px, column_px, ke_per_m, float(smeared))
+    key = (view.f_px, view.lsb_per_px, float(view.lateral[0]), ke_per_m, float(smeared))
     if last is not None and last.valid_for == key:
         return last
-    sigma_d_px = max(ke_per_m * view.f_px, p.min_sigma_px)
-    return Settings(
-        valid_for=key,
-        strips=strip_settings(view, ke_per_m, sigma_d_px, p),
-        bins=bin_table(view.f_px, view.lsb_per_px, sigma_d_px, p),
-        planes=plane_settings(view.f_px, column_px, p, smeared),
-        merge=merge_rules(view, ke_per_m, p, smeared),
-        publish=publish_settings(column_px / view.f_px, p),
-    )
+    settings = view_settings(view, ke_per_m, p, smeared)
+    bins = bin_table(view.f_px, view.lsb_per_px, float(settings["sigma_d_px"][0]), p)
+    return Settings(valid_for=key, view=settings, bins=bins)
 
 
-def strip_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[Any]:
-    """Returns (1,) STRIP_SETTINGS. sigma_d_px: noise of disparity."""
+def view_settings(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = False) -> NDArray[Any]:
+    """Returns (1,) VIEW_SETTINGS; arguments: see `settings_of`."""
+    f, column_t = view.f_px, float(view.lateral[0]) / view.f_px
+    gap_m = _SMEARED_GAP_M if smeared else p.join_gap_m
     return record_of(
-        STRIP_SETTINGS,
+        VIEW_SETTINGS,
         p,
-        sigma_d_px=sigma_d_px,
-        f_px=view.f_px,
+        f_px=f,
         lsb_per_px=view.lsb_per_px,
-        depth_noise_coeff=ke_per_m,
+        ke_per_m=ke_per_m,
+        sigma_d_px=max(ke_per_m * f, p.min_sigma_px),
+        column_t=column_t,
         support_per_px=PX * p.min_support_m,
-        most_per_column=p.max_strips_per_column,
+        slope_prior=1.0 / (p.link_slope_px * p.link_slope_px),
+        half_column_t=(0.5 + _FOOTPRINT_PX) * column_t,
+        footprint_t=_FOOTPRINT_PX / f,
+        reach_t=p.meet_columns * column_t,
+        hidden_depth_m=min(_HIDDEN_DEPTH_M, p.passable_width_m),
+        hidden_t=p.covered_px * column_t,
+        smear_t=_SMEAR_FOOTPRINT_PX / f if smeared else 0.0,
+        noise_cap=_SMEARED_NOISE_CAP if smeared else p.merge_noise_cap,
+        turn=math.tan(math.radians(p.plane_angle_deg)),
+        long_m=_LONG_WS * p.passable_width_m,
+        gap_m=min(gap_m, _GAP_SHARE * p.passable_width_m, _GAP_SHARE * p.passable_height_m),
+        sigma_s=max(ke_per_m, p.min_sigma_px / f) / math.sqrt(p.min_support_px),
+        smear_s=p.smear_merge_sigmas * ke_per_m if smeared else 0.0,
     )

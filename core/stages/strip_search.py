@@ -75,14 +75,14 @@ def finish_strips(found, codes, view, source, ground, noise_test, settings, tabl
 
     Returns:
         The number of strips that are kept, and their number after the removal of ground noise. If the latter exceeds
-            most_per_column per column, nothing else is done and the former is 0."""
+            max_strips_per_column per column, nothing else is done and the former is 0."""
     p, image, test = settings[0], source[0], noise_test[0]
     cols, strips, first_of_column = view.cols, tables.strips, tables.first_of_column
     if test.applies != 0:
         found = drop_ground_noise(strips, found, codes, view.tan_mid, ground.shift, test, tables.keep)
-    if found > p.most_per_column * cols:
+    if found > p.max_strips_per_column * cols:
         return 0, found
-    correct_truncation(strips, found, view, image, p.depth_noise_coeff)
+    correct_truncation(strips, found, view, image, p.ke_per_m)
     index_columns(strips, found, cols, first_of_column)
     sort_columns(strips, cols, first_of_column)
     n = drop_unsupported(strips, found, cols, p, first_of_column, tables.keep)
@@ -145,11 +145,9 @@ class StripSearch:
             self._make_room(-(-view.cols // _MORE_COLUMNS) * _MORE_COLUMNS)
         tables = self._tables
         found, ground_px, merged = extract_strips(
-            levelled.codes, threshold, view, settings.bins, settings.strips, tables.strips
+            levelled.codes, threshold, view, settings.bins, settings.view, tables.strips
         )
-        count, found = finish_strips(
-            found, levelled.codes, view, source, threshold, noise_test, settings.strips, tables
-        )
+        count, found = finish_strips(found, levelled.codes, view, source, threshold, noise_test, settings.view, tables)
         return Strips(
             table=tables.strips,
             count=int(count),

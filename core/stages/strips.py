@@ -138,7 +138,7 @@ def add_strip(pixels, distance, kind, column, settings, out):
         distance: Distance.
         kind: kind of the strip.
         column: Column.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         out: StripOutput."""
     n = out.counts.strips
     top, bottom, filled = pixels.top, pixels.bottom, pixels.filled
@@ -207,7 +207,7 @@ def emit(pixels, rough, kind, column, settings, out):
         rough: True if the depth varies by more than noise.
         kind: kind of the strip.
         column: Column.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         out: StripOutput."""
     count, sigma_d = pixels.count, settings.sigma_d_px
     mean = np.float32(pixels.total / (settings.lsb_per_px * count))

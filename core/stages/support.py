@@ -27,7 +27,7 @@ def drop_unsupported(strips, n, cols, settings, first_of_column, keep):
         strips: (N,) STRIP in the order of `sort_columns`, in and out.
         n: number of strips.
         cols: number of columns.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         first_of_column: (cols + 1,) int32 of `index_columns`, in and out.
         keep: (N,) uint8 scratch."""
     least, per_px = PX * settings.min_support_px, settings.support_per_px

@@ -116,7 +116,7 @@ def split_bands(sums_own, top, bottom, settings, parts):
     Args:
         sums_own: (V + 1,) int64 of `running_sums`.
         top, bottom: first and last row of the run.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         parts: (3, more than rows / band_rows) int64 out: first row, number of pixels, sum of their codes."""
     high = settings.band_rows
     k = 0
@@ -161,7 +161,7 @@ def window_half_rows(disparity_px, settings, rows):
     The length is Hs f / Z_near with Z_near = max(Z/2, Z - ke Z^2), limited to window_min_px .. rows. Z - ke Z^2 of
     Eq. 8 has its maximum at Z = 1/(2 ke), where it is Z/2; beyond that Z/2 is used (ours)."""
     z = settings.f_px / disparity_px
-    z_near = max(0.5 * z, z - settings.depth_noise_coeff * z * z)
+    z_near = max(0.5 * z, z - settings.ke_per_m * z * z)
     length = min(max(settings.passable_height_m * settings.f_px / z_near, settings.window_min_px), rows)
     return max(1, int(length / 2.0 + 0.5))
 
@@ -178,7 +178,7 @@ def slide_windows(column, peak, first, last, settings, buffers, out):
         column: Column.
         peak: Peak.
         first, last: rows.
-        settings: a record of STRIP_SETTINGS.
+        settings: a record of VIEW_SETTINGS.
         buffers: WindowBuffers.
         out: StripOutput."""
     label = peak.label

@@ -10,7 +10,7 @@ from core.params import Params
 from core.stages import strips as s
 from core.stages.irregular import irregular_rest
 from core.stages.row_mask import CLOSED, NO_PEAK, gather_rows, mask_remaining_rows
-from core.stages.settings import strip_settings
+from core.stages.settings import view_settings
 from core.stages.view_geometry import ViewGeometry, homography_area
 from core.stages.windows import Peak, WindowBuffers, slide_windows
 
@@ -67,7 +67,7 @@ class Column:
         self.strips["support"] = -77
         self.counts = np.zeros(1, s.COUNTS)
         g = view(rows)
-        self.settings = strip_settings(g, self.sigma_d_px / F, self.sigma_d_px, self.params)[0]
+        self.settings = view_settings(g, self.sigma_d_px / F, self.params)[0]
         self.column = s.Column(0, self.line, self.mark, g.H, homography_area(g.H))
 
     @property

@@ -10,7 +10,7 @@ from core.stages import planes as pl
 from core.stages import segments as tracks
 from core.stages import strips as s
 from core.stages.openings import OpeningMasks
-from core.stages.plane_settings import plane_settings
+from core.stages.settings import view_settings
 from core.stages.strip_search import strip_tables
 from core.types import Prism
 
@@ -86,7 +86,7 @@ class Strips:
         """grow; returns the number of tracks, which are in `tracks`."""
         p = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link)
         self.tracks, front = np.zeros(self.n + 1, tracks.TRACK), tracks.front_buffers(self.n)
-        settings = plane_settings(F, 1.0, p)[0]
+        settings = view_settings(self.view, 0.001, p)[0]
         return tracks.grow(self.strips, self.view, self.columns, settings, masks, self.tracks, front)
 
     @property

@@ -13,7 +13,7 @@ from core.stages import support
 from core.stages.columns import extract_strips
 from core.stages.density import bin_table
 from core.stages.ground_threshold import GroundThreshold
-from core.stages.settings import strip_settings
+from core.stages.settings import view_settings
 
 from .columns import QUANTUM, F, code, view
 
@@ -30,7 +30,7 @@ def search_of(codes: np.ndarray, p: Params, limit: float = np.inf) -> tuple[Any,
     strips["disparity_px"] = np.nan
     zero = np.float32(0.0)
     ground = GroundThreshold(zero, zero, zero, zero, np.float32(limit), np.zeros(g.cols, np.float32))
-    return codes, ground, g, bin_table(F, QUANTUM, sigma, p), strip_settings(g, 0.0015, sigma, p), strips
+    return codes, ground, g, bin_table(F, QUANTUM, sigma, p), view_settings(g, 0.0015, p), strips
 
 
 def strips_of(codes: np.ndarray, p: Params, limit: float = np.inf) -> tuple[np.ndarray, int, int]:
@@ -105,7 +105,7 @@ def test_no_strip_loses_its_support_to_a_merged_one() -> None:
         strips, _, _ = strips_of(codes, p)
         n, columns = len(strips), np.zeros(COLS + 1, np.int32)
         support.index_columns(strips, n, COLS, columns)
-        settings = strip_settings(view(ROWS, COLS), 0.0015, 0.0015 * F, p)[0]
+        settings = view_settings(view(ROWS, COLS), 0.0015, p)[0]
         n = support.drop_unsupported(strips, n, COLS, settings, columns, np.zeros(n, np.uint8))
         kept[room] = strips[:n]
     wide, narrow = kept[128], kept[8]

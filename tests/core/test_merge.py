@@ -15,7 +15,7 @@ from core.stages import merge_cost as pairs
 from core.stages import planes as pl
 from core.stages import priority_queue as pq
 from core.stages.openings import OpeningMasks
-from core.stages.plane_settings import plane_settings
+from core.stages.settings import view_settings
 from core.stages.strips import ROUGH
 from core.stages.view_geometry import SOURCE
 
@@ -65,11 +65,11 @@ def merge(
     planes = pieces_of(rows)
     n, p = len(rows), Params(**changed)
     tables = pl.PlaneTables(planes, np.arange(n, dtype=np.int32), np.arange(len(planes), dtype=np.int32))
-    rules, settings = pairs.merge_rules(view(), 0.0005, p)[0], plane_settings(F, 1.0, p)[0]
+    settings = view_settings(view(), 0.0005, p)[0]
     seen = evidence.Evidence(grid_of(rows) if grid is None else grid, *FRAME)
     buffers = mg.merge_buffers(len(planes), p.merge_partners)
     cover = evidence.Cover(seen, masks, np.zeros(seen.nearest.shape[1] + 2, np.int32))
-    mg.join_planes(n, len(planes), tables, rules, settings, cover, buffers)
+    mg.join_planes(n, len(planes), tables, settings, cover, buffers)
     alive = pl.compact_planes(n, n, tables)
     assert set(tables.plane_of.tolist()) == set(range(alive))
     assert planes["support"][:alive].sum() == 1000 * n
@@ -209,13 +209,13 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     p = (t0, 0.5 * (t0 + t1), m0 / a, 0.5 * (m0 + m1) / a)
     q = (0.4 * t0 + 0.6 * t1, t1, m0 / a, m1 / a)
     rect = (t0, t1, m0 / a, m1 / a)
-    rules = pairs.merge_rules(view(), 0.0005, Params())[0]
-    rules.sigmas, rules.sigma_s, rules.smear_s, rules.gap_m, rules.slack_m = 2.0, 0.001, 0.003, gap, 0.1
+    settings = view_settings(view(), 0.0005, Params())[0]
+    settings.sigma_s, settings.smear_s, settings.gap_m, settings.opening_slack_m = 0.001, 0.002, gap, 0.1
     boxes = evidence.Rectangle(*rect), a, b, evidence.Rectangle(*p), evidence.Rectangle(*q)
     openings = OpeningMasks(masks, STEPS, *frame)
     cover = evidence.Cover(evidence.Evidence(grid, *frame), openings, np.zeros(18, np.int32))
-    got = evidence.uncovered_share(*boxes, rules, cover)
-    want = naive.uncovered_share(rect, a, b, p, q, rules.tolerance_m, 0.005, gap, 0.1, grid, frame, masks[4])
+    got = evidence.uncovered_share(*boxes, settings, cover)
+    want = naive.uncovered_share(rect, a, b, p, q, settings.merge_distance_m, 0.005, gap, 0.1, grid, frame, masks[4])
     assert got == pytest.approx(want)
 
 
@@ -270,27 +270,27 @@ def random_pieces(rng: np.random.Generator, n: int) -> tuple[np.ndarray, list]:
     return planes, pieces
 
 
-def traits_of(planes: np.ndarray, rules: np.ndarray) -> np.ndarray:
+def traits_of(planes: np.ndarray, settings: np.ndarray) -> np.ndarray:
     traits = np.zeros((len(planes), pairs.TRAITS))
     for k, plane in enumerate(planes):
         if plane.sum_w > 0.0:
-            pairs.score_piece(plane, traits, k, rules)
+            pairs.score_piece(plane, traits, k, settings)
     return traits
 
 
 @given(SEED)
 def test_what_a_pair_costs_against_a_fit_to_all_of_its_points(seed: int) -> None:
     p = Params(merge_noise_cap=0.0)
-    rules = pairs.merge_rules(view(), 0.0005, p)[0]
+    settings = view_settings(view(), 0.0005, p)[0]
     planes, pieces = random_pieces(np.random.default_rng(seed), 40)
-    traits = traits_of(planes, rules)
+    traits = traits_of(planes, settings)
     for k in range(0, 40, 2):
-        got, a, b = pairs.pair_cost(pairs.of_piece(traits, k), pairs.of_piece(traits, k + 1), rules)
-        want = naive.pair_cost(pieces[k : k + 2], p, rules.sigma_s, rules.gap_m)
+        got, a, b = pairs.pair_cost(pairs.of_piece(traits, k), pairs.of_piece(traits, k + 1), settings)
+        want = naive.pair_cost(pieces[k : k + 2], p, settings.sigma_s, settings.gap_m)
         assert got == pytest.approx(want, rel=1e-4) or min(got, want) >= 0.9999
         if got < 1.0:
             lines.add_moments(planes[k], planes[k + 1])
-            assert (a, b) == pytest.approx(lines.fit_line(planes[k], rules.slope_prior)[:2])
+            assert (a, b) == pytest.approx(lines.fit_line(planes[k], settings.slope_prior)[:2])
 
 
 @given(SEED, st.integers(2, 150))
@@ -299,25 +299,25 @@ def test_costs_side_by_side_are_those_of_each_pair(seed: int, n: int) -> None:
     planes, _ = random_pieces(rng, n)
     planes["top_m"] += rng.choice([0.0, 3.0], n)
     planes["bottom_m"] = planes["top_m"] + 1.0
-    rules = pairs.merge_rules(view(), 0.0005, Params())[0]
-    traits, order = traits_of(planes, rules), rng.permutation(n).astype(np.int32)
+    settings = view_settings(view(), 0.0005, Params())[0]
+    traits, order = traits_of(planes, settings), rng.permutation(n).astype(np.int32)
     tiles, costs = np.zeros(-(-n // pairs.TILE) * pairs.TRAITS * pairs.TILE), np.zeros(n)
     pairs.fill_tiles(order, n, traits, tiles)
     k = int(rng.integers(0, n - 1))
     end = int(rng.integers(k + 2, n + 1))
-    pairs.costs_of_next(tiles, k, end, rules, costs)
+    pairs.costs_of_next(tiles, k, end, settings, costs)
     for m in range(k + 1, end):
         p, q = pairs.of_piece(traits, order[k]), pairs.of_piece(traits, order[m])
         t0, t1 = max(p.t0, q.t0), min(p.t1, q.t1)
         off = abs(p.a - q.a + (p.b - q.b) * 0.5 * (t0 + t1))
         apart = p.top_m != q.top_m or (t0 < t1 and off > 2.0 * (p.allowed + q.allowed))
-        assert costs[m] == (pairs.REFUSED if apart else pairs.pair_cost(p, q, rules)[0])
+        assert costs[m] == (pairs.REFUSED if apart else pairs.pair_cost(p, q, settings)[0])
 
 
 def test_a_line_may_leave_a_plane_by_what_is_allowed_root_mean_square() -> None:
     planes = pieces_of([(6.0, -1.0, 6.0, 1.0, -1, 1)])
-    rules = pairs.merge_rules(view(), 0.0005, Params(merge_noise_cap=0.0))[0]
-    traits = traits_of(planes, rules)
+    settings = view_settings(view(), 0.0005, Params(merge_noise_cap=0.0))[0]
+    traits = traits_of(planes, settings)
     t = np.linspace(-1 / 6, 1 / 6, 20)
     for a, b in ((1 / 6.2, 0.0), (1 / 6, 0.01), (0.17, -0.02)):
         off = 36.0 * (a + b * t - 1 / 6)
@@ -333,7 +333,7 @@ def test_pieces_of_a_camera_that_smears_may_differ_by_its_noise_at_any_distance(
     planes = pieces_of([(x_m, -1.0, x_m, 1.0, -1, 1)])
     granted_m = []
     for smeared in (False, True):
-        rules = pairs.merge_rules(view(), ke, p, smeared)[0]
-        granted_m.append(pairs.of_piece(traits_of(planes, rules), 0).allowed * x_m**2 - p.merge_distance_m)
+        settings = view_settings(view(), ke, p, smeared)[0]
+        granted_m.append(pairs.of_piece(traits_of(planes, settings), 0).allowed * x_m**2 - p.merge_distance_m)
     assert granted_m[0] <= p.merge_noise_cap * p.merge_distance_m
     assert granted_m[1] == pytest.approx(granted_m[0] + p.smear_merge_sigmas * ke * x_m**2, rel=0.05)

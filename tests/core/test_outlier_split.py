@@ -14,8 +14,8 @@ from core.stages import outlier_split as standouts
 from core.stages import planes as pl
 from core.stages import strips as s
 from core.stages.line_fit import add_point
-from core.stages.plane_settings import plane_settings
 from core.stages.segments import is_jump
+from core.stages.settings import view_settings
 
 from . import naive
 from .columns import F
@@ -45,13 +45,13 @@ class Measured:
         self.measure()
 
     def measure(self) -> None:
-        settings = plane_settings(F, 1.0, P)[0]
+        settings = view_settings(self.t.view, 0.001, P)[0]
         settings.footprint_t = 0.0
         pl.measure_planes(self.t.list, self.t.view, settings, self.count, self.tables)
 
     def split(self, params: Params = P) -> int:
         """measure_excess, outlier_limits, split_outliers; number of new planes."""
-        before, t, settings = self.count, self.t, plane_settings(F, 1.0, params)[0]
+        before, t, settings = self.count, self.t, view_settings(self.t.view, 0.001, params)[0]
         b = standouts.outlier_buffers(t.n, len(self.planes))
         standouts.measure_excess(t.list, t.view, settings, before, self.tables, b)
         standouts.outlier_limits(before, self.planes, settings, b)

@@ -17,9 +17,9 @@ from core.stages import strips as s
 from core.stages.depth_bias import DepthBias
 from core.stages.evidence import Evidence
 from core.stages.ground import NO_GROUND
-from core.stages.model import PublishedPlanes, publish_settings, published_planes
+from core.stages.model import PublishedPlanes, published_planes
 from core.stages.openings import OpeningMasks
-from core.stages.plane_settings import plane_settings
+from core.stages.settings import view_settings
 from core.stages.view_geometry import ViewGeometry
 from core.types import Ground
 
@@ -35,8 +35,8 @@ OPEN_EVERYWHERE = CLOSED._replace(masks=np.ones_like(CLOSED.masks))
 
 
 def plain(params: Params = P, **changed: float) -> np.ndarray:
-    """A record of PLANE_SETTINGS of a view with columns of one pixel, without footprints, with some fields changed."""
-    settings = plane_settings(F, 1.0, params)[0]
+    """A record of VIEW_SETTINGS of a view with columns of one pixel, without footprints, with some fields changed."""
+    settings = view_settings(view(), 0.001, params)[0]
     settings.half_column_t, settings.footprint_t = 0.5 / F, 0.0
     for name, value in changed.items():
         setattr(settings, name, value)
@@ -150,7 +150,7 @@ def published(
     count: int, planes: np.ndarray, ground: Ground = NO_GROUND, bias_per_m: float = 0.0
 ) -> PublishedPlanes | None:
     bias = DepthBias(bias_per_m, 1.0, 0.0)
-    return published_planes(count, planes, ground, view(), bias, P, publish_settings(1.0 / F, P))
+    return published_planes(planes[:count], ground, view(), bias, view_settings(view(), 0.001, P))
 
 
 def test_hidden_planes_are_not_published_and_the_others_keep_their_order() -> None:

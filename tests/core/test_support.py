@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from core.params import Params
 from core.stages import strips as s
 from core.stages import support
-from core.stages.settings import strip_settings
+from core.stages.settings import view_settings
 from core.stages.view_geometry import view_geometry
 
 from . import naive
@@ -50,7 +50,7 @@ def test_columns_are_indexed_and_ordered_from_top_to_bottom(seed: int, n: int) -
 
 
 def settings(t: Strips, sigma_d: float, p: Params) -> np.ndarray:
-    return strip_settings(t.view, sigma_d / F, sigma_d, p)[0]
+    return view_settings(t.view, sigma_d / F, p)[0]
 
 
 @given(SEED, st.integers(1, 60), st.sampled_from([1, 7, 15]), st.sampled_from([0, 2, 4]))
