@@ -45,6 +45,11 @@ def record(*fields: tuple[str, Any]) -> np.dtype[Any]:
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
 
 
+def of_type(scalar: Any, names: str) -> list[tuple[str, Any]]:
+    """Returns fields of one type for `record`. names: separated by spaces."""
+    return [(name, scalar) for name in names.split()]
+
+
 def parameter_record(parameters: type, *derived: tuple[str, Any]) -> np.dtype[Any]:
     """Returns a `record` of all fields of a class of parameters that are numbers or switches, and of further fields."""
     kinds = {"float": np.float64, "int": np.int64, "bool": np.bool_}

@@ -248,13 +248,11 @@ class Motion:
     Attributes:
         rotation_rad: (3,) rotation vector of R.
         rotation_sd_rad: (3,) its standard deviation by the depth noise.
-        translation_m: (3,) t.
-        given_rotation_m: (3,) t if the rotation is the guess. Use it if the guess is more accurate than the images: t
-            otherwise compensates the error of the rotation."""
+        given_rotation_m: (3,) t if the rotation is the guess, which is more accurate than the images: otherwise t would
+            compensate the error of the rotation."""
 
     rotation_rad: Floats
     rotation_sd_rad: Floats
-    translation_m: Floats
     given_rotation_m: Floats
 
 
@@ -295,7 +293,6 @@ def motion_between(
     return Motion(
         rotation,
         np.sqrt(variances.max(axis=0)),
-        0.5 * (t_forward - forward @ t_backward),
         0.5 * (given_forward - R_second_first @ given_backward),
     )
 

@@ -122,7 +122,7 @@ class MountState:
         Gravity in the camera's axes determines roll and pitch for any yaw. For a camera that looks down, a rotation
         about frd x and y changes the yaw as well; that change is not a measurement."""
         x, y = self.error_rad
-        R = rotation_vector(x, y, 0.0) @ rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad)
+        R = rotation_about(x, y, 0.0) @ rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad)
         roll_rad, pitch_rad, _ = euler_from_rotation(R)
         return roll_rad, pitch_rad, mount.yaw_rad
 
@@ -289,7 +289,7 @@ def _sd_along(P: Floats, direction: Floats) -> float:
     return math.sqrt(max(0.0, float(direction @ P @ direction)))
 
 
-def rotation_vector(x: float, y: float, z: float) -> Floats:
+def rotation_about(x: float, y: float, z: float) -> Floats:
     """Returns the rotation (3, 3) by the angle |(x, y, z)| rad about that vector (Rodrigues)."""
     angle = math.sqrt(x * x + y * y + z * z)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

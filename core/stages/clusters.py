@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, record
-from .union_find import root_of
+from ..union_find import root_of
 
 GROUP = record(
     ("ix", np.int32),  # the cell

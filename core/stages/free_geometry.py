@@ -11,24 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, inner_inline, record
+from ..jit import inner, inner_inline, parameter_record, record_of
 from ..params import Params
 from ..types import FreeEnd, Ground
 from .level import source_rows_of_column
 from .view_geometry import ViewGeometry
 
-_NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
-    int(FreeEnd.NOT_SEEN),
-    int(FreeEnd.OBSTACLE),
-    int(FreeEnd.UNKNOWN),
-    int(FreeEnd.FIELD_OF_VIEW),
-    int(FreeEnd.MAX_RANGE),
-)
+_NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = map(int, FreeEnd)
 _NEAR_REACH = 1.5
 """An object whose front is nearer than the minimum range may reach to this multiple of it."""
 _LEAST_LAYER_M = 0.1
 """A layer with less than this above the ground is unknown."""
-WALK_SETTINGS = record(
+WALK_SETTINGS = parameter_record(
+    Params,
     ("f_px", np.float64),
     ("horizon_row", np.float64),
     ("rows", np.int64),
@@ -36,23 +31,18 @@ WALK_SETTINGS = record(
     ("height_m", np.float64),  # of the ground; infinite if there is none
     ("slope_x", np.float64),
     ("slope_y", np.float64),
-    ("tolerance_m", np.float64),  # of the ground
     ("spread", np.float64),  # noise of the ground's height per metre of distance
     ("blind_beyond_m", np.float64),  # beyond it low obstacles cannot be distinguished from the ground
-    ("free_share", np.float64),  # share of the cells that makes a ring free
     ("ahead", np.float64),  # the optical depth of a point of level_cam is ahead x + right y + down z
     ("right", np.float64),
     ("down", np.float64),
     ("clear_m", np.float64),  # greatest optical depth that counts as measured
     ("gain", np.float64),  # f_px * lsb_per_px
     ("ring_noise", np.float64),  # noise of distance over the square of the distance, 1/m
-    ("ring_noise_cap", np.float64),  # its greatest share of the distance
-    ("ring_m", np.float64),  # step of range
     ("step_rad", np.float64),  # step of direction
     ("near_m", np.float64),  # optical depth to which an object may reach that is too near to be measured
-    ("blank_m", np.float64),  # least side of an object without texture
 )
-"""Settings of the walk for one view and ground."""
+"""All parameters, and what follows from them for the walk through one view with its ground."""
 
 
 class ProfileCell(NamedTuple):
@@ -86,33 +76,28 @@ class Part(NamedTuple):
 
 def walk_settings(g: ViewGeometry, source: Any, ground: Ground, ke_per_m: float, p: Params) -> NDArray[Any]:
     """Returns (1,) WALK_SETTINGS of a view and the ground found in it. source: a record of SOURCE."""
-    out = np.zeros(1, WALK_SETTINGS)
-    right, down = float(g.H[2, 0]) * g.f_px / float(g.lateral[0]), float(g.H[2, 1]) * g.f_px
-    out[0] = (
-        g.f_px,
-        g.cv,
-        g.rows,
-        p.profile_block_px + p.profile_block_px % 2,
-        ground.height_m if ground.seen else math.inf,
-        ground.slope_x,
-        ground.slope_y,
-        p.ground_tolerance_m,
-        p.ground_sigmas * ke_per_m * ground.height_m if ground.seen else 0.0,
-        ground.blind_beyond_m,
-        p.free_share,
-        float(g.H[2, 0]) * g.cu + float(g.H[2, 1]) * g.cv + float(g.H[2, 2]),
-        right,
-        down,
-        source["clear_m"],
-        g.f_px * g.lsb_per_px,
-        p.profile_sigmas * ke_per_m,
-        p.profile_noise_cap,
-        p.profile_ring_m,
-        math.radians(p.profile_step_deg),
-        _NEAR_REACH * source["min_range_m"],
-        p.profile_blank_m,
+    ahead = float(g.H[2, 0]) * g.cu + float(g.H[2, 1]) * g.cv + float(g.H[2, 2])
+    return record_of(
+        WALK_SETTINGS,
+        p,
+        f_px=g.f_px,
+        horizon_row=g.cv,
+        rows=g.rows,
+        block_rows=p.profile_block_px + p.profile_block_px % 2,
+        height_m=ground.height_m if ground.seen else math.inf,
+        slope_x=ground.slope_x,
+        slope_y=ground.slope_y,
+        spread=p.ground_sigmas * ke_per_m * ground.height_m if ground.seen else 0.0,
+        blind_beyond_m=ground.blind_beyond_m,
+        ahead=ahead,
+        right=float(g.H[2, 0]) * g.f_px / float(g.lateral[0]),
+        down=float(g.H[2, 1]) * g.f_px,
+        clear_m=source["clear_m"],
+        gain=g.f_px * g.lsb_per_px,
+        ring_noise=p.profile_sigmas * ke_per_m,
+        step_rad=math.radians(p.profile_step_deg),
+        near_m=_NEAR_REACH * source["min_range_m"],
     )
-    return out
 
 
 @inner
@@ -136,7 +121,7 @@ def lowest_clear(t, x, w):
 
     Pixels within the tolerance of the ground, or within its noise at that distance, were taken for ground. w: a
     record of WALK_SETTINGS."""
-    return w.height_m + (w.slope_x + w.slope_y * t) * x - max(w.tolerance_m, w.spread * x)
+    return w.height_m + (w.slope_x + w.slope_y * t) * x - max(w.ground_tolerance_m, w.spread * x)
 
 
 @inner_inline

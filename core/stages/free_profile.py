@@ -152,7 +152,5 @@ def _beyond_free(
     to_m = np.minimum(opened.free_to_m, min(most_m, 25.5))
     first, last = np.ceil(10.0 * opened.free_from_m), np.floor(10.0 * to_m)
     farther = (last > first) & (0.1 * last > seen.free_to_m)
-    return (
-        np.where(farther, first, 0.0).astype(np.uint8),
-        np.where(farther, last, 0.0).astype(np.uint8),
-    )
+    first, last = (np.where(farther, edge, 0.0) for edge in (first, last))
+    return first.astype(np.uint8), last.astype(np.uint8)

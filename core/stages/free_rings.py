@@ -82,4 +82,6 @@ def blocking_codes(ring_m, edges_t, layers, w, blocking):
         for r in range(len(ring_m)):
             x = np.float64(ring_m[r])  # without the JIT the comparison would be in float32
             per_forward = optical_depth(whole, x, whole.bottom, w) / x
-            blocking[layer, r] = least_blocking_code(w.gain, w.ring_noise * max(per_forward, 0.0), w.ring_noise_cap, x)
+            blocking[layer, r] = least_blocking_code(
+                w.gain, w.ring_noise * max(per_forward, 0.0), w.profile_noise_cap, x
+            )

@@ -61,19 +61,6 @@ class ProfileGrid(NamedTuple):
     blocking: Any
 
 
-class FreeRanges(NamedTuple):
-    """Free ranges of D directions and L layers.
-
-    Attributes:
-        free_from: (D, L) float32 forward distance, m.
-        free_to: (D, L) float32 forward distance, m.
-        end: (D, L) uint8 FreeEnd."""
-
-    free_from: Any
-    free_to: Any
-    end: Any
-
-
 @inner
 def columns_of_direction(begin, cols, cu, f_u, t):
     """Returns (first, end) of the columns from `begin` on that have their middle before the tangent t; t = inf: of all.
@@ -98,7 +85,7 @@ def overlapping_columns(columns, cols, begin, end):
 
 @kernel
 def walk_view(codes, view, image, grid, w):
-    """Returns the FreeRanges of every direction and layer of a levelled view.
+    """Returns free_from_m, free_to_m and end of FreeObservation for every direction and layer of a levelled view.
 
     Args:
         codes: (cols, rows) uint16 of the view without pooling.
@@ -109,7 +96,7 @@ def walk_view(codes, view, image, grid, w):
     (cols, rows), edges_t, layers = codes.shape, grid.edges_t, grid.layers
     n, blocks = len(edges_t) - 1, (rows + w.block_rows - 1) // w.block_rows
     shape = (n, len(layers) - 1)
-    out = FreeRanges(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8))
+    free_from, free_to, ends = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
     samples = Samples(
         np.empty(cols * (rows + 1) + 2, np.uint16),
         np.empty(blocks + 1, np.int64),
@@ -137,8 +124,8 @@ def walk_view(codes, view, image, grid, w):
         for layer in range(len(layers) - 1):
             cell = ProfileCell(edges_t[d], edges_t[d + 1], layers[layer], layers[layer + 1])
             begin, reach, end = range_of_cell(sampled, cell, Rings(grid.ring_m, grid.blocking[layer]), w)
-            out.free_from[d, layer], out.free_to[d, layer], out.end[d, layer] = begin, reach, end
-    return out
+            free_from[d, layer], free_to[d, layer], ends[d, layer] = begin, reach, end
+    return free_from, free_to, ends
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:
@@ -206,22 +193,22 @@ def observe_free(walked: WalkedView, params: Params) -> FreeObservation:
     """Returns the free ranges by the pixels of a view."""
     layers, g = layer_edges(params), walked.geometry
     settings = walk_settings(g, walked.source[0], walked.ground, walked.ke_per_m, params)
-    edges, edges_t, ranges = ranges_of_view(walked.codes, g, walked.source, layers, settings)
+    edges, edges_t, (free_from, free_to, end) = ranges_of_view(walked.codes, g, walked.source, layers, settings)
     return FreeObservation(
         edges_rad=edges,
         edges_t=edges_t,
         pixel_t=float(g.lateral[0]) / g.f_px,
         row_t=1.0 / g.f_px,
         layers_m=layers,
-        free_from_m=ranges.free_from,
-        free_to_m=ranges.free_to,
-        end=ranges.end,
+        free_from_m=free_from,
+        free_to_m=free_to,
+        end=end,
     )
 
 
 @kernel
 def ranges_of_view(codes, view, source, layers, settings):
-    """Returns (edges_rad, edges_t) of FreeObservation and the FreeRanges of a view.
+    """Returns edges_rad and edges_t of FreeObservation, and the result of `walk_view`.
 
     Directions are step_rad wide, except for the last one. See `place_rings` for the rings.
 
@@ -238,7 +225,7 @@ def ranges_of_view(codes, view, source, layers, settings):
         edges[d] = first + step_rad * d if d < n else last
         edges_t[d] = math.tan(edges[d])
     ring_m = np.empty(_MAX_RINGS, np.float32)
-    ring_m = ring_m[: place_rings(w.ring_m, w.clear_m, ring_m)]
+    ring_m = ring_m[: place_rings(w.profile_ring_m, w.clear_m, ring_m)]
     blocking = np.empty((layers.shape[0] - 1, len(ring_m)), np.int32)
     blocking_codes(ring_m, edges_t, layers, w, blocking)
     return edges, edges_t, walk_view(codes, view, image, ProfileGrid(edges_t, layers, ring_m, blocking), w)

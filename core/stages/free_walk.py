@@ -14,20 +14,14 @@ from .free_geometry import least_optical_depth, part_at
 from .free_holes import holds_hole, side_index
 from .view_geometry import Q_FAR
 
-_NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
-    int(FreeEnd.NOT_SEEN),
-    int(FreeEnd.OBSTACLE),
-    int(FreeEnd.UNKNOWN),
-    int(FreeEnd.FIELD_OF_VIEW),
-    int(FreeEnd.MAX_RANGE),
-)
+_NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = map(int, FreeEnd)
 
 
 @inner
 def is_hidden(sampled, cell, part, before, w):
     """True if a hole in the rows of a part may hide an object between the distance `before` and that of the part.
 
-    Where some of this space may be too near to be measured, any hole counts, elsewhere one of the size of blank_m.
+    Where some of this space may be too near to be measured, any hole counts, elsewhere one of the size of profile_blank_m.
 
     Args:
         sampled: Sampled of the direction.
@@ -37,7 +31,7 @@ def is_hidden(sampled, cell, part, before, w):
         w: a record of WALK_SETTINGS."""
     if least_optical_depth(cell, before, part.lower, w) <= w.near_m:
         return holds_hole(sampled.near_holes, part.first, part.last, 0)
-    return holds_hole(sampled.holes, part.first, part.last, side_index(w.blank_m * w.f_px / part.x))
+    return holds_hole(sampled.holes, part.first, part.last, side_index(w.profile_blank_m * w.f_px / part.x))
 
 
 @inner

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,21 +30,6 @@ change."""
 _FAR = np.uint16(FAR_MM)
 _AGREE_SIGMAS = 2.0
 """Pooled columns that differ by less noise are one surface, of which the mean counts; otherwise the nearest counts."""
-
-
-class FetchTile(NamedTuple):
-    """Scratch memory of `fetch_nearest`.
-
-    Attributes:
-        seen: (_TILE_COLS, 2) int64, first and end row of each column that lie in the source.
-        at: (_TILE_ROWS,) uint32, indices of source pixels.
-        forward: (_TILE_ROWS,) float32, Z_optical / X.
-        mark: (_TILE_ROWS,) uint16, marks of the pixels."""
-
-    seen: Any
-    at: Any
-    forward: Any
-    mark: Any
 
 
 @inner
@@ -139,16 +123,9 @@ def level_nearest(marks, H, gain, out, picked):
         out: (cols, rows) uint16 quantised disparity out, one line per column of the view.
         picked: (H * W,) uint8 out, 1 for each source pixel that a cell took."""
     picked[:] = 0
+    (src_rows, src_cols), (cols, rows), flat, gain = marks.shape, out.shape, marks.ravel(), np.float32(gain)
     seen, at = np.empty((_TILE_COLS, 2), np.int64), np.empty(_TILE_ROWS, np.uint32)
-    tile = FetchTile(seen, at, np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS, np.uint16))
-    fetch_nearest(marks.shape[0], marks.shape[1], marks.ravel(), H, np.float32(gain), out, picked, tile)
-
-
-@inner
-def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, tile):
-    """Does the work of `level_nearest` for a flat image. tile: FetchTile, scratch."""
-    cols, rows = out.shape
-    seen, at, forward, mark = tile.seen, tile.at, tile.forward, tile.mark
+    forward, mark = np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS, np.uint16)
     for u0 in range(0, cols, _TILE_COLS):
         wide = min(_TILE_COLS, cols - u0)
         for k in range(wide):

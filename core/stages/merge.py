@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, inner_inline, kernel
+from ..union_find import root_of
 from .evidence import Rectangle, uncovered_share
 from .line_fit import add_moments
 from .merge_cost import (
@@ -31,7 +32,6 @@ from .merge_cost import (
 )
 from .planes import distance_at
 from .priority_queue import Queue, clear_queue, pop, push, queue_buffers
-from .union_find import root_of
 
 _EMPTY_WEIGHT = 0.5
 """Cost of a merge whose rectangle is all empty."""

@@ -32,9 +32,7 @@ _INFERRED_SHARE, _INFERRED_COLUMNS = 0.05, 4.0
 """A plane with more filled rows, or columns, than this share is inferred. So many columns do not count as filled."""
 _CUT_COLUMNS = 1.5
 """A plane that ends this close to the border of the image is cut."""
-_INFERRED, _UNKNOWN_BEHIND = int(PlaneFlags.INFERRED), int(PlaneFlags.UNKNOWN_BEHIND)
-_CUT_LEFT, _CUT_RIGHT = int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT)
-_CUT_TOP, _CUT_BOTTOM, _IRREGULAR = int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM), int(PlaneFlags.IRREGULAR)
+_INFERRED, _UNKNOWN_BEHIND, _CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM, _IRREGULAR = map(int, PlaneFlags)
 """The flags as numbers for the kernels."""
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, record, record_of
+from ..jit import inner, parameter_record, record_of
 from ..open_sky_params import OpenSkyParams
 from .open_blocks import (
     BEYOND_ALL,
@@ -80,15 +80,13 @@ _NEAR_BASE, _NEAR_ABOVE, _NEAR_BASE_BESIDE, _NO_EVIDENCE_BESIDE, _FLOATING = (
     int(Refusal.FLOATING),
 )
 
-OPEN_SETTINGS = record(
+OPEN_SETTINGS = parameter_record(
+    OpenSkyParams,
     ("f_px", np.float64),
     ("horizon_row", np.float64),
     ("gain", np.float64),
     ("far_m", np.float64),
     ("most_m", np.float64),
-    ("upper_border", np.bool_),
-    ("neighbours", np.bool_),
-    ("floating", np.bool_),
     ("horizon_t", np.float64),
     ("gap_t", np.float64),
     ("continued_t", np.float64),
@@ -96,8 +94,8 @@ OPEN_SETTINGS = record(
     ("reach_blocks", np.int64),
     ("floating_reach", np.float64),
 )
-"""f_px, horizon_row: of the view; gain: f_px * lsb_per_px. far_m: optical depth that a far cell has at least; most_m: nothing is
-open beyond. The switches: of OpenSkyParams. Heights in tangents (`_t`), lengths along rows in blocks;
+"""The parameters, and: f_px, horizon_row: of the view; gain: f_px * lsb_per_px. far_m: optical depth that a far cell has at least; most_m: nothing is
+open beyond. Heights in tangents (`_t`), lengths along rows in blocks;
 floating_reach: blocks times metres."""
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inner_ieee, inner_inline, kernel
+from ..jit import inner_inline, kernel_ieee
 from ..types import FAR_MM
 from .view_geometry import Q_MIN
 
@@ -34,23 +34,6 @@ class PoolView(NamedTuple):
     cu: Any
     cv: Any
     gain: Any
-
-
-class PoolTile(NamedTuple):
-    """Scratch memory of `pool_left_over`.
-
-    Attributes:
-        want: (_TILE_WIDE,) uint8, 1 for each pixel to transfer.
-        found: (_TILE_WIDE + 1,) int32, positions of these pixels in the tile.
-        mark: (_TILE_WIDE,) uint16, their marks.
-        cell: (_TILE_WIDE,) uint32, index of their cells.
-        code: (_TILE_WIDE,) int32, their quantised disparity."""
-
-    want: Any
-    found: Any
-    mark: Any
-    cell: Any
-    code: Any
 
 
 @inner_inline
@@ -78,7 +61,7 @@ def left_over(marks, picked, want, found):
     return np.int64(n)
 
 
-@kernel
+@kernel_ieee
 def level_pool(marks, picked, view, out):
     """Transfers the measured source pixels that no cell took to their cells, where the nearest pixel is kept.
 
@@ -91,16 +74,9 @@ def level_pool(marks, picked, view, out):
         view: PoolView.
         out: (cols, rows) uint16 of `level_nearest`, in and out."""
     want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
-    mark = np.empty(_TILE_WIDE, np.uint16)
-    cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
-    pool_left_over(marks, picked, view, out.ravel(), out.shape, PoolTile(want, found, mark, cell, code))
-
-
-@inner_ieee
-def pool_left_over(marks, picked, view, flat, shape, tile):
-    """Does the work of `level_pool` for flat codes of shape (cols, rows). tile: PoolTile, scratch."""
-    R, k, (cols, rows) = view.R, view.k, shape
-    want, found, mark, cell, code = tile
+    mark, cell = np.empty(_TILE_WIDE, np.uint16), np.empty(_TILE_WIDE, np.uint32)
+    code, flat = np.empty(_TILE_WIDE, np.int32), out.ravel()
+    R, k, (cols, rows) = view.R, view.k, out.shape
     src_rows, src_cols = marks.shape
     f, gain, half = np.float32(view.f_px), np.float32(view.gain), np.float32(0.5)
     cu, cv = np.float32(view.cu + 0.5), np.float32(view.cv + 0.5)
@@ -135,7 +111,7 @@ def pool_left_over(marks, picked, view, flat, shape, tile):
                 flat[cell[i]] = max(np.int32(flat[cell[i]]), code[i])
 
 
-@kernel
+@kernel_ieee
 def pool_columns(codes, step, apart, out):
     """Replaces each group of `step` neighbouring columns by one: the mean of the pixels that agree with the nearest
     one.
@@ -148,14 +124,8 @@ def pool_columns(codes, step, apart, out):
         step: columns of a group.
         apart: greatest difference of quantised disparity to the nearest pixel of a group that agrees.
         out: (ceil(cols / step), rows) uint16."""
-    rows = codes.shape[1]
-    pool_groups(codes, step, np.int32(apart), np.empty(rows, np.int32), np.empty(rows, np.int32), out)
-
-
-@inner_ieee
-def pool_groups(codes, step, apart, total, count, out):
-    """Does the work of `pool_columns`. total, count: (rows,) int32 scratch."""
-    cols, rows = codes.shape
+    (cols, rows), apart = codes.shape, np.int32(apart)
+    total, count = np.empty(rows, np.int32), np.empty(rows, np.int32)
     for j in range(len(out)):
         line, end = out[j], min(cols, (j + 1) * step)
         first = codes[j * step]

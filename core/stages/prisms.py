@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner, kernel
+from ..union_find import root_of
 from .prism_table import NO_PRISMS, PrismTable
-from .union_find import root_of
 
 AX, AY, BX, BY, TOP, BOTTOM = range(6)
 """Columns of the planes of a FrameModel, a float32 table."""

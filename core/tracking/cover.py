@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inner, kernel, record
+from ..jit import inner, kernel, of_type, record
 from .boxes import find_near, track_boxes
-from .line import EDGE_ON, offset, seen_at, sideways
+from .line import EDGE_ON, facing, met_at, offset, seen_at, sideways
 from .publish import BEHIND_M
 from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, NONE, count_observation, observe_cells
 
@@ -32,10 +32,8 @@ _EXACT_M = 1e-3
 """Narrower pieces are not looked at."""
 
 PART = record(
-    ("s0_m", np.float64),
-    ("s1_m", np.float64),
-    ("slot", np.int32),
-    ("hits", np.int32),
+    *of_type(np.float64, "s0_m s1_m"),
+    *of_type(np.int32, "slot hits"),
 )
 """A part of a detection that a track can hide. s0_m, s1_m: along the detection from its first end; slot: of the track;
 hits: its observations."""
@@ -145,7 +143,8 @@ def within(t, d, low, high, gate_m, eye):
     """The part of low..high of a detection over which the line of a track is seen within the tolerances."""
     first = offset(t, d.ax_m, d.ay_m)
     slope = (offset(t, d.bx_m, d.by_m) - first) / d.length_m
-    behind, gate_m = behind_of(d), gate_m * max(EDGE_ON, facing_of(t, d, eye))
+    middle_x, middle_y = 0.5 * (d.ax_m + d.bx_m), 0.5 * (d.ay_m + d.by_m)
+    behind, gate_m = behind_of(d), gate_m * max(EDGE_ON, abs(facing(t, middle_x, middle_y, eye[0], eye[1])))
     if abs(slope) < 1e-9:
         if first > behind or first < -gate_m:
             return 0.0, 0.0
@@ -163,13 +162,6 @@ def within(t, d, low, high, gate_m, eye):
 
 
 @inner
-def facing_of(t, d, eye):
-    """Sine of the angle between the line of a track and the viewing ray of the middle of a detection."""
-    dx, dy = 0.5 * (d.ax_m + d.bx_m) - eye[0], 0.5 * (d.ay_m + d.by_m) - eye[1]
-    return abs(dy * t.tx - dx * t.ty) / max(1e-6, math.sqrt(dx * dx + dy * dy))
-
-
-@inner
 def edge_on(t, x, y, eye):
     """Whether the line of a track is seen edge-on at a point."""
     dx, dy = x - eye[0], y - eye[1]
@@ -178,18 +170,8 @@ def edge_on(t, x, y, eye):
 
 @inner
 def seen_on(d, x, y, eye):
-    """Where the viewing ray of a point meets the line of a detection, m from its first end; the foot of the point where the
-    line is seen edge-on."""
-    dx, dy = x - eye[0], y - eye[1]
-    r = math.sqrt(dx * dx + dy * dy)
-    s = (x - d.ax_m) * d.tx + (y - d.ay_m) * d.ty
-    if r < 1e-6:
-        return s
-    facing = (dy * d.tx - dx * d.ty) / r
-    if abs(facing) < EDGE_ON:
-        return s
-    off = (y - d.ay_m) * d.tx - (x - d.ax_m) * d.ty
-    return s - off * (dx * d.tx + dy * d.ty) / r / facing
+    """Where the viewing ray of a point meets the line of a detection, m from its first end; see `met_at`."""
+    return met_at(x - d.ax_m, y - d.ay_m, d.tx, d.ty, x - eye[0], y - eye[1])
 
 
 @inner

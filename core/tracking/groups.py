@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from ..jit import inner, kernel, record
+from ..jit import inner, kernel, of_type, record
+from ..union_find import root_of
 from .observed import is_gap, measured_limits, turn_between
 from .tables import CUT_LEFT, CUT_RIGHT, NONE, POSE_SIGMA_M
 
@@ -26,28 +27,10 @@ _LEAST_SIGMA_M, _SIGMA_OF_SIZE, _SIGMA_OF_RANGE = 0.04, 0.03, 0.003
 """Error of a group's place: constant, share of its size, and share of its range across the viewing ray."""
 
 GROUP = record(
-    ("x_m", np.float64),
-    ("y_m", np.float64),
-    ("range_m", np.float64),
-    ("nearest_m", np.float64),
-    ("azimuth_rad", np.float64),
-    ("first_rad", np.float64),
-    ("last_rad", np.float64),
-    ("face_first_rad", np.float64),
-    ("face_last_rad", np.float64),
-    ("radial_sigma_m", np.float64),
-    ("tangential_sigma_m", np.float64),
-    ("size_m", np.float64),
-    ("low_x_m", np.float64),
-    ("high_x_m", np.float64),
-    ("low_y_m", np.float64),
-    ("high_y_m", np.float64),
-    ("top_m", np.float64),
-    ("bottom_m", np.float64),
-    ("area_m2", np.float64),
-    ("plane_flags", np.int32),
-    ("detections", np.int32),
-    ("object", np.int32),
+    *of_type(np.float64, "x_m y_m range_m nearest_m azimuth_rad first_rad last_rad face_first_rad face_last_rad"),
+    *of_type(np.float64, "radial_sigma_m tangential_sigma_m size_m low_x_m high_x_m low_y_m high_y_m top_m bottom_m"),
+    *of_type(np.float64, "area_m2"),
+    *of_type(np.int32, "plane_flags detections object"),
 )
 """A group of detections. x_m, y_m: the point of its face in the middle of the directions that it covers; range_m,
 azimuth_rad: of that point from the camera; nearest_m: range of the nearest plane of any height there; first_rad, last_rad:
@@ -55,17 +38,6 @@ least and greatest direction from azimuth_rad, face_first_rad,
 face_last_rad: of its tall planes that are not seen edge-on;
 radial_sigma_m, tangential_sigma_m: error of the point along the viewing ray and across it; size_m: horizontal diagonal of
 its box; plane_flags: of any of its planes; object: slot that it updates, -1: none."""
-
-
-@inner
-def root(parents, i):
-    """The group of an entry."""
-    for _ in range(parents.shape[0]):
-        if parents[i] == i:
-            break
-        parents[i] = parents[parents[i]]
-        i = parents[i]
-    return i
 
 
 @kernel
@@ -92,7 +64,7 @@ def find_groups(detections, view, groups):
 
 @kernel
 def close_together(detections):
-    """(N,) int64, the first detection of the group of each, for `root`. A filled gap is a group of its own."""
+    """(N,) int64, the first detection of the group of each, for `root_of`. A filled gap is a group of its own."""
     parents = np.arange(detections.shape[0])
     for k in range(detections.shape[0]):
         d = detections[k]
@@ -102,7 +74,7 @@ def close_together(detections):
             if min(detections[i].ax_m, detections[i].bx_m) - max(d.ax_m, d.bx_m) >= GAP_M:
                 break  # the following ones begin farther away
             if is_close(d, detections[i]) and not is_gap(detections[i]):
-                a, b = root(parents, i), root(parents, k)
+                a, b = root_of(parents, i), root_of(parents, k)
                 parents[max(a, b)] = min(a, b)
     return parents
 
@@ -124,7 +96,7 @@ def number_groups(detections, parents, groups):
     the number of groups. parents: of `close_together`."""
     count = 0
     for i in range(detections.shape[0]):
-        d, r = detections[i], root(parents, i)
+        d, r = detections[i], root_of(parents, i)
         if r < i:
             d.group = detections[r].group
         elif count == groups.shape[0] or is_gap(d):

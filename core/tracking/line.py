@@ -42,15 +42,21 @@ def sideways(track, x, y, off, eye_x, eye_y):
 @inner
 def seen_at(track, x, y, eye_x, eye_y):
     """s at which the viewing ray of a point near the line meets it; that of its foot where the line is seen edge-on."""
-    dx, dy = x - eye_x, y - eye_y
+    return met_at(x - track.x_m, y - track.y_m, track.tx, track.ty, x - eye_x, y - eye_y)
+
+
+@inner
+def met_at(off_x, off_y, tx, ty, dx, dy):
+    """Where the viewing ray (dx, dy) of a point meets the line through the origin along (tx, ty), m along the line; the foot
+    of the point where the line is seen edge-on. off_x, off_y: place of the point."""
     r = math.sqrt(dx * dx + dy * dy)
-    s = along(track, x, y)
+    s = off_x * tx + off_y * ty
     if r < 1e-6:
         return s
-    facing = (dy * track.tx - dx * track.ty) / r
+    facing = (dy * tx - dx * ty) / r
     if abs(facing) < EDGE_ON:
         return s
-    return s - offset(track, x, y) * (dx * track.tx + dy * track.ty) / r / facing
+    return s - (off_y * tx - off_x * ty) * (dx * tx + dy * ty) / r / facing
 
 
 @inner

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ..jit import inner, kernel, record
+from ..jit import inner, kernel, of_type, record
 from .groups import may_move
 from .tables import NONE
 
@@ -35,35 +35,10 @@ _BOX_SHARE = 0.3
 """Weight of an observation in the size."""
 
 OBJECT = record(
-    ("id", np.int64),
-    ("first_ns", np.int64),
-    ("seen_ns", np.int64),
-    ("moving_ns", np.int64),
-    ("x_m", np.float64),
-    ("y_m", np.float64),
-    ("vx_m_s", np.float64),
-    ("vy_m_s", np.float64),
-    ("r00", np.float64),
-    ("r01", np.float64),
-    ("r11", np.float64),
-    ("t00", np.float64),
-    ("t01", np.float64),
-    ("t11", np.float64),
-    ("azimuth_rad", np.float64),
-    ("misfit", np.float64),
-    ("size_m", np.float64),
-    ("low_dx_m", np.float64),
-    ("high_dx_m", np.float64),
-    ("low_dy_m", np.float64),
-    ("high_dy_m", np.float64),
-    ("top_m", np.float64),
-    ("bottom_m", np.float64),
-    ("hits", np.int32),
-    ("support", np.int32),
-    ("places", np.int32),
-    ("frames", np.int32),
-    ("evidence", np.int32),
-    ("missed", np.int32),
+    *of_type(np.int64, "id first_ns seen_ns moving_ns"),
+    *of_type(np.float64, "x_m y_m vx_m_s vy_m_s r00 r01 r11 t00 t01 t11 azimuth_rad misfit size_m low_dx_m high_dx_m"),
+    *of_type(np.float64, "low_dy_m high_dy_m top_m bottom_m"),
+    *of_type(np.int32, "hits support places frames evidence missed"),
 )
 """A followed group. x_m, y_m: the point of its face that is followed; moving_ns: when it was declared moving, 0: static;
 r00, r01, r11: covariance of distance and speed along the viewing ray; t00, t01, t11: across it; azimuth_rad: of that ray;

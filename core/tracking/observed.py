@@ -13,11 +13,12 @@ import numpy as np
 
 from ..free_view import NO_DIRECTION, direction_of, lowest_free
 from ..jit import inner, kernel
+from ..types import FreeEnd
 from .intervals import at_value, index_intervals
+from .tables import INFERRED, UNKNOWN_BEHIND
 
 OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
-_INFERRED, _UNKNOWN_BEHIND = 1, 2
-_OBSTACLE = 1
+_OBSTACLE = int(FreeEnd.OBSTACLE)
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
 """Shares of a place's height."""
@@ -110,7 +111,7 @@ def is_beside(place, limits):
 def is_gap(d):
     """Whether a detection or track is a filled gap that was observed to be open: no obstacle was measured in it. It joins two
     obstacles, and is part of neither."""
-    return d.plane_flags & (_INFERRED | _UNKNOWN_BEHIND) == _INFERRED
+    return d.plane_flags & (INFERRED | UNKNOWN_BEHIND) == INFERRED
 
 
 @inner
@@ -184,7 +185,7 @@ def is_seen_through(place, track, index, view, eye_z):
         if over <= 0.0:
             continue
         if far >= r + reach:
-            if d.plane_flags & _INFERRED == 0:
+            if d.plane_flags & INFERRED == 0:
                 passed = max(passed, over)
         elif far > r - reach:
             at += over

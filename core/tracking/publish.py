@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner
+from ..jit import inner, kernel
 from .line import EDGE_ON, along, offset, variance_at
 from .snapshot import MovingObject, TrackSnapshot
 
@@ -20,7 +20,7 @@ WIDE_M = 1.0
 
 
 class Columns(NamedTuple):
-    """Arrays of a TrackSnapshot that `fill_columns` fills."""
+    """Arrays of a TrackSnapshot as `columns_of` makes them."""
 
     ids: NDArray[np.int64]
     planes: NDArray[np.float32]
@@ -45,27 +45,25 @@ def snapshot_of(
     the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The plane returns slowly, so
     that it does not jump with the noise. The confidence is the share of frames in view that observed the track, and at most
     1 - 0.5^hits."""
-    n = int(np.count_nonzero(tracks["hits"]))
-    columns = Columns(
-        np.empty(n, np.int64),
-        np.empty((n, 6), np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.int32),
-        np.empty(n, np.int32),
-        np.empty(n, np.int64),
-        np.empty(n, np.int64),
-        np.empty(n, np.uint8),
-        np.empty(n, np.int64),
-    )
-    fill_columns(tracks, t_ns, growth_m_s, camera_m, columns)
+    columns = columns_of(tracks, t_ns, growth_m_s, camera_m)
     return TrackSnapshot(**columns._asdict(), objects=moving_objects(objects, t_ns))
 
 
-@inner
-def fill_columns(tracks, t_ns, growth_m_s, eye, out):
-    """Fills the columns with the tracks in use."""
+@kernel
+def columns_of(tracks, t_ns, growth_m_s, eye):
+    """Returns the Columns of the tracks in use; arguments: see `snapshot_of`."""
+    count = 0
+    for j in range(tracks.shape[0]):
+        count += tracks[j].hits > 0
+    planes, margin_m, sigma_m = (
+        np.empty((count, 6), np.float32),
+        np.empty(count, np.float32),
+        np.empty(count, np.float32),
+    )
+    confidence, state, hits = np.empty(count, np.float32), np.empty(count, np.int32), np.empty(count, np.int32)
+    age_ns, unseen, flags = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.uint8)
+    ids, object_id = np.empty(count, np.int64), np.empty(count, np.int64)
+    out = Columns(ids, planes, margin_m, sigma_m, confidence, state, hits, age_ns, unseen, flags, object_id)
     n = 0
     for j in range(tracks.shape[0]):
         t = tracks[j]
@@ -88,6 +86,7 @@ def fill_columns(tracks, t_ns, growth_m_s, eye, out):
         out.age_ns[n], out.unseen_ns[n] = t_ns - t.first_ns, unseen_ns
         out.flags[n], out.object_id[n] = t.plane_flags, t.object_id
         n += 1
+    return out
 
 
 @inner

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, record
+from ..jit import inner, of_type, record
+from ..types import PlaneFlags
 
 CELLS = 32
 """Cells of one track; where it becomes longer, its cells become longer."""
@@ -25,8 +26,8 @@ SHIFT_M = 4.0
 THIN_M = 0.3
 """An obstacle of more height is not thin."""
 NONE = -1
-CUT_LEFT, CUT_RIGHT, CUT_TOP, CUT_BOTTOM = 4, 8, 16, 32
-"""Of the flags of a plane: the border of the image cut it there."""
+INFERRED, UNKNOWN_BEHIND, CUT_LEFT, CUT_RIGHT, CUT_TOP, CUT_BOTTOM, _ = map(int, PlaneFlags)
+"""The flags of a plane as numbers for the kernels."""
 RATE_STEP = 0.1
 """Weight of a frame in the hit rate."""
 _MOST_HITS = 1 << 20
@@ -42,38 +43,10 @@ _HIT_WEIGHT = 4
 """Free evidence that an observation cancels; free space, or another obstacle there, adds 2."""
 
 TRACK = record(
-    ("id", np.int64),
-    ("object_id", np.int64),
-    ("first_ns", np.int64),
-    ("seen_ns", np.int64),
-    ("x_m", np.float64),
-    ("y_m", np.float64),
-    ("tx", np.float64),
-    ("ty", np.float64),
-    ("s0_m", np.float64),
-    ("s1_m", np.float64),
-    ("top_m", np.float64),
-    ("bottom_m", np.float64),
-    ("p00", np.float64),
-    ("p01", np.float64),
-    ("p11", np.float64),
-    ("margin_m", np.float64),
-    ("excess_m", np.float64),
-    ("nearer_m", np.float64),
-    ("hit_rate", np.float64),
-    ("cell_m", np.float64),
-    ("frame_s0_m", np.float64),
-    ("frame_s1_m", np.float64),
-    ("frame_top_m", np.float64),
-    ("frame_bottom_m", np.float64),
-    ("first_cell", np.int32),
-    ("cells", np.int32),
-    ("hits", np.int32),
-    ("plane_flags", np.int32),
-    ("cluster", np.int32),
-    ("state", np.int32),
-    ("first_detection", np.int32),
-    ("merged_into", np.int32),
+    *of_type(np.int64, "id object_id first_ns seen_ns"),
+    *of_type(np.float64, "x_m y_m tx ty s0_m s1_m top_m bottom_m p00 p01 p11 margin_m excess_m nearer_m hit_rate"),
+    *of_type(np.float64, "cell_m frame_s0_m frame_s1_m frame_top_m frame_bottom_m"),
+    *of_type(np.int32, "first_cell cells hits plane_flags cluster state first_detection merged_into"),
 )
 """A track, without padding, so that equal tables have equal bytes. object_id: of its moving object, 0: static; first_ns,
 seen_ns: first and newest observation. x_m, y_m: anchor; tx, ty: unit tangent; s0_m, s1_m: extent; top_m < bottom_m (z down).
@@ -88,22 +61,8 @@ CELL = record(("seen_ns", np.int64), ("against", np.int32), ("hits", np.int32))
 """A cell. seen_ns: newest observation; against: evidence that it is free; hits: frames that observed it, 0: it is empty."""
 
 DETECTION = record(
-    ("ax_m", np.float64),
-    ("ay_m", np.float64),
-    ("bx_m", np.float64),
-    ("by_m", np.float64),
-    ("top_m", np.float64),
-    ("bottom_m", np.float64),
-    ("tx", np.float64),
-    ("ty", np.float64),
-    ("length_m", np.float64),
-    ("margin_m", np.float64),
-    ("sigma_m", np.float64),
-    ("plane_flags", np.int32),
-    ("cluster", np.int32),
-    ("track", np.int32),
-    ("next", np.int32),
-    ("group", np.int32),
+    *of_type(np.float64, "ax_m ay_m bx_m by_m top_m bottom_m tx ty length_m margin_m sigma_m"),
+    *of_type(np.int32, "plane_flags cluster track next group"),
 )
 """A plane of the frame, in the axes of the tracks. ax_m to bottom_m: its ends and heights (z down), free space on the right of
 a -> b; tx, ty: unit tangent from a to b. margin_m, plane_flags, cluster: of the FrameModel; sigma_m: standard deviation of its

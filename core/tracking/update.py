@@ -16,6 +16,7 @@ from .tables import (
     CELL_M,
     NONE,
     SHRINK_SHARE,
+    UNKNOWN_BEHIND,
     clear_cell,
     count_observation,
     free_slot,
@@ -126,7 +127,8 @@ def observe(table, j, d, exposure):
     if t.seen_ns != t_ns:
         t.plane_flags = d.plane_flags
     else:
-        t.plane_flags = (t.plane_flags | d.plane_flags) & ~2 | (t.plane_flags & d.plane_flags & 2)
+        both, either = t.plane_flags & d.plane_flags, t.plane_flags | d.plane_flags
+        t.plane_flags = either & ~UNKNOWN_BEHIND | both & UNKNOWN_BEHIND
     sa, sb = seen_at(t, d.ax_m, d.ay_m, eye[0], eye[1]), seen_at(t, d.bx_m, d.by_m, eye[0], eye[1])
     low, high = min(sa, sb), max(sa, sb)
     t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)

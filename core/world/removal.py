@@ -10,13 +10,14 @@ import math
 
 from ..free_view import NO_DIRECTION, direction_of, lowest_free
 from ..jit import inner
+from ..types import FreeEnd
 from .association import put_box
 from .evidence import copy_steps, count_clear, erase, has_evidence, is_refuted, part_of, plane_steps
 from .free_grid import HALF_M
 from .join_cost import END_A, END_B, Box, box_of
 from .plane_index import insert, lru_insert, lru_remove, new_slot, remove, set_links
 
-_OBSTACLE = 1
+_OBSTACLE = int(FreeEnd.OBSTACLE)
 _BEHIND_M, _CLEAR_SIGMAS = 0.5, 3.0
 """Observed free space must reach this far behind a plane and its margin, and farther by this many standard deviations of its
 distance."""

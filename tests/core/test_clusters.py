@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.stages.union_find import root_of
+from core.union_find import root_of
 
 from . import naive
 from .tables import Strips

@@ -117,7 +117,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
                 lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): geometry.lowest_clear(t, x, w),
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, 0.1, w.blind_beyond_m,
-                lambda x, z0, z1, ts=edges_t[d : d + 2]: min(depths(x, ts, [z0, z1])) <= w.near_m, w.blank_m,
+                lambda x, z0, z1, ts=edges_t[d : d + 2]: min(depths(x, ts, [z0, z1])) <= w.near_m, w.profile_blank_m,
             )  # fmt: skip
             assert (start[d, layer], to[d, layer]) == (np.float32(from_m), to_m)
             assert FreeEnd(end[d, layer]).name == why

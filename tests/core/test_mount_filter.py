@@ -14,7 +14,7 @@ from core.self_check.mount_check import (
     checked,
     confirmed_by_ground,
     due,
-    rotation_vector,
+    rotation_about,
     settled,
 )
 from core.self_check.mount_cues import NO_CUES, MountCues, Walls
@@ -307,9 +307,9 @@ def test_parameters_check_themselves() -> None:
         MountCheckParams(degraded_deg=4.0, invalid_deg=3.0)
 
 
-def test_rotation_vector() -> None:
-    assert rotation_vector(0.0, 0.3, 0.0) == pytest.approx(rotation_from_euler(0.0, 0.3, 0.0))
-    assert rotation_vector(0.0, 0.0, 0.0) == pytest.approx(np.eye(3))
+def test_rotation_about_a_vector() -> None:
+    assert rotation_about(0.0, 0.3, 0.0) == pytest.approx(rotation_from_euler(0.0, 0.3, 0.0))
+    assert rotation_about(0.0, 0.0, 0.0) == pytest.approx(np.eye(3))
 
 
 @pytest.mark.parametrize("mount", [(0.0, 5.0), (-5.0, 0.0), (4.0, -4.0)])

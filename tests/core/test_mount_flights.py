@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from core.frames import rotation_from_euler
-from core.self_check.mount_check import MountState, MountVerdict, checked, due, rotation_vector, settled
+from core.self_check.mount_check import MountState, MountVerdict, checked, due, rotation_about, settled
 from core.self_check.mount_cues import MountCues, Walls
 from core.self_check.mount_params import MountCheckParams
 from core.types import CameraMount
@@ -62,14 +62,14 @@ class Flight:
         """The state after each measurement."""
         rng = np.random.default_rng(self.seed)
         R_frd_configured = rotation_from_euler(self.mount.roll_rad, self.mount.pitch_rad, self.mount.yaw_rad)
-        R_frd_true = rotation_vector(*(DEG * e for e in self.error_deg)) @ R_frd_configured
+        R_frd_true = rotation_about(*(DEG * e for e in self.error_deg)) @ R_frd_configured
         state, states = MountState(), []
         for i in range(round(self.seconds * HZ)):
             t_s = i / HZ
             pitch_rad = self.pitch_deg * DEG + 0.04 * math.cos(1.7 * t_s)
             R_ned_frd = rotation_from_euler(0.05 * math.sin(2.0 * t_s), pitch_rad, self.heading_rad(t_s))
             error = np.zeros(3) if self.attitude_error_rad is None else self.attitude_error_rad[i]
-            R_estimated = R_ned_frd @ rotation_vector(*error)
+            R_estimated = R_ned_frd @ rotation_about(*error)
             north, east = self.terrain_rad(t_s)
             normal = np.array([-math.tan(north), -math.tan(east), 1.0])
             forward = (R_estimated @ R_frd_configured)[:, 0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..jit import inner
+from .jit import inner
 
 
 @inner
