@@ -96,6 +96,17 @@ def halve(fine, out):
             )
 
 
+@inner
+def _interpolate(cells, u, v):
+    """Returns the value between four cells, bilinear, and its derivatives along columns and rows."""
+    c, r = int(u), int(v)
+    a, b = u - c, v - r
+    s00, s01, s10, s11 = cells[r, c], cells[r, c + 1], cells[r + 1, c], cells[r + 1, c + 1]
+    top, bottom, left, right = s01 - s00, s11 - s10, s10 - s00, s11 - s01
+    value = s00 + a * top + b * left + a * b * (bottom - top)
+    return value, top + b * (bottom - top), left + a * (right - left)
+
+
 @kernel
 def _accumulate(first, second, R, t, H, g):
     """Computes the normal equations of one Gauss-Newton step; returns the number of cells compared.
@@ -108,7 +119,6 @@ def _accumulate(first, second, R, t, H, g):
         g: (6,) out."""
     rows, columns = first.cells.shape
     fx, fy, cx, cy = first.lens
-    here, there = first.cells, second.cells
     J = np.empty(6)
     g[:] = 0.0
     H[:] = 0.0
@@ -117,7 +127,7 @@ def _accumulate(first, second, R, t, H, g):
     for r in range(rows):
         y = (r - cy) / fy
         for c in range(columns):
-            d = here[r, c]
+            d = first.cells[r, c]
             if not d > 0.0:
                 continue
             x = (c - cx) / fx
@@ -131,14 +141,8 @@ def _accumulate(first, second, R, t, H, g):
             u, v = px * fx + cx, py * fy + cy
             if not (0.0 <= u < columns - 1 and 0.0 <= v < rows - 1):
                 continue
-            c0, r0 = int(u), int(v)
-            a, b = u - c0, v - r0
-            s00, s01, s10, s11 = there[r0, c0], there[r0, c0 + 1], there[r0 + 1, c0], there[r0 + 1, c0 + 1]
-            top, bottom = s01 - s00, s11 - s10
-            du = top + b * (bottom - top)
-            left, right = s10 - s00, s11 - s01
-            dv = left + a * (right - left)
-            e = s00 + a * top + b * left + a * b * (bottom - top) - d * iz
+            inverse, du, dv = _interpolate(second.cells, u, v)
+            e = inverse - d * iz
             if not e * e >= 0.0:  # a neighbour is not measured
                 continue
             w = 1.0 / (first.sigma_per_m * first.sigma_per_m + edge * (du * du + dv * dv) + shrink * e * e)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..jit import inner, kernel
 from .boxes import find_near, track_boxes
-from .line import along, offset, sideways, variance_at
+from .line import along, offset, point_at, sideways, variance_at
 from .tables import CUT_BOTTOM, CUT_TOP, NONE
 
 _TOUCH_M = 0.1
@@ -94,18 +94,18 @@ def is_much_taller(d, track):
 
 
 @inner
-def continues(d, track, gate, eye_x, eye_y):
-    """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye_x,
-    eye_y: of the camera; the track must hide what the detection hides from it."""
+def continues(d, track, gate, eye):
+    """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye:
+    place of the camera; the track must hide what the detection hides from it."""
     off_a = abs(offset(track, d.ax_m, d.ay_m))
     if off_a > gate.most_m:
         return 0.0
     off_b = abs(offset(track, d.bx_m, d.by_m))
     if off_b > gate.most_m:
         return 0.0
-    if sideways(track, d.ax_m, d.ay_m, off_a, eye_x, eye_y) > SIDEWAYS_M:
+    if sideways(track, d.ax_m, d.ay_m, off_a, eye) > SIDEWAYS_M:
         return 0.0
-    if sideways(track, d.bx_m, d.by_m, off_b, eye_x, eye_y) > SIDEWAYS_M:
+    if sideways(track, d.bx_m, d.by_m, off_b, eye) > SIDEWAYS_M:
         return 0.0
     if d.tx * track.tx + d.ty * track.ty < 0.0 and min(d.length_m, track.s1_m - track.s0_m) > _SHORT_M:
         return 0.0
@@ -130,11 +130,11 @@ def covers(d, track, gate):
     if height < 0.8 * (track.bottom_m - track.top_m) or is_much_taller(d, track):
         return False
     front = max(gate.least_m, min(_FRONT_M, d.margin_m))
-    x0, y0 = track.x_m + track.s0_m * track.tx, track.y_m + track.s0_m * track.ty
+    x0, y0 = point_at(track, track.s0_m)
     near0 = (y0 - d.ay_m) * d.tx - (x0 - d.ax_m) * d.ty
     if near0 > front or near0 < -gate.most_m:
         return False
-    x1, y1 = track.x_m + track.s1_m * track.tx, track.y_m + track.s1_m * track.ty
+    x1, y1 = point_at(track, track.s1_m)
     near1 = (y1 - d.ay_m) * d.tx - (x1 - d.ax_m) * d.ty
     if near1 > front or near1 < -gate.most_m:
         return False
@@ -147,9 +147,9 @@ def covers(d, track, gate):
 
 
 @kernel
-def find_pairs(detections, tracks, gate, eye_x, eye_y, pairs, scores):
+def find_pairs(detections, tracks, gate, eye, pairs, scores):
     """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, slot of the track,
-    relation; scores (P,) float64. gate: Gate; eye_x, eye_y: of the camera. Returns (number of pairs, number of pairs that did
+    relation; scores (P,) float64. gate: Gate; eye: place of the camera. Returns (number of pairs, number of pairs that did
     not fit)."""
     boxes, found = track_boxes(tracks), np.empty(tracks.shape[0], np.int64)
     reach = gate.most_m + _TOUCH_M
@@ -157,7 +157,7 @@ def find_pairs(detections, tracks, gate, eye_x, eye_y, pairs, scores):
     for i in range(detections.shape[0]):
         d = detections[i]
         for j in found[: find_near(d, boxes, reach, 0.0, found)]:
-            score = continues(d, tracks[j], gate, eye_x, eye_y)
+            score = continues(d, tracks[j], gate, eye)
             relation = CONTINUES
             if score <= 0.0:
                 relation = COVERS

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inner, kernel
+from .line import point_at
 
 
 @kernel
@@ -26,8 +27,8 @@ def set_box(boxes, j, t):
         for k in range(0, 6, 2):
             boxes[k, j], boxes[k + 1, j] = math.inf, -math.inf
         return
-    x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-    x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+    x0, y0 = point_at(t, t.s0_m)
+    x1, y1 = point_at(t, t.s1_m)
     boxes[0, j], boxes[1, j] = min(x0, x1), max(x0, x1)
     boxes[2, j], boxes[3, j] = min(y0, y1), max(y0, y1)
     boxes[4, j], boxes[5, j] = t.top_m, t.bottom_m

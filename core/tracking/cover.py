@@ -18,7 +18,7 @@ import numpy as np
 
 from ..jit import inner, kernel, of_type, record
 from .boxes import find_near, track_boxes
-from .line import EDGE_ON, facing, met_at, offset, seen_at, sideways
+from .line import EDGE_ON, facing, met_at, offset, point_at, seen_at, sideways
 from .publish import BEHIND_M
 from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, NONE, count_observation, observe_cells
 
@@ -116,8 +116,8 @@ def find_parts(tracks, d, gate_m, eye, search):
     reach = max(gate_m, BEHIND_MAX_M)
     for j in found[: find_near(d, search.boxes, reach, reach, found)]:
         t = tracks[j]
-        x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-        x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+        x0, y0 = point_at(t, t.s0_m)
+        x1, y1 = point_at(t, t.s1_m)
         if offset(t, eye[0], eye[1]) <= 0.0:
             continue  # seen from behind
         a, b = seen_on(d, x0, y0, eye), seen_on(d, x1, y1, eye)
@@ -144,7 +144,7 @@ def within(t, d, low, high, gate_m, eye):
     first = offset(t, d.ax_m, d.ay_m)
     slope = (offset(t, d.bx_m, d.by_m) - first) / d.length_m
     middle_x, middle_y = 0.5 * (d.ax_m + d.bx_m), 0.5 * (d.ay_m + d.by_m)
-    behind, gate_m = behind_of(d), gate_m * max(EDGE_ON, abs(facing(t, middle_x, middle_y, eye[0], eye[1])))
+    behind, gate_m = behind_of(d), gate_m * max(EDGE_ON, abs(facing(t, middle_x, middle_y, eye)))
     if abs(slope) < 1e-9:
         if first > behind or first < -gate_m:
             return 0.0, 0.0
@@ -156,7 +156,7 @@ def within(t, d, low, high, gate_m, eye):
     for end in range(2):
         s = low if end == 0 else high
         x, y = d.ax_m + s * d.tx, d.ay_m + s * d.ty
-        if edge_on(t, x, y, eye) and sideways(t, x, y, offset(t, x, y), eye[0], eye[1]) > LOST_M:
+        if edge_on(t, x, y, eye) and sideways(t, x, y, offset(t, x, y), eye) > LOST_M:
             return 0.0, 0.0
     return low, high
 
@@ -233,7 +233,7 @@ def observe_part(table, j, d, piece, exposure):
     s0, s1 = piece.s0_m, piece.s1_m
     ax, ay = d.ax_m + s0 * d.tx, d.ay_m + s0 * d.ty
     bx, by = d.ax_m + s1 * d.tx, d.ay_m + s1 * d.ty
-    sa, sb = seen_at(t, ax, ay, eye[0], eye[1]), seen_at(t, bx, by, eye[0], eye[1])
+    sa, sb = seen_at(t, ax, ay, eye), seen_at(t, bx, by, eye)
     low, high = min(sa, sb), max(sa, sb)
     share = range_share(t, d, 0.5 * (s0 + s1), eye)
     top = eye[2] + share * (piece.top_m - _EXACT_M - eye[2])

@@ -22,16 +22,22 @@ def along(track, x, y):
 
 
 @inner
+def point_at(track, s):
+    """(x, y) of the point of the line at s."""
+    return track.x_m + s * track.tx, track.y_m + s * track.ty
+
+
+@inner
 def offset(track, x, y):
     """Distance of a point from the line, m; positive on the free side."""
     return (y - track.y_m) * track.tx - (x - track.x_m) * track.ty
 
 
 @inner
-def sideways(track, x, y, off, eye_x, eye_y):
+def sideways(track, x, y, off, eye):
     """Part of a point's offset from the line that is perpendicular to its viewing ray, m: so far from the point the line is
     seen."""
-    dx, dy = x - eye_x, y - eye_y
+    dx, dy = x - eye[0], y - eye[1]
     r = math.sqrt(dx * dx + dy * dy)
     if r < 1e-6:
         return abs(off)
@@ -40,9 +46,9 @@ def sideways(track, x, y, off, eye_x, eye_y):
 
 
 @inner
-def seen_at(track, x, y, eye_x, eye_y):
+def seen_at(track, x, y, eye):
     """s at which the viewing ray of a point near the line meets it; that of its foot where the line is seen edge-on."""
-    return met_at(x - track.x_m, y - track.y_m, track.tx, track.ty, x - eye_x, y - eye_y)
+    return met_at(x - track.x_m, y - track.y_m, track.tx, track.ty, x - eye[0], y - eye[1])
 
 
 @inner
@@ -103,16 +109,16 @@ def correct_by_ends(track, ax, ay, variance_a, bx, by, variance_b):
 
 
 @inner
-def facing(track, x, y, eye_x, eye_y):
+def facing(track, x, y, eye):
     """Sine of the angle between the viewing ray of a point and the line; negative: it is seen from behind."""
-    dx, dy = x - eye_x, y - eye_y
+    dx, dy = x - eye[0], y - eye[1]
     return (dx * track.ty - dy * track.tx) / max(1e-6, math.sqrt(dx * dx + dy * dy))
 
 
 @inner
-def ahead(track, x, y, eye_x, eye_y):
+def ahead(track, x, y, eye):
     """How far the line lies behind a point near it, m along the viewing ray. The line is not seen edge-on."""
-    return offset(track, x, y) / max(EDGE_ON, facing(track, x, y, eye_x, eye_y))
+    return offset(track, x, y) / max(EDGE_ON, facing(track, x, y, eye))
 
 
 @inner

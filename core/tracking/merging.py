@@ -6,7 +6,7 @@ import math
 
 from ..jit import inner
 from .association import CONTINUES, COVERS, SIDEWAYS_M, fits_one_rectangle, heights_overlap
-from .line import along, is_thin, middle_share, offset, seen_at, seen_height, sideways
+from .line import along, is_thin, middle_share, offset, point_at, seen_at, seen_height, sideways
 from .tables import NONE, append_detections, make_room
 
 _MERGE_M = 0.2
@@ -27,24 +27,24 @@ def merge_pairs(table, detections, pairs, eye):
         if pairs[n, 2] == COVERS:
             if tracks[j].first_detection == NONE:
                 absorb(table, detections, k, j, eye)
-        elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], eye[0], eye[1]):
+        elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], eye):
             absorb(table, detections, k, j, eye)
 
 
 @inner
-def same_surface(t, other, eye_x, eye_y):
+def same_surface(t, other, eye):
     """Whether another track lies on this one's line, overlaps it, and is not observed beside it in this frame."""
     if t.tx * other.tx + t.ty * other.ty < 0.0:
         return False
     low, high, far = math.inf, -math.inf, 0.0
     for end in range(2):
         s = other.s0_m if end == 0 else other.s1_m
-        x, y = other.x_m + s * other.tx, other.y_m + s * other.ty
+        x, y = point_at(other, s)
         at = along(t, x, y)
         low, high = min(low, at), max(high, at)
         off = offset(t, x, y)
         far = max(far, abs(off))
-        if sideways(t, x, y, off, eye_x, eye_y) > SIDEWAYS_M:
+        if sideways(t, x, y, off, eye) > SIDEWAYS_M:
             return False
     if far > _MERGE_M:
         return False
@@ -112,4 +112,4 @@ def absorb(table, detections, j, other, eye):
 @inner
 def place_on(t, x, y, eye, by_ray):
     """s of a point on the line of a track, m: where its viewing ray meets the line, or its foot."""
-    return seen_at(t, x, y, eye[0], eye[1]) if by_ray else along(t, x, y)
+    return seen_at(t, x, y, eye) if by_ray else along(t, x, y)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
-from .line import EDGE_ON, facing
+from .line import EDGE_ON, facing, point_at
 from .observed import FREE_BEHIND_M, is_unobserved
 from .tables import CUT_BOTTOM, CUT_LEFT, CUT_RIGHT, CUT_TOP, MEMORY_HITS, NONE, SHRINK_SHARE
 
@@ -57,7 +57,7 @@ def is_end_hidden(table, j, end_s, frame_s, view, limits):
     if table.cells[j, k].hits < MEMORY_HITS:
         return False
     s = 0.5 * (end_s + frame_s)
-    x, y = t.x_m + s * t.tx, t.y_m + s * t.ty
-    if facing(t, x, y, view.x_m, view.y_m) < EDGE_ON:
+    x, y = point_at(t, s)
+    if facing(t, x, y, (view.x_m, view.y_m, 0.0)) < EDGE_ON:
         return False
     return is_unobserved(x, y, t.top_m, t.bottom_m, FREE_BEHIND_M + t.margin_m, view, limits)

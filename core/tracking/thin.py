@@ -27,6 +27,7 @@ from .line import (
     is_thin,
     middle_share,
     offset,
+    point_at,
     seen_at,
     seen_height,
     seen_heights,
@@ -88,13 +89,13 @@ def is_one_line(t, o, eye):
     low, high = math.inf, -math.inf
     for end in range(2):
         s = o.s0_m if end == 0 else o.s1_m
-        x, y = o.x_m + s * o.tx, o.y_m + s * o.ty
-        if facing(t, x, y, eye[0], eye[1]) < EDGE_ON:
+        x, y = point_at(o, s)
+        if facing(t, x, y, eye) < EDGE_ON:
             return False
         variance = max(0.0, variance_at(t, along(t, x, y))) + max(0.0, variance_at(o, s))
         if abs(offset(t, x, y)) > max(GATE_MIN_M, o.margin_m, _SIGMAS * math.sqrt(variance)):
             return False
-        at = seen_at(t, x, y, eye[0], eye[1])
+        at = seen_at(t, x, y, eye)
         low, high = min(low, at), max(high, at)
     if min(high, t.s1_m) - max(low, t.s0_m) < -_TOUCH_M or max(high, t.s1_m) - min(low, t.s0_m) < WIDE_M:
         return False
@@ -112,13 +113,13 @@ def join(table, detections, j, other, exposure):
     either, by more than its margin."""
     t, o, eye = table.tracks[j], table.tracks[other], exposure.eye
     before = t.x_m, t.y_m, t.tx, t.ty, t.p00, t.p01, t.p11
-    ax, ay = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-    bx, by = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
-    x0, y0 = o.x_m + o.s0_m * o.tx, o.y_m + o.s0_m * o.ty
-    x1, y1 = o.x_m + o.s1_m * o.tx, o.y_m + o.s1_m * o.ty
+    ax, ay = point_at(t, t.s0_m)
+    bx, by = point_at(t, t.s1_m)
+    x0, y0 = point_at(o, o.s0_m)
+    x1, y1 = point_at(o, o.s1_m)
     correct_by_ends(t, x0, y0, max(0.0, variance_at(o, o.s0_m)), x1, y1, max(0.0, variance_at(o, o.s1_m)))
-    behind_t = max(ahead(t, ax, ay, eye[0], eye[1]), ahead(t, bx, by, eye[0], eye[1]))
-    behind_o = max(ahead(t, x0, y0, eye[0], eye[1]), ahead(t, x1, y1, eye[0], eye[1]))
+    behind_t = max(ahead(t, ax, ay, eye), ahead(t, bx, by, eye))
+    behind_o = max(ahead(t, x0, y0, eye), ahead(t, x1, y1, eye))
     need_t, fits_t = needed_move(t, detections, t.first_detection, eye)
     need_o, fits_o = needed_move(t, detections, o.first_detection, eye)
     need = max(need_t, need_o, behind_t - max(BEHIND_M, t.margin_m), behind_o - max(BEHIND_M, o.margin_m))
@@ -128,7 +129,7 @@ def join(table, detections, j, other, exposure):
         t.x_m, t.y_m, t.tx, t.ty, t.p00, t.p01, t.p11 = before
         return
     t.nearer_m = max(t.nearer_m, o.nearer_m, need)
-    widen(table, j, seen_at(t, ax, ay, eye[0], eye[1]), seen_at(t, bx, by, eye[0], eye[1]))
+    widen(table, j, seen_at(t, ax, ay, eye), seen_at(t, bx, by, eye))
     t.margin_m = max(t.margin_m, o.margin_m + behind_o)
     t.first_detection = append_detections(detections, t.first_detection, o.first_detection)
     o.first_detection = NONE
@@ -139,7 +140,7 @@ def join(table, detections, j, other, exposure):
 @inner
 def faces(t, ax, ay, bx, by, eye):
     """Whether the viewing rays of two points do not meet the line of a track edge-on."""
-    return min(facing(t, ax, ay, eye[0], eye[1]), facing(t, bx, by, eye[0], eye[1])) >= EDGE_ON
+    return min(facing(t, ax, ay, eye), facing(t, bx, by, eye)) >= EDGE_ON
 
 
 @inner
@@ -158,7 +159,7 @@ def needed_move(t, detections, first, eye):
         if k == NONE:
             break
         d = detections[k]
-        behind = max(ahead(t, d.ax_m, d.ay_m, eye[0], eye[1]), ahead(t, d.bx_m, d.by_m, eye[0], eye[1]))
+        behind = max(ahead(t, d.ax_m, d.ay_m, eye), ahead(t, d.bx_m, d.by_m, eye))
         need = max(need, behind - max(BEHIND_M, d.margin_m))
         fits = fits and is_within(behind, d.margin_m)
         k = d.next
@@ -195,8 +196,8 @@ def observe_again(table, detections, j, exposure):
         if k == NONE:
             break
         d = detections[k]
-        sa = seen_at(t, d.ax_m, d.ay_m, eye[0], eye[1])
-        sb = seen_at(t, d.bx_m, d.by_m, eye[0], eye[1])
+        sa = seen_at(t, d.ax_m, d.ay_m, eye)
+        sb = seen_at(t, d.bx_m, d.by_m, eye)
         low, high = min(sa, sb), max(sa, sb)
         t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)
         top, bottom = seen_heights(t, d, eye)
@@ -212,8 +213,8 @@ def observe_again(table, detections, j, exposure):
 @inner
 def is_line(t, eye):
     """Whether a track is thin and not seen edge-on."""
-    ax, ay = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-    bx, by = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+    ax, ay = point_at(t, t.s0_m)
+    bx, by = point_at(t, t.s1_m)
     return is_thin(t) and faces(t, ax, ay, bx, by, eye)
 
 
@@ -226,7 +227,7 @@ def end_line(t, detections, eye):
         if k == NONE:
             break
         d = detections[k]
-        behind = max(ahead(t, d.ax_m, d.ay_m, eye[0], eye[1]), ahead(t, d.bx_m, d.by_m, eye[0], eye[1]))
+        behind = max(ahead(t, d.ax_m, d.ay_m, eye), ahead(t, d.bx_m, d.by_m, eye))
         reach = max(reach, behind + d.margin_m)
         k = d.next
     t.nearer_m = max((1.0 - SHRINK_SHARE) * t.nearer_m, needed_move(t, detections, t.first_detection, eye)[0])

@@ -104,7 +104,7 @@ class Tracker:
             m = frame.model
             detections = detections_of(m.planes, m.margin_m, m.flags, m.cluster)
             if not followed:
-                self._estimate_motion(detections, dt_s, view)
+                self._estimate_motion(detections, dt_s, frame.camera_m)
             self._associate(detections, frame, view)
         release_tracks(self._table.tracks, self._objects)
         memory_s = self.params.memory_s if frame.positioned else self.params.memory_without_position_s
@@ -198,9 +198,9 @@ class Tracker:
         tracks["top_m"] += z_m
         tracks["bottom_m"] += z_m
 
-    def _estimate_motion(self, detections: NDArray[Any], dt_s: float, view: FreeView) -> None:
+    def _estimate_motion(self, detections: NDArray[Any], dt_s: float, eye_m: tuple[float, float, float]) -> None:
         """Moves the tracks by the common shift of the detections, and corrects the estimated velocity."""
-        count = self._find_pairs(detections, WIDE_GATE, view)
+        count = self._find_pairs(detections, WIDE_GATE, eye_m)
         pairs, scores = self._pairs[:count], self._scores[:count]
         x, y, z = map(float, common_shift(detections, self._table.tracks, pairs, scores, dt_s))
         self._shift(x, y, z)
@@ -211,17 +211,17 @@ class Tracker:
 
     # ---- detections ---------------------------------------------------------------------------------------------------
 
-    def _find_pairs(self, detections: NDArray[Any], gate: Gate, view: FreeView) -> int:
+    def _find_pairs(self, detections: NDArray[Any], gate: Gate, eye_m: tuple[float, float, float]) -> int:
         most = max(_LEAST_PAIRS, _PAIRS_PER_DETECTION * len(detections))
         if len(self._pairs) < most:
             self._pairs, self._scores = np.zeros((most, 3), np.int32), np.zeros(most)
         tracks = self._all.tracks[: self._used]
-        count, lost = find_pairs(detections, tracks, gate, view.x_m, view.y_m, self._pairs, self._scores)
+        count, lost = find_pairs(detections, tracks, gate, eye_m, self._pairs, self._scores)
         self.counts["pairs_left_out"] += lost
         return int(count)
 
     def _associate(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
-        count = self._find_pairs(detections, GATE, view)
+        count = self._find_pairs(detections, GATE, frame.camera_m)
         order = np.argsort(-self._scores[:count], kind="stable")
         pairs = self._pairs[order]
         assign(detections, self._table.tracks, pairs)

@@ -8,7 +8,7 @@ from ..jit import inner, kernel
 from .association import GATE_MAX_M
 from .boxes import set_box
 from .cover import begin_search, observe_hiding
-from .line import along, begin_line, is_thin, offset, predict_line, seen_at, seen_heights
+from .line import along, begin_line, is_thin, offset, point_at, predict_line, seen_at, seen_heights
 from .merging import merge_pairs
 from .publish import BEHIND_M
 from .representation import correct_line, lies_on, represents
@@ -49,12 +49,11 @@ def apply_detections(table, detections, pairs, exposure, next_id):
     slots, detections left out)."""
     removed, left_out = 0, 0
     eye, t_ns = exposure.eye, exposure.t_ns
-    eye_x, eye_y = eye[0], eye[1]
     for i in range(detections.shape[0]):
         j = detections[i].track
         if j == NONE:
             continue  # it is hidden by several tracks, or gets a track of its own below
-        if table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], eye_x, eye_y):
+        if table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], eye):
             continue  # another detection of this frame has moved the line
         observe(table, j, detections[i], exposure)
     merge_pairs(table, detections, pairs, eye)
@@ -63,7 +62,7 @@ def apply_detections(table, detections, pairs, exposure, next_id):
     search = begin_search(table.tracks)
     for i in range(detections.shape[0]):
         j = detections[i].track
-        if j != NONE and represents(table.tracks[j], detections[i], eye_x, eye_y):
+        if j != NONE and represents(table.tracks[j], detections[i], eye):
             continue
         if j != NONE:  # it is no part of that track
             table.tracks[j].first_detection = remove_detection(detections, table.tracks[j].first_detection, i)
@@ -122,14 +121,14 @@ def observe(table, j, d, exposure):
     t, eye, t_ns = table.tracks[j], exposure.eye, exposure.t_ns
     if t.hits > 0:
         turned = abs(t.tx * d.tx + t.ty * d.ty) < _TURN_COS and max(d.length_m, t.s1_m - t.s0_m) < _SHORT_M
-        if turned or not correct_line(t, d, eye[0], eye[1]):
+        if turned or not correct_line(t, d, eye):
             replace_line(table, j, d)
     if t.seen_ns != t_ns:
         t.plane_flags = d.plane_flags
     else:
         both, either = t.plane_flags & d.plane_flags, t.plane_flags | d.plane_flags
         t.plane_flags = either & ~UNKNOWN_BEHIND | both & UNKNOWN_BEHIND
-    sa, sb = seen_at(t, d.ax_m, d.ay_m, eye[0], eye[1]), seen_at(t, d.bx_m, d.by_m, eye[0], eye[1])
+    sa, sb = seen_at(t, d.ax_m, d.ay_m, eye), seen_at(t, d.bx_m, d.by_m, eye)
     low, high = min(sa, sb), max(sa, sb)
     t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)
     top, bottom = seen_heights(t, d, eye) if is_thin(t) else (d.top_m, d.bottom_m)
@@ -157,8 +156,8 @@ def replace_line(table, j, d):
         if c.hits > hits:
             against = c.against
         hits, seen_ns = max(hits, c.hits), max(seen_ns, c.seen_ns)
-    x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-    x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+    x0, y0 = point_at(t, t.s0_m)
+    x1, y1 = point_at(t, t.s1_m)
     begin_line(t, d)
     t.nearer_m = 0.0
     sa, sb = along(t, x0, y0), along(t, x1, y1)
@@ -172,14 +171,14 @@ def replace_line(table, j, d):
 
 
 @inner
-def most_behind(t, eye_x, eye_y):
+def most_behind(t, eye):
     """How far a published plane may lie behind the newest observation, m, measured across it. Seen edge-on, a viewing ray
     goes on far between two planes that lie close together; along the ray the distance is at most the margin, which a
     consumer subtracts."""
-    ax, ay = t.x_m + t.frame_s0_m * t.tx - eye_x, t.y_m + t.frame_s0_m * t.ty - eye_y
-    bx, by = t.x_m + t.frame_s1_m * t.tx - eye_x, t.y_m + t.frame_s1_m * t.ty - eye_y
+    ax, ay = t.x_m + t.frame_s0_m * t.tx - eye[0], t.y_m + t.frame_s0_m * t.ty - eye[1]
+    bx, by = t.x_m + t.frame_s1_m * t.tx - eye[0], t.y_m + t.frame_s1_m * t.ty - eye[1]
     r = math.sqrt(max(ax * ax + ay * ay, bx * bx + by * by))
-    facing = max(0.0, offset(t, eye_x, eye_y)) / max(1e-6, r)
+    facing = max(0.0, offset(t, eye[0], eye[1])) / max(1e-6, r)
     return min(max(BEHIND_M, 0.25 * t.margin_m), facing * max(BEHIND_M, t.margin_m))
 
 
@@ -204,4 +203,4 @@ def end_observation(t, detections, eye):
     if is_line(t, eye):
         end_line(t, detections, eye)
     else:
-        t.nearer_m = max((1.0 - SHRINK_SHARE) * t.nearer_m, t.excess_m - most_behind(t, eye[0], eye[1]))
+        t.nearer_m = max((1.0 - SHRINK_SHARE) * t.nearer_m, t.excess_m - most_behind(t, eye))
