@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import dataclass
 from pathlib import Path
 
 import numba
@@ -11,7 +12,7 @@ import pytest
 from numba.core import errors
 
 import core
-from core.jit import inner, kernel, record, record_of
+from core.jit import inner, kernel, parameter_record, record, record_of
 
 FILES = sorted(Path(core.__path__[0]).rglob("*.py"))
 
@@ -78,10 +79,28 @@ def test_records_give_their_fields_as_attributes_and_are_copied_as_a_whole() -> 
     assert table.tolist() == [(3.5, 4), (2.5, 2), (3.5, 3)]
 
 
+@dataclass(frozen=True)
 class Measures:
-    x = 7.0
+    x: float = 7.0
+    name: str = "left out"
+    on: bool = True
+    count: int = 2
 
 
 @pytest.mark.nojit
 def test_a_record_of_parameters_takes_what_is_derived_first() -> None:
     assert record_of(RECORD, Measures(), n=3).tolist() == [(7.0, 3)]
+    assert record_of(RECORD, Measures(), x=1.0, n=3).tolist() == [(1.0, 3)]
+    assert record_of(RECORD, Measures(), n=4).tolist() == [(7.0, 4)]
+
+
+def test_a_value_that_is_no_parameter_must_be_derived() -> None:
+    with pytest.raises(AttributeError, match="'n'"):
+        record_of(RECORD, Measures(), x=1.0)
+
+
+def test_a_record_of_parameters_has_those_that_are_numbers_or_switches() -> None:
+    found = parameter_record(Measures, ("derived", np.float64))
+    assert found.names == ("x", "on", "count", "derived")
+    assert [found[name].kind for name in found.names or ()] == ["f", "b", "i", "f"]
+    assert record_of(found, Measures(count=5), derived=0.5).tolist() == [(7.0, True, 5, 0.5)]
