@@ -15,6 +15,7 @@ from benchmarks.sharing.delays import Confirmed, Received
 from benchmarks.sharing.flights import HZ, Seen
 from companion.config.share import ShareConfig
 from companion.share.thread import Sharing
+from companion.streams.publication import PublicationStamps
 from core.sharing.obstacles import SharedObstacles
 from core.sharing.packet_codec import decoded
 from core.sharing.records import SharedPlanes
@@ -95,7 +96,7 @@ def fly(task: Task, out: Connection) -> None:
         1_700_000_000,
         lambda: task.number,
         None,
-        "",
+        PublicationStamps(""),
         lambda key, message, t_ns: None,
     )
     world, warm = World(), World()

@@ -17,6 +17,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import SCHEMA_VERSION
 from ..streams.curve_auth import ServerKeys
+from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher, Stream
 
 NS = 1_000_000_000
@@ -44,8 +45,8 @@ class DepthPreviews:
     """The stream. hz: largest rate of images per camera. `show` is called from one thread, the other methods while it
     does not run."""
 
-    def __init__(self, hz: float, boot_id: str) -> None:
-        self._period_ns, self._boot = round(NS / hz), boot_id
+    def __init__(self, hz: float, stamps: PublicationStamps) -> None:
+        self._period_ns, self._stamps = round(NS / hz), stamps
         self._publisher: Publisher | None = None
         self._subscribed: set[bytes] = set()
         self._due_ns: dict[str, int] = {}
@@ -92,9 +93,7 @@ class DepthPreviews:
                 width_px=small.shape[1],
                 height_px=small.shape[0],
                 depth_mm=small.astype("<u2", copy=False).tobytes(),
-                publication=pb.Publication(
-                    boot_id=self._boot, number=publisher.published, age_ns=now_ns - frame.t_exposure_ns
-                ),
+                publication=self._stamps.stamp(publisher.published, now_ns - frame.t_exposure_ns),
             )
         )
 

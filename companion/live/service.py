@@ -35,6 +35,7 @@ from ..pipeline.pipeline import Pipeline
 from ..pipeline.results import PrismsResult
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import AllowList, load_keys
+from ..streams.publication import PublicationStamps
 from ..suspension import Suspension
 from .autopilot_parts import AutopilotParts, LinkCallbacks, make_autopilot
 from .depth_preview import DepthPreviews
@@ -70,13 +71,15 @@ class Service:
         """warm_up: loads the kernels, in the pipeline's thread; start_text: what it is doing."""
         self.suspension = Suspension()  # before the parts, so that it finds each one that a part finds
         self.config, self._folders, self._start_text = config, folders, start_text
-        self._boot = boot_id()
+        self._stamps = PublicationStamps(boot_id())
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._staleness = StalenessMonitor(tuple(c.name for c in config.cameras), config.service.timeout_s)
         self._raw_frames: list[RawFrame] = []
         self.parts = self._make_parts(warm_up)
-        self._output = StreamOutput(config, self._boot, self._staleness, self.parts.pipeline_thread.lock)
-        self.health = HealthReporter(config, self.parts, self._output, self._staleness, self._boot, folders.state)
+        self._output = StreamOutput(config, self._stamps, self._staleness, self.parts.pipeline_thread.lock)
+        self.health = HealthReporter(
+            config, self.parts, self._output, self._staleness, self._stamps.boot, folders.state
+        )
 
     def _make_parts(self, warm_up: Callable[[], None]) -> Parts:
         """Creates all parts; `open` starts them."""
@@ -89,7 +92,7 @@ class Service:
             recorder = Recorder(place, run_info("live", config), config.record, config.output)
         share = self._make_share(recorder)
         autopilot = self._make_autopilot(cameras, signing, share)
-        previews = DepthPreviews(config.publish.depth_hz, self._boot)
+        previews = DepthPreviews(config.publish.depth_hz, self._stamps)
         return Parts(
             cameras=cameras,
             pipeline_thread=self._make_pipeline_thread(event_queue, recorder, autopilot, previews, warm_up),
@@ -178,7 +181,7 @@ class Service:
             if recorder is not None:
                 recorder.message(key, message, t_ns)  # not by the event queue, where it could displace frames
 
-        return ShareService(self.config, self._folders, self._boot, log)
+        return ShareService(self.config, self._folders, self._stamps, log)
 
     # ---- start and stop -----------------------------------------------------------------------------------------------
 
@@ -192,7 +195,7 @@ class Service:
             from .world_thread import open_world  # imported only where the merged world is enabled
 
             observer = None if parts.share is None else parts.share.world
-            parts.world = open_world(self.config, run, self._context, keys, self._boot, observer)
+            parts.world = open_world(self.config, run, self._context, keys, self._stamps, observer)
         if parts.share is not None:
             parts.share.connect(parts.session, parts.link)
             parts.share.open(self._context, keys)

@@ -19,6 +19,7 @@ from ..pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_message
 from ..pipeline.results import PrismsResult
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import ServerKeys
+from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher, Stream
 from .health import CameraView
 from .staleness import StalenessMonitor
@@ -32,8 +33,10 @@ class StreamOutput:
     The pipeline thread and the main thread publish. `state_lock` guards `staleness` and the newest results; a lock of this
     class guards the sockets."""
 
-    def __init__(self, config: Config, boot: str, staleness: StalenessMonitor, state_lock: threading.Lock) -> None:
-        self._config, self._boot = config, boot
+    def __init__(
+        self, config: Config, stamps: PublicationStamps, staleness: StalenessMonitor, state_lock: threading.Lock
+    ) -> None:
+        self._config, self._stamps = config, stamps
         self._staleness, self._state_lock = staleness, state_lock
         self._all_cameras = AllCamerasModelBuilder(tuple(c.name for c in config.cameras))
         self._required = frozenset(c.name for c in config.cameras if c.required)
@@ -112,6 +115,6 @@ class StreamOutput:
             return
         with self._sending:  # a socket must not be used by two threads at once
             rest = kind()
-            publication, age_ns = rest.publication, time.monotonic_ns() - t_exposure_ns
-            publication.boot_id, publication.number, publication.age_ns = self._boot, publisher.published, age_ns
+            age_ns = time.monotonic_ns() - t_exposure_ns
+            rest.publication.CopyFrom(self._stamps.stamp(publisher.published, age_ns))
             publisher.publish(data + wire_bytes(rest))

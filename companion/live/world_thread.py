@@ -25,6 +25,7 @@ from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.results import PrismsResult
 from ..streams.curve_auth import ServerKeys
+from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher, Stream
 from ..streams.world_messages import snapshot_message, world_message
 from .published_blocks import PublishedBlocks
@@ -53,14 +54,14 @@ class WorldThread:
         params: WorldParams,
         changes: Publisher,
         requests: Publisher,
-        boot: str,
+        stamps: PublicationStamps,
         observer: Callable[[World, int], None] | None = None,
     ) -> None:
         """observer: called in each cycle of the thread with the world and the time; it must not change the world."""
         # not the numbers of an earlier service, in whose coordinates a planner may still hold its path
         self.world = World(params, first_section=1 + time.monotonic_ns() // _SEQUENCE_STEP_NS % _SECTIONS)
         self._observer = observer
-        self._changes, self._requests, self._boot = changes, requests, boot
+        self._changes, self._requests, self._stamps = changes, requests, stamps
         self._waiting: deque[PrismsResult] = deque()
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -187,8 +188,7 @@ class WorldThread:
             self.world.numbers() | {"frames_dropped": self.dropped, "frames_refused": self.refused}
         ).items():
             message.counts[name] = count
-        number = self._changes.published
-        message.publication.CopyFrom(pb.Publication(boot_id=self._boot, number=number, age_ns=age_ns or 0))
+        message.publication.CopyFrom(self._stamps.stamp(self._changes.published, age_ns or 0))
         return message
 
 
@@ -197,7 +197,7 @@ def open_world(
     run: Path,
     context: zmq.Context[zmq.Socket[bytes]],
     keys: ServerKeys | None,
-    boot: str,
+    stamps: PublicationStamps,
     observer: Callable[[World, int], None] | None = None,
 ) -> WorldThread:
     """The merged world with its thread started. Raises as Publisher does."""
@@ -209,7 +209,7 @@ def open_world(
     except (ValueError, DriverError):
         changes.close()
         raise
-    service = WorldThread(config.world, changes, requests, boot, observer)
+    service = WorldThread(config.world, changes, requests, stamps, observer)
     service.open()
     return service
 

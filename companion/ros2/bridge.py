@@ -12,6 +12,7 @@ from typing import Any, Final
 from google.protobuf.message import Message
 
 from core.types import CameraInfo
+from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import TIMEOUT_S
 
@@ -88,7 +89,7 @@ class Ros2Bridge:
     def on_message(self, message: Message, info: CameraInfo | None) -> None:
         """Publishes a frame, in the subscriber's thread. info: of its camera; None: not received yet."""
         if isinstance(message, pb.PrismsFrame):
-            self._frame(message, info, time.monotonic_ns())
+            self._frame(message, info, clock_ns())
 
     def tick(self, now_ns: int) -> str:
         """Publishes the state once per second and when a camera has become unavailable. Returns why the service cannot be

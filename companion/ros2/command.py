@@ -8,9 +8,10 @@ import argparse
 import os
 import sys
 import threading
-import time
 from dataclasses import replace
 from typing import Any, Final
+
+from osape_client.clock import clock_ns
 
 from ..argument_types import number_in
 from ..common_options import add_keys, add_service
@@ -108,15 +109,15 @@ def run(args: argparse.Namespace) -> int:
 def _publish(bridge: Ros2Bridge, node: RosNode, stop: threading.Event) -> int:
     """Connects, and reports each change of the connections on the terminal."""
     router = silence = "-"  # unknown: the first state is reported too
-    connected_ns, received_ns = 0, time.monotonic_ns()
+    connected_ns, received_ns = 0, clock_ns()
     while not stop.wait(TICK_S):
-        now_ns = time.monotonic_ns()
+        now_ns = clock_ns()
         if not bridge.subscriber.running:
             fail("the subscriber has ended; its error is printed above. Restart the command")
             return 1
         if now_ns >= connected_ns:
             router = _report("the Zenoh router is connected", node.connect(), router)
-            connected_ns = time.monotonic_ns() + round(RETRY_S * 1e9)
+            connected_ns = clock_ns() + round(RETRY_S * 1e9)
         problem = bridge.tick(now_ns)
         received_ns = received_ns if problem else now_ns
         if not problem or now_ns - received_ns > HEALTH_OLD_NS:  # a short gap is on /diagnostics only

@@ -32,6 +32,7 @@ from ..diagnostic import Diagnostic
 from ..paths import Folders
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import ServerKeys
+from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher, Stream
 from .autopilot_tunnel import AutopilotTunnel
 from .thread import Sharing
@@ -55,9 +56,15 @@ class ShareService:
     reads = READS
     foreign_reads = FOREIGN_READS
 
-    def __init__(self, config: Config, folders: Folders, boot: str, log: Callable[[str, Message, int], None]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        folders: Folders,
+        stamps: PublicationStamps,
+        log: Callable[[str, Message, int], None],
+    ) -> None:
         """log: records a message. Raises DriverError for a signing key that cannot be used."""
-        self._config, self._folders, self._boot, self._log = config, folders, boot, log
+        self._config, self._folders, self._stamps, self._log = config, folders, stamps, log
         self._session: MavlinkSession | None = None
         self._link: MavlinkLink | None = None
         self._tunnel: AutopilotTunnel | None = None
@@ -81,7 +88,7 @@ class ShareService:
             stream_of(time.time_ns()),
             self._vehicle,
             publisher,
-            self._boot,
+            self._stamps,
             self._log,
         )
         self.sharing.open()

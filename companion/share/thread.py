@@ -20,6 +20,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.share import ShareConfig
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.tracking import TracksResult
+from ..streams.publication import PublicationStamps
 from ..streams.publisher import Publisher
 from .link_health import LinkHealth
 from .messages import neighbour_messages, obstacles_message, packet_message
@@ -62,11 +63,11 @@ class Sharing:
         stream: int,
         vehicle: Callable[[], int],
         publisher: Publisher | None,
-        boot: str,
+        stamps: PublicationStamps,
         log: Log,
     ) -> None:
         self._config, self._radius_m, self._stream = config, radius_m, stream
-        self._vehicle, self._publisher, self._boot = vehicle, publisher, boot
+        self._vehicle, self._publisher, self._stamps = vehicle, publisher, stamps
         self._limit = RecordLimit(log)
         self._packets: deque[ReceivedPacket] = deque(maxlen=MOST_WAITING)
         self._rate = PacketRate(config.member_numbers())
@@ -262,8 +263,7 @@ class Sharing:
         message = obstacles_message(self._obstacles, section)
         if self._publisher is not None:
             age_ns = time.monotonic_ns() - self._obstacles.now_ns
-            number = self._publisher.published
-            message.publication.CopyFrom(pb.Publication(boot_id=self._boot, number=number, age_ns=age_ns))
+            message.publication.CopyFrom(self._stamps.stamp(self._publisher.published, age_ns))
             self._publisher.publish(message)
         if now_ns >= self._next_log_ns:
             self._next_log_ns = now_ns + LOG_NS

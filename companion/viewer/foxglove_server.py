@@ -20,6 +20,7 @@ from drivers.base import DeviceNotFound
 from drivers.logs.codec import depth_message, stamp
 from drivers.logs.topics import ENCODING, TOPICS
 from drivers.optional_library import optional_module
+from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.foxglove_scene import scene_message, transform_messages
@@ -122,7 +123,7 @@ class FoxgloveServer:
 
     def tick(self) -> None:
         """Publishes the state of each camera: blind once per second, not blind once."""
-        now_ns = time.monotonic_ns()
+        now_ns, t_ns = clock_ns(), time.monotonic_ns()
         wanted = self._wants(STATUS_TOPIC, Log)
         with self._subscriber.changed:
             newest = {name: camera.newest for name, camera in self._subscriber.cameras.items()}
@@ -136,7 +137,7 @@ class FoxgloveServer:
             self._sent[name] = blind, now_ns
             text = f"{name} is BLIND: {blind}; do not treat any direction as free" if blind else f"{name}: not blind"
             level = Log.FATAL if blind else Log.INFO
-            self._send(STATUS_TOPIC, Log(timestamp=stamp(now_ns), level=level, message=text, name="companion"), now_ns)
+            self._send(STATUS_TOPIC, Log(timestamp=stamp(t_ns), level=level, message=text, name="companion"), t_ns)
         depth = [TOPICS["depth"].of(name) for name in causes]
         if any(topic in self._channels and self._channels[topic].has_sinks() for topic in depth):
             self._subscriber.watch(WATCHED_S)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osape_client.boot import boot_id
+from osape_client.clock import clock_ns
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import TIMEOUT_S
@@ -40,7 +40,7 @@ class LivePage:
 
     def __init__(self, subscriber: LiveSubscriber, title: str) -> None:
         self.subscriber, self._title = subscriber, title
-        self._name = f"{boot_id()}-{time.monotonic_ns()}"
+        self._name = f"{boot_id()}-{clock_ns()}"
         self._ready: OrderedDict[int, dict[str, Any]] = OrderedDict()
         self._drawing = threading.Lock()
 
@@ -59,7 +59,7 @@ class LivePage:
 
     def answer(self, name: str, after: int, world: int = 0, team: int = 0) -> bytes:
         """A JSON response. name, after, world, team: of the newest response that the page has received; "" and 0: none."""
-        began_ns = time.monotonic_ns()
+        began_ns = clock_ns()
         after, world, team = (after, world, team) if name == self._name else (0, 0, 0)
         subscriber, frames = self.subscriber, []
         subscriber.wait(after, HOLD_S)
@@ -75,7 +75,7 @@ class LivePage:
                 frames.append(drawn | {"c": k})
             if s.message.valid:
                 decode_errors[camera] = drawn["cause"]
-        now_ns = time.monotonic_ns()
+        now_ns = clock_ns()
         with subscriber.changed:
             cameras = [camera_status(subscriber, c, s, decode_errors[c], now_ns) for c, s in shown.items()]
             service = service_status(subscriber, now_ns)

@@ -7,7 +7,6 @@ while pages request frames."""
 from __future__ import annotations
 
 import threading
-import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from google.protobuf.message import DecodeError, Message
 
 from core.types import CameraInfo
 from drivers.logs.codec import camera_from_message
+from osape_client.clock import clock_ns
 from osape_client.curve_keys import use_client_keys
 from osape_client.ipv6 import allow_ipv6
 from osape_client.proto import osape_v1_pb2 as pb
@@ -72,7 +72,7 @@ def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """The frame of a camera that a page draws. number: consecutive; exposed_ns: exposure on the local clock; tracks: after
+    """The frame of a camera that a page draws. number: consecutive; exposed_ns: exposure by `clock_ns`; tracks: after
     this frame, or the newest ones where these have not arrived; None: they are too old."""
 
     number: int
@@ -85,7 +85,7 @@ class Shown:
 
 @dataclass(slots=True)
 class Camera:
-    """The messages of one camera; times on the local clock."""
+    """The messages of one camera; times by `clock_ns`."""
 
     info: CameraInfo | None = None
     newest: pb.PrismsFrame | None = None
@@ -122,7 +122,7 @@ class LiveSubscriber:
         self.number = 0
         self.undecodable = ""
         self.on_message: Callable[[Message, CameraInfo | None], None] | None = None
-        self.begun_ns = time.monotonic_ns()
+        self.begun_ns = clock_ns()
         self._watched_ns = self._depth_since_ns = 0
         self._stop = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
@@ -192,7 +192,7 @@ class LiveSubscriber:
 
     def watch(self, seconds: float) -> None:
         """Subscribes to depth images for the given time."""
-        self._watched_ns = time.monotonic_ns() + round(seconds * NS)
+        self._watched_ns = clock_ns() + round(seconds * NS)
 
     def depth_missing(self, now_ns: int) -> bool:
         """Whether depth images are subscribed to and none arrives."""
@@ -207,7 +207,7 @@ class LiveSubscriber:
             poller.register(socket, zmq.POLLIN)
         while not self._stop.is_set():
             poller.poll(round(1000 * POLL_S))
-            now_ns = time.monotonic_ns()
+            now_ns = clock_ns()
             self._subscribe_depth(now_ns)
             with self.changed:
                 for receiver, kind in self._receivers.values():

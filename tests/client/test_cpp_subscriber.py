@@ -13,7 +13,10 @@ import pytest
 import zmq
 
 from companion.pipeline.decode_model import model_from_message
+from companion.streams.publication import PublicationStamps
 from osape_client import Message, tracks_from_message
+from osape_client.boot import boot_id
+from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy, PlacedModel, Space
 
@@ -97,6 +100,23 @@ def test_invalid_frames_free_nothing(
     output = output_for(program, publisher, message)
     assert output.startswith("nothing may be taken as free: ")
     assert output.endswith(why)
+
+
+@pytest.mark.parametrize(("suspended_s", "stale"), [(0.0, False), (100.0, True)])
+def test_a_suspension_since_the_start_of_the_service_counts_in_the_age(
+    program: Path, publisher: zmq.Socket[bytes], suspended_s: float, stale: bool
+) -> None:
+    publication = PublicationStamps(boot_id()).stamp(0, 0)
+    publication.suspended_ns -= round(suspended_s * 1e9)
+    ahead_ns = 5_000_000_000  # of a program that starts slowly; a stamp of the future counts as one of now
+    message = frame(t_exposure_ns=time.monotonic_ns() + ahead_ns, publication=publication)
+    output = output_for(program, publisher, message.SerializeToString())
+    if stale:
+        what, age = output.split(":")
+        assert what == "nothing may be taken as free"
+        assert float(age.removesuffix("s old")) >= 95.0
+    else:
+        assert output.startswith("level: 2 planes")
 
 
 def over_ground(rng: np.random.Generator, camera: tuple[float, float, float]) -> pb.PrismsFrame:
@@ -238,7 +258,7 @@ def _damage(message: pb.PrismsFrame, part: str) -> None:
 def test_in_a_damaged_message_everything_is_unknown(program: Path, tmp_path: Path, part: str) -> None:
     message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
     _damage(message, part)
-    assert not Message(message, time.monotonic_ns()).space.knows, "as in Python"
+    assert not Message(message, clock_ns()).space.knows, "as in Python"
     file = tmp_path / "frame"
     file.write_bytes(message.SerializeToString())
     p = np.random.default_rng(2).uniform([-12, -12, -4], [12, 12, 2], (500, 3))

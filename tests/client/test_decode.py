@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import fields, replace
 
 import numpy as np
@@ -13,6 +12,7 @@ import core.world.snapshot
 import osape_client
 from companion.pipeline.encode_model import set_model
 from osape_client import Message
+from osape_client.clock import clock_ns
 from osape_client.decode import model_from_message
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import PlacedModel, Space
@@ -68,7 +68,7 @@ def test_a_plane_that_is_not_finite_is_refused(name: str, value: float) -> None:
     getattr(message.planes, name)[0] = value
     with pytest.raises(ValueError, match=name):
         model_from_message(message)
-    received = Message(message, time.monotonic_ns())
+    received = Message(message, clock_ns())
     assert not received.space.knows
 
 
@@ -85,7 +85,7 @@ def test_columns_of_planes_that_do_not_fit_are_refused(name: str, value: float) 
         getattr(message.planes, name).append(value)
     with pytest.raises(ValueError, match=name):
         model_from_message(message)
-    assert not Message(message, time.monotonic_ns()).space.knows
+    assert not Message(message, clock_ns()).space.knows
 
 
 def test_flags_of_a_newer_version_are_left_out() -> None:

@@ -22,10 +22,12 @@ from companion.pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.results import PrismsResult
 from companion.streams.curve_auth import AllowList, load_keys, make_keys
+from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
 from core.frames import quaternion_from_euler
 from osape_client import KeyFileError, LevelMemory, Occupancy, Subscriber
 from osape_client.boot import boot_id
+from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import Message as Received
 from tests.companion.live import until
@@ -48,8 +50,8 @@ class Service:
 
     def say(self, message: Message, age_ms: float = 20.0, boot: str = "boot", number: int | None = None) -> None:
         copy = type(message).FromString(message.SerializeToString())
-        copy.publication.boot_id, copy.publication.age_ns = boot, round(age_ms * MS)
-        copy.publication.number = self.publisher.published if number is None else number
+        number = self.publisher.published if number is None else number
+        copy.publication.CopyFrom(PublicationStamps(boot).stamp(number, round(age_ms * MS)))
         self.publisher.publish(copy)
 
     def close(self) -> None:
@@ -134,7 +136,7 @@ def a_free_place(content: pb.PrismsFrame) -> list[list[float]]:
 
 
 def test_in_a_message_cut_before_the_place_of_the_camera_nothing_is_free() -> None:
-    content, now_ns = a_frame(), time.monotonic_ns()
+    content, now_ns = a_frame(), clock_ns()
     at = a_free_place(content)
     assert Received(content, now_ns, math.inf).space.points(at).tolist() == [Occupancy.FREE]
     content.ClearField("transform")
@@ -149,7 +151,7 @@ def test_nothing_in_a_stale_message_is_free_and_its_obstacles_stay(
     content = pb.SurroundFrame(schema_version=1, frame=one.frame, valid=True, cameras=[one]) if together else one
     a_x, a_y, b_x, b_y, top, bottom = one.planes.corners_m[:6]
     at = [*a_free_place(one), [(a_x + b_x) / 2, (a_y + b_y) / 2, (top + bottom) / 2]]
-    received = Received(content, time.monotonic_ns())
+    received = Received(content, clock_ns())
     for stale, first in ((False, Occupancy.FREE), (True, Occupancy.UNKNOWN), (False, Occupancy.FREE)):
         monkeypatch.setattr(Received, "stale", stale)
         assert received.space.points(at).tolist() == [first, Occupancy.OCCUPIED]
@@ -204,7 +206,7 @@ def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: 
         assert received is not None
         assert received.age_s > 0.4
         assert received.stale
-        begun_ns = time.monotonic_ns()
+        begun_ns = clock_ns()
         waiting = threading.Timer(0.3, lambda: service.say(a_frame(), age_ms=1.0))
         waiting.start()
         received = client.wait(60.0)  # it comes while we wait
@@ -219,12 +221,11 @@ def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: 
 def test_a_stamp_of_the_future_and_a_negative_age_do_not_make_a_message_new(
     ahead_s: float, published_ms: int, boot: bool
 ) -> None:
-    now_ns = time.monotonic_ns()
     content = a_frame()
-    content.t_exposure_ns = now_ns + round(ahead_s * 1e9)
-    content.publication.age_ns = published_ms * MS
-    content.publication.boot_id = boot_id() if boot else "another"
-    received = Received(content, now_ns - 5_000 * MS, 0.4)
+    content.t_exposure_ns = time.monotonic_ns() + round(ahead_s * 1e9)
+    stamps = PublicationStamps(boot_id() if boot else "another")
+    content.publication.CopyFrom(stamps.stamp(0, published_ms * MS))
+    received = Received(content, clock_ns() - 5_000 * MS, 0.4)
     assert received.age_s >= 5.0
     assert received.stale
 

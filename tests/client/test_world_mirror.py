@@ -20,12 +20,14 @@ from companion.live.world_thread import WorldThread, open_world
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause, PoseAt, Source
 from companion.pipeline.transform import LevelTransform
+from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
 from companion.streams.world_messages import snapshot_message, world_message
 from core.world.params import WorldParams
 from core.world.snapshot import WorldSnapshot
 from core.world.world import Observation, World
 from drivers.base import DriverError
+from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy
 from osape_client.world.decode import blocks_from_message, records_from_message
@@ -54,7 +56,7 @@ class Speaker:
         self.addresses = f"ipc://{folder}/w", f"ipc://{folder}/r"
         changes = Publisher(Stream("world", self.addresses[0]), self.context, newest_only=False)
         requests = Publisher(Stream("world_requests", self.addresses[1]), self.context, None, zmq.REP, False)
-        self.service = WorldThread(params or WorldParams(), changes, requests, boot)
+        self.service = WorldThread(params or WorldParams(), changes, requests, PublicationStamps(boot))
 
     def close(self) -> None:
         self.service.close()
@@ -341,7 +343,7 @@ def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker:
                     setattr(message, name, value)
             broken.append(message.SerializeToString())
         for k, data in enumerate([b"\xff\xfe nonsense", *broken], start=1):
-            mirror._read(data, now())
+            mirror._read(data, clock_ns())
             assert mirror.stats.undecodable == k, mirror.stats.last_error
             assert not mirror.usable
             assert Occupancy.FREE not in mirror.space.points([[4, 0, 0]])
@@ -359,15 +361,15 @@ def test_what_comes_twice_or_too_late_changes_nothing() -> None:
         sent.append(message.SerializeToString())
     with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
         for data in sent[:3]:
-            mirror._read(data, now())
+            mirror._read(data, clock_ns())
         assert mirror.usable
         before = mirror.space.snapshot.planes.copy()
         for data in (sent[2], sent[1], sent[0]):  # an old snapshot, too, is no new beginning
-            mirror._read(data, now())
+            mirror._read(data, clock_ns())
             assert mirror.usable
         assert (mirror.stats.out_of_order, mirror.stats.gaps, mirror.stats.messages) == (3, 0, 3)
         assert np.array_equal(mirror.space.snapshot.planes, before)
-        mirror._read(sent[3], now())
+        mirror._read(sent[3], clock_ns())
         assert mirror.usable
         assert mirror.stats.messages == 4
 
@@ -386,19 +388,19 @@ def test_a_snapshot_of_an_earlier_boot_is_refused() -> None:
     old.add(seen(WALLS, (0.0, 0.0), 0.0, now()))
     new.add(seen(WALLS + 0.5, (0.0, 0.0), 0.0, now()))
     with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
-        mirror._read(made(old, 10, "one", True), now())
+        mirror._read(made(old, 10, "one", True), clock_ns())
         assert mirror.usable
-        mirror._read(made(new, 3, "two", False), now())
+        mirror._read(made(new, 3, "two", False), clock_ns())
         assert not mirror.usable
-        mirror._read(made(old, 11, "one", True), now())
+        mirror._read(made(old, 11, "one", True), clock_ns())
         assert not mirror.usable
         assert Occupancy.FREE not in mirror.space.points([[4, 0, 0]])
         assert mirror.stats.out_of_order == 1
-        mirror._read(made(new, 4, "two", True), now())
+        mirror._read(made(new, 4, "two", True), clock_ns())
         assert mirror.usable
-        mirror._read(made(old, 12, "one", False), now())
+        mirror._read(made(old, 12, "one", False), clock_ns())
         assert mirror.usable, "a late message of the earlier boot ends nothing, either"
-        mirror._read(made(new, 5, "two", False), now())
+        mirror._read(made(new, 5, "two", False), clock_ns())
         assert mirror.usable
         assert mirror.stats.out_of_order == 2
 
@@ -407,7 +409,7 @@ def test_blocks_that_became_empty_are_not_kept() -> None:
     world = World()
     world.add(seen(WALLS, (0.0, 0.0), 0.0, now()))
     with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
-        mirror._read(made(world, 1, "one", True), now())
+        mirror._read(made(world, 1, "one", True), clock_ns())
         blocks = np.array(sorted(mirror._blocks), np.int32)
         assert len(blocks) > 0
         picture = with_empty_blocks(
@@ -418,7 +420,7 @@ def test_blocks_that_became_empty_are_not_kept() -> None:
         message.ClearField("blocks")
         message.blocks.extend(emptied.blocks)
         message.masks, message.ground = emptied.masks, emptied.ground
-        mirror._read(message.SerializeToString(), now())
+        mirror._read(message.SerializeToString(), clock_ns())
         assert mirror.usable
         assert mirror._blocks == {}
 
@@ -432,12 +434,12 @@ def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
     ).SerializeToString()
     with WorldMirror(*speaker.addresses, timeout_s=60.0) as mirror:
         for size in range(len(whole)):
-            mirror._read(whole[:size], now())
+            mirror._read(whole[:size], clock_ns())
             assert not mirror.usable
             assert not mirror._planes
             assert not mirror._blocks
         assert mirror.stats.undecodable == len(whole)
-        mirror._read(whole, now())
+        mirror._read(whole, clock_ns())
         assert mirror.usable
         assert len(mirror._planes) == 1
 
@@ -500,8 +502,8 @@ def test_where_one_address_cannot_be_had_the_other_is_given_back(tmp_path: Path)
     good = config_of({"publish": {"world": "ipc://{run}/w", "world_requests": "ipc://{run}/r"}}, "t")
     try:
         with pytest.raises(DriverError, match="world_requests"):
-            open_world(broken, tmp_path, context, None, "one")
-        service = open_world(good, tmp_path, context, None, "one")
+            open_world(broken, tmp_path, context, None, PublicationStamps("one"))
+        service = open_world(good, tmp_path, context, None, PublicationStamps("one"))
         service.close()
     finally:
         context.destroy(linger=0)

@@ -13,6 +13,7 @@ from companion.pipeline.encode import blind_message, prisms_message
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import AttitudeAt, DropCause, Source
 from companion.pipeline.transform import LevelTransform, transform_model
+from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
 from companion.viewer.subscriber import Streams
 from core.frames import level_from_level_cam, quaternion_from_euler, rotation_from_quaternion
@@ -38,7 +39,7 @@ class ScriptedService:
         self._prisms, self._health = (
             Publisher(Stream(name, getattr(self.streams, name)), self._context) for name in ("prisms", "health")
         )
-        self.previews = DepthPreviews(15.0, boot_id())
+        self.previews = DepthPreviews(15.0, PublicationStamps(boot_id()))
         self.previews.open(self.streams.depth, self._context)
         self.sequence = 0
 
@@ -69,7 +70,7 @@ class ScriptedService:
             drop=DropCause.NONE,
         )
         message = prisms_message(result)
-        message.publication.boot_id, message.publication.age_ns = boot_id(), age_ns
+        message.publication.CopyFrom(PublicationStamps(boot_id()).stamp(0, age_ns))
         return message
 
     def publish(self, message: pb.PrismsFrame) -> None:

@@ -14,6 +14,7 @@ import pytest
 import zmq
 
 from companion.live.depth_preview import WIDTH_PX, DepthPreviews, subsample
+from companion.streams.publication import PublicationStamps
 from core.types import DepthFrame
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -38,7 +39,7 @@ def address(tmp_path: Path) -> str:
 
 @pytest.fixture
 def previews(context: Context, address: str) -> Iterator[DepthPreviews]:
-    previews = DepthPreviews(0.02, "this boot")
+    previews = DepthPreviews(0.02, PublicationStamps("this boot"))
     previews.open(address, context)
     yield previews
     previews.close()
@@ -161,7 +162,7 @@ def test_a_flood_of_subscriptions_ends_the_stream_and_does_not_hold_the_pipeline
 
 
 def test_without_an_address_there_is_none(context: Context) -> None:
-    previews = DepthPreviews(5.0, "")
+    previews = DepthPreviews(5.0, PublicationStamps(""))
     previews.open("", context)
     previews.show(frame(1))
     assert previews.sent == 0

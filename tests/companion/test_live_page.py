@@ -20,6 +20,7 @@ from companion.viewer.live_page import LivePage
 from companion.viewer.subscriber import NS, Camera, LiveSubscriber, Streams
 from core.types import CameraInfo
 from drivers.logs.codec import camera_message
+from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import PATIENCE_S, until
@@ -115,7 +116,7 @@ class Waiting:
     """A socket with one report, which may have arrived a minute ago: this process was stopped since then."""
 
     def __init__(self) -> None:
-        self._messages = [(pb.Health(schema_version=1).SerializeToString(), time.monotonic_ns() - 60 * NS)]
+        self._messages = [(pb.Health(schema_version=1).SerializeToString(), clock_ns() - 60 * NS)]
 
     def take(self) -> tuple[bytes, int] | None:
         return self._messages.pop() if self._messages else None
@@ -124,7 +125,7 @@ class Waiting:
 def test_a_report_that_waited_is_not_current(page: LivePage) -> None:
     subscriber = page.subscriber
     with subscriber.changed:
-        subscriber._take(cast(Any, Waiting()), pb.Health, time.monotonic_ns())
+        subscriber._take(cast(Any, Waiting()), pb.Health, clock_ns())
     service = update(page)["service"]
     assert service["age_s"] >= 60.0
     assert "no health report" in service["missing"][0]

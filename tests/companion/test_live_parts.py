@@ -27,6 +27,7 @@ from companion.pipeline.events import RawFrame, SupersededFrame
 from companion.pipeline.latency import Latencies, LatencyStage
 from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause
+from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher
 from core.params import Params
 from core.stages.model import blind_model
@@ -218,7 +219,7 @@ def test_the_newest_frame_is_the_one_with_the_newest_exposure_valid_or_not() -> 
 
 def test_blind_frames_carry_the_exposure_of_the_newest_frame() -> None:
     staleness = StalenessMonitor(("front",), timeout_s=0.3)
-    output = StreamOutput(Config(), "boot", staleness, threading.Lock())
+    output = StreamOutput(Config(), PublicationStamps("boot"), staleness, threading.Lock())
     sent = _Publisher()
     output.publishers["prisms"] = sent
     view = CameraView(status=status(CameraCondition.RUNNING, ""), required=True, blind="blind", age_ns=None, hz=0.0)

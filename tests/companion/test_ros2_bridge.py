@@ -21,6 +21,7 @@ from companion.ros2.message_types import RosMessages
 from companion.ros2.session import RosNode
 from companion.ros2.wire import gid
 from companion.viewer.subscriber import Camera, LiveSubscriber
+from osape_client.clock import clock_ns
 from tests.ports import free_port
 
 from .live import until
@@ -96,7 +97,7 @@ class Setup:
         def received() -> bool:
             self.scripted.health()
             self.scripted.frame()
-            self.bridge.tick(time.monotonic_ns())
+            self.bridge.tick(clock_ns())
             return self.reader.newest(topic, name) is not None
 
         assert until(received)
@@ -191,7 +192,7 @@ def test_transforms_go_on_after_the_clock_of_the_service_began_again(scripted: S
     for second in seconds:
         message = scripted.message()
         message.t_exposure_ns = round(second * 1e9)
-        subscriber.cameras["front"].exposed_ns = time.monotonic_ns()
+        subscriber.cameras["front"].exposed_ns = clock_ns()
         bridge.on_message(message, INFO)
         counts.append(sum(topic == "/tf" for topic, _ in node.published))
     assert counts == [1, 2, 2, 3, 4, 4]
@@ -217,7 +218,7 @@ def test_a_blind_camera_is_published_as_such(setup: Setup) -> None:
     def reported() -> bool:
         setup.scripted.health()
         setup.scripted.blind("unplugged")
-        setup.bridge.tick(time.monotonic_ns())
+        setup.bridge.tick(clock_ns())
         newest = setup.reader.newest("/osape/markers", MARKER_ARRAY)
         return newest is not None and any(m.text == "front: NO DATA: unplugged" for m in newest.markers)
 
@@ -230,7 +231,7 @@ def test_a_blind_camera_is_published_as_such(setup: Setup) -> None:
 def _level(setup: Setup, name: str) -> int:
     """The newest level of a status, after a new report."""
     setup.bridge._reported_ns = 0
-    setup.bridge.tick(time.monotonic_ns())
+    setup.bridge.tick(clock_ns())
     newest = setup.reader.newest("/diagnostics", DIAGNOSTIC_ARRAY)
     return next((int(s.level) for s in newest.status if s.name == name), -1) if newest else -1
 
@@ -244,7 +245,7 @@ def test_a_service_that_has_ended_is_stale(setup: Setup) -> None:
 
     assert until(runs)  # the reports from before the first message have arrived
     assert until(lambda: _level(setup, "osape: service") == 3)  # no message comes any more
-    assert until(lambda: "companion status" in setup.bridge.tick(time.monotonic_ns()))
+    assert until(lambda: "companion status" in setup.bridge.tick(clock_ns()))
 
 
 def test_a_message_with_impossible_planes_is_reported(setup: Setup) -> None:

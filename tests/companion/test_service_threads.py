@@ -21,6 +21,7 @@ from companion.live.run import serve
 from companion.live.sd_notify import Notifier
 from companion.live.service import Service
 from companion.paths import Folders
+from companion.streams.publication import PublicationStamps
 from companion.suspension import Suspension
 from drivers.mavlink.dialect import dialect
 from tests.ports import free_port
@@ -260,7 +261,7 @@ def test_the_flight_goes_on_and_what_ended_is_named(
 
 
 def test_an_error_in_a_viewers_image_ends_its_stream_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    previews = DepthPreviews(5.0, "boot")
+    previews = DepthPreviews(5.0, PublicationStamps("boot"))
 
     def bad(frame: object) -> None:
         raise ValueError("injected")

@@ -11,6 +11,7 @@ from companion.diagnostic import DiagnosticCode
 from companion.pipeline.tracking import TracksResult
 from companion.share.packet_rate import ALL_BURST, BURST, PacketRate
 from companion.share.thread import Sharing
+from companion.streams.publication import PublicationStamps
 from drivers.sharing.link import ReceivedPacket
 
 from .test_share_thread import NS, Made, MemoryLink, moving, received_movers, tracked
@@ -41,7 +42,7 @@ def sharing(vehicle: int, origin: str) -> Sharing:
         1,
         lambda: vehicle,
         None,
-        "",
+        PublicationStamps(""),
         lambda *_: None,
     )
 

@@ -14,6 +14,7 @@ from companion.config.loader import config_of
 from companion.paths import Folders
 from companion.share.autopilot_tunnel import AutopilotTunnel
 from companion.share.setup import FOREIGN_READS, READS, REQUEST_AGAIN_NS, REQUEST_NS, ShareService
+from companion.streams.publication import PublicationStamps
 from core.types import PoseSample
 from drivers.base import DriverError
 from drivers.mavlink.address import parse_address
@@ -61,7 +62,7 @@ class Made:
         self.service = ShareService(
             config_of(content, "test"),
             Folders(folder, folder),
-            "boot",
+            PublicationStamps("boot"),
             lambda key, message, t_ns: self.recorded.append(key),
         )
         self.service.connect(self.session, self.link)

@@ -22,6 +22,7 @@ from companion.share.own_planes import OwnPlanes
 from companion.share.packet_rate import PacketRate
 from companion.share.team import ALIGN_PLANES, NS, Team
 from companion.share.thread import Sharing
+from companion.streams.publication import PublicationStamps
 from companion.streams.publisher import Publisher, Stream
 from core.sharing.neighbour import Neighbour
 from core.sharing.neighbour_map import NeighbourMap
@@ -401,7 +402,9 @@ def test_the_recorded_obstacles_are_those_that_were_published(tmp_path: Path) ->
         publisher = Publisher(Stream("neighbours", f"ipc://{tmp_path}/neighbours"), context)
         try:
             config = ShareConfig(origin="47.4, 8.5, 400", vehicle=3)
-            sharing = Sharing(config, 0.4, lambda deliver: (), 1, lambda: 3, publisher, "boot", record)
+            sharing = Sharing(
+                config, 0.4, lambda deliver: (), 1, lambda: 3, publisher, PublicationStamps("boot"), record
+            )
             sharing.step(10 * NS)
         finally:
             publisher.close()

@@ -17,6 +17,7 @@ from companion.share.own_motion import OwnMotion
 from companion.share.own_planes import OwnPlanes
 from companion.share.record_limit import MOST_LOGGED_PER_S
 from companion.share.thread import SAME_NUMBER_NS, Sharing
+from companion.streams.publication import PublicationStamps
 from core.frames import quaternion_from_euler
 from core.sharing.neighbour_map import NeighbourMap, OwnState
 from core.sharing.obstacles import MoverKind
@@ -78,7 +79,7 @@ class Made:
             1_700_000_000,
             lambda: 1,
             None,
-            "boot",
+            PublicationStamps("boot"),
             lambda *record: self.recorded.append(record),
         )
         (self.link,) = links

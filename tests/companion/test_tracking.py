@@ -23,6 +23,7 @@ from companion.pipeline.track_messages import tracks_message
 from companion.pipeline.tracking import TracksResult, tracking_frame
 from companion.replay.replay import Options, make_pipeline, replay
 from companion.replay.replay_report import replay_problems
+from companion.streams.publication import PublicationStamps
 from core.frames import level_cam_at, quaternion_from_euler
 from core.tracking.params import TrackingParams
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, Intrinsics
@@ -305,7 +306,9 @@ def test_the_stream_exists_only_where_tracking_is_enabled(events, tmp_path):
     try:
         for enabled in (False, True):
             config = dataclasses.replace(ON if enabled else Config(), publish=addresses)
-            output = StreamOutput(config, "boot", StalenessMonitor(("front",), 0.3), threading.Lock())
+            output = StreamOutput(
+                config, PublicationStamps("boot"), StalenessMonitor(("front",), 0.3), threading.Lock()
+            )
             output.open(tmp_path, context, None)
             assert ("tracks" in output.publishers) is enabled
             if enabled:

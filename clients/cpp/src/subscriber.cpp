@@ -1,5 +1,6 @@
 #include "osape_client/subscriber.h"
 
+#include <time.h>
 #include <zmq.h>
 
 #include <algorithm>
@@ -10,7 +11,6 @@
 namespace osape_client {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 constexpr std::uint32_t kSchemaVersion = 1;
 
 double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
@@ -28,13 +28,24 @@ const std::string& boot_id() {
 
 }  // namespace
 
+Clock::time_point Clock::now() noexcept {
+#ifdef CLOCK_BOOTTIME
+  timespec now{};
+  clock_gettime(CLOCK_BOOTTIME, &now);
+  return time_point(std::chrono::seconds(now.tv_sec) + std::chrono::nanoseconds(now.tv_nsec));
+#else
+  return time_point(std::chrono::steady_clock::now().time_since_epoch());
+#endif
+}
+
 double Message::age_s() const {
   const auto& publication = content.publication();
   const double published_s = std::max(0.0, 1e-9 * static_cast<double>(publication.age_ns()));
   const auto now = Clock::now();
   const double since_receipt_s = published_s + seconds(now - received);
-  if (!boot_id().empty() && publication.boot_id() == boot_id()) {  // one clock: CLOCK_MONOTONIC on both sides
-    const auto since = now.time_since_epoch() - std::chrono::nanoseconds(content.t_exposure_ns());
+  if (!boot_id().empty() && publication.boot_id() == boot_id() && publication.has_suspended_ns()) {  // one clock
+    const auto exposed = std::chrono::nanoseconds(content.t_exposure_ns() + publication.suspended_ns());
+    const auto since = now.time_since_epoch() - exposed;
     // a negative age: the stamp was in the future when it was sent
     const double least_s = publication.age_ns() >= 0 ? published_s : since_receipt_s;
     if (since.count() >= 0) return std::max(seconds(since), least_s);

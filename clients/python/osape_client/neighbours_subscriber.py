@@ -7,11 +7,11 @@ with NeighboursSubscriber() as subscriber:
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
+from .clock import clock_ns
 from .neighbours import NeighbourObstacles, no_obstacles
 from .proto import osape_v1_pb2 as pb
 from .stream_subscriber import StreamSubscriber
@@ -40,7 +40,7 @@ class NeighboursSubscriber(StreamSubscriber):
         if received is not None:
             self._take(*received)
         found = self._newest
-        age_s = (time.monotonic_ns() - self._received_ns + self._sent_age_ns) / NS
+        age_s = (clock_ns() - self._received_ns + self._sent_age_ns) / NS
         if found is None or age_s > self._timeout_s or section not in (None, found.section):
             return no_obstacles()
         return found.later(age_s)

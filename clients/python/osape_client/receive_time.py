@@ -6,11 +6,10 @@ seen empty; its age counts from then. On the service's own machine the time stam
 
 from __future__ import annotations
 
-import time
-
 import zmq
 
 from .boot import boot_id
+from .clock import clock_ns
 from .proto import osape_v1_pb2 as pb
 
 
@@ -19,18 +18,18 @@ class TimedSocket:
 
     def __init__(self, socket: zmq.Socket[bytes]) -> None:
         self.socket = socket
-        self._empty_ns = time.monotonic_ns()
+        self._empty_ns = clock_ns()
 
     def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:
-        """(message, the earliest time at which it can have arrived, on this process's monotonic clock); None when no message
-        came within the timeout."""
-        polled_ns = time.monotonic_ns()
+        """(message, the earliest time at which it can have arrived, by `clock_ns`); None when no message came within the
+        timeout."""
+        polled_ns = clock_ns()
         if self.socket.poll(0):
             return self.socket.recv(), self._empty_ns
         self._empty_ns = polled_ns
         if timeout_ms <= 0 or not self.socket.poll(timeout_ms):
             return None
-        return self.socket.recv(), time.monotonic_ns()  # it arrived during the wait
+        return self.socket.recv(), clock_ns()  # it arrived during the wait
 
     def close(self) -> None:
         """May be called twice."""
@@ -38,10 +37,13 @@ class TimedSocket:
 
 
 def age_ns(publication: pb.Publication, t_ns: int, received_ns: int) -> int:
-    """Upper bound of the present age of an exposure at t_ns on the service's clock. From another machine it lacks the time
-    on the network, and so for a stamp that was in the future when it was sent. received_ns: as `TimedSocket.take` returned it."""
-    now_ns, published_ns = time.monotonic_ns(), publication.age_ns
+    """Upper bound of the present age of an exposure at t_ns on the service's monotonic clock. From another machine it lacks the
+    time on the network, and so for a stamp that was in the future when it was sent. received_ns: as `TimedSocket.take`
+    returned it."""
+    now_ns, published_ns = clock_ns(), publication.age_ns
     since_receipt_ns = max(0, published_ns) + now_ns - received_ns
-    if publication.boot_id == boot_id() and t_ns <= now_ns:  # one clock
-        return max(now_ns - t_ns, published_ns if published_ns >= 0 else since_receipt_ns)
+    exposed_ns = t_ns + publication.suspended_ns
+    one_clock = publication.boot_id == boot_id() and publication.HasField("suspended_ns")
+    if one_clock and exposed_ns <= now_ns:
+        return max(now_ns - exposed_ns, published_ns if published_ns >= 0 else since_receipt_ns)
     return since_receipt_ns

@@ -15,7 +15,6 @@ ZeroMQ reconnects by itself when the service is restarted.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +22,7 @@ from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
+from .clock import clock_ns
 from .decode import cause_code, model_from_message
 from .model import without_free
 from .proto import osape_v1_pb2 as pb
@@ -50,7 +50,7 @@ class UnavailableCamera:
 @dataclass(frozen=True, eq=False)
 class Message:
     """One message. content: osape.v1.PrismsFrame of one camera, or SurroundFrame of several. received_ns: the earliest time
-    at which it can have arrived, on this process's monotonic clock; timeout_s: the age at which it becomes stale."""
+    at which it can have arrived, by `clock.clock_ns`; timeout_s: the age at which it becomes stale."""
 
     content: pb.PrismsFrame | pb.SurroundFrame
     received_ns: int
@@ -187,12 +187,12 @@ class Subscriber(StreamSubscriber):
 
     def wait(self, timeout_s: float) -> Message | None:
         """The next message; None when none comes within timeout_s."""
-        end_ns = time.monotonic_ns() + round(timeout_s * NS)
+        end_ns = clock_ns() + round(timeout_s * NS)
         while True:
-            left_ms = max(0, (end_ns - time.monotonic_ns()) // 1_000_000)
+            left_ms = max(0, (end_ns - clock_ns()) // 1_000_000)
             if self._receive(left_ms):
                 return self._newest
-            if time.monotonic_ns() >= end_ns:
+            if clock_ns() >= end_ns:
                 return None
 
     def messages(self, silence_s: float = 1.0) -> Iterator[Message]:

@@ -8,13 +8,13 @@ with TracksSubscriber() as subscriber:
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
+from .clock import clock_ns
 from .proto import osape_v1_pb2 as pb
 from .receive_time import age_ns
 from .stream_subscriber import StreamSubscriber
@@ -26,7 +26,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class ReceivedTracks:
-    """One message. received_ns: the earliest time at which it can have arrived, on this process's monotonic clock."""
+    """One message. received_ns: the earliest time at which it can have arrived, by `clock.clock_ns`."""
 
     content: pb.Tracks
     received_ns: int
@@ -62,9 +62,9 @@ class TracksSubscriber(StreamSubscriber):
 
     def wait(self, timeout_s: float) -> ReceivedTracks | None:
         """The next message; None when none comes within timeout_s."""
-        end_ns = time.monotonic_ns() + round(timeout_s * NS)
+        end_ns = clock_ns() + round(timeout_s * NS)
         while True:
-            received = self._socket.take(max(0, (end_ns - time.monotonic_ns()) // 1_000_000))
+            received = self._socket.take(max(0, (end_ns - clock_ns()) // 1_000_000))
             if received is not None:
                 content = pb.Tracks()
                 try:
@@ -74,5 +74,5 @@ class TracksSubscriber(StreamSubscriber):
                 if content.schema_version == SCHEMA_VERSION:
                     return ReceivedTracks(content, received[1], self._timeout_s)
                 self.undecodable += 1
-            if time.monotonic_ns() >= end_ns:
+            if clock_ns() >= end_ns:
                 return None

@@ -15,10 +15,21 @@ namespace osape_client {
 // Age at which a message becomes stale. The service itself reports a camera as unavailable after 0.3 s.
 constexpr double kTimeoutS = 0.4;
 
+// The time since the start of this computer, including the time for which it was suspended: CLOCK_BOOTTIME on Linux.
+// std::chrono::steady_clock stands still meanwhile, and old messages would count as new.
+struct Clock {
+  using duration = std::chrono::nanoseconds;
+  using rep = duration::rep;
+  using period = duration::period;
+  using time_point = std::chrono::time_point<Clock>;
+  static constexpr bool is_steady = true;
+  static time_point now() noexcept;
+};
+
 // One frame. Nothing may be taken as free while stale() is true or content.valid() is false.
 struct Message {
   osape::v1::PrismsFrame content;
-  std::chrono::steady_clock::time_point received;  // the earliest time at which it can have arrived
+  Clock::time_point received;  // the earliest time at which it can have arrived
   double timeout_s = kTimeoutS;
 
   // Upper bound of the present age of the exposure, in seconds. On another machine it lacks the time on the network.
@@ -64,7 +75,7 @@ class Subscriber {
   std::string address_;
   double timeout_s_;
   std::unique_ptr<Socket> socket_;
-  std::chrono::steady_clock::time_point empty_;  // when the socket was last seen empty
+  Clock::time_point empty_;  // when the socket was last seen empty
   std::optional<Message> newest_;
   ReceiveStats stats_;
 };

@@ -12,7 +12,6 @@ complete again, when no messages come, and while the service has no position, no
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ import zmq
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
+from ..clock import clock_ns
 from ..curve_keys import use_client_keys
 from ..ipv6 import allow_ipv6
 from ..proto import osape_v1_pb2 as pb
@@ -156,12 +156,12 @@ class WorldMirror:
 
     def update(self, timeout_s: float = 0.0) -> bool:
         """Applies all messages that have come; waits up to timeout_s until the copy can be used. Returns whether it can."""
-        end_ns = time.monotonic_ns() + round(timeout_s * NS)
+        end_ns = clock_ns() + round(timeout_s * NS)
         while True:
             self._request_if_incomplete()
             while self._receive():
                 pass
-            left_ms = (end_ns - time.monotonic_ns()) // 1_000_000
+            left_ms = (end_ns - clock_ns()) // 1_000_000
             if self.usable or left_ms <= 0:
                 return self.usable
             poller = zmq.Poller()
@@ -171,9 +171,8 @@ class WorldMirror:
             poller.poll(min(left_ms, 200))
 
     def _apply(self, message: pb.WorldUpdate, received_ns: int) -> None:
-        """Applies one message. received_ns: the earliest time at
-        which it can have arrived, on this process's monotonic clock. Raises ValueError for a message whose parts do not
-        fit together; the copy is unchanged then."""
+        """Applies one message. received_ns: the earliest time at which it can have arrived, by `clock_ns`. Raises
+        ValueError for a message whose parts do not fit together; the copy is unchanged then."""
         records, ground = records_from_message(message), ground_from_message(message)
         blocks, masks = blocks_from_message(message)
         before, boot = self._newest, message.publication.boot_id
@@ -222,7 +221,7 @@ class WorldMirror:
 
     def _request_if_incomplete(self) -> None:
         """Sends one request at a time; the socket of an unanswered one is replaced."""
-        now_ns = time.monotonic_ns()
+        now_ns = clock_ns()
         if self._complete or now_ns - self._requested_ns < _REPEAT_NS:
             return
         if self._request is not None:
