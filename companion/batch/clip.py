@@ -47,8 +47,7 @@ def merged(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 
 def cut(path: Path, spans: Sequence[Span], on_written: Callable[[Path], None]) -> str | None:
     """Writes the clips of a log, whose spans must not overlap, and calls `on_written` for each; returns the damage of the log,
-    None: none. A span without a message gives no file, and a clip of an earlier search at its place is removed. A clip that
-    cannot be completed leaves what was at its place.
+    None: none. A span without a message gives no file. Where no clip is completed, what was at its place stays.
 
     The state at the beginning of a clip is computed with the configuration in the log from the frames before it. Raises
     BadData and ConfigError for a log that cannot be replayed, ValueError and OSError for an output that cannot be written."""
@@ -121,9 +120,7 @@ class _Cutter:
             self._end_clip()
 
     def _end_clip(self) -> None:
-        span = self._waiting.pop(0)
-        if self._log is None:
-            span.output.unlink(missing_ok=True)
+        self._waiting.pop(0)
         self.complete()
 
     def event(self, event: Event) -> None:

@@ -29,6 +29,7 @@ from .storage import StoredFile, is_url, local_copy
 
 NS: Final = 1_000_000_000
 LIMIT: Final = 100
+NO_MESSAGE: Final = "the log has no message at these times; process it again with `companion batch`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +104,12 @@ def cut_clips(clips: list[Clip], found: Found) -> None:
             try:
                 with local_copy(StoredFile(location, 0), Path(copies)) as path:
                     damage = cut(path, spans, on_written)
-                lost = bool(damage and waiting)
+                lost = bool(waiting)
             except (DriverError, ConfigError, OSError, ValueError) as error:
                 damage, lost = error_text(error, spans[0].output.parent), True
             if lost:
                 missing = "no clip" if len(waiting) == number else f"{len(waiting)} of {number} clips are missing"
-                found.failed[location] = f"{missing}: {damage}"
+                found.failed[location] = f"{missing}: {damage or NO_MESSAGE}"
             elif damage:
                 found.damaged[location] = damage
 

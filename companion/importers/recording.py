@@ -54,15 +54,16 @@ class Imported:
 def import_recording(
     path: Path, output: Path, options: ImportOptions, config: Config | None = None, replace: bool = False
 ) -> Imported:
-    """Writes the recording as a log; replace: also where it exists. Raises DriverError when nothing can be used, OSError and
-    ValueError when the log cannot be written; problems with parts are in the result."""
+    """Writes the recording as a log; replace: also where it exists. Raises DriverError when no frame can be used, OSError and
+    ValueError when the log cannot be written: what was at its place is then unchanged. Problems with parts are in the result.
+    """
     refuse_output(output, path, *([options.tlog] if options.tlog is not None else []), replace=replace)
     _refuse_file_list(_file_list(output))
     report = Report()
     try:
         source = open_recording(path, options, report)
-    except BadData as error:  # the problems found before may be its cause
-        raise BadData("\n".join([str(error), *report.all_problems()])) from error
+    except BadData as error:
+        raise _with_problems(str(error), report) from error
     counted = _Counted(source)
     try:
         write_recording(counted, output, run_info("import", config or Config()))
@@ -74,7 +75,7 @@ def import_recording(
     finally:
         source.close()
     if not counted.kinds[DepthFrame]:
-        report.problem("recording", f"{path}: no frame could be used")
+        raise _with_problems(f"{path}: no frame could be used, so that {output} was not written", report)
     return Imported(
         output=output,
         depth=counted.depth.summary(),
@@ -88,6 +89,11 @@ def import_recording(
         notes=tuple(report.notes),
         problems=tuple(report.all_problems()),
     )
+
+
+def _with_problems(text: str, report: Report) -> BadData:
+    """The error, with the problems found before, which may be its cause."""
+    return BadData("\n".join([text, *report.all_problems()]))
 
 
 def write_file_list(output: Path, files: dict[int, str]) -> Path | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import TracebackType
@@ -286,19 +287,20 @@ def schema_bytes(kind: type[Message]) -> bytes:
 
 
 def write_recording(source: EventSource, path: Path | str, run: pb.RunInfo) -> int:
-    """Writes the events of a source into a log without prisms; returns their number. When the source raises BadData,
-    the log is finished with the events delivered before, and the error is raised."""
-    number = 0
+    """Writes the events of a source into a log without prisms; returns the number of frames. Without one nothing is written.
+    When the source raises BadData, the log is finished with the events delivered before, and the error is raised."""
+    begun, frames = False, 0
     with LogWriter(path) as log:
         try:
             for event in source.events():
-                if number == 0:
+                if not begun:
+                    begun = True
                     log.begin(run, source.cameras, t_ns=event.t_arrival_ns)
                 log.event(event)
-                number += 1
-        except BadData:
-            log.finish()
-            raise
-        if number == 0:
-            log.begin(run, source.cameras)
-    return number
+                frames += isinstance(event, DepthFrame)
+        finally:
+            if not frames:
+                log.discard()
+            elif isinstance(sys.exception(), BadData):
+                log.finish()
+    return frames

@@ -93,7 +93,8 @@ def replay(
     observer: Observer | None = None,
 ) -> Replay:
     """Runs a log through the pipeline. Raises DriverError, ConfigError or OSError when it cannot start. Damage found
-    later ends the replay and is part of the result; the events before it are written and counted."""
+    later ends the replay and is part of the result; the events before it are written and counted. Without a frame nothing is
+    written."""
     if options.output is not None:
         refuse_output(options.output, path, replace=options.replace)
     with ExitStack() as stack:
@@ -124,7 +125,9 @@ def replay(
                 on_progress(source.share_read)
         except BadData as error:
             result.damage = str(error)
-        sink.end()
+        if log is not None and not result.counts.frames:
+            log.discard()
+            result.unwritten = log.path
         result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
         result.obstacle_range_m = {
@@ -208,11 +211,6 @@ class _Sink:
         """Writes tracked obstacles."""
         if self._log is not None:
             self._log.tracks(result, data)
-
-    def end(self) -> None:
-        """Opens a log without events too, so that it states its provenance."""
-        if self._log is not None:
-            self._open(0)
 
     def _open(self, t_ns: int) -> None:
         if self._log is not None and not self._is_open:
@@ -359,10 +357,11 @@ def run(args: argparse.Namespace) -> int:
             unwritten = f"; {args.output} was not written" if args.output is not None else ""
             raise KeyboardInterrupt(f"interrupted after {share:.0%} of {args.input}{unwritten}") from interrupt
     problems = replay_problems(result)
+    written = args.output if result.unwritten is None else None
     if args.json:
-        print_json(report(result, args.input, args.output, problems))
+        print_json(report(result, args.input, written, problems))
     else:
-        print_report(result, args.output)
+        print_report(result, written)
     for problem in problems:
         fail(problem)
     return 1 if problems else 0

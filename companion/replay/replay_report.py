@@ -25,7 +25,8 @@ _LISTED = 5
 @dataclass(slots=True)
 class Replay:
     """The result of a replay. damage: of the input, None: none. obstacle_range_m: by camera, the detection range at the
-    noise of its last frame. tracks: the comparison of the tracked obstacles."""
+    noise of its last frame. tracks: the comparison of the tracked obstacles. unwritten: the requested output, where it was not
+    written for lack of a frame."""
 
     counts: ReplayCounts
     sample_anomalies: dict[str, int]
@@ -33,6 +34,7 @@ class Replay:
     comparison: Comparison | None = None
     tracks: Comparison | None = None
     damage: str | None = None
+    unwritten: Path | None = None
     exposure_offsets: tuple[ExposureOffset, ...] = ()
     configured_offsets_ms: dict[str, float] = field(default_factory=dict)
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
@@ -59,6 +61,8 @@ def replay_problems(result: Replay) -> list[str]:
         problems.append(_drop_problem(result.counts, result.counts.first_dropped))
     elif result.counts.frames == 0 and not result.damage:
         problems.append("no depth image in the input: nothing was computed; record or import a log with depth images")
+    if result.unwritten is not None:
+        problems.append(f"no frame could be computed, so that {result.unwritten} was not written")
     if result.comparison is not None and not result.comparison.passed:
         problems.append(_check_problem(result.comparison))
     if result.tracks is not None and result.tracks.different:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.log.log_writer import write_recording
+from companion.log.log_writer import LogWriter
 from companion.log.provenance import run_info
 from core.frames import quaternion_from_euler
 from core.types import (
@@ -96,7 +96,12 @@ def flight(frames: int = 10, poses: bool = True) -> list[Event]:
 
 
 def write_flight(path: Path, events: Iterable[Event] | None = None) -> Path:
-    write_recording(Events(flight() if events is None else events), path, run_info("simulated"))
+    """A log, also without frames."""
+    listed = flight() if events is None else list(events)
+    with LogWriter(path) as log:
+        log.begin(run_info("simulated"), (INFO,), t_ns=listed[0].t_arrival_ns if listed else 0)
+        for event in listed:
+            log.event(event)
     return path
 
 

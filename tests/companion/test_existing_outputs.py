@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
+from core.types import DepthFrame
 from drivers.logs.record_scanner import MAGIC
 
+from .made_up import flight, write_flight
 from .recordings import write_folder
 
 LOG = Path(__file__).parents[1] / "data" / "street.mcap"
@@ -37,6 +39,33 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("results") / "prisms.mcap"
     assert main(["replay", str(LOG), "-o", str(path)]) == 0
     return path
+
+
+@pytest.mark.parametrize("there", [False, True], ids=["new", "replaced"])
+@pytest.mark.parametrize("command", ["import", "replay"])
+def test_without_a_usable_frame_no_log_is_written(
+    command: str, there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A good log was replaced by one without a frame."""
+    monkeypatch.chdir(tmp_path)
+    source, output = Path("source"), Path("out.mcap")
+    if command == "import":
+        write_folder(source, 12)
+        for image in source.rglob("*.png"):
+            image.write_bytes(b"damaged")
+    else:
+        write_flight(source, [event for event in flight(3) if not isinstance(event, DepthFrame)])
+    if there:
+        output.write_bytes(RECORDED)
+        output.with_suffix(".files.csv").write_text("sequence,file\n0,a.png\n")
+    before = {path: path.read_bytes() for path in Path().glob("out*")}
+    assert main([command, str(source), "-o", "out.mcap", *(["--replace"] if there else [])]) == 1
+    ended = capsys.readouterr()
+    expected = "no frame could be used" if command == "import" else "no depth image in the input"
+    assert expected in ended.err
+    assert "out.mcap was not written" in ended.err
+    assert "written: out.mcap" not in ended.out
+    assert {path: path.read_bytes() for path in Path().glob("out*")} == before
 
 
 @pytest.mark.parametrize("output", [".", "/", "there"])

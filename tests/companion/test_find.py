@@ -11,7 +11,7 @@ import pytest
 from companion.batch.clip import Span, cut, merged
 from companion.batch.conditions import NAMED, find_hits
 from companion.batch.dataset import open_table
-from companion.batch.find import Clip, Found, cut_clips
+from companion.batch.find import NO_MESSAGE, Clip, Found, cut_clips
 from companion.batch.flights import find_flights
 from companion.batch.jobs import BatchOptions, FlightTask, Outcome
 from companion.batch.schema import TABLES
@@ -286,15 +286,16 @@ def test_a_clip_of_an_earlier_search_is_replaced_on_request_only(
     assert len(clip.read_bytes()) < len(before)
 
 
-def test_a_clip_of_an_earlier_search_does_not_count(dataset: Path, tmp_path: Path) -> None:
+def test_a_clip_of_an_earlier_search_stays_and_does_not_count(dataset: Path, tmp_path: Path) -> None:
+    """It was deleted, and may have been the last copy of these seconds."""
     row = open_table(str(dataset), "flights").to_table().to_pylist()[0]
     clip = Clip(row["vehicle"], row["flight"], row["files"][0], 0, 1, 0.0, tmp_path / "clip.mcap")
     clip.output.write_bytes(Path(clip.location).read_bytes())  # of an earlier search
     found = Found()
     cut_clips([clip], found)
     assert found.clips == []
-    assert found.failed == {}
-    assert not clip.output.exists()
+    assert found.failed == {row["files"][0]: f"no clip: {NO_MESSAGE}"}
+    assert clip.output.read_bytes() == Path(clip.location).read_bytes()
 
 
 def test_a_table_or_file_of_rows_that_cannot_be_read_is_named(

@@ -375,8 +375,7 @@ def test_intrinsics_of_another_resolution(tmp_path: Path, capsys: pytest.Capture
     assert "64x48 pixels, but intrinsics.json is for 128x96" in summary
     assert "... and 4 more: image" in summary
     assert "no frame could be used" in summary
-    with McapRecording(out) as recording:  # finished and readable all the same
-        assert recording.cameras[0].intrinsics.width == 128
+    assert not out.exists()
 
 
 def test_broken_json_and_nothing_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
