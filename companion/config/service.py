@@ -133,7 +133,13 @@ class RecordParams:
         "MB",
         "greatest total size of all logs; files from before arming, then the oldest flights, are deleted",
     )
-    least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "no file is begun while less is free on the disk")
+    least_free_mb: float = number(
+        256.0,
+        1.0,
+        1e5,
+        "MB",
+        "kept free on the disk: recording stops before less is left, and begins where queue_mb and 9 MB more are free",
+    )
     queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "greatest amount of data waiting for the disk")
     queue_items: int = number(5000, 100, 100_000, "", "greatest number of items waiting for the disk")
     zstd_level: int = number(-1, -20, 9, "", "compression level; a lower level is faster and gives larger files")

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Final
 
 from ..config.loader import Config
+from ..config.service import RecordParams
 from ..diagnostic import DiagnosticCode
 from ..kernels.compilation import cache_warning
 from ..kernels.run_kernels import run_kernels
 from ..kernels.warmup import ensure_compiled
+from ..log.current_file import begin_bytes
 from ..log.log_directory import free_bytes
 from ..paths import FolderError, folders
 from .finding import Finding
@@ -32,7 +34,7 @@ def computer_findings(config: Config) -> Iterator[Finding]:
         except FolderError as error:
             yield Finding("log", False, str(error), DiagnosticCode.LOG_NOT_WRITABLE)
         else:
-            yield _log_finding(folder, record.least_free_mb)
+            yield _log_finding(folder, record)
     yield from _kernel_findings()
 
 
@@ -48,7 +50,7 @@ def _kernel_findings() -> Iterator[Finding]:
     yield Finding("kernels", True, f"compiled; loaded in {time.process_time() - begun_s:.1f} s")
 
 
-def _log_finding(folder: Path, least_mb: float) -> Finding:
+def _log_finding(folder: Path, record: RecordParams) -> Finding:
     existing = folder
     while not os.path.lexists(existing):
         existing = existing.parent
@@ -56,7 +58,8 @@ def _log_finding(folder: Path, least_mb: float) -> Finding:
         text = f"{folder} cannot be written by this user; set another [record] folder"
         return Finding("log", False, text, DiagnosticCode.LOG_NOT_WRITABLE)
     free_mb = free_bytes(existing) / 1e6
-    if free_mb < least_mb:
-        text = f"{free_mb:.0f} MB free for {folder}, least_free_mb = {least_mb:g}: nothing is recorded; free disk space"
+    needed_mb = record.least_free_mb + begin_bytes(record) / 1e6
+    if free_mb < needed_mb:
+        text = f"{free_mb:.0f} MB free for {folder}; nothing is recorded with less than {needed_mb:.0f} MB; free disk space"
         return Finding("log", False, text, DiagnosticCode.DISK_LOW)
     return Finding("log", True, f"{folder}, {free_mb / 1000:.1f} GB free")

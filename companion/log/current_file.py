@@ -15,11 +15,13 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.service import RecordParams
 from ..pipeline.state import PipelineState
 from .log_directory import free_bytes, make_room, new_flight, part_path, used_bytes
-from .log_writer import FileInUseError, LogWriter
+from .log_writer import CHUNK_BYTES, FileInUseError, LogWriter
 from .repair import Repairs
 
 NS: Final = 1_000_000_000
 _NAMES_TRIED: Final = 10
+FINISH_BYTES: Final = 8 * CHUNK_BYTES
+"""More than `finish` writes: the open chunk and the summary, of 300 bytes for each chunk."""
 
 
 class LogRemovedError(OSError):
@@ -34,6 +36,12 @@ class Begin:
     cameras: tuple[CameraInfo, ...]
     state: PipelineState
     idle: bool = False
+
+
+def begin_bytes(params: RecordParams) -> int:
+    """Returns the disk space that must be free, beside least_free_mb, to begin a file: for what may wait, so that it does not end
+    at once."""
+    return round(params.queue_mb * 1e6) + FINISH_BYTES
 
 
 class CurrentLog:
@@ -67,19 +75,18 @@ class CurrentLog:
         return old or self._log.bytes_written > self._params.file_mb * 1e6
 
     def begin(self, item: Begin) -> None:
-        """Finishes the previous file and opens the next; creates a missing directory. Raises OSError, also where the
-        disk is nearly full."""
+        """Finishes the previous file and opens the next; creates a missing directory. Raises OSError, also where the disk
+        has less free space than `begin_bytes` beside least_free_mb."""
         self.finish()
         self._folder.mkdir(parents=True, exist_ok=True)
         params = self._params
         # space is freed before this file needs it
-        if not self._fits(self._has_budget):
+        if not self._fits(lambda: self._has_budget(0)):
             raise OSError(
                 f"the budget of {params.budget_mb:g} MB is used by logs of this flight, or by ones that cannot be deleted; raise "
                 "[record] budget_mb, or move logs to another disk"
             )
-        if not self._fits(self._has_disk):
-            raise OSError(f"{self._folder}: less than {params.least_free_mb:g} MB free on its disk; free disk space")
+        self._require_disk(begin_bytes(params))
         self._log = self._open(item.idle)
         self.files += 1
         self._begun_ns = time.monotonic_ns()
@@ -100,9 +107,30 @@ class CurrentLog:
             return log
         raise OSError(f"{self._folder}: other processes take each name; give each service its own [record] folder")
 
-    def _fits(self, has_space: Callable[[int], bool]) -> bool:
-        """Whether there is space for this file, if necessary without the copy of a repair."""
-        return has_space(0) or (self._repairs.stop("the recording needs the disk space") and has_space(0))
+    def keep_free(self, size: int) -> None:
+        """Finishes the file where the disk has no space for `size` more bytes, and raises OSError."""
+        if self._log is None:
+            return
+        try:
+            self._require_disk(size + FINISH_BYTES)
+        except FileNotFoundError:
+            pass  # the directory was deleted or moved, which `sync` finds
+        except OSError:
+            self.finish()
+            raise
+
+    def _require_disk(self, size: int) -> None:
+        """Raises OSError where `size` more bytes would leave less free than least_free_mb."""
+        if not self._fits(lambda: self._has_disk(size)):
+            needed_mb = self._params.least_free_mb + size / 1e6
+            raise OSError(
+                f"{self._folder}: less than {needed_mb:.0f} MB free on its disk, of which [record] least_free_mb = "
+                f"{self._params.least_free_mb:g} stay free; free disk space"
+            )
+
+    def _fits(self, has_space: Callable[[], bool]) -> bool:
+        """Whether there is space, if necessary without the copy of a repair."""
+        return has_space() or (self._repairs.stop("the recording needs the disk space") and has_space())
 
     def room_for(self, size: int) -> bool:
         """Whether a copy of `size` bytes fits the budget and the disk beside this file. Frees space as for a new file."""
@@ -135,7 +163,11 @@ class CurrentLog:
         """Finishes the file and gives it its final name."""
         if self._log is not None:
             log, self._log = self._log, None
-            log.finish()
+            try:
+                log.finish()
+            except OSError:
+                log.abandon()
+                raise
             self._finished_bytes += os.path.getsize(log.path)
 
     def abandon(self) -> None:

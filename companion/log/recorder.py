@@ -276,11 +276,11 @@ class Recorder:
         repair_ns = time.monotonic_ns() + REPAIR_AFTER_NS
         fault = ""
         try:
-            while (items := self._next_items()) is not None:
+            while (queued := self._next_items()) is not None:
                 if not prepared:
                     fault = self._prepare(current.flight)
                     prepared = not fault
-                fault = self._write(current, items, fault)
+                fault = self._write(current, *queued, fault)
                 self.flight = current.flight
                 if current.path is not None or time.monotonic_ns() >= repair_ns:
                     with suppress(OSError):  # a deleted directory has nothing to repair
@@ -305,9 +305,11 @@ class Recorder:
             return f"recording stopped: {_cause(error, self._folder)}"
         return ""
 
-    def _write(self, current: CurrentLog, items: Sequence[_Item], fault: str) -> str:
-        """Writes the items to the file. Returns why recording has stopped, "": it continues. fault: the previous fault."""
+    def _write(self, current: CurrentLog, items: Sequence[_Item], size: int, fault: str) -> str:
+        """Writes the items, of `size` bytes, to the file. Returns why recording has stopped, "": it continues. fault: the
+        previous fault."""
         try:
+            current.keep_free(size)
             for item in items:
                 if isinstance(item, Begin):
                     current.begin(item)
@@ -342,18 +344,18 @@ class Recorder:
                 alive_ns=time.monotonic_ns(),
             )
 
-    def _next_items(self) -> list[_Item] | None:
-        """The queued items, after a short wait; None at the end."""
+    def _next_items(self) -> tuple[list[_Item], int] | None:
+        """The queued items and their bytes, after a short wait; None at the end."""
         with self._ready:
             idle = not self._stop and not self._wake_due
             if idle and self._ready.wait(_IDLE_S) and not self._stop:
                 self._ready.wait(_AFTER_S)
             if not self._queue and self._stop:
                 return None
-            items = list(self._queue)
+            items, size = list(self._queue), self._queued_bytes
             self._queue.clear()
             self._queued_bytes = 0
-            return items
+            return items, size
 
 
 def _cause(error: Exception, folder: Path) -> str:

@@ -281,11 +281,11 @@ def test_a_full_disk_is_reported_and_recording_begins_again(tmp_path: Path, monk
     pipeline = make_pipeline(Config(), source.cameras)
     recorder = Recorder(tmp_path, run_info("live"), SMALL)
     recorder.open()
-    free[0] = 999_999
+    free[0] = 999_999 + log_current.begin_bytes(SMALL)
     recorder.begin(0, pipeline.cameras, pipeline.state())
-    assert until(lambda: "less than 1 MB free" in recorder.status.fault)
+    assert until(lambda: "less than 73 MB free" in recorder.status.fault)
     assert not recorder.status.recording
-    free[0] = 1_000_000
+    free[0] += 1
     assert until(lambda: recorder.wants_begin)
     run_through(recorder, pipeline, source.events())
     assert until(lambda: recorder.status.recording and recorder.status.fault == "")
