@@ -10,13 +10,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import zmq
 
 from core.world.params import WorldParams
 from core.world.world import Observation, World
-from drivers.base import DriverError
 from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.world.decode import SCHEMA_VERSION
@@ -203,14 +203,12 @@ def open_world(
     """The merged world with its thread started. Raises as Publisher does."""
     publish = config.publish
     streams = [Stream(name, publish.address(name, run)) for name in ("world", "world_requests")]
-    changes = Publisher(streams[0], context, keys, newest_only=False)
-    try:
-        requests = Publisher(streams[1], context, keys, zmq.REP, newest_only=False)
-    except (ValueError, DriverError):
-        changes.close()
-        raise
-    service = WorldThread(config.world, changes, requests, stamps, observer)
-    service.open()
+    with ExitStack() as opened:
+        changes = opened.enter_context(closing(Publisher(streams[0], context, keys, newest_only=False)))
+        requests = opened.enter_context(closing(Publisher(streams[1], context, keys, zmq.REP, newest_only=False)))
+        service = WorldThread(config.world, changes, requests, stamps, observer)
+        service.open()
+        opened.pop_all()  # they belong to the thread now
     return service
 
 

@@ -78,19 +78,24 @@ class ShareService:
         self._session, self._link = session, link
 
     def open(self, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None) -> None:
-        """Opens stream and links and starts the thread. Raises as Publisher does."""
+        """Opens stream and links and starts the thread. Raises as Publisher and the links do."""
         share, address = self._config.share, self._config.publish.address("neighbours", self._folders.run)
         publisher = Publisher(Stream("neighbours", address), context, keys) if address else None
-        self.sharing = Sharing(
-            share,
-            self._config.avoid.radius_m,
-            self._links,
-            stream_of(time.time_ns()),
-            self._vehicle,
-            publisher,
-            self._stamps,
-            self._log,
-        )
+        try:
+            self.sharing = Sharing(
+                share,
+                self._config.avoid.radius_m,
+                self._links,
+                stream_of(time.time_ns()),
+                self._vehicle,
+                publisher,
+                self._stamps,
+                self._log,
+            )
+        except BaseException:
+            if publisher is not None:
+                publisher.close()
+            raise
         self.sharing.open()
 
     def close(self) -> None:

@@ -56,8 +56,9 @@ class Publisher:
                 "with `companion keys` and set their directory in [publish] keys"
             )
         self._lock = _locked(stream)
-        self._socket = context.socket(kind)
+        self._socket: zmq.Socket[bytes] | None = None
         try:
+            self._socket = context.socket(kind)
             if newest_only:
                 self._socket.setsockopt(zmq.CONFLATE, 1)
             self._socket.setsockopt(zmq.SNDHWM, most_waiting)
@@ -78,17 +79,18 @@ class Publisher:
     @property
     def socket(self) -> zmq.Socket[bytes]:
         """The socket, for receiving requests."""
+        assert self._socket is not None
         return self._socket
 
     def publish(self, message: Message | bytes) -> None:
         """Sends a message or its encoding to all subscribers. Never blocks."""
         data = message if isinstance(message, bytes) else wire_bytes(message)
-        self._socket.send(data, zmq.DONTWAIT)
+        self.socket.send(data, zmq.DONTWAIT)
         self.published += 1
 
     def close(self) -> None:
         """Closes the socket, deletes its file and releases the lock. May be called twice."""
-        if not self._socket.closed:
+        if self._socket is not None:
             self._socket.close(0)
         if self._lock is not None:
             # libzmq leaves the file of an ipc socket: clients would take it for a service
@@ -107,7 +109,14 @@ def _locked(stream: Stream) -> IO[str] | None:
             f"stream {stream.name}: the directory {place.parent} does not exist; create it, or change the address in "
             "[publish]"
         )
-    lock = place.with_name(place.name + ".lock").open("a+")
+    path = place.with_name(place.name + ".lock")
+    try:
+        lock = path.open("a+")
+    except OSError as error:
+        raise DeviceNotFound(
+            f"stream {stream.name}: {path}: {error.strerror}; check the rights of the directory, or change the address in "
+            "[publish]"
+        ) from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -35,7 +35,10 @@ class TcpLine:
     def __init__(self, address: Address) -> None:
         self._address, self._received_ns = address, 0
         family, place = resolve(address)
-        self._socket = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            self._socket = socket.socket(family, socket.SOCK_STREAM)
+        except OSError as error:
+            raise DeviceNotFound(f"{address}: {reason(error)}; end programs that hold many files or memory") from error
         try:
             self._socket.settimeout(_CONNECT_S)
             self._socket.connect(place)

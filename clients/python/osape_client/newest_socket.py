@@ -17,6 +17,13 @@ class NewestSocket:
 
     def __init__(self, address: str, keys: Path | None) -> None:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        try:
+            self._socket = TimedSocket(self._connected(address, keys))
+        except BaseException:
+            self._context.destroy(linger=0)
+            raise
+
+    def _connected(self, address: str, keys: Path | None) -> zmq.Socket[bytes]:
         socket = self._context.socket(zmq.SUB)
         socket.setsockopt(zmq.SUBSCRIBE, b"")
         socket.setsockopt(zmq.CONFLATE, 1)  # keep the newest message only
@@ -27,10 +34,8 @@ class NewestSocket:
         try:
             socket.connect(address)
         except zmq.ZMQError as error:
-            socket.close()
-            self._context.term()
             raise ValueError(f"{address}: {error.strerror or error}; use ipc://PATH or tcp://HOST:PORT") from error
-        self._socket = TimedSocket(socket)
+        return socket
 
     def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:
         """As TimedSocket.take."""

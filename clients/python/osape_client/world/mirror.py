@@ -82,7 +82,11 @@ class WorldMirror:
         self.stats = MirrorStats()
         self._timeout_s, self._keys = timeout_s, keys
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._updates = self._connected(zmq.SUB, self.address)
+        try:
+            self._updates = self._connected(zmq.SUB, self.address)
+        except BaseException:
+            self._context.destroy(linger=0)
+            raise
         self._request: TimedSocket | None = None
         self._requested_ns = 0
         self._newest: pb.WorldUpdate | None = None
