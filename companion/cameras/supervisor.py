@@ -27,6 +27,7 @@ from drivers.watched_thread import WatchedThread
 from ..config.camera import CameraConfig
 from ..config.service import SupervisorParams
 from .frozen_frames import FrozenFrameDetector
+from .process_output import forward
 from .worker import info_from_json
 
 NS = 1_000_000_000
@@ -165,10 +166,13 @@ class CameraSupervisor:
             [*self._command, str(reader.child_fd), config],
             pass_fds=[reader.child_fd],
             stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             process_group=0,
         )
         reader.close_child()
         try:
+            self._forward_output(self._process)
             cause = self._watch(reader)
         except DeviceLost as error:
             cause = self._last_cause or f"{error}{_exit_text(self._process)}"
@@ -180,6 +184,16 @@ class CameraSupervisor:
             self._process.kill()
         self._await_end(self._process, cause)
         return cause
+
+    def _forward_output(self, process: subprocess.Popen[bytes]) -> None:
+        """Logs what the process prints, in a thread of its own, which ends with the process. Raises OSError without a thread."""
+        assert process.stdout is not None
+        name = self.section.name
+        try:
+            WatchedThread(forward, f"output of camera {name}", (name, process.stdout)).start()
+        except RuntimeError as error:
+            process.stdout.close()
+            raise OSError(str(error)) from error
 
     def _await_end(self, process: subprocess.Popen[bytes], cause: str) -> None:
         """Waits for the end of a killed process, at a stop for at most _STOP_S.
