@@ -3,6 +3,7 @@ face."""
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any
 
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from drivers.mavlink.ardupilot_faces import FACES, face_of
 from drivers.mavlink.session_types import ARDUPILOT, PX4, Vehicle
 
-from .obstacle_distance import UNKNOWN
+from .obstacle_distance import BODY_FRD, UNKNOWN
 from .parameter_advice import MAVLINK_SENSOR, AutopilotFacts, position_mode_fault
+from .polar_histogram import SECTORS
 
 NS = 1_000_000_000
 PATIENCE_NS = 5 * NS
@@ -26,6 +28,7 @@ PRESENT_NS = 2 * NS
 SLACK_CM = 60
 """Tolerance between sent and echoed distances: an echo may belong to one or two messages before, at some metres per
 second."""
+SECTOR_DEG = 360.0 / SECTORS
 FIRST_FACE_ID = 10
 """Least id of the DISTANCE_SENSOR of a face (PROXIMITY_SENSOR_ID_START of ArduPilot); its range finders have lower ones."""
 CAUSES = {
@@ -41,15 +44,15 @@ class EchoCheck:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._sent: list[tuple[int, list[int]]] = []  # (instant, nearest obstacle of each face), of PRESENT_NS
+        self._sent: list[tuple[int, NDArray[np.uint16]]] = []  # (instant, obstacles, (72,) cm), of PRESENT_NS
         self._waited_ns = self._sent_ns = self._obstacle_ns = 0
         self._differs: dict[int | None, tuple[int, int]] = {}  # by face: instants of the first and newest other echo
 
     def sent(self, values: NDArray[np.uint16], clear_cm: int, now_ns: int) -> None:
         """Records values that were sent. Only a message with an obstacle is answered by both autopilots."""
         with self._lock:
-            self._sent = [(t, faces) for t, faces in self._sent if now_ns - t < PRESENT_NS]
-            self._sent.append((now_ns, faces_cm(values)))
+            self._sent = [(t, cm) for t, cm in self._sent if now_ns - t < PRESENT_NS]
+            self._sent.append((now_ns, np.where(values < clear_cm, values, np.uint16(UNKNOWN))))
             if now_ns - self._obstacle_ns > FORGETS_NS:
                 self._waited_ns = 0
             if (values < clear_cm).any():  # obstacles may appear and disappear, as at the edge of the view
@@ -66,14 +69,13 @@ class EchoCheck:
 
     def take(self, message: Any, now_ns: int) -> None:
         """Takes a message of the autopilot."""
-        nearest_echoed = nearest_sent(message)
-        if nearest_echoed is None:
+        face, obstacles = echoed_face(message), echoed_cm(message)
+        if not obstacles:
             return
-        face, nearest = nearest_echoed
         with self._lock:
             self._waited_ns = 0
-            sent = [min(faces) if face is None else faces[face] for _, faces in self._sent]
-            if not sent or any(abs(cm - nearest) <= SLACK_CM for cm in sent):
+            sent = np.array([values for _, values in self._sent], np.int64).reshape(-1, SECTORS)
+            if not self._sent or all(_was_sent(sent[:, elements], cm, face) for elements, cm in obstacles):
                 self._differs.pop(face, None)
                 return
             since_ns, newest_ns = self._differs.get(face, (now_ns, now_ns))
@@ -113,26 +115,34 @@ def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_fault: str) ->
     return ""
 
 
-def nearest_sent(message: Any) -> tuple[int | None, int] | None:
-    """Returns (face, nearest obstacle in cm) of an echo; face None: of all. None: no echo, or without an obstacle."""
+def echoed_cm(message: Any) -> list[tuple[list[int], int]]:
+    """Returns the obstacles of an echo: (elements of a sent message that may have caused it, cm). Empty: no echo, or without an
+    obstacle."""
     if message.get_type() == "OBSTACLE_DISTANCE":
-        known = [int(v) for v in message.distances if v != UNKNOWN and v < message.max_distance]
-        return (None, min(known)) if known else None
+        known = [(k, int(v)) for k, v in enumerate(message.distances) if v != UNKNOWN and v < message.max_distance]
+        return [(_elements(message, k), cm) for k, cm in known]
     if (face := echoed_face(message)) is not None and message.current_distance < message.max_distance:
-        return face, int(message.current_distance)
-    return None
+        return [([i for i in range(SECTORS) if face_of(SECTOR_DEG * i) == face], int(message.current_distance))]
+    return []
+
+
+def _was_sent(sent_cm: NDArray[np.int64], cm: int, face: int | None) -> bool:
+    """Whether a distance is one of those sent, (messages, elements); of a face, whose nearest one is echoed, the nearest of a
+    message."""
+    compared = sent_cm if face is None else sent_cm.min(axis=1)
+    return bool((np.abs(compared - cm) <= SLACK_CM).any())
+
+
+def _elements(message: Any, k: int) -> list[int]:
+    """The elements at the direction of value k of PX4's map, and those beside it; all where that is not in the body frame."""
+    at_deg = float(message.angle_offset) + k * float(message.increment_f or message.increment)
+    if message.frame != BODY_FRD or not math.isfinite(at_deg):
+        return list(range(SECTORS))
+    nearest = round(at_deg / SECTOR_DEG)
+    return [(nearest + i) % SECTORS for i in (-1, 0, 1)]
 
 
 def echoed_face(message: Any) -> int | None:
     """Returns the face that a DISTANCE_SENSOR of ArduPilot is of; None: another message, or of a range finder."""
     is_face = message.get_type() == "DISTANCE_SENSOR" and message.orientation < FACES and message.id >= FIRST_FACE_ID
     return int(message.orientation) if is_face else None
-
-
-def faces_cm(values: NDArray[np.uint16]) -> list[int]:
-    """Returns the least of values (72,) in each of ArduPilot's eight faces."""
-    faces = [UNKNOWN] * FACES
-    for i, cm in enumerate(values.tolist()):
-        face = face_of(5.0 * i)
-        faces[face] = min(faces[face], cm)
-    return faces

@@ -10,7 +10,7 @@ import pytest
 from companion.autopilot.feedback_check import PATIENCE_NS, EchoCheck, likely_cause
 from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.flight_modes import PX4_POSITION, sends_obstacles_back
-from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
+from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
 from companion.autopilot.parameter_advice import AutopilotFacts, advice, delay_advice
 from companion.autopilot.parameters import ASK_AGAIN_NS, AT_ONCE, OPTIONAL, RENEW_NS, TRIES, WANTED, ParameterReader
 from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, mount_note, shortened
@@ -20,6 +20,7 @@ from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session_types import Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.firmware_models.px4 import Px4Reader
 
 AVOID = AvoidParams(max_distance_m=12.0)
 NS = 1_000_000_000
@@ -269,6 +270,46 @@ def test_intermittent_obstacles_are_checked_too(kind: str, ignores_obstacles: bo
 def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     check = echoed(kind, False, 12.0, scene(400), own=scene(150))
     assert "reports other obstacles" in check.fault(kind, NS + 12 * NS)
+
+
+@pytest.mark.parametrize("bin_deg", [5, 10])
+@pytest.mark.parametrize(("cm", "at", "is_other"), [(700, 36, True), (400, 36, True), (700, 0, True), (430, 0, False)])
+def test_a_second_sensor_of_px4_behind_the_nearest_obstacle_is_reported(
+    bin_deg: int, cm: int, at: int, is_other: bool
+) -> None:
+    """Only the nearest obstacle of all directions was compared. PX4 keeps its map and sends it back in the body frame, so that the
+    value of each direction is one that was sent for it."""
+    ours, nearer = scene(400), AvoidParams(max_distance_m=8.0)  # of another range: clear of ours does not replace it
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, streams={330: 2.0}))
+    autopilot.obstacles = Px4Reader(bin_deg)
+    check = EchoCheck()
+    for step in range(120):
+        now_ns = NS + step * NS // 10
+        check.sent(ours, clear_cm(AVOID), now_ns)
+        other = np.full(72, UNKNOWN, np.uint16)
+        other[at : at + 2] = cm
+        mine, second = obstacle_distance_message(ours, 0, AVOID), obstacle_distance_message(other, 0, nearer)
+        for answer in answers(autopilot, [mine, second], now_ns):
+            check.take(answer, now_ns)
+    assert ("reports other obstacles" in check.fault(PX4, 13 * NS)) == is_other
+
+
+@pytest.mark.parametrize("bin_deg", [5, 10])
+def test_the_map_of_px4_is_no_second_sensor_while_the_vehicle_turns_and_obstacles_come_and_go(bin_deg: int) -> None:
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, streams={330: 2.0}))
+    autopilot.obstacles = Px4Reader(bin_deg)
+    check, rng = EchoCheck(), np.random.default_rng(3)
+    for step in range(600):
+        now_ns = NS + step * NS // 10
+        values = np.full(72, UNKNOWN, np.uint16)
+        values[:10] = values[-10:] = clear_cm(AVOID)
+        for at in rng.integers(-9, 9, 4):
+            values[at] = rng.integers(100, 1200)
+        check.sent(np.roll(values, step % 72), clear_cm(AVOID), now_ns)
+        message = obstacle_distance_message(np.roll(values, step % 72), 0, AVOID)
+        for answer in answers(autopilot, [message], now_ns):
+            check.take(answer, now_ns)
+        assert check.fault(PX4, now_ns) == ""
 
 
 def test_obstacles_at_the_same_distance_in_another_face_are_others() -> None:
