@@ -258,10 +258,3 @@ def attitude_error_deg(message: pb.PrismsFrame, flight: LoopingFlight) -> float:
 def sent_ns(message: Any) -> int:
     """When the service sent a message of a frame."""
     return int(message.t_exposure_ns + message.publication.age_ns)
-
-
-def sent_hz(messages: list[Any]) -> float:
-    """Rate of one stream at the sender, in Hz, from the numbers and times of sending in the newest 40 messages: it does not
-    depend on when this process received them. A busy machine may send some of them late."""
-    first, last = messages[-40:][0], messages[-1]
-    return (last.publication.number - first.publication.number) * NS / max(1, sent_ns(last) - sent_ns(first))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -13,7 +15,8 @@ from companion.config.avoidance import AvoidParams
 from companion.config.loader import Config
 from companion.config.service import AutopilotConfig, RecordParams
 from companion.diagnostic import Diagnostic, DiagnosticCode
-from companion.live.run import log_changes, serve
+from companion.live import run as run_module
+from companion.live.run import BLIND_HZ, log_changes, serve
 from companion.live.sd_notify import Notifier
 from companion.live.service import Service
 from companion.paths import Folders
@@ -86,3 +89,44 @@ def test_it_ends_at_once_when_no_obstacles_are_sent_any_more(tmp_path: Path, cap
         stop.set()
         with pytest.raises(OSError, match="nobody thought of"):  # from the last decision, which is tried once more
             service.close()
+
+
+class Clock:
+    """Time that passes only while something waits or works. It stands in for the module `time` and for the stop event."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def wait(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@pytest.mark.parametrize("tick_s", [0.001, 0.02, 0.07])
+def test_the_main_loop_reports_blind_cameras_ten_times_a_second_whatever_a_tick_takes(
+    monkeypatch: pytest.MonkeyPatch, tick_s: float
+) -> None:
+    """The interval does not contain the time of a tick, and ticks that a pause has delayed are made up for."""
+    clock, ticks = Clock(), list[float]()
+
+    def tick() -> None:
+        ticks.append(clock.now_s)
+        clock.now_s += tick_s + (0.4 if len(ticks) == 50 else 0.0)
+
+    thread = SimpleNamespace(wait_idle=lambda seconds: None, started=clock)
+    service: Any = SimpleNamespace(
+        parts=SimpleNamespace(pipeline_thread=thread, failures=lambda: "", recorder=None),
+        suspension=SimpleNamespace(fault=lambda: ""),
+        tick=tick,
+        started=True,
+        stalled_part=lambda: "",
+        diagnostics=[],
+        diagnostic_texts=[],
+    )
+    stop: Any = SimpleNamespace(wait=clock.wait, is_set=lambda: clock.now_s >= 1020.0)
+    monkeypatch.setattr(run_module, "time", clock)
+    assert serve(service, Notifier({}), stop, 1.0 / BLIND_HZ) == 0
+    assert len(ticks) >= 20 * BLIND_HZ - 1
+    assert BLIND_HZ >= 10.0

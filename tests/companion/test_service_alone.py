@@ -19,7 +19,7 @@ from drivers.simulation.autopilot import ARDUPILOT
 from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
-from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, sent_hz, sent_ns, until
+from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, sent_ns, until
 
 pytestmark = pytest.mark.process
 
@@ -85,7 +85,6 @@ def test_without_camera_and_autopilot_it_runs_and_reports_both(tmp_path: Path, r
         assert until(lambda: len(prisms.since(begun_ns)) >= 40)
         assert not any(m.valid for m in prisms.since(0))
         assert all(m.camera == "front" and m.cause == pb.CAUSE_CAMERA for m in prisms.since(begun_ns))
-        assert until(lambda: sent_hz(prisms.since(begun_ns)) >= 10.0)
         status = live.command("status", "-c", str(live.config))
         assert status.returncode == 1
         assert status.stdout.startswith("BLIND")
