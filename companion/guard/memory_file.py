@@ -10,10 +10,10 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
+from drivers.suspended_time import suspended_ns
 from osape_client.boot import boot_id
 
 from ..state_file import DAMAGED, StateFile
-from ..suspension import suspended_ns
 from .states import GuardMemory, GuardState
 
 NS = 1_000_000_000

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from drivers.suspended_time import LEAST_NS, suspended_ns
 from osape_client.proto import osape_v1_pb2 as pb
-
-from ..suspension import LEAST_NS, suspended_ns
 
 READINGS = 5
 

@@ -8,6 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
+from ..suspended_time import LEAST_NS, suspended_ns
 from .session_types import Vehicle
 
 DISTANCE_SENSOR_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 330, 11037
@@ -23,15 +24,19 @@ was decided by the flight mode of its time, and is repeated by its sender."""
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A message. until_ns: end of its validity; decided_by: heartbeat by which it was decided; None: each has none."""
+    """A message. until_ns: end of its validity; decided_by: heartbeat by which it was decided; None: each has none. suspended_ns:
+    of the computer when it was posted."""
 
     message: Any
     until_ns: int | None
     decided_by: Vehicle | None
+    suspended_ns: int
 
     def valid(self, now_ns: int, vehicle: Vehicle | None) -> bool:
         """Returns whether it may be sent. vehicle: by the newest heartbeat."""
-        if self.until_ns is not None and now_ns > self.until_ns:
+        # the clock has stood still in a suspension, so that what was decided before it would still be valid
+        suspended = suspended_ns() - self.suspended_ns >= LEAST_NS
+        if self.until_ns is not None and (suspended or now_ns > self.until_ns):
             return False
         return self.decided_by is None or (vehicle is not None and not vehicle.contradicts(self.decided_by))
 
@@ -54,7 +59,7 @@ class Outbox:
             self._waiting.extend(kept)
         valid_ns = VALID_NS.get(kind)
         until_ns = None if valid_ns is None else now_ns + valid_ns
-        self._waiting.append(_Waiting(message, until_ns, decided_by))
+        self._waiting.append(_Waiting(message, until_ns, decided_by, suspended_ns()))
 
     def take(self, now_ns: int, vehicle: Vehicle | None = None) -> list[Any]:
         """Returns all waiting messages that are still valid, in order, and removes all. vehicle: by the newest heartbeat;
