@@ -28,7 +28,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.loader import Config
 from ..config.share import AUTOPILOT_LINE
-from ..diagnostic import Diagnostic
+from ..diagnostic import Diagnostic, DiagnosticCode
 from ..paths import Folders
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import ServerKeys
@@ -127,9 +127,10 @@ class ShareService:
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
         """Returns the present faults."""
-        if self.sharing is None:
-            return []
-        return self.sharing.diagnostics(now_ns, self._config.service.hang_s)
+        found = [] if self.sharing is None else self.sharing.diagnostics(now_ns, self._config.service.hang_s)
+        if fault := self._signing.clock_fault:
+            found.append(Diagnostic(DiagnosticCode.SIGNATURE_CLOCK_FAULT, "", f"line to other vehicles: {fault}"))
+        return found
 
     def fill(self, report: pb.Health) -> None:
         """Writes the state of the team into a health report; only the own number while the thread does not work."""

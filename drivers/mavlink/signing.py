@@ -73,6 +73,12 @@ class Signing:
         """Exception that ended the storing of timestamps, as text; empty: none."""
         return self._clock.failure
 
+    @property
+    def clock_fault(self) -> str:
+        """Why timestamps are not stored, as text; empty: they are."""
+        failure = self._clock.failure
+        return f"timestamps of signatures are not saved ({failure})" if failure else self._clock.fault
+
     def close(self) -> None:
         """Ends the storing of timestamps."""
         self._clock.close()

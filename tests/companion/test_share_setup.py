@@ -11,6 +11,7 @@ import pytest
 import zmq
 
 from companion.config.loader import config_of
+from companion.diagnostic import DiagnosticCode
 from companion.paths import Folders
 from companion.share.autopilot_tunnel import AutopilotTunnel
 from companion.share.setup import FOREIGN_READS, READS, REQUEST_AGAIN_NS, REQUEST_NS, ShareService
@@ -26,6 +27,7 @@ from drivers.sharing.tunnel import PAYLOAD_TYPE, TUNNEL_ID, tunnel_message
 from drivers.sharing.tunnel_line import TunnelLine
 from drivers.sharing.zenoh_link import ZenohLink
 from osape_client.proto import osape_v1_pb2 as pb
+from tests.ports import free_port
 
 from .live import until
 from .test_share_tunnel import frame_of
@@ -205,3 +207,32 @@ def test_before_it_is_opened_nothing_is_done(tmp_path: Path) -> None:
     assert not report.HasField("team")
     assert made.service.diagnostics(NS) == []
     made.service.close()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize("how", ["ended", "cannot write"])
+def test_timestamps_of_signatures_that_are_not_saved_are_reported(tmp_path: Path, how: str) -> None:
+    """Only those of the link to the autopilot were: the thread of a line of its own ended without a word."""
+    key = tmp_path / "key"
+    key.write_bytes(bytes(range(1, 33)))
+    key.chmod(0o600)
+    with Made(tmp_path, {"tunnel": f"udpin:127.0.0.1:{free_port()}"}, key=str(key)) as made:
+
+        def texts() -> list[str]:
+            found = made.service.diagnostics(time.monotonic_ns())
+            return [d.text for d in found if d.code is DiagnosticCode.SIGNATURE_CLOCK_FAULT]
+
+        clock = made.service._signing._clock
+        assert texts() == []
+
+        def broken(_: Path) -> None:
+            if how == "ended":
+                raise RuntimeError("injected")
+            clock.fault = "the timestamps of signatures cannot be kept"
+
+        clock._reserve = broken  # type: ignore[method-assign]
+        clock._wanted.set()
+        assert until(lambda: bool(texts()), 60.0)
+        expected = "are not saved (RuntimeError: injected)" if how == "ended" else "cannot be kept"
+        assert texts()[0].startswith("line to other vehicles: ")
+        assert expected in texts()[0]
