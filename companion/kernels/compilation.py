@@ -26,6 +26,8 @@ LOCK = "compiling"
 """A file in the directory of the kernels that is locked while a process compiles them."""
 POLL_S = 0.5
 """Time between reports of the progress."""
+_SENT_SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+"""They are sent to a process from outside; a damaged kernel raises others."""
 
 
 class WarmupError(Exception):
@@ -118,6 +120,7 @@ def _run_in_child(folder: Path, groups: Sequence[str], report: Report) -> tuple[
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
+        process_group=0,  # Ctrl-C in a terminal reaches this process alone, which ends the child
     )
     os.close(theirs)
     try:
@@ -150,9 +153,9 @@ def _end_with_parent() -> None:
 
 
 def _may_be_damage(status: int, errors: str) -> bool:
-    """False on a full disk, and if the child was killed, as where memory is short: the files that it has written are
-    whole, and the next one continues with them."""
-    return status != -signal.SIGKILL and not _is_disk_full(errors)
+    """False on a full disk, and if the child was ended by a signal of another process, or of the kernel where memory is
+    short: the files that it has written are whole, and the next one continues with them."""
+    return -status not in _SENT_SIGNALS and not _is_disk_full(errors)
 
 
 def _remedy(cause: str, folder: Path) -> str:

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from signal import SIGHUP, SIGINT, SIGKILL, SIGTERM
 
 import pytest
 
@@ -118,9 +119,13 @@ def test_a_killed_child_is_reported(small: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize(
-    "failure", ["raise OSError(28, 'No space left on device')", "import os; os.kill(os.getpid(), 9)"]
+    "failure",
+    [
+        "raise OSError(28, 'No space left on device')",
+        *(f"import os; os.kill(os.getpid(), {number})" for number in (SIGKILL, SIGINT, SIGTERM, SIGHUP)),
+    ],
 )
-def test_kernels_stay_where_the_disk_is_full_or_memory_is_short(
+def test_kernels_stay_where_the_disk_is_full_or_the_child_is_ended(
     filled: Path, failure: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They are whole; without them each further start would begin anew and end the same way."""
@@ -357,6 +362,14 @@ def test_a_start_that_is_cancelled_does_not_wait_for_the_compiler(small: Path, m
     assert thread.is_alive()
     done.touch()
     thread.join()
+
+
+def test_ctrl_c_at_a_start_does_not_reach_the_compiler(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal sends it to all processes of a group. It would be taken for the failure of a damaged kernel."""
+    place = small.parent / "group"
+    monkeypatch.setattr(compilation, "CHILD", f"import os; open({str(place)!r}, 'w').write(str(os.getpgrp()))")
+    compilation.compile_kernels(("extractor",), lambda done, total: None)
+    assert int(place.read_text()) != os.getpgrp()
 
 
 def test_every_group_has_its_kernels() -> None:
