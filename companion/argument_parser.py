@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import re
 import sys
@@ -14,6 +15,8 @@ from drivers.shell_word import shell_word
 _NEGATIVE = re.compile(r"-[0-9.].*")
 """A word that argparse takes for an option, unless it is a plain negative number."""
 _OPTION = re.compile(r"--[^=]+")
+_OPTIONS_IN_HELP = re.compile(r"^  (-.*?)(?:  |$)", re.MULTILINE)
+"""The options at the begin of a line of help, with their values."""
 
 
 def negative_values_joined(words: Sequence[str]) -> list[str]:
@@ -38,21 +41,31 @@ def _plain(word: str) -> bool:
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """An `argparse.ArgumentParser` that accepts a list of numbers with a minus as a word of its own."""
+    """An `argparse.ArgumentParser` that accepts a list of numbers with a minus as a word of its own, and suggests what an
+    unknown word may mean."""
 
     _words: Sequence[str] = ()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As in the base class, which calls it for `parse_args` too."""
+        """As in the base class, which calls it for `parse_args` and for the words of a command. No word may be unknown."""
         self._words = negative_values_joined(sys.argv[1:] if args is None else args)
-        return super().parse_known_args(self._words, namespace)
+        found, unknown = super().parse_known_args(self._words, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}; {self._remedy(unknown[0])}")
+        return found, unknown
 
     def error(self, message: str) -> NoReturn:
         """Prints the usage and the message, and exits. A file whose name begins with a minus was taken for an option."""
         for word in self._words:
             if word.startswith("-") and os.path.lexists(word):
                 super().error(f"{message}; give the file as {shell_word(word)}")
-        # the parser of all commands finds them, and its usage line names no option
-        if message.startswith("unrecognized arguments"):
-            message += "; `--help` after the command lists its arguments"
         super().error(message)
+
+    def _remedy(self, unknown: str) -> str:
+        """Returns what to do about a word that is no argument of this parser."""
+        options = re.findall("--[a-z0-9-]+", " ".join(_OPTIONS_IN_HELP.findall(self.format_help())))
+        if unknown.endswith(".toml") and "--config" in options:
+            return f"did you mean -c {shell_word(unknown)}?"
+        if near := difflib.get_close_matches(unknown.partition("=")[0], options, n=1):
+            return f"did you mean {near[0]}?"
+        return f"`{self.prog} --help` lists its arguments"

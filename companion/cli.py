@@ -7,6 +7,7 @@ import difflib
 import importlib
 import os
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,10 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         prepare()
     words = list(sys.argv[1:] if argv is None else argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of numpy's OpenBLAS would spin during the start
-    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
-        near = difflib.get_close_matches(words[0], COMMANDS, n=1)
-        remedy = f"did you mean `companion {near[0]}`?" if near else "`companion --help` lists the commands"
-        fail(f"there is no command {words[0]!r}; {remedy}")
+    if mistake := _mistake_of_command(words):
+        fail(mistake)
         return 2
     try:
         status = _run(words)
@@ -65,6 +64,22 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         fail(text)
         return 1
+
+
+def _mistake_of_command(words: Sequence[str]) -> str:
+    """Returns why the first word is no command, with the remedy; "" if it is one, or an option without a command."""
+    if not words or words[0] in COMMANDS:
+        return ""
+    if words[0].startswith("-"):
+        place = next((k for k, word in enumerate(words) if word in COMMANDS), None)
+        if place is None or words[0] in ("-h", "--help"):
+            return ""
+        return (
+            f"options follow the command: companion {shlex.join([words[place], *words[:place], *words[place + 1 :]])}"
+        )
+    near = difflib.get_close_matches(words[0], COMMANDS, n=1)
+    remedy = f"did you mean `companion {near[0]}`?" if near else "`companion --help` lists the commands"
+    return f"there is no command {words[0]!r}; {remedy}"
 
 
 def _flushed(quiet: bool) -> bool:

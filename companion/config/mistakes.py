@@ -57,25 +57,30 @@ def _place(path: tuple[Any, ...]) -> str:
 
 def _unknown(path: tuple[Any, ...], where: str) -> str:
     key, section = str(path[-1]), str(path[0])
-    if len(path) == 1:
-        known = list(SECTIONS)
-        homes = [name for name in SECTIONS if any(f.name == key for f in fields_of(name))]
-        if homes:
-            return f"{key}: belongs under [{homes[0]}]; put it below that line"
-        what = "section"
-    else:
-        known, what = [f.name for f in fields_of(section)], "key"
-        if section == "extractor":
-            experts = [f.name for f in expert_fields()]
-            if key in experts:
-                return f"{where}: it is given below [expert] as well; keep that line only"
-            if not difflib.get_close_matches(key, known, n=1, cutoff=0.7):
-                near = difflib.get_close_matches(key, experts, n=1, cutoff=0.7)
-                if near:
-                    return f"{where}: no such key; did you mean {near[0]} below [expert]?"
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    remedy = f"did you mean {near[0]}?" if near else f"there are: {', '.join(known)}"
-    return f"{where}: no such {what}; {remedy}"
+    at_top = len(path) == 1
+    known = list(SECTIONS) if at_top else [f.name for f in fields_of(section)]
+    experts = [f.name for f in expert_fields()] if section == "extractor" else []
+    if key in experts:
+        return f"{where}: it is given below [expert] as well; keep that line only"
+    near = _nearest(key, known, 0.7)
+    homes = [_header(name) for name in SECTIONS if any(f.name == key for f in fields_of(name))]
+    if homes and not near:
+        place = " or ".join(homes)
+        return f"{key}: belongs under {place}; put it below that line" if at_top else f"{where}: belongs under {place}"
+    if not near and (expert := _nearest(key, experts, 0.7)):
+        return f"{where}: no such key; did you mean {expert} below [expert]?"
+    near = near or _nearest(key, known, 0.5)
+    remedy = f"did you mean {near}?" if near else f"there are: {', '.join(known)}"
+    return f"{where}: no such {'section' if at_top else 'key'}; {remedy}"
+
+
+def _nearest(key: str, names: list[str], cutoff: float) -> str:
+    """Returns the most similar name; "" if none is similar enough."""
+    return next(iter(difflib.get_close_matches(key, names, n=1, cutoff=cutoff)), "")
+
+
+def _header(section: str) -> str:
+    return "[[camera]]" if section == "camera" else f"[{section}]"
 
 
 def _doc(section: str, key: Any) -> str:

@@ -74,6 +74,28 @@ def test_a_mistyped_command_is_corrected(word: str, answer: str, capsys: pytest.
     assert answer in capsys.readouterr().err
 
 
+def test_the_command_comes_before_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["-c", "my.toml", "run"]) == 2
+    assert capsys.readouterr().err == "companion: error: options follow the command: companion run -c my.toml\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("[extractor]\nmax_range_m = 12", "[extractor] max_range_m: belongs under [[camera]]"),
+        ('kind = "oak"', "kind: belongs under [[camera]]; put it below that line"),
+        (
+            '[[camera]]\nname = "a"\npassable_width_m = 1',
+            "[[camera]] number 1: passable_width_m: belongs under [extractor] or [world]",
+        ),
+        ("[share]\nsend = true", "[share] send: belongs under [avoid]"),
+    ],
+)
+def test_a_key_of_another_section_is_named_with_its_own(text: str, answer: str) -> None:
+    """The most similar key of the wrong section would mislead."""
+    assert problems_of(text) == answer
+
+
 def test_a_flight_log_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "flight.tlog"
     log.write_bytes(b"\0" * 100)

@@ -53,8 +53,12 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--seconds 30", "needs --mount"),
     ),
     "bench": (("--size 1x1", "such as 640x480"),),
-    "warmup": (("--all", "--all"), ("kernels", "`--help` after the command lists its arguments")),
-    "run": (("--speed 9", "--speed"),),
+    "warmup": (("--all", "--all"), ("kernels", "`companion warmup --help` lists its arguments")),
+    "run": (
+        ("--speed 9", "--speed"),
+        ("--confg my.toml", "did you mean --config?"),
+        ("my.toml", "did you mean -c my.toml?"),
+    ),
     "status": (("--timeout nan", "expected 0.1..3600"), ("--timeout -3", "expected 0.1..3600")),
     "view": (
         ("", "give FILE.mcap and -o DIR, or --live"),
