@@ -14,14 +14,9 @@ from .comparison import FlightDifference, PairedFrames
 _A, _B, _LOST, _NEW, _BLIND = "#1565c0", "#ef6c00", "#c62828", "#6a1b9a", "#9e9e9e"
 
 
-def _figure(width_px: int, height_px: int) -> Any:
-    """A figure without a window. Raises DeviceNotFound without matplotlib."""
-    return new_figure(width_px, height_px, ", or give --no-pictures", layout="constrained")
-
-
 def draw_overview(flights: Sequence[FlightDifference], path: Path) -> None:
     """Four panels: planes per frame, blind time, lost and new obstacles, changed frames."""
-    figure = _figure(1100, 800)
+    figure = new_figure(1100, 800, layout="constrained")
     planes, blind, obstacles, changed = figure.subplots(2, 2).ravel()
     mean_a = [f.planes_a / max(1, f.valid_a) for f in flights]
     mean_b = [f.planes_b / max(1, f.valid_b) for f in flights]
@@ -49,7 +44,7 @@ def _scatter(axes: Any, a: Sequence[float], b: Sequence[float], title: str) -> N
 
 def draw_flight(flight: FlightDifference, frames: PairedFrames, path: Path) -> None:
     """The distance of the nearest plane and the number of planes over time, with marks where the answer changed."""
-    figure = _figure(1100, 600)
+    figure = new_figure(1100, 600, layout="constrained")
     near, planes = figure.subplots(2, 1, sharex=True)
     t_ns = np.array([row["t_exposure_ns"] for row in frames.a], np.int64)
     t_s = (t_ns - t_ns[0]) / 1e9 if len(t_ns) else np.zeros(0)

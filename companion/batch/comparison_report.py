@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..console import counted, print_json, print_line, progress
+from ..viewer.png import drawing_library
 from ..whole_file import whole_file, write_whole
 from .comparison import Dataset, DatasetDifference, FlightDifference, Name, compare_flight, paired_frames
 from .comparison_pictures import draw_flight, draw_overview
@@ -118,7 +119,9 @@ def _delete_earlier_pictures(folder: Path) -> None:
 
 
 def run_comparison(location_a: str, location_b: str, folder: Path, pictures: bool, as_json: bool) -> int:
-    """0: compared, also where results differ."""
+    """0: compared, also where results differ. Raises DeviceNotFound without matplotlib, before it reads the datasets."""
+    if pictures:
+        drawing_library(", or give --no-pictures")
     _, report = compare_datasets(location_a, location_b, folder, pictures)
     if as_json:
         print_json(report)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from drivers.base import DeviceNotFound
 from drivers.simulation.camera import SimulatedDepthSource
 
 from ..argument_types import number_in
@@ -29,7 +30,7 @@ from ..live.status import status_lines
 from ..pipeline.sync import DropCause
 from ..replay.replay import Options, replay
 from ..replay.replay_report import Replay
-from ..viewer.png import missing_library
+from ..viewer.png import drawing_library
 from ..viewer.view import ViewOptions, Views, make_views
 from ..whole_file import refuse_existing
 from .live import DemoError, LiveRun, fly
@@ -101,7 +102,11 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
         result = replay(log, Options(check=True), on)
     with bar("drawing") as on:
         every = max(1, result.counts.frames // PICTURES)
-        missing = missing_library()
+        missing = ""
+        try:
+            drawing_library()
+        except DeviceNotFound as error:
+            missing = str(error)
         views = make_views(log, options.folder / "view", ViewOptions(every=every, png=not missing), on)
     if missing:
         views.notes.append(missing)

@@ -9,13 +9,15 @@ from drivers.optional_library import optional_module
 from .wire import TopicType
 
 NS = 1_000_000_000
+NEED = "the ROS 2 bridge needs rosbags and eclipse-zenoh", "rosbags>=0.11", "eclipse-zenoh>=1.5"
+"""Both libraries of the extra, for the message where one of them is missing."""
 
 
 class RosMessages:
     """Creates and serialises messages. Raises DeviceNotFound where rosbags is not installed."""
 
     def __init__(self) -> None:
-        typesys = optional_module("rosbags.typesys", "ROS messages need rosbags", "rosbags>=0.11")
+        typesys = optional_module("rosbags.typesys", *NEED)
         self._store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
     def make(self, name: str, /, **fields: Any) -> Any:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from drivers.optional_library import optional_module
 
-from .message_types import RosMessages
+from .message_types import NEED, RosMessages
 from .wire import NodeName, gid, topic_key
 
 CONNECT_TIMEOUT_MS: Final = 1000
@@ -31,8 +31,7 @@ class RosNode:
     threads. Raises DeviceNotFound where the extra is not installed."""
 
     def __init__(self, messages: RosMessages, router: str, domain: int, namespace: str, name: str) -> None:
-        need = "the ROS 2 bridge needs eclipse-zenoh", "eclipse-zenoh>=1.5"
-        self._zenoh, self._ext = optional_module("zenoh", *need), optional_module("zenoh.ext", *need)
+        self._zenoh, self._ext = optional_module("zenoh", *NEED), optional_module("zenoh.ext", *NEED)
         self._messages, self._router, self._domain = messages, router, domain
         self._namespace, self._name = namespace, name
         self._lock = threading.Lock()

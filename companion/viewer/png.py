@@ -7,7 +7,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from drivers.base import DeviceNotFound
 from drivers.optional_library import optional_module
 
 from ..whole_file import whole_file
@@ -22,25 +21,16 @@ BANNER_PX = 46
 BANNER_COLOR = {FrameStatus.VALID: "#2e7d32", FrameStatus.BLIND: "#c62828", FrameStatus.NO_PRISMS: "#b26a00"}
 
 
-def _agg(otherwise: str) -> Any:
+def drawing_library(otherwise: str = "") -> Any:
     """The module of matplotlib that draws without a window. Raises DeviceNotFound; otherwise: another remedy than to
     install it."""
     name = "matplotlib.backends.backend_agg"
     return optional_module(name, "pictures need matplotlib", "matplotlib>=3.8", otherwise=otherwise)
 
 
-def missing_library() -> str:
-    """Why no pictures can be drawn, and the remedy; empty: they can."""
-    try:
-        _agg("")
-    except DeviceNotFound as error:
-        return str(error)
-    return ""
-
-
-def new_figure(width_px: int = WIDTH_PX, height_px: int = HEIGHT_PX, otherwise: str = "", **options: Any) -> Any:
-    """An empty matplotlib figure without a window. options: of Figure. Raises DeviceNotFound as `_agg`."""
-    agg = _agg(otherwise)
+def new_figure(width_px: int = WIDTH_PX, height_px: int = HEIGHT_PX, **options: Any) -> Any:
+    """An empty matplotlib figure without a window. options: of Figure. Raises DeviceNotFound without matplotlib."""
+    agg = drawing_library()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_px / DPI, height_px / DPI), dpi=DPI, facecolor="white", **options)
@@ -56,7 +46,7 @@ def save_figure(figure: Any, path: Path) -> None:
 
 def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
     """Writes the picture of one frame. Raises DeviceNotFound without matplotlib, OSError."""
-    figure = new_figure(otherwise=", or draw the page only with --no-png")
+    figure = new_figure()
     _header(figure, frame, t_start_ns)
     image, scale = image_place(frame)
     draw_depth(figure.add_axes(image), figure.add_axes(scale), frame)

@@ -6,7 +6,7 @@ entities are below `ned` (x north, y east, z down). Without a position the origi
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +27,16 @@ QUADS: Final = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
 """Two triangles of the four corners of a plane."""
 
 
+def rerun_library() -> Any:
+    """The module of rerun-sdk. Raises DeviceNotFound."""
+    return optional_module("rerun", "a Rerun recording needs rerun-sdk", "rerun-sdk>=0.28")
+
+
 class RerunWriter:
     """Call `add` with each frame in order, then `close`. Raises DeviceNotFound without rerun-sdk, and OSError."""
 
     def __init__(self, path: Path, title: str) -> None:
-        self._rr = rr = optional_module("rerun", "a Rerun recording needs rerun-sdk", "rerun-sdk>=0.28")
+        self._rr = rr = rerun_library()
         path.unlink(missing_ok=True)
         self._stream = rr.RecordingStream("osape-companion", recording_id=title)
         self._stream.save(str(path))

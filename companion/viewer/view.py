@@ -24,8 +24,8 @@ from .foxglove_layout import LAYOUT_NAME, write_layout
 from .frame import FrameStatus, select_frames
 from .log import read_frames
 from .page import PageBuilder
-from .png import save_frame
-from .rerun_file import RERUN_NAME, RerunWriter
+from .png import drawing_library, save_frame
+from .rerun_file import RERUN_NAME, RerunWriter, rerun_library
 from .strips import StripFinder
 
 PAGE_NAME: Final = "flight.html"
@@ -89,6 +89,10 @@ def make_views(
     A damaged log is drawn as far as it can be read. Raises DriverError, ValueError (a requested frame is not
     in the log, or the log has none), OSError."""
     options = options or ViewOptions()
+    if options.png:
+        drawing_library(", or draw the page only with --no-png")
+    if options.rerun:
+        rerun_library()
     with McapRecording(path) as source:
         summaries, damage = _summaries(source, lambda share: on_progress(0.4 * share))
         views = _counted(summaries, damage)

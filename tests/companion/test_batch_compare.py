@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,16 @@ def test_equal_datasets_have_no_difference(datasets: tuple[Path, Path], tmp_path
     assert (report["flights"], report["flights_changed"], report["look_at"]) == (3, 0, [])
     assert report["total"]["missed_planes"] == 0
     assert not (tmp_path / "look.parquet").exists()
+
+
+def test_without_matplotlib_nothing_is_compared(
+    datasets: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The comparison of a fleet takes minutes, and failed at its first picture."""
+    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
+    assert main(["batch", "--compare", *map(str, datasets), "-o", str(tmp_path / "out")]) == 1
+    assert "matplotlib>=3.8', or give --no-pictures" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_another_configuration_is_compared_frame_by_frame(

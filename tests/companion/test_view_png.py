@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from companion.viewer.colors import FAR_RGB, UNKNOWN_RGB, UNKNOWN_STRIPE_RGB
 from companion.viewer.frame import ViewFrame
 from companion.viewer.png import BANNER_PX, HEIGHT_PX, WIDTH_PX, image_place, save_frame
+from companion.viewer.view import make_views
 from core.types import PlaneFlags, StripTable
 from drivers.base import DeviceNotFound
 
+from .made_up import write_flight
 from .view_scenes import INFO, INTRINSICS, blind, frame, model, tilted
 
 Image = NDArray[np.int32]
@@ -169,7 +171,8 @@ def test_names_and_causes_with_a_dollar_are_text(tmp_path: Path) -> None:
 
 
 def test_missing_matplotlib_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the log is read, which takes long."""
     monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
     with pytest.raises(DeviceNotFound, match=r"pip install .matplotlib.*--no-png"):
-        save_frame(frame(), tmp_path / "x.png")
-    assert not (tmp_path / "x.png").exists()
+        make_views(write_flight(tmp_path / "log.mcap"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -51,6 +51,7 @@ def test_without_rerun_the_remedy_is_named(
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert main(["view", str(write_flight(tmp_path / "a.mcap")), "-o", str(tmp_path / "o"), "--no-png", "--rerun"]) == 1
     assert "rerun-sdk" in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
 
 
 def test_only_measured_depth_is_a_distance() -> None:
