@@ -11,11 +11,11 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ..stop_signal import end_with_parent
 from .jit_cache import VARIABLE, state_in_use, unwritable_text
 from .manifest import add_groups, discard_damaged, missing_groups
 from .module_folder import delete_kernels
@@ -141,15 +141,8 @@ def run_child(groups: Sequence[str]) -> None:
     """Runs the kernels of these groups in the child process."""
     from .run_kernels import run_kernels
 
-    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    end_with_parent()
     run_kernels(groups)
-
-
-def _end_with_parent() -> None:
-    """Ends this process when its standard input is closed, which shows that the parent has ended."""
-    while os.read(0, 1):
-        pass
-    os._exit(1)
 
 
 def _may_be_damage(status: int, errors: str) -> bool:

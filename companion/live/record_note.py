@@ -10,7 +10,6 @@ from ..log.recorder import RecordStatus
 from ..paths import Folders
 
 MEASURED_NS = 60_000_000_000
-NS = 1_000_000_000
 
 
 def record_note(config: Config, folders: Folders) -> str:

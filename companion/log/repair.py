@@ -11,7 +11,6 @@ import logging
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -19,6 +18,7 @@ from typing import Final
 from drivers.base import DriverError
 
 from ..console import print_line
+from ..stop_signal import end_with_parent
 from .log_directory import delete_unfinished_copies, files_of
 from .log_writer import ACTIVE, is_being_written
 from .recover import copy_readable
@@ -55,11 +55,6 @@ def repair_file(path: Path) -> str:
     except (DriverError, ValueError, OSError) as error:
         return f"{path.name}: {LEFT} ({error})"
     return f"{target.name}: {result.messages} messages recovered"
-
-
-def repair(folder: Path, running: str) -> list[str]:
-    """Repairs all `leftovers` in this process."""
-    return [repair_file(path) for path in leftovers(folder, running)]
 
 
 def _sync_folder(folder: Path) -> None:
@@ -163,12 +158,5 @@ class Repairs:
 
 def run_child() -> None:
     """The child process: repairs the file named on its command line and prints the result."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()  # the next start repairs again
     print_line(repair_file(Path(sys.argv[1])))
-
-
-def _end_with_parent() -> None:
-    """Ends this process when the recorder's process has ended; the next start repairs again."""
-    while os.read(0, 1):  # not through sys.stdin: its lock would be held when this process exits
-        pass
-    os._exit(1)

@@ -30,7 +30,7 @@ from companion.log.log_directory import files_of, make_room, new_flight, part_pa
 from companion.log.log_writer import FileInUseError, LogWriter
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
-from companion.log.repair import CHILD, Repairs, repair
+from companion.log.repair import CHILD, Repairs, leftovers, repair_file
 from companion.pipeline.events import RawFrame
 from companion.pipeline.pipeline import Pipeline
 from companion.pipeline.state import PipelineState
@@ -58,6 +58,11 @@ def until(condition: Callable[[], bool], seconds: float = 60.0) -> bool:
             return True
         time.sleep(0.005)
     return condition()
+
+
+def repair(folder: Path, running: str) -> list[str]:
+    """Repairs the unfinished files of other flights in this process; returns the results."""
+    return [repair_file(path) for path in leftovers(folder, running)]
 
 
 def flight(duration_s: float = 1.0) -> SimulatedFlight:

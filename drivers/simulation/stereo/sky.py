@@ -9,8 +9,6 @@ import numpy as np
 
 from .textures import Floats, kernel, value_noise
 
-SKY_ROW = 9
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sky:
@@ -29,7 +27,7 @@ class Sky:
     ambient: float = 0.45
 
     def row(self) -> Floats:
-        """(SKY_ROW,) for the kernels."""
+        """(9,) float64 for the kernels."""
         c = math.cos(self.sun_elevation_rad)
         sun = (
             c * math.cos(self.sun_azimuth_rad),
