@@ -11,7 +11,7 @@ from typing import Any, Final
 from ..console import counted, print_json, print_line, progress
 from ..viewer.png import drawing_library
 from ..whole_file import whole_file, write_whole
-from .comparison import Dataset, DatasetDifference, FlightDifference, Name, compare_flight, paired_frames
+from .comparison import Dataset, DatasetDifference, FlightDifference, compare_flight, paired_frames
 from .comparison_pictures import draw_flight, draw_overview
 from .parquet_table import arrow_module
 
@@ -64,15 +64,11 @@ def summary(found: DatasetDifference) -> dict[str, Any]:
     return {
         "flights": len(flights),
         "flights_changed": sum(f.changed > 0 for f in flights),
-        "flights_only_a": [_text(name) for name in found.only_a],
-        "flights_only_b": [_text(name) for name in found.only_b],
+        "flights_only_a": ["/".join(name) for name in found.only_a],
+        "flights_only_b": ["/".join(name) for name in found.only_b],
         "total": total,
         "look_at": [flight.as_row() for flight in found.worst[:SHOWN]],
     }
-
-
-def _text(name: Name) -> str:
-    return "/".join(name)
 
 
 def _write_rows(path: Path, rows: list[dict[str, Any]]) -> None:

@@ -24,13 +24,8 @@ READ_S = 0.1
 CAUSE_CHARACTERS = 2000
 
 
-def info_to_json(info: CameraInfo) -> dict[str, Any]:
-    """A camera's description as plain values."""
-    return dataclasses.asdict(info)
-
-
 def info_from_json(payload: dict[str, Any]) -> CameraInfo:
-    """The description from the output of info_to_json. Raises ValueError, KeyError or TypeError."""
+    """The description from its values as dataclasses.asdict gives them. Raises ValueError, KeyError or TypeError."""
     values = dict(payload)
     intrinsics, mount = Intrinsics(**values.pop("intrinsics")), CameraMount(**values.pop("mount"))
     return CameraInfo(intrinsics=intrinsics, mount=mount, **values)
@@ -56,7 +51,7 @@ def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) 
     try:
         source.open()
         info = section.applied_to(source.info)
-        writer.send("opened", info=info_to_json(info), notice=shortened(source.notice))
+        writer.send("opened", info=dataclasses.asdict(info), notice=shortened(source.notice))
         while True:
             frame = source.read(READ_S)
             if frame is not None:

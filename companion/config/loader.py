@@ -230,7 +230,7 @@ def config_of(content: Mapping[str, Any], source: str) -> Config:
     try:
         valid = file_model(frozenset(content) & frozenset(SECTIONS)).model_validate(dict(content)).model_dump()
     except ValidationError as error:
-        raise ConfigError(source, [mistake_text(e, content) for e in error.errors(include_url=False)]) from error
+        raise ConfigError(source, [mistake_text(e) for e in error.errors(include_url=False)]) from error
     problems: list[str] = []  # what concerns several keys at once
 
     def made(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:

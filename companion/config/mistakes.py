@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Mapping
 from typing import Any
 
 from .expert import expert_fields
@@ -16,7 +15,7 @@ SHOWN_CHARACTERS = 200
 """Of a wrong value in a message."""
 
 
-def mistake_text(error: Any, content: Mapping[str, Any]) -> str:
+def mistake_text(error: Any) -> str:
     """One mistake as text: where it is, what is there, what is allowed, what to do."""
     path: tuple[Any, ...] = error["loc"]
     section = str(path[0])

@@ -89,10 +89,6 @@ def make_views(
     A damaged log is drawn as far as it can be read. Raises DriverError, ValueError (a requested frame is not
     in the log, or the log has none), OSError."""
     options = options or ViewOptions()
-    if options.png:
-        drawing_library(", or draw the page only with --no-png")
-    if options.rerun:
-        rerun_library()
     with McapRecording(path) as source:
         summaries, damage = _summaries(source, lambda share: on_progress(0.4 * share))
         views = _counted(summaries, damage)
@@ -297,6 +293,10 @@ def run(args: argparse.Namespace) -> int:
     options = ViewOptions(
         every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page, rerun=args.rerun
     )
+    if options.png:
+        drawing_library(", or draw the page only with --no-png")
+    if options.rerun:
+        rerun_library()
     with McapRecording(args.input):
         pass  # a file that cannot be read is not to wait for the compiler
     if options.png:

@@ -13,6 +13,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from companion.cameras import worker
 from companion.cameras.factory import make_source
 from companion.cameras.frozen_frames import FrozenFrameDetector
 from companion.cameras.supervisor import CameraCondition, CameraStatus, CameraSupervisor
-from companion.cameras.worker import info_from_json, info_to_json
+from companion.cameras.worker import info_from_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
 from core.extractor import Extractor
@@ -53,8 +54,8 @@ PATIENT = SupervisorParams(silent_s=10.0, restart_s=30.0, first_backoff_s=0.0, l
 
 CAMERA = textwrap.dedent("""
     import json, os, sys, time
+    from dataclasses import asdict
     import numpy as np
-    from companion.cameras.worker import info_to_json
     from core.types import CameraInfo, DepthFrame, Intrinsics
     from drivers.base import DeviceLost
     from drivers.cameras.frame_channel import FrameWriter
@@ -64,7 +65,7 @@ CAMERA = textwrap.dedent("""
     rng = np.random.default_rng(0)
     info = CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))
     notice = "the rows differ" if habit == "misaligned" and not os.path.exists("was_open") else ""
-    writer.send("opened", info=info_to_json(info), notice=notice)
+    writer.send("opened", info=asdict(info), notice=notice)
     depth = np.full((48, 64), 3000, np.uint16)
     for k in range(1 << 30):
         after = k >= int(times)
@@ -473,7 +474,7 @@ def test_a_description_survives_the_way_between_processes() -> None:
     info = CameraInfo(
         "a", Intrinsics(64, 48, 60.0, 61.0, 32.0, 24.0), CameraMount(0.1, 0.2, 0.3, 1, 2, 3), 0.2, 9.0, 0.004
     )
-    assert info_from_json(info_to_json(info)) == info
+    assert info_from_json(asdict(info)) == info
 
 
 def test_a_simulated_camera_takes_rendered_stereo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

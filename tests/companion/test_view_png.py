@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from companion.cli import main
+from companion.viewer import view
 from companion.viewer.colors import FAR_RGB, UNKNOWN_RGB, UNKNOWN_STRIPE_RGB
 from companion.viewer.frame import ViewFrame
 from companion.viewer.png import BANNER_PX, HEIGHT_PX, WIDTH_PX, image_place, save_frame
-from companion.viewer.view import make_views
 from core.types import PlaneFlags, StripTable
-from drivers.base import DeviceNotFound
 
 from .made_up import write_flight
 from .view_scenes import INFO, INTRINSICS, blind, frame, model, tilted
@@ -170,9 +171,12 @@ def test_names_and_causes_with_a_dollar_are_text(tmp_path: Path) -> None:
         assert np.std(drawn(f, tmp_path)) > 10
 
 
-def test_missing_matplotlib_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before the log is read, which takes long."""
+def test_missing_matplotlib_is_named_with_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before kernels are compiled and the log is read, which takes long."""
     monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
-    with pytest.raises(DeviceNotFound, match=r"pip install .matplotlib.*--no-png"):
-        make_views(write_flight(tmp_path / "log.mcap"), tmp_path / "out")
+    monkeypatch.setattr(view, "ensure_compiled", lambda *groups: pytest.fail("kernels were compiled"))
+    assert main(["view", str(write_flight(tmp_path / "log.mcap")), "-o", str(tmp_path / "out")]) == 1
+    assert re.search(r"pip install .matplotlib.*--no-png", capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
