@@ -9,7 +9,7 @@ from typing import Any
 from drivers.base import DeviceLost, DeviceNotFound
 from drivers.optional_library import optional_module
 
-from .engines import ATTEMPTS, Done, lost_text, unexpected_text
+from .engines import Done, lost_text, unexpected_text
 from .jobs import Failure, FlightTask, Process
 
 _CONNECT_S = 30.0
@@ -54,7 +54,7 @@ class DaskEngine:
         if error is None:
             return future.result()
         if isinstance(error, self._distributed.KilledWorker):
-            return Failure(lost_text(ATTEMPTS))
+            return Failure(lost_text())
         return Failure(unexpected_text(error))
 
 

@@ -38,10 +38,10 @@ class Engine(Protocol):
         """Yields each task once, when it has ended."""
 
 
-def lost_text(attempts: int) -> str:
+def lost_text() -> str:
     """The failure of a flight whose processes were ended."""
     return (
-        f"its process was ended {attempts} times (killed, or out of memory): give the workers more memory, or start fewer "
+        f"its process was ended {ATTEMPTS} times (killed, or out of memory): give the workers more memory, or start fewer "
         "of them; the same command processes this flight again"
     )
 

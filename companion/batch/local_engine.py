@@ -62,7 +62,7 @@ class _Slot:
             self.close()
             if self._stopped:
                 break
-        return Done(task, Failure(lost_text(ATTEMPTS)), ATTEMPTS)
+        return Done(task, Failure(lost_text()), ATTEMPTS)
 
     def _submit(self, task: FlightTask) -> Future[Outcome | Failure]:
         if self._executor is None:

@@ -47,6 +47,6 @@ class RayEngine:
         try:
             return self._ray.get(reference)
         except (errors.WorkerCrashedError, errors.OutOfMemoryError, errors.NodeDiedError):
-            return Failure(lost_text(ATTEMPTS))
+            return Failure(lost_text())
         except errors.RayError as error:
             return Failure(unexpected_text(error))
