@@ -211,7 +211,8 @@ def _position_m(given: tuple[float, float, float] | None, ask: Questions) -> tup
 def _check_camera(text: str) -> None:
     """Raises ValueError for a kind of camera that does not exist."""
     if text.partition(":")[0] not in CAMERA_KINDS:
-        raise ValueError(f"{text!r}: expected one of {', '.join(CAMERA_KINDS)}, such as v4l2:/dev/v4l/by-path/NAME")
+        kinds = ", ".join(CAMERA_KINDS)
+        raise ValueError(f"{text!r}: expected one of {kinds}, such as v4l2:/dev/v4l/by-path/NAME for a RealSense")
 
 
 def _check_autopilot(text: str) -> None:

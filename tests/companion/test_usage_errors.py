@@ -37,6 +37,7 @@ WRONG: dict[str, tuple[tuple[str, str], ...]] = {
         ("--pitch 10deg", "'10deg': expected -90..90; write one number without a unit"),
         ("--pitch -20,5", "'-20,5': expected -90..90; write a decimal point"),
         ("--pitch -200.", "expected -90..90"),
+        ("--camera realsense", "such as v4l2:/dev/v4l/by-path/NAME for a RealSense"),
         ("--width 0", "expected 0.05..10"),
         ("--height 99", "expected 0.05..5"),
         ("--position 1 2 nan", "expected -10..10"),
