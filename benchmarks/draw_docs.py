@@ -1,6 +1,6 @@
 """The pictures of the README and of docs/explanation/algorithm.md, drawn from our own simulator.
 
-Run `python -m benchmarks.draw_docs`, or with the names of some pictures. Writes docs/pictures/*.png."""
+Run `python -m benchmarks.draw_docs`, or with the names of some pictures. Writes docs/pictures/*.png, or to --out."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def shrink(image: Any, path: Path, width: int | None = None) -> None:
     picture.quantize(COLORS, method=Image.Quantize.FASTOCTREE).save(path, optimize=True)
 
 
-def draw(name: str, seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None:
+def draw(name: str, seen: tuple[Rendered, Calls, FrameModel, Extractor], path: Path) -> None:
     """One picture of a stage."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -116,10 +116,10 @@ def draw(name: str, seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None
     what(figure, frame, calls, extractor if what.__module__ == px.__name__ else model)
     for ax in figure.axes:
         ax.tick_params(labelsize=7)
-    save(figure, FOLDER / f"{name}.png")
+    save(figure, path)
 
 
-def draw_overview(seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None:
+def draw_overview(seen: tuple[Rendered, Calls, FrameModel, Extractor], path: Path) -> None:
     """The viewer's own picture of a frame, smaller."""
     frame, _, model, _ = seen
     _, roll, pitch, yaw, position = VIEWS["arrival"]
@@ -127,31 +127,32 @@ def draw_overview(seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None:
     shown = ViewFrame(
         info=frame.info, sequence=0, t_ns=0, depth_mm=frame.depth_mm, R_ned_frd=R, model=model, position_ned_m=position
     )
-    path = FOLDER / f"{OVERVIEW}.png"
     save_frame(shown, path)
     shrink(path, path, 1100)
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Draws the requested pictures, by default all."""
     names = [OVERVIEW, *PICTURES]
     parser = argparse.ArgumentParser(prog="python -m benchmarks.draw_docs", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names)} (default: all)")
-    args = parser.parse_args()
+    parser.add_argument("--out", type=Path, default=FOLDER, help="folder of the pictures (%(default)s)")
+    args = parser.parse_args(arguments)
     unknown = [n for n in args.names if n not in names]
     if unknown:
         parser.error(f"no picture {unknown[0]}; there are: {', '.join(names)}")
-    FOLDER.mkdir(parents=True, exist_ok=True)
+    args.out.mkdir(parents=True, exist_ok=True)
     seen: dict[str, tuple[Rendered, Calls, FrameModel, Extractor]] = {}
     for name in args.names or names:
         view = "arrival" if name == OVERVIEW else PICTURES[name][0]
         if view not in seen:
             seen[view] = look(view)
+        path = args.out / f"{name}.png"
         if name == OVERVIEW:
-            draw_overview(seen[view])
+            draw_overview(seen[view], path)
         else:
-            draw(name, seen[view])
-        print(FOLDER / f"{name}.png", (FOLDER / f"{name}.png").stat().st_size // 1000, "kB", file=sys.stderr)
+            draw(name, seen[view], path)
+        print(path, path.stat().st_size // 1000, "kB", file=sys.stderr)
     return 0
 
 

@@ -11,6 +11,7 @@ from benchmarks.trace import Calls
 from companion.viewer.colors import depth_rgb
 from core.extractor import Extractor
 from core.stages.density import MAX_PEAKS, Peaks, find_peaks
+from core.stages.row_mask import mask_open_rows
 from core.stages.spatial_noise import noise_tiles
 from core.stages.strips import IRREGULAR, MERGED, ROUGH, SMOOTH
 from core.types import FAR_MM, UNKNOWN_MM
@@ -49,8 +50,11 @@ def levelled(calls: Calls) -> NDArray[np.uint16]:
 def is_ground(calls: Calls) -> NDArray[np.bool_]:
     """(cols, rows), where a measurement is ground or below it."""
     codes, threshold, view = calls.of("extract_strips").before[:3]
-    above = view.tan_mid[None, :] - threshold.shift[:, None] > threshold.limit[codes]
-    ground: NDArray[np.bool_] = (codes > 1) & above
+    cols, rows = codes.shape
+    is_open = np.zeros((cols, -(-rows // 8) * 8), np.uint8)
+    for u in range(cols):
+        mask_open_rows(codes[u], threshold, threshold.shift[u], view.tan_mid, is_open[u])
+    ground: NDArray[np.bool_] = (codes > 1) & (is_open[:, :rows] == 0)
     return ground
 
 
@@ -67,8 +71,8 @@ def draw_level(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor)
 
 def draw_classes(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """A part of the image and what became of each pixel."""
-    depth_mm, least_mm, greatest_mm, _, _, marks = calls.of("classify").after
-    flying = (depth_mm >= least_mm) & (depth_mm <= greatest_mm) & (marks == UNKNOWN_MM)
+    depth_mm, limits, marks = calls.of("classify").after
+    flying = (depth_mm >= limits.least_mm) & (depth_mm <= limits.greatest_mm) & (marks == UNKNOWN_MM)
     part = _most(flying, 90, 120)
     rgb = np.full((*marks.shape, 3), PALE, np.uint8)
     rgb[(marks != UNKNOWN_MM) & (marks != FAR_MM)] = (150, 185, 215)
@@ -157,12 +161,12 @@ def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extracto
     view, call = calls.of("view_geometry").result, calls.of("extract_strips")
     codes, strips = strips_of(calls)
     u = column_with_most(calls, SMOOTH)
-    bin_of_code, bin_px, _, threshold, weights, _ = call.before[3]
+    bins = call.before[3]
+    bin_px, threshold = bins.disparity_px, bins.threshold
     ground = is_ground(calls)[u]
     open_ = (codes[u] > 1) & ~ground
-    counts = np.convolve(np.bincount(bin_of_code[codes[u][open_]], minlength=len(bin_px)), weights, "same").astype(
-        np.int32
-    )
+    per_bin = np.bincount(bins.bin_of_code[codes[u][open_]], minlength=len(bin_px))
+    counts = np.convolve(per_bin, bins.weights, "same").astype(np.int32)
     low, high, top = (np.zeros(MAX_PEAKS, np.int32) for _ in range(3))
     peaks = find_peaks(counts, threshold, 0, len(counts) - 1, call.before[4][0], Peaks(low, high, top))
     a, b = figure.subplots(1, 2, sharex=True)
