@@ -25,9 +25,10 @@ from drivers.simulation.source import Rendered
 MISSED, PHANTOM, STOPPED, GROUND = (0.85, 0.0, 0.0), (0.85, 0.0, 0.85), (0.35, 0.55, 1.0), (0.8, 0.76, 0.7)
 
 
-def draw_case(case: Case, extractor: Extractor, path: Path) -> None:
-    """The true view, the view of the model, the verdict on each ray and the plan from above, as one PNG."""
-    frames = frames_of(case, 2)
+def draw_case(case: Case, extractor: Extractor, path: Path, count: int) -> None:
+    """Draws the true view, the view of the model, the verdict on each ray and the plan from above as one PNG, of the
+    last of `count` frames, as the fidelity run scores it."""
+    frames = frames_of(case, count)
     model, last = model_of(frames, extractor), frames[-1]
     rays = true_rays(case, last, extractor.params.min_obstacle_height_m)
     planes, margins = model.planes.astype(np.float64), model.margin_m.astype(np.float64)
@@ -99,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
     for case in asked(args):
         name = case.name.replace(" ", "_").replace("/", "_")
         path = mine.out / f"case_{name}.png"
-        draw_case(case, extractor, path)
+        draw_case(case, extractor, path, args.frames)
         print(path)
     return 0
 
