@@ -16,7 +16,7 @@ import numpy as np
 from companion.bench.frames import render_sequence
 from companion.viewer.frame import ViewFrame
 from companion.viewer.log import read_frames
-from companion.viewer.png import missing_library, new_figure
+from companion.viewer.png import drawing_library, new_figure
 from companion.viewer.side import draw_side
 from companion.viewer.top import draw_top
 from core.extractor import Extractor
@@ -109,8 +109,10 @@ def line(ax: Any, x: np.ndarray, y: np.ndarray, radius_m: float) -> None:
 
 def main() -> int:
     args = arguments()
-    if missing := missing_library():
-        print(missing, file=sys.stderr)
+    try:
+        drawing_library()
+    except DriverError as error:
+        print(error, file=sys.stderr)
         return 1
     try:
         frame = logged(args.log, args.frame) if args.log else simulated(args.scene)

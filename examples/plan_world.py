@@ -20,7 +20,7 @@ from companion.live.world_thread import observation_of
 from companion.pipeline.results import PrismsResult
 from companion.replay.replay import make_pipeline, process
 from companion.replay.summary import ReplayCounts
-from companion.viewer.png import missing_library, new_figure
+from companion.viewer.png import drawing_library, new_figure
 from core.world.world import World
 from drivers.base import DriverError
 from drivers.logs.reader import McapRecording
@@ -90,8 +90,10 @@ def draw(space: WorldSpace, places: np.ndarray, path: np.ndarray, radius_m: floa
 
 def main() -> int:
     args = arguments()
-    if missing := missing_library():
-        print(missing, file=sys.stderr)
+    try:
+        drawing_library()
+    except DriverError as error:
+        print(error, file=sys.stderr)
         return 1
     if args.live:
         with WorldMirror() as mirror:
