@@ -100,7 +100,7 @@ def test_an_aligned_pair_is_measured_as_one_without_an_error() -> None:
     wrong = pair("field", true.pitch_rad, true.roll_rad)
     corrected = StereoPair(left=wrong.left, right=aligned(true).rotation.turned(wrong.right, K))
     shares = [is_measured(camera.depth_of(p)).mean() for p in (pair("field", 0.0, 0.0), wrong, corrected)]
-    assert shares[1] < 0.5 * shares[0]
+    assert shares[1] < 0.6 * shares[0]
     assert shares[2] > 0.95 * shares[0]
 
 
@@ -267,7 +267,7 @@ def test_a_zed_aligns_its_rows_before_its_first_frame() -> None:
     exact, bent = zed(raw(0.0)), zed(raw(0.9))
     unaligned = StereoDepth(CALIBRATION).depth(*halves(raw(0.9)))
     share = measured_share(exact)
-    assert is_measured(unaligned).mean() < 0.5 * share
+    assert is_measured(unaligned).mean() < 0.6 * share
     assert measured_share(bent) > 0.95 * share
     assert exact.notice == ""
     assert "the rows of both images differ by up to 1." in bent.notice
