@@ -67,7 +67,9 @@ class Column:
         self.strips["support"] = -77
         self.counts = np.zeros(1, s.COUNTS)
         g = view(rows)
-        self.settings = view_settings(g, self.sigma_d_px / F, self.params)[0]
+        settings = view_settings(g, self.sigma_d_px / F, self.params)
+        settings["sigma_d_px"] = self.sigma_d_px  # below min_sigma_px, too
+        self.settings = settings[0]
         self.column = s.Column(0, self.line, self.mark, g.H, homography_area(g.H))
 
     @property
