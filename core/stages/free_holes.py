@@ -22,7 +22,7 @@ LEAST_SIDE = DARK_ROWS
 _SIDES = 4
 """Number of sides: LEAST_SIDE times powers of two."""
 _EDGE_CELLS = 3
-"""Unknown cells of a block of a column that make it part of the hole in the block above or below."""
+"""Unknown cells of a block of a column that make it part of the hole in a block beside it."""
 _EACH = np.uint8(0xFF)
 """All bits."""
 _BEYOND = LEAST_SIDE << (_SIDES - 1)
@@ -99,6 +99,28 @@ def add_edges(unknown, holes):
             here, below = column[b], column[b + 1] if b < last else np.uint8(0)
             column[b] = here | above | below if counts[b] >= _EDGE_CELLS else here
             above = here
+
+
+@inner
+def add_sides(unknown, holes):
+    """Extends each hole along its rows over blocks of which at least 3 cells are unknown: at the sides of a round hole the columns are
+    lower than the squares that it contains.
+
+    Args:
+        unknown: (cols, blocks) uint8 of `unknown_of_blocks`.
+        holes: (cols, blocks) uint8 of `find_holes`, in and out."""
+    cols = holes.shape[0]
+    for u in range(1, cols):
+        extend_column(holes[u - 1], unknown[u], holes[u])
+    for u in range(cols - 2, -1, -1):
+        extend_column(holes[u + 1], unknown[u], holes[u])
+
+
+@inner_inline
+def extend_column(beside, counts, column):
+    """Adds the holes of the column beside to a column, where at least _EDGE_CELLS of a block's cells are unknown."""
+    for b in range(len(column)):
+        column[b] |= beside[b] if counts[b] >= _EDGE_CELLS else np.uint8(0)
 
 
 @inner_inline

@@ -38,7 +38,7 @@ from .free_cells import (
     unknown_of_blocks,
 )
 from .free_geometry import ProfileCell, common_source_rows, walk_settings
-from .free_holes import add_edges, find_holes, join_holes
+from .free_holes import add_edges, add_sides, find_holes, join_holes
 from .free_rings import Rings, blocking_codes, place_rings
 from .view_geometry import ViewGeometry
 
@@ -109,6 +109,7 @@ def walk_view(codes, view, image, grid, w):
     dark = DarkColumns(np.empty(cols, np.int64), np.empty((cols, rows // DARK_ROWS + 1), np.int16))
     holes = find_holes(unknown)
     add_edges(unknown, holes)
+    add_sides(unknown, holes)
     own_holes, near_holes = np.empty(holes.shape[1], np.uint8), np.empty(holes.shape[1], np.uint8)
     cu, f_u, u1 = view.cu, view.f_px / np.float64(view.lateral[0]), 0
     for d in range(n):

@@ -369,6 +369,14 @@ def test_no_free_cell_holds_the_lower_edge_of_a_blank_thing_in_a_block_in_part(s
     assert wrong == []
 
 
+def test_no_free_cell_holds_the_side_of_a_blank_sphere() -> None:
+    """A column of 20 unknown rows beside columns that hold a square of 32: it reaches 1.2 pixels into the cell."""
+    wrong, cells, valid, _ = free_campaign.judge(blank_frame(3301, 104), Extractor(Params()), False)
+    assert valid
+    assert cells > 50
+    assert wrong == []
+
+
 def test_no_free_cell_holds_the_end_of_a_roof_that_is_seen_edge_on() -> None:
     """Its pixels were removed as flying ones: its last column is unknown but for near pixels without a plane."""
     r = random_frame(23, 7389)

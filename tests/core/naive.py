@@ -542,12 +542,30 @@ def holes(unknown, side):
 
 def with_edges(found, unknown):
     """Holes and the blocks above and below them that have 3 unknown cells or more. found: (cols, blocks); unknown: (cols, rows)."""
-    blocks = found.shape[1]
-    padded = np.ones((len(unknown), 4 * blocks), bool)
-    padded[:, : unknown.shape[1]] = unknown
-    many = padded.reshape(len(unknown), blocks, 4).sum(axis=2) >= 3
     beside = np.pad(found, ((0, 0), (1, 1)))
-    return found | (many & (beside[:, :-2] | beside[:, 2:]))
+    return found | (_mostly_unknown(unknown) & (beside[:, :-2] | beside[:, 2:]))
+
+
+def with_sides(found, unknown):
+    """Holes and the blocks that blocks of 3 unknown cells or more connect with them along their rows. found: (cols, blocks);
+    unknown: (cols, rows)."""
+    many, out = _mostly_unknown(unknown), found.copy()
+    for u, b in np.argwhere(found):
+        for step in (-1, 1):
+            beside = u + step
+            while 0 <= beside < len(many) and many[beside, b]:
+                out[beside, b] = True
+                beside += step
+    return out
+
+
+def _mostly_unknown(unknown):
+    """(cols, blocks) whether at least 3 cells of a block are unknown. Beyond the last row all is. unknown: (cols, rows)."""
+    cols, rows = unknown.shape
+    blocks = -(-rows // 4)
+    padded = np.ones((cols, 4 * blocks), bool)
+    padded[:, :rows] = unknown
+    return padded.reshape(cols, blocks, 4).sum(axis=2) >= 3
 
 
 def layer_cuts(tops, bottoms, join):

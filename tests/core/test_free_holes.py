@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.stages.free_cells import unknown_of_blocks
-from core.stages.free_holes import add_edges, find_holes, holds_hole, join_holes, side_index
+from core.stages.free_holes import add_edges, add_sides, find_holes, holds_hole, join_holes, side_index
 from core.types import FreeProfile
 
 from . import naive
@@ -134,6 +134,23 @@ def test_the_edge_of_a_hole_that_fills_a_block_in_part_is_in_no_free_cell(first:
     assert covers(g, direction, 5.0)
 
 
+@pytest.mark.parametrize("left", [True, compiled(False)])
+def test_the_side_of_a_round_hole_is_in_no_free_cell(left: bool) -> None:
+    """A hole of 60 cells across, of which two columns lie in the direction: 15 and 21 rows, where 32 count. Squares of that side
+    begin four columns within the hole."""
+    f = profile_with(profile_blank_m=1.0)
+    direction, radius = len(f.azimuth_edges_rad) // 2, 30
+    assert covers(f, direction, 3.0)
+    first, end = (int(u) for u in first_columns(f)[direction : direction + 2])
+    middle = end - 2 + radius if left else first + 1 - radius
+    u, v = np.mgrid[:COLS, :ROWS]
+    codes = np.full((COLS, ROWS), code(WALL_M)[0])
+    codes[(u - middle) ** 2 + (v - 0.5 * (ROWS - 1)) ** 2 <= radius * radius] = 0
+    g = profile(codes, view(rows=ROWS, cols=COLS), profile_blank_m=1.0)
+    assert not covers(g, direction, 3.0)
+    assert covers(g, direction - 1 if left else direction + 1, 3.0)
+
+
 @given(SEED)
 def test_edges_of_holes_against_each_block(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -141,9 +158,12 @@ def test_edges_of_holes_against_each_block(seed: int) -> None:
     unknown = unknown_of_blocks(codes)
     found = find_holes(unknown)
     add_edges(unknown, found)
+    edged = [naive.with_edges(naive.holes(codes == 0, 4 << k), codes == 0) for k in range(4)]
     for k in range(4):
-        squares = naive.holes(codes == 0, 4 << k)
-        np.testing.assert_array_equal((found >> k) & 1 != 0, naive.with_edges(squares, codes == 0))
+        np.testing.assert_array_equal((found >> k) & 1 != 0, edged[k])
+    add_sides(unknown, found)
+    for k in range(4):
+        np.testing.assert_array_equal((found >> k) & 1 != 0, naive.with_sides(edged[k], codes == 0))
 
 
 @pytest.mark.compiled
