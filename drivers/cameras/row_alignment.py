@@ -25,7 +25,8 @@ MEASUREMENTS, NEWEST = 3, 5
 CHECK_SOON_NS, CHECK_AGAIN_NS = 1_000_000_000, 10_000_000_000
 """Time until the next check: until the rotation is known, and since then. A check takes 10 to 40 ms."""
 FAULTS = 3
-"""Checks in a row that must fail once the calibration has passed one: a repeating texture may match a wrong row."""
+"""Checks that must fail once the calibration has passed one, with none between them that passes: a repeating texture may match a
+wrong row."""
 LEAST_CHANGE_PX = 0.05
 NOTICE_PX, NOTICE_UNCORRECTED_PX = 0.5, 0.3
 """Row differences that the user is told. Smaller ones are usual, and corrected or nearly without effect."""
@@ -71,8 +72,10 @@ class RowAlignment:
                 raise BadData(f"camera {self.camera}: {found.fault}; {self.remedy}")
             self._next_ns = time.monotonic_ns() + CHECK_SOON_NS
             return False
-        self._faults = 0
-        self._passed = self._passed or found.complete
+        if found.complete:  # a view with few corners does not contradict the faults before it
+            self._passed, self._faults = True, 0
+        elif self._faults:
+            self._next_ns = time.monotonic_ns() + CHECK_SOON_NS
         measured = measure_rotation(refined(matches, left, right), k)
         if measured is None:
             return False

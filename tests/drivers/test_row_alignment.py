@@ -192,6 +192,22 @@ def test_a_camera_that_is_bent_in_flight_is_a_fault_after_three_checks() -> None
         take(alignment, bent)
 
 
+def test_views_without_corners_do_not_hide_that_a_camera_is_bent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where the vehicle climbs and the camera shows the sky between the faults. It is checked again soon, too."""
+    now_ns = [0]
+    monkeypatch.setattr(row_alignment.time, "monotonic_ns", lambda: now_ns[0])
+    alignment = aligned(RightRotation())
+    bent = RightRotation(3.0 * PITCH_RAD, 0.0)
+    blank = np.full((K.height, K.width), 90, np.uint8)
+    for _ in range(FAULTS - 1):
+        assert not take(alignment, bent)
+        assert not alignment.take(blank, blank, K)
+        now_ns[0] += row_alignment.CHECK_SOON_NS
+        assert alignment.due
+    with pytest.raises(BadData, match=r"px in height; calibrate it again"):
+        take(alignment, bent)
+
+
 def test_checks_that_fail_now_and_then_are_no_fault() -> None:
     alignment = aligned(RightRotation())
     bent = RightRotation(3.0 * PITCH_RAD, 0.0)
