@@ -5,7 +5,6 @@ SN<serial>.conf lies in the same folder."""
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -54,7 +53,7 @@ class StereoImages:
         )
         self._stereo = StereoDepth(load_zed_calibration(calibration, width, height), match)
         self._check(calibration, left, right, report)
-        row_error_px = self._align(calibration, rows)
+        row_error_px = self._align(c.name, calibration, rows)
         optics = self._stereo.intrinsics.fx, self._stereo.baseline_m
         info = CameraInfo(
             c.name,
@@ -81,15 +80,19 @@ class StereoImages:
         if not found.enough:
             report.warning("stereo", f"too few corners in the first pair ({found.corners}) to check {calibration}")
 
-    def _align(self, calibration: Path, rows: list[FrameRow]) -> float:
-        """Aligns the rows of both images by pairs from the whole recording; returns the error of the calibration in pixels."""
+    def _align(self, camera: str, calibration: Path, rows: list[FrameRow]) -> float:
+        """Aligns the rows of both images by pairs from the whole recording; returns the error of the calibration in pixels. Raises
+        BadData where these pairs show that the calibration is wrong."""
         k = self._stereo.intrinsics
-        alignment = RowAlignment(str(calibration), "the calibration belongs to another camera", corrects=True)
+        remedy = f"{calibration} belongs to another camera, or left and right are exchanged"
+        alignment = RowAlignment(camera, remedy, corrects=True)
         for row in rows[:: -(-len(rows) // ALIGNED_PAIRS)]:
-            with suppress(BadData):  # `read` reports an image that cannot be used
+            try:
                 left, right = self._pair(row)
-                if not alignment.settled and left.shape == (k.height, k.width):
-                    alignment.take(*self._stereo.rectified(left, right), k)
+            except BadData:  # `read` reports an image that cannot be used
+                continue
+            if not alignment.settled and left.shape == (k.height, k.width):
+                alignment.take(*self._stereo.rectified(left, right), k)
         self._stereo.align(alignment.rotation)
         alignment.opened(k)
         return alignment.row_error_px

@@ -244,6 +244,20 @@ def test_the_rows_of_stereo_pairs_are_aligned(tmp_path: Path, capsys: pytest.Cap
     assert camera_of(out).bias_per_m == pytest.approx(1.5 * 0.8 / (F_PX * BASELINE_M), rel=0.1)
 
 
+def test_a_foreign_calibration_is_noticed_after_a_first_pair_without_corners(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its depths would be wrong."""
+    folder = write_pairs(tmp_path / "rec", apart=True, rows_px=3.0, pairs=4)
+    for name in ("l0.png", "r0.png"):
+        assert cv2.imwrite(str(folder / name), np.full((HEIGHT, WIDTH), 90, np.uint8))
+    status, _ = imported(folder)
+    assert status != 0
+    error = capsys.readouterr().err
+    assert "camera front: the rectified images differ by 3.0 px in height" in error
+    assert "SN1.conf belongs to another camera" in error
+
+
 def test_exchanged_or_foreign_images_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_pairs(tmp_path / "rec", apart=True)
     (folder / "r1.png").unlink()
