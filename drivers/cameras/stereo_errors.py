@@ -4,7 +4,7 @@ Z = f B / d, so an error e of the disparity d is an error of e Z^2 / (f B) of th
 
 from __future__ import annotations
 
-from core.types import MOST_BIAS_PER_M, Intrinsics
+from core.types import Intrinsics
 
 DISPARITY_BIAS_PX, BIAS_WIDTH_PX = 0.15, 640
 """Error of the disparity that all pixels share, in an image of this width: of a factory calibration, and of the matcher. It is an
@@ -29,6 +29,5 @@ def assumed_bias_px(width: int, row_error_px: float) -> float:
 
 def bias_coefficient(intrinsics: Intrinsics, baseline_m: float, row_error_px: float = 0.0) -> float:
     """bias_per_m of a CameraInfo for the error of `assumed_bias_px`. Without an error of the rows it does not depend on the size of
-    the image."""
-    bias_px = assumed_bias_px(intrinsics.width, row_error_px)
-    return min(bias_px / (intrinsics.fx * baseline_m), MOST_BIAS_PER_M)
+    the image. It is not limited: a CameraInfo refuses what is more than MOST_BIAS_PER_M."""
+    return assumed_bias_px(intrinsics.width, row_error_px) / (intrinsics.fx * baseline_m)

@@ -125,5 +125,5 @@ def test_a_tilted_camera_has_the_error_of_the_depth_not_of_the_forward_distance(
 
 @pytest.mark.parametrize("bias_per_m", [-0.001, MOST_BIAS_PER_M + 0.001, math.nan, math.inf])
 def test_an_impossible_bias_is_refused_with_its_range(bias_per_m: float) -> None:
-    with pytest.raises(ValueError, match=r"bias_per_m=.*, expected 0..0.05"):
+    with pytest.raises(ValueError, match=r"bias_per_m=.*, expected 0..0.3"):
         replace(INFO, bias_per_m=bias_per_m)
