@@ -45,12 +45,21 @@ def shortened(cause: str) -> str:
     return cause if rest <= 0 else f"{cause[:CAUSE_CHARACTERS]}... ({rest} more characters)"
 
 
+def description(section: CameraConfig, source: DepthSource) -> CameraInfo:
+    """The description of an opened camera, with the configured values. A configured bias_per_m does not lower that of a camera which
+    the driver finds misaligned: it may be older. Raises ValueError."""
+    info = section.applied_to(source.info)
+    if source.notice:
+        info = dataclasses.replace(info, bias_per_m=max(info.bias_per_m, source.info.bias_per_m))
+    return info
+
+
 def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) -> None:
     """Opens the source and passes its frames on until the device or the service is lost. Raises DriverError."""
     writer.send("opening")
     try:
         source.open()
-        info = section.applied_to(source.info)
+        info = description(section, source)
         writer.send("opened", info=dataclasses.asdict(info), notice=shortened(source.notice))
         while True:
             frame = source.read(READ_S)
