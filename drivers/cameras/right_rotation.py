@@ -24,18 +24,24 @@ MOST_UNCERTAIN_PX = 0.05
 
 @dataclass(frozen=True, slots=True)
 class RightRotation:
-    """Small rotation of the right camera in its rectified view, radians about the axes x (right) and z (forward).
+    """Small rotation of the right camera in its rectified view, radians about the axes x (right) and z (forward), and the share
+    by which its focal length is too great. The latter is measured and not corrected: it makes depths wrong as well.
 
     The rotation about y moves points along the rows and cannot be told from their depth."""
 
     pitch_rad: float = 0.0
     roll_rad: float = 0.0
+    stretch: float = 0.0
 
     def __add__(self, other: RightRotation) -> RightRotation:
-        return RightRotation(self.pitch_rad + other.pitch_rad, self.roll_rad + other.roll_rad)
+        return RightRotation(
+            self.pitch_rad + other.pitch_rad, self.roll_rad + other.roll_rad, self.stretch + other.stretch
+        )
 
     def __sub__(self, other: RightRotation) -> RightRotation:
-        return RightRotation(self.pitch_rad - other.pitch_rad, self.roll_rad - other.roll_rad)
+        return RightRotation(
+            self.pitch_rad - other.pitch_rad, self.roll_rad - other.roll_rad, self.stretch - other.stretch
+        )
 
     @property
     def R_rectified_right(self) -> NDArray[np.float64]:
@@ -44,30 +50,31 @@ class RightRotation:
 
     def turned(self, right: NDArray[np.uint8], k: Intrinsics) -> NDArray[np.uint8]:
         """The right image (H, W) as a camera without this rotation sees it."""
-        if self == RightRotation():
+        if not (self.pitch_rad or self.roll_rad):
             return right
         matrix = np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]])
         homography = matrix @ self.R_rectified_right @ np.linalg.inv(matrix)
         return np.asarray(cv2.warpPerspective(right, homography, (k.width, k.height)), np.uint8)
 
     def error_px(self, k: Intrinsics) -> float:
-        """The greater of both angles in pixels at the middle of the image."""
-        return float(k.fx * max(abs(self.pitch_rad), abs(self.roll_rad)))
+        """The greater of both angles in pixels at the middle of the image, and of what the focal length makes of a column at the
+        border."""
+        return float(max(k.fx * abs(self.pitch_rad), k.fx * abs(self.roll_rad), 0.5 * k.width * abs(self.stretch)))
 
     def greatest_row_px(self, k: Intrinsics) -> float:
         """Greatest difference of rows that it makes in the image."""
-        return float(np.abs(_row_equations(_border(k), k) @ (self.pitch_rad, self.roll_rad)).max())
+        return float(np.abs(_row_equations(_border(k), k) @ (self.pitch_rad, self.roll_rad, self.stretch)).max())
 
 
 def measure_rotation(matches: CornerMatches, k: Intrinsics) -> RightRotation | None:
     """Fits the rotation to refined corners; None: they do not determine it.
 
-    A right camera that is rotated by (pitch, 0, roll) shows the point (x, y, 1) of its rectified view lower by
-    (1 + y^2) pitch - x roll, to first order."""
+    A right camera that is rotated by (pitch, 0, roll), with a focal length that is too great by the share s, shows the point
+    (x, y, 1) of its rectified view lower by (1 + y^2) pitch - x roll + y s, to first order."""
     if len(matches.left_px) < MIN_CORNERS:
         return None
     rows, equations = matches.rows_px.astype(np.float64), _row_equations(matches.right_px, k)
-    begin = np.array([np.median(rows) / k.fy, 0.0])
+    begin = np.array([np.median(rows) / k.fy, 0.0, 0.0])
     fit = least_squares(
         lambda angles: equations @ angles - rows,
         begin,
@@ -82,7 +89,7 @@ def measure_rotation(matches: CornerMatches, k: Intrinsics) -> RightRotation | N
     uncertain_px = float(np.sqrt(np.einsum("ni,ij,nj->n", border, covariance, border).max()))
     if sigma_px > MOST_SIGMA_PX or uncertain_px > MOST_UNCERTAIN_PX:
         return None
-    return RightRotation(float(fit.x[0]), float(fit.x[1]))
+    return RightRotation(*(float(value) for value in fit.x))
 
 
 def _border(k: Intrinsics) -> NDArray[np.float64]:
@@ -91,6 +98,6 @@ def _border(k: Intrinsics) -> NDArray[np.float64]:
 
 
 def _row_equations(at_px: NDArray[np.floating], k: Intrinsics) -> NDArray[np.float64]:
-    """(N, 2) px per radian of pitch and of roll."""
+    """(N, 3) px per radian of pitch and of roll, and per share of the focal length."""
     x, y = (at_px[:, 0] - k.cx) / k.fx, (at_px[:, 1] - k.cy) / k.fy
-    return np.asarray(k.fy * np.stack([1.0 + y * y, -x], axis=1), np.float64)
+    return np.asarray(k.fy * np.stack([1.0 + y * y, -x, y], axis=1), np.float64)
