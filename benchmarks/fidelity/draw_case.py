@@ -5,6 +5,7 @@ options of benchmarks.fidelity.run. One PNG a case."""
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,6 @@ from benchmarks.fidelity.metrics import Rays, Verdict, judge, score
 from benchmarks.fidelity.result import Case
 from benchmarks.fidelity.run import asked, parse
 from benchmarks.paper.plots import figure
-from companion.argument_parser import ArgumentParser
 from core.extractor import Extractor
 from core.types import FrameModel
 from drivers.simulation.source import Rendered
@@ -91,7 +91,7 @@ def _plan(ax: Any, frame: Rendered, rays: Rays, model: FrameModel) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Draws the requested cases."""
-    own = ArgumentParser(add_help=False)
+    own = argparse.ArgumentParser(add_help=False)  # the other arguments are those of the run
     own.add_argument("--out", type=Path, default=Path("bench-out"))
     mine, others = own.parse_known_args(arguments)
     args = parse(others)
