@@ -18,7 +18,7 @@ from core.types import is_measured
 from drivers.base import BadData
 from drivers.cameras import row_alignment
 from drivers.cameras.corner_matches import CornerMatches, match_corners, refined
-from drivers.cameras.right_rotation import RightRotation, measure_rotation
+from drivers.cameras.right_rotation import STRETCH_SLACK_PX, RightRotation, measure_rotation
 from drivers.cameras.row_alignment import FAULTS, MEASUREMENTS, NEWEST, RowAlignment
 from drivers.cameras.stereo import StereoDepth
 from drivers.cameras.zed_calibration import EyeCalibration, StereoCalibration
@@ -71,8 +71,8 @@ def test_the_rotation_of_the_right_camera_is_measured_to_a_twentieth_of_a_pixel(
     found = measure_rotation(refined(match_corners(images.left, images.right), images.left, images.right), K)
     assert found is not None
     wrong = found - true
-    assert replace(wrong, stretch=0.0).error_px(K) < 0.05
-    assert wrong.error_px(K) < 0.25  # with the focal length, by what it makes of a column at the border
+    assert wrong.error_px(K) < 0.05
+    assert 0.5 * K.width * abs(wrong.stretch) < STRETCH_SLACK_PX
 
 
 def test_corners_in_one_part_of_the_image_do_not_determine_the_rotation() -> None:
@@ -229,6 +229,16 @@ def test_a_device_that_matches_by_itself_is_measured_and_not_corrected() -> None
     assert "the device matches them as they are" in alignment.notice(K)
 
 
+@pytest.mark.parametrize("scene", ["fence", "white_pillars", "white_room"])
+def test_textures_that_look_stretched_do_not_open_a_camera_again(scene: str) -> None:
+    """In these scenes the fit takes up to 0.4 px for a stretch."""
+    alignment = aligned(RightRotation())
+    alignment.opened(K)
+    images = pair(scene, 0.1 * PITCH_RAD, 0.0)
+    for _ in range(NEWEST):
+        alignment.take(images.left, alignment.rotation.turned(images.right, K), K)
+
+
 @pytest.mark.parametrize("stretch", [0.005, -0.005, 0.01])
 def test_another_focal_length_of_the_right_eye_is_told(stretch: float) -> None:
     """No rotation explains its rows. The disparities are wrong by as much, up to 1.7 and 3.4 px at the border."""
@@ -240,7 +250,7 @@ def test_another_focal_length_of_the_right_eye_is_told(stretch: float) -> None:
         assert alignment.take(images.left, alignment.rotation.turned(right, K), K)
     alignment.opened(K)
     assert alignment.rotation.error_px(K) < 0.1
-    assert alignment.row_error_px == pytest.approx(0.5 * K.width * abs(stretch), rel=0.2)
+    assert alignment.row_error_px == pytest.approx(0.5 * K.width * abs(stretch) - STRETCH_SLACK_PX, abs=0.35)
     assert "the rows of both images differ by up to" in alignment.notice(K)
 
 
