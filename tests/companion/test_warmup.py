@@ -118,11 +118,15 @@ def test_a_killed_child_is_reported(small: Path, monkeypatch: pytest.MonkeyPatch
         warmup.warm_up()
 
 
+ENDED = "import os, signal; {number} == 9 or signal.signal({number}, signal.SIG_DFL); os.kill(os.getpid(), {number})"
+"""A child that is ended by a signal, also where the test runs in the background and ignores it."""
+
+
 @pytest.mark.parametrize(
     "failure",
     [
         "raise OSError(28, 'No space left on device')",
-        *(f"import os; os.kill(os.getpid(), {number})" for number in (SIGKILL, SIGINT, SIGTERM, SIGHUP)),
+        *(ENDED.format(number=int(number)) for number in (SIGKILL, SIGINT, SIGTERM, SIGHUP)),
     ],
 )
 def test_kernels_stay_where_the_disk_is_full_or_the_child_is_ended(
