@@ -1,7 +1,7 @@
 """Reads what a camera process prints, and logs it.
 
-A process that prints waits while nobody reads. A library that prints much would otherwise stop the camera where the reader of
-the service's own output has stopped, and its text would be part of the result of a command (`--json`)."""
+A write to a full pipe blocks. Without a reader of its own, a library that prints much would block the camera's process as soon as
+the reader of the service's output stops, and its text would be part of the result of a command (`--json`)."""
 
 from __future__ import annotations
 

@@ -17,10 +17,9 @@ MIN_CORNERS = 60
 OUTLIER_PX = 0.1
 """Row error from which on a corner has little weight (scale of the Cauchy loss)."""
 MOST_SIGMA_PX = 0.15
-"""Greatest robust standard deviation of the rows about the fit: of matches in images without repetition it is 0.02 to 0.15."""
+"""Greatest robust standard deviation of the rows about the fit: in images without repetition it is 0.01 to 0.08."""
 MOST_UNCERTAIN_PX = 0.05
 """Greatest standard deviation of the fitted row at any corner of the image."""
-
 STRETCH_SLACK_PX = 0.5
 """Error of a column at the border by another focal length that is not counted: up to 0.4 px are found in images without one."""
 
@@ -30,7 +29,7 @@ class RightRotation:
     """Small rotation of the right camera in its rectified view, radians about the axes x (right) and z (forward), and the share
     by which its focal length is too great. The latter is measured and not corrected: it makes depths wrong as well.
 
-    The rotation about y moves points along the rows and cannot be told from their depth."""
+    The rotation about y moves points along the rows. It cannot be distinguished from a change of their depth."""
 
     pitch_rad: float = 0.0
     roll_rad: float = 0.0

@@ -11,8 +11,8 @@ DISPARITY_BIAS_PX, BIAS_WIDTH_PX = 0.15, 640
 error of an angle, so in wider images it is as many times more pixels. docs/research/recorded-stereo.md has measurements and the
 makers' statements. Nothing in a frame shows it."""
 ROW_ERROR_SHARE = 1.5
-"""Assumed error of the disparity over the measured error of the rows, of which it is a guess: both are rotations of the
-same two cameras."""
+"""Assumed error of the disparity over the measured error of the rows. No measurement supports the value: both errors are
+rotations of the same two cameras, so that they are taken for alike, with a reserve."""
 _LEAST_KE, _MOST_KE = 1e-4, 0.05
 
 

@@ -59,8 +59,9 @@ class SmoothLimits:
 def noise_grey(image: Gray) -> float:
     """Standard deviation of the sensor's noise, grey levels, from the smoothest tiles of an image (H, W) uint8.
 
-    Rectification interpolates between pixels, and cameras remove noise: what is left is alike in neighbours, and their differences
-    show a sixth of it. Means of 2 x 2 pixels show nearly all of it, and half of a noise that differs from pixel to pixel."""
+    Rectification interpolates between pixels, and cameras remove noise. The rest is alike in neighbouring pixels: their differences
+    show down to a sixth of it, differences of means of 2 x 2 pixels at least two thirds. Where the noise of each pixel is
+    independent, such means have half of it, so that they are doubled."""
     fine = np.asarray(image, np.float32)
     half = cv2.resize(fine, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
     sigma = max(_speckle(fine), 2.0 * _speckle(half))

@@ -30,8 +30,8 @@ DISPARITY_SIGMA_PX = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZedSettings:
-    """device: best under /dev/v4l/by-id, of several ZED by-path. width, height: per eye. calibration: SN<serial>.conf. exposure_latency_s: from
-    the middle of the exposure to the kernel's stamp."""
+    """device: best under /dev/v4l/by-id, of several ZED by-path. width, height: per eye. calibration: SN<serial>.conf.
+    exposure_latency_s: from the middle of the exposure to the kernel's stamp."""
 
     camera: str
     device: str

@@ -38,7 +38,7 @@ SERVICE = textwrap.dedent("""
     camera.close()
     os._exit(0)
 """)
-"""A service with one camera. Its output is a pipe that nobody reads."""
+"""A service with one camera. Its output is a pipe without a reader."""
 
 
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])

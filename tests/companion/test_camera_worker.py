@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from companion.cameras.worker import run_camera
+from companion.cameras.worker import description
 from companion.config.camera import CameraConfig
 from core.types import CameraInfo, DepthFrame, Intrinsics
 from drivers.base import DeviceLost
@@ -31,17 +31,6 @@ class Source:
         pass
 
 
-class Writer:
-    """Keeps what is sent."""
-
-    def __init__(self) -> None:
-        self.opened: dict[str, object] = {}
-
-    def send(self, kind: str, **payload: object) -> None:
-        if kind == "opened":
-            self.opened = payload
-
-
 @pytest.mark.parametrize(
     ("configured_per_m", "notice", "expected_per_m"),
     [
@@ -57,9 +46,4 @@ def test_a_configured_bias_does_not_hide_that_a_camera_is_misaligned(
 ) -> None:
     """It was measured before the camera was bent."""
     section = replace(CameraConfig(name="front", kind="oak"), bias_per_m=configured_per_m)
-    writer = Writer()
-    with pytest.raises(DeviceLost):
-        run_camera(section, writer, Source(notice))  # type: ignore[arg-type]
-    info = writer.opened["info"]
-    assert isinstance(info, dict)
-    assert info["bias_per_m"] == expected_per_m
+    assert description(section, Source(notice)).bias_per_m == expected_per_m

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,8 +42,8 @@ class Disk:
     def free(self) -> int:
         return self.size - used_bytes(self.folder)
 
-    def _watched(self, method):  # type: ignore[no-untyped-def]
-        def write(log, *args, **more):  # type: ignore[no-untyped-def]
+    def _watched(self, method: Callable[..., Any]) -> Callable[..., Any]:
+        def write(log: LogWriter, *args: Any, **more: Any) -> Any:
             try:
                 return method(log, *args, **more)
             finally:

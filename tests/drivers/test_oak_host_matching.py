@@ -16,9 +16,10 @@ from companion.cameras.factory import make_source
 from companion.config.camera import CameraConfig
 from core.types import TEXTURELESS_MM
 from drivers.base import BadData, DeviceLost
+from drivers.cameras.corner_matches import match_corners, refined
 from drivers.cameras.oak import OakSource
 from drivers.cameras.oak_pipeline import OakSettings
-from drivers.cameras.stereo import MatchParams
+from drivers.cameras.stereo import MatchParams, StereoMatcher
 
 from .oak_host import PERIOD_S, HostLink, HostPairLink, depth_message, group_message, image_message, now, stamp_ns
 from .test_device_matches import F_PX, HEIGHT, WALL_MM, WIDTH, scene
@@ -124,51 +125,63 @@ def test_groups_that_cannot_be_used_name_the_cause_and_the_remedy(
     assert str(error.value).endswith("Restart the device")
 
 
-@pytest.mark.parametrize("on_host", [True, False])
-def test_images_of_a_wrong_calibration_are_refused(on_host: bool) -> None:
-    """The right image is shifted by three rows."""
+def textured_pair(
+    right_of: Callable[[np.ndarray], np.ndarray], blur_px: float, f_px: float, on_host: bool
+) -> Callable[[int], dict[str, dai.ImgFrame]]:
+    """Groups of a textured left image, the right one that `right_of` makes of it, and where the device matches a depth image of
+    6 px of disparity."""
     rng = np.random.default_rng(1)
-    left = cv2.GaussianBlur(rng.integers(0, 256, (200, 320)).astype(np.uint8), (0, 0), 1.5)
-    right = np.roll(left, (3, -6), axis=(0, 1))
+    left = cv2.GaussianBlur(rng.integers(0, 256, (200, 320)).astype(np.uint8), (0, 0), blur_px)
+    right, wall_mm = right_of(left), round(1000.0 * f_px * 0.075 / 6.0)
+    matrix = [[f_px, 0.0, 159.5], [0.0, f_px, 99.5], [0.0, 0.0, 1.0]]
 
-    def bent(number: int) -> dict[str, dai.ImgFrame]:
+    def make(number: int) -> dict[str, dai.ImgFrame]:
         stamp = now() - timedelta(milliseconds=20)
-        depth = depth_message(number, pixels=np.full(left.shape, 3000, np.uint16), matrix=MATRIX, stamp=stamp)
+        depth = depth_message(number, pixels=np.full(left.shape, wall_mm, np.uint16), matrix=matrix, stamp=stamp)
         first = image_message(number, left, stamp)
         first.setTransformation(depth.getTransformation())
         found = {"left": first, "right": image_message(number, right, stamp)}
         return found if on_host else {"depth": depth, **found}
 
+    return make
+
+
+@pytest.mark.parametrize("on_host", [True, False])
+def test_images_of_a_wrong_calibration_are_refused(on_host: bool) -> None:
+    """The right image is shifted by three rows."""
+    make = textured_pair(lambda left: np.roll(left, (3, -6), axis=(0, 1)), 1.5, 400.0, on_host)
     settings = replace(SETTINGS, host_matching=on_host)
-    source = OakSource(settings, HostPairLink(bent, streams=settings.streams))
+    source = OakSource(settings, HostPairLink(make, streams=settings.streams))
     with pytest.raises(BadData, match=r"differ by 3.0 px in height; the stereo calibration of the device is wrong"):
         source.open()
 
 
-@pytest.mark.parametrize("on_host", [True, False])
-def test_rows_that_differ_are_corrected_where_the_host_matches(on_host: bool) -> None:
-    """By 0.9 px: the device's own matches stay as they are, and the user is told."""
-    rng = np.random.default_rng(1)
-    left = cv2.GaussianBlur(rng.integers(0, 256, (200, 320)).astype(np.uint8), (0, 0), 0.8)
+def lower(left: np.ndarray) -> np.ndarray:
+    """The right image of a wall, 0.9 px too low."""
     move = np.array([[1.0, 0.0, -6.0], [0.0, 1.0, 0.9]])
-    right = np.asarray(cv2.warpAffine(left, move, (320, 200), flags=cv2.INTER_CUBIC), np.uint8)
-    matrix = [[450.0, 0.0, 159.5], [0.0, 450.0, 99.5], [0.0, 0.0, 1.0]]
+    return np.asarray(cv2.warpAffine(left, move, (320, 200), flags=cv2.INTER_CUBIC), np.uint8)
 
-    def lower(number: int) -> dict[str, dai.ImgFrame]:
-        stamp = now() - timedelta(milliseconds=20)
-        depth = depth_message(number, pixels=np.full(left.shape, 5625, np.uint16), matrix=matrix, stamp=stamp)
-        first = image_message(number, left, stamp)
-        first.setTransformation(depth.getTransformation())
-        found = {"left": first, "right": image_message(number, right, stamp)}
-        return found if on_host else {"depth": depth, **found}
 
+@pytest.mark.parametrize("on_host", [True, False])
+def test_rows_that_differ_are_corrected_where_the_host_matches(on_host: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The device's own matches stay as they are, and the notice reports it."""
+    matched: list[tuple[np.ndarray, np.ndarray]] = []
+    depth = StereoMatcher.depth
+
+    def observed(self: StereoMatcher, left: np.ndarray, right: np.ndarray, f_b_px_m: float) -> np.ndarray:
+        matched.append((left, right))
+        return depth(self, left, right, f_b_px_m)
+
+    monkeypatch.setattr(StereoMatcher, "depth", observed)
     settings = replace(SETTINGS, host_matching=on_host)
-    source = OakSource(settings, HostPairLink(lower, streams=settings.streams))
+    source = OakSource(settings, HostPairLink(textured_pair(lower, 0.8, 450.0, on_host), streams=settings.streams))
     source.open()
     try:
-        frame = source.read(60.0)
-        assert frame is not None
-        assert np.mean(frame.depth_mm[20:-20, 60:-20] > 0) > (0.99 if on_host else 0.0)
+        assert source.read(60.0) is not None
+        assert bool(matched) is on_host
+        for left, right in matched:
+            rows_px = refined(match_corners(left, right), left, right).rows_px
+            assert abs(float(np.median(rows_px))) < 0.1
         assert ("the right image is turned to fit" in source.notice) is on_host
         assert ("the device matches them as they are" in source.notice) is not on_host
         assert source.info.bias_per_m * 450.0 * 0.075 == pytest.approx(1.5 * 0.9, rel=0.1)

@@ -1,4 +1,4 @@
-"""Rows of a stereo pair whose right camera is rotated: measured, corrected, watched over."""
+"""Rows of a stereo pair whose right camera is rotated: measured, corrected, monitored."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_the_rotation_of_the_right_camera_is_measured_to_a_twentieth_of_a_pixel(
 
 
 def test_corners_in_one_part_of_the_image_do_not_determine_the_rotation() -> None:
-    """A roll could not be told from a pitch."""
+    """A roll and a pitch move them alike."""
     rng = np.random.default_rng(3)
     at = rng.uniform((300.0, 100.0), (340.0, 300.0), (200, 2)).astype(np.float32)
     noise = rng.normal(0.0, 0.1, 200).astype(np.float32)
@@ -157,15 +157,15 @@ def test_a_view_without_corners_leaves_the_rotation() -> None:
     assert alignment.settled
 
 
-@pytest.mark.parametrize(("rows_px", "told"), [(0.0, False), (0.2, False), (0.7, True)])
-def test_the_assumed_error_of_all_depths_grows_with_that_of_the_rows(rows_px: float, told: bool) -> None:
+@pytest.mark.parametrize(("rows_px", "reported"), [(0.0, False), (0.2, False), (0.7, True)])
+def test_the_assumed_error_of_all_depths_grows_with_that_of_the_rows(rows_px: float, reported: bool) -> None:
     """A rotation about the vertical axis, which makes all depths wrong, may be as great and is not seen."""
     alignment = aligned(RightRotation(rows_px * PITCH_RAD, 0.0))
     alignment.opened(K)
     assert alignment.row_error_px == pytest.approx(rows_px, abs=0.05)
     notice = alignment.notice(K)
-    assert bool(notice) == told
-    if told:
+    assert bool(notice) == reported
+    if reported:
         assert (
             "camera front: the rows of both images differ by up to 0.9 px; the right image is turned to fit" in notice
         )
@@ -240,7 +240,7 @@ def test_textures_that_look_stretched_do_not_open_a_camera_again(scene: str) -> 
 
 
 @pytest.mark.parametrize("stretch", [0.005, -0.005, 0.01])
-def test_another_focal_length_of_the_right_eye_is_told(stretch: float) -> None:
+def test_another_focal_length_of_the_right_eye_is_reported(stretch: float) -> None:
     """No rotation explains its rows. The disparities are wrong by as much, up to 1.7 and 3.4 px at the border."""
     images = pair("field", 0.0, 0.0)
     size = np.array([[1.0 + stretch, 0.0, -stretch * K.cx], [0.0, 1.0 + stretch, -stretch * K.cy]])
