@@ -1,4 +1,4 @@
-"""The paper's experiments in one run: pictures and a page for docs/research/benchmarks, and the tables of docs/research/paper.md.
+"""The paper's experiments in one run: pictures and a page for docs/research/benchmarks, and the judged claims in docs/research/paper.md.
 
 Run `python -m benchmarks.paper.section`, or with --quick, --only PART (the other parts are taken from the last run),
 --out FOLDER, --doc FILE. `make bench` runs the same as one of its sections."""
@@ -76,7 +76,7 @@ PARTS: dict[str, Callable[[bool], list[Any]]] = {
 
 def section(out: Path, quick: bool) -> str:
     """Measures everything, draws the pictures into `out` and returns the page; a full run into the folder of the
-    documentation also rewrites the tables of docs/research/paper.md."""
+    documentation also rewrites the claims in docs/research/paper.md."""
     out.mkdir(parents=True, exist_ok=True)
     data = measured(ROWS, quick, list(PARTS))
     if not quick and out.resolve() == OUT.resolve() and DOC.is_file():
@@ -133,18 +133,11 @@ def summary(data: Json) -> str:
 
 def blocks(data: Json) -> dict[str, str]:
     """The measured pieces of docs/research/paper.md by name."""
-    r = results(data)
     header = stamp([], minutes=0.0, quick=False)
     return {
         "stamp": f"Measured on {header.date} at commit {header.commit}, {header.host_info}, by `make bench ARGS='--only paper'`.",
         "summary": summary(data),
-        "claims": claims_table(claims(r)),
-        "tilt": paper_tilt.tables(r.tilt),
-        "openings": paper_openings.tables(r.openings),
-        "shapes": paper_shapes.tables(r.shapes),
-        "interval": paper_interval.tables(r.interval),
-        "times": paper_time.tables(r.times),
-        **{f["name"]: Finding(**f).markdown() for f in data["findings"]},
+        "claims": claims_table(claims(results(data))),
     }
 
 
@@ -172,7 +165,6 @@ def page(data: Json, out: Path) -> str:
     equations = "\n\n".join(f"### {f['title']}\n\n{Finding(**f).markdown()}" for f in data["findings"])
     return PAGE.format(
         summary=summary(data),
-        claims=claims_table(claims(r)),
         openings=paper_openings.tables(r.openings),
         tilt=paper_tilt.tables(r.tilt),
         storage=paper_storage.tables(r.storage),
@@ -189,12 +181,8 @@ PAGE = """{summary}
 ours. *Exact depth* is what a game engine gives, as the paper's simulator did; *camera* is noise of sigma = 0.0015 Z² with
 5 % dropout, holes, mismatches and flying pixels. Scenes and seeds are held out from tuning. *Missed*: obstacle rays that
 the model lets pass; *phantom*: rays stopped where nothing is; *open stopped*: rays without an obstacle behind that are
-stopped all the same. In words: [paper.md](../paper.md). Again, a part at a time:
+stopped all the same. Each claim with its judgement: [paper.md](../paper.md#the-claims). Again, a part at a time:
 `python -m benchmarks.paper.section --only tilt`.
-
-## The claims
-
-{claims}
 
 ## Openings (Fig. 8)
 
@@ -240,7 +228,7 @@ stopped all the same. In words: [paper.md](../paper.md). Again, a part at a time
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the parts, writes the pictures, the tables of the document and, with --page, the page."""
+    """Runs the parts, writes the pictures, the claims of the document and, with --page, the page."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.paper.section", description=(__doc__ or "").split("\n")[0]
     )
