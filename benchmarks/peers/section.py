@@ -95,8 +95,8 @@ def compared(out: Path, effort: Effort) -> str:
             _TIME.format(cloud=CLOUD),
             times_table(timings, absent),
             f"![Time of a frame]({TIME_PNG})",
-            "## In words",
-            "Said by the figures above, ours being `safe`; medians over the frames, shares over all rays.",
+            "## Comparison",
+            "From the figures above, ours being `safe`; medians over the frames, shares over all rays.",
             said,
             _FAIR,
         ]
@@ -157,7 +157,7 @@ HEAD = f"""Every frame goes to all; all are judged by the same rays and the same
 - **OctoMap** (pyoctomap) gets the frame's points inserted into an empty tree with all their rays, the library's own chances, points of one leaf as one hit.
 - **Open3D planar patches** come of the cloud thinned to {THIN_M:g} m, normals of 30 neighbours; **Open3D VoxelGrid** holds the cubes with a point in them.
 
-All but ours are given for nothing what ours has to find: the true ground (its points are taken out), the true noise, and pixels that are sorted by the rules of ours: the range cut before the clip shows through the noise, flying pixels out, specks of fewer than 7 pixels out."""
+All but ours get what ours has to find: the true ground (its points are taken out), the true noise, and pixels that are sorted by the rules of ours: the range cut before the clip shows through the noise, flying pixels out, specks of fewer than 7 pixels out."""
 _SCENES = """Frames: {frames} of 640x480, 2 m above the ground (lower under ceilings), with noise sigma_Z = ke Z², 5 % dropout, blob holes, 0.2 % of 2x2 mismatches and flying pixels, at roll and pitch of {tilts} degrees. {scenes}. Seeds {seed}, of those by which nothing was chosen."""
 _LEGEND = """Medians over the frames (worst frame) for sizes and distances, shares over all rays together (worst frame). *Distance*: of a visible true obstacle point to the surface of the model; *to the body*: 0 where it is inside of one. *Missed*: obstacle rays let pass more than max(0.5 m, 2 sigma) beyond the truth. *Phantom*: rays stopped more than max(1 m, 3 sigma) before the truth, farther than that from everything true; *over the open*: the same of rays to ground and sky. *Open rays stopped*: at all, near an obstacle or not. Prisms of the grid count as bodies with lids, cubes as cubes. *Bytes*: 8 a vertex and 8 a prism (ours and the grid's), the binary stream of a tree of what is occupied (OctoMap), 6 a voxel, 36 a patch. Ours holds free space, margins and flags besides, OctoMap's tree free space; neither is counted."""
 _STORAGE = """Ours (safe) over the grid's, case by case: median (worst; in how many a goal is missed). The goals: planes and bytes at most 0.5 of the simplified 0.8 m grid, error at most 0.2 (structured) or 1 (unstructured) of the 0.1 m grid. *Front sides*: only those of the grid's sides that face the camera, since ours is made of nothing else. *Not simplified*: sides on one line merged, nothing else. *Of all pixels*: the grid as it comes without any sorting of pixels: every cell with 3 measured points above the ground, mismatches and the near tail of what lies beyond the range included; ours sorts its pixels, so this one is no fair comparison, only an old one."""
@@ -166,7 +166,7 @@ _FAIR = """## What this does not say
 
 - OctoMap is made for many frames of one place, where its probabilities average out the noise; here it has one frame, as all have. [Sequences of frames](#sequences-of-frames) are below.
 - A voxel keeps what is there and nothing more. Ours fills gaps that are too small to pass, by intent: that costs open rays stopped and shows in the distances of foliage.
-- The distance to a surface is unkind to bodies: where noise makes a wall a metre thick, the truth is in the middle of it. *To the body* is unkind to sheets: a body thick enough holds every truth. Both are given; phantom shows which bodies are too thick.
+- The distance to a surface is unfavourable for bodies: where noise makes a wall a metre thick, the truth is in the middle of it. *To the body* is unfavourable for sheets: a body that is thick enough contains every true point. Both are given; phantom shows which bodies are too thick.
 - A patch stands for what is flat, and what is not flat it leaves out: its missed rays are what a plane extractor costs in foliage.
 
 Again: `python -m benchmarks --only peers`, a rough look with `--quick`."""

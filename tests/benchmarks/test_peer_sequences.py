@@ -22,7 +22,7 @@ from benchmarks.peers.sequences.mapper import MapModel, cube_model, plane_model
 from benchmarks.peers.sequences.ours import FRAME, TRACKS, WORLD
 from benchmarks.peers.sequences.plots import draw
 from benchmarks.peers.sequences.run import OURS, Case, makers, run_case
-from benchmarks.peers.sequences.tables import groups, pooled, scene_table, sentences, summary_table
+from benchmarks.peers.sequences.tables import groups, pooled, sentences, summary_table
 from benchmarks.tracking.sequences import Exposure, Pose, exposures, hovering
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import PERFECT
@@ -204,8 +204,6 @@ def test_tables_have_a_line_for_each_method_and_say_where_there_is_no_figure() -
         f"| {FRAME} | 10 | 10 planes | 1,000 | 1.00 (1.0) | 1.00 (1.0) | 1.00 (1.0) | 10.00 (10.0)"
     )
     assert "nan" not in lines[3]
-    scenes = scene_table([rows[0], rows[2]], KE, 10).splitlines()
-    assert scenes[2] == f"| street | {FRAME} | 1.00 | 1.00 | 1.00 | 50.00 | 1.00 | 1.00 |"
     assert len(groups(rows)) == 4
 
 
@@ -222,7 +220,7 @@ def test_sentences_name_the_others_that_are_no_worse_and_those_that_are_nearer()
 def test_the_page_has_all_tables_and_names_what_was_not_run() -> None:
     text = sequences_section.text(sequences_section.BRIEF, rows_of_a_page(), [("wavemap", "not installed")])
     assert text.startswith(f"{sequences_section.HEADING}\n")
-    assert text.count("\n### ") == 7
+    assert text.count("\n### ") == 5
     assert "**wavemap was not run**: not installed." in text
     assert "street, trees, tunnel, movers" in text
     assert not any(line.startswith("# ") for line in text.splitlines())

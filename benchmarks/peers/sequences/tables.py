@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from benchmarks.peers.sequences.judge import Figures
-from benchmarks.peers.tables import markdown, number, percent
+from benchmarks.peers.tables import markdown, percent
 
 Share = tuple[float, float]
 """Over all rays together, and in the worst scene; of 1, nan: no rays."""
@@ -106,24 +106,6 @@ def summary_table(rows: Iterable[Figures], ke_per_m: float, pose: str) -> str:
                 ]
             )
     return markdown(HEAD, lines)
-
-
-def scene_table(rows: Sequence[Figures], ke_per_m: float, frames: int) -> str:
-    """A line for each scene and method: missed, phantom and open rays stopped, under each pose."""
-    mine = [r for r in rows if r.ke_per_m == ke_per_m and r.frames == frames]
-    poses = list(dict.fromkeys(r.pose for r in mine))
-    lines = []
-    for scene, method in dict.fromkeys((r.scene, r.method) for r in mine):
-        line = [scene, method]
-        for pose in poses:
-            found = [r for r in mine if (r.scene, r.method, r.pose) == (scene, method, pose)]
-            p = pooled(found)
-            line += [number(100.0 * s[0], 2) for s in (p.missed, p.phantom, p.open_stopped)]
-        lines.append(line)
-    head = ["scene", "method"]
-    for pose in poses:
-        head += [f"{pose}: missed, %", "phantom, %", "open rays stopped, %"]
-    return markdown(head, lines)
 
 
 def sentences(rows: Iterable[Figures], frames: int, ours: Sequence[str]) -> list[str]:
