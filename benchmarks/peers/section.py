@@ -27,7 +27,7 @@ from benchmarks.peers.sequences.section import FULL as FULL_FLIGHTS
 from benchmarks.peers.sequences.section import HEADING as SEQUENCES
 from benchmarks.peers.sequences.section import QUICK as QUICK_FLIGHTS
 from benchmarks.peers.sequences.section import sequences
-from benchmarks.peers.tables import figures_table, groups, sentences, storage_table, times_table
+from benchmarks.peers.tables import SHOWN, figures_table, groups, sentences, storage_table, times_table
 from benchmarks.scenes.catalogue import FAMILIES, HELD_OUT_SEEDS
 from companion.bench.timing import one_core
 
@@ -75,7 +75,7 @@ def compared(out: Path, effort: Effort) -> str:
     stopped, missed = ("open_stopped", "open rays stopped, %"), ("missed", "obstacle rays missed, %")
     draw_scatter(out / RAYS_PNG, rows, stopped, missed, (0.01, 0.001))
     tables = [
-        f"### {family}, ke {ke:g} ({len(next(iter(found.values())))} frames)\n\n{figures_table(found, absent)}"
+        f"### {family}, ke {ke:g} ({len(next(iter(found.values())))} frames)\n\n{figures_table({k: v for k, v in found.items() if k in SHOWN}, absent)}"
         for (family, ke), found in groups(rows).items()
     ]
     said = "\n".join(f"- {line}" for line in sentences(rows, timings))
@@ -93,7 +93,7 @@ def compared(out: Path, effort: Effort) -> str:
             storage_table(rows),
             "## Time",
             _TIME.format(cloud=CLOUD),
-            times_table(timings, absent),
+            times_table([t for t in timings if t.peer in SHOWN], absent),
             f"![Time of a frame]({TIME_PNG})",
             "## Comparison",
             "From the figures above, ours being `safe`; medians over the frames, shares over all rays.",
@@ -159,7 +159,7 @@ HEAD = f"""Every frame goes to all; all are judged by the same rays and the same
 
 All but ours get what ours has to find: the true ground (its points are taken out), the true noise, and pixels that are sorted by the rules of ours: the range cut before the clip shows through the noise, flying pixels out, specks of fewer than 7 pixels out."""
 _SCENES = """Frames: {frames} of 640x480, 2 m above the ground (lower under ceilings), with noise sigma_Z = ke Z², 5 % dropout, blob holes, 0.2 % of 2x2 mismatches and flying pixels, at roll and pitch of {tilts} degrees. {scenes}. Seeds {seed}, of those by which nothing was chosen."""
-_LEGEND = """Medians over the frames (worst frame) for sizes and distances, shares over all rays together (worst frame). *Distance*: of a visible true obstacle point to the surface of the model; *to the body*: 0 where it is inside of one. *Missed*: obstacle rays let pass more than max(0.5 m, 2 sigma) beyond the truth. *Phantom*: rays stopped more than max(1 m, 3 sigma) before the truth, farther than that from everything true; *over the open*: the same of rays to ground and sky. *Open rays stopped*: at all, near an obstacle or not. Prisms of the grid count as bodies with lids, cubes as cubes. *Bytes*: 8 a vertex and 8 a prism (ours and the grid's), the binary stream of a tree of what is occupied (OctoMap), 6 a voxel, 36 a patch. Ours holds free space, margins and flags besides, OctoMap's tree free space; neither is counted."""
+_LEGEND = """Medians over the frames (worst frame) for sizes and distances, shares over all rays together (worst frame). *Distance*: of a visible true obstacle point to the surface of the model; *to the body*: 0 where it is inside of one. *Missed*: obstacle rays let pass more than max(0.5 m, 2 sigma) beyond the truth. *Phantom*: rays stopped more than max(1 m, 3 sigma) before the truth, farther than that from everything true; *over the open*: the same of rays to ground and sky. *Open rays stopped*: at all, near an obstacle or not. Prisms of the grid count as bodies with lids, cubes as cubes. *Bytes*: 8 a vertex and 8 a prism (ours and the grid's), the binary stream of a tree of what is occupied (OctoMap), 6 a voxel, 36 a patch. Ours holds free space, margins and flags besides, OctoMap's tree free space; neither is counted. The tables leave out coarser cells; the pictures show all."""
 _STORAGE = """Ours (safe) over the grid's, case by case: median (worst; in how many a goal is missed). The goals: planes and bytes at most 0.5 of the simplified 0.8 m grid, error at most 0.2 (structured) or 1 (unstructured) of the 0.1 m grid. *Front sides*: only those of the grid's sides that face the camera, since ours is made of nothing else. *Not simplified*: sides on one line merged, nothing else. *Of all pixels*: the grid as it comes without any sorting of pixels: every cell with 3 measured points above the ground, mismatches and the near tail of what lies beyond the range included; ours sorts its pixels, so this one is no fair comparison, only an old one."""
 _TIME = """One thread on one core, after warm-up, all in turn on each frame; processor time of the whole process, median (99th percentile); how many times that of ours, without and with *{cloud}*, from which they start; the wall's median; how many frames. Ours: depth image to planes, prisms and free space. Below 1 is faster than ours."""
 _FAIR = """## What this does not say

@@ -15,6 +15,18 @@ FINE_GRID, ROUGH_GRID = "3DP grid 0.1 m", f"3DP grid {ROUGH:g} m"
 GOALS = {"structured": 0.2, "unstructured": 1.0}
 """Mean error over that of the fine grid; planes and bytes over those of the rough one: STORAGE_GOAL."""
 STORAGE_GOAL = 0.5
+SHOWN = (
+    SAFE,
+    PAPER,
+    FINE_GRID,
+    ROUGH_GRID,
+    "OctoMap 0.1 m",
+    "OctoMap 0.2 m",
+    "Open3D planar patches",
+    "Open3D VoxelGrid 0.1 m",
+    CLOUD,
+)
+"""The methods in the page's tables of figures and times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
