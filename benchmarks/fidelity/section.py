@@ -127,7 +127,8 @@ def _goals(out: Path, base: Sequence[Row]) -> list[str]:
         said += [f"### ke {ke:g}", "Bold: the worst case misses the goal.", tables.goals_table(mine)]
     said += [
         "### Where the worst cases are",
-        "The share over the rays of all cases together beside the worst case: a case with few rays has large shares.",
+        "Figures with cases over the goal. The share over the rays of all cases together beside the worst case: a case with few "
+        "rays has large shares.",
         tables.worst_table(base),
         "![Missed and phantom of each scene at each tilt](fidelity_heatmap.png)",
         "### Where no ground is found",
@@ -146,9 +147,9 @@ def _things(out: Path, base: Sequence[Row]) -> list[str]:
         "Openings narrower than 2 m or lower than 1 m are to be closed.",
         tables.openings_table(base),
         "## Thin things over range",
-        "Kept: stopped within max(0.5 m, 2 sigma) of the truth, before or behind.",
+        "Kept: stopped within max(0.5 m, 2 sigma) of the truth, before or behind. Shares: "
+        "[known limits](../../reference/limits.md#thin-objects-width-range-noise).",
         "![Share of the rays of poles and wires that are kept, over range](fidelity_thin.png)",
-        tables.thin_table(base),
     ]
 
 

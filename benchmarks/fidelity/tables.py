@@ -9,7 +9,6 @@ from typing import Any
 from benchmarks.fidelity.goals import MEASURES, Measure, measure, safe_range_m, summary
 from benchmarks.fidelity.openings import OpeningSize
 from benchmarks.fidelity.result import Row
-from benchmarks.fidelity.thin import STEP_M, THINGS, curve
 from benchmarks.scenes.catalogue import FAMILIES
 
 SHORT = (
@@ -80,19 +79,26 @@ def goals_table(rows: Sequence[Row]) -> str:
 
 
 def worst_table(rows: Sequence[Row]) -> str:
-    """Of each measure with a goal and each family and noise: the worst case by name."""
+    """Of each measure with a goal and each family and noise that has cases over it: the worst one by name."""
     lines = []
     for m in MEASURES:
         for family in FAMILIES:
             for ke in sorted({r.case.ke_per_m for r in rows}):
                 s = summary(m, [r for r in _of(rows, family) if r.case.ke_per_m == ke], m.goal(family))
-                if s is None or math.isnan(m.goal(family)):
+                if s is None or not s.over:
                     continue
                 rays = "" if m.rays is None else f", {m.rays(s.where)} rays"
-                worst = f"**{number(s.worst)}**" if s.over else number(s.worst)
                 over = f"{s.over} of {s.count}"
                 lines.append(
-                    [_name(m), family, f"{ke:g}", worst, number(s.pooled), over, f"`{s.where.case.name}`{rays}"]
+                    [
+                        _name(m),
+                        family,
+                        f"{ke:g}",
+                        number(s.worst),
+                        number(s.pooled),
+                        over,
+                        f"`{s.where.case.name}`{rays}",
+                    ]
                 )
     return table(["figure", "family", "ke", "worst", "all rays", "cases over the goal", "the worst case"], lines)
 
@@ -174,27 +180,6 @@ def _size_line(rows: Sequence[Row], width: float, height: float, ke: float) -> l
     middle = f"{widths[len(seen) // 2]:.2f} x {heights[len(seen) // 2]:.2f} m"
     counts = [sum(o.kept for o in seen), sum(o.passable for o in seen), sum(o.too_large for o in seen)]
     return [name, str(len(seen)), middle, f"{widths[0]:.2f} m", f"{heights[0]:.2f} m", *(str(n) for n in counts)]
-
-
-def thin_table(rows: Sequence[Row]) -> str:
-    """Recall of poles and wires over range."""
-    lines = []
-    for title, scenes, prefix in THINGS:
-        for ke in sorted({r.case.ke_per_m for r in rows}):
-            for p in curve([r for r in rows if r.case.ke_per_m == ke], scenes, prefix):
-                lines.append(
-                    [
-                        title,
-                        f"{ke:g}",
-                        f"{p.from_m:.0f}-{p.from_m + STEP_M:.0f} m",
-                        str(p.things),
-                        f"{p.width_px:.1f}",
-                        f"{100 * p.kept:.0f}",
-                        f"{100 * p.found / p.things:.0f}",
-                    ]
-                )
-    head = ["thing", "ke", "range", "seen", "rays a row", "rays kept, %", "at least half kept, %"]
-    return table(head, lines)
 
 
 def seeds_table(tuning: Sequence[Row], held_out: Sequence[Row]) -> str:
