@@ -37,13 +37,17 @@ _NEAR_M: Final = 2.0
 
 @dataclass(slots=True)
 class BatchReport:
-    """What a run did. skipped: flights whose results were present; without_frames: flights whose logs are readable and
-    have no depth images."""
+    """What a run did. skipped: flights whose results were present; unread_files: flight -> its files of which nothing can be
+    read; unreadable: flights without any other file; unread_folders: left out, with all logs in them; without_frames: flights
+    whose logs are readable and have no depth images."""
 
     flights: int = 0
     skipped: int = 0
     frames: int = 0
     damaged: dict[str, str] = field(default_factory=dict)
+    unread_files: dict[str, int] = field(default_factory=dict)
+    unreadable: int = 0
+    unread_folders: int = 0
     failed: dict[str, str] = field(default_factory=dict)
     without_frames: list[str] = field(default_factory=list)
     different: list[str] = field(default_factory=list)
@@ -68,6 +72,25 @@ class BatchReport:
             self.without_frames.append(name)
         if result.equals_onboard is False:
             self.different.append(name)
+        self._add_unread(done.task.flight, result.unread_files)
+
+    def add_present(self, flight: Flight, unread_files: int) -> None:
+        """Counts a flight whose results were present."""
+        self.skipped += 1
+        if self._add_unread(flight, unread_files):
+            self.skipped -= 1
+
+    def _add_unread(self, flight: Flight, number: int) -> bool:
+        """Returns whether nothing of the flight can be read."""
+        if number:
+            self.unread_files[str(flight)] = number
+        self.unreadable += number == len(flight.files)
+        return number == len(flight.files)
+
+    @property
+    def processed(self) -> int:
+        """Flights that this run has processed."""
+        return self.flights - self.skipped - self.unreadable - len(self.failed)
 
     def as_json(self, output: str) -> dict[str, Any]:
         """The object of `--json`."""
@@ -75,9 +98,12 @@ class BatchReport:
             "output": output,
             "flights": self.flights,
             "already_present": self.skipped,
-            "processed": self.flights - self.skipped - len(self.failed),
+            "processed": self.processed,
+            "unreadable": self.unreadable,
             "frames": self.frames,
             "damaged": self.damaged,
+            "unread_files": self.unread_files,
+            "unread_folders": self.unread_folders,
             "failed": self.failed,
             "without_frames": self.without_frames,
             "different_from_onboard": self.different,
@@ -116,7 +142,8 @@ def batch(flights: Sequence[Flight], output: str, options: BatchOptions, engine:
         begin_run(output, _run_of(options))
         present = finished(output, flights)
         tasks = [FlightTask(f, output, options, software()) for f in flights if f not in present]
-        report.skipped = len(flights) - len(tasks)
+        for flight, unread_files in present.items():
+            report.add_present(flight, unread_files)
         with progress("batch") as on_progress:
             number = 0
             try:
@@ -124,7 +151,7 @@ def batch(flights: Sequence[Flight], output: str, options: BatchOptions, engine:
                     report.add(done)
                     on_progress(number / len(tasks))
             except KeyboardInterrupt as interrupt:
-                done_of = f"{report.skipped + number} of {counted(len(flights), 'flight')} are processed"
+                done_of = f"{len(present) + number} of {counted(len(flights), 'flight')} are processed"
                 raise KeyboardInterrupt(f"interrupted: {done_of}; the same command continues") from interrupt
         delete_unfinished(output)
     report.wall_s = time.monotonic() - begun_s
@@ -208,7 +235,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: all flights have a result; 1: a flight has none. Damaged logs are part of the result. Raises UsageError."""
+    """0: all logs have a result; 1: a log has none. Damaged logs are part of the result. Raises UsageError."""
     if args.compare is not None:
         return _compare(args)
     if not args.inputs:
@@ -225,10 +252,14 @@ def run(args: argparse.Namespace) -> int:
     output = utf8_name(args.output if is_url(args.output) else os.path.realpath(args.output))
     engine_name = EngineName(args.engine or EngineName.LOCAL)
     engine = make_engine(engine_name, args.address, args.workers, run_task)
-    flights = find_flights(args.inputs, args.vehicle, output)
+    unread_folders: list[str] = []
+    flights = find_flights(args.inputs, args.vehicle, output, unread_folders.append)
+    for text in unread_folders:
+        warn(text)
     if engine_name is EngineName.LOCAL:
         ensure_compiled("extractor", "tracking")
     report = batch(flights, output, options, engine)
+    report.unread_folders = len(unread_folders)
     if args.json:
         print_json(report.as_json(args.output))
     else:
@@ -237,7 +268,8 @@ def run(args: argparse.Namespace) -> int:
         fail(f"{name}: {text}")
     if len(report.failed) > _LISTED:
         fail(f"and {len(report.failed) - _LISTED} more flights (--json lists all)")
-    return 1 if report.failed else 0
+    _print_unread(report)
+    return 1 if report.failed or report.unread_files or report.unread_folders else 0
 
 
 def _compare(args: argparse.Namespace) -> int:
@@ -254,10 +286,26 @@ def _compare(args: argparse.Namespace) -> int:
     return run_comparison(a, b, Path(args.output), not args.no_pictures, args.json)
 
 
+def _print_unread(report: BatchReport) -> None:
+    """What the results lack, at the end: a warning among many is overlooked."""
+    if folders := report.unread_folders:
+        fail(
+            f"{counted(folders, 'folder')} {'was' if folders == 1 else 'were'} not processed: "
+            f"{'it' if folders == 1 else 'they'} cannot be read (named above)"
+        )
+    if files := sum(report.unread_files.values()):
+        names = list(report.unread_files)
+        fail(
+            f"{counted(files, 'log file')} {'was' if files == 1 else 'were'} not processed: nothing of "
+            f"{'it' if files == 1 else 'them'} can be read. Flights: {', '.join(names[:_LISTED])}"
+            f"{', ...' if len(names) > _LISTED else ''}; the column `damage` of the table flights says why"
+        )
+
+
 def _print_report(report: BatchReport, output: str) -> None:
-    processed = report.flights - report.skipped - len(report.failed)
     print_line(
-        f"{counted(report.flights, 'flight')}: {processed} processed, {report.skipped} already present, {len(report.failed)} failed"
+        f"{counted(report.flights, 'flight')}: {report.processed} processed, {report.skipped} already present, "
+        f"{len(report.failed)} failed{f', {report.unreadable} unreadable' if report.unreadable else ''}"
     )
     print_line(f"{counted(report.frames, 'frame')}; {report.cpu_s:.1f} s of processor time in {report.wall_s:.1f} s")
     if report.different:

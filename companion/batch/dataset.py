@@ -179,25 +179,34 @@ def _damaged(location: str, error: Exception) -> BadData:
     )
 
 
-def finished(output: str, flights: Sequence[Flight]) -> set[Flight]:
-    """The flights whose results are present, made of files of the same total size. A flight with more files than before, or
-    with a damaged row in the table `flights`, is processed again."""
+def finished(output: str, flights: Sequence[Flight]) -> dict[Flight, int]:
+    """The flights whose results are present, made of files of the same total size, and of how many of these files nothing could
+    be read. A flight with more files than before, or with a damaged row in the table `flights`, is processed again."""
     try:
-        rows = read_rows(open_table(output, LAST), f"{output}/{LAST}", ["vehicle", "flight", "bytes"])
+        table = open_table(output, LAST)
+        columns = ["vehicle", "flight", "bytes", "unread_files"]
+        rows = read_rows(table, f"{output}/{LAST}", [name for name in columns if name in table.schema.names])
     except DeviceNotFound:
-        return set()
+        return {}
     except BadData:
-        return {flight for flight in flights if _recorded_bytes(output, flight) == flight.size}
-    sizes = {(row["vehicle"], row["flight"]): row["bytes"] for row in rows}
-    return {flight for flight in flights if sizes.get((flight.vehicle, flight.name)) == flight.size}
+        found = {flight: _row_of(output, flight) for flight in flights}
+    else:
+        by_name = {(row["vehicle"], row["flight"]): row for row in rows}
+        found = {flight: by_name.get((flight.vehicle, flight.name)) for flight in flights}
+    return {
+        flight: row.get("unread_files") or 0  # datasets of earlier versions lack this column
+        for flight, row in found.items()
+        if row is not None and row["bytes"] == flight.size
+    }
 
 
-def _recorded_bytes(output: str, flight: Flight) -> int | None:
-    """Bytes of the logs that the results of a flight were made of; None: there are none, or they cannot be read."""
+def _row_of(output: str, flight: Flight) -> dict[str, Any] | None:
+    """The row of a flight in the table `flights`; None: there is none, or it cannot be read."""
     location = f"{output}/{LAST}/{flight.partition}/{flight.name}.parquet"
     system, path = file_system(location) if is_url(output) else (None, location)
     try:
-        (row,) = arrow_module("pyarrow.parquet").read_table(path, columns=["bytes"], filesystem=system).to_pylist()
+        rows: list[dict[str, Any]] = arrow_module("pyarrow.parquet").read_table(path, filesystem=system).to_pylist()
+        (row,) = rows
     except (OSError, ValueError):
         return None
-    return int(row["bytes"])
+    return row

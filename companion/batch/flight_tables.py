@@ -33,6 +33,7 @@ class FlightTables:
         tables = [name for name in TABLES if name != "planes" or with_planes]
         self.files = {name: TableFile(name, folder / f"{name}.parquet") for name in tables}
         self.damage: list[str] = []
+        self._unread_files = 0
         self._flight = flight
         self._rows = FrameRows()
         self._events = FlightEvents(near_m)
@@ -101,11 +102,12 @@ class FlightTables:
         if "planes" in self.files:
             self._add("planes", plane_rows(output))
 
-    def end_file(self, damage: str | None) -> None:
-        """Called after the replay of a file. damage: of the file, None: none."""
+    def end_file(self, damage: str | None, unread: bool = False) -> None:
+        """Called after the replay of a file. damage: of the file, None: none. unread: nothing of it can be read."""
         self._add("frames", self._rows.end_file())
         if damage:
             self.damage.append(damage)
+        self._unread_files += unread
 
     def finish(self) -> None:
         """Writes the row of the flight and completes the files."""
@@ -149,7 +151,7 @@ class FlightTables:
             "first_difference": str(compared.first) if compared.first else None,
             "missing_onboard": compared.missing_onboard, "without_depth": compared.without_depth,
             "skipped_live": self._skipped_live, "events": self.files["events"].rows,
-            "damage": "; ".join(self.damage) or None,
+            "damage": "; ".join(self.damage) or None, "unread_files": self._unread_files,
         }  # fmt: skip
 
     def _health(self, report: pb.Health) -> None:

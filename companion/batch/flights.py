@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from ..console import warn
 from ..log.log_directory import flight_and_part
 from ..log.log_writer import ACTIVE
 from .storage import StoredFile, find_logs, is_result
@@ -41,16 +42,23 @@ class Flight:
         return f"{self.vehicle}/{self.name}"
 
 
-def find_flights(inputs: Sequence[str], vehicle: str | None = None, output: str = "") -> list[Flight]:
+def find_flights(
+    inputs: Sequence[str],
+    vehicle: str | None = None,
+    output: str = "",
+    on_unread_folder: Callable[[str], None] = warn,
+) -> list[Flight]:
     """The flights in files, folders and patterns.
 
     Args:
         inputs: local paths, patterns or URLs.
         vehicle: vehicle of all flights; None: the name of each file's folder.
         output: dataset that may lie in an input: its replayed logs are no flights.
+        on_unread_folder: takes the text on a folder that cannot be opened: logs in it are left out.
 
     Raises DeviceNotFound for an input without logs, and ValueError for two flights with the same vehicle and name."""
-    files = {file for text in inputs for file in find_logs(text) if not (output and is_result(file.location, output))}
+    found = (file for text in inputs for file in find_logs(text, on_unread_folder))
+    files = {file for file in found if not (output and is_result(file.location, output))}
     groups: dict[tuple[str, str], list[StoredFile]] = {}
     for file in files:
         groups.setdefault((file.folder, flight_and_part(file.name)[0]), []).append(file)

@@ -32,10 +32,12 @@ class FlightTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """The summary of a processed flight. cpu_s: processor time; peak_mb: largest memory of the process so far."""
+    """The summary of a processed flight. unread_files: of which nothing can be read; cpu_s: processor time; peak_mb: largest
+    memory of the process so far."""
 
     frames: int
     damage: str | None
+    unread_files: int
     equals_onboard: bool | None
     cpu_s: float
     wall_s: float

@@ -80,6 +80,7 @@ TABLES: Final[dict[str, tuple[ColumnType, ...]]] = {
         skipped_live int64 frames that the live run skipped; they are not computed
         events int64 number of events
         damage string damaged or unreadable files, with the position; null: none
+        unread_files int32 files of which nothing can be read; the results lack them
         """),
     "events": _columns("""
         flight string name of the flight

@@ -6,7 +6,7 @@ import fnmatch
 import glob
 import importlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +14,6 @@ from typing import Any, Final
 
 from drivers.base import DeviceNotFound, DriverError
 from drivers.optional_library import install_command
-
-from ..console import warn
 
 LOG_NAMES: Final = ("*.mcap", "*.mcap.active")
 LOGS: Final = "logs"
@@ -91,10 +89,10 @@ def reaching(location: str) -> Iterator[None]:
         ) from error
 
 
-def find_logs(location: str) -> list[StoredFile]:
-    """The logs at a location: a file, a folder with everything below it, or a pattern with *, ? or [. Raises
-    DeviceNotFound where there is none."""
-    found = list(_remote_logs(location) if is_url(location) else _local_logs(location))
+def find_logs(location: str, on_unread_folder: Callable[[str], None]) -> list[StoredFile]:
+    """The logs at a location: a file, a folder with everything below it, or a pattern with *, ? or [. on_unread_folder takes
+    the text on a folder that cannot be opened. Raises DeviceNotFound where there is none."""
+    found = list(_remote_logs(location) if is_url(location) else _local_logs(location, on_unread_folder))
     if not found:
         raise DeviceNotFound(f"{location}: no log (*.mcap) found; check the path and its permissions")
     for file in found:
@@ -119,10 +117,15 @@ def is_result(location: str, output: str) -> bool:
     return location.startswith((f"{base}/{LOGS}/vehicle=", f"{base}/{UNFINISHED}/"))
 
 
-def _local_logs(location: str) -> Iterator[StoredFile]:
+def _local_logs(location: str, on_unread_folder: Callable[[str], None]) -> Iterator[StoredFile]:
+    def left_out(error: OSError) -> None:
+        on_unread_folder(
+            f"{error.filename}: cannot be read ({error.strerror}): logs in it are left out; check its permissions"
+        )
+
     path = Path(location)
     if path.is_dir():
-        found_in = ((Path(folder), names) for folder, _, names in os.walk(path, onerror=_left_out))
+        found_in = ((Path(folder), names) for folder, _, names in os.walk(path, onerror=left_out))
         paths = [folder / name for folder, names in found_in for name in names if _is_log(name)]
     elif path.exists():
         paths = [path]
@@ -131,11 +134,6 @@ def _local_logs(location: str) -> Iterator[StoredFile]:
     for found in paths:
         if found.is_file():
             yield StoredFile(str(found.resolve()), found.stat().st_size)
-
-
-def _left_out(error: OSError) -> None:
-    """Prints which folder cannot be read."""
-    warn(f"{error.filename}: cannot be read ({error.strerror}): logs in it are left out; check its permissions")
 
 
 def _is_log(name: str) -> bool:

@@ -28,6 +28,10 @@ class VersionError(ValueError):
     """A worker has another version of this software."""
 
 
+class _NothingReadError(Exception):
+    """Nothing of a log can be read."""
+
+
 def run_task(task: FlightTask) -> Outcome | Failure:
     """`process_flight`; its documented errors are returned as text, since not every error can be sent to another
     process."""
@@ -58,13 +62,17 @@ def process_flight(task: FlightTask) -> Outcome:
             with local_copy(file, copies) as path:
                 tables.begin_file(number)
                 output = folder / logs_path(file) if task.options.logs else None
-                tables.end_file(_replay(path, output, task.options.config, tables))
+                try:
+                    tables.end_file(_replay(path, output, task.options.config, tables))
+                except _NothingReadError as error:
+                    tables.end_file(str(error), unread=True)
         tables.finish()
         publish_flight(task.output, task.flight, folder)
     row = tables.flight_row()
     return Outcome(
         frames=row["frames"],
         damage=row["damage"],
+        unread_files=row["unread_files"],
         equals_onboard=row["equals_onboard"],
         cpu_s=time.process_time() - cpu_s,
         wall_s=time.monotonic() - begun_s,
@@ -79,13 +87,13 @@ def _warm_up() -> None:
 
 
 def _replay(path: Path, output: Path | None, config: Config | None, tables: FlightTables) -> str | None:
-    """Replays a file; returns its damage, None: none."""
+    """Replays a file; returns its damage, None: none. Raises _NothingReadError."""
     try:
         done = replay(path, Options(output=output, config=config, depth=False, as_live=True), observer=tables)
-    except BadData as error:  # nothing of it can be read
-        return str(error)
+    except BadData as error:
+        raise _NothingReadError(str(error)) from error
     except ConfigError as error:
         if config is not None:
             raise
-        return str(error)  # the configuration in the log
+        raise _NothingReadError(str(error)) from error  # the configuration in the log
     return done.damage

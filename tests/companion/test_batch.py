@@ -368,6 +368,60 @@ def test_broken_logs_are_part_of_the_result(tmp_path: Path) -> None:
     assert flights["empty"]["equals_onboard"] is None
 
 
+def test_logs_that_cannot_be_read_are_counted_at_the_end_and_give_status_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ended with 0, and nothing but a warning among others said that a log is missing from the tables. A second run, which
+    leaves present flights out, says it again."""
+    source, out = tmp_path / "v", tmp_path / "out"
+    first, _ = write_parts(source, "20261101-100000", flight_events(1, 0.6), parts=2)
+    first.write_bytes(b"not a log")
+    (source / "empty.mcap").touch()
+    (source / "cut.mcap").write_bytes((source / "20261101-100000.001.mcap").read_bytes()[:-3000])
+    for processed, present in ((2, 0), (0, 2)):
+        assert main(["batch", str(source), "-o", str(out), "--workers", "1"]) == 1
+        printed = capsys.readouterr()
+        assert f"3 flights: {processed} processed, {present} already present, 0 failed, 1 unreadable\n" in printed.out
+        assert printed.err.splitlines()[-1] == (
+            "companion: error: 2 log files were not processed: nothing of them can be read. Flights: v/20261101-100000, v/empty; "
+            "the column `damage` of the table flights says why"
+        )
+    assert main(["batch", str(source), "-o", str(out), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["unread_files"] == {"v/20261101-100000": 1, "v/empty": 1}
+
+
+def test_a_truncated_log_is_no_failure(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its readable part is in the tables."""
+    (cut,) = fleet.glob("beta/20261103*")
+    assert main(["batch", str(cut), "-o", str(tmp_path / "out"), "--workers", "1"]) == 0
+    assert "1 flight: 1 processed, 0 already present, 0 failed\n" in capsys.readouterr().out
+
+
+def test_a_dataset_without_the_count_of_unread_files_continues(fleet: Path, dataset: Path, tmp_path: Path) -> None:
+    """Datasets of 0.1.0 lack this column."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    for file in (copy / "flights").rglob("*.parquet"):
+        parquet.write_table(parquet.ParquetFile(file).read().drop_columns(["unread_files"]), file)
+    flights = find_flights([str(fleet)])
+    assert finished(str(copy), flights) == dict.fromkeys(flights, 0)
+
+
+def test_a_folder_that_cannot_be_read_gives_status_1(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scandir = os.scandir
+
+    def scan(path: str) -> object:
+        if str(path).endswith("beta"):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", scan)
+    assert main(["batch", str(fleet), "-o", str(tmp_path / "out"), "--workers", "1"]) == 1
+    assert "companion: error: 1 folder was not processed: it cannot be read" in capsys.readouterr().err
+
+
 def test_a_log_without_depth_images_is_named(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It gave an empty result that looked like one of a flight without frames."""
     source = next(fleet.rglob("*.mcap"))
@@ -432,7 +486,7 @@ def test_addresses_give_the_same_files(fleet: Path, dataset: Path) -> None:
         for flight in flights:
             done = run_task(FlightTask(flight, "memory://bucket/out", BatchOptions(planes=True), software()))
             assert isinstance(done, Outcome), done
-        assert finished("memory://bucket/out", flights) == set(flights)
+        assert finished("memory://bucket/out", flights).keys() == set(flights)
         for table in ("frames", "events", "planes"):
             names = sorted(memory.find(f"/bucket/out/{table}"))
             assert len(names) == 3
@@ -458,7 +512,7 @@ def test_frames_that_the_live_run_skipped_are_left_out(tmp_path: Path) -> None:
 
 def test_present_results_are_not_computed_again(fleet: Path, dataset: Path) -> None:
     flights = find_flights([str(fleet)])
-    assert finished(str(dataset), flights) == set(flights)
+    assert finished(str(dataset), flights) == dict.fromkeys(flights, 0)
 
 
 def test_a_flight_with_a_new_file_is_processed_again(tmp_path: Path) -> None:
@@ -468,9 +522,9 @@ def test_a_flight_with_a_new_file_is_processed_again(tmp_path: Path) -> None:
     process_all(tmp_path / "v", tmp_path / "out", BatchOptions())
     kept.rename(second)
     (flight,) = find_flights([str(tmp_path / "v")])
-    assert finished(str(tmp_path / "out"), [flight]) == set()
+    assert finished(str(tmp_path / "out"), [flight]) == {}
     process_all(tmp_path / "v", tmp_path / "out", BatchOptions())
-    assert finished(str(tmp_path / "out"), [flight]) == {flight}
+    assert finished(str(tmp_path / "out"), [flight]) == {flight: 0}
     assert len(rows(tmp_path / "out", "flights")) == 1
 
 
@@ -488,7 +542,7 @@ def test_a_flight_with_a_damaged_row_is_processed_again(left: int, fleet: Path, 
     flights = find_flights([str(fleet)])
     row = copy / "flights" / flights[1].partition / f"{flights[1].name}.parquet"
     row.write_bytes(row.read_bytes()[:left])
-    assert finished(str(copy), flights) == {flights[0], *flights[2:]}
+    assert finished(str(copy), flights).keys() == {flights[0], *flights[2:]}
     with pytest.raises(BadData, match=r"copy/flights: a file of this table is damaged"):
         plan_clips(str(copy), find_hits(str(copy), "blind"), tmp_path, 0.0, 0.0)
 
