@@ -9,12 +9,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
-def refuse_existing(*paths: Path, replace: bool, what: str = "") -> None:
-    """Raises ValueError where one of the files exists and `replace` was not requested: it may be the only copy of a flight.
-    what: a sentence part on the file."""
+def refuse_existing(*paths: Path, replace: bool) -> None:
+    """Raises ValueError where one of the files exists and `replace` was not requested: it may be the only copy of a flight."""
     for path in paths:
         if not replace and os.path.lexists(path):
-            raise ValueError(f"{path} exists{what}; give -o another name, or --replace to replace it")
+            raise ValueError(f"{path} exists; give -o another name, or --replace to replace it")
 
 
 @contextmanager

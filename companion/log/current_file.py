@@ -15,7 +15,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..config.service import RecordParams
 from ..pipeline.state import PipelineState
 from .log_directory import free_bytes, make_room, new_flight, part_path, used_bytes
-from .log_writer import CHUNK_BYTES, FileInUseError, LogWriter
+from .log_writer import CHUNK_BYTES, FileInUseError, LogWriter, UnfinishedLogError
 from .repair import Repairs
 
 NS: Final = 1_000_000_000
@@ -99,7 +99,7 @@ class CurrentLog:
             flight = self.flight or new_flight(self._folder)
             try:
                 log = LogWriter(part_path(self._folder, flight, self.files, idle), level=self._params.zstd_level)
-            except FileInUseError:
+            except (FileInUseError, UnfinishedLogError):
                 if self.flight:
                     raise
                 continue

@@ -45,9 +45,19 @@ class FileInUseError(ValueError):
     """Another process writes this file."""
 
 
-def open_locked(path: Path) -> BinaryIO:
-    """Opens a file for writing and empties it; no other process can do so, repair or delete it meanwhile. Raises OSError, and
-    FileInUseError where another process has it open."""
+class UnfinishedLogError(ValueError):
+    """A file holds the log of a process that was interrupted."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(
+            f"{path} exists, an unfinished log, which --replace does not replace: complete it with `companion recover {path}`, "
+            "or delete it, or give -o another name"
+        )
+
+
+def open_locked(path: Path, *, replace: bool) -> BinaryIO:
+    """Opens a file for writing; no other process can do so, repair or delete it meanwhile. A file with content is emptied, or
+    refused without `replace`. Raises OSError, FileInUseError where another process has it open, and UnfinishedLogError."""
     stream = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666), "wb")
     try:
         fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -55,12 +65,19 @@ def open_locked(path: Path) -> BinaryIO:
             raise BlockingIOError  # the other process has just completed and renamed it
     except (BlockingIOError, FileNotFoundError) as error:
         stream.close()
-        raise FileInUseError(f"{path}: another process writes it; wait for its end, or give another name") from error
+        raise _in_use(path) from error
     except OSError:
         pass  # some network file systems have no locks
     if os.fstat(stream.fileno()).st_size:  # a device cannot be emptied
+        if not replace:
+            stream.close()
+            raise UnfinishedLogError(path)
         stream.truncate(0)
     return stream
+
+
+def _in_use(path: Path) -> FileInUseError:
+    return FileInUseError(f"{path}: another process writes it; wait for its end, or give another name")
 
 
 def is_being_written(path: Path) -> bool:
@@ -79,8 +96,8 @@ class LogWriter:
     """A log being written. As a context manager it is finished at the end, left as .active after an exception, and deleted
     after Ctrl-C.
 
-    Raises OSError (no space, no permission), FileInUseError, and ValueError for an output that exists and is not a log, and
-    for timestamps and names that a log cannot hold.
+    Raises OSError (no space, no permission), FileInUseError, UnfinishedLogError, and ValueError for an output that exists and
+    is not a log, and for timestamps and names that a log cannot hold.
 
     level: of zstandard, see `McapWriter`."""
 
@@ -88,7 +105,7 @@ class LogWriter:
         self.path = Path(path)
         refuse_output(self.path, replace=True)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
-        self._file: BinaryIO = open_locked(self.active_path)
+        self._file: BinaryIO = open_locked(self.active_path, replace=False)
         self._writer = McapWriter(self._file, CHUNK_BYTES, level)
         self._writer.start(LIBRARY)
         self._schemas: dict[str, int] = {}
@@ -225,8 +242,8 @@ class LogWriter:
 
 
 def refuse_output(path: Path, *inputs: Path, replace: bool) -> None:
-    """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name), as
-    `refuse_target`, and without `replace` an unfinished log."""
+    """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name) or an unfinished
+    log, and as `refuse_target`."""
     active = Path(f"{path}{ACTIVE}")  # with_name raises ValueError for the directory "."
     # Path.resolve raises RuntimeError for a link to itself
     taken = {os.path.realpath(path), os.path.realpath(active)}
@@ -237,7 +254,8 @@ def refuse_output(path: Path, *inputs: Path, replace: bool) -> None:
                 "give -o another name"
             )
     refuse_target(path, replace=replace)
-    refuse_existing(active, replace=replace, what=", an unfinished log (`companion recover` completes it)")
+    if active.is_file() and active.stat().st_size:
+        raise _in_use(active) if is_being_written(active) else UnfinishedLogError(active)
 
 
 def refuse_target(path: Path, *, replace: bool) -> None:

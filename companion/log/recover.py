@@ -60,7 +60,7 @@ def copy_readable(path: Path, target: Path) -> RecoverResult:
     active = target.with_name(target.name + ACTIVE + RECOVERING)
     stream = None
     try:
-        stream = open_locked(active)
+        stream = open_locked(active, replace=True)
         writer = start_writer(stream)
         copy = _Copy(writer, scan)
         for item in scan.items():

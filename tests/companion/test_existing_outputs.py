@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import shutil
 from pathlib import Path
 
 import pytest
 
 from companion.cli import main
+from companion.log.log_writer import LogWriter, UnfinishedLogError, open_locked
 from core.types import DepthFrame
 from drivers.logs.record_scanner import MAGIC
 
@@ -18,9 +20,7 @@ LOG = Path(__file__).parents[1] / "data" / "street.mcap"
 RECORDED = MAGIC + b"the only copy of a flight"
 WRITERS = {
     "import": ("FOLDER -o OUT.mcap", "OUT.mcap"),
-    "import, unfinished": ("FOLDER -o OUT.mcap", "OUT.mcap.active"),
     "replay": ("LOG -o OUT.mcap", "OUT.mcap"),
-    "replay, unfinished": ("LOG -o OUT.mcap", "OUT.mcap.active"),
     "recover": ("CUT -o OUT.mcap", "OUT.mcap"),
     "recover, flight": ("cut.mcap.active", "cut.mcap"),
     "recover, no name": ("CUT", "cut.recovered.mcap"),
@@ -90,6 +90,40 @@ def test_a_file_is_no_directory(words: str, tmp_path: Path, capsys: pytest.Captu
     assert capsys.readouterr().err == f"companion: error: {there}: File exists; give another name\n"
 
 
+@pytest.mark.parametrize("written", [False, True], ids=["interrupted", "being written"])
+@pytest.mark.parametrize("options", [[], ["--replace"]], ids=["kept", "replaced"])
+@pytest.mark.parametrize("command", ["import", "replay"])
+def test_an_unfinished_log_is_never_replaced(
+    command: str, options: list[str], written: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`--replace` emptied it at once: the flight of a killed recording was lost, also where the new log then failed."""
+    source = write_folder(tmp_path / "rec") if command == "import" else LOG
+    out, unfinished = tmp_path / "out.mcap", tmp_path / "out.mcap.active"
+    unfinished.write_bytes(RECORDED)
+    with unfinished.open("rb") as stream:
+        if written:
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        assert main([command, str(source), "-o", str(out), *options]) == 1
+    expected = (
+        f"{unfinished}: another process writes it; wait for its end, or give another name"
+        if written
+        else f"{unfinished} exists, an unfinished log, which --replace does not replace: complete it with `companion recover "
+        f"{unfinished}`, or delete it, or give -o another name"
+    )
+    assert capsys.readouterr().err == f"companion: error: {expected}\n"
+    assert unfinished.read_bytes() == RECORDED
+    assert not out.exists()
+
+
+def test_an_unfinished_log_that_appears_while_another_is_prepared_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "out.mcap.active").write_bytes(RECORDED)
+    with pytest.raises(UnfinishedLogError):
+        LogWriter(tmp_path / "out.mcap")
+    with pytest.raises(UnfinishedLogError):
+        open_locked(tmp_path / "out.mcap.active", replace=False)
+    assert (tmp_path / "out.mcap.active").read_bytes() == RECORDED
+
+
 @pytest.mark.parametrize("case", WRITERS)
 def test_a_file_is_replaced_on_request_only(
     case: str, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -107,8 +141,7 @@ def test_a_file_is_replaced_on_request_only(
         there.write_bytes(RECORDED)
     before = there.read_bytes()
     assert main(words) == 1
-    unfinished = ", an unfinished log (`companion recover` completes it)" if there.suffix == ".active" else ""
-    assert f"{there} exists{unfinished}; give -o another name, or --replace" in capsys.readouterr().err
+    assert f"{there} exists; give -o another name, or --replace" in capsys.readouterr().err
     assert there.read_bytes() == before
     assert not list(Path().glob("*.part-*"))
     assert main([*words, "--replace"]) == 0

@@ -319,7 +319,7 @@ def test_locks_work_as_nfs_has_them(tmp_path, monkeypatch):
         assert is_being_written(log.active_path)
         assert "another process writes" in repair_file(log.active_path)
         with pytest.raises(FileInUseError):
-            open_locked(log.active_path)
+            open_locked(log.active_path, replace=True)
     assert not is_being_written(log.path)
     unfinished = log.path.rename(log.active_path)
     assert "messages recovered" in repair_file(unfinished)
@@ -558,7 +558,7 @@ def test_a_copy_that_another_process_makes_is_left_to_it(whole, tmp_path):
     """The repair of the service and `companion recover` wrote into one file, and the first of both renamed it."""
     cut = tmp_path / "cut.mcap.active"
     cut.write_bytes(whole.read_bytes()[:-100])
-    with open_locked(tmp_path / "cut.mcap.active.recovering") as other:
+    with open_locked(tmp_path / "cut.mcap.active.recovering", replace=True) as other:
         other.write(b"begun")
         other.flush()
         with pytest.raises(FileInUseError, match="another process writes it"):
