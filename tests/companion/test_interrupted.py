@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,38 @@ def test_a_replay_without_output_says_how_far_it_came(
     monkeypatch.setattr("companion.replay.replay.replay", replay)
     assert main(["replay", str(LOG)]) == 130
     assert capsys.readouterr().err == f"companion: error: interrupted after 25% of {LOG}\n"
+
+
+_INTERRUPTED_IMPORT = """
+import sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "{}":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+"""
+_PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("module", ["companion.kernels.jit_cache", "companion.cli", "companion.log.provenance"])
+@pytest.mark.parametrize("way", ["script", "module"])
+def test_an_interrupted_start_prints_no_traceback(way: str, module: str) -> None:
+    """The first 0.3 s of a command are imports: Ctrl-C printed a traceback of them, and the status was 1."""
+    name, function = _PROJECT["scripts"]["companion"].split(":")
+    run = (
+        f"from {name} import {function}; sys.exit({function}())"
+        if way == "script"
+        else "import runpy; runpy.run_module('companion', run_name='__main__')"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", f"{_INTERRUPTED_IMPORT.format(module)}\n{run}", "--version"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
 
 
 @pytest.mark.process
