@@ -15,8 +15,10 @@ int main(int argc, char** argv) {
   }
   std::ifstream file(argv[1], std::ios::binary);
   osape::v1::PrismsFrame frame;
-  if (!file || !frame.ParseFromIstream(&file)) {
-    std::cerr << argv[1] << (file.is_open() ? ": not an osape.v1.PrismsFrame\n" : ": cannot be opened; check the path\n");
+  // an empty file is parsed, too, and has no version
+  if (!file || !frame.ParseFromIstream(&file) || frame.schema_version() != 1) {
+    std::cerr << argv[1]
+              << (file.is_open() ? ": not an osape.v1.PrismsFrame of schema version 1\n" : ": cannot be opened; check the path\n");
     return 1;
   }
   int number = 0;

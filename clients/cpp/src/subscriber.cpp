@@ -82,7 +82,7 @@ Subscriber::Subscriber(const std::string& address, double timeout_s)
     zmq_setsockopt(socket_->socket, ZMQ_IPV6, &ipv6, sizeof ipv6);
   }
   if (zmq_connect(socket_->socket, address.c_str()) != 0) {
-    throw std::runtime_error(address + ": " + zmq_strerror(zmq_errno()));
+    throw std::runtime_error(address + ": " + zmq_strerror(zmq_errno()) + "; use ipc://PATH or tcp://HOST:PORT");
   }
 }
 

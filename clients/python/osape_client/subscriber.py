@@ -15,6 +15,7 @@ ZeroMQ reconnects by itself when the service is restarted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -142,6 +143,8 @@ class Message:
                 if not frame.HasField("transform") or frame.frame != self.frame:
                     return []  # cut short, so that the position of the camera is missing, or of another frame
                 at = frame.transform.translation_m
+                if not all(map(math.isfinite, (at.x, at.y, at.z))):
+                    return []
                 models.append(PlacedModel(model, (at.x, at.y, at.z)))
         return models
 

@@ -9,6 +9,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <limits>
 
 #include "osape_v1.pb.h"
@@ -24,7 +26,14 @@ struct Point {
 constexpr double kTurn = 6.283185307179586;
 constexpr double kDefaultGroundToleranceM = 0.6;  // for messages of versions without a tolerance
 
-inline bool finite(const Point& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+// No position is farther from the origin along any axis, as in Python: such a number is handled like one that is not finite.
+constexpr double kMostM = 1e9;
+
+inline bool is_position(const Point& p) {
+  return std::abs(p.x) <= kMostM && std::abs(p.y) <= kMostM && std::abs(p.z) <= kMostM;
+}
+
+inline bool finite(const osape::v1::Vector3& v) { return std::isfinite(v.x()) && std::isfinite(v.y()) && std::isfinite(v.z()); }
 
 inline bool finite(const google::protobuf::RepeatedField<float>& values) {
   return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
@@ -34,6 +43,8 @@ inline bool finite_and_increasing(const google::protobuf::RepeatedField<float>& 
   return finite(edges) && std::is_sorted(edges.begin(), edges.end());
 }
 
+constexpr std::uint32_t kMostSupportPx = 0x7fffffff;
+
 // Whether planes are rectangles with margins: one that is not finite would touch nothing.
 inline bool planes_fit(const osape::v1::Planes& planes) {
   const int count = planes.margin_m_size();
@@ -41,15 +52,26 @@ inline bool planes_fit(const osape::v1::Planes& planes) {
   if (planes.support_px_size() != count || planes.flags_size() != count || planes.cluster_size() != count) return false;
   for (int i = 0; i < count; ++i) {
     if (!std::isfinite(planes.margin_m(i)) || planes.margin_m(i) < 0.0f) return false;
+    if (planes.support_px(i) > kMostSupportPx) return false;
     if (!(planes.corners_m(6 * i + 4) < planes.corners_m(6 * i + 5))) return false;  // z points down
   }
   return true;
 }
 
+// Whether the prisms are profiles with an edge for each plane, between two heights. They are not queried, but a message with a
+// damaged one is damaged.
+inline bool prism_fits(const osape::v1::Prism& prism) {
+  const int vertices = prism.vertices_m_size() / 2, edges = vertices - (prism.closed() ? 0 : 1);
+  if (prism.vertices_m_size() != 2 * vertices || prism.plane_size() != edges || !finite(prism.vertices_m())) return false;
+  const bool layer = std::isfinite(prism.top_m()) && std::isfinite(prism.bottom_m()) && prism.top_m() < prism.bottom_m();
+  return layer && std::isfinite(prism.margin_m()) && prism.margin_m() >= 0.0f;
+}
+
 // Whether the tables of a profile have an entry per direction and layer, and its numbers are finite and its edges increasing.
 inline bool profile_fits(const osape::v1::FreeProfile& free) {
-  const auto directions = static_cast<std::size_t>(std::max(0, free.azimuth_edges_rad_size() - 1));
-  const auto size = directions * static_cast<std::size_t>(std::max(0, free.layer_edges_m_size() - 1));
+  if (free.azimuth_edges_rad().empty() || free.layer_edges_m().empty()) return false;  // each message has some
+  const auto directions = static_cast<std::size_t>(free.azimuth_edges_rad_size() - 1);
+  const auto size = directions * static_cast<std::size_t>(free.layer_edges_m_size() - 1);
   const auto from = static_cast<std::size_t>(free.free_from_m_size()), to = static_cast<std::size_t>(free.free_to_m_size());
   if (from != size || to != size || free.end().size() != size) return false;
   const bool presumes = !free.open_from_dm().empty() || !free.open_to_dm().empty();
@@ -69,6 +91,8 @@ inline bool usable(const osape::v1::PrismsFrame& frame) {
 inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
   const auto& g = frame.ground();
   if (!planes_fit(frame.planes()) || !profile_fits(frame.free())) return false;
+  if (!std::all_of(frame.prisms().begin(), frame.prisms().end(), prism_fits)) return false;
+  if (!finite(frame.transform().translation_m())) return false;
   if (!g.seen()) return true;
   bool margins = true;
   for (const double margin : {g.noise_per_m(), g.tolerance_m()}) margins = margins && std::isfinite(margin) && margin >= 0.0;
@@ -99,8 +123,8 @@ inline void azimuths(const osape::v1::PrismsFrame& frame, const Point& p, double
   const auto& camera = frame.transform().translation_m();
   const double range = range_m(frame, p), begin = frame.free().azimuth_edges_rad(0);
   const double half = range > radius_m ? std::asin(std::clamp(radius_m / range, 0.0, 1.0)) : 0.5 * kTurn;
-  const double from_begin = std::atan2(p.y - camera.y(), p.x - camera.x()) - half - begin;
-  *low = from_begin - std::floor(from_begin / kTurn) * kTurn + begin;
+  const double from_begin = std::fmod(std::atan2(p.y - camera.y(), p.x - camera.x()) - half - begin, kTurn);
+  *low = (from_begin < 0.0 ? from_begin + kTurn : from_begin) + begin;
   *high = *low + 2.0 * half;
 }
 
@@ -205,10 +229,10 @@ inline double nearest_plane_m(const osape::v1::Planes& planes, double x, double 
   return least;
 }
 
-// Occupancy of a ball around a point in the message's frame. A position or radius that is not finite, and a negative radius, are
-// occupied; if the frame is not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
+// Occupancy of a ball around a point in the message's frame. A position that is not finite or is beyond kMostM, a radius that is not
+// finite and a negative one are occupied; if the frame is not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
 inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open = false) {
-  if (!finite(p) || !std::isfinite(radius_m) || radius_m < 0.0) return Occupancy::kOccupied;
+  if (!is_position(p) || !std::isfinite(radius_m) || radius_m < 0.0) return Occupancy::kOccupied;
   if (!usable(frame) || !numbers_fit(frame)) return Occupancy::kUnknown;
   if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Occupancy::kOccupied;
   if (!clear_of_ground(frame, p, radius_m)) return Occupancy::kUnknown;
