@@ -405,6 +405,40 @@ def test_a_snapshot_of_an_earlier_boot_is_refused() -> None:
         assert mirror.stats.out_of_order == 2
 
 
+def test_a_planner_that_looks_less_often_than_the_service_publishes_gets_its_snapshot(tmp_path: Path) -> None:
+    """The mirror took the changes first, found the answer to its request outdated and requested another one, until the service
+    sent a snapshot by itself, up to 10 s later."""
+    world = World()
+    world.add(seen(WALLS, (0.0, 0.0), 0.0, now()))
+    stream, requests = f"ipc://{tmp_path}/w", f"ipc://{tmp_path}/r"
+    with zmq.Context() as context, context.socket(zmq.XPUB) as changes, context.socket(zmq.REP) as answers:
+        changes.bind(stream)
+        answers.bind(requests)
+        with WorldMirror(stream, requests) as mirror:
+            assert changes.poll(60_000)
+            assert changes.recv() == b"\x01", "it subscribed"
+            assert not mirror.update()
+            assert answers.poll(60_000)
+            answers.recv()
+            changes.send(made(world, 7, "one", False))
+            answers.send(made(world, 7, "one", True))
+            changes.send(made(world, 8, "one", False))
+            assert mirror._request is not None
+            assert mirror._request.socket.poll(60_000)
+            assert mirror._updates.socket.poll(60_000)
+            assert until(lambda: mirror.update() or mirror.stats.messages > 1)
+            assert mirror.usable, mirror.cause
+            assert mirror.stats.snapshots == 1
+            assert until(lambda: mirror.update() and mirror.stats.messages == 2)
+            assert mirror.stats.gaps == 0
+
+
+@pytest.mark.parametrize("addresses", [("foo", "ipc:///nowhere/r"), ("ipc:///nowhere/w", "tcp://localhost")])
+def test_an_address_that_cannot_be_used_is_an_error_that_names_the_remedy(addresses: tuple[str, str]) -> None:
+    with pytest.raises(ValueError, match=r"use ipc://PATH or tcp://HOST:PORT"):
+        WorldMirror(*addresses)
+
+
 def test_blocks_that_became_empty_are_not_kept() -> None:
     world = World()
     world.add(seen(WALLS, (0.0, 0.0), 0.0, now()))

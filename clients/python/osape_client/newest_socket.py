@@ -6,8 +6,7 @@ from pathlib import Path
 
 import zmq
 
-from .curve_keys import use_client_keys
-from .ipv6 import allow_ipv6
+from .connect import connect
 from .receive_time import TimedSocket
 
 
@@ -28,13 +27,7 @@ class NewestSocket:
         socket.setsockopt(zmq.SUBSCRIBE, b"")
         socket.setsockopt(zmq.CONFLATE, 1)  # keep the newest message only
         socket.setsockopt(zmq.LINGER, 0)
-        if keys is not None:
-            use_client_keys(socket, keys)
-        allow_ipv6(socket, address)
-        try:
-            socket.connect(address)
-        except zmq.ZMQError as error:
-            raise ValueError(f"{address}: {error.strerror or error}; use ipc://PATH or tcp://HOST:PORT") from error
+        connect(socket, address, keys)
         return socket
 
     def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:

@@ -23,8 +23,7 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from ..clock import clock_ns
-from ..curve_keys import use_client_keys
-from ..ipv6 import allow_ipv6
+from ..connect import connect
 from ..proto import osape_v1_pb2 as pb
 from ..receive_time import TimedSocket, age_ns
 from ..run_folder import run_folder
@@ -67,7 +66,7 @@ class WorldMirror:
     """A copy of the merged world. address, requests: None: the service on this machine; timeout_s: age at which the copy cannot
     be used any more; keys: as of a Subscriber.
 
-    Raises KeyFileError. Not thread-safe."""
+    Raises KeyFileError, and ValueError for an address that cannot be used. Not thread-safe."""
 
     def __init__(
         self,
@@ -83,6 +82,7 @@ class WorldMirror:
         self._timeout_s, self._keys = timeout_s, keys
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         try:
+            self._connected(zmq.REQ, self.requests).close()  # an address that cannot be used is an error now
             self._updates = self._connected(zmq.SUB, self.address)
         except BaseException:
             self._context.destroy(linger=0)
@@ -217,10 +217,11 @@ class WorldMirror:
         socket.setsockopt(zmq.LINGER, 0)
         if kind == zmq.SUB:
             socket.setsockopt(zmq.SUBSCRIBE, b"")
-        if self._keys is not None:
-            use_client_keys(socket, self._keys)
-        allow_ipv6(socket, address)
-        socket.connect(address)
+        try:
+            connect(socket, address, self._keys)
+        except BaseException:
+            socket.close(0)
+            raise
         return TimedSocket(socket)
 
     def _request_if_incomplete(self) -> None:
@@ -234,8 +235,10 @@ class WorldMirror:
         self._request.socket.send(b"")
 
     def _receive(self) -> bool:
-        """Receives one message; False: there is none. The stream comes first: an answer to a request is newer."""
-        for source in (self._updates, self._request):
+        """Receives one message; False: there is none. The answer to a request comes first: the stream continues it, and what of
+        the stream it contains is left out. In the other order changes that were published after the answer would make it outdated
+        whenever the planner looks less often than the service publishes."""
+        for source in (self._request, self._updates):
             received = source.take() if source is not None else None
             if received is not None:
                 if source is self._request and self._request is not None:
