@@ -29,9 +29,8 @@ parser.add_argument("address", nargs="?", help="ipc://PATH or tcp://HOST:PORT (d
 try:
     with suppress(KeyboardInterrupt), Subscriber(parser.parse_args().address) as subscriber:  # Ctrl-C ends it
         while subscriber.wait(1.0) is None:
-            print(
-                f"no message on {subscriber.address}: nothing may be taken as free; does the service run?", flush=True
-            )
+            why = subscriber.stats.last_error or "does the service run?"  # another service, stream or version
+            print(f"no message on {subscriber.address}: nothing may be taken as free; {why}", flush=True)
         subscriber.subscribe(on_message)
 except ValueError as error:  # an address that cannot be used
     sys.exit(str(error))

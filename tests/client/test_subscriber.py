@@ -392,6 +392,29 @@ def test_the_example_reports_when_nothing_is_free(service: Service) -> None:
             run.kill()
 
 
+def test_the_example_explains_why_a_stream_cannot_be_read(service: Service) -> None:
+    """It asked whether the service runs, while messages of another schema version came."""
+    command = [sys.executable, str(ROOT / "examples" / "subscriber.py"), service.address]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment()) as run:
+        stop = threading.Event()
+        speaker = threading.Thread(target=lambda: _repeat(service, pb.PrismsFrame(schema_version=2), stop))
+        speaker.start()
+        try:
+            assert run.stdout is not None
+            lines = [run.stdout.readline() for _ in range(3)]
+            assert "nothing may be taken as free" in lines[2]
+            assert "schema version 2; this client reads 1: update osape-client" in lines[2]
+        finally:
+            stop.set()
+            speaker.join()
+            run.kill()
+
+
+def _repeat(service: Service, message: pb.PrismsFrame, stop: threading.Event) -> None:
+    while not stop.wait(0.05):
+        service.say(message)
+
+
 def test_the_example_names_an_address_that_cannot_be_used() -> None:
     done = subprocess.run(
         [sys.executable, str(ROOT / "examples" / "subscriber.py"), "nowhere"],
