@@ -15,7 +15,7 @@ from .camera_kinds import CAMERA_KINDS, RECORDED
 from .clear_reach import clear_reach_texts
 from .devices import device_problems
 from .differences import Difference, differences
-from .loader import ConfigError, load_config
+from .loader import Config, ConfigError, load_config
 from .obstacle_range import obstacle_range_m
 from .template_intrinsics import template_texts
 
@@ -39,12 +39,23 @@ def run(args: argparse.Namespace) -> int:
     found = differences(config)
     refused = [*(text for _, text in template_texts(config.cameras)), *device_problems(config.cameras)]
     if args.json:
-        print_json({"file": str(args.file), "ok": not refused, "problems": refused, "changes": _as_json(found)})
+        print_json(
+            {
+                "file": str(args.file),
+                "ok": not refused,
+                "problems": refused,
+                "lacks_for_run": lacks_for_run(config),
+                "changes": _as_json(found),
+            }
+        )
     for text in refused:
         fail(f"{args.file}: {text}")
     if args.json or refused:
         return 1 if refused else 0
-    print_line(f"{args.file}: usable")
+    lacks = lacks_for_run(config)
+    print_line(f"{args.file}: usable{' for `companion replay`' if lacks else ''}")
+    if lacks:
+        print_line(f"  for `companion run` it lacks {' and '.join(lacks)}; `companion setup` writes a complete one")
     cameras = ", ".join(f"{c.name} ({c.kind})" for c in config.cameras) or "none (every camera as recorded)"
     print_line(f"  cameras: {cameras}")
     for camera in config.cameras:
@@ -58,6 +69,16 @@ def run(args: argparse.Namespace) -> int:
     if not found:
         print_line("  all parameters have their defaults")
     return 0
+
+
+def lacks_for_run(config: Config) -> list[str]:
+    """What a service with this configuration would wait for in vain; it is complete for a replay."""
+    lacks = []
+    if all(camera.kind == RECORDED for camera in config.cameras):
+        lacks.append("a [[camera]] of a live kind")
+    if not config.autopilot.address:
+        lacks.append("[autopilot] address")
+    return lacks
 
 
 def _range_line(camera: CameraConfig) -> str:

@@ -25,6 +25,7 @@ from core.tracking.params import TrackingParams
 from core.world.params import WorldParams
 from drivers.regular_file import regular
 
+from ..packaged import shipped_configs
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
 from .camera_kinds import RECORDED
@@ -159,10 +160,7 @@ def load_config(path: Path) -> Config:
             str(path), ["not a text file in UTF-8; a configuration is a TOML file: save it with the encoding UTF-8"]
         ) from error
     except OSError as error:
-        remedy = "check the path; `companion configs` lists examples"
-        if isinstance(error, PermissionError):
-            remedy = f"give the user {_user()} the permission to read it and its folders"
-        problem = f"cannot be read ({error.strerror}); {remedy}"
+        problem = f"cannot be read ({error.strerror}); {_remedy(path, error)}"
         raise ConfigError(str(path), [problem]) from error
     if len(raw) > MAX_BYTES:
         raise ConfigError(
@@ -189,6 +187,17 @@ def load_config(path: Path) -> Config:
     for warning in warnings:
         log.warning("%s: %s", path, warning)
     return config_of(current, str(path))
+
+
+def _remedy(path: Path, error: OSError) -> str:
+    """What to do about a configuration that cannot be read."""
+    if isinstance(error, PermissionError):
+        return f"give the user {_user()} the permission to read it and its folders"
+    if isinstance(error, IsADirectoryError):
+        return "give the TOML file in it"
+    if isinstance(error, FileNotFoundError) and path.suffix in ("", ".toml") and path.stem in shipped_configs():
+        return f"{path.stem} is a shipped configuration: `companion configs {path.stem}` copies it to {path.stem}.toml"
+    return "check the path; `companion configs` lists examples"
 
 
 def _user() -> str:

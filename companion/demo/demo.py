@@ -22,11 +22,11 @@ from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig, RecordParams, SupervisorParams
 from ..console import fail, print_json, print_line, progress, warn
-from ..install.steps import packaged_file
 from ..kernels.compilation import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..live.message_json import message_json
 from ..live.status import status_lines
+from ..packaged import packaged_file
 from ..pipeline.sync import DropCause
 from ..replay.replay import Options, replay
 from ..replay.replay_report import Replay

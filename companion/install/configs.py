@@ -10,9 +10,9 @@ from drivers.shell_word import shell_word
 
 from ..common_options import add_replace
 from ..console import print_json, print_line
+from ..packaged import shipped_configs
 from ..usage_error import UsageError
 from ..whole_file import refuse_existing, write_whole
-from .steps import packaged_file
 
 
 def add_parser(subparsers: Any) -> None:
@@ -30,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: listed or copied. Raises UsageError for an unknown name, ValueError for an existing file."""
-    shipped = {f.stem: f for f in sorted(packaged_file("configs", "default.toml").parent.glob("*.toml"))}
+    shipped = shipped_configs()
     if args.name is None:
         if args.output is not None:
             raise UsageError("-o needs the NAME of the configuration to copy; `companion configs` lists them")

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from ..common_options import add_config
+from ..config.check_config import lacks_for_run
 from ..config.loader import Config, ConfigError, load_config
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
+from ..packaged import packaged_file
 from ..paths import NAME
 from ..usage_error import UsageError
 from .interpreter import HIDDEN, check_reachable
@@ -27,7 +29,6 @@ from .steps import (
     file_step,
     install_paths,
     interpreter_paths,
-    packaged_file,
     start_command,
 )
 
@@ -156,6 +157,8 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
         return Step(f"keep {target}", True, lambda: None)
     content = load_config(config)
     check_files(content, paths)
+    if lacks := lacks_for_run(content):
+        warn(f"{config} lacks {' and '.join(lacks)}: the service waits for it")
     folder = Path(os.path.normpath(STATE / content.record.folder))
     if not folder.is_relative_to(STATE):
         warn(

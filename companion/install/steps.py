@@ -119,14 +119,6 @@ def start_command(paths: InstallPaths, config: Path) -> str:
     return f"{copy}sudo systemctl enable --now {NAME}"
 
 
-def packaged_file(part: str, name: str) -> Path:
-    """A file of this software: in the checkout, or in the share directory of an installed package."""
-    for folder in (Path(__file__).resolve().parents[2], Path(sysconfig.get_path("data")) / "share" / NAME):
-        if (folder / part / name).is_file():
-            return folder / part / name
-    raise InstallError(f"{part}/{name} is missing from this installation; install osape-companion again")
-
-
 def file_step(target: Path, content: str, what: str) -> Step:
     """Writes a file where its content differs."""
 

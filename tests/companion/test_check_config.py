@@ -34,8 +34,55 @@ def test_json_of_a_usable_file(capsys: pytest.CaptureFixture[str]) -> None:
         "file": str(ROOT / "configs" / "default.toml"),
         "ok": True,
         "problems": [],
+        "lacks_for_run": ["a [[camera]] of a live kind", "[autopilot] address"],
         "changes": {},
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "lacks"),
+    [
+        ("", "a [[camera]] of a live kind and [autopilot] address"),
+        ("# [[camera]]\n", "a [[camera]] of a live kind and [autopilot] address"),
+        ('[autopilot]\naddress = "udpin:127.0.0.1:14540"\n', "a [[camera]] of a live kind"),
+        ('[[camera]]\nname = "front"\nkind = "simulated"\n', "[autopilot] address"),
+    ],
+)
+def test_what_a_service_would_wait_for_is_named(
+    text: str, lacks: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An empty file was called usable."""
+    (path := tmp_path / "my.toml").write_text(text)
+    assert call(str(path)) == 0
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first == f"{path}: usable for `companion replay`"
+    assert second == f"  for `companion run` it lacks {lacks}; `companion setup` writes a complete one"
+
+
+def test_a_complete_file_lacks_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    path = ROOT / "configs" / "simulated.toml"
+    assert call(str(path)) == 0
+    out = capsys.readouterr().out
+    assert out.startswith(f"{path}: usable\n")
+    assert "lacks" not in out
+
+
+@pytest.mark.parametrize("name", ["simulated", "simulated.toml", "configs/simulated.toml"])
+@pytest.mark.parametrize("command", ["check-config", "doctor -c"])
+def test_a_shipped_configuration_that_is_not_here_is_named_with_the_command_that_copies_it(
+    command: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([*command.split(), name]) == 1
+    assert (
+        "cannot be read (No such file or directory); simulated is a shipped configuration: `companion configs simulated` "
+        "copies it to simulated.toml\n"
+    ) in capsys.readouterr().err
+
+
+def test_a_directory_is_no_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(str(tmp_path)) == 1
+    assert "cannot be read (Is a directory); give the TOML file in it" in capsys.readouterr().err
 
 
 EVERY_SECTION = """
@@ -181,3 +228,10 @@ def test_an_address_that_the_service_would_refuse_is_refused(
     error = capsys.readouterr().err
     assert key in error
     assert "expected serial:/dev/serial/by-id/NAME[:BAUD], udpin:HOST:PORT" in error
+
+
+def test_an_installation_without_a_camera_is_announced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (path := tmp_path / "empty.toml").touch()
+    (tmp_path / "image" / "etc").mkdir(parents=True)
+    config_step(install_paths(tmp_path / "image"), path, False)
+    assert f"{path} lacks a [[camera]] of a live kind and [autopilot] address" in capsys.readouterr().err
