@@ -29,7 +29,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         if error.errno is None:
             raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        # the text of the system: some libraries put the number of the error into theirs
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
     finally:
         with suppress(OSError):  # of the same cause, such as a folder that is a file
             part.unlink(missing_ok=True)

@@ -267,7 +267,7 @@ def run(args: argparse.Namespace) -> int:
     for name, text in list(report.failed.items())[:_LISTED]:
         fail(f"{name}: {text}")
     if len(report.failed) > _LISTED:
-        fail(f"and {len(report.failed) - _LISTED} more flights (--json lists all)")
+        fail(f"and {counted(len(report.failed) - _LISTED, 'more flight')} (--json lists all)")
     _print_unread(report)
     return 1 if report.failed or report.unread_files or report.unread_folders else 0
 
@@ -313,7 +313,9 @@ def _print_report(report: BatchReport, output: str) -> None:
     for name, text in list(report.damaged.items())[:_LISTED]:
         warn(f"{name}: {text}")
     if len(report.damaged) > _LISTED:
-        warn(f"and {len(report.damaged) - _LISTED} more damaged flights (column `damage` of the table flights)")
+        warn(
+            f"and {counted(len(report.damaged) - _LISTED, 'more damaged flight')} (column `damage` of the table flights)"
+        )
     if names := report.without_frames:
         warn(
             f"logs without depth images, so that nothing was computed: {', '.join(names[:_LISTED])}"

@@ -128,14 +128,16 @@ def run_comparison(location_a: str, location_b: str, folder: Path, pictures: boo
         if only := report[f"flights_only_{side}"]:
             print_line(f"{counted(len(only), 'flight')} only in {side.upper()}: {', '.join(only[:SHOWN])}")
     print_line(f"{total['changed']} of {total['frames']} frames changed")
-    print_line(f"missed: {total['missed']} frames; phantom: {total['phantom']} frames (nearest plane)")
+    print_line(
+        f"missed: {counted(total['missed'], 'frame')}; phantom: {counted(total['phantom'], 'frame')} (nearest plane)"
+    )
     if total["missed_planes"] is not None:
         print_line(f"planes without counterpart: {total['missed_planes']} missed, {total['phantom_planes']} phantom")
     print_line(
         f"planes per valid frame: {total['planes_per_frame_a']:.2f} in A, {total['planes_per_frame_b']:.2f} in B"
     )
     print_line(
-        f"blind: {total['blind_s_a']:.1f} s in A, {total['blind_s_b']:.1f} s in B; {total['newly_blind']} frames newly blind, "
+        f"blind: {total['blind_s_a']:.1f} s in A, {total['blind_s_b']:.1f} s in B; {counted(total['newly_blind'], 'frame')} newly blind, "
         f"{total['newly_valid']} newly valid"
     )
     for row in report["look_at"]:

@@ -21,7 +21,7 @@ from ..common_options import add_config, add_replace
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig, RecordParams, SupervisorParams
-from ..console import fail, print_json, print_line, progress, warn
+from ..console import counted, fail, print_json, print_line, progress, warn
 from ..kernels.compilation import WarmupError
 from ..kernels.warmup import ensure_compiled
 from ..live.message_json import message_json
@@ -200,7 +200,7 @@ def _print_summary(done: Demo) -> None:
         print_line(f"  {line}")
     print_line()
     print_line(
-        f"A planner in another process received {received.messages} messages: {received.valid} with obstacles and "
+        f"A planner in another process received {counted(received.messages, 'message')}: {received.valid} with obstacles and "
         "free space,"
     )
     ages = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"

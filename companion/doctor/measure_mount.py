@@ -28,6 +28,7 @@ from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
 from ..config.loader import Config
 from ..config.sync import SyncParams
+from ..console import counted
 from ..paths import folders
 from ..pipeline.sync import AttitudeAt, Synchroniser
 
@@ -100,7 +101,7 @@ class MountMeasurement:
         if not self.frames:
             if self.without_attitude:
                 return (
-                    f"{self.without_attitude} frames arrived, none with an attitude: check the autopilot with "
+                    f"{counted(self.without_attitude, 'frame')} arrived, none with an attitude: check the autopilot with "
                     "`companion doctor`"
                 )
             return "no frame arrived: check the camera with `companion doctor`"
@@ -141,7 +142,7 @@ class MountMeasurement:
         roll_sd, pitch_sd = (math.degrees(v) for v in self.state.error_sd_rad)
         return (
             f"{float(np.median(self.heights_m)):.2f} m above the ground; true minus configured: roll {roll:+z.2f} +- {roll_sd:.2f} "
-            f"deg, pitch {pitch:+z.2f} +- {pitch_sd:.2f} deg ({len(self.heights_m)} frames, turned by "
+            f"deg, pitch {pitch:+z.2f} +- {pitch_sd:.2f} deg ({counted(len(self.heights_m), 'frame')}, turned by "
             f"{math.degrees(self.turned_rad):.0f} deg)"
         )
 

@@ -16,7 +16,7 @@ from drivers.shell_word import shell_word
 
 from ..argument_types import number_in
 from ..common_options import add_replace
-from ..console import fail, print_json, print_line
+from ..console import counted, fail, print_json, print_line
 from ..pipeline.results import PrismsResult
 from ..usage_error import UsageError
 from ..viewer.log import view_frame
@@ -189,7 +189,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json({"frames": frames, "files": [str(f) for f in files], "damage": damage or None})
     else:
-        print_line(f"{frames} frames")
+        print_line(counted(frames, "frame"))
         for file in files:
             print_line(f"written  {file}")
     if damage:

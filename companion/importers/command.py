@@ -16,7 +16,7 @@ from drivers.shell_word import shell_word
 from ..argument_types import number_in
 from ..common_options import add_config, add_replace
 from ..config.loader import Config, ConfigError, config_of, load_config
-from ..console import fail, print_json, print_line, warn
+from ..console import counted, fail, print_json, print_line, warn
 from ..usage_error import UsageError, given_option
 from .recording import Imported, import_recording
 from .report import BASE_FRAME, LATENCY_S, ImportOptions, RosTopics
@@ -190,7 +190,7 @@ def _options(args: argparse.Namespace, config: Config) -> ImportOptions:
 
 def _print_summary(done: Imported) -> None:
     print_line(
-        f"{done.output}: {done.frames} frames over {done.duration_s:.1f} s, {done.attitudes} attitudes, {done.poses} positions"
+        f"{done.output}: {counted(done.frames, 'frame')} over {done.duration_s:.1f} s, {counted(done.attitudes, 'attitude')}, {counted(done.poses, 'position')}"
     )
     if done.frames:
         print_line(f"  {done.depth}")

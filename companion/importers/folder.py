@@ -14,6 +14,7 @@ from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData
 
+from ..console import counted
 from .flight_log import TiltRow, find_flight_log, flight_log_samples
 from .frame_list import FrameListSource, Samples
 from .frames_csv import FRAMES, FrameRow, looks_like_degrees, read_rows
@@ -89,14 +90,14 @@ class _FolderRows:
         if without_attitude:
             self._report.problem(
                 "attitude",
-                f"{path}: {len(without_attitude)} rows without a usable attitude (line {spans(without_attitude)}): "
+                f"{path}: {counted(len(without_attitude), 'row')} without a usable attitude (line {spans(without_attitude)}): "
                 "the frames are kept without attitude; fill in roll_rad, pitch_rad and yaw_rad, or add the autopilot's log (.tlog, .ulg, .bin)",
             )
         too_large = [r.line for r in self._rows if looks_like_degrees(r)]
         if too_large:
             self._report.problem(
                 "attitude",
-                f"{path}: {len(too_large)} rows with angles of more than a full turn (line {spans(too_large)}), which look "
+                f"{path}: {counted(len(too_large), 'row')} with angles of more than a full turn (line {spans(too_large)}), which look "
                 "like degrees: no attitude of the file is used, since small angles in degrees cannot be distinguished from "
                 "radians; correct these rows, or convert roll_rad, pitch_rad and yaw_rad to radians",
             )
@@ -104,7 +105,7 @@ class _FolderRows:
         if 0 < len(without_position) < len(self._rows):
             self._report.problem(
                 "position",
-                f"{path}: {len(without_position)} rows without a usable position (line {spans(without_position)}): "
+                f"{path}: {counted(len(without_position), 'row')} without a usable position (line {spans(without_position)}): "
                 "the frames are kept without position; fill in x_m, y_m and z_m",
             )
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ..console import fail, print_json, print_line, warn
+from ..console import counted, fail, print_json, print_line, warn
 from .compilation import WarmupError, cache_warning, compile_kernels
 from .jit_cache import VARIABLE, no_place_text, state_in_use, unwritable_text
 from .module_folder import kernels_in
@@ -46,10 +46,10 @@ def run(args: argparse.Namespace) -> int:
         print_json({"cache": [str(folder)], "deleted": deleted, "cached": cached})
         return 0
     if deleted:
-        print_line(f"the cache of compiled kernels was damaged: {deleted} files deleted, compiled again")
+        print_line(f"the cache of compiled kernels was damaged: {counted(deleted, 'file')} deleted, compiled again")
     level = os.environ.get(CPU_NAME, "this processor")
     remark = ", links to a cache that cannot be written" if unwritable_text() else ""
-    print_line(f"all kernels are compiled for {level}: {cached} files in {folder}{remark}")
+    print_line(f"all kernels are compiled for {level}: {counted(cached, 'file')} in {folder}{remark}")
     return 0
 
 

@@ -238,7 +238,7 @@ def print_info(info: LogInfo) -> None:
             f"  {topic.topic:<{width}} {len(topic.times_ns):8d} {rate}  {topic.size / 1e6:9.3f} MB  {topic.schema}"
         )
     if len(info.topics) > len(listed):
-        print_line(f"  and {len(info.topics) - len(listed)} more topics (--json lists all)")
+        print_line(f"  and {counted(len(info.topics) - len(listed), 'more topic')} (--json lists all)")
     start_ns = span[0] if span else 0
     for topic in info.topics.values():
         _print_anomalies(topic, start_ns)

@@ -17,7 +17,7 @@ from typing import Final
 
 from drivers.base import DriverError
 
-from ..console import print_line
+from ..console import counted, print_line
 from ..stop_signal import end_with_parent
 from .log_directory import delete_unfinished_copies, files_of
 from .log_writer import ACTIVE, is_being_written
@@ -54,7 +54,7 @@ def repair_file(path: Path) -> str:
         return f"{path.name}: {LEFT} (another process writes or repairs it)"
     except (DriverError, ValueError, OSError) as error:
         return f"{path.name}: {LEFT} ({error})"
-    return f"{target.name}: {result.messages} messages recovered"
+    return f"{target.name}: {counted(result.messages, 'message')} recovered"
 
 
 def _sync_folder(folder: Path) -> None:

@@ -11,7 +11,7 @@ from core.types import InvalidCause
 from drivers.shell_word import shell_word
 
 from ..config.service import RecordParams
-from ..console import print_line
+from ..console import counted, print_line
 from ..pipeline.pipeline import UNPUBLISHED_DROPS
 from ..pipeline.results import FrameDecision
 from ..pipeline.sync import DropCause
@@ -166,7 +166,9 @@ def _named(key: Key) -> dict[str, Any]:
 def print_report(result: Replay, output: Path | None) -> None:
     """Prints the summary."""
     t = result.counts
-    print_line(f"{t.frames} frames of {', '.join(result.cameras)}; {t.samples} attitude and position samples")
+    print_line(
+        f"{counted(t.frames, 'frame')} of {', '.join(result.cameras)}; {t.samples} attitude and position samples"
+    )
     attitude = ", ".join(f"{n} {how}" for how, n in sorted(t.attitude.items())) or "none"
     print_line(f"attitude at exposure: {attitude}")
     if t.valid:
@@ -174,7 +176,7 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"{t.valid} valid frames: {mean}; ground found in {t.view.ground_seen}")
         print_line(
             f"{t.view.mean_measured_share:.0%} of the pixels measured; at the camera's height {t.view.mean_free_share:.0%} of the "
-            f"directions free for a metre or more, none in {t.view.nothing_free} frames"
+            f"directions free for a metre or more, none in {counted(t.view.nothing_free, 'frame')}"
         )
     for camera, ke in sorted(t.ke_per_m.items()):
         print_line(
@@ -184,7 +186,7 @@ def print_report(result: Replay, output: Path | None) -> None:
     for code, n in sorted(t.blind.items()):
         print_line(f"{n} invalid frames: {text_of(code, InvalidCause)}")
     for code, n in sorted(t.dropped.items()):
-        print_line(f"{n} frames dropped: {text_of(code, DropCause)}")
+        print_line(f"{counted(n, 'frame')} dropped: {text_of(code, DropCause)}")
     for offset in result.exposure_offsets:
         warning = _offset_warning(offset, result)
         print_line(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
@@ -199,7 +201,7 @@ def print_report(result: Replay, output: Path | None) -> None:
             print_line(f"check: {result.depth_note}")
     if result.tracks is not None and result.tracks.compared:
         verdict = "NOT equal" if result.tracks.different else "equal"
-        print_line(f"check: tracks of {result.tracks.compared} frames compared: {verdict}")
+        print_line(f"check: tracks of {counted(result.tracks.compared, 'frame')} compared: {verdict}")
     if output is not None:
         print_line(f"written: {output}")
         print_line(f"next: companion view {shell_word(output)} -o pictures")
@@ -208,9 +210,9 @@ def print_report(result: Replay, output: Path | None) -> None:
 def _print_check(comparison: Comparison) -> None:
     verdict = "equal" if comparison.passed else "NOT equal"
     how = "bit by bit" if comparison.tolerance == 0.0 else f"within {comparison.tolerance:g}"
-    print_line(f"check: {comparison.compared} frames compared {how}: {verdict}")
+    print_line(f"check: {counted(comparison.compared, 'frame')} compared {how}: {verdict}")
     for keys, what in ((comparison.only_computed, "missing from the log"), (comparison.only_logged, "without depth")):
         if keys:
             some = ", ".join(f"{camera} {sequence}" for camera, sequence, _ in keys[:_LISTED])
             more = ", ..." if len(keys) > _LISTED else ""
-            print_line(f"check: {len(keys)} frames not comparable, {what}: {some}{more}")
+            print_line(f"check: {counted(len(keys), 'frame')} not comparable, {what}: {some}{more}")

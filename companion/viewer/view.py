@@ -15,7 +15,7 @@ from drivers.logs.reader import McapRecording
 from ..argument_types import number_in
 from ..common_options import add_keys, add_service
 from ..config.loader import ConfigError
-from ..console import fail, print_json, print_line, progress, warn
+from ..console import counted, fail, print_json, print_line, progress, warn
 from ..kernels.warmup import ensure_compiled
 from ..replay.recorded_config import recorded_config
 from ..usage_error import UsageError, given_option
@@ -333,7 +333,7 @@ def _report(views: Views, path: Path) -> dict[str, Any]:
 
 def _print_summary(views: Views) -> None:
     print_line(
-        f"{views.frames} frames: {views.valid} valid, {views.blind} blind, {views.without_prisms} without prisms"
+        f"{counted(views.frames, 'frame')}: {views.valid} valid, {views.blind} blind, {views.without_prisms} without prisms"
     )
     for picture in views.pictures:
         print_line(f"picture  {picture}")

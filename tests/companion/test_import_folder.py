@@ -163,7 +163,7 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
     ("changes", "cause", "kept"),
     [
         ({4: row(4).replace("-1.5", "-1.5").replace(f"{tilt(0.4)[0]:.6f}", "nan")}, "line 6", 10),
-        ({4: "depth/000004.png,400000000,,,,,,"}, "1 rows without a usable attitude (line 6)", 10),
+        ({4: "depth/000004.png,400000000,,,,,,"}, "1 row without a usable attitude (line 6)", 10),
         ({3: "depth/000003.png,300000000,1,2", 4: "depth/000004.png,400000000"}, "(line 5-6)", 10),
         ({4: "depth/000004.png,soon,0,0,0,0,0,0"}, "line 6: t_ns 'soon' is not a whole number", 9),
         ({4: ",400000000,0,0,0,0,0,0"}, "line 6: file is empty", 9),
@@ -171,7 +171,7 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
         ({4: "depth/000004.png,99999999999999,0,0,0,0,0,0"}, "line 6: its time 99999999999999 ns is out of order", 9),
         ({4: "depth/00\0004.png,400000000,0,0,0,0,0,0"}, "is not a file name; row left out", 9),
         ({4: "depth/000004.png,400000000,0,57.3,0,0,0,0"}, "more than a full turn (line 6)", 10),
-        ({4: "depth/000004.png,400000000,0,0,0,0,nan,0"}, "1 rows without a usable position (line 6)", 10),
+        ({4: "depth/000004.png,400000000,0,0,0,0,nan,0"}, "1 row without a usable position (line 6)", 10),
         ({4: "depth/000004.png,9" + "9" * 30 + ",0,0,0,0,0,0"}, "out of range", 9),
         ({4: None, 5: None}, "2 images in depth/ have no row (000004.png, 000005.png)", 8),
     ],
@@ -423,7 +423,7 @@ def test_real_recordings(shared_data: Path, tmp_path: Path, capsys: pytest.Captu
     for name, count in counts.items():
         out = tmp_path / f"{name}.mcap"
         assert main(["import", str(shared_data / name), "-o", str(out), "--no-tlog"]) == 0
-        assert f"{count} frames" in capsys.readouterr().out
+        assert f"{count} frame{'s' * (count > 1)} over" in capsys.readouterr().out
         with McapRecording(out) as recording:
             (info,) = recording.cameras
             events = list(recording.events())

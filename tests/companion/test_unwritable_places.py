@@ -72,6 +72,13 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert target.read_text() == "new"
 
 
+def test_a_full_disk_is_named_in_words_whatever_the_library_says(tmp_path: Path) -> None:
+    """`batch --compare` printed "Error writing bytes to file. Detail: [errno 28] No space left on device"."""
+    with pytest.raises(OSError, match=r"No space left on device") as caught, whole_file(tmp_path / "a.parquet"):
+        raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28] No space left on device")
+    assert caught.value.strerror == "No space left on device"
+
+
 def test_the_content_is_on_the_disk_before_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After a power failure the file would be empty on file systems that write names first."""
     steps: list[str] = []
