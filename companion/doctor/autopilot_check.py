@@ -11,7 +11,7 @@ from drivers.mavlink.address import parse_address
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
-from drivers.mavlink.session_types import LinkStatus, Vehicle
+from drivers.mavlink.session_types import ARDUPILOT, PX4, LinkStatus, Vehicle
 
 from ..autopilot.clock_note import LARGE_BOUND_NS
 from ..autopilot.conflict_codes import conflict_diagnostics
@@ -36,6 +36,15 @@ MIN_RATE_SHARE = 0.8
 """Least share of the requested attitude rate; a lower rate shows that the link or the autopilot limits it."""
 RATE_WINDOW_NS = 3 * NS
 """Rates are measured over two seconds."""
+
+
+NOT_CHECKED = {
+    PX4: 'MAV_x_FORWARD, since the number of this port is not known: the ground station receives the texts "OA: ..." only where it '
+    "is 1 for this port and for that of the ground station",
+    ARDUPILOT: "PRX2_... of another proximity sensor, and whether the ground station or a switch has turned proximity avoidance "
+    "off (MAV_CMD_DO_AUX_FUNCTION 40), which ArduPilot does not report",
+}
+"""What braking and its texts depend on, and this command cannot tell."""
 
 
 def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
@@ -116,6 +125,8 @@ def _parameter_findings(config: Config, autopilot: str, readers: _Readers) -> It
     yield Finding("parameters", known, text, "" if known else DiagnosticCode.PARAMETERS_UNKNOWN)
     if readers.proximity.restart_pending(facts):
         yield _advice("parameters", unused, RESTART_TEXT)
+    if autopilot in NOT_CHECKED and not unused:
+        yield Finding("to check by hand", True, NOT_CHECKED[autopilot])
     for line in advice(facts, config.avoid):
         yield _advice("parameters", unused, line)
     if config.guard.enabled:

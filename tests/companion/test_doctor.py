@@ -88,10 +88,13 @@ def test_no_fault_is_found(live: Live, line: AutopilotLink, capsys: pytest.Captu
         "clock",
         "firmware",
         "parameters",
+        "to check by hand",
         "log",
         "kernels",
     }
     assert set(findings) == parts
+    hidden = "MAV_x_FORWARD" if line.autopilot.profile.kind == PX4 else "MAV_CMD_DO_AUX_FUNCTION 40"
+    assert hidden in findings["to check by hand"]["text"]
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
 
 
