@@ -11,8 +11,6 @@ from ..types import PlaneFlags, readonly
 
 CUT = PlaneFlags.CUT_LEFT | PlaneFlags.CUT_RIGHT | PlaneFlags.CUT_TOP | PlaneFlags.CUT_BOTTOM
 """It may continue beyond what was observed, at one of its sides."""
-SHARED_FLAGS = PlaneFlags.INFERRED | PlaneFlags.UNKNOWN_BEHIND | PlaneFlags.CUT_LEFT | PlaneFlags.IRREGULAR
-"""Flags that are sent. CUT_LEFT represents any flag of CUT."""
 MOVER_IDS = 1 << 15
 """Number of the numbers of moving obstacles."""
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAGIC = b"OSAPE world 1\n"
-NS = 1_000_000_000
 _CM = 100.0
 _FARTHEST_M, _MOST_LENGTH_M, _MOST_HEIGHT_M = 2e7, 655.0, 655.3
 """Greatest coordinate, length and height of a plane in a record, after rounding."""
