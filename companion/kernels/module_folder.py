@@ -2,7 +2,13 @@
 
 numba saves a kernel in three steps: it reads the index, which numbers the files of code by their arguments, replaces
 it, and writes the file. In two cases an index would name the code of other arguments: if two processes save one kernel
-at the same time, and if files are copied while another process deletes and compiles them, which numbers them anew."""
+at the same time, and if files are copied while another process deletes and compiles them, which numbers them anew.
+
+A process that only loads a kernel takes no lock; numba calls nothing of the locator there. It reads the index and at once
+the file of code. Each of both is whole, since numba replaces files by renaming; a file that was deleted meanwhile counts as
+missing, and the process compiles this kernel itself. It would get the code of other arguments only if it were stopped between
+the two reads for the seconds in which another process deletes and compiles the kernels of the folder, which happens only after
+damage was found."""
 
 from __future__ import annotations
 
