@@ -94,10 +94,18 @@ def find_logs(location: str, on_unread_folder: Callable[[str], None]) -> list[St
     the text on a folder that cannot be opened. Raises DeviceNotFound where there is none."""
     found = list(_remote_logs(location) if is_url(location) else _local_logs(location, on_unread_folder))
     if not found:
-        raise DeviceNotFound(f"{location}: no log (*.mcap) found; check the path and its permissions")
+        raise DeviceNotFound(f"{location}: {_why_none(location)}")
     for file in found:
         utf8_name(file.location)
     return sorted(found)
+
+
+def _why_none(location: str) -> str:
+    """Why there is no log at a location, with the remedy."""
+    path = Path(location)
+    if not is_url(location) and path.exists() and not path.is_dir():
+        return "a pipe, socket or device; save its content as a file"
+    return "no log (*.mcap) found; check the path and its permissions"
 
 
 def utf8_name(location: str) -> str:

@@ -37,12 +37,19 @@ def recover(path: Path, output: Path | None = None, replace: bool = False) -> Re
     target = output or default_output(path)
     if os.path.realpath(target) == os.path.realpath(path):
         raise UsageError(f"{path}: input and output are the same file; give -o another name")
-    if path.is_file() and is_being_written(path):
+    if _is_being_written(path):
         raise ValueError(
             f"{path}: a process is writing it, and completes it at its end; `companion replay` reads it as it is"
         )
     refuse_target(target, replace=replace)
     return copy_readable(path, target)
+
+
+def _is_being_written(path: Path) -> bool:
+    try:
+        return path.is_file() and is_being_written(path)
+    except OSError:
+        return False  # it cannot be opened, which the copy reports with the remedy
 
 
 def default_output(path: Path) -> Path:

@@ -74,4 +74,7 @@ def make_key(path: Path, passphrase: str = "") -> None:
     try:
         write_new(path, secret.hex().encode() + b"\n", 0o600)
     except FileExistsError as error:
-        raise ValueError(f"{path}: there is a file; delete it first, or name another") from error
+        what = (
+            "is a directory; give the name of a file" if path.is_dir() else "exists; delete it first, or name another"
+        )
+        raise ValueError(f"{path} {what}") from error

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,3 +59,37 @@ def test_a_pipe_is_no_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture[s
     path = pipe(folder / "groundtruth.txt")
     assert main(["import", str(folder), "-o", str(tmp_path / "out.mcap")]) == 1
     assert f"{path}: cannot be read ({PIPE})" in capsys.readouterr().err
+
+
+def test_a_pipe_is_no_log_of_a_fleet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`no log (*.mcap) found`."""
+    pytest.importorskip("pyarrow")
+    path = pipe(tmp_path / "pipe.mcap")
+    assert main(["batch", str(path), "-o", str(tmp_path / "out")]) == 1
+    assert f"{path}: {PIPE}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["info", "recover", "replay"])
+def test_a_log_that_may_not_be_read_is_named_with_the_remedy(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`recover` named the free space."""
+    (path := tmp_path / "a.mcap").touch()
+    opened = Path.open
+
+    def refused(self: Path, *args: Any, **kwargs: Any) -> Any:
+        if self == path:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return opened(self, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "open", refused)
+    assert main([command, str(path)]) == 1
+    assert (
+        f"{path}: cannot be opened (Permission denied); check the path and its permissions" in capsys.readouterr().err
+    )
+
+
+def test_a_directory_is_no_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It said to delete it first."""
+    assert main(["keys", "--signing", str(tmp_path)]) == 1
+    assert f"{tmp_path} is a directory; give the name of a file" in capsys.readouterr().err
