@@ -18,11 +18,11 @@ from drivers.logs.topics import TOPICS
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..argument_types import number_in
-from ..cameras.masks import configured_mask
+from ..cameras.masks import configured_mask, outside_text
 from ..common_options import add_config, add_replace
 from ..config.loader import Config, ConfigError, load_config
 from ..config.obstacle_range import obstacle_range_m
-from ..console import fail, print_json, progress
+from ..console import fail, print_json, progress, warn
 from ..kernels.warmup import ensure_compiled
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
@@ -134,6 +134,8 @@ def replay(
             info.camera: obstacle_range_m(info, result.counts.ke_per_m.get(info.camera), config.extractor)
             for info in cameras
         }
+        texts = ((info.camera, outside_text(config.camera(info.camera), info)) for info in cameras)
+        result.mask_faults = tuple(f"camera {camera}: {text}" for camera, text in texts if text)
         _add_recorded_settings(result, source)
         return result
 
@@ -362,6 +364,8 @@ def run(args: argparse.Namespace) -> int:
         print_json(report(result, args.input, written, problems))
     else:
         print_report(result, written)
+    for text in result.mask_faults:
+        warn(text)
     for problem in problems:
         fail(problem)
     return 1 if problems else 0

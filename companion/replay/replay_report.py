@@ -26,7 +26,7 @@ _LISTED = 5
 class Replay:
     """The result of a replay. damage: of the input, None: none. obstacle_range_m: by camera, the detection range at the
     noise of its last frame. tracks: the comparison of the tracked obstacles. unwritten: the requested output, where it was not
-    written for lack of a frame."""
+    written for lack of a frame. mask_faults: cameras with a mask outside of the image, as text."""
 
     counts: ReplayCounts
     sample_anomalies: dict[str, int]
@@ -38,6 +38,7 @@ class Replay:
     exposure_offsets: tuple[ExposureOffset, ...] = ()
     configured_offsets_ms: dict[str, float] = field(default_factory=dict)
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
+    mask_faults: tuple[str, ...] = ()
     depth_note: str = ""
     """What the check cannot compare, of a log that was recorded without all depth images."""
 

@@ -580,3 +580,17 @@ def test_a_frame_that_comes_twice_is_not_called_blind(tmp_path, capsys):
     assert "1 of 4 frames were dropped and 0 of them are published as blind" in output
     assert "check the camera's timestamps" in output
     assert "attitude" not in output
+
+
+def test_a_mask_outside_of_the_image_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As one that was drawn in a larger image: the service and the doctor named it, a replay did not."""
+    log = Path(__file__).parents[1] / "data" / "window.mcap"
+    with McapRecording(log) as recording:
+        (info,) = recording.cameras
+    (config := tmp_path / "masked.toml").write_text(
+        f'[[camera]]\nname = "{info.camera}"\nkind = "mcap"\nmasks = "9000,0 9900,60"\n'
+    )
+    assert main(["replay", str(log), "-c", str(config)]) == 0
+    assert f"companion: warning: camera {info.camera}: masks: no pixel of the image" in capsys.readouterr().err
+    assert main(["replay", str(log)]) == 0
+    assert "masks" not in capsys.readouterr().err
