@@ -95,6 +95,20 @@ def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path, size
         assert shown.ask("document.getElementById('pilot').textContent") == "PX4 · Position · ARMED"
 
 
+@pytest.mark.parametrize("size", [(700, 500), (844, 390), (390, 844)])
+def test_the_legend_does_not_cover_a_long_state_of_the_autopilot(
+    browser: Browser, page: Path, size: tuple[int, int]
+) -> None:
+    """In a window of 700 x 500 the name of the autopilot was behind the legend."""
+    with opened_at(browser, page, size) as shown:
+        shown.ask(
+            "document.getElementById('pilot').textContent = 'ArduPilot · mode not reported · disarmed · report old'"
+        )
+        legend, pilot = shown.ask(BOX % "#legend"), shown.ask(BOX % "#pilot")
+        assert legend[2] < pilot[0] or pilot[3] < legend[1] or legend[3] < pilot[1]
+        assert pilot[2] - pilot[0] > 100
+
+
 @pytest.mark.parametrize("size", [(568, 320), (640, 360), (320, 568)])
 def test_nothing_covers_the_state_on_a_small_phone(browser: Browser, page: Path, size: tuple[int, int]) -> None:
     with opened_at(browser, page, size, "frame=1") as shown:
@@ -104,6 +118,18 @@ def test_nothing_covers_the_state_on_a_small_phone(browser: Browser, page: Path,
         for name in ("#canvas", "#views", "#legend", "#pilot", "aside", "footer"):
             left, top, right, bottom = shown.ask(BOX % name)
             assert right == left or (top >= banner[3] and bottom <= size[1]), f"{name} covers the state, or is cut off"
+
+
+def test_the_legend_names_what_its_scale_colours(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        assert shown.ask("document.getElementById('ramp').textContent") == "obstacles by distance"
+        assert shown.ask(
+            "(() => { const r = document.getElementById('ramp'); return r.scrollWidth <= r.clientWidth; })()"
+        )
+        shown.ask(
+            "(() => { const by = document.getElementById('by'); by.value = 'flags'; by.dispatchEvent(new Event('change')); })()"
+        )
+        assert shown.ask("document.getElementById('ramp').textContent") == "depth image by distance"
 
 
 def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> None:

@@ -29,6 +29,7 @@ export function drawLegend(data) {
     flags: [["measured", sample(0)], ["partly inferred", sample(1)], ["unknown behind", sample(2)], ["irregular", sample(64)]] }[by];
   const stops = Array.from({ length: 16 }, (_, k) => css(model.paletteColor(palette, 1 + Math.round((k * 253) / 15))));
   $("ramp").style.background = `linear-gradient(90deg, ${stops.join(",")})`;
+  $("ramp").textContent = by === "distance" ? "obstacles by distance" : "depth image by distance";
   const apart = 100 * (NUMBER_PX / Math.max(1, $("ramp").clientWidth)); // per cent that a number needs
   let last = -Infinity;
   const shares = [camera.min_m, 1, 2, 5, 10, 20, 50].filter((m) => m >= camera.min_m && m <= camera.max_m)
