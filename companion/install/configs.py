@@ -13,6 +13,7 @@ from ..console import print_json, print_line
 from ..packaged import shipped_configs
 from ..usage_error import UsageError
 from ..whole_file import refuse_existing, write_whole
+from .steps import configuration_mode
 
 
 def add_parser(subparsers: Any) -> None:
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"no configuration {args.name!r}; there are {', '.join(shipped)}")
     target = args.output or Path(f"{source.stem}.toml")
     refuse_existing(target, replace=args.replace)
-    write_whole(target, source.read_text(encoding="utf-8"))
+    write_whole(target, source.read_text(encoding="utf-8"), configuration_mode(target))
     if args.json:
         print_json({"written": str(target)})
     else:

@@ -6,6 +6,7 @@ import json
 import shutil
 import stat
 import subprocess
+import sys
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
@@ -35,9 +36,27 @@ def check_reachable(paths: Sequence[Path]) -> None:
             raise InstallError(f"{place} is below {hidden}, which the service cannot read; {remedy()}")
         if not place.exists():
             raise InstallError(f"{place} does not exist; {remedy()}")
-        for parent in (place, *place.parents):
-            if parent.is_dir() and not parent.stat().st_mode & stat.S_IXOTH:
-                raise InstallError(f"{parent} cannot be read by the service's user; {remedy()}")
+        closed = _closed(place)
+        if closed is not None:
+            raise InstallError(f"{closed} cannot be read by the service's user; {_opening(closed) or remedy()}")
+
+
+def _closed(place: Path) -> Path | None:
+    """A file or directory, or the first one on the way to it, that other users than its owner cannot use."""
+    if place.is_file():
+        needed = stat.S_IROTH
+    else:
+        needed = stat.S_IROTH | stat.S_IXOTH
+    if place.stat().st_mode & needed != needed:
+        return place
+    return next((f for f in place.parents if not f.stat().st_mode & stat.S_IXOTH), None)
+
+
+def _opening(closed: Path) -> str:
+    """The command that opens this environment to other users; "" where the closed directory is no part of it."""
+    if not closed.is_relative_to(sys.prefix):
+        return ""
+    return f"as after an installation with a umask of 077; open it: sudo chmod -R go+rX {shell_word(sys.prefix)}"
 
 
 def system_python(places: str = PLACES) -> str | None:

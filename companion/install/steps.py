@@ -19,6 +19,8 @@ from ..whole_file import write_whole
 
 UNIT = f"{NAME}.service"
 COMMAND_TIMEOUT_S = 120.0
+READABLE = 0o644
+"""Mode of files that the user of the service reads."""
 
 
 class InstallError(ValueError):
@@ -123,8 +125,10 @@ def file_step(target: Path, content: str, what: str) -> Step:
     """Writes a file where its content differs."""
 
     def act() -> None:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, content, 0o644)
+        for folder in reversed([f for f in target.parents if not f.exists()]):
+            folder.mkdir()
+            folder.chmod(0o755)  # whatever the umask: the user of the service reads below it
+        write_whole(target, content, READABLE)
 
     same = target.is_file() and target.read_bytes() == content.encode()  # it may hold any bytes
     return Step(f"write {target}: {what}", same, act)
@@ -171,4 +175,11 @@ def folder_size_mb(folder: Path) -> float:
 def interpreter_paths() -> list[Path]:
     """Paths that the service must be able to read: the command, its interpreter, its packages."""
     command = Path(sysconfig.get_path("scripts")) / "companion"
-    return [command, Path(sys.executable).resolve(), Path(sys.prefix), Path(__file__).resolve().parents[1]]
+    packages = [f for f in sorted(Path(sysconfig.get_path("purelib")).iterdir()) if f.name != "__pycache__"]
+    own = Path(__file__).resolve().parents[1]
+    return [command, Path(sys.executable).resolve(), Path(sys.prefix), own, *packages]
+
+
+def configuration_mode(target: Path) -> int | None:
+    """The mode of a configuration at this place: where the service reads it, its user must be able to; None: the usual one."""
+    return READABLE if target.absolute() == install_paths(Path("/")).config else None

@@ -20,7 +20,7 @@ from ..config.camera_kinds import CAMERA_KINDS
 from ..config.loader import ConfigError, load_config
 from ..console import print_line, warn
 from ..doctor.doctor import PATIENCE_S, examine, print_findings
-from ..install.steps import install_paths, start_command
+from ..install.steps import configuration_mode, install_paths, start_command
 from ..usage_error import UsageError
 from ..whole_file import refuse_existing, write_whole
 from .configuration import Answers, configuration_text
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
         warn("the input is not a terminal: nothing is asked, the options and defaults are used (as with --yes)")
     ask = Questions(silent=args.yes or not sys.stdin.isatty())
     answers = collect(args, ask)
-    write_whole(args.output, configuration_text(answers))
+    write_whole(args.output, configuration_text(answers), configuration_mode(args.output))
     print_line(f"written: {args.output}")
     try:
         config = load_config(args.output)

@@ -11,6 +11,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -170,6 +171,65 @@ def test_refused_below_a_folder_that_is_closed(tmp_path: Path) -> None:
         install.check_reachable([closed / "venv"])
     with pytest.raises(InstallError, match="does not exist"):
         install.check_reachable([Path("/opt/osape-companion-is-not-there")])
+
+
+def test_an_environment_made_with_a_strict_umask_is_refused_with_the_command_that_opens_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The remedy was to make the same environment again; a package that a later pip had closed was not found."""
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "env"))
+    package = tmp_path / "env" / "lib" / "numpy"
+    package.mkdir(parents=True)
+    with pytest.raises(InstallError, match=f"{tmp_path} cannot be read .*create the environment elsewhere"):
+        install.check_reachable([package])  # the folder of the tests, in which all is open
+    (package / "__init__.py").write_text("")
+    for closed, mode in ((package / "__init__.py", 0o600), (package, 0o711), (tmp_path / "env", 0o700)):
+        opened = closed.stat().st_mode
+        closed.chmod(mode)
+        with pytest.raises(InstallError, match=f"{closed} cannot be read .*chmod -R go\\+rX {tmp_path / 'env'}$"):
+            install.check_reachable([closed if closed.is_file() else package])
+        closed.chmod(opened)
+
+
+def test_each_installed_package_must_be_readable() -> None:
+    import numpy
+
+    assert Path(numpy.__file__).parent in steps.interpreter_paths()
+
+
+@pytest.fixture
+def strict_umask() -> Iterator[None]:
+    """Files and folders are made for their owner only, unless a mode is given."""
+    before = os.umask(0o077)
+    yield
+    os.umask(before)
+
+
+@pytest.mark.usefixtures("strict_umask")
+def test_the_service_reads_what_is_installed_with_a_strict_umask(tmp_path: Path) -> None:
+    """/etc/osape-companion was made with mode 700: the unit did not start, since its user could not read its configuration."""
+    (tmp_path / "etc").mkdir(mode=0o755)
+    target = InstallPaths(tmp_path).config
+    steps.file_step(target, "", "the configuration").act()
+    assert target.stat().st_mode & 0o777 == 0o644
+    assert target.parent.stat().st_mode & 0o777 == 0o755
+
+
+@pytest.mark.usefixtures("strict_umask")
+def test_a_configuration_written_where_the_service_reads_it_can_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with `sudo companion setup -o /etc/osape-companion/config.toml` after the Debian package."""
+    paths = InstallPaths(tmp_path)
+    paths.config.parent.mkdir(parents=True)
+    monkeypatch.setattr(steps, "install_paths", lambda root: paths)
+    setup = ["setup", "--yes", "--no-doctor", "--camera", "simulated", "--autopilot", "none", "--replace", "-o"]
+    for command in (["configs", "simulated", "-o"], setup):
+        assert main([*command, str(paths.config)]) == 0
+        assert paths.config.stat().st_mode & 0o777 == 0o644
+        own = tmp_path / f"{command[0]}.toml"
+        assert main([*command, str(own)]) == 0
+        assert own.stat().st_mode & 0o777 == 0o600
 
 
 def test_a_folder_of_logs_that_the_unit_does_not_open_is_reported(
