@@ -35,7 +35,7 @@ from ..viewer.view import ViewOptions, Views, make_views
 from ..whole_file import refuse_existing
 from .live import DemoError, LiveRun, fly
 
-OUTPUT, LOG = Path("demo-out"), "prisms.mcap"
+OUTPUT, LOG, VIEW = Path("demo-out"), "prisms.mcap", "view"
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
 EMBEDDED = Config(
     cameras=(CAMERA,),
@@ -96,6 +96,8 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
     with bar(f"flying for {options.seconds:g} s: service, autopilot and planner, each in a process of its own") as on:
         live = fly(config, options.folder, options.seconds, on)
     log = options.folder / LOG
+    if log.exists():
+        _delete_pictures(options.folder / VIEW)  # of the log that is replaced
     live.log.replace(log)
     live.log.parent.rmdir()
     with bar("replaying the log and comparing it bit for bit") as on:
@@ -107,10 +109,16 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
             drawing_library()
         except DeviceNotFound as error:
             missing = str(error)
-        views = make_views(log, options.folder / "view", ViewOptions(every=every, png=not missing), on)
+        views = make_views(log, options.folder / VIEW, ViewOptions(every=every, png=not missing), on)
     if missing:
         views.notes.append(missing)
     return Demo(log=log, live=live, replay=result, views=views)
+
+
+def _delete_pictures(folder: Path) -> None:
+    """Deletes the pictures of an earlier flight, whose names contain the numbers of its frames."""
+    for picture in folder.glob("frame_*.png"):
+        picture.unlink()
 
 
 def _render(config: Config, on_progress: Callable[[float], None]) -> None:
@@ -246,9 +254,8 @@ def _print_next(done: Demo) -> None:
     print_line(f"  companion run -c {shipped}   run the same service until you stop it with Ctrl-C, and beside it")
     print_line(f"  companion simulate-autopilot -c {shipped}   its attitude: the service is blind without it")
     print_line("  companion view --live   page that follows the service")
-    print_line(
-        "  companion import FOLDER -o my.mcap   convert a recording of your own (docs/how-to/import-recordings.md)"
-    )
+    page = _shown(packaged_file("docs/how-to", "import-recordings.md"))
+    print_line(f"  companion import FOLDER -o my.mcap   convert a recording of your own ({page})")
 
 
 def scripts_outside_path() -> Path | None:

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         f"give {written[-1].name} and server.public to the client over a private channel, then delete {written[-1]} "
         "here"
     )
-    print_line(f'in the configuration: [publish] keys = "{args.folder}"')
+    print_line(f'in the configuration: [publish] keys = "{args.folder.absolute()}"')
     return 0
 
 

@@ -48,11 +48,16 @@ def test_the_demo_keeps_the_logs_of_the_user(
     log.parent.mkdir()
     log.write_text("the only copy")
     result.write_text("the only copy")
+    earlier = tmp_path / "view" / "frame_front_000001.png"
+    earlier.parent.mkdir()
+    earlier.write_text("of the replaced log")
     words = ["demo", "--fast", "--seconds", "1", "-o", str(tmp_path)]
     assert main(words) == 1
     assert f"{result} exists; give -o another name, or --replace" in capsys.readouterr().err
     assert result.read_text() == "the only copy"
+    assert earlier.exists()
     assert main([*words, "--replace"]) == 0
+    assert not earlier.exists()  # *.png in the output named pictures of two flights
     assert log.read_text() == "the only copy"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["logs", "prisms.mcap", "view"]
 
@@ -68,6 +73,7 @@ def test_without_matplotlib_the_demo_draws_its_page_alone(
     assert "pictures need matplotlib" in printed.err
     assert "pip install 'matplotlib" in printed.err
     assert f"companion run -c {os.path.relpath(ROOT / 'configs' / 'simulated.toml')}" in printed.out
+    assert f"({os.path.relpath(ROOT / 'docs' / 'how-to' / 'import-recordings.md')})" in printed.out
     assert (out / "view" / "flight.html").stat().st_size > 10_000
     assert not list((out / "view").glob("*.png"))
 

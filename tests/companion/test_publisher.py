@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import zmq
 
+from companion.cli import main
 from companion.live.status import address_in_use
 from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, make_keys
 from companion.streams.publisher import MOST_RECEIVED_BYTES, Publisher, Stream
@@ -226,6 +227,15 @@ def test_which_addresses_other_machines_can_reach(address: str, beyond: bool) ->
 def test_an_open_stream_without_keys_is_refused(context: Context) -> None:
     with pytest.raises(ValueError, match="needs keys: make them with `companion keys`"):
         Publisher(Stream("prisms", "tcp://0.0.0.0:*"), context)
+
+
+def test_the_printed_line_of_the_configuration_has_the_whole_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The service looks for a relative path below its working directory."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["keys", "mine"]) == 0
+    assert f'[publish] keys = "{tmp_path / "mine"}"' in capsys.readouterr().out
 
 
 def test_only_known_clients_receive_a_stream_with_keys(tmp_path: Path, context: Context) -> None:
