@@ -61,6 +61,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             )
         for file in ("pyproject.toml", "README.md", "LICENSE", "NOTICE"):
             shutil.copy2(source / file, copy / file)
+        if (source / "MANIFEST.in").exists():
+            shutil.copy2(source / "MANIFEST.in", copy)
+        (copy / "tests").mkdir()
+        (copy / "tests" / "test_part.py").write_text("")
         (copy / "dist").mkdir()
         done = subprocess.run([sys.executable, "-c", BUILD], cwd=copy, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
@@ -179,6 +183,13 @@ def test_wheel_and_sdist_contain_the_licence(built: dict[str, Path], name: str) 
     assert b"The osape-companion authors" in licences["NOTICE"]
     with tarfile.open(sdist) as packed:
         assert {"LICENSE", "NOTICE"} <= {Path(f).name for f in packed.getnames() if f.count("/") == 1}
+
+
+def test_the_sdist_contains_no_part_of_the_tests(built: dict[str, Path]) -> None:
+    """setuptools adds tests/test_*.py, without the modules that they import."""
+    (sdist,) = built["osape-companion"].glob("*.tar.gz")
+    with tarfile.open(sdist) as packed:
+        assert [f for f in packed.getnames() if "/tests" in f] == []
 
 
 def test_the_client_has_the_licence_of_the_project() -> None:
