@@ -9,6 +9,7 @@ import re
 import shlex
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 import pytest
 
@@ -18,14 +19,27 @@ from companion.command_list import COMMANDS
 from .conftest import CHECKOUT
 
 PAGES = [CHECKOUT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
+PAGES += [CHECKOUT / "clients" / name / "README.md" for name in ("cpp", "python")]
 PAGES += sorted((CHECKOUT / "docs").rglob("*.md"))
 USER_PAGES = [page for page in PAGES if "research" not in page.parts]
 """Pages that print today's commands. Research notes also name commands of earlier versions."""
-LINKING_PAGES = [
-    *PAGES,
-    CHECKOUT / "CHANGELOG.md",
-    *(CHECKOUT / "clients" / name / "README.md" for name in ("cpp", "python")),
+LINKING_PAGES = [*PAGES, CHECKOUT / "CHANGELOG.md"]
+SOFTWARE = [
+    file
+    for part in ("companion", "drivers", "clients", "configs", "examples", "packaging", "systemd")
+    for file in sorted((CHECKOUT / part).rglob("*"))
+    if file.is_file() and (file.suffix in (".py", ".toml", ".js", ".html", ".service", ".rules") or part == "packaging")
 ]
+"""Files whose messages and comments name commands and pages."""
+OPTIONS_OF_OTHERS: Final = {
+    "--set": "benchmarks.fidelity.run",
+    "--held-out": "benchmarks.fidelity.run",
+    "--unknown": "examples/plan_world.py",
+    "--platform": "podman build",
+    "--restart": "podman run",
+    "-p": "journalctl",
+}
+"""Options that a page names apart from their command, of other programs than `companion`."""
 
 LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
 FENCE = re.compile(r"^\s*(```|~~~)")
@@ -145,6 +159,37 @@ def test_each_printed_command_and_option_exists(page: Path, options: dict[str, s
     assert [wrong for text in snippets(page) if (wrong := wrong_command(text, options))] == []
 
 
+def options_alone(page: Path) -> set[str]:
+    """The options that the text of a page names without their command, such as `--json`."""
+    spans = [span for line, code in lines_of(page) if not code for span in re.findall(r"`([^`]+)`", line)]
+    return {m[0] for span in spans if (m := re.match(r"--?[a-z][a-z-]*(?=[ =]|$)", span))}
+
+
+@pytest.mark.parametrize("page", USER_PAGES, ids=name_of)
+def test_each_option_named_alone_exists(page: Path, options: dict[str, set[str]]) -> None:
+    assert options_alone(page) - set().union(*options.values()) - OPTIONS_OF_OTHERS.keys() == set()
+
+
+def test_the_software_names_commands_and_anchors_that_exist(options: dict[str, set[str]]) -> None:
+    assert len(SOFTWARE) > 300
+    wrong = []
+    for file in SOFTWARE:
+        text = file.read_text(encoding="utf-8")
+        wrong += [f"{name_of(file)}: {found}" for found in wrong_names(text, options)]
+    assert wrong == []
+
+
+def wrong_names(text: str, options: dict[str, set[str]]) -> list[str]:
+    """Of the commands and anchors of pages that a source file names, those that do not exist. Files: test_named_files.py."""
+    # a backslash: of the shell, before the mark
+    commands = [name.rstrip("\\") for name in re.findall(r"`((?:sudo )?companion [^`\n{\"]*)", text)]
+    wrong = [found for name in commands if (found := wrong_command(name, options))]
+    for file, anchor in re.findall(r"\b(docs/[\w/-]+\.md)#([\w-]+)", text):
+        if anchor not in anchors_of(CHECKOUT / file):
+            wrong.append(f"{file}#{anchor}")
+    return wrong
+
+
 def make_targets() -> set[str]:
     return set(re.findall(r"^([a-z-]+):", (CHECKOUT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
 
@@ -170,6 +215,11 @@ def test_a_broken_link_and_a_wrong_command_are_found(tmp_path: Path, options: di
     page = tmp_path / "page.md"
     page.write_text("# A page\n\n[a](#a-page) [b](#none) [c](none.md)\n\n    [d](code.md)\n")
     assert broken_links(page) == ["#none", "none.md"]
+    page.write_text("Add `--replace` or `--repalce X`, see `-5`.\n\n    --code\n")
+    lines_of.cache_clear()
+    assert options_alone(page) == {"--replace", "--repalce"}
+    text = "run `companion view LOG --every 2`, or `companion vew`; see docs/README.md#reference and docs/README.md#fly"
+    assert wrong_names(text, options) == ["companion vew: there is no command vew", "docs/README.md#fly"]
     assert wrong_command("companion replay a.mcap --check", options) is None
     assert wrong_command("sudo companion install -c my.toml --dry-run", options) is None
     assert wrong_command("companion replay a.mcap --chekc", options) is not None

@@ -8,6 +8,7 @@ import importlib
 import inspect
 import re
 import textwrap
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,49 @@ def test_a_wrong_key_is_found() -> None:
     assert unknown_keys("`[avoid] sends = true`, `[guard]` `none`") == ["[avoid] sends", "[guard] none"]
 
 
+def code_blocks(page: Path) -> list[str]:
+    """The code blocks of a page, fenced or indented."""
+    blocks, block = [], ""
+    for line, code in [*lines_of(page), ("", False)]:
+        if (code or (block and not line)) and not line.lstrip().startswith("```"):
+            block += f"{line}\n"
+        else:
+            blocks += [textwrap.dedent(block)] if block.strip() else []
+            block = ""
+    return blocks
+
+
+def configurations(page: Path) -> list[str]:
+    """The code blocks of a page that are parts of a configuration."""
+    return [
+        b
+        for b in code_blocks(page)
+        if (m := re.match(r"\s*(?:#.*\n\s*)*\[+(\w+)\]+ *(?:#.*)?$", b, re.M)) and m[1] in KEYS
+    ]
+
+
+def unknown_in(text: str) -> list[str]:
+    """Of the sections and keys of a configuration, those that do not exist. Raises TOMLDecodeError."""
+    unknown = []
+    for section, content in tomllib.loads(text).items():
+        for part in content if isinstance(content, list) else [content]:
+            unknown += [f"[{section}] {key}" for key in part if key not in KEYS.get(section, set())]
+    return unknown
+
+
+@pytest.mark.parametrize("page", USER_PAGES, ids=name_of)
+def test_each_printed_configuration_can_be_read_and_its_keys_exist(page: Path) -> None:
+    assert [key for block in configurations(page) for key in unknown_in(block)] == []
+
+
+def test_a_wrong_key_of_a_printed_configuration_is_found() -> None:
+    assert unknown_in('[[camera]]\nkind = "oak"\nknid = 1\n[avoid]\nsend = true\n[avoids]\nsend = true\n') == [
+        "[camera] knid",
+        "[avoids] send",
+    ]
+    assert sum(len(configurations(page)) for page in USER_PAGES) >= 15
+
+
 def test_the_table_of_stages_names_the_calls_of_the_extractor_and_their_modules() -> None:
     page = (CHECKOUT / "docs" / "explanation" / "algorithm.md").read_text(encoding="utf-8")
     rows = [line.split(" | ") for line in page.splitlines() if re.match(r"\| \[\d+ ", line)]
@@ -54,14 +98,7 @@ def test_the_table_of_stages_names_the_calls_of_the_extractor_and_their_modules(
 
 def python_blocks(page: Path) -> list[str]:
     """The code blocks of a page that are Python: those that import something."""
-    blocks, block = [], ""
-    for line, code in [*lines_of(page), ("", False)]:
-        if (code or (block and not line)) and not line.lstrip().startswith("```"):
-            block += f"{line}\n"
-        else:
-            blocks += [textwrap.dedent(block)] if re.search(r"^\s*from \w[\w.]* import ", block, re.MULTILINE) else []
-            block = ""
-    return blocks
+    return [b for b in code_blocks(page) if re.search(r"^\s*from \w[\w.]* import ", b, re.MULTILINE)]
 
 
 PYTHON = [(page, block) for page in USER_PAGES for block in python_blocks(page)]
