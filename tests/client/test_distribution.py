@@ -61,8 +61,9 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             )
         for file in ("pyproject.toml", "README.md", "LICENSE", "NOTICE"):
             shutil.copy2(source / file, copy / file)
-        if (source / "MANIFEST.in").exists():
-            shutil.copy2(source / "MANIFEST.in", copy)
+        for file in ("MANIFEST.in", "setup.cfg"):
+            if (source / file).exists():
+                shutil.copy2(source / file, copy / file)
         (copy / "tests").mkdir()
         (copy / "tests" / "test_part.py").write_text("")
         (copy / "dist").mkdir()
@@ -183,6 +184,24 @@ def test_wheel_and_sdist_contain_the_licence(built: dict[str, Path], name: str) 
     assert b"The osape-companion authors" in licences["NOTICE"]
     with tarfile.open(sdist) as packed:
         assert {"LICENSE", "NOTICE"} <= {Path(f).name for f in packed.getnames() if f.count("/") == 1}
+
+
+@pytest.mark.parametrize(
+    ("name", "module"), [("osape-client", "osape_client/decode.py"), ("osape-companion", "core/codes.py")]
+)
+def test_a_wheel_contains_no_file_of_an_earlier_build(built: dict[str, Path], name: str, module: str) -> None:
+    """An earlier version in place of a newer one, with the times of its archive: pip installed a mixture of both."""
+    checkout = built[name].parent
+    earlier = checkout / "build" / "lib" / module
+    assert earlier.exists()
+    earlier.write_text("# of another version")
+    os.utime(earlier, (2**32, 2**32))
+    command = "from setuptools import build_meta; build_meta.build_wheel('again')"
+    (checkout / "again").mkdir()
+    subprocess.run([sys.executable, "-c", command], cwd=checkout, capture_output=True, check=True)
+    (wheel,) = (checkout / "again").glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        assert packed.read(module) == (checkout / module).read_bytes()
 
 
 def test_the_sdist_contains_no_part_of_the_tests(built: dict[str, Path]) -> None:
