@@ -18,6 +18,7 @@ from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .clock_correction import SPAN_NS, ClockCorrection
+from .depth_alignment import DepthAlignment
 from .device_matches import confirmed_depth
 from .kernel_stamps import FIRST_NS
 from .oak_pipeline import (
@@ -29,6 +30,7 @@ from .oak_pipeline import (
     connect_device,
     first_line,
 )
+from .oak_view import SAME_INTRINSICS_PX, check_view
 from .row_alignment import RowAlignment
 from .stereo import Gray, StereoMatcher
 from .stereo_errors import bias_coefficient, noise_coefficient
@@ -36,8 +38,6 @@ from .torn_images import one_repeats
 
 DISPARITY_SIGMA_PX = 0.25
 """Noise of the subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
-SAME_INTRINSICS_PX = 0.5
-"""Intrinsics of two frames that differ by less are the same: an error of less than a pixel in the direction of a point."""
 MOST_APART_S = 0.001
 """Left and right image are exposed together, within this time. At 60 deg/s and a focal length of 450 px an image moves by 0.5 px
 in it: 0.4 m at 5 m. Stamps of cameras with one clock differ by 0.02 ms."""
@@ -69,6 +69,7 @@ class OakSource:
         self.settings = settings
         self._correction = correction or ClockCorrection()
         self._rows = self._alignment()
+        self._depth_alignment = DepthAlignment(settings.camera)
         self._matcher = StereoMatcher(settings.match) if settings.host_matching else None
         self._connect = connect or connect_device
         self._link: OakLink | None = None
@@ -85,10 +86,11 @@ class OakSource:
         return self._info
 
     def open(self) -> None:
-        """Boots the device, waits for its first frame, which contains the intrinsics, and measures the rows of the first images.
-        Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed."""
+        """Boots the device, waits for its first frame, which contains the intrinsics, measures the rows of the first images, and compares
+        what they state about their view. Raises DeviceNotFound, DeviceLost and BadData; a partially opened device is closed."""
         self._correction.take(time.monotonic_ns())
         self._rows = self._alignment()
+        self._depth_alignment = DepthAlignment(self.settings.camera)
         self._link = self._connect(self.settings)
         try:
             message = self._first()
@@ -96,6 +98,8 @@ class OakSource:
             if len(self.settings.streams) > 1:
                 message = self._align(message)
                 self._info = self._describe(message)
+            images = {name: self._part(message, name) for name in self.settings.streams}
+            check_view(images, LEFT, self._link.baseline_m, self.settings.camera)
             self._waiting = self._frame(message)
         except Exception:
             self.close()
@@ -266,9 +270,10 @@ class OakSource:
         right = self._rows.rotation.turned(right, self.info.intrinsics)
         if self._matcher is not None:
             return self._matcher.depth(left, right, self._f_b_px_m())
-        return confirmed_depth(
-            self._pixels(self._part(message, DEPTH)), (left, right), self._f_b_px_m(), settings.match
-        )
+        depth = self._pixels(self._part(message, DEPTH))
+        if self._depth_alignment.due:
+            self._depth_alignment.take(depth, (left, right), self._f_b_px_m(), settings.match)
+        return confirmed_depth(depth, (left, right), self._f_b_px_m(), settings.match)
 
     def _pair(self, group: Any, shape: tuple[int, ...]) -> tuple[Gray, Gray]:
         """The rectified left and right image (H, W) uint8. Raises BadData where they are not of this shape, not of the
