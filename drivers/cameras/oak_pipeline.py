@@ -12,6 +12,7 @@ from ..base import DeviceNotFound
 from ..optional_library import install_command
 from .device_matches import needs_images
 from .oak_calibration import baseline_m
+from .oak_faults import refuse_known_fault
 from .stereo import MatchParams
 
 # read by the library: no signal handlers, nothing sent to its maker, and no calibration from what the cameras see at a start,
@@ -128,6 +129,7 @@ class DeviceLink:
 
         self._device = device
         device.setMaxReconnectionAttempts(0)
+        refuse_known_fault(device.getCameraSensorNames().values(), dai.__version__, settings.camera)
         self.baseline_m = baseline_m(device.readCalibration(), settings.camera)
         self._pipeline = dai.Pipeline(device)
         sides = []

@@ -13,6 +13,7 @@ import depthai as dai
 
 from drivers.base import BadData
 from drivers.cameras.oak_calibration import baseline_m
+from drivers.cameras.oak_faults import refuse_known_fault
 from drivers.cameras.oak_pipeline import OakSettings, start_pipeline
 
 pytestmark = pytest.mark.process
@@ -58,6 +59,12 @@ class OpenedDevice:
 
     closed = False
 
+    def __init__(self, sensor: str = "OV9282") -> None:
+        self.sensor = sensor
+
+    def getCameraSensorNames(self) -> dict[dai.CameraBoardSocket, str]:
+        return {dai.CameraBoardSocket.CAM_A: "IMX214", dai.CameraBoardSocket.CAM_B: self.sensor}
+
     def setMaxReconnectionAttempts(self, attempts: int) -> None:
         assert attempts == 0
 
@@ -73,3 +80,22 @@ def test_a_device_that_cannot_be_used_is_closed() -> None:
     with pytest.raises(BadData, match="reports no baseline"):
         start_pipeline(OakSettings(camera="front"), device)
     assert device.closed
+
+
+@pytest.mark.parametrize("version", ["3.7.1", "3.8.0", "3.10.0"])
+def test_cameras_that_stop_with_this_version_of_the_library_are_refused(
+    version: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An OAK-D Lite: the message of the library names neither the cause nor the remedy."""
+    monkeypatch.setattr(dai, "__version__", version)
+    device = OpenedDevice("OV7251")
+    with pytest.raises(BadData, match=rf"camera front: .* installed is {version}. .* pip install depthai==3\.6\.1"):
+        start_pipeline(OakSettings(camera="front"), device)
+    assert device.closed
+
+
+@pytest.mark.parametrize(
+    ("sensor", "version"), [("OV7251", "3.6.1"), ("OV7251", "3.11.0"), ("OV7251", "3.12.0"), ("OV9282", "3.8.0")]
+)
+def test_other_combinations_are_not_refused(sensor: str, version: str) -> None:
+    refuse_known_fault(["IMX214", sensor], version, "front")
