@@ -2,16 +2,15 @@
 a pair of which one image repeats.
 
 A buffer that was not filled keeps at its end what it held before, as many bytes as were lost: the kernel's driver moves up what
-follows a lost packet, so that the rows after it mix both eyes. The driver marks the buffer as faulty and delivers it (recent
-versions of Linux by default, others with `nodrop = 1`), and OpenCV does not read the mark. In a live image the noise changes
-every row that shows anything."""
+follows a lost packet, so that the rows after it mix both eyes. The driver states how many bytes arrived, and marks the buffer as
+faulty (kernel_capture.py). What the image itself shows is a second test: in a live image the noise changes every row that shows
+anything."""
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,8 +26,8 @@ END_PX, LEAST_END_STEPS = 480, 24
 """Pixels at the end of the last row that are compared, less than the 1012 bytes that one packet of USB carries, and least number of
 steps in them where the row began anew."""
 MOST_IN_A_ROW = 10
-_EMPTY_BGR = cv2.cvtColor(np.zeros((1, 2, 2), np.uint8), cv2.COLOR_YUV2BGR_YUYV)[0, 0]
-"""Zeros of a YUYV buffer, a green, as this version of OpenCV converts them."""
+MOST_BLACK_GREY, LEAST_SATURATED_GREY = 30, 250
+"""A row of one colour up to the first level, and from the second one on, may be that of a live image."""
 _STEP_ROWS = 16
 """Some rows are compared before all."""
 
@@ -41,12 +40,13 @@ class TornImageCheck:
     _images: deque[NDArray[np.uint8]] = field(default_factory=lambda: deque(maxlen=BUFFERS))
     _torn: int = 0
 
-    def is_torn(self, image: NDArray[np.uint8]) -> bool:
-        """Whether an image (H, W, C) ends as an earlier one, or as an empty buffer. An image that equals the one before is not torn:
-        it is repeated, which the supervision of the camera judges. Raises BadData where many are torn in a row."""
-        repeated = bool(self._images) and _is(image, self._images[-1])
-        torn = not repeated and (_ends_empty(image) or any(_ends_like(image, earlier) for earlier in self._images))
-        self._images.append(image)
+    def is_torn(self, image: NDArray[np.uint8] | None) -> bool:
+        """Whether an image (H, W, C) ends as an earlier one, or as a buffer that was not filled; None: the kernel's driver reports that it
+        arrived in part. An image that equals the one before is not torn: it is repeated, which the supervision of the camera
+        judges. Raises BadData where many are torn in a row."""
+        torn = image is None or self._shows_tear(image)
+        if image is not None:
+            self._images.append(image)
         self._torn = self._torn + 1 if torn else 0
         if self._torn >= MOST_IN_A_ROW:
             raise BadData(
@@ -54,6 +54,11 @@ class TornImageCheck:
                 "its own, or lower fps"
             )
         return torn
+
+    def _shows_tear(self, image: NDArray[np.uint8]) -> bool:
+        if self._images and _is(image, self._images[-1]):
+            return False
+        return _ends_unfilled(image) or any(_ends_like(image, earlier) for earlier in self._images)
 
 
 def one_repeats(pair: Pair, before: Pair) -> bool:
@@ -69,9 +74,13 @@ def _is(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
     return bool(np.array_equal(image, other))
 
 
-def _ends_empty(image: NDArray[np.uint8]) -> bool:
-    """Whether the end is that of a buffer that was never filled."""
-    return image.ndim == 3 and bool((image[-1, -END_PX:] == _EMPTY_BGR).all())
+def _ends_unfilled(image: NDArray[np.uint8]) -> bool:
+    """Whether the last row is no row of a live sensor, whose noise changes each pixel: it has one colour that is neither black nor
+    saturated, as the green of zeros, or is that of the row above, which shows something. A dark ground may be black throughout."""
+    last = image[-1, -END_PX:]
+    if _is(last, np.broadcast_to(last[-1], last.shape)):
+        return bool(last[-1].max() > MOST_BLACK_GREY and last[-1].min() < LEAST_SATURATED_GREY)
+    return _is(last, image[-2, -END_PX:]) and _shows_something(image[-1:, -END_PX:].max(axis=2), LEAST_END_STEPS)
 
 
 def _ends_like(image: NDArray[np.uint8], earlier: NDArray[np.uint8]) -> bool:

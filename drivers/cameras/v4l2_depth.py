@@ -5,12 +5,10 @@ the middle of the exposure (`exposure_latency_s`), the depth unit and the intrin
 
 from __future__ import annotations
 
-import contextlib
 import select
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
-from ..optional_library import install_command
+from .kernel_capture import Capture, CaptureFormat, LinuxpyCapture, RawBuffer
 from .kernel_stamps import KernelStamps
 
 MOST_IN_A_ROW = 10
@@ -43,28 +41,19 @@ class V4l2Settings:
     bias_per_m: float = 0.01
     """2 % at 2 m, the maker's greatest error of a RealSense D435."""
 
-
-@dataclass(frozen=True, slots=True)
-class RawBuffer:
-    """One filled buffer. data: as many bytes as arrived; stamp_ns: the kernel's, on CLOCK_MONOTONIC; faulty: the driver reports
-    missing data."""
-
-    data: bytes
-    bytes_per_line: int
-    sequence: int
-    stamp_ns: int
-    faulty: bool = False
-
-
-class Capture(Protocol):
-    """A running stream of one device."""
-
-    def fileno(self) -> int: ...
-    def read(self) -> RawBuffer:
-        """The next buffer; call it after fileno() became readable. Raises OSError."""
-        ...
-
-    def close(self) -> None: ...
+    @property
+    def capture(self) -> CaptureFormat:
+        """What is requested of the device."""
+        return CaptureFormat(
+            camera=self.camera,
+            device=self.device,
+            width=self.intrinsics.width,
+            height=self.intrinsics.height,
+            pixel_format=self.pixel_format,
+            fps=self.fps,
+            hint=". Of a RealSense a path in /dev/v4l/by-id may be that of its colour images: set the one in /dev/v4l/by-path that has "
+            "the depth",
+        )
 
 
 class V4l2Source:
@@ -72,9 +61,9 @@ class V4l2Source:
 
     notice = ""
 
-    def __init__(self, settings: V4l2Settings, connect: Callable[[V4l2Settings], Capture] | None = None) -> None:
+    def __init__(self, settings: V4l2Settings, connect: Callable[[CaptureFormat], Capture] = LinuxpyCapture) -> None:
         self._settings = settings
-        self._connect = connect or LinuxpyCapture
+        self._connect = connect
         self._capture: Capture | None = None
         self._stamps = KernelStamps(settings.camera)
         self._partial = 0
@@ -94,7 +83,7 @@ class V4l2Source:
 
     def open(self) -> None:
         """Opens the stream. Raises DeviceNotFound and BadData."""
-        self._capture = self._connect(self._settings)
+        self._capture = self._connect(self._settings.capture)
 
     def close(self) -> None:
         """Closes the stream. May be called twice."""
@@ -129,8 +118,7 @@ class V4l2Source:
 
     def _is_whole(self, buffer: RawBuffer) -> bool:
         """Whether all of a buffer arrived: not every kernel reports missing data. Raises BadData after many that did not."""
-        size = self._settings.intrinsics
-        whole = not buffer.faulty and len(buffer.data) >= _least_bytes(buffer.bytes_per_line, size)
+        whole = self._settings.capture.is_whole(buffer)
         self._partial = 0 if whole else self._partial + 1
         if self._partial >= MOST_IN_A_ROW:
             raise BadData(
@@ -157,7 +145,7 @@ def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.u
     BadData."""
     width, height = settings.intrinsics.width, settings.intrinsics.height
     line = buffer.bytes_per_line or 2 * width
-    needed = _least_bytes(buffer.bytes_per_line, settings.intrinsics)
+    needed = settings.capture.least_bytes(buffer.bytes_per_line)
     if line < 2 * width or len(buffer.data) < needed:
         raise BadData(
             f"camera {settings.camera}: a buffer of {len(buffer.data)} bytes, {line} per line, is too small for "
@@ -175,75 +163,3 @@ def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.u
     mm = units * np.float64(settings.depth_unit_mm) + 0.5
     # the greatest value is no distance in any unit: in tenths of a millimetre it would be one of 6.55 m
     return np.where((mm < FAR_MM) & (units != SATURATED_MM), mm, float(UNKNOWN_MM)).astype(np.uint16)
-
-
-def _least_bytes(bytes_per_line: int, size: Intrinsics) -> int:
-    """Bytes of an image of this size whose last line has no padding. bytes_per_line: 0: no padding."""
-    return (bytes_per_line or 2 * size.width) * (size.height - 1) + 2 * size.width
-
-
-class LinuxpyCapture:
-    """A stream through linuxpy, with memory-mapped buffers."""
-
-    def __init__(self, settings: V4l2Settings) -> None:
-        try:
-            from linuxpy.video import device as v4l2
-        except ImportError as error:
-            raise DeviceNotFound(
-                f"camera {settings.camera}: linuxpy is not installed; run {install_command('linuxpy>=0.20')}"
-            ) from error
-        self._flag_error = v4l2.BufferFlag.ERROR
-        self._device = v4l2.Device(settings.device, blocking=False)
-        try:
-            self._device.open()
-            self._stream = v4l2.VideoCapture(self._device, size=4)
-            self._set_format(settings)
-            self._stream.open()
-            self._line = self._stream.buffer.format.bytes_per_line
-        except (OSError, v4l2.V4L2Error) as error:
-            self._device.close()
-            raise DeviceNotFound(
-                f"camera {settings.camera}: {settings.device} cannot be opened "
-                f"({getattr(error, 'strerror', None) or error}); check that it is connected (ls /dev/v4l/by-path), that "
-                "no other program uses it and that the user is in the group video"
-            ) from error
-        except BadData:
-            self._device.close()
-            raise
-
-    def _set_format(self, settings: V4l2Settings) -> None:
-        """Sets the format and reads it back, since the driver may choose another one."""
-        width, height = settings.intrinsics.width, settings.intrinsics.height
-        self._stream.set_format(width, height, settings.pixel_format)
-        got = self._stream.get_format()
-        name = "".join(chr((int(got.pixel_format) >> shift) & 0x7F) for shift in (0, 8, 16, 24))
-        if (got.width, got.height, name) != (width, height, settings.pixel_format):
-            raise BadData(
-                f"camera {settings.camera}: requested {width}x{height} {settings.pixel_format.strip()}, the device "
-                f"gives {got.width}x{got.height} {name.strip()}; `v4l2-ctl -d {settings.device} --list-formats-ext` "
-                "lists the supported formats. Of a RealSense a path in /dev/v4l/by-id may be that of its colour images: set the one "
-                "in /dev/v4l/by-path that has the depth"
-            )
-        self._stream.set_fps(settings.fps)
-
-    def fileno(self) -> int:
-        """The file descriptor for select."""
-        return int(self._device.fileno())
-
-    def read(self) -> RawBuffer:
-        """The next filled buffer; its pixels are copied and the buffer is returned to the driver."""
-        frame = self._stream.buffer.raw_read()
-        stamp = frame.buff.timestamp
-        return RawBuffer(
-            bytes(frame.data),
-            self._line,
-            int(frame.frame_nb),
-            stamp.secs * 1_000_000_000 + stamp.usecs * 1000,
-            bool(self._flag_error in frame.flags),
-        )
-
-    def close(self) -> None:
-        """Stops the stream. May be called twice; an unplugged device cannot be stopped."""
-        with contextlib.suppress(OSError):
-            self._stream.close()
-        self._device.close()

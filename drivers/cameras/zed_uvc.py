@@ -1,4 +1,4 @@
-"""A ZED as a plain USB video device: side-by-side images through OpenCV, stereo matching on the processor.
+"""A ZED as a plain USB video device: side-by-side images through the kernel's driver, stereo matching on the processor.
 
 It needs the camera's calibration file, but no manufacturer's library. The delivered images are not rectified."""
 
@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from core.types import CameraInfo, DepthFrame
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 from .kernel_stamps import KernelStamps
+from .pair_video import Video, open_video, pair_format
 from .row_alignment import RowAlignment
 from .stereo import MatchParams, StereoDepth
 from .stereo_errors import bias_coefficient, noise_coefficient
@@ -50,19 +50,10 @@ class ZedSettings:
         return self.device.startswith("/dev/")
 
 
-class Video(Protocol):
-    """The used interface of cv2.VideoCapture."""
-
-    def isOpened(self) -> bool: ...
-    def read(self) -> tuple[bool, Any]: ...
-    def get(self, prop: int) -> float: ...
-    def set(self, prop: int, value: float) -> bool: ...
-    def release(self) -> None: ...
-
-
-def open_video(settings: ZedSettings) -> Video:
-    """Opens the device, or a video file in its place."""
-    return cv2.VideoCapture(settings.device, cv2.CAP_V4L2 if settings.is_device else cv2.CAP_FFMPEG)
+def open_device(settings: ZedSettings) -> Video:
+    """Opens the device, or a video file in its place. Raises DeviceNotFound and BadData."""
+    size = settings.width, settings.height
+    return open_video(pair_format(settings.camera, settings.device, size, settings.fps), settings.is_device)
 
 
 class ZedSource:
@@ -71,15 +62,14 @@ class ZedSource:
     def __init__(
         self,
         settings: ZedSettings,
-        connect: Callable[[ZedSettings], Video] = open_video,
+        connect: Callable[[ZedSettings], Video] = open_device,
         calibration: StereoCalibration | None = None,
     ) -> None:
         self._settings, self._connect, self._given = settings, connect, calibration
         self._video: Video | None = None
         self._stereo: StereoDepth | None = None
         self._sequence = 0
-        self._first: NDArray[np.uint8] | None = None
-        self._first_ns = 0
+        self._first: tuple[NDArray[np.uint8], int] | None = None
         self._stamps = KernelStamps(settings.camera)
         self._torn = TornImageCheck(settings.camera)
         self._rows = self._alignment()
@@ -120,19 +110,11 @@ class ZedSource:
                     f"camera {s.camera}: {s.device} cannot be opened; check that it is connected (ls /dev/v4l/by-id), "
                     "that no other program uses it and that the user is in the group video"
                 )
-            if s.is_device:
-                for prop, value in (
-                    (cv2.CAP_PROP_FRAME_WIDTH, 2.0 * s.width),
-                    (cv2.CAP_PROP_FRAME_HEIGHT, float(s.height)),
-                    (cv2.CAP_PROP_FPS, s.fps),
-                    (cv2.CAP_PROP_BUFFERSIZE, 1.0),
-                ):
-                    self._video.set(prop, value)
             measured = True
             while measured and not self._rows.settled:
-                self._first, self._first_ns = self._image()
-                if not (s.is_device and self._torn.is_torn(self._first)):
-                    measured = self._check(self._first)
+                self._first = self._image()
+                if self._first is not None:
+                    measured = self._check(self._first[0])
             self._rows.opened(self._stereo.intrinsics)
         except (DeviceNotFound, DeviceLost, BadData):
             self.close()
@@ -148,15 +130,14 @@ class ZedSource:
         """The next frame; None for an image that arrived in part. The device sets the rate, the driver buffers one image. Raises
         DeviceLost and BadData."""
         s = self._settings
-        if self._first is not None:
-            image, stamp_ns = self._first, self._first_ns
-            self._first = None
-        else:
-            image, stamp_ns = self._image()
-            if s.is_device and self._torn.is_torn(image):
+        taken, self._first = self._first, None
+        if taken is None:
+            taken = self._image()
+            if taken is None:
                 return None
             if self._rows.due:
-                self._check(image)
+                self._check(taken[0])
+        image, stamp_ns = taken
         assert self._stereo is not None
         left, right = halves(image)
         depth = self._stereo.depth(left, right)
@@ -176,23 +157,24 @@ class ZedSource:
             s.camera, f"{s.calibration} belongs to another camera, or this camera was bent", corrects=True
         )
 
-    def _image(self) -> tuple[NDArray[np.uint8], int]:
-        """(image, kernel's stamp) of the next pair."""
+    def _image(self) -> tuple[NDArray[np.uint8], int] | None:
+        """(image, kernel's stamp) of the next pair; None for one that arrived in part. Raises DeviceLost and BadData."""
         s, video = self._settings, self._video
         if video is None:
             raise DeviceNotFound(f"camera {s.camera}: not open; call open() first")
         good, image = video.read()
         now_ns = time.monotonic_ns()
-        if not good or image is None:
+        if not good:
             raise DeviceLost(f"camera {s.camera}: {s.device} delivers no images any more; check cable and power")
-        if image.shape[:2] != (s.height, 2 * s.width):
+        if image is not None and image.shape[:2] != (s.height, 2 * s.width):
             raise BadData(
                 f"camera {s.camera}: images of {image.shape[1]}x{image.shape[0]}, expected {2 * s.width}x{s.height} "
                 "(both eyes side by side); set width_px and height_px to the camera's format"
             )
-        if not s.is_device:  # a file has a time of its own
-            return image, now_ns
-        return image, self._stamps.accepted_ns(round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6), now_ns)
+        if not s.is_device:  # a file has a time of its own, and no buffers
+            return None if image is None else (image, now_ns)
+        stamp_ns = self._stamps.accepted_ns(round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6), now_ns)
+        return None if self._torn.is_torn(image) or image is None else (image, stamp_ns)
 
     def _check(self, image: NDArray[np.uint8]) -> bool:
         """Checks the calibration and aligns the rows; returns whether these could be measured. Raises BadData."""

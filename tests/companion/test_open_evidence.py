@@ -37,7 +37,8 @@ from core.types import (
     ExtractorState,
     FrameModel,
 )
-from drivers.cameras.v4l2_depth import RawBuffer, V4l2Settings, depth_from_buffer
+from drivers.cameras.kernel_capture import RawBuffer
+from drivers.cameras.v4l2_depth import V4l2Settings, depth_from_buffer
 from drivers.logs.codec import camera_from_message, camera_message
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.core.test_marks import assert_equal

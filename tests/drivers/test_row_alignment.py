@@ -261,7 +261,9 @@ CALIBRATION = StereoCalibration(
     width=K.width, height=K.height, left=EYE, right=EYE, R=np.eye(3), T=np.array([-ZED.view.baseline_m, 0.0, 0.0])
 )
 ZED_SETTINGS = ZedSettings(camera="front", device="/dev/video5", calibration=Path("SN2.conf"))
-BLANK = np.full((K.height, 2 * K.width, 3), 90, np.uint8)
+BLANK = np.clip(
+    90.0 + np.random.Generator(np.random.PCG64(3)).normal(0.0, 1.0, (K.height, 2 * K.width, 3)), 0, 255
+).astype(np.uint8)
 
 
 @dataclass

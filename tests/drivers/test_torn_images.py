@@ -87,6 +87,32 @@ def test_the_first_image_is_torn_where_its_buffer_is_still_empty() -> None:
     assert verdicts([empty, view(1)]) == [True, False]
 
 
+@pytest.mark.parametrize("colour", [(0, 135, 0), (128, 128, 128), (90, 90, 90), (0, 0, 255)])
+@pytest.mark.parametrize("rows", [1, 60])
+def test_an_image_that_ends_in_one_colour_is_found(colour: tuple[int, int, int], rows: int) -> None:
+    """Whatever fills the rest of a buffer: no sensor delivers a row without noise, unless it is black or saturated."""
+    image = view(0)
+    image[-rows:] = colour
+    assert verdicts([image, view(1)]) == [True, False]
+
+
+def test_an_image_that_ends_with_a_repeated_row_is_found() -> None:
+    image = view(0)
+    image[100:] = image[99]
+    assert verdicts([image, view(1)]) == [True, False]
+
+
+def test_a_dark_night_is_not_torn() -> None:
+    """Rows of a night are black without noise where the sensor clips it, and hold hot pixels that stay."""
+    rng = np.random.Generator(np.random.PCG64(2))
+    hot = rng.random((HEIGHT, WIDTH)) < 0.001
+    nights = [np.clip(rng.normal(0.0, 1.0, (HEIGHT, WIDTH, 3)), 0, 255).astype(np.uint8) for _ in range(4)]
+    for night in nights:
+        night[-40:] = 0
+        night[hot] = 200
+    assert not any(verdicts(nights))
+
+
 def yuyv(number: int) -> bytes:
     """A live image of both eyes as a ZED sends it: two bytes per pixel."""
     texture = np.random.Generator(np.random.PCG64(0)).integers(40, 200, (ZED_HEIGHT, ZED_WIDTH)).astype(float)

@@ -13,8 +13,9 @@ import pytest
 
 from core.types import FAR_MM, SATURATED_MM, Intrinsics, is_measured
 from drivers.base import BadData, DeviceLost, DeviceNotFound
+from drivers.cameras.kernel_capture import CaptureFormat, RawBuffer
 from drivers.cameras.kernel_stamps import AHEAD_NS, KernelStamps
-from drivers.cameras.v4l2_depth import MOST_IN_A_ROW, RawBuffer, V4l2Settings, V4l2Source, depth_from_buffer
+from drivers.cameras.v4l2_depth import MOST_IN_A_ROW, V4l2Settings, V4l2Source, depth_from_buffer
 
 SIZE = Intrinsics(32, 16, 30.0, 30.0, 15.5, 7.5)
 SETTINGS = V4l2Settings(camera="front", device="/dev/video9", intrinsics=SIZE, exposure_latency_s=0.012)
@@ -28,7 +29,7 @@ class FakeStream:
         self.buffers: list[RawBuffer | OSError] = []
         self.closed = 0
 
-    def __call__(self, settings: V4l2Settings) -> FakeStream:
+    def __call__(self, wanted: CaptureFormat) -> FakeStream:
         return self
 
     def fill(self, item: RawBuffer | OSError) -> None:

@@ -455,7 +455,9 @@ def test_the_calibration_of_another_camera_is_refused() -> None:
         ZedSource(SETTINGS, Video([side_by_side()]), wrong).open()
 
 
-BLANK = np.full((376, 1344, 3), 90, np.uint8)
+BLANK = np.clip(90.0 + np.random.Generator(np.random.PCG64(3)).normal(0.0, 1.0, (376, 1344, 3)), 0, 255).astype(
+    np.uint8
+)
 
 
 def test_after_a_view_without_corners_the_calibration_is_checked_with_a_later_one(
