@@ -13,6 +13,9 @@ from core.types import FAR_MM, DepthFrame, is_measured
 NS = 1_000_000_000
 FROZEN_HZ = 14.0
 """Frame rate at which the default of `frozen_frames` repetitions takes less than 0.3 s, the limit for stale frames."""
+NEW_IMAGES = 2
+"""New images since the last long repetition that end the state frozen. One may be the old image again: where the host aligns the rows of both images, it
+does so anew after each start of the process, and the depth of the same images differs."""
 KEPT = 64
 """Number of the newest images with which a new one is compared: more than the buffers of a camera's driver."""
 
@@ -22,10 +25,10 @@ class FrozenFrameDetector:
 
     An image is repeated if it is equal to one of the last KEPT, by its CRC-32: a driver may deliver one buffer again, or all
     of them in turn. The camera is frozen after `frames` repetitions in a row, or after two in the time of as many at
-    FROZEN_HZ: at a low frame rate the image would otherwise be older than the limit for stale frames. The noise changes
-    every image of a live camera that measures enough. Images of which a share of at most `least_share` is measured do not
-    count: a covered lens, darkness or a cloudless sky repeats them. Their frames are invalid with [extractor]
-    min_measured_share of that size."""
+    FROZEN_HZ: at a low frame rate the image would otherwise be older than the limit for stale frames. It is frozen until
+    NEW_IMAGES new ones arrived. The noise changes every image of a live camera that measures enough. Images of which a share of at
+    most `least_share` is measured do not count: a covered lens, darkness or a cloudless sky repeats them. Their frames are invalid
+    with [extractor] min_measured_share of that size."""
 
     def __init__(self, frames: int, least_share: float = 0.0) -> None:
         self._frames = frames
@@ -35,9 +38,22 @@ class FrozenFrameDetector:
         self._same_images = self._unchanged_stamps = 0
         self._longest_ns = round(frames / FROZEN_HZ * NS)
         self._first_ns = 0  # exposure of the first of the same images
+        self._frozen, self._new_images = False, 0
 
     def check(self, frame: DepthFrame) -> str:
         """Returns why the camera is frozen, as text; empty if it is not."""
+        cause = self._repetition(frame)
+        if cause:
+            self._frozen, self._new_images = True, 0
+        elif self._frozen:
+            self._new_images += 0 if self._same_images or self._unchanged_stamps else 1
+            if self._new_images < NEW_IMAGES:
+                return f"fewer than {NEW_IMAGES} new images after repeated ones"
+            self._frozen = False
+        return cause
+
+    def _repetition(self, frame: DepthFrame) -> str:
+        """What repeats, as text; empty: nothing, or not often enough."""
         image, last_ns = int(iso_hdlc(frame.depth_mm.tobytes())), self._last_ns
         same_image = image in self._images and self._measures(frame.depth_mm)
         same_stamp = last_ns is not None and frame.t_exposure_ns <= last_ns

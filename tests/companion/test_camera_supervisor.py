@@ -442,19 +442,38 @@ def test_a_camera_that_delivers_its_buffers_again_is_frozen(ring: int) -> None:
         assert detector.repeats  # none of them is used
     assert texts[:3] == [""] * 3
     assert all(texts[4:])
-    fresh = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
-    assert detector.check(frame_of(fresh, 60)) == ""
+    fresh = [rng.integers(2990, 3010, (48, 64)).astype(np.uint16) for _ in range(2)]
+    assert [bool(detector.check(frame_of(image, 60 + k))) for k, image in enumerate(fresh)] == [True, False]
     assert not detector.repeats
+
+
+def test_one_new_image_of_a_frozen_camera_is_no_sign_of_life() -> None:
+    """A camera that hangs keeps its image over a restart. The host aligns the rows of both images anew, with this image alone, so that
+    its depth differs from the one before: each restart passed one old image on as the present."""
+    rng = np.random.Generator(np.random.PCG64(0))
+    detector = FrozenFrameDetector(4)
+    openings = [rng.integers(2990, 3010, (48, 64)).astype(np.uint16) for _ in range(4)]
+    causes = [detector.check(frame_of(openings[k // 10], k)) for k in range(40)]
+    used = [k for k, cause in enumerate(causes) if not cause]
+    assert used == [0, 1, 2, 3]
+    assert causes[10] == "fewer than 2 new images after repeated ones"
+    live = [rng.integers(2990, 3010, (48, 64)).astype(np.uint16) for _ in range(3)]
+    twice = [live[k // 2] for k in range(6)]  # a camera may deliver each image twice
+    assert [bool(detector.check(frame_of(image, 40 + k))) for k, image in enumerate(twice)] == [True] * 2 + [False] * 4
 
 
 def test_stamps_that_do_not_advance_four_times_are_frozen() -> None:
     rng = np.random.Generator(np.random.PCG64(0))
     detector, texts = FrozenFrameDetector(4), []
-    for t_ns in (7, 7, 7, 7, 8, 8, 8, 7, 7, 9):
+    for t_ns in (7, 7, 7, 7, 8, 8, 8, 7, 7, 9, 10):
         depth = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
         frame = DepthFrame(camera="a", sequence=0, t_exposure_ns=t_ns, t_arrival_ns=t_ns, depth_mm=depth)
         texts.append(detector.check(frame))
-    assert texts == [""] * 8 + ["its stamps have not moved for 4 frames", ""]
+    assert texts == [""] * 8 + [
+        "its stamps have not moved for 4 frames",
+        "fewer than 2 new images after repeated ones",
+        "",
+    ]
 
 
 @pytest.mark.parametrize(("hz", "repetitions"), [(60, 4), (15, 4), (10, 3), (5, 2), (2, 2)])
