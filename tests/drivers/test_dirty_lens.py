@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.cameras.stereo import StereoDepth
+from core.types import CONTINUED_MM, TEXTURELESS_MM
+from drivers.cameras.stereo import MatchParams, StereoDepth, StereoMatcher
 from drivers.cameras.zed_calibration import parse_zed_calibration
 
 from .test_zed import NEW, pair
@@ -60,3 +61,38 @@ def test_what_one_dirty_lens_hides_is_not_measured(effect: Callable[[Float], Flo
     assert np.mean(depth_mm > 0) >= around
     assert np.mean(depth_mm > 1.2 * 6000) < 0.0001
     assert not depth_mm[175:205, 322:352].any()  # the spot lies 7 px farther right in the left image
+
+
+def _smooth_share(depth_mm: NDArray[np.uint16]) -> float:
+    return float(np.mean((depth_mm == TEXTURELESS_MM) | (depth_mm == CONTINUED_MM)))
+
+
+def _half(image: Float) -> Float:
+    """A finger over the left half of a lens."""
+    blurred = 0.2 * cv2.GaussianBlur(image, (0, 0), 40.0) + 102.0
+    return np.where(X < 336.0, blurred, image)
+
+
+@pytest.mark.parametrize("dirty", ["left", "right"])
+@pytest.mark.parametrize("effect", [_blur, _drop, _fog, _half, _cover])
+def test_what_one_dirty_lens_hides_is_no_sky(effect: Callable[[Float], Float], dirty: str) -> None:
+    """[open_sky] presumes surfaces without texture open. Half of a wall before a blurred left lens counted as such by a tenth."""
+    calibration = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
+    left, right = (image.astype(np.float32) for image in pair(calibration, 6.0))
+    noise = np.random.Generator(np.random.PCG64(1))
+    images = (effect(left), right) if dirty == "left" else (left, effect(right))
+    depth_mm = StereoDepth(calibration, MatchParams(mark_smooth=True)).depth(*(_seen(image, noise) for image in images))
+    assert _smooth_share(depth_mm) < 0.005
+
+
+@pytest.mark.parametrize(("grain_px", "contrast_grey"), [(0.7, 6.0), (0.7, 12.0), (1.2, 6.0), (1.2, 12.0)])
+def test_a_fine_texture_before_a_blurred_left_lens_is_no_sky(grain_px: float, contrast_grey: float) -> None:
+    """Its brightness is that of the other image: 31 to 95 % of such a surface, near or far, counted as without texture."""
+    rng = np.random.Generator(np.random.PCG64(7))
+    grain = cv2.GaussianBlur(rng.standard_normal((376, 692)), (0, 0), grain_px)
+    wall = 130.0 + contrast_grey * grain / grain.std()
+    left, right = wall[:, :672], wall[:, 20:]
+    matcher = StereoMatcher(MatchParams(mark_smooth=True))
+    blurred = cv2.GaussianBlur(left, (0, 0), 6.0)
+    assert _smooth_share(matcher.depth(_seen(blurred, rng), _seen(right, rng), 40.0)) < 0.005
+    assert np.mean(matcher.depth(_seen(left, rng), _seen(right, rng), 40.0) == 2000) > 0.0
