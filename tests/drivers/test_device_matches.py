@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from core.params import Params
 from core.types import UNKNOWN_MM
 from drivers.cameras.device_matches import confirmed_depth, disparity_of, needs_images
-from drivers.cameras.stereo import MatchParams
+from drivers.cameras.stereo import MatchParams, StereoMatcher
 
 HEIGHT, WIDTH, SHIFT = 80, 240, 12
 F_PX, BASELINE_M = 400.0, 0.075
@@ -94,3 +95,12 @@ def test_the_images_are_needed_by_each_rule() -> None:
     for change in ({"correlation": 0.7}, {"texture": 3.0}, {"period": 0.9}):
         assert needs_images(replace(OFF, **change))
     assert needs_images(MatchParams())
+
+
+def test_exchanged_images_are_not_measured() -> None:
+    """Cables of left and right that are exchanged: neither the device's depth is confirmed nor does the host find a match, also where
+    there are too few corners to name the cause. Chance matches are too few for a valid frame."""
+    left, right = scene()
+    assert not confirmed_depth(device_depth(), (right, left), F_B_PX_M, MatchParams()).any()
+    matched = StereoMatcher(MatchParams(disparities=32)).depth(right, left, F_B_PX_M)
+    assert np.mean(matched != UNKNOWN_MM) < 0.5 * Params().min_measured_share
