@@ -83,6 +83,12 @@ def test_depth_of_a_video_device_of_the_kernel(found: dict[str, Any]) -> None:
     assert 0.0 < found["camera_oldest_ms"] < 2000.0
 
 
+def test_images_of_both_eyes_of_a_video_device_of_the_kernel(found: dict[str, Any]) -> None:
+    assert found["pair_shape"] == [360, 640, 3], found["camera_output"]
+    assert found["pair_levels"] > 2  # an empty buffer has the green of zeros
+    assert 0.0 < found["pair_age_ms"] < 2000.0
+
+
 def test_a_video_device_that_is_unplugged_is_lost_and_not_found_again(found: dict[str, Any]) -> None:
     assert "/dev/video0 was lost" in found["camera_unplugged"]
     assert "check that it is connected" in found["camera_gone"]
