@@ -99,7 +99,7 @@ class OakSource:
                 message = self._align(message)
                 self._info = self._describe(message)
             images = {name: self._part(message, name) for name in self.settings.streams}
-            check_view(images, LEFT, self._link.baseline_m, self.settings.camera)
+            check_view(images, self.settings.camera)
             self._waiting = self._frame(message)
         except Exception:
             self.close()
