@@ -145,7 +145,7 @@ class LiveSubscriber:
             if not address:
                 continue
             socket = self._context.socket(zmq.SUB)
-            self._receivers[socket] = TimedSocket(socket), kind
+            self._receivers[socket] = TimedSocket(socket, address), kind
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RCVHWM, 20)
             if self.streams.keys is not None:

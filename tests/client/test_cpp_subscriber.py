@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import shutil
+import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -21,6 +23,8 @@ from osape_client.boot import boot_id
 from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy, PlacedModel, Space
+
+from .test_subscriber import answer_as_another_program
 
 pytestmark = pytest.mark.process
 
@@ -438,6 +442,25 @@ def test_a_message_over_ipv6(program: Path) -> None:
         socket.setsockopt(zmq.IPV6, 1)
         socket.bind("tcp://[::1]:*")
         assert "2 planes" in output_for(program, socket, frame().SerializeToString())
+
+
+def test_a_connection_that_failed_for_good_is_opened_again(program: Path) -> None:
+    """After bytes that no service sends ZeroMQ does not connect again: the client received nothing until it was restarted."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with subprocess.Popen([program, f"tcp://127.0.0.1:{port}"], stdout=subprocess.PIPE, text=True) as process:
+            try:
+                answer_as_another_program(other)
+                other.close()
+                with zmq.Context() as context, context.socket(zmq.XPUB) as service:
+                    service.bind(f"tcp://127.0.0.1:{port}")
+                    assert service.poll(60_000), "it connects again"
+                    service.recv()
+                    service.send(frame(publication=pb.Publication(age_ns=20_000_000)).SerializeToString())
+                    assert process.stdout is not None
+                    assert any("2 planes" in line for line in itertools.islice(process.stdout, 60))
+            finally:
+                process.kill()
 
 
 def test_tracks_of_a_frame_that_is_not_valid_say_so(program: Path, tmp_path: Path) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 import os
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,7 @@ from osape_client.boot import boot_id
 from osape_client.clock import clock_ns
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.subscriber import Message as Received
+from osape_client.world.mirror import WorldMirror
 from tests.companion.live import until
 from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
 from tests.companion.test_multi_camera import keeper, results, sees
@@ -322,6 +325,35 @@ def test_a_service_that_starts_again_is_received_again(tmp_path: Path) -> None:
             joined(client, second)  # its numbers begin at 0 again
         finally:
             second.close()
+
+
+def answer_as_another_program(server: socket.socket) -> None:
+    """Answers one connection until ZeroMQ gives it up."""
+    connection, _ = server.accept()
+    with connection, suppress(OSError):
+        connection.settimeout(10.0)
+        connection.sendall(b"\xff" * 200)
+        while connection.recv(4096):
+            pass
+
+
+def test_a_connection_that_failed_for_good_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """ZeroMQ does not connect again after bytes that no service sends, nor after a service that refused the keys: the client
+    received nothing until it was started again."""
+    monkeypatch.setattr("osape_client.receive_time.SILENCE_NS", 200 * MS)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+        with Subscriber(address) as client, WorldMirror(address, "ipc:///nowhere/r") as mirror:
+            mirror.update()
+            for _ in range(2):
+                answer_as_another_program(other)
+            other.close()
+            service = Service(address)
+            try:
+                joined(client, service)
+                assert until(lambda: (service.say(a_frame()), mirror.update(), mirror.stats.undecodable)[2], 60.0)
+            finally:
+                service.close()
 
 
 def test_silence_is_reported_with_the_last_news_and_a_planner_can_end(service: Service) -> None:

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -12,6 +13,9 @@ namespace osape_client {
 namespace {
 
 constexpr std::uint32_t kSchemaVersion = 1;
+// Time without a message after which the socket connects again. ZeroMQ gives a connection up for good where the other side is no
+// service; the service may have taken its place since.
+constexpr auto kSilence = std::chrono::seconds(5);
 
 double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
@@ -72,7 +76,7 @@ struct Subscriber::Socket {
 };
 
 Subscriber::Subscriber(const std::string& address, double timeout_s)
-    : address_(address), timeout_s_(timeout_s), socket_(std::make_unique<Socket>()), empty_(Clock::now()) {
+    : address_(address), timeout_s_(timeout_s), socket_(std::make_unique<Socket>()), empty_(Clock::now()), heard_(empty_) {
   const int newest_only = 1, linger_ms = 0;
   zmq_setsockopt(socket_->socket, ZMQ_SUBSCRIBE, "", 0);
   zmq_setsockopt(socket_->socket, ZMQ_CONFLATE, &newest_only, sizeof newest_only);
@@ -109,9 +113,13 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
   auto received = empty_;  // a message that is there now arrived after the socket was last seen empty
   if (!socket_->readable(std::chrono::milliseconds(0))) {
     empty_ = polled;
-    if (!socket_->readable(timeout)) return false;
+    if (!socket_->readable(std::min<std::chrono::milliseconds>(timeout, kSilence))) {
+      connect_after_silence();
+      return false;
+    }
     received = Clock::now();  // it arrived during the wait
   }
+  heard_ = Clock::now();
   zmq_msg_t data;
   zmq_msg_init(&data);
   if (zmq_msg_recv(&data, socket_->socket, ZMQ_DONTWAIT) < 0) {
@@ -119,7 +127,8 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
     return false;
   }
   osape::v1::PrismsFrame frame;
-  const bool parsed = frame.ParseFromArray(zmq_msg_data(&data), static_cast<int>(zmq_msg_size(&data)));
+  const bool fits = zmq_msg_size(&data) <= static_cast<std::size_t>(std::numeric_limits<int>::max());
+  const bool parsed = fits && frame.ParseFromArray(zmq_msg_data(&data), static_cast<int>(zmq_msg_size(&data)));
   zmq_msg_close(&data);
   if (!parsed || frame.schema_version() != kSchemaVersion) {
     ++stats_.undecodable;
@@ -133,6 +142,14 @@ bool Subscriber::receive(std::chrono::milliseconds timeout) {
   ++stats_.messages;
   newest_ = Message{std::move(frame), received, timeout_s_};
   return true;
+}
+
+void Subscriber::connect_after_silence() {
+  const auto now = Clock::now();
+  if (now - heard_ < kSilence) return;
+  heard_ = now;
+  zmq_disconnect(socket_->socket, address_.c_str());  // an error: it is not connected any more
+  zmq_connect(socket_->socket, address_.c_str());     // an error: the next silence tries again
 }
 
 // Whether a frame was published after the newest one; a restarted service counts from 0 again.

@@ -17,7 +17,7 @@ class NewestSocket:
     def __init__(self, address: str, keys: Path | None) -> None:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         try:
-            self._socket = TimedSocket(self._connected(address, keys))
+            self._socket = TimedSocket(self._connected(address, keys), address)
         except BaseException:
             self._context.destroy(linger=0)
             raise

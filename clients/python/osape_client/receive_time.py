@@ -6,23 +6,49 @@ seen empty; its age counts from then. On the service's own machine the time stam
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import zmq
 
 from .boot import boot_id
 from .clock import clock_ns
 from .proto import osape_v1_pb2 as pb
 
+MS = 1_000_000
+SILENCE_NS = 5_000 * MS
+"""Time without a message after which a socket connects again. ZeroMQ gives a connection up for good where the other side is no
+service, or refuses the keys; the service may have taken its place since."""
+
 
 class TimedSocket:
-    """A receiving socket that bounds the arrival time of each message. It owns the socket and closes it."""
+    """A receiving socket that bounds the arrival time of each message. It owns the socket and closes it.
 
-    def __init__(self, socket: zmq.Socket[bytes]) -> None:
+    address: to which it connects again when no message comes; None: it does not."""
+
+    def __init__(self, socket: zmq.Socket[bytes], address: str | None = None) -> None:
         self.socket = socket
-        self._empty_ns = clock_ns()
+        self._address = address
+        self._empty_ns = self._heard_ns = clock_ns()
 
     def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:
         """(message, the earliest time at which it can have arrived, by `clock_ns`); None when no message came within the
         timeout."""
+        end_ns = clock_ns() + timeout_ms * MS
+        while True:
+            left_ms = max(0, (end_ns - clock_ns()) // MS)
+            received = self._next(min(left_ms, SILENCE_NS // MS))
+            now_ns = clock_ns()
+            if received is not None:
+                self._heard_ns = now_ns
+                return received
+            if now_ns - self._heard_ns >= SILENCE_NS:
+                self._heard_ns = now_ns
+                self._connect_again()
+            if now_ns >= end_ns or left_ms == 0:
+                return None
+
+    def _next(self, timeout_ms: int) -> tuple[bytes, int] | None:
+        """As `take`, without connecting again."""
         polled_ns = clock_ns()
         if self.socket.poll(0):
             return self.socket.recv(), self._empty_ns
@@ -30,6 +56,14 @@ class TimedSocket:
         if timeout_ms <= 0 or not self.socket.poll(timeout_ms):
             return None
         return self.socket.recv(), clock_ns()  # it arrived during the wait
+
+    def _connect_again(self) -> None:
+        if self._address is None:
+            return
+        with suppress(zmq.ZMQError):  # it is not connected any more
+            self.socket.disconnect(self._address)
+        with suppress(zmq.ZMQError):  # the next silence tries again
+            self.socket.connect(self._address)
 
     def close(self) -> None:
         """May be called twice."""

@@ -10,7 +10,8 @@
             if at_m is not None:
                 print(message.space.nearest(at_m)[0][0])
 
-ZeroMQ reconnects by itself when the service is restarted.
+A subscriber connects again by itself: at once when the service is restarted, after 5 s without a message where another program
+or a service with other keys answered meanwhile.
 """
 
 from __future__ import annotations

@@ -52,7 +52,8 @@ struct ReceiveStats {
   std::string last_error;
 };
 
-// Keeps the newest message only: of several cameras that of whichever was published last. ZeroMQ reconnects by itself when the service is restarted. Not thread-safe.
+// Keeps the newest message only: of several cameras that of whichever was published last. It connects again by itself when the
+// service is restarted. Not thread-safe.
 class Subscriber {
  public:
   // address: ipc:///run/osape-companion/prisms or tcp://HOST:PORT, IPv6 as tcp://[::1]:PORT. Throws std::runtime_error for an address that ZeroMQ refuses.
@@ -70,12 +71,14 @@ class Subscriber {
  private:
   struct Socket;
   bool receive(std::chrono::milliseconds timeout);
+  void connect_after_silence();
   bool is_newer(const osape::v1::PrismsFrame& frame) const;
 
   std::string address_;
   double timeout_s_;
   std::unique_ptr<Socket> socket_;
   Clock::time_point empty_;  // when the socket was last seen empty
+  Clock::time_point heard_;  // when the last message was received, or the socket was connected again
   std::optional<Message> newest_;
   ReceiveStats stats_;
 };

@@ -222,7 +222,7 @@ class WorldMirror:
         except BaseException:
             socket.close(0)
             raise
-        return TimedSocket(socket)
+        return TimedSocket(socket, address if kind == zmq.SUB else None)  # a request is sent by a new socket
 
     def _request_if_incomplete(self) -> None:
         """Sends one request at a time; the socket of an unanswered one is replaced."""
