@@ -78,12 +78,14 @@ class _Chosen:
         self._sequence = sequence
         self.result: PrismsResult | None = None
         self.positions: list[tuple[float, float, float]] = []
+        self._valid: list[int] = []
 
     def add(self, result: PrismsResult) -> None:
         if result.pose is not None:
             self.positions.append(result.pose.position_ned_m)
         if not result.valid or result.model is None:
             return
+        self._valid.append(result.sequence)
         if self._sequence is not None:
             self.result = result if result.sequence == self._sequence else self.result
         elif (
@@ -94,8 +96,12 @@ class _Chosen:
     def require(self) -> PrismsResult:
         """The frame. Raises ValueError where there is none."""
         if self.result is None:
-            which = "a valid frame" if self._sequence is None else f"a valid frame {self._sequence}"
-            raise ValueError(f"the log has not {which}; `companion export -f csv` lists all frames")
+            if not self._valid:
+                raise ValueError("the log has no valid frame; `companion export -f csv` lists all frames")
+            raise ValueError(
+                f"the log has no valid frame {self._sequence}; the sequence numbers of valid ones lie between "
+                f"{min(self._valid)} and {max(self._valid)}, and `companion export -f csv` lists all frames"
+            )
         return self.result
 
 
@@ -176,7 +182,7 @@ def add_parser(subparsers: Any) -> None:
         "--frame",
         type=number_in(int, 0, 2**32 - 1),
         metavar="N",
-        help="with gltf: number of the frame (default: the one with most planes)",
+        help="with gltf: sequence number of the frame, as in frames.csv (default: the one with most planes)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
