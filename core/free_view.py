@@ -17,28 +17,18 @@ NO_DIRECTION = -1
 
 
 class FreeView(NamedTuple):
-    """What one frame observed to be free, with north-aligned axes (z down).
+    """What one frame observed to be free, with north-aligned axes (z down)."""
 
-    Attributes:
-        x_m, y_m: place of the camera.
-        ke_per_m: noise coefficient, 1/m.
-        edges_rad: (D + 1,) float64 azimuths of its FreeProfile.
-        layers_m: (L + 1,) float64 heights of the edges of its layers, m.
-        near_m, far_m: (D, L) float32 horizontal free ranges.
-        end: (D, L) uint8 FreeEnd.
-        ground_z_m: z of the ground below the camera; inf: no ground was found.
-        slope_x, slope_y, tolerance_m, noise_per_m: of its Ground."""
-
-    x_m: Any
+    x_m: Any  # x_m, y_m: place of the camera
     y_m: Any
-    ke_per_m: Any
-    edges_rad: Any
-    layers_m: Any
-    near_m: Any
+    ke_per_m: Any  # noise coefficient, 1/m
+    edges_rad: Any  # (D + 1,) float64 azimuths of its FreeProfile
+    layers_m: Any  # (L + 1,) float64 heights of the edges of its layers, m
+    near_m: Any  # near_m, far_m: (D, L) float32 horizontal free ranges
     far_m: Any
-    end: Any
-    ground_z_m: Any
-    slope_x: Any
+    end: Any  # (D, L) uint8 FreeEnd
+    ground_z_m: Any  # z of the ground below the camera; inf: no ground was found
+    slope_x: Any  # slope_x, slope_y, tolerance_m, noise_per_m: of its Ground
     slope_y: Any
     tolerance_m: Any
     noise_per_m: Any

@@ -42,16 +42,11 @@ LEAST_CELLS = 100
 
 
 class InverseDepthGrid(NamedTuple):
-    """A depth image reduced to square cells of mean inverse depth.
+    """A depth image reduced to square cells of mean inverse depth."""
 
-    Attributes:
-        cells: (rows, columns) 1/m, NaN where not measured.
-        lens: fx, fy, cx, cy in cells.
-        sigma_per_m: noise of a cell, 1/m."""
-
-    cells: Floats
-    lens: tuple[float, float, float, float]
-    sigma_per_m: float
+    cells: Floats  # (rows, columns) 1/m, NaN where not measured
+    lens: tuple[float, float, float, float]  # fx, fy, cx, cy in cells
+    sigma_per_m: float  # noise of a cell, 1/m
 
 
 class Pyramid(NamedTuple):

@@ -100,18 +100,12 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class _Posterior:
-    """Probability of the place of the neighbour's frame.
+    """Probability of the place of the neighbour's frame."""
 
-    Attributes:
-        place: x, y of the centre in the own frame, yaw.
-        covariance: (3, 3) of place.
-        rivals: how it compares with other places.
-        edge: probability at the edge of the fine grid, of its shifts or rotations."""
-
-    place: tuple[float, float, float]
-    covariance: Floats
-    rivals: Rivals
-    edge: float
+    place: tuple[float, float, float]  # x, y of the centre in the own frame, yaw
+    covariance: Floats  # (3, 3) of place
+    rivals: Rivals  # how it compares with other places
+    edge: float  # probability at the edge of the fine grid, of its shifts or rotations
 
     @property
     def sigma_m(self) -> float:
@@ -126,17 +120,13 @@ class _Posterior:
 
 @dataclass(frozen=True, slots=True)
 class _Matches:
-    """Samples of both vehicles at the same place.
+    """Samples of both vehicles at the same place."""
 
-    Attributes:
-        other, own: (K,) rows of the planes of matched samples of the neighbour, and of the nearest own samples.
-        own_planes: number of own planes with a match.
-        agreeing: share of the samples in the common area that match, mean of both vehicles."""
-
+    # other, own: (K,) rows of the planes of matched samples of the neighbour, and of the nearest own samples
     other: NDArray[np.intp]
     own: NDArray[np.intp]
-    own_planes: int
-    agreeing: float
+    own_planes: int  # number of own planes with a match
+    agreeing: float  # share of the samples in the common area that match, mean of both vehicles
 
 
 def fit(other_box: Floats, own_box: Floats, prior: Placement) -> Fit:

@@ -22,19 +22,13 @@ from ..types import FAR_MM, SATURATED_MM, CameraInfo
 
 
 class PixelLimits(NamedTuple):
-    """Limits of `classify`, see `pixel_limits`.
+    """Limits of `classify`, see `pixel_limits`."""
 
-    Attributes:
-        least_mm: uint16, least depth that counts as measured. Closer pixels are unknown, as are the marks up to
-            GREATEST_MARK_MM.
-        greatest_mm: uint16, greatest depth that counts as measured. Pixels farther away are far.
-        relative: float32. Two pixels lie apart if their 1/Z differ by more than a step of absolute + relative / Z.
-        absolute: float32, 1/m, see `relative`."""
-
+    # uint16, least depth that counts as measured. Closer pixels are unknown, as are the marks up to GREATEST_MARK_MM.
     least_mm: Any
-    greatest_mm: Any
-    relative: Any
-    absolute: Any
+    greatest_mm: Any  # uint16, greatest depth that counts as measured. Pixels farther away are far.
+    relative: Any  # float32. Two pixels lie apart if their 1/Z differ by more than a step of absolute + relative / Z.
+    absolute: Any  # float32, 1/m, see `relative`
 
 
 _FAR, _SATURATED = np.uint16(FAR_MM), np.uint16(SATURATED_MM)

@@ -42,20 +42,13 @@ BUCKETS = 4096
 
 
 class ClusterBuffers(NamedTuple):
-    """Scratch memory of `join_near` for N strips.
+    """Scratch memory of `join_near` for N strips."""
 
-    Attributes:
-        following: (N,) int32, next strip of the same group.
-        group_of: (N,) int32, group of a strip.
-        parent: (N,) int32, union-find forest of the groups.
-        groups: (N,) GROUP.
-        buckets: (BUCKETS,) int32, first group of a bucket."""
-
-    following: NDArray[np.int32]
-    group_of: NDArray[np.int32]
-    parent: NDArray[np.int32]
-    groups: NDArray[Any]
-    buckets: NDArray[np.int32]
+    following: NDArray[np.int32]  # (N,), next strip of the same group
+    group_of: NDArray[np.int32]  # (N,), group of a strip
+    parent: NDArray[np.int32]  # (N,), union-find forest of the groups
+    groups: NDArray[Any]  # (N,) GROUP
+    buckets: NDArray[np.int32]  # (BUCKETS,), first group of a bucket
 
 
 def cluster_buffers(strips: int) -> ClusterBuffers:

@@ -28,24 +28,15 @@ _ROUGH_FACTOR = 1.2
 
 
 class ColumnBuffers(NamedTuple):
-    """Scratch memory of `extract_strips` for columns of V rows and B bins of disparity.
+    """Scratch memory of `extract_strips` for columns of V rows and B bins of disparity."""
 
-    Attributes:
-        mask: (V rounded up to 8,) uint8, the open rows, see `mask_open_rows`.
-        label: (V rounded up to 8,) uint8, labels of row_mask.py.
-        px: (2, V + 8) int32, list of pixels, see row_mask.py.
-        hist: (B + 2 + 2 half,) int32, see `soft_counts`.
-        counts: (B + 2,) int32, soft counts.
-        peaks: Peaks.
-        windows: WindowBuffers."""
-
-    mask: Any
-    label: Any
-    px: Any
-    hist: Any
-    counts: Any
-    peaks: Any
-    windows: Any
+    mask: Any  # (V rounded up to 8,) uint8, the open rows, see `mask_open_rows`
+    label: Any  # (V rounded up to 8,) uint8, labels of row_mask.py
+    px: Any  # (2, V + 8) int32, list of pixels, see row_mask.py
+    hist: Any  # (B + 2 + 2 half,) int32, see `soft_counts`
+    counts: Any  # (B + 2,) int32, soft counts
+    peaks: Any  # Peaks
+    windows: Any  # WindowBuffers
 
 
 @kernel

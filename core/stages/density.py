@@ -30,35 +30,22 @@ table."""
 
 
 class BinTable(NamedTuple):
-    """Bins of disparity for one focal length and noise level, indexed from 1; bin 0: no measurement.
+    """Bins of disparity for one focal length and noise level, indexed from 1; bin 0: no measurement."""
 
-    Attributes:
-        bin_of_code: (65536,) uint16, the bin of a code of the levelled view.
-        disparity_px: (B + 2,) float32, centre of a bin, increasing.
-        width_px: (B + 2,) float32, width of a bin.
-        threshold: (B + 2,) int32, least soft count of a peak in 1/ONE_PX px (Eq. 6).
-        weights: (2 kernel_half_bins + 1,) int32, the kernel of Eq. 5.
-        first_code: (B + 3,) int32, the least code that falls into a bin or a greater one."""
-
-    bin_of_code: NDArray[np.uint16]
-    disparity_px: NDArray[np.float32]
-    width_px: NDArray[np.float32]
-    threshold: NDArray[np.int32]
-    weights: NDArray[np.int32]
-    first_code: NDArray[np.int32]
+    bin_of_code: NDArray[np.uint16]  # (65536,), the bin of a code of the levelled view
+    disparity_px: NDArray[np.float32]  # (B + 2,), centre of a bin, increasing
+    width_px: NDArray[np.float32]  # (B + 2,), width of a bin
+    threshold: NDArray[np.int32]  # (B + 2,), least soft count of a peak in 1/ONE_PX px (Eq. 6).
+    weights: NDArray[np.int32]  # (2 kernel_half_bins + 1,), the kernel of Eq. 5.
+    first_code: NDArray[np.int32]  # (B + 3,), the least code that falls into a bin or a greater one
 
 
 class Peaks(NamedTuple):
-    """Peaks of the density of a column, from near to far, as bins.
+    """Peaks of the density of a column, from near to far, as bins."""
 
-    Attributes:
-        low: (MAX_PEAKS,) int32, first bin of the interval of a peak.
-        high: (MAX_PEAKS,) int32, last bin of the interval.
-        top: (MAX_PEAKS,) int32, bin of the greatest count."""
-
-    low: NDArray[np.int32]
-    high: NDArray[np.int32]
-    top: NDArray[np.int32]
+    low: NDArray[np.int32]  # (MAX_PEAKS,), first bin of the interval of a peak
+    high: NDArray[np.int32]  # (MAX_PEAKS,), last bin of the interval
+    top: NDArray[np.int32]  # (MAX_PEAKS,), bin of the greatest count
 
 
 def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params) -> BinTable:

@@ -11,13 +11,10 @@ from ..jit import inner
 
 
 class DepthBias(NamedTuple):
-    """Error that all depths of a camera share.
+    """Error that all depths of a camera share."""
 
-    Attributes:
-        per_m: bias_per_m of the CameraInfo.
-        axis_x, axis_z: of the optical axis in level_cam; the optical depth of a point (x, y, z) is axis_x x + axis_z z."""
-
-    per_m: float
+    per_m: float  # bias_per_m of the CameraInfo
+    # axis_x, axis_z: of the optical axis in level_cam; the optical depth of a point (x, y, z) is axis_x x + axis_z z
     axis_x: float
     axis_z: float
 

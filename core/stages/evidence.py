@@ -19,46 +19,30 @@ from .strips import SMOOTH
 
 
 class Evidence(NamedTuple):
-    """The nearest strip in each cell of the levelled view.
+    """The nearest strip in each cell of the levelled view."""
 
-    Attributes:
-        nearest: (C, R) float32, 1/x in 1/m; 0: no strip.
-        across: columns of cells per unit of tangent of azimuth.
-        down: rows of cells per unit of tangent of elevation.
-        cu: column of the optical axis of the view, in cells.
-        cv: row of the optical axis of the view, in cells."""
-
-    nearest: Any
-    across: Any
-    down: Any
-    cu: Any
-    cv: Any
+    nearest: Any  # (C, R) float32, 1/x in 1/m; 0: no strip
+    across: Any  # columns of cells per unit of tangent of azimuth
+    down: Any  # rows of cells per unit of tangent of elevation
+    cu: Any  # column of the optical axis of the view, in cells
+    cv: Any  # row of the optical axis of the view, in cells
 
 
 class Rectangle(NamedTuple):
-    """A rectangle on a plane.
+    """A rectangle on a plane."""
 
-    Attributes:
-        t0, t1: tangents of azimuth.
-        top_m, bottom_m: heights."""
-
-    t0: Any
+    t0: Any  # t0, t1: tangents of azimuth
     t1: Any
-    top_m: Any
+    top_m: Any  # top_m, bottom_m: heights
     bottom_m: Any
 
 
 class Cover(NamedTuple):
-    """What `uncovered_share` reads about the space that a rectangle covers.
+    """What `uncovered_share` reads about the space that a rectangle covers."""
 
-    Attributes:
-        evidence: Evidence.
-        openings: OpeningMasks.
-        run: (R + 2,) int32 scratch."""
-
-    evidence: Any
-    openings: Any
-    run: NDArray[np.int32]
+    evidence: Any  # Evidence
+    openings: Any  # OpeningMasks
+    run: NDArray[np.int32]  # (R + 2,) int32 scratch
 
 
 CELL_PX = 8

@@ -21,14 +21,10 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN = int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), i
 
 
 class PlaneStops(NamedTuple):
-    """Planes that end free ranges.
+    """Planes that end free ranges."""
 
-    Attributes:
-        planes: (N,) PLANE.
-        margin_m: (N,) float32, distance kept to each."""
-
-    planes: NDArray[Any]
-    margin_m: NDArray[np.float32]
+    planes: NDArray[Any]  # (N,) PLANE
+    margin_m: NDArray[np.float32]  # (N,), distance kept to each
 
 
 @inner

@@ -17,14 +17,10 @@ _FINE_RINGS = 16
 
 
 class Rings(NamedTuple):
-    """The rings of a layer.
+    """The rings of a layer."""
 
-    Attributes:
-        x: (R,) float32 forward distances, m, increasing.
-        blocking: (R,) int32, the least code that blocks a ring."""
-
-    x: Any
-    blocking: Any
+    x: Any  # (R,) float32 forward distances, m, increasing
+    blocking: Any  # (R,) int32, the least code that blocks a ring
 
 
 @inner

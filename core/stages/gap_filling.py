@@ -31,16 +31,11 @@ RUN = record(
 
 
 class GapBuffers(NamedTuple):
-    """Scratch memory of `fill_columns` for N strips.
+    """Scratch memory of `fill_columns` for N strips."""
 
-    Attributes:
-        open_of: (clusters,) int32, the strip of a cluster that reaches lowest so far.
-        lower: (N,) int32, the strip below the gap that begins at a strip, -1: none.
-        runs: (MAX_RUNS,) RUN."""
-
-    open_of: NDArray[np.int32]
-    lower: NDArray[np.int32]
-    runs: NDArray[Any]
+    open_of: NDArray[np.int32]  # (clusters,), the strip of a cluster that reaches lowest so far
+    lower: NDArray[np.int32]  # (N,), the strip below the gap that begins at a strip, -1: none
+    runs: NDArray[Any]  # (MAX_RUNS,) RUN
 
 
 def gap_buffers(strips: int) -> GapBuffers:

@@ -58,46 +58,29 @@ POINT = record(
 
 
 class GroundCamera(NamedTuple):
-    """The camera of a frame.
+    """The camera of a frame."""
 
-    Attributes:
-        R: (3, 3) float64, R_level_optical.
-        k: (4,) float64, fx, fy, cx, cy.
-        ke: noise coefficient, 1/m."""
-
-    R: NDArray[np.float64]
-    k: NDArray[np.float64]
-    ke: float
+    R: NDArray[np.float64]  # (3, 3), R_level_optical
+    k: NDArray[np.float64]  # (4,), fx, fy, cx, cy
+    ke: float  # noise coefficient, 1/m
 
 
 class GroundSamples(NamedTuple):
-    """Which pixels are sampled, and what is known of them.
+    """Which pixels are sampled, and what is known of them."""
 
-    Attributes:
-        column_step: every column_step-th column is sampled.
-        row_step: every row_step-th row is sampled.
-        votes: (bins,) int32, votes per step of height.
-        points: (N,) POINT. Further samples vote but are not written."""
-
-    column_step: int
-    row_step: int
-    votes: NDArray[np.int32]
-    points: NDArray[Any]
+    column_step: int  # every column_step-th column is sampled
+    row_step: int  # every row_step-th row is sampled
+    votes: NDArray[np.int32]  # (bins,), votes per step of height
+    points: NDArray[Any]  # (N,) POINT. Further samples vote but are not written.
 
 
 class GroundSearch(NamedTuple):
-    """Settings and memory of `find_ground`, kept from frame to frame.
+    """Settings and memory of `find_ground`, kept from frame to frame."""
 
-    Attributes:
-        params: parameters.
-        settings: (1,) GROUND_SETTINGS.
-        votes: (bins,) int32.
-        points: (ground_max_samples,) POINT."""
-
-    params: Params
-    settings: NDArray[Any]
-    votes: NDArray[np.int32]
-    points: NDArray[Any]
+    params: Params  # parameters
+    settings: NDArray[Any]  # (1,) GROUND_SETTINGS
+    votes: NDArray[np.int32]  # (bins,)
+    points: NDArray[Any]  # (ground_max_samples,) POINT
 
 
 def ground_search(p: Params) -> GroundSearch:

@@ -18,18 +18,12 @@ from .ground_fit import GroundPlane
 
 
 class SeenGround(NamedTuple):
-    """The ground of a frame, and which points belong to it.
+    """The ground of a frame, and which points belong to it."""
 
-    Attributes:
-        plane: GroundPlane.
-        tolerance_m: least distance from the plane at which a point does not belong to it.
-        noise_per_m: the same per metre of forward distance, where that is greater.
-        blind_beyond_m: greatest forward distance of a point."""
-
-    plane: GroundPlane
-    tolerance_m: float
-    noise_per_m: float
-    blind_beyond_m: float
+    plane: GroundPlane  # GroundPlane
+    tolerance_m: float  # least distance from the plane at which a point does not belong to it
+    noise_per_m: float  # the same per metre of forward distance, where that is greater
+    blind_beyond_m: float  # greatest forward distance of a point
 
 
 @kernel

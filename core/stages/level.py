@@ -176,18 +176,14 @@ def fill_level(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelledView:
-    """A frame as a gravity-aligned camera would have measured it.
+    """A frame as a gravity-aligned camera would have measured it."""
 
-    Attributes:
-        codes: (cols, rows) uint16, quantised disparity, Q_UNKNOWN or Q_FAR. Columns are pooled by `column_step`.
-        view: geometry of `codes`.
-        exact_codes: the same without pooling. Free space is judged by it, because pooling would hide unknown columns.
-        exact_view: geometry of `exact_codes`."""
-
+    # (cols, rows) uint16, quantised disparity, Q_UNKNOWN or Q_FAR. Columns are pooled by `column_step`.
     codes: NDArray[np.uint16]
-    view: ViewGeometry
+    view: ViewGeometry  # geometry of `codes`
+    # the same without pooling. Free space is judged by it, because pooling would hide unknown columns.
     exact_codes: NDArray[np.uint16]
-    exact_view: ViewGeometry
+    exact_view: ViewGeometry  # geometry of `exact_codes`
 
 
 def level_view(

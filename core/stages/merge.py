@@ -48,24 +48,15 @@ _MOST_TRIES = 64
 
 
 class MergeBuffers(NamedTuple):
-    """Scratch memory of `join_planes` for N planes.
+    """Scratch memory of `join_planes` for N planes."""
 
-    Attributes:
-        traits: (N, TRAITS) float64, see `score_piece`.
-        order: (N,) int32, planes by cluster and first tangent.
-        place: (N,) float64, key of the order.
-        age: (N,) int32, number of merges of a plane.
-        tiles: see `costs_of_next`.
-        next_cost: see `costs_of_next`.
-        queue: queue with merge_partners entries per plane."""
-
-    traits: NDArray[np.float64]
-    order: NDArray[np.int32]
-    place: NDArray[np.float64]
-    age: NDArray[np.int32]
-    tiles: NDArray[np.float64]
-    next_cost: NDArray[np.float64]
-    queue: Queue
+    traits: NDArray[np.float64]  # (N, TRAITS), see `score_piece`
+    order: NDArray[np.int32]  # (N,), planes by cluster and first tangent
+    place: NDArray[np.float64]  # (N,), key of the order
+    age: NDArray[np.int32]  # (N,), number of merges of a plane
+    tiles: NDArray[np.float64]  # see `costs_of_next`
+    next_cost: NDArray[np.float64]  # see `costs_of_next`
+    queue: Queue  # queue with merge_partners entries per plane
 
 
 def merge_buffers(planes: int, partners: int) -> MergeBuffers:

@@ -16,37 +16,26 @@ from .planes import LEAST_S
 
 
 class Piece(NamedTuple):
-    """Traits of a plane for the merge, all float64.
+    """Traits of a plane for the merge, all float64."""
 
-    Attributes:
-        a, b: line s = a + b t.
-        t0, t1: tangents of azimuth of its ends.
-        top_m, bottom_m: heights.
-        front_m: of PLANE.
-        w, t, s, tt, ts, ss: moments of its strips.
-        mean_t, variance_t: mean and variance of the tangents of its strips.
-        scale: 1 / allowed.
-        allowed: greatest distance of a new line from its strips, in 1/x.
-        x0, x1: forward distance of its ends."""
-
-    a: Any
+    a: Any  # a, b: line s = a + b t
     b: Any
-    t0: Any
+    t0: Any  # t0, t1: tangents of azimuth of its ends
     t1: Any
-    top_m: Any
+    top_m: Any  # top_m, bottom_m: heights
     bottom_m: Any
-    front_m: Any
-    w: Any
+    front_m: Any  # of PLANE
+    w: Any  # w, t, s, tt, ts, ss: moments of its strips
     t: Any
     s: Any
     tt: Any
     ts: Any
     ss: Any
-    mean_t: Any
+    mean_t: Any  # mean_t, variance_t: mean and variance of the tangents of its strips
     variance_t: Any
-    scale: Any
-    allowed: Any
-    x0: Any
+    scale: Any  # 1 / allowed
+    allowed: Any  # greatest distance of a new line from its strips, in 1/x
+    x0: Any  # x0, x1: forward distance of its ends
     x1: Any
 
 

@@ -37,22 +37,15 @@ _INFERRED, _UNKNOWN_BEHIND, _CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM, _IRREG
 
 
 class PublishedPlanes(NamedTuple):
-    """Planes as a FrameModel contains them.
+    """Planes as a FrameModel contains them."""
 
-    Attributes:
-        rows: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in m. From a to b the camera is on the right.
-        margin_m: (N,) float32.
-        noise_margin_m: (N,) float32, margin_m without the error that all depths of the camera share.
-        flags: (N,) uint8 PlaneFlags.
-        support_px: (N,) int32.
-        cluster: (N,) int32."""
-
+    # (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in m. From a to b the camera is on the right.
     rows: NDArray[np.float32]
-    margin_m: NDArray[np.float32]
-    noise_margin_m: NDArray[np.float32]
-    flags: NDArray[np.uint8]
-    support_px: NDArray[np.int32]
-    cluster: NDArray[np.int32]
+    margin_m: NDArray[np.float32]  # (N,)
+    noise_margin_m: NDArray[np.float32]  # (N,), margin_m without the error that all depths of the camera share
+    flags: NDArray[np.uint8]  # (N,) uint8 PlaneFlags
+    support_px: NDArray[np.int32]  # (N,)
+    cluster: NDArray[np.int32]  # (N,)
 
 
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:

@@ -74,20 +74,13 @@ def end_of_edge(mm, u, first, most, out):
 
 
 class OpenRows(NamedTuple):
-    """Rows of a column of blocks whose unknown cells get the code of what is open.
+    """Rows of a column of blocks whose unknown cells get the code of what is open."""
 
-    Attributes:
-        first: first row of the textureless run.
-        edge: row behind it. Textureless cells below are open until something else is met.
-        end: row from which on no textureless cell is open.
-        ground_end: row from which on no smooth ground is open.
-        edge_rows: greatest height of the textured edge of the run, rows."""
-
-    first: int
-    edge: int
-    end: int
-    ground_end: int
-    edge_rows: int
+    first: int  # first row of the textureless run
+    edge: int  # row behind it. Textureless cells below are open until something else is met.
+    end: int  # row from which on no textureless cell is open
+    ground_end: int  # row from which on no smooth ground is open
+    edge_rows: int  # greatest height of the textured edge of the run, rows
 
 
 @inner

@@ -28,22 +28,14 @@ _BEHIND_M = 0.5
 
 
 class OpeningMasks(NamedTuple):
-    """Open cells of the view for L distances.
+    """Open cells of the view for L distances."""
 
-    Attributes:
-        masks: (L, C, R) uint8, 1: open.
-        steps_m: (L - 1,) float64, distances at which the next layer begins.
-        across: columns of cells per unit of tangent of azimuth.
-        down: rows of cells per unit of tangent of elevation.
-        cu: column of the optical axis of the view, in cells.
-        cv: row of the optical axis of the view, in cells."""
-
-    masks: NDArray[np.uint8]
-    steps_m: NDArray[np.float64]
-    across: float
-    down: float
-    cu: float
-    cv: float
+    masks: NDArray[np.uint8]  # (L, C, R), 1: open
+    steps_m: NDArray[np.float64]  # (L - 1,), distances at which the next layer begins
+    across: float  # columns of cells per unit of tangent of azimuth
+    down: float  # rows of cells per unit of tangent of elevation
+    cu: float  # column of the optical axis of the view, in cells
+    cv: float  # row of the optical axis of the view, in cells
 
 
 ROUNDING = 1e-9
@@ -107,17 +99,12 @@ def count_unknown(nearest, total):
 
 
 class Box(NamedTuple):
-    """What makes a box of cells free.
+    """What makes a box of cells free."""
 
-    Attributes:
-        wide, high: its size in cells.
-        limit: least code that blocks it.
-        most_unknown: int32, greatest number of unknown cells."""
-
-    wide: Any
+    wide: Any  # wide, high: its size in cells
     high: Any
-    limit: Any
-    most_unknown: Any
+    limit: Any  # least code that blocks it
+    most_unknown: Any  # int32, greatest number of unknown cells
 
 
 @kernel

@@ -28,18 +28,12 @@ NEW_PLANE = record(("plane", np.int32), ("last_strip", np.int32))
 
 
 class OutlierBuffers(NamedTuple):
-    """Scratch memory for n strips and N planes.
+    """Scratch memory for n strips and N planes."""
 
-    Attributes:
-        excess_m: (n,) float32, `near_excess_m` of each strip.
-        above: (N, STEPS) float64, support of the strips of a plane by step of their excess.
-        least_m: (N,) float64, excess from which strips of a plane are split off.
-        new: (N,) NEW_PLANE."""
-
-    excess_m: NDArray[np.float32]
-    above: NDArray[np.float64]
-    least_m: NDArray[np.float64]
-    new: NDArray[Any]
+    excess_m: NDArray[np.float32]  # (n,), `near_excess_m` of each strip
+    above: NDArray[np.float64]  # (N, STEPS), support of the strips of a plane by step of their excess
+    least_m: NDArray[np.float64]  # (N,), excess from which strips of a plane are split off
+    new: NDArray[Any]  # (N,) NEW_PLANE
 
 
 def outlier_buffers(strips: int, planes: int) -> OutlierBuffers:

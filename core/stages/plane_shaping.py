@@ -51,20 +51,13 @@ def plane_room(strips):
 
 
 class PlaneBuffers(NamedTuple):
-    """Tables and scratch memory of `shape_planes` for n strips, with N = plane_room(n).
+    """Tables and scratch memory of `shape_planes` for n strips, with N = plane_room(n)."""
 
-    Attributes:
-        tables: PlaneTables.
-        tracks: (n + 1,) TRACK.
-        front: scratch of `grow`.
-        merge: scratch of `join_planes`.
-        outliers: scratch of `split_outliers`."""
-
-    tables: PlaneTables
-    tracks: NDArray[Any]
-    front: Front
-    merge: MergeBuffers
-    outliers: OutlierBuffers
+    tables: PlaneTables  # PlaneTables
+    tracks: NDArray[Any]  # (n + 1,) TRACK
+    front: Front  # scratch of `grow`
+    merge: MergeBuffers  # scratch of `join_planes`
+    outliers: OutlierBuffers  # scratch of `split_outliers`
 
 
 def plane_buffers(strips: int, partners: int) -> PlaneBuffers:

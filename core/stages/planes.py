@@ -45,16 +45,11 @@ PLANE = record(
 
 
 class PlaneTables(NamedTuple):
-    """Tables of N planes.
+    """Tables of N planes."""
 
-    Attributes:
-        planes: (N,) PLANE.
-        plane_of: (N,) int32, the plane of a track.
-        parent: (N,) int32, the plane into which a plane was merged, at first itself."""
-
-    planes: Any
-    plane_of: Any
-    parent: Any
+    planes: Any  # (N,) PLANE
+    plane_of: Any  # (N,) int32, the plane of a track
+    parent: Any  # (N,) int32, the plane into which a plane was merged, at first itself
 
 
 MOST_M = 1e9

@@ -20,20 +20,14 @@ _FAR = np.uint16(FAR_MM)
 
 
 class PoolView(NamedTuple):
-    """The levelled view as `level_pool` needs it.
+    """The levelled view as `level_pool` needs it."""
 
-    Attributes:
-        R: (3, 3) R_level_optical.
-        k: (4,) fx, fy, cx, cy of the source.
-        f_px, cu, cv: see ViewGeometry.
-        gain: f_px * lsb_per_px."""
-
-    R: Any
-    k: Any
-    f_px: Any
+    R: Any  # (3, 3) R_level_optical
+    k: Any  # (4,) fx, fy, cx, cy of the source
+    f_px: Any  # f_px, cu, cv: see ViewGeometry
     cu: Any
     cv: Any
-    gain: Any
+    gain: Any  # f_px * lsb_per_px
 
 
 @inner_inline

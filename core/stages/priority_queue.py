@@ -31,18 +31,12 @@ QUEUE_STATE = record(("list", np.int64), ("waiting", np.int64))
 
 
 class Queue(NamedTuple):
-    """A queue of M entries.
+    """A queue of M entries."""
 
-    Attributes:
-        entries: (M,) ENTRY, whose positions do not change.
-        lists: (STEPS,) int32, first entry of each list, -1: none.
-        heap: (M,) int32, indices of entries.
-        state: (1,) QUEUE_STATE."""
-
-    entries: NDArray[Any]
-    lists: NDArray[np.int32]
-    heap: NDArray[np.int32]
-    state: NDArray[Any]
+    entries: NDArray[Any]  # (M,) ENTRY, whose positions do not change
+    lists: NDArray[np.int32]  # (STEPS,), first entry of each list, -1: none
+    heap: NDArray[np.int32]  # (M,), indices of entries
+    state: NDArray[Any]  # (1,) QUEUE_STATE
 
 
 def queue_buffers(entries: int) -> Queue:

@@ -21,46 +21,29 @@ AX, AY, BX, BY, TOP, BOTTOM = range(6)
 
 
 class Group(NamedTuple):
-    """A connected group of K planes.
+    """A connected group of K planes."""
 
-    Attributes:
-        members: (K,) planes from left to right.
-        cuts: heights at which the layers are separated.
-        first: (K,) index of the top of each plane in `cuts`.
-        last: (K,) index of the bottom of each plane in `cuts`."""
-
-    members: Any
-    cuts: Any
-    first: Any
-    last: Any
+    members: Any  # (K,) planes from left to right
+    cuts: Any  # heights at which the layers are separated
+    first: Any  # (K,) index of the top of each plane in `cuts`
+    last: Any  # (K,) index of the bottom of each plane in `cuts`
 
 
 class Profiles(NamedTuple):
-    """Output tables of M prisms with E edges. Nothing is written beyond their size.
+    """Output tables of M prisms with E edges. Nothing is written beyond their size."""
 
-    Attributes:
-        heights: (M, 2) float32 top and bottom.
-        starts: (M,) int32 first edge of a prism.
-        plane_of: (E,) int32 plane of an edge."""
-
-    heights: Any
-    starts: Any
-    plane_of: Any
+    heights: Any  # (M, 2) float32 top and bottom
+    starts: Any  # (M,) int32 first edge of a prism
+    plane_of: Any  # (E,) int32 plane of an edge
 
 
 class Outlines(NamedTuple):
-    """Further output tables of the same prisms.
+    """Further output tables of the same prisms."""
 
-    Attributes:
-        vertices: (V, 2) float32.
-        margins: (M,) float32 greatest margin of the planes of a prism.
-        clusters: (M,) int32.
-        begins: (M + 1,) int32 first vertex of a prism, and the end."""
-
-    vertices: Any
-    margins: Any
-    clusters: Any
-    begins: Any
+    vertices: Any  # (V, 2) float32
+    margins: Any  # (M,) float32 greatest margin of the planes of a prism
+    clusters: Any  # (M,) int32
+    begins: Any  # (M + 1,) int32 first vertex of a prism, and the end
 
 
 @kernel

@@ -30,23 +30,15 @@ _SIGMAS, _JUDGED_SIGMAS = 2.0, 5.0
 
 
 class RampLimits(NamedTuple):
-    """Limits that define a ramp.
+    """Limits that define a ramp."""
 
-    Attributes:
-        span_px: distance from a pixel to the two pixels it is compared with.
-        reach_px: distance from a pixel to the pixel beyond the near end of a ramp.
-        step_per_m: least step of 1/Z to each of the pixels span_px away, 1/m.
-        judged_per_m: the same for the edges by which the camera is judged, 1/m. It is so large that noise does not
-            reach it.
-        relative: least step as a share of the pixel's own 1/Z.
-        straight: greatest change of 1/Z over reach_px towards the near side, relative to the change over span_px."""
-
-    span_px: int
-    reach_px: int
-    step_per_m: float
+    span_px: int  # distance from a pixel to the two pixels it is compared with
+    reach_px: int  # distance from a pixel to the pixel beyond the near end of a ramp
+    step_per_m: float  # least step of 1/Z to each of the pixels span_px away, 1/m
+    # the same for the edges by which the camera is judged, 1/m. It is so large that noise does not reach it.
     judged_per_m: float
-    relative: float
-    straight: float
+    relative: float  # least step as a share of the pixel's own 1/Z
+    straight: float  # greatest change of 1/Z over reach_px towards the near side, relative to the change over span_px
 
 
 class Slopes(NamedTuple):
@@ -60,16 +52,12 @@ class Slopes(NamedTuple):
 class HeightLine(NamedTuple):
     """Height of pixels below the camera along the normal of the ground.
 
-    A point at pixel (u, v) lies across u + down v + first below the camera per metre of depth.
+    A point at pixel (u, v) lies across u + down v + first below the camera per metre of depth."""
 
-    Attributes:
-        across, down, first: see above.
-        keep_m: pixels that lie lower than this are part of the ground."""
-
-    across: float
+    across: float  # across, down, first: see above
     down: float
     first: float
-    keep_m: float
+    keep_m: float  # pixels that lie lower than this are part of the ground
 
 
 def ramp_limits(info: CameraInfo, ke_per_m: float) -> RampLimits:

@@ -53,24 +53,15 @@ _EDGE_PX = 2.0
 
 
 class Front(NamedTuple):
-    """Scratch memory of `grow`: the tracks that may continue.
+    """Scratch memory of `grow`: the tracks that may continue."""
 
-    Attributes:
-        track: (N,) int32, the track.
-        strip: (N,) int32, its last strip.
-        top_row: (N,) int32, of that strip.
-        bottom_row: (N,) int32, of that strip.
-        cluster: (N,) int32, of that strip.
-        touches: (N,) uint8, 1 if the present strip touches its rows.
-        near: (N,) int32, positions of these tracks."""
-
-    track: NDArray[np.int32]
-    strip: NDArray[np.int32]
-    top_row: NDArray[np.int32]
-    bottom_row: NDArray[np.int32]
-    cluster: NDArray[np.int32]
-    touches: NDArray[np.uint8]
-    near: NDArray[np.int32]
+    track: NDArray[np.int32]  # (N,), the track
+    strip: NDArray[np.int32]  # (N,), its last strip
+    top_row: NDArray[np.int32]  # (N,), of that strip
+    bottom_row: NDArray[np.int32]  # (N,), of that strip
+    cluster: NDArray[np.int32]  # (N,), of that strip
+    touches: NDArray[np.uint8]  # (N,), 1 if the present strip touches its rows
+    near: NDArray[np.int32]  # (N,), positions of these tracks
 
 
 def front_buffers(strips: int) -> Front:
@@ -80,28 +71,17 @@ def front_buffers(strips: int) -> Front:
 
 
 class StripEnds(NamedTuple):
-    """Ends of a strip and their cells in the masks of openings.
+    """Ends of a strip and their cells in the masks of openings."""
 
-    Attributes:
-        top_m: top of the strip.
-        bottom_m: bottom of the strip.
-        s: 1/x of the strip, 1/m.
-        cut: CUT_TOP, CUT_BOTTOM.
-        layer: layer of the masks for its distance.
-        across: column of its cells.
-        upper: row of the cell of its top.
-        lower: row of the cell of its bottom.
-        edge_m: length of _EDGE_PX at its distance."""
-
-    top_m: Any
-    bottom_m: Any
-    s: Any
-    cut: Any
-    layer: Any
-    across: Any
-    upper: Any
-    lower: Any
-    edge_m: Any
+    top_m: Any  # top of the strip
+    bottom_m: Any  # bottom of the strip
+    s: Any  # 1/x of the strip, 1/m
+    cut: Any  # CUT_TOP, CUT_BOTTOM
+    layer: Any  # layer of the masks for its distance
+    across: Any  # column of its cells
+    upper: Any  # row of the cell of its top
+    lower: Any  # row of the cell of its bottom
+    edge_m: Any  # length of _EDGE_PX at its distance
 
 
 @inner

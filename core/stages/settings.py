@@ -63,16 +63,11 @@ VIEW_SETTINGS = parameter_record(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Settings:
-    """Settings of all kernels for one view.
+    """Settings of all kernels for one view."""
 
-    Attributes:
-        valid_for: the values from which the settings were computed.
-        view: (1,) VIEW_SETTINGS.
-        bins: bins of disparity."""
-
-    valid_for: tuple[float, ...]
-    view: NDArray[Any]
-    bins: BinTable
+    valid_for: tuple[float, ...]  # the values from which the settings were computed
+    view: NDArray[Any]  # (1,) VIEW_SETTINGS
+    bins: BinTable  # bins of disparity
 
 
 def settings_of(

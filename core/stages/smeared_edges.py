@@ -126,18 +126,12 @@ def judge_edges(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SmearedEdges:
-    """Result of `remove_smeared_edges`.
+    """Result of `remove_smeared_edges`."""
 
-    Attributes:
-        active: True if the camera smears its edges, so that ramps were removed.
-        free_marks: (H, W) uint16, the marks for the free space, see `drop_ramps`.
-        measured: number of removed pixels that were measured.
-        far: number of removed pixels that were far."""
-
-    active: bool
-    free_marks: NDArray[np.uint16]
-    measured: int = 0
-    far: int = 0
+    active: bool  # True if the camera smears its edges, so that ramps were removed
+    free_marks: NDArray[np.uint16]  # (H, W), the marks for the free space, see `drop_ramps`
+    measured: int = 0  # number of removed pixels that were measured
+    far: int = 0  # number of removed pixels that were far
 
     @property
     def pixels(self) -> int:

@@ -41,22 +41,16 @@ of one normal deviate, sqrt(1 + 4 + 1) the growth of sigma."""
 
 
 class TileRules(NamedTuple):
-    """How the noise of tiles is measured.
+    """How the noise of tiles is measured."""
 
-    Attributes:
-        focal_px: focal length, which converts 1/Z to disparity.
-        least_mm: pixels whose middle sample is closer are not used.
-        step: distance in pixels between the samples of a difference. It must be longer than the correlation length of
-            the noise: a matcher smooths over neighbouring pixels, so that a short step underestimates the noise (a D435
-            shows 0.4 px with a step of 2 px and 1.1 px with one of 8 px).
-        row_step: every row_step-th row is used.
-        min_samples: least number of differences for the noise of a tile."""
-
-    focal_px: float
-    least_mm: float
+    focal_px: float  # focal length, which converts 1/Z to disparity
+    least_mm: float  # pixels whose middle sample is closer are not used
+    # distance in pixels between the samples of a difference. It must be longer than the correlation length of the
+    # noise: a matcher smooths over neighbouring pixels, so that a short step underestimates the noise (a D435 shows 0.4
+    # px with a step of 2 px and 1.1 px with one of 8 px).
     step: int
-    row_step: int = 6
-    min_samples: int = 120
+    row_step: int = 6  # every row_step-th row is used
+    min_samples: int = 120  # least number of differences for the noise of a tile
 
 
 @inner_ieee

@@ -33,20 +33,14 @@ _MORE_COLUMNS = 32
 
 
 class StripTables(NamedTuple):
-    """Tables and scratch memory for N strips.
+    """Tables and scratch memory for N strips."""
 
-    Attributes:
-        strips: (N,) STRIP.
-        first_of_column: (cols + 1,) int32. The strips of column u are first_of_column[u]..first_of_column[u + 1] - 1.
-        keep: (N,) uint8.
-        clusters: scratch of `join_near`.
-        gaps: scratch of `fill_columns`."""
-
-    strips: NDArray[Any]
+    strips: NDArray[Any]  # (N,) STRIP
+    # (cols + 1,) int32. The strips of column u are first_of_column[u]..first_of_column[u + 1] - 1.
     first_of_column: NDArray[np.int32]
-    keep: NDArray[np.uint8]
-    clusters: ClusterBuffers
-    gaps: GapBuffers
+    keep: NDArray[np.uint8]  # (N,)
+    clusters: ClusterBuffers  # scratch of `join_near`
+    gaps: GapBuffers  # scratch of `fill_columns`
 
 
 def strip_tables(cols: int, per_column: int) -> StripTables:
@@ -96,22 +90,14 @@ def finish_strips(found, codes, view, source, ground, noise_test, settings, tabl
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Strips:
-    """Strips of a frame.
+    """Strips of a frame."""
 
-    Attributes:
-        table: (N,) STRIP, of which the first `count` are used.
-        count: number of strips.
-        first_of_column: (cols + 1,) int32, index of the first strip of each column.
-        found: number of strips before unsupported ones were removed, without ground noise.
-        ground_px: number of cells that are ground.
-        merged: number of strips that were merged because their column was full."""
-
-    table: NDArray[Any]
-    count: int
-    first_of_column: NDArray[np.int32]
-    found: int
-    ground_px: int
-    merged: int
+    table: NDArray[Any]  # (N,) STRIP, of which the first `count` are used
+    count: int  # number of strips
+    first_of_column: NDArray[np.int32]  # (cols + 1,), index of the first strip of each column
+    found: int  # number of strips before unsupported ones were removed, without ground noise
+    ground_px: int  # number of cells that are ground
+    merged: int  # number of strips that were merged because their column was full
 
     def counted(self, stats: FrameStats) -> FrameStats:
         """Returns the statistics of a frame with the counts of its strips."""

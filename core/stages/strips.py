@@ -50,80 +50,49 @@ columns."""
 
 
 class Column(NamedTuple):
-    """One column of the levelled view.
+    """One column of the levelled view."""
 
-    Attributes:
-        u: index.
-        line: (V,) uint16 quantised disparity.
-        label: (V rounded up to 8,) uint8 labels of `row_mask`.
-        H: (3, 3) homography of the view.
-        area: `homography_area` of H."""
-
-    u: Any
-    line: Any
-    label: Any
-    H: Any
-    area: Any
+    u: Any  # index
+    line: Any  # (V,) uint16 quantised disparity
+    label: Any  # (V rounded up to 8,) uint8 labels of `row_mask`
+    H: Any  # (3, 3) homography of the view
+    area: Any  # `homography_area` of H
 
 
 class StripOutput(NamedTuple):
-    """Output of the strip stages.
+    """Output of the strip stages."""
 
-    Attributes:
-        strips: (N,) STRIP.
-        counts: a record of COUNTS."""
-
-    strips: Any
-    counts: Any
+    strips: Any  # (N,) STRIP
+    counts: Any  # a record of COUNTS
 
 
 class Pixels(NamedTuple):
-    """Pixels codes[first..last - 1] of one strip. Zeros among the codes are not counted.
+    """Pixels codes[first..last - 1] of one strip. Zeros among the codes are not counted."""
 
-    Attributes:
-        codes: (V,) int32 quantised disparity.
-        first: index of the first pixel.
-        last: end of the pixels.
-        count: number of pixels.
-        total: sum of their codes.
-        top: first row that they span.
-        bottom: last row that they span, inclusive.
-        filled: number of these rows that were not measured at this distance."""
-
-    codes: Any
-    first: Any
-    last: Any
-    count: Any
-    total: Any
-    top: Any
-    bottom: Any
-    filled: Any
+    codes: Any  # (V,) int32 quantised disparity
+    first: Any  # index of the first pixel
+    last: Any  # end of the pixels
+    count: Any  # number of pixels
+    total: Any  # sum of their codes
+    top: Any  # first row that they span
+    bottom: Any  # last row that they span, inclusive
+    filled: Any  # number of these rows that were not measured at this distance
 
 
 class Distance(NamedTuple):
-    """Distance of a strip.
+    """Distance of a strip."""
 
-    Attributes:
-        disparity_px: float32.
-        near_px: float32, disparity of the near edge, a lower confidence bound.
-        sigma_px: float32, standard deviation of disparity_px."""
-
-    disparity_px: Any
-    near_px: Any
-    sigma_px: Any
+    disparity_px: Any  # float32
+    near_px: Any  # float32, disparity of the near edge, a lower confidence bound
+    sigma_px: Any  # float32, standard deviation of disparity_px
 
 
 class StripList(NamedTuple):
-    """Strips for kernels.
+    """Strips for kernels."""
 
-    Attributes:
-        table: (N,) STRIP in the order of columns, of which the first `count` are used.
-        count: number of strips.
-        first_of_column: (cols + 1,) int32, index of the first strip of each column."""
-
-    table: Any
-    count: Any
-    first_of_column: Any
+    table: Any  # (N,) STRIP in the order of columns, of which the first `count` are used
+    count: Any  # number of strips
+    first_of_column: Any  # (cols + 1,) int32, index of the first strip of each column
 
 
 @inner_inline

@@ -68,30 +68,20 @@ class ViewGeometry(NamedTuple):
     """The levelled view: a virtual camera that looks along level_cam x.
 
     A cell (u, v) at forward distance X lies at y = X (u - cu)/f_px lateral[v], and between z = X tan_edge[v] and z =
-    X tan_edge[v + 1] (z is down).
+    X tan_edge[v + 1] (z is down)."""
 
-    Attributes:
-        cols: number of columns.
-        rows: number of rows.
-        f_px: focal length.
-        cu: column of the principal point.
-        cv: row of the principal point, which is that of the horizon.
-        lsb_per_px: quantised disparity q per pixel of disparity, q = f_px / X lsb_per_px.
-        tan_edge: (rows + 1,) float32, tangents of elevation at the edges of the rows, positive down.
-        tan_mid: (rows,) float32, the same in the middle of the rows.
-        lateral: (rows,) float32, width of a column in pixels of f_px: 1, or the step of pooled columns.
-        H: (3, 3) float64. H (u, v, 1) is the ray of a cell in homogeneous pixels of the source; its third component
-            is Z_optical / X."""
-
-    cols: int
-    rows: int
-    f_px: float
-    cu: float
-    cv: float
-    lsb_per_px: float
-    tan_edge: NDArray[np.float32]
-    tan_mid: NDArray[np.float32]
+    cols: int  # number of columns
+    rows: int  # number of rows
+    f_px: float  # focal length
+    cu: float  # column of the principal point
+    cv: float  # row of the principal point, which is that of the horizon
+    lsb_per_px: float  # quantised disparity q per pixel of disparity, q = f_px / X lsb_per_px
+    tan_edge: NDArray[np.float32]  # (rows + 1,), tangents of elevation at the edges of the rows, positive down
+    tan_mid: NDArray[np.float32]  # (rows,), the same in the middle of the rows
+    # (rows,) float32, width of a column in pixels of f_px: 1, or the step of pooled columns
     lateral: NDArray[np.float32]
+    # (3, 3) float64. H (u, v, 1) is the ray of a cell in homogeneous pixels of the source; its third component is
+    # Z_optical / X.
     H: NDArray[np.float64]
 
     @property

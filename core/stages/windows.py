@@ -16,35 +16,22 @@ from .strips import ROUGH, SMOOTH, Pixels, emit
 
 
 class Peak(NamedTuple):
-    """A peak of the density of a column.
+    """A peak of the density of a column."""
 
-    Attributes:
-        label: index of the peak, which is the label of its rows.
-        disparity_px: disparity at the greatest count.
-        low_code: least quantised disparity of its interval.
-        high_code: greatest quantised disparity of its interval.
-        rough: True if the interval is wider than noise and kernel."""
-
-    label: Any
-    disparity_px: Any
-    low_code: Any
-    high_code: Any
-    rough: Any
+    label: Any  # index of the peak, which is the label of its rows
+    disparity_px: Any  # disparity at the greatest count
+    low_code: Any  # least quantised disparity of its interval
+    high_code: Any  # greatest quantised disparity of its interval
+    rough: Any  # True if the interval is wider than noise and kernel
 
 
 class WindowBuffers(NamedTuple):
-    """Scratch memory of `slide_windows` for columns of V rows.
+    """Scratch memory of `slide_windows` for columns of V rows."""
 
-    Attributes:
-        sums_open: (V + 1,) int64, see `running_sums`.
-        sums_own: (V + 1,) int64, see `running_sums`.
-        codes: (V,) int32.
-        parts: (3, more than V / band_rows) int64, see `split_bands`."""
-
-    sums_open: Any
-    sums_own: Any
-    codes: Any
-    parts: Any
+    sums_open: Any  # (V + 1,) int64, see `running_sums`
+    sums_own: Any  # (V + 1,) int64, see `running_sums`
+    codes: Any  # (V,) int32
+    parts: Any  # (3, more than V / band_rows) int64, see `split_bands`
 
 
 @inner_inline

@@ -35,19 +35,13 @@ _HITS_PER_CLEAR = 4
 
 
 class Steps(NamedTuple):
-    """The steps of a plane.
+    """The steps of a plane."""
 
-    Attributes:
-        first, end: numbers of the first step, and of the one after the last.
-        begin_m: place of end a along the plane, from the anchor.
-        length_m: length of the plane.
-        dx, dy: direction of the plane."""
-
-    first: Any
+    first: Any  # first, end: numbers of the first step, and of the one after the last
     end: Any
-    begin_m: Any
-    length_m: Any
-    dx: Any
+    begin_m: Any  # place of end a along the plane, from the anchor
+    length_m: Any  # length of the plane
+    dx: Any  # dx, dy: direction of the plane
     dy: Any
 
 

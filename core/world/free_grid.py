@@ -38,20 +38,13 @@ FREE_STATE = record(("blocks", np.int64), ("dropped", np.int64), ("frame", np.in
 
 
 class FreeTables(NamedTuple):
-    """Tables of B blocks.
+    """Tables of B blocks."""
 
-    Attributes:
-        blocks: (B,) BLOCK.
-        masks: (B, 2, 256) uint64, bits of the block's epoch and of the epoch before.
-        heads: (H,) int32, first block of each list.
-        ground: (B, 256, 2) float32, see ground.py.
-        state: (1,) FREE_STATE."""
-
-    blocks: NDArray[Any]
-    masks: NDArray[np.uint64]
-    heads: NDArray[np.int32]
-    ground: NDArray[np.float32]
-    state: NDArray[Any]
+    blocks: NDArray[Any]  # (B,) BLOCK
+    masks: NDArray[np.uint64]  # (B, 2, 256), bits of the block's epoch and of the epoch before
+    heads: NDArray[np.int32]  # (H,), first block of each list
+    ground: NDArray[np.float32]  # (B, 256, 2), see ground.py
+    state: NDArray[Any]  # (1,) FREE_STATE
 
 
 def empty_free(most: int) -> FreeTables:

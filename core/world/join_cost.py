@@ -61,19 +61,14 @@ class Moments(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """Result of joining two planes.
+    """Result of joining two planes."""
 
-    Attributes:
-        cost: below 1 if they may be joined.
-        ax, ay, bx, by: ends of the joined plane.
-        gap: gap between both planes, m."""
-
-    cost: Any
-    ax: Any
+    cost: Any  # below 1 if they may be joined
+    ax: Any  # ax, ay, bx, by: ends of the joined plane
     ay: Any
     bx: Any
     by: Any
-    gap: Any
+    gap: Any  # gap between both planes, m
 
 
 @inner

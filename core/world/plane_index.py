@@ -63,20 +63,13 @@ TABLE_STATE = record(
 
 
 class Tables(NamedTuple):
-    """Tables of P planes.
+    """Tables of P planes."""
 
-    Attributes:
-        planes: (P,) SLOT.
-        steps: (P, N) STEP, see evidence.py.
-        heads: (H,) int32, first link of each list.
-        links: (L,) LINK.
-        state: (1,) TABLE_STATE."""
-
-    planes: NDArray[Any]
-    steps: NDArray[Any]
-    heads: NDArray[np.int32]
-    links: NDArray[Any]
-    state: NDArray[Any]
+    planes: NDArray[Any]  # (P,) SLOT
+    steps: NDArray[Any]  # (P, N) STEP, see evidence.py
+    heads: NDArray[np.int32]  # (H,), first link of each list
+    links: NDArray[Any]  # (L,) LINK
+    state: NDArray[Any]  # (1,) TABLE_STATE
 
 
 def empty_tables(most: int, longest_m: float = 100.0) -> Tables:

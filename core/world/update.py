@@ -86,18 +86,12 @@ def gather_around(tables, box, grow, near):
 
 
 class Frame(NamedTuple):
-    """The observations of one frame.
+    """The observations of one frame."""
 
-    Attributes:
-        observations: (N,) OBSERVATION.
-        touched: (N,) int32, the slot that each was added to.
-        rules: a record of WORLD_RULES.
-        x_m, y_m: place of the camera."""
-
-    observations: Any
-    touched: Any
-    rules: Any
-    x_m: Any
+    observations: Any  # (N,) OBSERVATION
+    touched: Any  # (N,) int32, the slot that each was added to
+    rules: Any  # a record of WORLD_RULES
+    x_m: Any  # x_m, y_m: place of the camera
     y_m: Any
 
 
