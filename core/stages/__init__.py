@@ -1,1 +1,32 @@
-"""The stages of the algorithm, one module each."""
+"""The stages of the algorithm, one module each.
+
+Names of parameters that mean the same in all of them; docstrings say what differs. A parameter whose name is that of a
+named tuple (peak: Peak, cover: Cover) is one.
+
+    depth_mm         (H, W) uint16, the depth image in millimetres as delivered
+    marks            (H, W) uint16 of `classify`
+    limits           PixelLimits of `classify`; RampLimits in ramps.py and smeared_edges.py
+    info             CameraInfo; k: (4,) its fx, fy, cx, cy; focal_px: its fx
+    params, p        Params
+    settings         VIEW_SETTINGS (GROUND_SETTINGS in ground.py): (1,) in functions called from Python, else the record;
+                     w: a record of WALK_SETTINGS, tuning: of GROUND_SETTINGS
+    state            ExtractorState before the frame
+    ke_per_m         noise coefficient of depth, sigma_Z = ke Z^2
+    R_level_optical  (3, 3) rotation, R in kernels
+    view             ViewGeometry of the levelled view, H: its homography, gain: its f_px * lsb_per_px
+    codes            (cols, rows) uint16, quantised disparity of the levelled view; line: one column of it
+    source, image    SOURCE: (1,), and its record
+    ground           Ground of the frame; GroundThreshold in the stages of strips
+    points           (N,) POINT, sampled pixels of ground.py
+    bins             BinTable
+    column           Column, the column whose strips are searched
+    strips, n        (N,) STRIP of which the first n are used; StripList in the stages of planes
+    first_of_column  (cols + 1,) int32: the strips of column u are first_of_column[u]..first_of_column[u + 1] - 1
+    kind             kind of a strip, SMOOTH to MERGED
+    planes, count    (N,) PLANE of which the first `count` are used
+    tables           PlaneTables
+    openings         OpeningMasks
+    bias             DepthBias of the camera
+    keep             (N,) uint8 scratch
+    buffers          scratch memory
+    out              output; StripOutput in the stages of strips"""

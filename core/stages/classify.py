@@ -172,13 +172,7 @@ def keep_slanted(depth_mm, v, flies, limits, marks):
     pixel, so that most of its pixels lie strictly between their neighbours. They are kept if 1/Z of the pixel and of two
     next to it on one side lie on a line. Beside a flying pixel the two are on one of the surfaces, and the pixel is more
     than a step away.
-
-    Args:
-        depth_mm: (H, W) uint16.
-        v: row.
-        flies: (W,) bool, True: flying.
-        limits: PixelLimits.
-        marks: (W,) uint16 of the row, in and out."""
+    flies: (W,) bool, True: flying; marks: (W,) uint16 of the row, in and out."""
     kept = 0
     for u in range(len(flies)):
         if not flies[u]:
@@ -199,11 +193,7 @@ def classify(depth_mm, limits, out):
     object and is kept, and so is one on the surface of its neighbours (`keep_slanted`).
 
     The inner loop has no branch, so that the compiler can vectorise it. Three rows of 1/Z are kept at a time.
-
-    Args:
-        depth_mm: (H, W) uint16.
-        limits: PixelLimits.
-        out: (H, W) uint16, the marks."""
+    out: (H, W) uint16, the marks."""
     rows, cols = depth_mm.shape
     least, greatest, zero = limits.least_mm, limits.greatest_mm, np.float32(0.0)
     inverse = np.zeros((3, cols + 2), np.float32)  # 1/Z of the previous, the present and the next row, with a border

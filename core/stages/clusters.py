@@ -86,10 +86,8 @@ def join_near(strips, n, ws, hs, buffers):
 
     Args:
         strips: (N,) STRIP with places.
-        n: number of strips.
         ws: horizontal gap that the vehicle can pass, m.
-        hs: vertical gap that the vehicle can pass, m.
-        buffers: ClusterBuffers."""
+        hs: vertical gap that the vehicle can pass, m."""
     count = _group_cells(strips, n, CELL_PER_WS * ws, hs, buffers)
     for g in range(count):
         if buffers.groups[g].first >= 0:

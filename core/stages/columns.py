@@ -60,14 +60,7 @@ def column_buffers(rows, bins, settings):
 def extract_strips(codes, ground, view, bins, settings, strips):
     """Extracts all strips of a levelled view; returns (strips, ground cells, strips merged because their column was
     full).
-
-    Args:
-        codes: (cols, rows) uint16 quantised disparity.
-        ground: GroundThreshold.
-        view: ViewGeometry.
-        bins: BinTable.
-        settings: (1,) VIEW_SETTINGS.
-        strips: (N,) STRIP out, with room for max_column_strips per column."""
+    strips: (N,) STRIP out, with room for max_column_strips per column."""
     p, counted = settings[0], np.zeros(1, COUNTS)
     cols, rows = codes.shape
     out, b = StripOutput(strips, counted[0]), column_buffers(rows, bins, p)
@@ -87,13 +80,7 @@ def extract_strips(codes, ground, view, bins, settings, strips):
 def strips_of_column(column, n, bins, settings, buffers, out):
     """Extracts the strips of one column: first those of its peaks, from near to far, then those of the rest.
 
-    Args:
-        column: Column.
-        n: number of its open pixels, at least 1.
-        bins: BinTable.
-        settings: a record of VIEW_SETTINGS.
-        buffers: ColumnBuffers with the open pixels in mask and px.
-        out: StripOutput."""
+    n: number of its open pixels, at least 1; buffers: ColumnBuffers with the open pixels in mask and px."""
     line, label, mask, px, peaks = column.line, column.label, buffers.mask, buffers.px, buffers.peaks
     first, last = px[ROW, 0], px[ROW, n - 1]
     begin, end = soft_counts(px, n, bins, buffers.hist, buffers.counts)

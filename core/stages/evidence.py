@@ -90,12 +90,7 @@ def mark_outside(H, width, height, grid):
 def find_evidence(strips, n, view, image, grid):
     """Computes the cells of Evidence.
 
-    Args:
-        strips: (N,) STRIP.
-        n: number of strips.
-        view: ViewGeometry.
-        image: a record of SOURCE.
-        grid: (ceil(cols / CELL_PX), ceil(rows / CELL_PX)) float32 out."""
+    grid: (ceil(cols / CELL_PX), ceil(rows / CELL_PX)) float32 out."""
     mark_nearest(strips, n, view.f_px, grid)
     mark_outside(view.H, image.width_px, image.height_px, grid)
 
@@ -117,9 +112,7 @@ def uncovered_share(joined, a, b, p, q, settings, cover):
     Args:
         joined: Rectangle on the line.
         a, b: line s = a + b t.
-        p, q: Rectangles of the two planes, with heights at the joined line.
-        settings: a record of VIEW_SETTINGS.
-        cover: Cover."""
+        p, q: Rectangles of the two planes, with heights at the joined line."""
     evidence, run = cover.evidence, cover.run
     grid, noise_s = evidence.nearest, LINE_SIGMAS * settings.sigma_s + settings.smear_s
     i0 = max(0, first_cell(joined.t0 * evidence.across + evidence.cu))

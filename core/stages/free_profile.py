@@ -51,10 +51,7 @@ def stop_at_planes(stops, seen):
     the layer ends it where the layer comes behind it. The edges of a plane are known to one pixel, so each plane is
     extended by one pixel on all sides. Its line is followed through that pixel, because one pixel of a plane that is
     seen edge-on spans metres.
-
-    Args:
-        stops: PlaneStops.
-        seen: FreeObservation. free_to_m and end are changed."""
+    seen: FreeObservation. free_to_m and end are changed."""
     edges_t, layers, pixel_t = seen.edges_t, seen.layers_m, seen.pixel_t
     for k in range(len(stops.planes)):
         p = stops.planes[k]
@@ -120,7 +117,6 @@ def free_profile(
     Args:
         seen: free ranges of `observe_free`.
         stops: the planes of the frame.
-        bias: of the camera.
         opened: free or open ranges of `observe_open`; None: nothing is open.
         open_max_range_m: horizontal range beyond which nothing is open."""
     for s in (seen,) if opened is None else (seen, opened):

@@ -78,14 +78,7 @@ def fill_columns(strips, clusters, view, first_of_column, settings, buffers):
 
     A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below it. Where
     two strips become one, the support of the lower one is 0.
-
-    Args:
-        strips: (N,) STRIP in the order of `sort_columns`, in and out.
-        clusters: number of clusters.
-        view: ViewGeometry.
-        first_of_column: (cols + 1,) int32.
-        settings: a record of VIEW_SETTINGS.
-        buffers: GapBuffers."""
+    strips: (N,) STRIP in the order of `sort_columns`, in and out; clusters: number of clusters."""
     open_of, lower = buffers.open_of, buffers.lower
     open_of[:clusters] = -1
     hs, cols = settings.passable_height_m, view.cols

@@ -166,12 +166,7 @@ def vote(marks, camera, tuning, samples):
     """Votes for the heights of horizontal surfaces; returns (points written, pixels sampled).
 
     Two pixels of one source column form a pair. It votes for its mean height if it is level, see `judge_pair`.
-
-    Args:
-        marks: (H, W) uint16 of `classify`.
-        camera: GroundCamera.
-        tuning: a record of GROUND_SETTINGS.
-        samples: GroundSamples; votes and points are outputs."""
+    samples: GroundSamples; votes and points are outputs."""
     rows, cols = marks.shape
     votes, points = samples.votes, samples.points
     lowest = step_of(tuning.ground_min_height_m, tuning.ground_height_step)
@@ -200,10 +195,8 @@ def vote(marks, camera, tuning, samples):
 def search_ground(marks, camera, last_height, settings, samples):
     """Returns the first accepted result of `fit_ground`, trying heights in the order of their votes.
 
-    Args:
-        marks, camera, samples: see `vote`.
-        last_height: height of the last ground, m; it and its neighbours get more weight. nan: none.
-        settings: (1,) GROUND_SETTINGS."""
+    marks, camera, samples: see `vote`; last_height: height of the last ground, m; it and its neighbours get more
+    weight. nan: none."""
     tuning, votes, points = settings[0], samples.votes, samples.points
     n, sampled = vote(marks, camera, tuning, samples)
     for i in range(n, len(points)):  # points of an earlier frame
@@ -241,10 +234,6 @@ def find_ground(
     """Returns the ground of one frame, or NO_GROUND.
 
     Args:
-        marks: (H, W) uint16 of `classify`.
-        info: description of the camera.
-        R_level_optical: (3, 3) rotation.
-        ke_per_m: noise coefficient.
         last_height_m: height of the last frame's ground, which gets more weight; nan: none.
         search: of `ground_search`. Its points are those of this frame afterwards, for `with_ranges`."""
     k, p, points = info.intrinsics, search.params, search.points

@@ -92,11 +92,7 @@ def moved_plane(plane, sums, max_slope):
 
     The height is that of the mean with the slopes of `plane`; the slopes are those of a plane with an intercept. A
     prior pulls them to 0 where the points do not determine them.
-
-    Args:
-        plane: GroundPlane.
-        sums: PlaneSums relative to `plane`.
-        max_slope: greatest magnitude of the slope; 0: the slopes of `plane` are kept."""
+    sums: PlaneSums relative to `plane`; max_slope: greatest magnitude of the slope; 0: the slopes of `plane` are kept."""
     w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = sums
     off = wr / w
     height, slope_x, slope_y = plane.height_m + off, plane.slope_x, plane.slope_y
@@ -119,12 +115,7 @@ def judge_plane(points, plane, noise_height, tuning):
 
     It is refused if too many points lie below it, if it is too close to the camera, or if its points do not recede
     from row to row as on a horizontal surface.
-
-    Args:
-        points: (N,) POINT of `vote`.
-        plane: GroundPlane.
-        noise_height: height by which the noise of the points is computed, m.
-        tuning: a record of GROUND_SETTINGS."""
+    noise_height: height by which the noise of the points is computed, m."""
     n, height = len(points), plane.height_m
     slack = _BELOW_M * height / (height + _BELOW_FULL_M)
     on, below, recedes, recede = 0, 0, 0.0, 0.0
@@ -150,9 +141,7 @@ def fit_ground(points, height, tuning):
     """Fits a plane with bounded slopes to the points that voted and lie near a height.
 
     Args:
-        points: (N,) POINT of `vote`.
         height: height to begin with, m below the camera.
-        tuning: a record of GROUND_SETTINGS.
 
     Returns:
         (accepted, GroundPlane, share of the points that lie on the plane). A plane with too few points is not

@@ -118,15 +118,7 @@ def drop_ground_noise(strips, n, codes, tan_mid, shift, test, keep):
     above and below the plane lie in the same rows and cancel. The mean disparity of all cells of these rows must
     exceed that of the ground by need_px / sqrt(number of cells), after subtracting the error of the fit. Cells beyond
     the range count as one sigma behind the ground.
-
-    Args:
-        strips: (N,) STRIP.
-        n: number of strips.
-        codes: (cols, rows) uint16 of the levelled view.
-        tan_mid: (rows,) float32 of the view.
-        shift: (cols,) float32 of GroundThreshold.
-        test: a record of GROUND_NOISE_TEST.
-        keep: (N,) uint8 scratch."""
+    tan_mid: (rows,) float32 of the view; shift: (cols,) float32 of GroundThreshold."""
     f, quantum, sigma, height = test.f_px, test.lsb_per_px, test.sigma_px, test.height_m
     dropped = 0
     for i in range(n):

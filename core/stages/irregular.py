@@ -22,13 +22,7 @@ def irregular_rest(px, n, column, settings, out):
 
     A segment ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or when it is deeper than
     irregular_depth_m.
-
-    Args:
-        px: list of pixels, see row_mask.py.
-        n: number of pixels.
-        column: Column.
-        settings: a record of VIEW_SETTINGS.
-        out: StripOutput."""
+    px: list of pixels, see row_mask.py; n: number of pixels."""
     if n == 0:
         return
     gap, hd = settings.irregular_gap_px, settings.segment_height_m

@@ -67,7 +67,6 @@ def codes_of(marks, forward, gain, out):
     Args:
         marks: (N,) uint16.
         forward: (N,) float32, Z_optical / X of the cells, which turns 1/Z into 1/X.
-        gain: f_px * lsb_per_px.
         out: (N,) uint16."""
     for i in range(len(out)):
         mark = marks[i]
@@ -115,13 +114,8 @@ def level_nearest(marks, H, gain, out, picked):
     """Assigns the nearest source pixel to each cell of the view. Cells outside of the source are unknown.
 
     Positions are computed apart from the access to pixels, so that this part is vectorised.
-
-    Args:
-        marks: (H, W) uint16 of `classify`.
-        H: (3, 3) of ViewGeometry.
-        gain: f_px * lsb_per_px.
-        out: (cols, rows) uint16 quantised disparity out, one line per column of the view.
-        picked: (H * W,) uint8 out, 1 for each source pixel that a cell took."""
+    out: (cols, rows) uint16 quantised disparity out, one line per column of the view; picked: (H * W,) uint8 out, 1 for
+    each source pixel that a cell took."""
     picked[:] = 0
     (src_rows, src_cols), (cols, rows), flat, gain = marks.shape, out.shape, marks.ravel(), np.float32(gain)
     seen, at = np.empty((_TILE_COLS, 2), np.int64), np.empty(_TILE_ROWS, np.uint32)
@@ -197,14 +191,7 @@ def level_view(
 ) -> LevelledView:
     """Returns the levelled view of an image of marks. Its arrays lie in `buffers` and are valid until the next frame.
 
-    Args:
-        marks: (H, W) uint16 of `classify`.
-        info: description of the camera.
-        R_level_optical: (3, 3) rotation.
-        view: of `view_geometry`.
-        ke_per_m: noise coefficient, which determines what columns are pooled.
-        params: parameters.
-        buffers: scratch memory."""
+    ke_per_m: noise coefficient, which determines what columns are pooled."""
     codes = buffers("codes", (view.cols, view.rows), np.uint16)
     fill_level(marks, info, R_level_optical, view, codes, buffers("picked", (marks.size,), np.uint8))
     step = params.column_step

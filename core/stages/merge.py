@@ -157,14 +157,7 @@ def join_planes(count, room, tables, settings, cover, buffers):
     """Joins planes of one cluster, the cheapest pair first, until no pair fits. Joined planes get a negative support.
 
     A merged plane has the neighbours of its parts; each of at most merge_rounds rounds searches new ones.
-
-    Args:
-        count: number of planes.
-        room: `plane_room` of the frame.
-        tables: PlaneTables, planes and parent in and out.
-        settings: a record of VIEW_SETTINGS.
-        cover: Cover.
-        buffers: MergeBuffers."""
+    room: `plane_room` of the frame; tables: PlaneTables, planes and parent in and out."""
     planes = tables.planes
     scored = np.full((_SLOTS, 3), -1, np.int32)
     prepare_pieces(count, planes, settings, buffers)

@@ -211,7 +211,6 @@ def costs_of_next(tiles, k, end, settings, costs):
         tiles: of `fill_tiles`.
         k: a piece, by its position in the order.
         end: end of the pieces.
-        settings: a record of VIEW_SETTINGS.
         costs: (N,) float64 out."""
     p = of_tile(tiles, np.uint64(k // TILE * TRAITS * TILE + k % TILE))
     gap = settings.gap_m

@@ -88,13 +88,7 @@ def published_planes(
     Planes end at the ground below them, but keep _LEAST_BELOW_GROUND_M. The margin contains the distance of the near
     edge in front of the plane (up to safe_distance_m), margin_sigmas of the noise of the plane's distance, and the error
     that all depths of the camera share. Neighbouring columns share the noise.
-
-    Args:
-        planes: (N,) PLANE. Planes that exist are moved to the front.
-        ground: ground of the frame.
-        view: geometry of the levelled view.
-        bias: of the camera.
-        settings: (1,) VIEW_SETTINGS."""
+    planes: (N,) PLANE. Planes that exist are moved to the front."""
     column_t = float(view.lateral[0]) / view.f_px
     cut_t = (_CUT_COLUMNS - view.cu) * column_t, (view.cols - 1 - _CUT_COLUMNS - view.cu) * column_t
     height_m = float(ground.height_m) if ground.seen else math.inf

@@ -32,10 +32,8 @@ def count_alone(depth_mm, limits, judged, alone):
     Two pixels are similar if their 1/Z differ by at most a step, see PixelLimits.
 
     Args:
-        depth_mm: (H, W) uint16.
-        limits: PixelLimits.
-        judged: (N, M) int32 out, measured pixels of each tile with at least _FEWEST_NEIGHBOURS measured neighbours.
-            The tiles divide rows and columns evenly.
+        judged: (N, M) int32 out, measured pixels of each tile with at least _FEWEST_NEIGHBOURS measured neighbours. The
+            tiles divide rows and columns evenly.
         alone: (N, M) int32 out, those of them that are similar to no neighbour."""
     rows, cols = depth_mm.shape
     down, across = judged.shape
@@ -71,11 +69,7 @@ def flying_off_ramps(depth_mm, limits):
 
     A flying pixel is defined as in `classify`. It lies on a ramp if 1/Z is linear along its row and its column,
     within the same step, as on a plane: ground seen from a height of 0.1 m changes by more than a step from row to
-    row. An axis along which a neighbour is not measured does not count.
-
-    Args:
-        depth_mm: (H, W) uint16.
-        limits: PixelLimits."""
+    row. An axis along which a neighbour is not measured does not count."""
     rows, cols = depth_mm.shape
     zero = np.float32(0.0)
     inverse = inverse_image(depth_mm, limits)
@@ -110,12 +104,7 @@ def is_no_measurement(
     An image of pure noise has 27 % flying pixels, foliage has 0.2 %. Flying pixels on ramps are not counted: they
     belong to the ground close below the camera. Without this check the plane merge of an image of noise would take
     minutes.
-
-    Args:
-        depth_mm: (H, W) uint16.
-        limits: limits of `classify`.
-        counts: numbers of measured, far and flying pixels of `classify`.
-        params: parameters."""
+    counts: numbers of measured, far and flying pixels of `classify`."""
     p, (measured, far, flying) = params, counts
     if (measured - flying) / depth_mm.size + far / depth_mm.size <= p.min_measured_share:
         return True

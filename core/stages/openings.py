@@ -57,9 +57,6 @@ def nearest_codes(codes, strips, n, lsb_per_px, boxes, nearest):
     nearest strip that crosses the cell, so that thin objects count.
 
     Args:
-        codes: (cols, rows) uint16.
-        strips: (N,) STRIP.
-        n: number of strips.
         lsb_per_px: of the view.
         boxes: (rows,) uint16 scratch, the second nearest corner for a cell that begins at each row.
         nearest: (C, R) uint16 out."""
@@ -140,7 +137,6 @@ def open_mask(nearest, box, total, spare, mask):
 
     Args:
         nearest: (C, R) uint16 of `nearest_codes`.
-        box: Box.
         total: (C + 1, R + 1) int32 of `count_unknown`.
         spare: (2, C * R) uint8 scratch.
         mask: (C, R) uint8 out."""
@@ -198,14 +194,7 @@ def layer_of(x, steps_m):
 def open_masks(codes, strips, n, view, passable, max_range_m, masks):
     """Computes `open_mask` at the distances _FIRST_M * _RATIO^k.
 
-    Args:
-        codes: (cols, rows) uint16.
-        strips: (N,) STRIP.
-        n: number of strips.
-        view: ViewGeometry.
-        passable: (Ws, Hs) in m.
-        max_range_m: maximum range of the camera.
-        masks: of OpeningMasks, out."""
+    passable: (Ws, Hs) in m; masks: of OpeningMasks, out."""
     (ws, hs), f, step = passable, view.f_px, np.float64(view.lateral[0])
     across, down = masks.shape[1], masks.shape[2]
     nearest, total = np.empty((across, down), np.uint16), np.empty((across + 1, down + 1), np.int32)
@@ -233,14 +222,7 @@ def find_openings(
 ) -> OpeningMasks:
     """Returns the openings of a frame, one mask per distance up to the maximum range. The masks lie in `buffers`.
 
-    Args:
-        codes: (cols, rows) uint16 of the view.
-        strips: (N,) STRIP.
-        n: number of strips.
-        view: geometry of `codes`.
-        max_range_m: maximum range of the camera.
-        passable: (Ws, Hs) in m.
-        buffers: scratch memory."""
+    passable: (Ws, Hs) in m."""
     shape = -(-view.cols // CELL_PX), -(-view.rows // CELL_PX)
     layers = 1 + max(0, round(math.log(max_range_m / _FIRST_M) / math.log(_RATIO)))
     masks = buffers("opening_masks", (layers, *shape), np.uint8)

@@ -121,9 +121,6 @@ def split_outliers(strips, view, settings, count, tracks, tables, buffers):
 
     Args:
         strips: StripList, in and out.
-        view: ViewGeometry.
-        settings: a record of VIEW_SETTINGS.
-        count: number of planes.
         tracks: number of tracks. New tracks are numbered from there on.
         tables: PlaneTables, in and out, with room for one more plane and track per strip.
         buffers: OutlierBuffers, filled by `measure_excess` and `outlier_limits`."""

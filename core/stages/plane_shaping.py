@@ -78,10 +78,6 @@ def shape_planes(strips, view, source, settings, openings, cells, buffers):
 
     Args:
         strips: StripList, with places.
-        view: ViewGeometry.
-        source: (1,) SOURCE.
-        settings: (1,) VIEW_SETTINGS.
-        openings: OpeningMasks.
         cells: (C, R) float32 scratch, the cells of Evidence.
         buffers: PlaneBuffers. Planes with a negative support do not exist any more."""
     p, table, n = settings[0], strips.table, strips.count

@@ -83,12 +83,7 @@ def planes_from_tracks(count, tracks, settings, tables):
 def measure_planes(strips, view, settings, count, tables):
     """Computes heights, support, rows, columns, cuts, cluster and front_m of every plane from its strips.
 
-    Args:
-        strips: StripList.
-        view: ViewGeometry.
-        settings: a record of VIEW_SETTINGS.
-        count: number of planes.
-        tables: PlaneTables, planes in and out. front_m is the greatest `near_excess_m` of the strips."""
+    tables: PlaneTables, planes in and out. front_m is the greatest `near_excess_m` of the strips."""
     planes, length = tables.planes, np.empty(count)
     for k in range(count):
         p = planes[k]
@@ -132,13 +127,10 @@ def near_excess_m(strip, x, t, plane, length, f_px, settings):
     result. The edge of a rough strip is not farther than rough_near_sigmas of noise behind the strip.
 
     Args:
-        strip: a record of STRIP.
         x: forward distance of the plane at the tangent of the strip.
         t: tangent of the strip.
-        plane: a record of PLANE.
         length: hypot(a, b) of the plane.
-        f_px: focal length of the view.
-        settings: a record of VIEW_SETTINGS."""
+        f_px: focal length of the view."""
     near = strip.near_px
     if strip.kind != SMOOTH:
         near = max(near, strip.disparity_px - settings.rough_near_sigmas * strip.sigma_px)

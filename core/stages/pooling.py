@@ -63,7 +63,6 @@ def level_pool(marks, picked, view, out):
     enlarged, since every pixel was taken. Far pixels are not transferred: they must not make an unknown cell free.
 
     Args:
-        marks: (H, W) uint16 of `classify`.
         picked: (H * W,) uint8 of `level_nearest`.
         view: PoolView.
         out: (cols, rows) uint16 of `level_nearest`, in and out."""
@@ -114,7 +113,6 @@ def pool_columns(codes, step, apart, out):
     wall behind it and is kept.
 
     Args:
-        codes: (cols, rows) uint16.
         step: columns of a group.
         apart: greatest difference of quantised disparity to the nearest pixel of a group that agrees.
         out: (ceil(cols / step), rows) uint16."""

@@ -81,11 +81,8 @@ def on_ramp(left, middle, right, far_left, far_right, slopes):
     """True if the middle of five values of 1/Z along a line lies on a ramp.
 
     If 1/Z beyond the near end is unknown, a slanted surface looks the same, and the result is False.
-
-    Args:
-        left, middle, right: 1/Z in 1/m, span_px apart; 0: far, negative: unknown.
-        far_left, far_right: 1/Z reach_px from the middle.
-        slopes: Slopes."""
+    left, middle, right: 1/Z in 1/m, span_px apart; 0: far, negative: unknown. far_left, far_right: 1/Z reach_px from
+    the middle."""
     low, high = min(left, right), max(left, right)
     step = max(slopes.least, slopes.relative * middle)
     beyond = far_left if left > right else far_right
@@ -194,9 +191,7 @@ def ramps_of_row(inverse, v, limits, heights, on):
 
     Args:
         inverse: (H + 2 reach, W + 2 reach) float32 of `inverse_with_border`.
-        v: row of the image.
         limits: RampLimits; the least step is step_per_m.
-        heights: HeightLine.
         on: (W,) uint8 out, 1 or 0."""
     cols, span, reach = len(on), limits.span_px, limits.reach_px
     row = inverse[reach + v]
@@ -232,7 +227,6 @@ def drop_ramps(depth_mm, inverse, limits, heights, marks, free_marks):
         depth_mm: (H, W) uint16 as delivered, so that the far end of a ramp may lie beyond the clear range.
         inverse: (H + 2 reach, W + 2 reach) float32 scratch.
         limits: RampLimits; the least step is step_per_m.
-        heights: HeightLine.
         marks: (H, W) uint16 of `classify`, in and out.
         free_marks: (H, W) uint16 out: the marks before the removal, with the depth of the near end at each pixel of a
             ramp. The ray is measured up to that depth."""

@@ -47,12 +47,7 @@ def extend_to_corners(count, planes, settings, openings):
     An end is moved by at most _REACH_WS of Ws along its plane, and only if the ends are less than reach_t apart. It is
     shortened only where the other plane extends as far and blocks the same rays, within _SLACK_M of height and at
     most safe_distance_m behind. It is not extended over an opening, which is tested at _POINTS x _POINTS points.
-
-    Args:
-        count: number of planes.
-        planes: (N,) PLANE, in and out.
-        settings: a record of VIEW_SETTINGS.
-        openings: OpeningMasks."""
+    planes: (N,) PLANE, in and out."""
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
@@ -183,13 +178,7 @@ def close_concavities(count, room, planes, settings, openings):
 
     The chord connects the two ends over the height that both share, at least _LEAST_COMMON_M. `trim_covered` removes what
     lies behind it. Openings (openings.py) stay open.
-
-    Args:
-        count: number of planes.
-        room: greatest number of planes.
-        planes: (N,) PLANE, in and out.
-        settings: a record of VIEW_SETTINGS.
-        openings: OpeningMasks."""
+    room: greatest number of planes; planes: (N,) PLANE, in and out."""
     first = count
     for i in range(first):
         p = planes[i]

@@ -25,8 +25,6 @@ def mask_open_rows(line, ground, shift, tan_mid, mask):
     """Sets mask[v] to 1 where row v of a column is measured and not ground, else to 0; returns the number of measured rows.
 
     Args:
-        line: (V,) uint16 codes.
-        ground: GroundThreshold.
         shift: of the column, see GroundThreshold.
         tan_mid: (V,) float32 of the view.
         mask: (V rounded up to 8,) uint8 out, zero beyond V."""
@@ -71,9 +69,7 @@ def label_rows(line, mask, peaks, count, first_code, labels):
     """Labels V rows by the peak whose bins contain their code, else by NO_PEAK or CLOSED.
 
     Args:
-        line: (V,) uint16 codes.
         mask: (V,) uint8 of `mask_open_rows`.
-        peaks: Peaks.
         count: number of peaks.
         first_code: of BinTable.
         labels: (V,) uint8 out."""

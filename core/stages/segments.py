@@ -139,15 +139,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
     A strip is added to the track with the least misfit among those of its cluster that touch its rows and have no
     strip in its column yet; of equals to the oldest one. The body is one function because a call that passes arrays
     costs more than its work; the functions called here are inlined.
-
-    Args:
-        strips: (N,) STRIP with places, in the order of columns.
-        view: ViewGeometry.
-        first_of_column: (cols + 1,) int32.
-        settings: a record of VIEW_SETTINGS.
-        openings: OpeningMasks.
-        tracks: (N,) TRACK out.
-        front: Front."""
+    strips: (N,) STRIP with places, in the order of columns; tracks: (N,) TRACK out."""
     count, size = 0, 0
     front_track, front_strip, front_top = front.track, front.strip, front.top_row
     front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near

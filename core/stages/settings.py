@@ -77,8 +77,6 @@ def settings_of(
 
     Args:
         view: geometry of the levelled view, with pooled columns.
-        ke_per_m: noise coefficient.
-        p: parameters.
         last: settings of an earlier frame.
         smeared: True if the camera smears its edges and ramps were removed (smeared_edges.py)."""
     key = (view.f_px, view.lsb_per_px, float(view.lateral[0]), ke_per_m, float(smeared))

@@ -94,11 +94,7 @@ def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
     From smear_min_frames frames on, the mean share of ramps decides. Before that, the frame must have smear_clear_edges
     edges, ramps of both sides, and the share must exceed smear_clear_share, which no measured view of a camera with
     sharp edges reaches.
-
-    Args:
-        state: the state after this frame.
-        edges: edges of this frame.
-        params: parameters."""
+    state: the state after this frame; edges: edges of this frame."""
     p, weight = params, state.edge_ramps + state.edge_steps
     # half a frame less, so that rounding does not affect the comparison
     if weight > 1.0 - _MEMORY ** (p.smear_min_frames - 0.5):
@@ -112,13 +108,7 @@ def judge_edges(
     state: ExtractorState, depth_mm: NDArray[np.uint16], limits: RampLimits, params: Params
 ) -> tuple[ExtractorState, bool]:
     """Decides from this frame and earlier ones if the camera smears its edges; returns the state after this frame and
-    the verdict.
-
-    Args:
-        state: the state before the frame.
-        depth_mm: (H, W) uint16 as delivered.
-        limits: limits of a ramp for the camera and its noise.
-        params: parameters."""
+    the verdict."""
     edges = edges_of(depth_mm, limits)
     after = observe_edges(state, edges, params)
     return after, smears(after, edges, params)
@@ -154,13 +144,7 @@ def remove_smeared_edges(
     """Makes the ramps in `marks` unknown, except on the ground.
 
     The ground is kept because it is as steep as a ramp at a grazing angle.
-
-    Args:
-        depth_mm: (H, W) uint16 as delivered.
-        marks: (H, W) uint16 of `classify`, in and out.
-        limits: limits of a ramp for the camera and its noise.
-        heights: heights of pixels.
-        buffers: scratch memory."""
+    marks: (H, W) uint16 of `classify`, in and out."""
     rows, cols = depth_mm.shape
     inverse = buffers("inverse", (rows + 2 * limits.reach_px, cols + 2 * limits.reach_px), np.float32)
     free_marks = buffers("free_marks", marks.shape, np.uint16)

@@ -67,10 +67,7 @@ def histogram_median(counts, total):
 def tile_roughness(marks, rules, out):
     """Computes the median magnitude of the second difference of disparity in each tile of the image, in pixels.
 
-    Args:
-        marks: (H, W) uint16 of `classify`.
-        rules: TileRules.
-        out: (tiles down, tiles across) float32, -1 where a tile has too few samples."""
+    out: (tiles down, tiles across) float32, -1 where a tile has too few samples."""
     rows, cols = marks.shape
     down, across = out.shape
     out[:] = -1.0
@@ -125,8 +122,6 @@ def noise_of_tiles(marks, rules, quantile, tiles):
     """Computes the noise of disparity of each tile and of the image.
 
     Args:
-        marks: (H, W) uint16 of `classify`.
-        rules: TileRules.
         quantile: the quantile of the tiles that is the noise of the image.
         tiles: (tiles down, tiles across) float32 out, sigma in px; negative where it is not known.
 
@@ -147,9 +142,6 @@ def noise_tiles(
     """Returns the noise of disparity of each tile, that of the image, and the number of tiles that agree with it.
 
     Args:
-        marks: (H, W) uint16 of `classify`.
-        focal_px: focal length.
-        params: parameters.
         step_px: step of the differences for an image of 640 columns.
 
     Returns:
@@ -174,12 +166,9 @@ def measured_ke(
     most, because noise that is correlated over more pixels than the step does not show in the image.
 
     Args:
-        marks: (H, W) uint16 of `classify`.
-        focal_px: focal length.
         prior: ke of the camera's description, 1/m.
         seed: ke in use before this frame, 1/m.
-        still: ke measured over time, 1/m; nan if there is none.
-        params: parameters."""
+        still: ke measured over time, 1/m; nan if there is none."""
     p = params
     tiles, sigma_px, agree = noise_tiles(marks, focal_px, p)
     by_image = sigma_px / focal_px if sigma_px >= 0.0 else math.nan
@@ -203,8 +192,6 @@ def estimate_ke(
     not. The result changes in steps of _GRID, so that tables that depend on it are seldom computed again.
 
     Args:
-        marks: (H, W) uint16 of `classify`.
-        focal_px: focal length.
         prior: ke of the camera's description, 1/m.
         last: estimate of the last frame; nan before the first frame.
         still: `ExtractorState.still_ke_per_m`.

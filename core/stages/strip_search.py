@@ -62,9 +62,6 @@ def finish_strips(found, codes, view, source, ground, noise_test, settings, tabl
     Args:
         found: number of strips in the table.
         codes, view, settings: as for `extract_strips`.
-        source: (1,) SOURCE.
-        ground: GroundThreshold.
-        noise_test: (1,) GROUND_NOISE_TEST.
         tables: StripTables with the strips of `extract_strips`, in and out.
 
     Returns:

@@ -100,15 +100,7 @@ def add_strip(pixels, distance, kind, column, settings, out):
     """Appends a strip. In a column that already has max_column_strips strips it extends the last one instead.
 
     The extended strip spans both and has the nearer of both distances, so that nothing is lost; counts.merged is
-    increased.
-
-    Args:
-        pixels: Pixels.
-        distance: Distance.
-        kind: kind of the strip.
-        column: Column.
-        settings: a record of VIEW_SETTINGS.
-        out: StripOutput."""
+    increased."""
     n = out.counts.strips
     top, bottom, filled = pixels.top, pixels.bottom, pixels.filled
     support = support_of(column, top, bottom, pixels.count)
@@ -170,14 +162,7 @@ def emit(pixels, rough, kind, column, settings, out):
     single wrong pixel would move it. Here its near edge is the k-th largest disparity less near_sigmas of noise,
     where k is NEAR_RANK, at most half of the pixels, and not behind the mean. The strip itself stands at most safe_distance_m
     behind that edge.
-
-    Args:
-        pixels: Pixels.
-        rough: True if the depth varies by more than noise.
-        kind: kind of the strip.
-        column: Column.
-        settings: a record of VIEW_SETTINGS.
-        out: StripOutput."""
+    rough: True if the depth varies by more than noise."""
     count, sigma_d = pixels.count, settings.sigma_d_px
     mean = np.float32(pixels.total / (settings.lsb_per_px * count))
     d, near = mean, mean

@@ -25,11 +25,8 @@ def drop_unsupported(strips, n, cols, settings, first_of_column, keep):
 
     Args:
         strips: (N,) STRIP in the order of `sort_columns`, in and out.
-        n: number of strips.
         cols: number of columns.
-        settings: a record of VIEW_SETTINGS.
-        first_of_column: (cols + 1,) int32 of `index_columns`, in and out.
-        keep: (N,) uint8 scratch."""
+        first_of_column: (cols + 1,) int32 of `index_columns`, in and out."""
     least, per_px = PX * settings.min_support_px, settings.support_per_px
     for i in range(n):
         need = max(least, int(per_px * strips[i].disparity_px))

@@ -121,12 +121,7 @@ def still_sigma(before: NDArray[np.uint16], now: NDArray[np.uint16], limits: Pix
     measured.
 
     The camera stood still if the median difference of most tiles is explained by their noise.
-
-    Args:
-        before: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame.
-        now: the same of this frame.
-        limits: limits of `classify`.
-        params: parameters."""
+    before: (SAMPLE_ROWS, SAMPLE_COLS) uint16 mm, samples of the earlier frame; now: the same of this frame."""
     p = params
     least = max(int(limits.least_mm), math.ceil(1000.0 * p.noise_min_depth_m))
     tiles = np.empty((TILE_ROWS * TILE_COLS, 2))
@@ -147,15 +142,7 @@ def observe(
 
     The samples are compared when they are `noise_time_frames` old, because filters in a camera may mix successive
     frames. A result that exceeds the noise within the image by more than _STILL_RATIO is discarded: motion
-    adds more to the differences over time than correlation hides within the image.
-
-    Args:
-        state: the state before the frame.
-        depth_mm: (H, W) uint16 as delivered.
-        marks: (H, W) uint16 of `classify`.
-        focal_px: focal length.
-        limits: limits of `classify`.
-        params: parameters."""
+    adds more to the differences over time than correlation hides within the image."""
     p = params
     if not p.estimate_noise:
         return state
@@ -183,13 +170,7 @@ def estimate_noise(
 ) -> tuple[float, ExtractorState]:
     """Returns the noise coefficient ke of this frame in 1/m and the state after it, by `observe` and `estimate_ke`.
 
-    Args:
-        state: the state before the frame.
-        depth_mm: (H, W) uint16 as delivered.
-        marks: (H, W) uint16 of `classify`.
-        info: description of the camera.
-        limits: limits of `classify`, by the noise coefficient in use so far.
-        params: parameters."""
+    limits: limits of `classify`, by the noise coefficient in use so far."""
     focal_px = info.intrinsics.fx
     after = observe(state, depth_mm, marks, focal_px, limits, params)
     # the first measurement over time replaces all estimates before it

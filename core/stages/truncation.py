@@ -38,13 +38,7 @@ def correct_truncation(strips, n, view, source, ke_per_m):
 
     The clear range is a depth along the optical axis; it is converted to a forward distance for the middle row of a
     strip.
-
-    Args:
-        strips: (N,) STRIP, in and out.
-        n: number of strips.
-        view: ViewGeometry.
-        source: a record of SOURCE.
-        ke_per_m: noise coefficient."""
+    strips: (N,) STRIP, in and out."""
     f, tan_edge = view.f_px, view.tan_edge
     for i in range(n):
         if strips[i].kind != SMOOTH:

@@ -97,8 +97,6 @@ def window_of_border(R, k, width, height, limit):
     The border lies half a pixel beyond the outermost pixel centres. A ray that points backwards counts as +-limit.
 
     Args:
-        R: (3, 3) R_level_optical.
-        k: (4,) fx, fy, cx, cy.
         width: columns of the image.
         height: rows of the image.
         limit: greatest magnitude of the results."""
@@ -178,8 +176,6 @@ def levelled_geometry(R, k, width, height, limit, ratio):
     """Returns (cols, rows, f_px, cu, cv, tan_edge, tan_mid, lateral, H) of ViewGeometry.
 
     Args:
-        R: (3, 3) R_level_optical.
-        k: (4,) fx, fy, cx, cy of the source.
         width: columns of the source.
         height: rows of the source.
         limit: tangent of the greatest elevation and azimuth.

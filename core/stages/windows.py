@@ -70,7 +70,6 @@ def running_sums(line, labels, label, first, last, sums_open, sums_own):
     gives the number and sum of the rows between.
 
     Args:
-        line: (V,) uint16 codes.
         labels: (V,) uint8.
         label: label of the peak.
         first, last: rows.
@@ -103,7 +102,6 @@ def split_bands(sums_own, top, bottom, settings, parts):
     Args:
         sums_own: (V + 1,) int64 of `running_sums`.
         top, bottom: first and last row of the run.
-        settings: a record of VIEW_SETTINGS.
         parts: (3, more than rows / band_rows) int64 out: first row, number of pixels, sum of their codes."""
     high = settings.band_rows
     k = 0
@@ -160,14 +158,7 @@ def slide_windows(column, peak, first, last, settings, buffers, out):
     A window is accepted if most of its open pixels belong to the peak and their mean lies in its interval. Windows
     are half a window apart. Consecutive accepted windows form a segment, which ends at its first and last row of the
     peak. The search continues after a segment, so that one peak can give several (such as the lintel above a window).
-
-    Args:
-        column: Column.
-        peak: Peak.
-        first, last: rows.
-        settings: a record of VIEW_SETTINGS.
-        buffers: WindowBuffers.
-        out: StripOutput."""
+    first, last: rows."""
     label = peak.label
     first, last = ends_of(column.label, label, first, last)
     if first > last:
