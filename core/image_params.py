@@ -23,19 +23,10 @@ class ImageParams:
         1.0, 0.2, 10.0, "m", "least height of an opening that stays open for the vehicle; lower ones may be closed [Hs]"
     )
     passable_width_m: float = critical(
-        2.0,
-        0.2,
-        20.0,
-        "m",
-        "least width of an opening that stays open for the vehicle; narrower ones may be closed [Ws]",
+        2.0, 0.2, 20.0, "m", "least width of an opening that stays open for the vehicle; narrower may be closed [Ws]"
     )
     segment_height_m: float = number(
-        2.0,
-        0.2,
-        10.0,
-        "m",
-        "height of the segments into which irregular objects, such as trees, are cut; larger: fewer and "
-        "coarser planes [Hd]",
+        2.0, 0.2, 10.0, "m", "height of segments of irregular objects such as trees; larger: fewer, coarser planes [Hd]"
     )
     safe_distance_m: float = critical(
         0.28,
@@ -59,18 +50,10 @@ class ImageParams:
     )
     noise_tiles_across: int = number(8, 1, 32, "", "columns of tiles of the image for the noise estimate")
     noise_min_depth_m: float = number(
-        1.5,
-        0.0,
-        20.0,
-        "m",
-        "nearer pixels are left out of the noise estimate, because steps of a millimetre outweigh their noise",
+        1.5, 0.0, 20.0, "m", "nearer pixels are not used for this estimate: steps of a millimetre outweigh their noise"
     )
     noise_quantile: float = number(
-        0.25,
-        0.0,
-        1.0,
-        "",
-        "quantile of the tiles that is taken as the noise of the image; larger: more noise is assumed",
+        0.25, 0.0, 1.0, "", "quantile of the tiles that is the noise of the image; larger: more noise is assumed"
     )
     noise_time_frames: int = critical(
         3, 1, 100, "", "number of frames between the two images whose difference over time is measured"
@@ -88,22 +71,13 @@ class ImageParams:
 
     # Levelling
     max_tilt_deg: float = critical(
-        60.0,
-        10.0,
-        75.0,
-        "deg",
-        "greatest angle of the optical axis from the horizontal; beyond it the frame is invalid",
+        60.0, 10.0, 75.0, "deg", "greatest tilt of the optical axis from the horizontal; beyond it the frame is invalid"
     )
     max_view_ratio: float = number(
         2.0, 1.0, 4.0, "", "greatest number of cells of the levelled view per source pixel; larger: finer and slower"
     )
     column_step: int = critical(
-        1,
-        1,
-        16,
-        "",
-        "number of image columns that are pooled into one; larger: faster, thin objects may be lost [sampling "
-        "interval]",
+        1, 1, 16, "", "image columns pooled into one; larger: faster, may lose thin objects [sampling interval]"
     )
     min_measured_share: float = critical(
         0.02, 0.0, 0.5, "", "a frame whose share of measured or far pixels is not greater is invalid"
@@ -111,12 +85,7 @@ class ImageParams:
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
     flying_relative: float = critical(
-        0.08,
-        0.01,
-        0.5,
-        "",
-        "a flying pixel, between a near and a far surface, differs from both neighbours by at least this "
-        "share of the disparity",
+        0.08, 0.01, 0.5, "", "a flying pixel differs from its near and far neighbour by this share of disparity or more"
     )
     max_flying_share: float = critical(
         0.03, 0.005, 1.0, "", "greatest share of flying pixels; with more the frame is invalid"
@@ -130,11 +99,7 @@ class ImageParams:
         0.7, 0.0, 1.0, "", "a camera smears edges when more than this share of its edges are ramps (1: never)"
     )
     smear_min_edges: float = number(
-        60.0,
-        1.0,
-        10000.0,
-        "",
-        "least number of edges in every fourth row, at an image height of 480, for a frame to count in that judgement",
+        60.0, 1.0, 10000.0, "", "least number of edges in every fourth of 480 rows for a frame to count for that"
     )
     smear_min_frames: int = number(
         5, 2, 30, "frames", "number of frames with enough edges after which a camera is judged by their mean"
@@ -143,11 +108,7 @@ class ImageParams:
         0.8, 0.0, 1.0, "", "share of ramps above which a camera counts as smearing after fewer frames"
     )
     smear_clear_edges: float = number(
-        100.0,
-        1.0,
-        10000.0,
-        "",
-        "least number of edges in every fourth row, at an image height of 480, for that early judgement",
+        100.0, 1.0, 10000.0, "", "least number of edges in every fourth of 480 rows for that early judgement"
     )
     smear_merge_sigmas: float = number(
         2.5, 0.0, 6.0, "sigma", "noise of one pixel that the merge allows in addition where edges are smeared"
@@ -175,11 +136,7 @@ class ImageParams:
         0.9, 0.3, 1.0, "", "greatest half-thickness of the ground, as a share of min_obstacle_height_m"
     )
     ground_max_slope: float = critical(
-        0.06,
-        0.0,
-        0.3,
-        "m/m",
-        "greatest slope of a surface that counts as ground; steeper ones are obstacles or unknown",
+        0.06, 0.0, 0.3, "m/m", "greatest slope of a surface that counts as ground; steeper is an obstacle or unknown"
     )
     ground_max_height_m: float = number(
         60.0, 1.0, 200.0, "m", "greatest height of the camera above the ground for which ground is searched"
@@ -188,11 +145,7 @@ class ImageParams:
         0.04, 0.02, 1.0, "m", "least height of the camera above the ground for which ground is searched"
     )
     ground_height_step: float = number(
-        0.04,
-        0.005,
-        0.3,
-        "",
-        "relative step of the heights that are voted for, because the noise of the height grows with it",
+        0.04, 0.005, 0.3, "", "relative step of the heights that are voted for: the noise of the height grows with it"
     )
     ground_column_step: int = number(5, 1, 64, "px", "distance of the sampled columns; larger: faster, fewer samples")
     ground_row_step: int = number(3, 1, 64, "px", "distance of the sampled rows; larger: faster, fewer samples")

@@ -32,17 +32,11 @@ class OpenSkyParams:
         True, "a column is open only up to what is measured in the columns beside it", safety=True
     )
     floating: bool = switch(
-        True,
-        "a column is open only up to measured objects nearby that have no connection to the ground",
-        safety=True,
+        True, "a column is open only up to measured objects nearby that have no connection to the ground", safety=True
     )
     horizon_deg: float = critical(1.5, 0.0, 10.0, "deg", "an edge this close to the horizon counts as the horizon")
     gap_deg: float = critical(
-        1.5,
-        0.0,
-        10.0,
-        "deg",
-        "greatest height of the unmeasured edge between textureless pixels and the measured pixels below",
+        1.5, 0.0, 10.0, "deg", "greatest height of the unmeasured edge between textureless and measured pixels below"
     )
     continued_deg: float = critical(
         12.0, 0.0, 20.0, "deg", "greatest height of smooth ground between that edge and the measured pixels below"
@@ -52,19 +46,11 @@ class OpenSkyParams:
         2.0, 0.0, 20.0, "deg", "columns within this angle count as beside a column; larger: less open space"
     )
     floating_reach_m: float = critical(
-        1.0,
-        0.0,
-        20.0,
-        "m",
-        "unmeasured extent that is assumed of a partly measured object without connection to the ground",
+        1.0, 0.0, 20.0, "m", "assumed unmeasured extent of a partly measured object without connection to the ground"
     )
 
     open_share: float = critical(
-        0.95,
-        0.5,
-        1.0,
-        "",
-        "least share of the pixels of a cell that see through it for the cell to be open; at least free_share",
+        0.95, 0.5, 1.0, "", "least share of an open cell's pixels that see through it; at least free_share"
     )
 
     def __post_init__(self) -> None:

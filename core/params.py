@@ -24,12 +24,7 @@ class Params(ImageParams):
     )
     kernel_half_bins: int = number(3, 1, 7, "bins", "half-width of the kernel: it covers 2 x this + 1 bins [h]")
     density_share: float = critical(
-        0.7,
-        0.2,
-        1.0,
-        "",
-        "least soft count of a peak, as a share of what an object of height Hm has at that disparity; "
-        "smaller: more and weaker peaks",
+        0.7, 0.2, 1.0, "", "least soft count of a peak, as a share of that of an object Hm high; smaller: more peaks"
     )
     density_min_px: float = critical(4.0, 1.0, 50.0, "px", "least soft count of a peak")
     peak_alpha: float = critical(0.3, 0.05, 0.9, "", "the interval of a peak ends at this share of its height [alpha]")
@@ -51,11 +46,7 @@ class Params(ImageParams):
         "pixels in the rows of a segment that are nearer than its peak by at most this are added to it",
     )
     near_sigmas: float = critical(
-        2.0,
-        0.0,
-        6.0,
-        "sigma",
-        "noise by which the k-th closest pixel is expected to lie too near, and which is removed",
+        2.0, 0.0, 6.0, "sigma", "noise by which the k-th closest pixel is expected to be too near, and which is removed"
     )
     near_edge_share: float = critical(
         0.5, 0.1, 1.0, "", "least share of a strip's disparity that its near edge keeps after the noise is removed"
@@ -71,37 +62,20 @@ class Params(ImageParams):
         4.0, 1.0, 10.0, "sigma", "differences up to this much noise count neither as a step nor as depth"
     )
     min_support_px: int = critical(
-        7,
-        1,
-        100,
-        "px",
-        "least number of source pixels of a strip, with those of its neighbours; larger: fewer false and "
-        "fewer thin obstacles",
+        7, 1, 100, "px", "least source pixels of a strip with its neighbours; larger: fewer false and thin obstacles"
     )
     min_support_m: float = critical(
-        0.02,
-        0.0,
-        0.2,
-        "m",
-        "least support of a strip as a length: near objects need more pixels, which false matches do not have",
+        0.02, 0.0, 0.2, "m", "least support of a strip as a length: near objects have more pixels, false matches do not"
     )
     max_column_strips: int = critical(
-        128,
-        8,
-        1024,
-        "",
-        "greatest number of strips of one column; further ones are merged into the last, at the nearest distance",
+        128, 8, 1024, "", "most strips of one column; others are merged into the last one, at the nearest distance"
     )
     max_strips_per_column: float = critical(
         24.0, 4.0, 1024.0, "", "greatest mean number of strips per column; with more the frame is invalid"
     )
     support_columns: int = number(6, 0, 16, "px", "number of columns on either side whose strips may support a strip")
     support_rows: int = number(
-        2,
-        0,
-        16,
-        "px",
-        "number of rows that may lie between a strip and its support; one more for each column of distance",
+        2, 0, 16, "px", "rows that may lie between a strip and its support; one more for each column of distance"
     )
     support_sigmas: float = number(
         4.0, 1.0, 10.0, "sigma", "greatest difference in disparity to a supporting strip, in noise of a pixel"
@@ -132,12 +106,7 @@ class Params(ImageParams):
     link_gap_px: int = number(4, 1, 64, "px", "number of columns that one surface may miss; larger: gaps are bridged")
     plane_angle_deg: float = number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
     merge_distance_m: float = number(
-        0.3,
-        0.01,
-        2.0,
-        "m",
-        "greatest distance, root mean square, of a merged plane from the strips that it replaces; larger: "
-        "fewer and coarser planes",
+        0.3, 0.01, 2.0, "m", "greatest distance (rms) of a merged plane from its strips; larger: fewer, coarser planes"
     )
     merge_noise_cap: float = number(2.0, 0.0, 10.0, "", "noise extends that distance by at most this many times")
     merge_spread_m: float = number(
@@ -162,26 +131,14 @@ class Params(ImageParams):
         0.4, 0.05, 2.0, "m", "greatest distance of a plane behind the near edge along the viewing ray"
     )
     rough_near_sigmas: float = critical(
-        2.0,
-        0.0,
-        8.0,
-        "sigma",
-        "greatest distance of the near edge of a rough strip behind the distance of the strip, in noise",
+        2.0, 0.0, 8.0, "sigma", "greatest distance of the near edge of a rough strip behind the strip itself, in noise"
     )
     stand_out_share: float = number(
-        0.02,
-        0.0,
-        1.0,
-        "",
-        "greatest share of a plane's support that is split off because it stands out towards the camera",
+        0.02, 0.0, 1.0, "", "greatest share of a plane's support that is split off for standing out towards the camera"
     )
     stand_out_m: float = number(0.05, 0.0, 2.0, "m", "least shift towards the camera that such a split avoids")
     stand_out_spreads: float = number(
-        2.0,
-        0.0,
-        10.0,
-        "",
-        "least shift that such a split avoids, in spreads of the strips about the plane",
+        2.0, 0.0, 10.0, "", "least shift that such a split avoids, in spreads of the strips about the plane"
     )
     min_plane_distance_m: float = critical(0.05, 0.01, 0.5, "m", "least distance of a plane from the camera")
     margin_sigmas: float = critical(
@@ -201,22 +158,14 @@ class Params(ImageParams):
 
     # Layers and the free-range profile
     layer_join_m: float = number(
-        0.25,
-        0.0,
-        2.0,
-        "m",
-        "tops and bottoms of planes closer than this become one border of layers; larger: fewer layers",
+        0.25, 0.0, 2.0, "m", "tops and bottoms of planes closer than this are one border; larger: fewer layers"
     )
     profile_join_m: float = number(0.01, 0.0, 0.5, "m", "ends of planes closer than this become one vertex of a prism")
     profile_step_deg: float = number(
         2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile; smaller: finer and slower"
     )
     profile_layer_m: float = number(
-        0.5,
-        0.2,
-        10.0,
-        "m",
-        "height of an inner layer of the free-range profile; a layer is free only as a whole",
+        0.5, 0.2, 10.0, "m", "height of an inner layer of the free-range profile; a layer is free only as a whole"
     )
     profile_layers: int = number(
         9, 1, 31, "", "number of inner layers around the height of the camera; an odd number centres one on it"
@@ -229,25 +178,13 @@ class Params(ImageParams):
         0.5, 0.1, 5.0, "m", "step of the free range, the nearest 8 steps are halved; smaller: finer and slower"
     )
     free_share: float = critical(
-        0.8,
-        0.5,
-        1.0,
-        "",
-        "least share of the pixels of a cell that see through it for the cell to be free; larger: less free space",
+        0.8, 0.5, 1.0, "", "least share of a free cell's pixels that see through it; larger: less free space"
     )
     profile_block_px: int = critical(
-        4,
-        2,
-        64,
-        "px",
-        "number of rows that are counted together (odd: one more); the rows of a layer are rounded outwards",
+        4, 2, 64, "px", "rows that are counted together (odd: one more); the rows of a layer are rounded outwards"
     )
     profile_sigmas: float = critical(
-        2.0,
-        0.0,
-        8.0,
-        "sigma",
-        "a pixel sees through what lies this much noise before its measurement; larger: less free space",
+        2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much noise before it; larger: less free space"
     )
     profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "upper bound of that noise, as a share of the distance")
     profile_blank_m: float = critical(

@@ -31,11 +31,7 @@ class TrackingParams:
         "without a position, margins of obstacles grow by this for each second out of view; at least the greatest speed flown so",
     )
     most_tracks: int = critical(
-        2048,
-        64,
-        16384,
-        "",
-        "tracks held; those not observed longest are removed, and counted in `Tracks` (evicted, left_out)",
+        2048, 64, 16384, "", "tracks held; those unobserved longest are removed and counted (`evicted`, `left_out`)"
     )
 
     def __post_init__(self) -> None:

@@ -22,18 +22,10 @@ class WorldParams:
 
     # Free space that is remembered
     free_age_s: float = critical(
-        60.0,
-        1.0,
-        3600.0,
-        "s",
-        "free space that is not seen again becomes unknown after half of this time to all of it",
+        60.0, 1.0, 3600.0, "s", "free space that is not seen again becomes unknown after half of this time to all of it"
     )
     most_free_blocks: int = number(
-        4096,
-        64,
-        262144,
-        "",
-        "greatest number of blocks of 8 x 8 x 32 m of free space; those not seen for the longest time are removed",
+        4096, 64, 262144, "", "blocks of 8 x 8 x 32 m of free space held; those unseen for the longest time are removed"
     )
 
     # Bounds, jumps
