@@ -29,12 +29,7 @@ class ImageParams:
         2.0, 0.2, 10.0, "m", "height of segments of irregular objects such as trees; larger: fewer, coarser planes [Hd]"
     )
     safe_distance_m: float = critical(
-        0.28,
-        0.05,
-        1.0,
-        "m",
-        "greatest distance of a plane behind the near edge of the surface that it stands for; larger: fewer "
-        "planes, less exact",
+        0.28, 0.05, 1.0, "m", "greatest distance of a plane behind the near edge of its surface; larger: coarser planes"
     )
 
     # Noise: sigma_Z = ke * Z^2, constant in disparity
@@ -62,11 +57,7 @@ class ImageParams:
         9.0, 0.0, 64.0, "px", "distance over which the correlation of the noise falls to 1/e (0: independent pixels)"
     )
     clear_sigmas: float = critical(
-        3.0,
-        0.0,
-        8.0,
-        "sigma",
-        "measurements within this many sigmas of max_range_m count as far, and free space ends before them",
+        3.0, 0.0, 8.0, "sigma", "measurements within so many sigmas of max_range_m are far; free space ends before them"
     )
 
     # Levelling
@@ -125,12 +116,7 @@ class ImageParams:
         0.25, 0.03, 1.0, "m", "least half-thickness of the ground; larger: low objects near the camera count as ground"
     )
     ground_sigmas: float = critical(
-        4.0,
-        1.0,
-        8.0,
-        "sigma",
-        "half-thickness of the ground in noise of the height, sigma_h = ke * X * h; larger: fewer false "
-        "obstacles far away, fewer low ones found",
+        4.0, 1.0, 8.0, "sigma", "half-thickness of the ground in sigma of height; larger: fewer false and low obstacles"
     )
     ground_tolerance_cap: float = critical(
         0.9, 0.3, 1.0, "", "greatest half-thickness of the ground, as a share of min_obstacle_height_m"
@@ -153,11 +139,7 @@ class ImageParams:
         6000, 1000, 1000000, "", "greatest number of sampled pixels; larger images are sampled in larger steps"
     )
     ground_pair_climb: float = number(
-        0.2,
-        0.02,
-        1.0,
-        "",
-        "two pixels of a column form a pair when a wall between them would rise by this share of the camera's height",
+        0.2, 0.02, 1.0, "", "two pixels of a column pair where a wall would rise by this share of the camera's height"
     )
     ground_pair_climb_min_m: float = number(0.08, 0.01, 1.0, "m", "least rise of a wall between the pixels of a pair")
     ground_pair_climb_max_m: float = number(2.0, 0.1, 20.0, "m", "greatest rise of a wall between the pixels of a pair")

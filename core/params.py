@@ -39,11 +39,7 @@ class Params(ImageParams):
     window_min_px: int = critical(4, 2, 50, "px", "least length of a window [least delta v]")
     window_members: int = critical(3, 1, 20, "px", "least number of pixels of the peak in a window")
     window_take_sigmas: float = number(
-        1.0,
-        0.0,
-        5.0,
-        "sigma",
-        "pixels in the rows of a segment that are nearer than its peak by at most this are added to it",
+        1.0, 0.0, 5.0, "sigma", "pixels in a segment's rows that are nearer than its peak by at most this are added"
     )
     near_sigmas: float = critical(
         2.0, 0.0, 6.0, "sigma", "noise by which the k-th closest pixel is expected to be too near, and which is removed"
@@ -81,11 +77,7 @@ class Params(ImageParams):
         4.0, 1.0, 10.0, "sigma", "greatest difference in disparity to a supporting strip, in noise of a pixel"
     )
     support_relative: float = number(
-        0.05,
-        0.0,
-        0.5,
-        "",
-        "greatest difference in disparity to a supporting strip, as a share; the larger of both limits applies",
+        0.05, 0.0, 0.5, "", "greatest difference in disparity to a supporting strip, as a share; the larger limit holds"
     )
     support_large: int = critical(4, 1, 50, "", "a strip with this many times the necessary support is large")
     support_tail_sigmas: float = number(
@@ -188,9 +180,5 @@ class Params(ImageParams):
     )
     profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "upper bound of that noise, as a share of the distance")
     profile_blank_m: float = critical(
-        0.3,
-        0.02,
-        2.0,
-        "m",
-        "a region without a measurement of about this width and height may hide an object; smaller: less free space",
+        0.3, 0.02, 2.0, "m", "an unmeasured region so wide and high may hide an object; smaller: less free space"
     )
